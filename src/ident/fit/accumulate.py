@@ -1,0 +1,125 @@
+"""All rows of a motion as triangular factors: one a time block and independent coordinate.
+
+Everything that follows (weights, held-out errors, standard errors, other models' comparison) is
+computed from these small triangles; the rows are seen once and never kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.equations.columns import Columns
+from ident.equations.rows import Rows, dof, row_supports, rows
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Motion
+from ident.solve.factor import Factor
+
+FEWEST, MOST, LENGTH = 10, 96, 40  # blocks of an experiment, and rows that make one
+
+Told = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """One time block of one experiment in one independent coordinate.
+
+    Attributes:
+        experiment, block, coordinate: which.
+        factor: of the rows that inform, on the columns `support`.
+        rest: of the rows at standstill, which only count in the errors.
+        support: columns that can appear.
+        tau: sum of squares of the measured torque in all these rows; span: (first t, last t) [s].
+    """
+
+    experiment: int
+    block: int
+    coordinate: int
+    factor: Factor
+    rest: Factor
+    support: np.ndarray
+    tau: float
+    span: tuple[float, float]
+
+
+def accumulate(
+    mechanism: Mechanism, columns: Columns, motion: Motion, progress: Told | None = None
+) -> list[Cell]:
+    """The cells of all experiments, in order of experiment, block, coordinate."""
+    cells: list[Cell] = []
+    for number, experiment in enumerate(motion.experiments):
+        supports = row_supports(mechanism, columns, experiment)
+        edges = _edges(motion, experiment.t)
+        waiting: list[Rows] = []
+        block = 0
+        for piece in rows(mechanism, columns, motion, experiment):
+            for at, part in _split(piece, edges):
+                if at != block:
+                    cells += _cells(number, block, waiting, supports)
+                    waiting, block = [], at
+                waiting.append(part)
+            if progress:
+                done = (number + piece.sample[-1] / len(experiment)) / len(motion.experiments)
+                progress(f"equations of {experiment.name}", float(done))
+        cells += _cells(number, block, waiting, supports)
+    if not cells:
+        lost = ", ".join(experiment.name for experiment in motion.experiments)
+        from ident.errors import FitError
+
+        raise FitError(
+            f"{lost}: no stretch is long enough for the filter ({motion.band.cutoff:.3g} Hz); "
+            "give a longer log or a higher --cutoff"
+        )
+    return cells
+
+
+def _edges(motion: Motion, t: np.ndarray) -> np.ndarray:
+    """Times [s] that part an experiment into blocks."""
+    rate = motion.band.cutoff * 4 if motion.band.cutoff else (len(t) - 1) / (t[-1] - t[0])
+    kept = (t[-1] - t[0]) * rate
+    count = int(np.clip(kept / LENGTH, FEWEST, MOST))
+    return np.linspace(t[0], t[-1], count + 1)[1:-1]
+
+
+def _split(piece: Rows, edges: np.ndarray) -> list[tuple[int, Rows]]:
+    block = np.searchsorted(edges, piece.t, side="right")
+    cuts = [0, *(np.flatnonzero(np.diff(block)) + 1), len(block)]
+    return [
+        (int(block[i]), Rows(*(getattr(piece, name)[i:j] for name in Rows.__dataclass_fields__)))
+        for i, j in zip(cuts, cuts[1:], strict=False)
+        if j > i
+    ]
+
+
+def _cells(number: int, block: int, waiting: list[Rows], supports: list[np.ndarray]) -> list[Cell]:
+    if not waiting:
+        return []
+    A, b, tau, informed = (
+        np.concatenate([getattr(part, name) for part in waiting])
+        for name in ("A", "b", "tau", "informed")
+    )
+    span = (float(waiting[0].t[0]), float(waiting[-1].t[-1]))
+    found = []
+    for u, support in enumerate(supports):
+        told = informed[:, u]
+        mine = A[:, u, support]
+        found.append(
+            Cell(
+                number,
+                block,
+                u,
+                Factor.of(mine[told], b[told, u]),
+                Factor.of(mine[~told], b[~told, u]),
+                support,
+                float(tau[:, u] @ tau[:, u]),
+                span,
+            )
+        )
+    return found
+
+
+def coordinates(mechanism: Mechanism, motion: Motion) -> int:
+    """Independent coordinates of the motion."""
+    return dof(mechanism, motion.experiments[0])

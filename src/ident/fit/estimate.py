@@ -1,0 +1,97 @@
+"""From cells to parameters: joints weighted by their residual, rank revealed, base solved.
+
+x = argmin Σ_u ‖A_u x − b_u‖² / σ_u²,     σ_u² = ‖A_u x − b_u‖² / rows_u        (iterated)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.errors import FitError
+from ident.fit.accumulate import Cell
+from ident.solve.factor import Factor
+from ident.solve.rank import Base, Solution, reveal, solve
+
+FLOOR = 1e-6  # of a joint's torque: below it a residual is rounding and not a weight
+TOLERANCE = 1e-8  # share of a column that must be new for its unknown to count as identifiable
+ITERATIONS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Parameters with what they rest on.
+
+    Attributes:
+        solution: x, base parameters, unscaled covariance, for rows divided by sigma.
+        base: which unknowns are independent.
+        sigma: (d,) residual of each coordinate [N m | N].
+        factor: of all rows, each divided by its sigma.
+    """
+
+    solution: Solution
+    base: Base
+    sigma: np.ndarray
+    factor: Factor
+
+
+def totals(cells: Iterable[Cell], k: int, d: int, rest: bool = False) -> list[Factor]:
+    """One factor a coordinate over all given cells, on all k columns."""
+    found = []
+    cells = list(cells)
+    for u in range(d):
+        mine = [cell for cell in cells if cell.coordinate == u]
+        if not mine:
+            found.append(Factor.empty(k))
+            continue
+        merged = Factor.merge([cell.rest if rest else cell.factor for cell in mine])
+        found.append(merged.embedded(mine[0].support, k))
+    return found
+
+
+def estimate(
+    factors: Sequence[Factor],
+    prior: np.ndarray,
+    scale: np.ndarray,
+    base: Base | None = None,
+    sigma: np.ndarray | None = None,
+) -> Estimate:
+    """Weighted least squares over coordinates.
+
+    Args:
+        factors: one a coordinate, on all k columns.
+        prior: (k,) values of unknowns that the data do not determine.
+        scale: (d,) torque of each coordinate [N m | N], the floor of weights.
+        base: a base found before, to be kept (held-out refits); else revealed here.
+        sigma: (d,) weights to be kept; else iterated.
+
+    Raises:
+        FitError: if there are no rows or no unknowns.
+    """  # fmt: skip
+    rows = sum(factor.rows for factor in factors)
+    if rows == 0:
+        raise FitError("no equations: every sample is at standstill, singular or missing")
+    fixed = sigma is not None
+    sigma = np.where(scale > 0, scale, 1.0) if sigma is None else sigma
+    for _ in range(1 if fixed else ITERATIONS):
+        total = Factor.merge([f.scaled(1 / s) for f, s in zip(factors, sigma, strict=True)])
+        found = _cleaned(reveal(total, TOLERANCE), total) if base is None else base
+        solution = solve(total, found, prior)
+        if fixed:
+            break
+        left = np.array([f.residual_norm(solution.x) / np.sqrt(max(f.rows, 1)) for f in factors])
+        new = np.maximum(left, FLOOR * np.where(scale > 0, scale, left.max() + 1e-300))
+        new = np.where(new > 0, new, 1.0)
+        if np.abs(np.log(new / sigma)).max() < 1e-3:
+            break
+        sigma = new
+    return Estimate(solution, found, sigma, total)
+
+
+def _cleaned(base: Base, factor: Factor) -> Base:
+    """Without regroupings below the tolerance, as a URDF's rounded angles (1.5708) leave them."""
+    norm = factor.column_norms()
+    share = np.abs(base.K) * norm[base.independent][:, None]
+    return replace(base, K=np.where(share < TOLERANCE * norm[base.dependent], 0.0, base.K))

@@ -1,0 +1,117 @@
+"""The noun that a fit is: parameters ± standard error, multipliers, errors, statistics."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from ident.effects import Effect
+from ident.equations.columns import Columns
+from ident.fit.accumulate import Cell
+from ident.fit.estimate import Estimate
+from ident.fit.predict import Prediction, identifiable_multipliers, predict
+from ident.fit.score import Error
+from ident.fit.values import (
+    BaseValue,
+    EffectValues,
+    Value,
+    base_values,
+    effect_values,
+    rigid_values,
+)
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Motion
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """What identification found, and what it rests on. Made by `ident.identify`.
+
+    Attributes:
+        mechanism, motion: what was fitted to what.
+        columns: the unknowns.
+        cells: triangular factors of all rows, for statistics and further models.
+        estimate: solution, base, weights; covariance: (n_ind, n_ind) of the base parameters.
+        train, held_out, validation: errors by joint; validation by log, then joint.
+        warnings: what a person should know before trusting the numbers.
+    """
+
+    mechanism: Mechanism
+    motion: Motion
+    columns: Columns
+    cells: Sequence[Cell]
+    estimate: Estimate
+    covariance: np.ndarray
+    train: Mapping[str, Error]
+    held_out: Mapping[str, Error]
+    validation: Mapping[str, Mapping[str, Error]] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+    @cached_property
+    def parameters(self) -> tuple[Value, ...]:
+        """Unknown dynamic parameters in Γ's order."""
+        return rigid_values(self.mechanism, self.columns, self.estimate, self.covariance)
+
+    @cached_property
+    def base_parameters(self) -> tuple[BaseValue, ...]:
+        """The combinations that this motion and this mechanism can identify."""
+        return base_values(self.columns, self.estimate, self.covariance)
+
+    @cached_property
+    def effects(self) -> tuple[EffectValues, ...]:
+        """The effects with their parameters."""
+        return effect_values(self.columns, self.estimate, self.covariance)
+
+    @property
+    def rank(self) -> int:
+        """Number of base parameters."""
+        return self.estimate.base.rank
+
+    @property
+    def condition_number(self) -> float:
+        """Of the columns of the base parameters, scaled to equal length."""
+        return self.estimate.base.condition_number
+
+    @cached_property
+    def dynamic_parameters(self) -> np.ndarray:
+        """All bodies' ten parameters (10 · bodies,), known, identified or prior, in Γ's order."""
+        return self.columns.dynamic_parameters(self.mechanism, self.estimate.solution.x)
+
+    @property
+    def effect_solution(self) -> list[tuple[Effect, np.ndarray]]:
+        """Every effect with the values of all its unknowns."""
+        return self.columns.effect_values(self.estimate.solution.x)
+
+    def predict(self, motion: Motion | None = None) -> list[Prediction]:
+        """Torques, the sum taken apart and multipliers, for the fitted motion or another one."""
+        motion = self.motion if motion is None else motion
+        return predict(self.mechanism, motion, self.dynamic_parameters, self.effect_solution)
+
+    @cached_property
+    def multipliers(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """λ(t) of each experiment: (t (n,), λ (n, m)); NaN where a multiplier is not determined."""
+        determined = identifiable_multipliers(self.mechanism, self.motion)
+        return [
+            (p.t, np.where(determined & p.usable[:, None], p.multipliers, np.nan))
+            for p in self.predict()
+        ]
+
+    @cached_property
+    def samples(self) -> int:
+        """Rows of the regression a coordinate, after filtering and decimation."""
+        d = len(self.motion.independent)
+        return sum(cell.factor.rows + cell.rest.rows for cell in self.cells) // max(d, 1)
+
+    def __str__(self) -> str:
+        from ident.fit.summary import summary
+
+        return summary(self)
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(str(self))}</pre>"

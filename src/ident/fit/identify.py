@@ -1,0 +1,129 @@
+"""The verb `identify`: mechanism and motion become a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ident.errors import FitError
+from ident.equations.columns import Columns
+from ident.fit.accumulate import accumulate, coordinates
+from ident.fit.covariance import covariance
+from ident.fit.estimate import Estimate, estimate, totals
+from ident.fit.fit import Fit
+from ident.fit.naming import absorbed_by
+from ident.fit.predict import identifiable_multipliers
+from ident.fit.score import Squares, held_out, squares
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Motion
+
+POOR = 1e3  # condition number above which the motion excites some base parameter poorly
+
+Told = Callable[[str, float], None]
+
+
+def identify(
+    mechanism: Mechanism,
+    motion: Motion,
+    *,
+    validate: Motion | None = None,
+    progress: Told | None = None,
+) -> Fit:
+    """Dynamic parameters, effects and multipliers by one least-squares solve.
+
+    Args:
+        mechanism: with what is unknown and which effects it has.
+        motion: from `complete`.
+        validate: motion of other logs, on which errors are reported and nothing is fitted.
+        progress: called with (what is being done, share done).
+
+    Returns:
+        The fit; `print(fit)` is its summary.
+
+    Raises:
+        FitError: if there is nothing to identify, or no equations to do it with.
+    """
+    columns = Columns.of(mechanism)
+    if not len(columns):
+        raise FitError(
+            f"{mechanism.name}: nothing is unknown; give [parameters] unknown in mechanism.toml or "
+            "add an effect"
+        )
+    d = coordinates(mechanism, motion)
+    joints = [mechanism.joint(name) for name in motion.independent]
+    units = [joint.force_unit for joint in joints]
+    cells = accumulate(mechanism, columns, motion, progress)
+    everything = squares(cells, columns.prior, d)
+    scale = np.sqrt(everything.torque / np.maximum(everything.rows, 1))
+    found = estimate(totals(cells, len(columns), d), columns.prior, scale)
+    cov = covariance(cells, found)
+    if progress:
+        progress("held-out errors", 0.9)
+    outside = held_out(cells, found, columns.prior, d)
+    validation = {}
+    if validate is not None:
+        other = accumulate(mechanism, columns, validate, progress)
+        for number, experiment in enumerate(validate.experiments):
+            mine = [cell for cell in other if cell.experiment == number]
+            validation[experiment.name] = squares(mine, found.solution.x, d).errors(
+                validate.independent, units
+            )
+    train = squares(cells, found.solution.x, d)
+    return Fit(
+        mechanism=mechanism,
+        motion=motion,
+        columns=columns,
+        cells=cells,
+        estimate=found,
+        covariance=cov,
+        train=train.errors(motion.independent, units),
+        held_out={} if outside is None else outside.errors(motion.independent, units),
+        validation=validation,
+        warnings=_warnings(mechanism, motion, columns, found, cells_at_rest(train, cells)),
+    )
+
+
+def cells_at_rest(everything: Squares, cells: Sequence) -> float:  # type: ignore[type-arg]
+    """Share of rows that standstill keeps from informing."""
+    rest = sum(cell.rest.rows for cell in cells)
+    return rest / max(float(everything.rows.sum()), 1.0)
+
+
+def _warnings(
+    mechanism: Mechanism, motion: Motion, columns: Columns, found: Estimate, rest: float
+) -> tuple[str, ...]:
+    said = [*mechanism.notes, *motion.notes]
+    if rest > 0:
+        said.append(
+            f"{100 * rest:.3g} % of the equations are at standstill, where dry friction is open; "
+            "they count in the errors but not in the fit"
+        )
+    absorbed = absorbed_by(columns, found.base)
+    for effect, places in columns.effects:
+        for name, at in zip(effect.names, places, strict=True):
+            if at >= 0 and name in absorbed:
+                carrier = absorbed[name]
+                said.append(
+                    f"{name} cannot be identified: "
+                    + (
+                        f"same columns as {carrier}"
+                        if carrier
+                        else "nothing in this motion feels it"
+                    )
+                )
+    if found.base.condition_number > POOR:
+        said.append(
+            f"condition number {found.base.condition_number:.3g}: this motion excites some base "
+            "parameters poorly; see their standard errors, and move more joints, faster or farther"
+        )
+    determined = identifiable_multipliers(mechanism, motion)
+    lost = [
+        n for n, good in zip(mechanism.kinematics.multipliers, determined, strict=True) if not good
+    ]
+    if lost:
+        said.append(
+            f"multipliers {', '.join(lost)} are not determined: closure equations are redundant "
+            f"({len(determined)} of rank {mechanism.rank}), which is normal for planar loops"
+        )
+    return tuple(dict.fromkeys(said))

@@ -1,0 +1,143 @@
+"""What a model says of a motion: torques of the driven joints, the sum taken apart, multipliers.
+
+    f = Γ π + E c − f_e − Σ_{driven, not in u} W_jᵀ τ_j
+    [λ; τ̂_u] = K⁺ᵀ f          λ from the rows of the passive joints, then τ̂ of the independent ones
+
+τ̂_u never sees the measured torque of u.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.effects import Effect
+from ident.equations.regressor import regressor
+from ident.equations.rows import dof, measured_torque, project, signals
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Experiment, Motion
+from ident.motion.close import Closer
+
+CHUNK = 2048
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Of one experiment, with n samples, d independent coordinates and m multipliers.
+
+    Attributes:
+        t: (n,) [s]; joints: names of the independent coordinates.
+        measured, predicted: (n, d) torques [N m | N]; residual = measured − predicted.
+        parts: (n, d) by name: `rigid bodies`, each effect, `external wrenches`; they add up to
+            `predicted`.
+        multipliers: (n, m) λ.
+        usable: (n,) samples that take part.
+    """
+
+    name: str
+    t: np.ndarray
+    joints: tuple[str, ...]
+    measured: np.ndarray
+    predicted: np.ndarray
+    parts: dict[str, np.ndarray]
+    multipliers: np.ndarray
+    usable: np.ndarray
+
+    @property
+    def residual(self) -> np.ndarray:
+        """measured − predicted (n, d)."""
+        return self.measured - self.predicted
+
+
+def predict(
+    mechanism: Mechanism,
+    motion: Motion,
+    pi: np.ndarray,
+    effects: Sequence[tuple[Effect, np.ndarray]],
+) -> list[Prediction]:
+    """Predictions for every experiment, at full rate and unfiltered.
+
+    Args:
+        mechanism: the mechanism.
+        motion: its motion.
+        pi: dynamic parameters (10 · bodies,) in Γ's order.
+        effects: each with the values of all its unknowns.
+    """
+    return [_predict(mechanism, motion, e, pi, effects) for e in motion.experiments]
+
+
+def _predict(
+    mechanism: Mechanism,
+    motion: Motion,
+    e: Experiment,
+    pi: np.ndarray,
+    effects: Sequence[tuple[Effect, np.ndarray]],
+) -> Prediction:
+    n, d, m = len(e), dof(mechanism, e), len(mechanism.kinematics.multipliers)
+    names = ["rigid bodies", *(effect.label for effect, _ in effects)]
+    if e.wrench is not None:
+        names.append("external wrenches")
+    parts = {name: np.empty((n, d)) for name in names}
+    measured, multipliers = np.empty((n, d)), np.empty((n, m))
+    for start in range(0, n, CHUNK):
+        part = slice(start, min(start + CHUNK, n))
+        forces = generalised(mechanism, e, part, pi, effects)
+        for name, force in zip(names, forces, strict=True):
+            parts[name][part] = project(e, part, force)
+        measured[part] = measured_torque(mechanism, e, part)
+        if e.pinv is not None:
+            f = sum(forces) - _other_drives(mechanism, motion, e, part)
+            multipliers[part] = np.einsum("nij,ni->nj", e.pinv[part][:, :, :m], f)
+    return Prediction(
+        e.name, e.t, motion.independent, measured, sum(parts.values(), np.zeros((n, d))), parts,
+        multipliers, e.usable,
+    )  # fmt: skip
+
+
+def generalised(
+    mechanism: Mechanism,
+    e: Experiment,
+    part: slice,
+    pi: np.ndarray,
+    effects: Sequence[tuple[Effect, np.ndarray]],
+) -> list[np.ndarray]:
+    """Generalised forces (n, nv) of the rigid bodies, of each effect, and less the wrenches."""
+    forces = [regressor(mechanism.model, e.q[part], e.v[part], e.a[part]) @ pi]
+    for effect, values in effects:
+        torque = effect.columns(signals(mechanism, e, part, effect.joints)) @ values
+        W = Closer(mechanism, effect.joints).coordinates(e.q[part]).rate
+        forces.append(np.einsum("nji,nj->ni", W, torque))
+    if e.wrench is not None:
+        forces.append(-e.wrench[part])
+    return forces
+
+
+def _other_drives(mechanism: Mechanism, motion: Motion, e: Experiment, part: slice) -> np.ndarray:
+    total = np.zeros((part.stop - part.start, mechanism.model.nv))
+    for i, name in enumerate(mechanism.driven):
+        if name not in motion.independent:
+            W = Closer(mechanism, (name,)).coordinates(e.q[part]).rate[:, 0]
+            total += W * e.tau[part, i : i + 1]
+    return total
+
+
+def identifiable_multipliers(mechanism: Mechanism, motion: Motion) -> np.ndarray:
+    """(m,) whether each multiplier is determined: no null direction of Jᵀ touches it.
+
+    Redundant closure equations, such as the normal row of a planar loop closed by a `point`, carry
+    loads that no motion shows.
+    """
+    m = len(mechanism.kinematics.multipliers)
+    determined = np.ones(m, dtype=bool)
+    for e in motion.experiments:
+        q = e.q[e.usable][:: max(1, len(e) // 200)]
+        if not m or not len(q):
+            continue
+        J = mechanism.kinematics.closure_rows(q).rate
+        U, s, _ = np.linalg.svd(J, full_matrices=True)
+        for k in range(len(q)):
+            null = U[k][:, int((s[k] > 1e-8 * s[k].max(initial=1e-300)).sum()) :]
+            determined &= (null**2).sum(axis=1) < 1e-12
+    return determined

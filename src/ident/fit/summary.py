@@ -1,0 +1,104 @@
+"""`print(fit)`: the table a person wants."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ident.fit.score import Error
+
+if TYPE_CHECKING:
+    from ident.fit.fit import Fit
+
+
+def rounded(value: float, stderr: float | None) -> str:
+    """A value with the digits that its standard error justifies: `0.2003 ± 0.0004`."""
+    if stderr is None:
+        return f"{value:.5g}"
+    if not np.isfinite(stderr):
+        return f"{value:.5g} ± ?"
+    if stderr == 0:
+        return f"{value:.9g}"
+    digits = int(np.floor(np.log10(abs(value) / stderr))) + 2 if value else 2
+    return f"{value:.{int(np.clip(digits, 2, 12))}g} ± {stderr:.2g}"
+
+
+def table(rows: list[list[str]], indent: str = "  ") -> list[str]:
+    """Columns of text, the first aligned left and the others right."""
+    if not rows:
+        return []
+    width = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    return [
+        indent
+        + "  ".join(
+            cell.ljust(width[i]) if i == 0 else cell.rjust(width[i]) for i, cell in enumerate(row)
+        ).rstrip()
+        for row in rows
+    ]
+
+
+def percent(relative: float | None) -> str:
+    """A relative error, or a dash where nothing was measured."""
+    return "–" if relative is None else f"{100 * relative:.3g} %"
+
+
+def error_rows(named: Mapping[str, Mapping[str, Error]]) -> list[list[str]]:
+    """One row a joint, two columns (rms, relative) a set of errors."""
+    titles = [title for title in named if named[title]]
+    joints = list(dict.fromkeys(joint for title in titles for joint in named[title]))
+    rows = [["joint", *(cell for title in titles for cell in (title, ""))]]
+    for joint in joints:
+        row = [joint]
+        for title in titles:
+            error = named[title].get(joint)
+            row += ["", ""] if error is None else [
+                f"{error.rms:.3g} {error.unit}", percent(error.relative)
+            ]  # fmt: skip
+        rows.append(row)
+    return rows
+
+
+def summary(fit: Fit) -> str:
+    """Errors, effects, parameters and warnings of a fit."""
+    motion = fit.motion
+    logs = ", ".join(experiment.name for experiment in motion.experiments)
+    cut = motion.band.cutoff
+    lines = [
+        f"fit of {fit.mechanism.name} to {logs}: {fit.samples} samples of {motion.samples}"
+        + (f", zero-phase filter at {cut:.3g} Hz" if cut else ", unfiltered"),
+        "",
+        "error of the predicted torque",
+        *table(error_rows({"train": fit.train, "held out": fit.held_out, **fit.validation})),
+    ]
+    if fit.effects:
+        rows = [["effect", "value", "unit"]]
+        for effect in fit.effects:
+            rows += [[v.name, rounded(v.value, v.stderr), v.unit] for v in effect.parameters]
+        lines += ["", *table(rows)]
+    own = [value for value in fit.parameters if value.identifiable]
+    if own:
+        rows = [["parameter", "value", "prior", "unit"]]
+        rows += [[v.name, rounded(v.value, v.stderr), f"{v.prior:.5g}", v.unit] for v in own]
+        lines += ["", *table(rows)]
+    combined = [value for value in fit.base_parameters if " " in value.name]
+    if combined:
+        rows = [["base parameter", "value", "unit"]]
+        rows += [[shortened(v.name), rounded(v.value, v.stderr), v.unit] for v in combined]
+        lines += ["", *table(rows)]
+    left = [value.name for value in fit.parameters if not value.identifiable]
+    lines += ["", f"rank {fit.rank} of {len(fit.columns)} unknowns, condition number "
+              f"{fit.condition_number:.3g}" + (
+                  f"; {len(left)} unknowns are not identifiable by themselves" if left else "")]  # fmt: skip
+    lines += [f"note: {warning}" for warning in fit.warnings]
+    return "\n".join(lines)
+
+
+def shortened(name: str, most: int = 72) -> str:
+    """A long combination with its tail counted."""
+    if len(name) <= most:
+        return name
+    cut = max(name.rfind(" + ", 0, most), name.rfind(" - ", 0, most))
+    rest = name[cut:].count(" + ") + name[cut:].count(" - ")
+    return f"{name[:cut]} + … ({rest} more)"

@@ -1,0 +1,166 @@
+"""Values with their standard errors, under the names that users know."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.effects import Effect
+from ident.equations.columns import Columns
+from ident.fit.estimate import Estimate
+from ident.fit.naming import base_names
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import CENTROIDAL, COUNT, DYNAMIC, about_origin, split, unit_of
+
+
+@dataclass(frozen=True)
+class Value:
+    """One number of a fit.
+
+    Attributes:
+        stderr: standard error; None where the data do not determine the number by itself.
+        identifiable: whether they do. An unknown that is not stays at its prior, or is the one
+            that carries a base parameter given the priors of the others in it.
+        prior: the URDF's value, 0 for effects.
+    """
+
+    name: str
+    value: float
+    stderr: float | None
+    unit: str
+    identifiable: bool
+    prior: float
+
+
+@dataclass(frozen=True)
+class BaseValue:
+    """A combination of unknowns that the data determine."""
+
+    name: str
+    value: float
+    stderr: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class EffectValues:
+    """The parameters of one effect."""
+
+    effect: Effect
+    parameters: tuple[Value, ...]
+
+
+def base_values(columns: Columns, estimate: Estimate, cov: np.ndarray) -> tuple[BaseValue, ...]:
+    """Base parameters with the unit of their leading unknown."""
+    stderr = np.sqrt(np.diag(cov))
+    return tuple(
+        BaseValue(name, float(value), float(error), columns.units[own])
+        for name, value, error, own in zip(
+            base_names(columns, estimate.base),
+            estimate.solution.beta,
+            stderr,
+            estimate.base.independent,
+            strict=True,
+        )
+    )
+
+
+def _alone(estimate: Estimate, cov: np.ndarray) -> np.ndarray:
+    """(k,) standard errors of unknowns that are base parameters by themselves, else NaN."""
+    stderr = np.full(len(estimate.solution.x), np.nan)
+    single = ~np.any(estimate.base.K != 0.0, axis=1)
+    stderr[estimate.base.independent[single]] = np.sqrt(np.diag(cov))[single]
+    return stderr
+
+
+def _value(name: str, value: float, error: float, unit: str, prior: float) -> Value:
+    known = bool(np.isfinite(error))
+    return Value(name, float(value), float(error) if known else None, unit, known, float(prior))
+
+
+def effect_values(
+    columns: Columns, estimate: Estimate, cov: np.ndarray
+) -> tuple[EffectValues, ...]:
+    """Parameters of all effects; one that was given is its own value without error."""
+    stderr = _alone(estimate, cov)
+    found = []
+    for effect, places in columns.effects:
+        values = []
+        for name, unit, unknown, at in zip(
+            effect.names, effect.units, effect.unknowns, places, strict=True
+        ):
+            if at < 0:
+                given = effect.values[unknown.name]
+                values.append(Value(name, given, 0.0, unit, True, given))
+            else:
+                values.append(_value(name, estimate.solution.x[at], stderr[at], unit, 0.0))
+        found.append(EffectValues(effect, tuple(values)))
+    return tuple(found)
+
+
+def rigid_values(
+    mechanism: Mechanism, columns: Columns, estimate: Estimate, cov: np.ndarray
+) -> tuple[Value, ...]:
+    """Unknown dynamic parameters in Γ's order; moments of inertia about the centre of mass where
+    that is known or identified, and then named `I`, else about the joint frame's origin, `L`.
+    """
+    stderr = _alone(estimate, cov)
+    at = {columns.names[i]: i for i in range(len(columns.rigid))}
+    pi = columns.dynamic_parameters(mechanism, estimate.solution.x)
+    found = []
+    for number, link in enumerate(mechanism.bodies.links):
+        names = [f"{link}.{word}" for word in DYNAMIC]
+        mine = pi[COUNT * number : COUNT * (number + 1)]
+        prior = mechanism.prior[COUNT * number : COUNT * (number + 1)]
+        errors = np.array([stderr[at[name]] if name in at else 0.0 for name in names])
+        centred = np.isfinite(errors[:4]).all() and mine[0] != 0.0
+        for k, (word, name) in enumerate(zip(DYNAMIC, names, strict=True)):
+            if name not in at:
+                continue
+            value, error, before = mine[k], errors[k], prior[k]
+            if word in CENTROIDAL and centred:
+                name = f"{link}.{CENTROIDAL[word]}"
+                value -= _shift(mine)[k]
+                before -= _shift(prior)[k]
+                error = (
+                    _centroidal_error(estimate, cov, mine, names, at, k)
+                    if error == error
+                    else error
+                )
+            found.append(_value(name, value, error, unit_of(word), before))
+    return tuple(found)
+
+
+def _shift(pi: np.ndarray) -> np.ndarray:
+    """What L has beyond I, in the places of the ten parameters."""
+    m, moments, _ = split(pi)
+    S = about_origin(m, moments)
+    return np.array([0, 0, 0, 0, S[0, 0], S[0, 1], S[1, 1], S[0, 2], S[1, 2], S[2, 2]])
+
+
+def _centroidal_error(
+    estimate: Estimate,
+    cov: np.ndarray,
+    pi: np.ndarray,
+    names: Sequence[str],
+    at: dict[str, int],
+    k: int,
+) -> float:
+    """Standard error of I = L − shift(m, moments), to first order (delta method)."""
+    place = {int(own): i for i, own in enumerate(estimate.base.independent)}
+    gradient = np.zeros(len(cov))
+    for j, name in enumerate(names):
+        if name not in at or (j > 3 and j != k):
+            continue
+        if j == k:
+            slope = 1.0
+        else:
+            step = 1e-6 * max(abs(pi[j]), abs(pi[0]))
+            up, down = pi.copy(), pi.copy()
+            up[j] += step
+            down[j] -= step
+            slope = -(_shift(up)[k] - _shift(down)[k]) / (2 * step)
+        gradient[place[at[name]]] = slope
+    return float(np.sqrt(gradient @ cov @ gradient))

@@ -1,0 +1,140 @@
+"""Is `t` a clock? Finite, strictly increasing, in seconds; what is wrong with it and the remedy."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.errors import LogError
+from ident.log.cells import Array
+from ident.log.columns import Column
+from ident.log.table import Table
+
+FEWEST_SAMPLES = 10
+LONGEST_STEP = 0.5  # [s] a log of more than 100 samples with a longer median step is not in seconds
+USUAL_RATES = (10.0, 100e3)  # [Hz]
+SMALLER_UNITS = (1e-3, 1e-6, 1e-9)  # [s] ms, us, ns
+TIME_NAME = re.compile(r"time|stamp|clock|^t([^a-z]|$)|^(ts|secs?|seconds)$|_(ms|us|ns)$", re.I)
+
+
+def with_clock(table: Table, source: Column | None = None) -> Table:
+    """The table with a strictly increasing `t` [s]: of repeated stamps the first values are kept.
+
+    `source` is what `t` was made from, for the message. Raises LogError where `t` is missing, has
+    empty cells, goes backward, has fewer than 10 different stamps, or is not in seconds.
+    """
+    if "t" not in table.columns:
+        raise LogError(f"{table.file}: {_no_time(table)}")
+    t = table.columns["t"]
+    empty = np.isnan(t)
+    if empty.any():
+        first = table.where(int(empty.argmax()))
+        raise LogError(
+            f"{table.file}: t is empty in {_count(int(empty.sum()), 'row')}, first at {first}; "
+            "every row needs its time: remove these rows"
+        )
+    step = np.diff(t)
+    if (step < 0).any():
+        row = int((step < 0).argmax()) + 1
+        raise LogError(
+            f"{table.file}: t goes backward at {table.where(row)}: {float(t[row])} after "
+            f"{float(t[row - 1])} (a clock reset, or two logs in one file?); split the file there"
+        )
+    table = _without_repeats(table, step)
+    t = table.columns["t"]
+    if t.size < FEWEST_SAMPLES:
+        raise LogError(
+            f"{table.file}: {_count(t.size, 'sample')} of different times; "
+            f"at least {FEWEST_SAMPLES} are needed"
+        )
+    if t.size > 100 and np.median(np.diff(t)) > LONGEST_STEP:
+        raise LogError(f"{table.file}: {_wrong_unit(t, source or Column('t'))}")
+    return table
+
+
+def _without_repeats(table: Table, step: Array) -> Table:
+    repeats = np.flatnonzero(step == 0) + 1
+    if not repeats.size:
+        return table
+    run = np.concatenate([[0], np.cumsum(step > 0)])  # (n_rows,) which stamp a row belongs to
+    note = (
+        f"{_count(repeats.size, 'repeated time stamp')}, first at {table.where(int(repeats[0]))}: "
+        "the first value of each kept"
+    )
+    return replace(
+        table,
+        columns={name: _first_of_runs(x, run) for name, x in table.columns.items()},
+        repairs=(*table.repairs, note),
+        lines=None,  # rows are no longer lines
+    )
+
+
+def _first_of_runs(x: Array, run: NDArray[np.int64]) -> Array:
+    """The first value in each run, not the first cell: two loggers merged share stamps."""
+    first = np.full(int(run[-1]) + 1, np.nan)
+    known = np.flatnonzero(~np.isnan(x))[::-1]
+    first[run[known]] = x[known]  # of several, the last assignment stays: the run's first
+    return first
+
+
+def _wrong_unit(t: Array, source: Column) -> str:
+    step = float(np.median(np.diff(t)))
+    fits = _scales(step)
+    if not fits:
+        low, high = USUAL_RATES
+        return (
+            f"the median step of t is {step:g} s over {t.size} samples, and no unit of time makes "
+            f"a rate of {low:g} to {high:g} Hz of it; t must be in seconds"
+        )
+    rates = " or ".join(f"{scale:g} makes {1 / (scale * step):g} Hz" for scale in fits)
+    return (
+        f"the median step of t is {step:g} s over {t.size} samples, so t is not in seconds: "
+        f"a factor of {rates}; in mechanism.toml: {_entry(source.column, source.scale * fits[0])}"
+    )
+
+
+def _no_time(table: Table) -> str:
+    """What to say when there is no `t`: which column looks like one and how to map it."""
+    if "t" in table.left_out:
+        return f"column 't' {table.left_out['t']}; it must be a number of seconds"
+    marks = {
+        name: 2 * bool(TIME_NAME.search(name)) + _increasing(x) for name, x in table.columns.items()
+    }
+    likely = sorted((name for name in marks if marks[name]), key=lambda name: -marks[name])
+    if not likely:
+        text = [name for name in table.left_out if TIME_NAME.search(name)]
+        none = "".join(f"; column {name!r} {table.left_out[name]}" for name in text)
+        return (
+            "no time column 't', and none that looks like a time; a column t [s] is needed; "
+            f"the file has: {', '.join(table.columns) or 'no column of numbers'}{none}"
+        )
+    best = likely[0]
+    step = float(np.median(np.diff(table.columns[best]))) if _increasing(table.columns[best]) else 0
+    scale = (_scales(step) or [1.0])[0] if step > LONGEST_STEP else 1.0
+    others = f" (so do: {', '.join(likely[1:6])})" if likely[1:] else ""
+    return (
+        f"no time column 't'; {best!r} looks like a time{others}; name it t, "
+        f"or write in mechanism.toml: {_entry(best, scale)}"
+    )
+
+
+def _scales(step: float) -> list[float]:
+    low, high = USUAL_RATES
+    return [scale for scale in SMALLER_UNITS if low <= 1 / (scale * step) < high]
+
+
+def _increasing(x: Array) -> bool:
+    return x.size > 1 and bool((np.diff(x) > 0).all())
+
+
+def _entry(column: str, scale: float) -> str:
+    quoted = json.dumps(column, ensure_ascii=False)  # a TOML basic string too
+    return f'[log] "t" = {{ column = {quoted}, scale = {scale if scale == 1 else f"{scale:g}"} }}'
+
+
+def _count(n: int, what: str) -> str:
+    return f"{n} {what}" + ("" if n == 1 else "s")

@@ -1,0 +1,74 @@
+"""The same mechanism in absolute coordinates: every moving body free, every joint a closure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from ident.mechanism.closures import Closure, Frame
+from ident.mechanism.forward import align_z, joint_axis
+from ident.mechanism.mechanism import Mechanism
+
+
+def absolute(mechanism: Mechanism) -> Mechanism:
+    """The mechanism restated with six coordinates a body; parameters, joints and logs are the same.
+
+    A turning joint becomes a `revolute` closure and a sliding one a `prismatic` closure, whose own
+    joint carries the joint's name: its angle is the joint's coordinate, the logged torque acts on
+    it, and effects sit on it as before. The joint's multipliers are named `joint.<joint>.<x|…>`.
+
+    Args:
+        mechanism: in joint coordinates.
+
+    Returns:
+        One with 6 · bodies coordinates and the same degrees of freedom.
+    """
+    tree = mechanism.model
+    model = pin.Model()
+    model.name = tree.name
+    model.gravity = tree.gravity
+    for index, link in enumerate(mechanism.bodies.links, start=1):
+        added = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), link)
+        model.appendBodyToJoint(added, tree.inertias[index], pin.SE3.Identity())
+    for frame in tree.frames:
+        if frame.type == pin.FrameType.BODY and frame.name not in [f.name for f in model.frames]:
+            model.addFrame(
+                pin.Frame(frame.name, frame.parentJoint, frame.placement, pin.FrameType.BODY), False
+            )
+    closures = tuple(_closure(mechanism, index) for index in range(1, tree.njoints))
+    joints = tuple(
+        replace(joint, index=i, in_tree=False) for i, joint in enumerate(mechanism.joints)
+    )
+    return replace(
+        mechanism,
+        name=f"{mechanism.name} (absolute)",
+        model=model,
+        joints=joints,
+        closures=(*closures, *mechanism.closures),
+        start=_start(mechanism),
+    )
+
+
+def _closure(mechanism: Mechanism, index: int) -> Closure:
+    tree = mechanism.model
+    align = pin.SE3(align_z(joint_axis(tree, index)), np.zeros(3))
+    links = ("world", *mechanism.bodies.links)
+    parent = tree.parents[index]
+    joint = next(j for j in mechanism.joints if j.name == tree.names[index])
+    return Closure(
+        f"joint.{joint.name}",
+        "revolute" if joint.rotational else "prismatic",
+        Frame(links[parent], parent, tree.jointPlacements[index] * align),
+        Frame(links[index], index, align),
+        own_name=joint.name,
+    )
+
+
+def _start(mechanism: Mechanism) -> np.ndarray:
+    data = mechanism.model.createData()
+    pin.forwardKinematics(mechanism.model, data, mechanism.assembled)
+    return np.concatenate(
+        [pin.SE3ToXYZQUAT(data.oMi[i]) for i in range(1, mechanism.model.njoints)]
+    )

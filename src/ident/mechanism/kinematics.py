@@ -1,0 +1,121 @@
+"""Φ, J and J̇v of all closures, and their own joints, evaluated for many samples at once.
+
+    Φ(q) = 0        J v = 0          J a + J̇v = 0        J = ∂Φ/∂q · N(q),  q̇ = N(q) v
+
+J and J̇v are CasADi's derivatives of Φ; nothing is derived by hand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from ident.mechanism.closures import AnyClosure, Closure, OwnJoint, Terms
+from ident.mechanism.forward import placements, rates
+
+CHUNK = 4096  # samples a CasADi call maps over
+
+
+@dataclass(frozen=True)
+class Rows:
+    """A vector function of q over samples: value (n, m), rate matrix (n, m, nv), drift (n, m).
+
+    For closures Φ, J, J̇v; for closures' own joints y, W, Ẇv, so that ẏ = W v, ÿ = W a + Ẇv.
+    """
+
+    value: np.ndarray
+    rate: np.ndarray
+    drift: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Kinematics:
+    """The closures of one model as compiled functions.
+
+    Args:
+        model: Pinocchio's model.
+        closures: in the order of the multipliers.
+        coordinates: index into q of every joint with a scalar coordinate of the tree, by name.
+    """
+
+    model: pin.Model
+    closures: tuple[AnyClosure, ...]
+    coordinates: Mapping[str, int]
+
+    @cached_property
+    def _symbols(self) -> tuple[ca.SX, ca.SX]:
+        return ca.SX.sym("q", self.model.nq), ca.SX.sym("v", self.model.nv)
+
+    @cached_property
+    def _terms(self) -> tuple[Terms, ...]:
+        q, _ = self._symbols
+        found = placements(self.model, q)
+        joints = {name: q[index] for name, index in self.coordinates.items()}
+        terms: dict[str, Terms] = {}
+        for closure in self.closures:
+            if isinstance(closure, Closure):
+                terms[closure.name] = closure.terms(found, joints)
+                joints |= {own.name: own.expression for own in terms[closure.name].own}
+        for closure in self.closures:  # these may speak of closures' own joints
+            if not isinstance(closure, Closure):
+                terms[closure.name] = closure.terms(found, joints)
+        return tuple(terms[closure.name] for closure in self.closures)
+
+    @cached_property
+    def multipliers(self) -> tuple[str, ...]:
+        """Names of the multipliers, `<closure>.<x|y|z|rx|ry|rz|1…>`."""
+        return tuple(name for terms in self._terms for name in terms.names)
+
+    @cached_property
+    def units(self) -> tuple[str, ...]:
+        """Units of the multipliers."""
+        return tuple(unit for terms in self._terms for unit in terms.units)
+
+    @cached_property
+    def own(self) -> tuple[OwnJoint, ...]:
+        """The closures' own joints."""
+        return tuple(joint for terms in self._terms for joint in terms.own)
+
+    def _compile(self, name: str, value: ca.SX) -> ca.Function:
+        q, v = self._symbols
+        N = rates(self.model, q)
+        rate = ca.jacobian(value, q) @ N
+        drift = ca.jacobian(rate @ v, q) @ N @ v
+        return ca.Function(name, [q, v], [ca.densify(x) for x in (value, rate, drift)])
+
+    @cached_property
+    def _closure(self) -> ca.Function:
+        return self._compile("closure", ca.vertcat(*(terms.phi for terms in self._terms)))
+
+    @cached_property
+    def _own(self) -> ca.Function:
+        return self._compile("own", ca.vertcat(*(joint.expression for joint in self.own)))
+
+    def closure_rows(self, q: np.ndarray, v: np.ndarray | None = None) -> Rows:
+        """Φ (n, m), J (n, m, nv) and J̇v (n, m) of q (n, nq), v (n, nv); v = 0 if left out."""
+        if not self.closures:
+            n = len(q)
+            return Rows(np.zeros((n, 0)), np.zeros((n, 0, self.model.nv)), np.zeros((n, 0)))
+        return self._evaluate(self._closure, q, v)
+
+    def own_rows(self, q: np.ndarray, v: np.ndarray | None = None) -> Rows:
+        """y, W and Ẇv of the closures' own joints, as `closure_rows`."""
+        return self._evaluate(self._own, q, v)
+
+    def _evaluate(self, function: ca.Function, q: np.ndarray, v: np.ndarray | None) -> Rows:
+        v = np.zeros((len(q), self.model.nv)) if v is None else v
+        parts = []
+        for start in range(0, len(q), CHUNK):
+            qs, vs = q[start : start + CHUNK], v[start : start + CHUNK]
+            n = len(qs)
+            value, rate, drift = (x.full() for x in function.map(n)(qs.T, vs.T))
+            m = value.shape[0]
+            matrix = rate.T.reshape(n, self.model.nv, m).transpose(0, 2, 1)
+            parts.append((value.T, matrix, drift.T))
+        value, rate, drift = (np.concatenate(x) for x in zip(*parts, strict=True))
+        return Rows(value, rate, drift)

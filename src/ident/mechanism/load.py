@@ -1,0 +1,207 @@
+"""From files to a Mechanism."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ident.effects import create as create_effect
+from ident.errors import MechanismError, one_of
+from ident.log import Column
+from ident.mechanism.closures import AnyClosure, Closure, Linear
+from ident.mechanism.forward import is_rotational
+from ident.mechanism.mechanism import DEGREES, Joint, Mechanism, Multipliers
+from ident.mechanism.model import Tree, build_tree
+from ident.mechanism.parameters import Bodies
+from ident.mechanism.read_closure import read_closure
+from ident.mechanism.settings import Settings, check_keys, number, read_settings, text, words
+from ident.mechanism.urdf import read_urdf
+
+
+def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
+    """The mechanism of a folder with a mechanism.toml, of such a file, or of a bare URDF.
+
+    Args:
+        path: folder, `mechanism.toml` or `.urdf`.
+        allow_code: whether closures of kind `function` may run the Python file they name.
+
+    Raises:
+        MechanismError: one line that names the file, what is wrong and what would be valid.
+    """
+    settings = read_settings(Path(path))
+    where = settings.where
+    tree = build_tree(read_urdf(settings.urdf), settings.gravity, str(settings.urdf))
+    joints = _tree_joints(tree)
+    names = [joint.name for joint in joints]
+    check_keys(settings.joints, ("passive", "start"), f"{where}: [joints]")
+    given = words(settings.joints, "passive", f"{where}: [joints]") or ()
+    for name in given:
+        if name not in names:
+            raise MechanismError(
+                f"{where}: [joints] passive: no joint '{name}'; {one_of(name, names)}"
+            )
+    mimicking = [mimic.joint for mimic in tree.mimics]
+    passive = tuple(name for name in names if name in given or name in mimicking)
+    bodies = Bodies(tree.links)
+    mechanism = Mechanism(
+        name=_name(Path(path), settings),
+        model=tree.model,
+        bodies=bodies,
+        joints=joints,
+        closures=_closures(settings, tree, joints, allow_code),
+        driven=tuple(name for name in names if name not in passive),
+        passive=passive,
+        start=_start(settings, tree, joints),
+        unknown=_unknown(settings, bodies),
+        multipliers=_multipliers(settings),
+        columns=_columns(settings),
+        urdf=settings.urdf,
+        notes=tree.notes,
+    )
+    return _with_effects(with_own_joints(mechanism), settings)
+
+
+def _name(path: Path, settings: Settings) -> str:
+    if settings.urdf == path:
+        return path.stem
+    return settings.folder.resolve().name
+
+
+def _tree_joints(tree: Tree) -> tuple[Joint, ...]:
+    model = tree.model
+    joints = []
+    for index in range(1, model.njoints):
+        at = model.idx_vs[index]
+        joints.append(
+            Joint(
+                name=model.names[index],
+                rotational=is_rotational(model, index),
+                index=at,
+                lower=_limit(model.lowerPositionLimit[at]),
+                upper=_limit(model.upperPositionLimit[at]),
+                velocity=_limit(model.upperVelocityLimit[at]),
+                effort=_limit(model.upperEffortLimit[at]),
+            )
+        )
+    return tuple(joints)
+
+
+def _limit(value: float) -> float:
+    return float(value) if abs(value) < 1e8 else float(np.copysign(np.inf, value))
+
+
+def _closures(
+    settings: Settings, tree: Tree, joints: tuple[Joint, ...], allow_code: bool
+) -> tuple[AnyClosure, ...]:
+    found: list[AnyClosure] = []
+    rotational = {joint.name: joint.rotational for joint in joints}
+    for i, table in enumerate(settings.closures):
+        closure = read_closure(
+            table, f"{settings.where}: closure {i + 1}", tree.model, rotational, settings.folder,
+            allow_code,
+        )  # fmt: skip
+        if closure.name in {other.name for other in found}:
+            raise MechanismError(f"{settings.where}: two closures are named '{closure.name}'")
+        found.append(closure)
+    for mimic in tree.mimics:
+        found.append(
+            Linear(
+                f"mimic.{mimic.joint}",
+                (mimic.joint, mimic.of),
+                (1.0, -mimic.multiplier),
+                mimic.offset,
+                rotational[mimic.joint],
+            )
+        )
+    return tuple(found)
+
+
+def with_own_joints(mechanism: Mechanism) -> Mechanism:
+    """The mechanism with the closures' own joints among its joints, passive."""
+    from dataclasses import replace
+
+    own = tuple(
+        Joint(joint.name, joint.rotational, index, in_tree=False)
+        for index, joint in enumerate(mechanism.kinematics.own)
+        if joint.name not in mechanism.joint_index
+    )
+    return replace(mechanism, joints=(*mechanism.joints, *own)) if own else mechanism
+
+
+def _start(settings: Settings, tree: Tree, joints: tuple[Joint, ...]) -> np.ndarray:
+    q = pin.neutral(tree.model)
+    table = settings.joints.get("start", {})
+    where = f"{settings.where}: [joints] start"
+    if not isinstance(table, dict):
+        raise MechanismError(f"{where} = {table!r}; write {{ joint = 0.0, … }}")
+    names = {joint.name: joint.index for joint in joints}
+    for name in table:
+        if name not in names:
+            raise MechanismError(f"{where}: no joint '{name}'; {one_of(name, names)}")
+        q[names[name]] = number(table, name, where)
+    return q
+
+
+def _unknown(settings: Settings, bodies: Bodies) -> tuple[str, ...]:
+    where = f"{settings.where}: [parameters]"
+    check_keys(settings.parameters, ("unknown",), where)
+    patterns = words(settings.parameters, "unknown", where)
+    return bodies.names if patterns is None else bodies.select(patterns, where)
+
+
+def _multipliers(settings: Settings) -> Multipliers:
+    where = f"{settings.where}: [multipliers]"
+    check_keys(settings.multipliers, ("basis", "spacing"), where)
+    basis = text({"basis": "free", **settings.multipliers}, "basis", where)
+    return multipliers(basis, number(settings.multipliers, "spacing", where, 0.0), where)
+
+
+def multipliers(basis: str, spacing: float, where: str) -> Multipliers:
+    """A checked time basis.
+
+    Raises:
+        MechanismError: for a basis that is not there, or one that needs a spacing [s] and has none.
+    """
+    if basis not in DEGREES:
+        raise MechanismError(f"{where}: basis = '{basis}'; {one_of(basis, DEGREES)}")
+    if basis != "free" and not spacing > 0:
+        raise MechanismError(
+            f"{where}: basis '{basis}' needs a spacing above 0 s, given: {spacing:g}"
+        )
+    return Multipliers(basis, spacing)
+
+
+def _columns(settings: Settings) -> Mapping[str, Column]:
+    found = {}
+    for name, entry in settings.log.items():
+        where = f'{settings.where}: [log] "{name}"'
+        if isinstance(entry, str):
+            entry = {"column": entry}
+        if not isinstance(entry, dict):
+            raise MechanismError(f'{where} = {entry!r}; write {{ column = "…", scale = 1.0 }}')
+        check_keys(entry, ("column", "scale", "offset"), where)
+        scale = number(entry, "scale", where, 1.0)
+        if scale == 0:
+            raise MechanismError(f"{where}: scale = 0 would erase the column")
+        found[name] = Column(
+            text(entry, "column", where), scale, number(entry, "offset", where, 0.0)
+        )
+    return found
+
+
+def _with_effects(mechanism: Mechanism, settings: Settings) -> Mechanism:
+    for i, table in enumerate(settings.effects):
+        where = f"{settings.where}: effect {i + 1}"
+        rest: dict[str, Any] = {k: v for k, v in table.items() if k not in ("kind", "joint")}
+        values = {key: number(rest, key, where) for key in rest}
+        try:
+            effect = create_effect(text(table, "kind", where), text(table, "joint", where), values)
+            mechanism = mechanism + effect
+        except MechanismError as error:
+            message = str(error)
+            raise MechanismError(message if where in message else f"{where}: {message}") from None
+    return mechanism

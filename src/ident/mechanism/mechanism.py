@@ -1,0 +1,210 @@
+"""The mechanism: a tree, its closures, what drives it, what is known of it, and its effects."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from ident.effects import Effect, parse
+from ident.effects import create as create_effect
+from ident.errors import MechanismError, one_of
+from ident.log import Column
+from ident.mechanism.closures import AnyClosure
+from ident.mechanism.kinematics import Kinematics
+from ident.mechanism.parameters import Bodies, dynamic_parameters
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One scalar coordinate: of the tree (`index` into q and v) or of a closure (`index` into own).
+
+    Attributes:
+        lower, upper: [rad | m]; infinite where the URDF gives none.
+        velocity: [rad/s | m/s]; effort: [N m | N].
+    """
+
+    name: str
+    rotational: bool
+    index: int
+    in_tree: bool = True
+    lower: float = -np.inf
+    upper: float = np.inf
+    velocity: float = np.inf
+    effort: float = np.inf
+
+    @property
+    def unit(self) -> str:
+        """Of the coordinate."""
+        return "rad" if self.rotational else "m"
+
+    @property
+    def force_unit(self) -> str:
+        """Of the torque or force."""
+        return "N m" if self.rotational else "N"
+
+
+@dataclass(frozen=True)
+class Multipliers:
+    """The time basis of λ(t): `free` (a value a sample), `linear`, `cubic`, `quintic`; spacing [s]."""
+
+    basis: str = "free"
+    spacing: float = 0.0
+
+    @property
+    def degree(self) -> int:
+        """Of the basis functions; −1 for `free`."""
+        return DEGREES[self.basis]
+
+
+DEGREES = {"free": -1, "linear": 1, "cubic": 3, "quintic": 5}
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanism:
+    """What is known of a machine before the log is looked at. Immutable; `mechanism + effect` is new.
+
+    Attributes:
+        name: of the folder or URDF.
+        model: Pinocchio's, with gravity; its inertias are the prior.
+        bodies: names of the moving bodies.
+        joints: every named coordinate, of the tree and of closures.
+        closures: constraint functions.
+        passive: joints whose torque is zero; all other joints of `joints_driven` are driven.
+        start: (nq,) near where the loops are assembled.
+        unknown: names of the dynamic parameters to identify.
+        effects: beyond rigid bodies.
+        columns: this robot's names of log columns.
+        urdf: path of the URDF; notes: what was understood otherwise than it is written.
+    """
+
+    name: str
+    model: pin.Model
+    bodies: Bodies
+    joints: tuple[Joint, ...]
+    closures: tuple[AnyClosure, ...]
+    driven: tuple[str, ...]
+    passive: tuple[str, ...]
+    start: np.ndarray
+    unknown: tuple[str, ...]
+    effects: tuple[Effect, ...] = ()
+    multipliers: Multipliers = Multipliers()
+    columns: Mapping[str, Column] = field(default_factory=dict)
+    urdf: Path = Path()
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        """Φ, J and J̇v as compiled functions."""
+        tree = {joint.name: joint.index for joint in self.joints if joint.in_tree}
+        return Kinematics(self.model, self.closures, tree)
+
+    @cached_property
+    def prior(self) -> np.ndarray:
+        """Dynamic parameters (10 · bodies,) of the URDF, in Γ's order."""
+        return dynamic_parameters(self.model)
+
+    @cached_property
+    def joint_index(self) -> Mapping[str, int]:
+        """Where a joint stands in `joints`, by name."""
+        return {joint.name: i for i, joint in enumerate(self.joints)}
+
+    def joint(self, name: str) -> Joint:
+        """The joint called `name`.
+
+        Raises:
+            MechanismError: if there is none, with the nearest name.
+        """
+        if name not in self.joint_index:
+            raise MechanismError(
+                f"{self.name}: no joint '{name}'; {one_of(name, self.joint_index)}"
+            )
+        return self.joints[self.joint_index[name]]
+
+    @cached_property
+    def degrees_of_freedom(self) -> int:
+        """nv − rank J at the assembled start."""
+        return self.model.nv - self.rank
+
+    @cached_property
+    def rank(self) -> int:
+        """Rank of J near the start, where its redundant equations show."""
+        if not self.closures:
+            return 0
+        J = self.kinematics.closure_rows(self.assembled[None]).rate[0]
+        return int(np.linalg.matrix_rank(J, tol=1e-8 * max(1.0, np.abs(J).max())))
+
+    @cached_property
+    def assembled(self) -> np.ndarray:
+        """The configuration (nq,) nearest to `start` at which all closures hold.
+
+        Raises:
+            MechanismError: if the loops cannot be assembled from `start`.
+        """
+        q = self.start
+        for _ in range(50):
+            rows = self.kinematics.closure_rows(q[None])
+            if not self.closures or np.abs(rows.value).max() < 1e-13:
+                return q
+            step = np.linalg.lstsq(rows.rate[0], -rows.value[0], rcond=1e-10)[0]
+            q = pin.integrate(self.model, q, step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-300)))
+        worst = np.abs(self.kinematics.closure_rows(q[None]).value[0])
+        if worst.max() < 1e-9:
+            return q
+        name = self.kinematics.multipliers[int(worst.argmax())]
+        raise MechanismError(
+            f"{self.name}: the loops do not close from [joints] start: the equation '{name}' is "
+            f"left at {worst.max():.3g}; give a start near an assembled position, and check the "
+            "closures' frames"
+        )
+
+    def with_effect(self, text: str, values: Mapping[str, float] | None = None) -> Mechanism:
+        """This mechanism with the effect(s) that `kind:joint[,joint]` or `kind` names.
+
+        `kind` alone stands for every driven joint that does not have it yet.
+
+        Raises:
+            MechanismError: for a kind or joint that is not there, or an effect it has already.
+        """
+        kind, joints = parse(text)
+        if joints:
+            return self + create_effect(kind, joints, values)
+        present = {effect.label for effect in self.effects}
+        missing = [name for name in self.driven if f"{kind}:{name}" not in present]
+        if not missing:
+            raise MechanismError(f"{self.name}: every driven joint has '{kind}' already")
+        grown = self
+        for name in missing:
+            grown = grown + create_effect(kind, name, values)
+        return grown
+
+    def __add__(self, effect: Effect) -> Mechanism:
+        if not isinstance(effect, Effect):
+            return NotImplemented
+        first = [self.joint(name) for name in effect.joints][0]
+        if effect.label in {known.label for known in self.effects}:
+            raise MechanismError(f"{self.name}: has the effect '{effect.label}' already")
+        return replace(self, effects=(*self.effects, replace(effect, rotational=first.rotational)))
+
+    def __str__(self) -> str:
+        lines = [
+            f"mechanism {self.name}: {len(self.bodies.links)} bodies, {self.model.nv} coordinates, "
+            f"{len(self.kinematics.multipliers)} closure equations of rank {self.rank}, "
+            f"{self.degrees_of_freedom} degrees of freedom",
+            f"  driven:   {', '.join(self.driven) or 'none'}",
+            f"  passive:  {', '.join(self.passive) or 'none'}",
+        ]
+        lines += [f"  closure:  {closure.name} ({closure.kind})" for closure in self.closures]
+        lines += [f"  effect:   {effect.label}" for effect in self.effects]
+        lines += [f"  unknown:  {len(self.unknown)} of {len(self.bodies.names)} dynamic parameters"]
+        return "\n".join([*lines, *(f"  note:     {note}" for note in self.notes)])
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(str(self))}</pre>"

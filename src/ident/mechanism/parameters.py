@@ -1,0 +1,110 @@
+"""The names of bodies' dynamic parameters and where they stand: the only file that counts them.
+
+Ten a body in Pinocchio's order, about the joint frame's origin, which is what Γ multiplies:
+
+    m, mx, my, mz, Lxx, Lxy, Lyy, Lxz, Lyz, Lzz          L = I + m (|c|² 1 − c cᵀ)
+
+`I` is the same about the centre of mass, as a URDF has it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from ident.errors import MechanismError, one_of
+
+DYNAMIC = ("m", "mx", "my", "mz", "Lxx", "Lxy", "Lyy", "Lxz", "Lyz", "Lzz")
+CENTROIDAL = {name: "I" + name[1:] for name in DYNAMIC if name.startswith("L")}
+# the order in which base parameters are sought, so that they read as robotics has them:
+# inertias first, masses last, from the base to the tip
+READING_ORDER = ("Lxx", "Lxy", "Lxz", "Lyy", "Lyz", "Lzz", "mx", "my", "mz", "m")
+COUNT = len(DYNAMIC)
+
+
+def unit_of(parameter: str) -> str:
+    """The unit of a body's parameter by its last name."""
+    word = parameter.rsplit(".", 1)[-1]
+    return "kg" if word == "m" else "kg m" if word.startswith("m") else "kg m²"
+
+
+@dataclass(frozen=True)
+class Bodies:
+    """The moving bodies of a mechanism by the URDF's link names, in Pinocchio's joint order."""
+
+    links: tuple[str, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Ten names a body: `rod.m`, …, `rod.Lzz`."""
+        return tuple(f"{link}.{word}" for link in self.links for word in DYNAMIC)
+
+    def columns(self, link: str) -> slice:
+        """Where the ten columns of a body stand in Γ."""
+        start = COUNT * self.links.index(link)
+        return slice(start, start + COUNT)
+
+    def reading_order(self) -> np.ndarray:
+        """Columns of Γ in the order in which base parameters are sought."""
+        within = [DYNAMIC.index(word) for word in READING_ORDER]
+        return np.array([COUNT * i + k for i in range(len(self.links)) for k in within], dtype=int)
+
+    def select(self, patterns: Iterable[str], where: str) -> tuple[str, ...]:
+        """Full names of `rod`, `rod.*`, `rod.Ixx` or `rod.Lxx`, in Γ's order."""
+        chosen: set[str] = set()
+        for pattern in patterns:
+            link, _, word = pattern.rpartition(".") if "." in pattern else (pattern, "", "*")
+            if pattern in self.links:  # a link's own name may hold a dot
+                link, word = pattern, "*"
+            if link not in self.links:
+                raise MechanismError(
+                    f"{where}: unknown = '{pattern}': no moving link is named '{link}'; "
+                    f"{one_of(link, self.links)} (a link fixed to another is one body with it)"
+                )
+            if word != "*" and word not in DYNAMIC and word not in CENTROIDAL.values():
+                words = [*DYNAMIC, *CENTROIDAL.values()]
+                raise MechanismError(
+                    f"{where}: unknown = '{pattern}': a link has no parameter '{word}'; "
+                    f"{one_of(word, words)}"
+                )
+            wanted = DYNAMIC if word == "*" else ("L" + word[1:] if word[0] == "I" else word,)
+            chosen.update(f"{link}.{each}" for each in wanted)
+        return tuple(name for name in self.names if name in chosen)
+
+
+def dynamic_parameters(model: pin.Model) -> np.ndarray:
+    """The ten of every body (10 · bodies,) of Pinocchio's model, in Γ's order."""
+    return np.concatenate(
+        [model.inertias[i].toDynamicParameters() for i in range(1, model.njoints)]
+    )
+
+
+def split(pi: Sequence[float] | np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """(m, first moments (3,), L (3, 3) about the joint frame's origin) of ten parameters."""
+    m, mx, my, mz, Lxx, Lxy, Lyy, Lxz, Lyz, Lzz = (float(value) for value in pi)
+    L = np.array([[Lxx, Lxy, Lxz], [Lxy, Lyy, Lyz], [Lxz, Lyz, Lzz]])
+    return m, np.array([mx, my, mz]), L
+
+
+def join(m: float, moments: np.ndarray, L: np.ndarray) -> np.ndarray:
+    """The inverse of `split`: ten parameters (10,)."""
+    upper = (L[0, 0], L[0, 1], L[1, 1], L[0, 2], L[1, 2], L[2, 2])
+    return np.array([m, *moments, *upper])
+
+
+def about_origin(m: float, moments: np.ndarray) -> np.ndarray:
+    """m (|c|² 1 − c cᵀ) (3, 3) with c = moments / m: what L has beyond I; zero for m = 0."""
+    if m == 0:
+        return np.zeros((3, 3))
+    return (moments @ moments * np.eye(3) - np.outer(moments, moments)) / m
+
+
+def pseudo_inertia(pi: Sequence[float] | np.ndarray) -> np.ndarray:
+    """The 4 × 4 matrix that is positive semidefinite for a possible body (Wensing et al. 2018)."""
+    m, moments, L = split(pi)
+    return np.block(
+        [[0.5 * np.trace(L) * np.eye(3) - L, moments[:, None]], [moments[None, :], np.array([[m]])]]
+    )

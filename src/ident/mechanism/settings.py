@@ -1,0 +1,141 @@
+"""mechanism.toml as it is read: every key checked, every fault named with its place."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ident.errors import MechanismError, one_of
+
+TOP = ("urdf", "gravity", "joints", "closure", "parameters", "multipliers", "log", "effect")
+GRAVITY = (0.0, 0.0, -9.81)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The sections of a mechanism.toml, with the place each error message names."""
+
+    where: str
+    folder: Path
+    urdf: Path
+    gravity: tuple[float, float, float] = GRAVITY
+    joints: Mapping[str, Any] = field(default_factory=dict)
+    closures: tuple[Mapping[str, Any], ...] = ()
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    multipliers: Mapping[str, Any] = field(default_factory=dict)
+    log: Mapping[str, Any] = field(default_factory=dict)
+    effects: tuple[Mapping[str, Any], ...] = ()
+
+
+def read_settings(path: Path) -> Settings:
+    """Settings of a folder, a mechanism.toml or a bare URDF.
+
+    Raises:
+        MechanismError: naming the file, the key and what would be valid.
+    """
+    if path.is_dir():
+        inside = path / "mechanism.toml"
+        if not inside.is_file():
+            raise MechanismError(
+                f"{path}: the folder has no mechanism.toml; give a URDF or add one"
+            )
+        path = inside
+    if not path.exists():
+        raise MechanismError(f"{path}: no such file; give a folder, a mechanism.toml or a .urdf")
+    if path.suffix.lower() in (".urdf", ".xml"):
+        return Settings(str(path), path.parent, path)
+    if path.suffix.lower() != ".toml":
+        raise MechanismError(f"{path}: is no mechanism; give a folder, a mechanism.toml or a .urdf")
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise MechanismError(f"{path}: is no valid TOML: {error}") from None
+    except OSError as error:
+        raise MechanismError(f"{path}: cannot be read: {error.strerror}") from None
+    return _settings(data, path)
+
+
+def _settings(data: dict[str, Any], path: Path) -> Settings:
+    where = str(path)
+    check_keys(data, TOP, where)
+    if "urdf" not in data:
+        raise MechanismError(f"{where}: has no key 'urdf'; write urdf = \"<name>.urdf\"")
+    urdf = path.parent / text(data, "urdf", where)
+    if not urdf.is_file():
+        raise MechanismError(f"{where}: urdf = '{data['urdf']}': no such file in {path.parent}")
+    gravity = vector(data, "gravity", where, 3, GRAVITY)
+    for key in ("joints", "parameters", "multipliers", "log"):
+        if not isinstance(data.get(key, {}), dict):
+            raise MechanismError(f"{where}: [{key}] must be a table, given: {data[key]!r}")
+    for key in ("closure", "effect"):
+        tables = data.get(key, [])
+        if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+            raise MechanismError(f"{where}: write every {key} as a table [[{key}]]")
+    return Settings(
+        where=where,
+        folder=path.parent,
+        urdf=urdf,
+        gravity=(gravity[0], gravity[1], gravity[2]),
+        joints=data.get("joints", {}),
+        closures=tuple(data.get("closure", [])),
+        parameters=data.get("parameters", {}),
+        multipliers=data.get("multipliers", {}),
+        log=data.get("log", {}),
+        effects=tuple(data.get("effect", [])),
+    )
+
+
+def check_keys(table: Mapping[str, Any], valid: tuple[str, ...], where: str) -> None:
+    """Refuse a key that nothing reads: it would be silently ignored otherwise."""
+    for key in table:
+        if key not in valid:
+            raise MechanismError(f"{where}: unknown key '{key}'; {one_of(key, valid)}")
+
+
+def text(table: Mapping[str, Any], key: str, where: str) -> str:
+    """A string that must be there."""
+    if key not in table:
+        raise MechanismError(f"{where}: has no key '{key}'")
+    if not isinstance(table[key], str) or not table[key]:
+        raise MechanismError(f"{where}: {key} = {table[key]!r}; a text in quotes is expected")
+    return str(table[key])
+
+
+def number(table: Mapping[str, Any], key: str, where: str, default: float | None = None) -> float:
+    """A finite number."""
+    if key not in table and default is not None:
+        return default
+    value = table.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise MechanismError(f"{where}: {key} = {value!r}; a finite number is expected")
+    return float(value)
+
+
+def vector(
+    table: Mapping[str, Any], key: str, where: str, count: int, default: tuple[float, ...] | None
+) -> tuple[float, ...]:
+    """`count` finite numbers (any number of them for count 0)."""
+    if key not in table and default is not None:
+        return default
+    value = table.get(key)
+    good = isinstance(value, list) and all(
+        isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x) for x in value
+    )
+    if not isinstance(value, list) or not good or (count and len(value) != count):
+        need = f"{count} finite numbers" if count else "finite numbers"
+        raise MechanismError(f"{where}: {key} = {value!r}; a list of {need} is expected")
+    return tuple(float(x) for x in value)
+
+
+def words(table: Mapping[str, Any], key: str, where: str) -> tuple[str, ...] | None:
+    """A list of texts, or None if it is not there."""
+    if key not in table:
+        return None
+    value = table[key]
+    if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
+        raise MechanismError(f"{where}: {key} = {value!r}; a list of texts is expected")
+    return tuple(value)

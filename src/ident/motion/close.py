@@ -1,0 +1,194 @@
+"""Completion of all coordinates through the closures, by continuation.
+
+    K = [J; W_u]         W_u: rates of the independent joints u
+    position   K δq = [−Φ; y − y_u(q)]              (Newton, from a neighbouring sample)
+    velocity   v = K⁺ [0; ẏ]
+    acceleration a = K⁺ [−J̇v; ÿ − Ẇv]
+
+Where more joints are measured than there are degrees of freedom, these are least-squares solutions,
+then projected on the closures (by J⁺), so that the closures hold and every measurement counts.
+K⁺ also gives the reduced equations and the multipliers: f = Jᵀλ + W_uᵀτ_u  ⟹  [λ; τ_u] = K⁺ᵀ f.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from ident.errors import MotionError
+from ident.mechanism.kinematics import Rows
+from ident.mechanism.mechanism import Mechanism
+
+STRIDE = 32  # samples between the anchors that are reached one after the other
+CLOSED = 1e-11  # [m | rad] largest equation left by Newton
+STEPS = 12
+
+
+def pseudo_inverse(K: np.ndarray) -> np.ndarray:
+    """K⁺ (n, nv, m + d) of stacked K (n, m + d, nv) with full column rank, by orthogonal factors."""
+    try:
+        Q, R = np.linalg.qr(K)
+        return np.linalg.solve(R, Q.transpose(0, 2, 1))
+    except np.linalg.LinAlgError:
+        return np.linalg.pinv(K)
+
+
+class Closer:
+    """Reaches configurations at which Φ = 0 and the joints `names` have given coordinates.
+
+    Args:
+        mechanism: the mechanism.
+        names: joints that determine the motion, or more than are needed.
+        scale: (d,) by which their coordinates are divided, where there are more than needed.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, names: tuple[str, ...], scale: np.ndarray | None = None
+    ) -> None:
+        self.mechanism = mechanism
+        self.joints = tuple(mechanism.joint(name) for name in names)
+        self.surplus = len(names) > mechanism.degrees_of_freedom
+        self.scale = np.ones(len(names)) if scale is None or not self.surplus else scale
+        self._own = any(not joint.in_tree for joint in self.joints)
+
+    def coordinates(self, q: np.ndarray, v: np.ndarray | None = None) -> Rows:
+        """y (n, d), W_u (n, d, nv) and Ẇ_u v (n, d) of the joints."""
+        n, d, nv = len(q), len(self.joints), self.mechanism.model.nv
+        y, W, drift = np.empty((n, d)), np.zeros((n, d, nv)), np.zeros((n, d))
+        own = self.mechanism.kinematics.own_rows(q, v) if self._own else None
+        for i, joint in enumerate(self.joints):
+            if joint.in_tree:
+                y[:, i], W[:, i, joint.index] = q[:, joint.index], 1.0
+            else:
+                assert own is not None
+                y[:, i], W[:, i] = own.value[:, joint.index], own.rate[:, joint.index]
+                drift[:, i] = own.drift[:, joint.index]
+        return Rows(y, W, drift)
+
+    def _residual(self, q: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        closure, own = self.mechanism.kinematics.closure_rows(q), self.coordinates(q)
+        off = target - own.value
+        for i, joint in enumerate(self.joints):
+            if joint.rotational and not joint.in_tree:  # its angle is known up to whole turns
+                off[:, i] = (off[:, i] + np.pi) % (2 * np.pi) - np.pi
+        K = np.concatenate([closure.rate, own.rate / self.scale[:, None]], axis=1)
+        return np.concatenate([-closure.value, off / self.scale], axis=1), K
+
+    def newton(self, q: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Configurations (n, nq) near q at the targets (n, d), and what is left open (n,)."""
+        model, m = self.mechanism.model, len(self.mechanism.kinematics.multipliers)
+        for _ in range(STEPS):
+            off, K = self._residual(q, target)
+            step = np.einsum("nij,nj->ni", pseudo_inverse(K), off)
+            largest = np.abs(step).max(axis=1, keepdims=True)
+            q = integrate(model, q, step * np.minimum(1.0, 0.5 / (largest + 1e-300)))
+            if largest.max() < CLOSED:
+                break
+        for _ in range(3 * self.surplus):
+            rows = self.mechanism.kinematics.closure_rows(q)
+            q = integrate(
+                model, q, -np.einsum("nij,nj->ni", np.linalg.pinv(rows.rate, 1e-9), rows.value)
+            )
+        off, _ = self._residual(q, target)
+        return q, np.abs(off[:, :m] if self.surplus else off).max(axis=1, initial=0.0)
+
+    def rates(
+        self, q: np.ndarray, yd: np.ndarray, ydd: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """v and a (n, nv) that keep the closures, from the joints' rates (n, d)."""
+        J, own = self.mechanism.kinematics.closure_rows(q).rate, self.coordinates(q).rate
+        m = J.shape[1]
+        Kp = pseudo_inverse(np.concatenate([J, own / self.scale[:, None]], axis=1))
+        Jp = np.linalg.pinv(J, 1e-9) if self.surplus else None
+        v = np.einsum("nij,nj->ni", Kp[:, :, m:], yd / self.scale)
+        if Jp is not None:
+            v = v - np.einsum("nij,njk,nk->ni", Jp, J, v)
+        closing = self.mechanism.kinematics.closure_rows(q, v).drift
+        wanted = (ydd - self.coordinates(q, v).drift) / self.scale
+        a = np.einsum("nij,nj->ni", Kp, np.concatenate([-closing, wanted], axis=1))
+        if Jp is not None:
+            open_ = np.einsum("nij,nj->ni", J, a) + closing
+            a = a - np.einsum("nij,nj->ni", Jp, open_)
+        return v, a
+
+    def follow(self, target: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """All configurations (n, nq) along the targets (n, d), on the branch of the start.
+
+        Raises:
+            MotionError: where the closures cannot follow, with time and joints.
+        """
+        n = len(target)
+        q = np.empty((n, self.mechanism.model.nq))
+        start = self.mechanism.assembled
+        here = self.coordinates(start[None]).value[0]
+        q[0] = self._travel(start, here, target[0], t[0])
+        anchors = [*range(0, n, STRIDE)]
+        if anchors[-1] != n - 1:
+            anchors.append(n - 1)
+        for a, b in zip(anchors, anchors[1:], strict=False):
+            self._bridge(q, target, t, a, b)
+        known = np.array(anchors)
+        while len(known) < n:  # halve the distances; each level is one call for all samples
+            left, right = known[:-1], known[1:]
+            wide = right - left > 1
+            left, right = left[wide], right[wide]
+            middle = (left + right) // 2
+            guess = _between(self.mechanism.model, q[left], q[right])
+            q[middle], gap = self.newton(guess, target[middle])
+            for bad in np.flatnonzero(gap > 1e-8):
+                self._bridge(q, target, t, int(left[bad]), int(middle[bad]))
+            known = np.union1d(known, middle)
+        return q
+
+    def _bridge(self, q: np.ndarray, target: np.ndarray, t: np.ndarray, a: int, b: int) -> None:
+        """Sets q[b] from q[a]; goes over the samples between them where that is too far."""
+        found, gap = self.newton(q[a : a + 1], target[b : b + 1])
+        moved = np.abs(target[b] - target[a]).max()
+        if gap[0] < 1e-8 and _distance(self.mechanism.model, q[a], found[0]) < 0.2 + 3 * moved:
+            q[b] = found[0]
+        elif b - a > 1:
+            middle = (a + b) // 2
+            self._bridge(q, target, t, a, middle)
+            self._bridge(q, target, t, middle, b)
+        else:
+            q[b] = self._travel(q[a], target[a], target[b], t[b])
+
+    def _travel(self, q: np.ndarray, y: np.ndarray, goal: np.ndarray, t: float) -> np.ndarray:
+        """From q at coordinates y to the goal in steps that Newton can take."""
+        done, step = 0.0, 1.0 / max(1.0, np.ceil(np.abs(goal - y).max() / 0.1))
+        while done < 1.0:
+            share = min(1.0, done + step)
+            found, gap = self.newton(q[None], (y + share * (goal - y))[None])
+            near = _distance(self.mechanism.model, q, found[0]) < 1.0
+            if gap[0] < 1e-8 and near:
+                q, done, step = found[0], share, step * 1.5
+            elif step > 1e-4:
+                step *= 0.5
+            else:
+                wanted = ", ".join(
+                    f"{joint.name} = {value:.4g} {joint.unit}"
+                    for joint, value in zip(self.joints, y + share * (goal - y), strict=True)
+                )
+                raise MotionError(
+                    f"{self.mechanism.name}: the closures cannot follow at t = {t:.4g} s: nothing "
+                    f"closes at {wanted} (left open by {gap[0]:.2g}); check the unit, sign and "
+                    "zero of these columns, [joints] start and the closures' frames"
+                )
+        return q
+
+
+def integrate(model: pin.Model, q: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """q ⊕ step for all samples: a sum for scalar joints, on the quaternion for free bodies."""
+    if model.nq == model.nv:
+        return q + step
+    return np.array([pin.integrate(model, a, b) for a, b in zip(q, step, strict=True)])
+
+
+def _between(model: pin.Model, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    if model.nq == model.nv:
+        return 0.5 * (a + b)
+    return np.array([pin.interpolate(model, x, y, 0.5) for x, y in zip(a, b, strict=True)])
+
+
+def _distance(model: pin.Model, a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.abs(pin.difference(model, a, b)).max())

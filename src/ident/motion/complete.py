@@ -1,0 +1,271 @@
+"""The verb `complete`: a log becomes the motion of the whole mechanism."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from ident.errors import MotionError, one_of
+from ident.log import Log, read_log
+from ident.mechanism.mechanism import Mechanism
+from ident.motion.close import Closer, pseudo_inverse
+from ident.motion.derive import band_of, derive, speed_noise
+from ident.motion.independent import best_conditioned, independent_joints
+from ident.motion.measure import Signals, measure
+from ident.motion.motion import Band, Experiment, Motion
+
+STILL = 0.004  # share of a joint's top speed below which it counts as standing still
+NOISE = 4.0  # or so many times the noise of speeds, where that is more
+SINGULAR = 50.0  # times the log's median ‖K⁺‖: beyond, a sample is near a singular position
+CONTRADICTION = 0.3  # share of its own motion by which a logged joint may miss the closures
+HOPELESS = 1e6  # ‖K⁺‖ at which a position is singular whatever the median is
+
+Told = Callable[[str, float], None]
+
+
+def complete(
+    mechanism: Mechanism,
+    logs: Log | str | os.PathLike[str] | Sequence[Log | str | os.PathLike[str]],
+    *,
+    cutoff: float | str | None = "auto",
+    progress: Told | None = None,
+) -> Motion:
+    """All positions, velocities and accelerations, completed through the closures.
+
+    Args:
+        mechanism: the mechanism.
+        logs: one log or several (or their paths): separate experiments of the same mechanism.
+        cutoff: of the zero-phase filter that the equations will use [Hz]; "auto" chooses it from
+            the data, None filters nothing.
+        progress: called with (what is being done, share done).
+
+    Returns:
+        The motion, with everything repaired, derived or left out said in `notes`.
+
+    Raises:
+        MotionError: if the logs do not determine the motion or contradict the closures.
+        LogError: if a path cannot be read.
+    """
+    given = [logs] if isinstance(logs, Log | str | os.PathLike) else list(logs)
+    if not given:
+        raise MotionError(f"{mechanism.name}: no log given")
+    read = [x if isinstance(x, Log) else read_log(x, mechanism.columns) for x in given]
+    measured = [measure(mechanism, log) for log in read]
+    for signals in measured:
+        _check_torques(mechanism, signals)
+    names = _determining(mechanism, measured)
+    band = band_of(mechanism, measured, names)
+    if cutoff != "auto":
+        band = replace(band, cutoff=None if cutoff is None else _checked(cutoff, measured))
+    notes = [note for signals in measured for note in signals.notes]
+    experiments: list[Experiment] = []
+    for i, signals in enumerate(measured):
+        if progress:
+            progress(f"completing {signals.log.name}", i / len(measured))
+        experiment, said = _experiment(mechanism, signals, names, band)
+        experiments.append(experiment)
+        notes += said
+    independent, worst = names, 0.0
+    if mechanism.closures:
+        independent = best_conditioned(mechanism, np.concatenate([e.q for e in experiments]))
+        for i, experiment in enumerate(experiments):
+            experiments[i], error, said = _reduced(mechanism, experiment, independent)
+            notes += said
+            worst = max(worst, error)
+    return Motion(tuple(experiments), independent, band, worst, tuple(dict.fromkeys(notes)))
+
+
+def _checked(cutoff: float | str, measured: list[Signals]) -> float:
+    nyquist = min(0.5 / signals.dt for signals in measured)
+    value = float(cutoff)
+    if not 0 < value < nyquist:
+        raise MotionError(
+            f"cut-off {value:g} Hz; valid: above 0 and below {nyquist:.4g} Hz, or none"
+        )
+    return value
+
+
+def _check_torques(mechanism: Mechanism, signals: Signals) -> None:
+    for name in mechanism.driven:
+        if f"tau.{name}" not in signals.columns:
+            has = [c for c in signals.columns if c.startswith("tau.")]
+            raise MotionError(
+                f"{signals.log.name}: joint '{name}' is driven, but there is no column 'tau.{name}'"
+                f" ({one_of('tau.' + name, has or signals.columns)}); log it, map it in [log], or "
+                f"put '{name}' among the passive joints"
+            )
+
+
+def _determining(mechanism: Mechanism, measured: list[Signals]) -> tuple[str, ...]:
+    logged = [
+        joint.name
+        for joint in mechanism.joints
+        if all(f"q.{joint.name}" in signals.columns for signals in measured)
+    ]
+    order = [name for name in logged if name in mechanism.driven] + logged
+    names = independent_joints(mechanism, order)
+    if len(names) == mechanism.degrees_of_freedom:
+        return tuple(logged)
+    if len(names) < mechanism.degrees_of_freedom:
+        free = [joint.name for joint in mechanism.joints if joint.name not in logged]
+        shown = ", ".join(f"q.{name}" for name in free) or "none"
+        raise MotionError(
+            f"{measured[0].log.name}: {mechanism.name} has {mechanism.degrees_of_freedom} degrees "
+            f"of freedom, but the positions logged ({', '.join(f'q.{n}' for n in logged) or 'none'})"
+            f" determine only {len(names)}; log one more of: {shown}"
+        )
+    return names
+
+
+def _experiment(
+    mechanism: Mechanism,
+    signals: Signals,
+    names: tuple[str, ...],
+    band: Band,
+) -> tuple[Experiment, list[str]]:
+    notes = []
+    n, log = len(signals.t), signals.log.name
+    known = np.empty((3, n, len(names)))
+    for i, name in enumerate(names):
+        known[:, :, i], how = derive(signals, name, band)
+        if how:
+            notes.append(f"{log}: {how}")
+    tau = np.stack([signals.columns[f"tau.{name}"] for name in mechanism.driven], axis=1) \
+        if mechanism.driven else np.zeros((n, 0))  # fmt: skip
+    base = Experiment(
+        name=log, t=signals.t, q=np.empty(0), v=np.empty(0), a=np.empty(0), y=np.empty(0),
+        yd=np.empty(0), ydd=np.empty(0), tau=tau, wrench=None, pinv=None, leverage=None,
+        usable=signals.usable, still=np.empty(0),
+        extra={k: x for k, x in signals.columns.items() if not k.startswith(("q.", "v.", "a."))},
+    )  # fmt: skip
+    place = _closed if mechanism.closures else _open
+    experiment = place(mechanism, base, names, known)
+    top = np.abs(experiment.yd[experiment.usable]).max(axis=0, initial=0.0)
+    noise = 0.0
+    for name in names:
+        fastest = top[mechanism.joint_index[name]]
+        if fastest > 0:
+            noise = max(noise, speed_noise(signals, name, band) / fastest)
+    still = min(max(STILL, NOISE * noise), 0.5) * top
+    experiment = replace(experiment, still=np.maximum(still, 1e-9))
+    if len(names) > mechanism.degrees_of_freedom:
+        notes += _disagreements(mechanism, experiment, names, known[0])
+    return replace(experiment, wrench=_wrenches(mechanism, signals, experiment)), notes
+
+
+def _open(
+    mechanism: Mechanism, base: Experiment, names: tuple[str, ...], known: np.ndarray
+) -> Experiment:
+    at = [mechanism.joint(name).index for name in names]
+    q, v, a = (np.ascontiguousarray(x[:, np.argsort(at)]) for x in known)
+    order = [joint.index for joint in mechanism.joints]
+    return replace(base, q=q, v=v, a=a, y=q[:, order], yd=v[:, order], ydd=a[:, order])
+
+
+def _closed(
+    mechanism: Mechanism, base: Experiment, names: tuple[str, ...], known: np.ndarray
+) -> Experiment:
+    y, yd, ydd = known
+    closer = Closer(mechanism, names, np.maximum(y.std(axis=0), 1e-9))
+    q = closer.follow(y, base.t)
+    v, a = closer.rates(q, yd, ydd)
+    rows = Closer(mechanism, tuple(joint.name for joint in mechanism.joints)).coordinates(q, v)
+    value = rows.value.copy()
+    for i, joint in enumerate(mechanism.joints):
+        if joint.rotational and not joint.in_tree:
+            value[:, i] = np.unwrap(value[:, i])
+            if joint.name in names:  # its whole turns are the log's
+                off = value[:, i] - y[:, names.index(joint.name)]
+                value[:, i] -= 2 * np.pi * np.round(off / (2 * np.pi))
+    rates = np.einsum("njk,nk->nj", rows.rate, v)
+    accelerations = np.einsum("njk,nk->nj", rows.rate, a) + rows.drift
+    return replace(base, q=q, v=v, a=a, y=value, yd=rates, ydd=accelerations)
+
+
+def _reduced(
+    mechanism: Mechanism, experiment: Experiment, independent: tuple[str, ...]
+) -> tuple[Experiment, float, list[str]]:
+    """With K⁺ and leverages in the independent coordinates; samples near a singularity left out."""
+    J = mechanism.kinematics.closure_rows(experiment.q)
+    every = Closer(mechanism, tuple(joint.name for joint in mechanism.joints)).coordinates(
+        experiment.q
+    )
+    W = every.rate[:, [mechanism.joint_index[name] for name in independent]]
+    Kp = pseudo_inverse(np.concatenate([J.rate, W], axis=1))
+    size = np.linalg.norm(Kp, axis=(1, 2))
+    usable = experiment.usable
+    singular = usable & ~(size < min(HOPELESS, SINGULAR * float(np.median(size))))
+    if not (usable & ~singular).any():
+        raise MotionError(
+            f"{experiment.name}: every sample is near a singular position of {mechanism.name}; "
+            "nothing can be identified from it"
+        )
+    notes = []
+    if singular.any():
+        notes.append(
+            f"{experiment.name}: {int(singular.sum())} of {len(size)} samples are near a singular "
+            f"position of {', '.join(independent)} (first at t = "
+            f"{experiment.t[np.argmax(singular)]:.4g} s) and are left out"
+        )
+    leverage = every.rate @ Kp[:, :, J.rate.shape[1] :]
+    reduced = replace(experiment, pinv=Kp, leverage=leverage, usable=usable & ~singular)
+    return reduced, float(np.abs(J.value).max()), notes
+
+
+def _disagreements(
+    mechanism: Mechanism, experiment: Experiment, names: tuple[str, ...], logged: np.ndarray
+) -> list[str]:
+    """More joints logged than needed: how far the closures' answer is from what was logged."""
+    notes = []
+    for i, name in enumerate(names):
+        joint = mechanism.joint(name)
+        off = (experiment.y[:, mechanism.joint_index[name]] - logged[:, i])[experiment.usable]
+        if joint.rotational:
+            off = (off + np.pi) % (2 * np.pi) - np.pi
+        rms, spread = float(np.sqrt(np.mean(off**2))), float(np.std(logged[:, i]))
+        said = (
+            f"{experiment.name}: q.{name} differs from what the closures and the other joints give "
+            f"by {rms:.3g} {joint.unit} rms, {np.abs(off).max():.3g} at most"
+        )
+        if rms > CONTRADICTION * spread:
+            raise MotionError(
+                f"{said}, while it moves by {spread:.3g} rms: the positions contradict the "
+                "closures; check sign, unit and zero of this column and the closures' frames"
+            )
+        notes.append(said)
+    return notes
+
+
+def _wrenches(mechanism: Mechanism, signals: Signals, experiment: Experiment) -> np.ndarray | None:
+    """Generalised forces (n, nv) of `wrench.<frame>.<fx…mz>`, in the frame's own axes and origin."""
+    parts = ("fx", "fy", "fz", "mx", "my", "mz")
+    frames: dict[str, np.ndarray] = {}
+    for column in signals.columns:
+        if not column.startswith("wrench."):
+            continue
+        frame, _, part = column[len("wrench.") :].rpartition(".")
+        if part not in parts or not frame:
+            raise MotionError(
+                f"{signals.log.name}: column '{column}': write wrench.<frame>.<{'|'.join(parts)}>"
+            )
+        if not mechanism.model.existFrame(frame):
+            known = [f.name for f in mechanism.model.frames]
+            raise MotionError(
+                f"{signals.log.name}: column '{column}': no frame '{frame}'; {one_of(frame, known)}"
+            )
+        wrench = frames.setdefault(frame, np.zeros((len(experiment), 6)))
+        wrench[:, parts.index(part)] = signals.columns[column]
+    if not frames:
+        return None
+    model, data = mechanism.model, mechanism.model.createData()
+    total = np.zeros((len(experiment), model.nv))
+    for frame, wrench in frames.items():
+        index = model.getFrameId(frame)
+        for k in range(len(experiment)):
+            J = pin.computeFrameJacobian(model, data, experiment.q[k], index, pin.LOCAL)
+            total[k] += J.T @ wrench[k]
+    return total

@@ -1,0 +1,117 @@
+"""The motion of all coordinates in an experiment, and the forces applied to the mechanism."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """One log's motion on a uniform clock.
+
+    With n samples, J named joints and d independent coordinates:
+
+    Attributes:
+        name: the log's.
+        t: (n,) [s], uniform.
+        q, v, a: (n, nq), (n, nv), (n, nv) of the model.
+        y, yd, ydd: (n, J) coordinate, rate and acceleration of the mechanism's joints.
+        tau: (n, driven) measured torques, in the order of `mechanism.driven`.
+        wrench: (n, nv) generalised forces of measured external wrenches, or None.
+        pinv: (n, nv, m + d), the pseudo-inverse of [J; W_u]; None for a tree.
+        leverage: (n, J, d), ẏ_j for unit rate of each independent coordinate; None for a tree.
+        usable: (n,), false where a sample takes no part, with the reason in `Motion.notes`.
+        still: (J,) speed below which a joint counts as standing still [rad/s | m/s].
+        extra: the log's other columns on this clock.
+    """
+
+    name: str
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    y: np.ndarray
+    yd: np.ndarray
+    ydd: np.ndarray
+    tau: np.ndarray
+    wrench: np.ndarray | None
+    pinv: np.ndarray | None
+    leverage: np.ndarray | None
+    usable: np.ndarray
+    still: np.ndarray
+    extra: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def rate(self) -> float:
+        """Samples a second [Hz]."""
+        return (len(self.t) - 1) / float(self.t[-1] - self.t[0])
+
+    def segments(self) -> Iterator[slice]:
+        """Runs of usable samples; nothing is filtered or differentiated across their ends."""
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], self.usable.view(np.int8), [0]])))
+        for start, stop in zip(edges[::2], edges[1::2], strict=True):
+            yield slice(int(start), int(stop))
+
+
+@dataclass(frozen=True)
+class Band:
+    """What the log's spectrum says.
+
+    Attributes:
+        motion: frequency below which 99.9 % of the velocities' power lies [Hz].
+        noise: largest share of noise found in a channel that the regression uses.
+        cutoff: of the zero-phase filter on all columns [Hz]; None: nothing to filter.
+    """
+
+    motion: float
+    noise: float
+    cutoff: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Experiments of one mechanism, completed through its closures.
+
+    Attributes:
+        experiments: one a log.
+        independent: names of the joints in whose coordinates errors are compared.
+        band: what the spectra say, over all logs.
+        closure_error: largest |Φ| left [m | rad].
+        notes: what was repaired, derived or left out, in words.
+    """
+
+    experiments: tuple[Experiment, ...]
+    independent: tuple[str, ...]
+    band: Band
+    closure_error: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def samples(self) -> int:
+        """Over all experiments."""
+        return sum(len(experiment) for experiment in self.experiments)
+
+    def __str__(self) -> str:
+        lines = [f"motion: {len(self.experiments)} experiment(s), {self.samples} samples"]
+        for e in self.experiments:
+            lines.append(
+                f"  {e.name}: {len(e)} samples, {e.t[-1] - e.t[0]:.3g} s at {e.rate:.4g} Hz"
+            )
+        lines.append(f"  independent: {', '.join(self.independent)}")
+        cut = "none" if self.band.cutoff is None else f"{self.band.cutoff:.3g} Hz"
+        lines.append(f"  bandwidth of the motion: {self.band.motion:.3g} Hz; filter: {cut}")
+        if self.closure_error > 0:
+            lines.append(f"  closure error: {self.closure_error:.2g}")
+        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(str(self))}</pre>"

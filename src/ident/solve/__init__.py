@@ -1,0 +1,1 @@
+"""The numerical kernel: sparse least squares by orthogonal transformations. It knows no robot."""
