@@ -21,7 +21,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment, Motion
 
 CHUNK = 2048  # samples whose rows are in memory at once
-STICKING = 0.05  # share of a filtered row that may come from samples that do not inform it
+STICKING = 0.2  # share of a filtered row that may come from samples that do not inform it
 LEVER = 0.1  # a joint that barely moves with a coordinate may stand still without harm
 
 

@@ -47,10 +47,13 @@ class Chunk:
         first (N,), values (N, width): the basis at the samples' times, `Basis.window`.
         J_T (N, n, m): transposed constraint Jacobians; A (N, n, k), b (N, n).
         """
-        N, n, m = J_T.shape
+        (N, n, m), width, k = J_T.shape, values.shape[1], A.shape[2]
         L = values[:, None, :, None] * J_T[:, :, None, :]
         return cls(
-            np.repeat(first, n), L.reshape(N * n, -1, m), A.reshape(N * n, -1), b.reshape(-1)
+            first=np.repeat(first, n),
+            L=L.reshape(N * n, width, m),
+            A=A.reshape(N * n, k),
+            b=b.reshape(N * n),
         )
 
     @property

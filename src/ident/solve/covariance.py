@@ -3,9 +3,9 @@
 Given p, the coefficients of a level follow from R a_mid = d - P p - N a_around with unit noise on
 the equations, so with Σ = Cov[a_left; a_right], conditional on p,
 
-    Cov[a_mid] = R^-1 (1 + N Σ N^T) R^-T,   Cov[a_mid, a_around] = -R^-1 N Σ,   G_mid = -R^-1 (P + N G)
+    Cov[a_mid] = R^-1 (1 + N Σ N^T) R^-T,   Cov[a_mid, a_around] = -R^-1 N Σ
 
-where G = ∂a/∂p adds G C G^T for the covariance C of p. Only covariances of neighbours are formed:
+and G_mid = -R^-1 (P + N G), where G = ∂a/∂p adds G C G^T for the covariance C of p. Only covariances of neighbours are formed:
 the selected inverse of a sparse factor (G. Golub and R. Plemmons, Linear Algebra Appl. 34, 1980).
 """
 
@@ -26,8 +26,8 @@ def multiplier_variance(elimination: Elimination, C: Array, first: Index, values
 
     C: (k, k) covariance of the parameters; zeros where p is known or keeps its prior.
     first (n,), values (n, width): the basis at the times t, `Basis.window`.
-    Infinite where the equations leave lambda_i(t) open. Multiply by the noise variance, and say what
-    it rests on: the basis (a rough lambda under smooth functions looks surer than it is).
+    Infinite where the equations leave lambda_i(t) open. Multiply by the noise variance, and say
+    what it rests on: the basis (a rough lambda under smooth functions looks surer than it is).
     """
     if C.shape != (elimination.factors[0].k,) * 2:
         raise FitError(f"C {C.shape}; valid: {(elimination.factors[0].k,) * 2}")
@@ -50,7 +50,7 @@ def multiplier_variance(elimination: Elimination, C: Array, first: Index, values
 
 
 def _backward(elimination: Elimination) -> tuple[Array, Array]:
-    """Covariance given p of every interval's two knots (S + 2, 2 w, 2 w), and the gain (knots, w, k)."""
+    """Cov given p of every interval's two knots (S + 2, 2 w, 2 w), and the gain G (knots, w, k)."""
     levels = elimination.levels
     w, k = levels[0].X.shape[1], levels[0].Y.shape[2] - 1
     gain = np.zeros((levels[-1].right[-1] + 2, w, k))

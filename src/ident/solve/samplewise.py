@@ -1,7 +1,7 @@
 """Free multipliers: lambda has a value of its own at every sample, without a time basis.
 
 Each sample's n equations Γ p + J^T lambda = τ are split by an orthogonal U = [range of J^T, rest]:
-the rest, Z^T Γ p = Z^T τ with J Z = 0, is free of lambda. It is the classical null-space projection.
+the rest, Z^T Γ p = Z^T τ with J Z = 0, is free of lambda: the classical null-space projection.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Projected:
     """Equations of p alone, A p = b, in each sample's own orthonormal directions.
 
     A: (N, n, k), b: (N, n): zero in the rows that lambda can always fill.
-    rank: (N,) how many those are, rank J. free: (N, n) the other rows: `Factor.of(A[free], b[free])`.
+    rank: (N,) how many those are, rank J. free: (N, n) the others, for `Factor.of(A[free], b[free])`.
     """
 
     A: Array
