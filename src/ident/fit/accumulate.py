@@ -6,20 +6,19 @@ computed from these small triangles; the rows are seen once and never kept.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from ident.errors import FitError
 from ident.equations.columns import Columns
 from ident.equations.rows import Rows, dof, row_supports, rows
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
+from ident.progress import Told
 from ident.solve.factor import Factor
 
 FEWEST, MOST, LENGTH = 10, 96, 40  # blocks of an experiment, and rows that make one
-
-Told = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +65,6 @@ def accumulate(
         cells += _cells(number, block, waiting, supports)
     if not cells:
         lost = ", ".join(experiment.name for experiment in motion.experiments)
-        from ident.errors import FitError
-
         raise FitError(
             f"{lost}: no stretch is long enough for the filter ({motion.band.cutoff:.3g} Hz); "
             "give a longer log or a higher --cutoff"

@@ -12,6 +12,7 @@ import numpy as np
 from ident.effects import Effect
 from ident.equations.columns import Columns
 from ident.fit.accumulate import Cell
+from ident.fit.banded import Band, multipliers_of
 from ident.fit.estimate import Estimate
 from ident.fit.predict import Prediction, identifiable_multipliers, predict
 from ident.fit.score import Error
@@ -38,6 +39,7 @@ class Fit:
         estimate: solution, base, weights; covariance: (n_ind, n_ind) of the base parameters.
         train, held_out, validation: errors by joint; validation by log, then joint.
         warnings: what a person should know before trusting the numbers.
+        bands: where the multipliers have a time basis, the way back to them.
     """
 
     mechanism: Mechanism
@@ -50,6 +52,7 @@ class Fit:
     held_out: Mapping[str, Error]
     validation: Mapping[str, Mapping[str, Error]] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    bands: Sequence[Band] = ()
 
     @cached_property
     def parameters(self) -> tuple[Value, ...]:
@@ -95,6 +98,13 @@ class Fit:
     def multipliers(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """λ(t) of each experiment: (t (n,), λ (n, m)); NaN where a multiplier is not determined."""
         determined = identifiable_multipliers(self.mechanism, self.motion)
+        if self.bands:
+            x, m = self.estimate.solution.x, len(determined)
+            values = multipliers_of(list(self.bands), self.motion, x, m)
+            return [
+                (e.t, np.where(determined, each, np.nan))
+                for e, each in zip(self.motion.experiments, values, strict=True)
+            ]
         return [
             (p.t, np.where(determined & p.usable[:, None], p.multipliers, np.nan))
             for p in self.predict()

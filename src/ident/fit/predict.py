@@ -1,7 +1,7 @@
 """What a model says of a motion: torques of the driven joints, the sum taken apart, multipliers.
 
-    f = Γ π + E c − f_e − Σ_{driven, not in u} W_jᵀ τ_j
-    [λ; τ̂_u] = K⁺ᵀ f          λ from the rows of the passive joints, then τ̂ of the independent ones
+    f = Γ π + E c − f_e − Σ_{driven, not in u} W_jᵀ τ_j  =  W_uᵀ τ_u − Jᵀ λ
+    [−λ; τ̂_u] = K⁺ᵀ f         λ from the rows of the passive joints, then τ̂ of the independent ones
 
 τ̂_u never sees the measured torque of u.
 """
@@ -89,7 +89,7 @@ def _predict(
         measured[part] = measured_torque(mechanism, e, part)
         if e.pinv is not None:
             f = sum(forces) - _other_drives(mechanism, motion, e, part)
-            multipliers[part] = np.einsum("nij,ni->nj", e.pinv[part][:, :, :m], f)
+            multipliers[part] = -np.einsum("nij,ni->nj", e.pinv[part][:, :, :m], f)
     return Prediction(
         e.name, e.t, motion.independent, measured, sum(parts.values(), np.zeros((n, d))), parts,
         multipliers, e.usable,

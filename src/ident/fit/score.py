@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.fit.accumulate import Cell
 from ident.fit.estimate import Estimate, estimate, totals
+from ident.solve.factor import Factor
 
 FOLDS = 10
 
@@ -56,36 +57,46 @@ def squares(cells: Sequence[Cell], x: np.ndarray, d: int) -> Squares:
     return Squares(error, torque, rows)
 
 
-def folds(cells: Sequence[Cell]) -> list[list[Cell]]:
-    """Cells parted into stretches of time; whole experiments where there are enough of them."""
-    experiments = sorted({cell.experiment for cell in cells})
-    if len(experiments) >= FOLDS:
-        return [[cell for cell in cells if cell.experiment == number] for number in experiments]
-    blocks = sorted({(cell.experiment, cell.block) for cell in cells})
-    fold_of = {key: i * min(FOLDS, len(blocks)) // len(blocks) for i, key in enumerate(blocks)}
-    parted: list[list[Cell]] = [[] for _ in range(max(fold_of.values()) + 1)]
+def folds(cells: Sequence[Cell]) -> dict[int, list[Cell]]:
+    """Cells by stretch of time; whole experiments where there are enough of them."""
+    last: dict[int, int] = {}
     for cell in cells:
-        parted[fold_of[cell.experiment, cell.block]].append(cell)
+        last[cell.experiment] = max(cell.block, last.get(cell.experiment, 0))
+    numbers = sorted(last)
+    each = -(-FOLDS // len(numbers)) if len(numbers) < FOLDS else 1  # stretches an experiment
+    parted: dict[int, list[Cell]] = {}
+    for cell in cells:
+        stretch = cell.block * each // (last[cell.experiment] + 1)
+        parted.setdefault(numbers.index(cell.experiment) * each + stretch, []).append(cell)
     return parted
 
 
-def held_out(cells: Sequence[Cell], fitted: Estimate, prior: np.ndarray, d: int) -> Squares | None:
-    """Errors in each stretch of time of the model fitted to all the others; None for one block."""
-    parted = folds(cells)
+def held_out(
+    fitting: Sequence[Cell],
+    scoring: Sequence[Cell],
+    fitted: Estimate,
+    prior: np.ndarray,
+    coordinates: tuple[int, int],
+) -> Squares | None:
+    """Errors in each stretch of time of the model fitted to all the others; None for one stretch.
+
+    Args:
+        fitting: cells from which parameters are estimated; scoring: cells in which errors count.
+        fitted: whose weights are kept.
+        prior: (k,).
+        coordinates: how many the fitting and the scoring cells have.
+    """
+    parted, scored = folds(fitting), folds(scoring)
     if len(parted) < 2:
         return None
-    k = len(prior)
-    by_fold = [totals(part, k, d) for part in parted]
-    total = Squares(np.zeros(d), np.zeros(d), np.zeros(d))
-    for i, part in enumerate(parted):
-        others = [
-            by_fold[j][u] for j in range(len(parted)) if j != i for u in range(d)
-        ]  # fold by fold, coordinates in order
-        merged = [
-            sum((others[j * d + u] for j in range(1, len(parted) - 1)), others[u]) for u in range(d)
-        ]
+    k, (d, e) = len(prior), coordinates
+    by_fold = {number: totals(part, k, d) for number, part in parted.items()}
+    total = Squares(np.zeros(e), np.zeros(e), np.zeros(e))
+    for number, part in scored.items():
+        others = [factors for other, factors in by_fold.items() if other != number]
+        merged = [Factor.merge([factors[u] for factors in others]) for u in range(d)]
         if sum(factor.rows for factor in merged) == 0:
             continue
         refit = estimate(merged, prior, np.zeros(d), sigma=fitted.sigma)
-        total = total + squares(part, refit.solution.x, d)
+        total = total + squares(part, refit.solution.x, e)
     return total

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
-import secrets
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import BinaryIO
 
@@ -14,6 +11,7 @@ import numpy as np
 import polars as pl
 
 from ident.errors import LogError
+from ident.files import whole
 from ident.log.cells import Array
 
 
@@ -23,26 +21,13 @@ def write_table(path: Path, columns: Mapping[str, Array]) -> None:
     if writer is None:
         raise LogError(f"{path}: unknown suffix {path.suffix!r}; valid: {', '.join(WRITERS)}")
     try:
-        with _whole(path) as stream:
+        with whole(path) as stream:
             writer(stream, columns)
     except (OSError, pl.exceptions.PolarsError) as error:
         why = getattr(error, "strerror", None) or type(error).__name__
         raise LogError(
             f"{path}: cannot be written ({why}); valid: a folder you may write"
         ) from error
-
-
-@contextlib.contextmanager
-def _whole(path: Path) -> Iterator[BinaryIO]:
-    # same folder, so that the last step is one rename; not tempfile, whose files are private
-    part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
-    try:
-        with part.open("xb") as stream:
-            yield stream
-        os.replace(part, path)
-    finally:
-        with contextlib.suppress(OSError):
-            part.unlink()
 
 
 def _write_csv(stream: BinaryIO, columns: Mapping[str, Array]) -> None:

@@ -60,6 +60,7 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
         multipliers=_multipliers(settings),
         columns=_columns(settings),
         urdf=settings.urdf,
+        toml=settings.toml,
         notes=tree.notes,
     )
     return _with_effects(with_own_joints(mechanism), settings)

@@ -80,7 +80,7 @@ class Mechanism:
         unknown: names of the dynamic parameters to identify.
         effects: beyond rigid bodies.
         columns: this robot's names of log columns.
-        urdf: path of the URDF; notes: what was understood otherwise than it is written.
+        urdf: path of the URDF; toml: of its mechanism.toml, if it has one; notes: what was understood otherwise than it is written.
     """
 
     name: str
@@ -96,6 +96,7 @@ class Mechanism:
     multipliers: Multipliers = Multipliers()
     columns: Mapping[str, Column] = field(default_factory=dict)
     urdf: Path = Path()
+    toml: Path | None = None
     notes: tuple[str, ...] = ()
 
     @cached_property

@@ -29,6 +29,7 @@ class Settings:
     multipliers: Mapping[str, Any] = field(default_factory=dict)
     log: Mapping[str, Any] = field(default_factory=dict)
     effects: tuple[Mapping[str, Any], ...] = ()
+    toml: Path | None = None
 
 
 def read_settings(path: Path) -> Settings:
@@ -86,6 +87,7 @@ def _settings(data: dict[str, Any], path: Path) -> Settings:
         multipliers=data.get("multipliers", {}),
         log=data.get("log", {}),
         effects=tuple(data.get("effect", [])),
+        toml=path,
     )
 
 

@@ -7,7 +7,7 @@
 
 Where more joints are measured than there are degrees of freedom, these are least-squares solutions,
 then projected on the closures (by J⁺), so that the closures hold and every measurement counts.
-K⁺ also gives the reduced equations and the multipliers: f = Jᵀλ + W_uᵀτ_u  ⟹  [λ; τ_u] = K⁺ᵀ f.
+K⁺ also gives the reduced equations and the multipliers: W_uᵀτ_u − Jᵀλ = f  ⟹  [−λ; τ_u] = K⁺ᵀ f.
 """
 
 from __future__ import annotations

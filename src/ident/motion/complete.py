@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,14 +17,13 @@ from ident.motion.derive import band_of, derive, speed_noise
 from ident.motion.independent import best_conditioned, independent_joints
 from ident.motion.measure import Signals, measure
 from ident.motion.motion import Band, Experiment, Motion
+from ident.progress import Told
 
 STILL = 0.004  # share of a joint's top speed below which it counts as standing still
 NOISE = 4.0  # or so many times the noise of speeds, where that is more
 SINGULAR = 50.0  # times the log's median ‖K⁺‖: beyond, a sample is near a singular position
 CONTRADICTION = 0.3  # share of its own motion by which a logged joint may miss the closures
 HOPELESS = 1e6  # ‖K⁺‖ at which a position is singular whatever the median is
-
-Told = Callable[[str, float], None]
 
 
 def complete(

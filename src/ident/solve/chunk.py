@@ -29,11 +29,7 @@ class Chunk:
     def __post_init__(self) -> None:
         r = len(self.first)
         shapes = self.L.shape, self.A.shape, self.b.shape
-        if (
-            self.L.ndim != 3
-            or self.A.ndim != 2
-            or [len(s) for s in (self.L, self.A, self.b)] != [r] * 3
-        ):
+        if [len(shape) for shape in shapes] != [3, 2, 1] or {shape[0] for shape in shapes} != {r}:
             raise FitError(f"L, A, b {shapes}; valid: ({r}, width, m), ({r}, k), ({r},)")
         if not np.isfinite([self.L.sum(), self.A.sum(), self.b.sum()]).all():
             raise FitError("an equation has a number that is not finite; valid: finite ones only")

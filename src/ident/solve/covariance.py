@@ -5,8 +5,9 @@ the equations, so with Σ = Cov[a_left; a_right], conditional on p,
 
     Cov[a_mid] = R^-1 (1 + N Σ N^T) R^-T,   Cov[a_mid, a_around] = -R^-1 N Σ
 
-and G_mid = -R^-1 (P + N G), where G = ∂a/∂p adds G C G^T for the covariance C of p. Only covariances of neighbours are formed:
-the selected inverse of a sparse factor (G. Golub and R. Plemmons, Linear Algebra Appl. 34, 1980).
+and G_mid = -R^-1 (P + N G), where G = ∂a/∂p adds G C G^T for the covariance C of p. Covariances
+are formed of neighbours only: the selected inverse of a sparse factor (G. Golub and R. Plemmons,
+Linear Algebra Appl. 34, 1980).
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ class Projected:
     """Equations of p alone, A p = b, in each sample's own orthonormal directions.
 
     A: (N, n, k), b: (N, n): zero in the rows that lambda can always fill.
-    rank: (N,) how many those are, rank J. free: (N, n) the others, for `Factor.of(A[free], b[free])`.
+    rank: (N,) how many those are, the rank of J.
     """
 
     A: Array
@@ -31,7 +31,7 @@ class Projected:
 
     @property
     def free(self) -> NDArray[np.bool_]:
-        """(N, n) True where an equation is left."""
+        """(N, n) True where an equation is left: `Factor.of(A[free], b[free])`."""
         return np.arange(self.b.shape[1]) >= self.rank[:, None]
 
 

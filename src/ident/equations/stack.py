@@ -1,0 +1,109 @@
+"""The paper's stack [Γ E | JᵀB] (eq. 7-8): all rows, multipliers expanded in a time basis.
+
+    Γ p + E c + Jᵀ B a = τ + f_e − known          λ(t) = B(t) a
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ident.equations.columns import Columns
+from ident.equations.filter import Decimator
+from ident.equations.regressor import regressor
+from ident.equations.rows import CHUNK, signals
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Experiment, Motion
+from ident.motion.close import Closer
+from ident.solve.basis import Basis
+from ident.solve.chunk import Chunk
+
+STICKING = 0.2  # as for reduced rows
+
+
+def basis_of(mechanism: Mechanism, segment: slice, e: Experiment) -> Basis:
+    """The time basis of the multipliers over a run of usable samples."""
+    settings = mechanism.multipliers
+    return Basis.spanning(
+        float(e.t[segment.start]), float(e.t[segment.stop - 1]), settings.spacing, settings.degree
+    )
+
+
+def stack(
+    mechanism: Mechanism, columns: Columns, motion: Motion, e: Experiment, segment: slice,
+    basis: Basis,
+) -> Iterator[Chunk]:
+    """The stack of one run of usable samples, in pieces of equal shape, filtered like all columns."""  # fmt: skip
+    decimator = Decimator.of(motion.band.cutoff, e.rate)
+    for inside, part in decimator.pieces(segment, CHUNK):
+        A, b, informed = full_rows(mechanism, columns, e, inside)
+        J_T = mechanism.kinematics.closure_rows(e.q[inside]).rate.transpose(0, 2, 1)
+        first, values = basis.window(e.t[inside])
+        if decimator.taps is None:
+            chunk = Chunk.of_samples(first, values, J_T, A, b)
+        else:
+            sample = decimator.centres(part, segment)
+            first, L = _filtered_window(decimator, inside, sample, first, values, J_T, basis, e)
+            A, b = (decimator.apply(x, inside, sample) for x in (A, b))
+            open_ = decimator.apply((~informed).astype(float), inside, sample, absolute=True)
+            informed = open_ < STICKING
+            n, nv = b.shape
+            chunk = Chunk(
+                np.repeat(first, nv), L.reshape(n * nv, *L.shape[2:]),
+                A.reshape(n * nv, A.shape[2]), b.reshape(n * nv),
+            )  # fmt: skip
+        told = informed.reshape(-1)
+        yield Chunk(chunk.first[told], chunk.L[told], chunk.A[told], chunk.b[told])
+
+
+def full_rows(
+    mechanism: Mechanism, columns: Columns, e: Experiment, part: slice
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A (n, nv, k), b (n, nv) of [Γ E] and the known side, and (n, nv) whether a row informs."""
+    n, nv = part.stop - part.start, mechanism.model.nv
+    A = np.zeros((n, nv, len(columns)))
+    b = np.zeros((n, nv)) if e.wrench is None else e.wrench[part].copy()
+    for i, name in enumerate(mechanism.driven):
+        W = Closer(mechanism, (name,)).coordinates(e.q[part]).rate[:, 0]
+        b += W * e.tau[part, i : i + 1]
+    gamma = regressor(mechanism.model, e.q[part], e.v[part], e.a[part])
+    A[:, :, : len(columns.rigid)] = gamma[:, :, columns.rigid]
+    b -= gamma[:, :, columns.known] @ columns.known_values
+    informed = np.ones((n, nv), dtype=bool)
+    for effect, places in columns.effects:
+        s = signals(mechanism, e, part, effect.joints)
+        E, told = effect.columns(s), effect.informed(s)
+        known = np.array([effect.values.get(unknown.name, 0.0) for unknown in effect.unknowns])
+        W = Closer(mechanism, effect.joints).coordinates(e.q[part]).rate
+        for i in range(len(effect.joints)):
+            force = W[:, i, :, None] * E[:, i, None, :]
+            A[:, :, places[places >= 0]] += force[:, :, places >= 0]
+            b -= force[:, :, places < 0] @ known[places < 0]
+            informed &= told[:, i : i + 1] | (np.abs(W[:, i]) < 1e-9)
+    return A, b, informed
+
+
+def _filtered_window(
+    decimator: Decimator, inside: slice, sample: np.ndarray, first: np.ndarray, values: np.ndarray,
+    J_T: np.ndarray, basis: Basis, e: Experiment,
+) -> tuple[np.ndarray, np.ndarray]:
+    """First basis function (n,) and L (n, nv, width, m) of filtered JᵀB: a wider window."""  # fmt: skip
+    half, taps = decimator.half, decimator.taps
+    assert taps is not None
+    width = basis.degree + 2 + int(np.ceil(2 * half / e.rate / basis.spacing))
+    width = min(width, basis.count)
+    local = sample - inside.start
+    start = np.minimum(first[local - half], basis.count - width)
+    n, nv, m = len(sample), J_T.shape[1], J_T.shape[2]
+    L = np.zeros((n, nv, width, m))
+    offsets = np.arange(-half, half + 1)
+    for row, (centre, begin) in enumerate(zip(local, start, strict=True)):
+        at = centre + offsets
+        weights = np.zeros((len(at), width))
+        place = first[at] - begin
+        for j in range(values.shape[1]):
+            weights[np.arange(len(at)), place + j] += taps * values[at, j]
+        flat = J_T[at].reshape(len(at), nv * m)
+        L[row] = (weights.T @ flat).reshape(width, nv, m).transpose(1, 0, 2)
+    return start, L

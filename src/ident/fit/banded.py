@@ -1,0 +1,74 @@
+"""Multipliers in a time basis: the paper's stack, its multipliers eliminated interval by interval."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.equations.columns import Columns
+from ident.equations.stack import basis_of, stack
+from ident.fit.accumulate import Cell
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Motion
+from ident.progress import Told
+from ident.solve.basis import Basis
+from ident.solve.eliminate import Elimination, eliminate
+from ident.solve.factor import Factor
+
+BLOCKS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """One run of samples with its multipliers eliminated.
+
+    Attributes:
+        experiment: its number; segment: its samples.
+        basis: of λ(t); elimination: factors of the parameters and the way back to a.
+    """
+
+    experiment: int
+    segment: slice
+    basis: Basis
+    elimination: Elimination
+
+
+def banded(
+    mechanism: Mechanism, columns: Columns, motion: Motion, progress: Told | None = None
+) -> list[Band]:
+    """The stacks of all runs of samples, each eliminated."""
+    found = []
+    for number, e in enumerate(motion.experiments):
+        for segment in e.segments():
+            if segment.stop - segment.start < 3:
+                continue
+            basis = basis_of(mechanism, segment, e)
+            if progress:
+                progress(f"eliminating multipliers of {e.name}", number / len(motion.experiments))
+            chunks = list(stack(mechanism, columns, motion, e, segment, basis))
+            if chunks:
+                blocks = max(1, min(BLOCKS, basis.count // 4))
+                found.append(Band(number, segment, basis, eliminate(chunks, basis.count, blocks)))
+    return found
+
+
+def cells_of(bands: list[Band], columns: Columns) -> list[Cell]:
+    """The factors of the parameters as cells of one coordinate: rows of all joints together."""
+    support = np.arange(len(columns))
+    cells = []
+    for number, band in enumerate(bands):
+        for block, factor in enumerate(band.elimination.factors):
+            rest, torque = Factor.empty(len(columns)), factor.rhs_norm() ** 2
+            cells.append(Cell(number, block, 0, factor, rest, support, torque, (0.0, 0.0)))
+    return cells
+
+
+def multipliers_of(bands: list[Band], motion: Motion, x: np.ndarray, m: int) -> list[np.ndarray]:
+    """λ(t) = B(t) a of each experiment (n, m); NaN where no run of samples reaches."""
+    found = [np.full((len(e), m), np.nan) for e in motion.experiments]
+    for band in bands:
+        a = band.elimination.back_substitute(x)
+        t = motion.experiments[band.experiment].t[band.segment]
+        found[band.experiment][band.segment] = band.basis.evaluate(a, t)
+    return found

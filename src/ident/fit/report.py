@@ -1,0 +1,87 @@
+"""report.html: one file that opens without a network."""
+
+from __future__ import annotations
+
+import html
+import io
+from typing import TYPE_CHECKING
+
+from matplotlib.figure import Figure
+
+from ident.fit.plots import plot_multipliers, plot_torques
+from ident.fit.summary import error_rows, rounded, shortened
+
+if TYPE_CHECKING:
+    from ident.fit.fit import Fit
+
+STYLE = """
+:root { color-scheme: light dark; }
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
+table { border-collapse: collapse; margin: 0.5rem 0 1.5rem; }
+th, td { padding: 0.15rem 0.8rem; text-align: right; border-bottom: 1px solid #8884; }
+th:first-child, td:first-child { text-align: left; }
+figure { margin: 0; background: white; } figure svg { max-width: 100%; height: auto; }
+"""
+
+
+def report_html(fit: Fit) -> str:
+    """The report of a fit: errors, measured against predicted, parameters, multipliers, warnings."""
+    joints = [fit.mechanism.joint(name).force_unit for name in fit.motion.independent]
+    parts = [
+        f"<h1>{_text(fit.mechanism.name)}</h1>",
+        f"<pre>{_text(str(fit.motion))}</pre>",
+        "<h2>Error of the predicted torque</h2>",
+        _table(error_rows({"train": fit.train, "held out": fit.held_out, **fit.validation})),
+        "<h2>Measured and predicted</h2>",
+    ]
+    for prediction in fit.predict():
+        parts += [
+            f"<h3>{_text(prediction.name)}</h3>",
+            _svg(plot_torques(prediction, joints), "measured and predicted torque of every joint"),
+        ]
+    if fit.effects:
+        rows = [["effect", "value", "unit"]]
+        rows += [[v.name, rounded(v.value, v.stderr), v.unit] for e in fit.effects for v in e.parameters]
+        parts += ["<h2>Effects</h2>", _table(rows)]
+    own = [value for value in fit.parameters if value.identifiable]
+    if own:
+        rows = [["parameter", "value", "prior", "unit"]]
+        rows += [[v.name, rounded(v.value, v.stderr), f"{v.prior:.5g}", v.unit] for v in own]
+        parts += ["<h2>Identified parameters</h2>", _table(rows)]
+    combined = [value for value in fit.base_parameters if " " in value.name]
+    if combined:
+        rows = [["base parameter", "value", "unit"]]
+        rows += [[shortened(v.name, 120), rounded(v.value, v.stderr), v.unit] for v in combined]
+        parts += ["<h2>Base parameters</h2>", _table(rows)]
+    if fit.mechanism.kinematics.multipliers:
+        parts.append("<h2>Multipliers</h2>")
+        for t, values in fit.multipliers:
+            parts.append(_svg(plot_multipliers(fit.mechanism, t, values), "multipliers over time"))
+    if fit.warnings:
+        items = "".join(f"<li>{_text(warning)}</li>" for warning in fit.warnings)
+        parts += ["<h2>Notes</h2>", f"<ul>{items}</ul>"]
+    title = _text(f"{fit.mechanism.name}: identification")
+    return (
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
+        f"<style>{STYLE}</style></head><body>\n" + "\n".join(parts) + "\n</body></html>\n"
+    )
+
+
+def _text(text: str) -> str:
+    return html.escape(text)
+
+
+def _table(rows: list[list[str]]) -> str:
+    head = "".join(f"<th>{_text(cell)}</th>" for cell in rows[0])
+    body = "".join(
+        "<tr>" + "".join(f"<td>{_text(cell)}</td>" for cell in row) + "</tr>" for row in rows[1:]
+    )
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _svg(figure: Figure, label: str) -> str:
+    stream = io.StringIO()
+    figure.savefig(stream, format="svg", metadata={"Date": None})
+    drawing = stream.getvalue()
+    drawing = drawing[drawing.index("<svg") :]
+    return f'<figure role="img" aria-label="{_text(label)}">{drawing}</figure>'

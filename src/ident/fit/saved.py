@@ -1,0 +1,170 @@
+"""fit.json: written from a fit, and read back as a model of the same mechanism."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.effects import create as create_effect
+from ident.equations.columns import Columns
+from ident.errors import FitError, one_of
+from ident.fit.fit import Fit
+from ident.fit.score import Error
+from ident.fit.values import Value
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import COUNT, about_origin, split
+
+SCHEMA = "ident.fit/1"
+
+
+def _number(value: float | None) -> float | None:
+    return None if value is None or not np.isfinite(value) else float(value)
+
+
+def _value(value: Value) -> dict[str, Any]:
+    return {
+        "name": value.name,
+        "value": _number(value.value),
+        "stderr": _number(value.stderr),
+        "unit": value.unit,
+        "identifiable": value.identifiable,
+        "prior": _number(value.prior),
+    }
+
+
+def _errors(errors: Mapping[str, Error]) -> dict[str, Any]:
+    return {
+        name: {"rms": _number(e.rms), "relative": _number(e.relative), "unit": e.unit}
+        for name, e in errors.items()
+    }
+
+
+def fit_json(fit: Fit) -> dict[str, Any]:
+    """The content of fit.json."""
+    kinematics, multipliers = fit.mechanism.kinematics, fit.mechanism.multipliers
+    band = fit.motion.band
+    return {
+        "schema": SCHEMA,
+        "mechanism": fit.mechanism.name,
+        "logs": [experiment.name for experiment in fit.motion.experiments],
+        "samples": fit.samples,
+        "parameters": [_value(value) for value in fit.parameters],
+        "base_parameters": [
+            {"name": v.name, "value": v.value, "stderr": _number(v.stderr), "unit": v.unit}
+            for v in fit.base_parameters
+        ],
+        "effects": [
+            {
+                "kind": each.effect.kind,
+                "joint": ",".join(each.effect.joints),
+                "parameters": [_value(value) for value in each.parameters],
+            }
+            for each in fit.effects
+        ],
+        "multipliers": {
+            "names": list(kinematics.multipliers),
+            "unit": list(kinematics.units),
+            "basis": multipliers.basis,
+            "spacing": multipliers.spacing,
+            "file": "multipliers.csv",
+        },
+        "error": {
+            "train": _errors(fit.train),
+            "held_out": _errors(fit.held_out),
+            "validation": {log: _errors(errors) for log, errors in fit.validation.items()},
+        },
+        "filter": {"cutoff": band.cutoff, "motion_bandwidth": band.motion, "unit": "Hz"},
+        "condition_number": _number(fit.condition_number),
+        "rank": fit.rank,
+        "warnings": list(fit.warnings),
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class Saved:
+    """A fit.json read back: a mechanism with its effects and the values of all unknowns.
+
+    Attributes:
+        name: the file's.
+        mechanism: with the effects of the fit.
+        columns, x: unknowns and their values (k,).
+    """
+
+    name: str
+    mechanism: Mechanism
+    columns: Columns
+    x: np.ndarray
+
+    @property
+    def dynamic_parameters(self) -> np.ndarray:
+        """All bodies' ten parameters (10 · bodies,), in Γ's order."""
+        return self.columns.dynamic_parameters(self.mechanism, self.x)
+
+
+def read_fit(path: str | Path, mechanism: Mechanism) -> Saved:
+    """The model that a fit.json describes, for a mechanism that it was made with.
+
+    Raises:
+        FitError: if the file is no fit.json or speaks of links, joints or effects that the
+            mechanism does not have.
+    """
+    path = Path(path)
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise FitError(f"{path}: cannot be read: {error.strerror}") from None
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise FitError(f"{path}: is no JSON: {error}") from None
+    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
+        found = data.get("schema") if isinstance(data, dict) else type(data).__name__
+        raise FitError(f"{path}: schema is {found!r}; a fit.json of schema '{SCHEMA}' is expected")
+    try:
+        return _model(path, data, mechanism)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise FitError(f"{path}: is no complete fit.json: {error} is missing or wrong") from None
+
+
+def _model(path: Path, data: dict[str, Any], mechanism: Mechanism) -> Saved:
+    values = {str(entry["name"]): entry["value"] for entry in data["parameters"]}
+    grown = mechanism
+    for effect in data["effects"]:
+        label = f"{effect['kind']}:{effect['joint']}"
+        if label not in {known.label for known in grown.effects}:
+            grown = grown + create_effect(effect["kind"], effect["joint"])
+        values |= {str(entry["name"]): entry["value"] for entry in effect["parameters"]}
+    columns = Columns.of(grown)
+    x = columns.prior.copy()
+    for name, i in columns.index.items():
+        if values.get(name) is not None:
+            x[i] = float(values[name])
+    pi = columns.dynamic_parameters(grown, x)
+    named = set(columns.names)
+    for name, value in values.items():
+        link, _, word = name.rpartition(".")
+        if name in named or value is None or link not in grown.bodies.links:
+            continue
+        if word[:1] != "I" or f"{link}.L{word[1:]}" not in columns.index:
+            continue
+        body = pi[grown.bodies.columns(link)]
+        shift = about_origin(*split(body)[:2])
+        x[columns.index[f"{link}.L{word[1:]}"]] = (
+            value + shift["xyz".index(word[1]), "xyz".index(word[2])]
+        )
+    strange = [name for name in values if not _belongs(name, grown)]
+    if strange:
+        raise FitError(
+            f"{path}: parameter '{strange[0]}' belongs to no link or effect of {mechanism.name}; "
+            f"{one_of(strange[0].split('.')[0], grown.bodies.links)}"
+        )
+    assert len(pi) == COUNT * len(grown.bodies.links)
+    return Saved(str(path), grown, columns, x)
+
+
+def _belongs(name: str, mechanism: Mechanism) -> bool:
+    effects = {full for effect in mechanism.effects for full in effect.names}
+    return name in effects or name.rpartition(".")[0] in mechanism.bodies.links

@@ -1,0 +1,62 @@
+import numpy as np
+import pytest
+from scipy.interpolate import BSpline
+
+from ident.errors import FitError
+from ident.solve.basis import Basis
+
+
+@pytest.mark.parametrize("degree", [0, 1, 3, 5])
+def test_values_are_those_of_scipys_b_splines_and_sum_to_one(degree):
+    basis = Basis.with_count(0.3, 5.3, 41, degree)
+    t = np.linspace(0.3, 5.3, 777)[1:-1]
+    _, values = basis.window(t)
+    assert values.shape == (len(t), degree + 1)
+    assert (values >= 0).all()
+    np.testing.assert_allclose(values.sum(axis=1), 1.0, rtol=1e-14)
+    a = np.random.default_rng(0).standard_normal((41, 2))
+    knots = basis.t0 + (np.arange(41 + degree + 1) - degree) * basis.spacing
+    np.testing.assert_allclose(basis.evaluate(a, t), BSpline(knots, a, degree)(t), atol=1e-12)
+
+
+def test_hats_are_the_papers():
+    basis = Basis.spanning(0.0, 5.0, 0.05)
+    assert (basis.count, basis.degree) == (101, 1)
+    np.testing.assert_allclose(basis.centres, np.arange(101) * 0.05)
+    first, values = basis.window([0.12])
+    beta = (0.12 - 0.10) / 0.05
+    assert first[0] == 2
+    np.testing.assert_allclose(values[0], [1 - beta, beta])  # eq. 4
+    a = np.random.default_rng(0).standard_normal((101, 3))
+    np.testing.assert_allclose(basis.evaluate(a, basis.centres), a, atol=1e-12)
+
+
+@pytest.mark.parametrize("degree", [1, 3, 5])
+def test_lines_are_reproduced_up_to_both_ends(degree):
+    basis = Basis.spanning(-1.0, 2.0, 0.25, degree)
+    t = np.linspace(-1, 2, 100)
+    np.testing.assert_allclose(basis.evaluate(basis.centres[:, None], t)[:, 0], t, atol=1e-13)
+
+
+def test_span_and_count():
+    assert [Basis.with_count(0, 5, 101, degree).count for degree in (1, 3, 5)] == [101] * 3
+    assert Basis.with_count(0, 5, 101, 3).t_end == pytest.approx(5)
+    assert Basis.spanning(0, 1, 0.3, 3).count == 4 + 3
+    assert Basis.spanning(0, 1, 0.3, 3).t_end == pytest.approx(1.2)
+    assert Basis.spanning(0, 1, 7.0).count == 2
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: Basis.spanning(0, 1, 0.1).window([0.5, 1.2]), "valid: 0.0 to 1.0"),
+        (lambda: Basis.spanning(0, 1, 0.1).window([np.nan]), "valid: 0.0 to 1.0"),
+        (lambda: Basis.spanning(1, 0, 0.1), "end > start"),
+        (lambda: Basis.with_count(0, 1, 3, 3), "more functions than the degree"),
+        (lambda: Basis.with_count(1, 1, 3), "spacing > 0"),
+        (lambda: Basis.spanning(0, 1, 0.5).evaluate(np.zeros((2, 1)), [0]), r"\(3, multipliers\)"),
+    ],
+)
+def test_what_does_not_fit_is_refused(call, said):
+    with pytest.raises(FitError, match=said):
+        call()

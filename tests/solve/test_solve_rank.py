@@ -1,0 +1,121 @@
+import numpy as np
+import pytest
+
+from ident.errors import FitError
+from ident.solve.factor import Factor
+from ident.solve.rank import reveal, solve
+
+
+@pytest.fixture
+def regrouped():
+    """Ten columns of very different size of which 1, 4, 5 and 8 depend on those before them."""
+    rng = np.random.default_rng(2)
+    free = rng.standard_normal((400, 6)) * [1, 1e-4, 1e3, 1, 10, 1e-2]
+    K = np.zeros((6, 4))
+    K[0, 1], K[1, 1] = 2.0, -3e3
+    K[2, 2] = 1e-5
+    K[[0, 3, 4], 3] = 0.5, -1.0, 0.25
+    A = np.zeros((400, 10))
+    A[:, [0, 2, 3, 6, 7, 9]] = free
+    A[:, [1, 4, 5, 8]] = free @ K
+    return A, K, rng.standard_normal(400)
+
+
+def test_the_first_of_dependent_columns_is_kept_and_the_rest_regrouped(regrouped):
+    A, K, b = regrouped
+    base = reveal(Factor.of(A, b))
+    assert base.independent.tolist() == [0, 2, 3, 6, 7, 9]
+    assert base.dependent.tolist() == [1, 4, 5, 8]
+    assert base.zero.tolist() == [1]
+    assert base.rank == 6
+    assert ((base.K == 0) == (K == 0)).all()
+    np.testing.assert_allclose(base.K, K, rtol=1e-11)
+    unit = A[:, base.independent] / np.linalg.norm(A[:, base.independent], axis=0)
+    assert base.condition_number == pytest.approx(np.linalg.cond(unit), rel=1e-10)
+    np.testing.assert_allclose(base.singular_values, np.linalg.svd(unit)[1], rtol=1e-10)
+    assert base.distance[base.dependent].max() < 1e-13
+    assert "6 of 10" in repr(base)
+
+
+def test_dependent_unknowns_keep_their_prior_and_the_fit_is_the_best(regrouped):
+    A, K, b = regrouped
+    factor = Factor.of(A, b)
+    base = reveal(factor)
+    prior = np.random.default_rng(5).standard_normal(10)
+    solution = solve(factor, base, prior)
+    assert (solution.x[base.dependent] == prior[base.dependent]).all()
+    norm = np.linalg.norm(A[:, base.independent], axis=0)  # equilibrated: lstsq's SVD needs it
+    beta = np.linalg.lstsq(A[:, base.independent] / norm, b)[0] / norm
+    np.testing.assert_allclose(solution.beta, beta, rtol=1e-11)
+    np.testing.assert_allclose(solution.x[base.independent], beta - K @ prior[[1, 4, 5, 8]])
+    assert factor.residual_norm(solution.x) == pytest.approx(
+        np.linalg.norm(A[:, base.independent] @ beta - b), rel=1e-9
+    )
+    own = A[:, base.independent]
+    np.testing.assert_allclose(solution.C, np.linalg.inv(own.T @ own), rtol=1e-9, atol=1e-16)
+    assert solve(factor, base).x[base.dependent].tolist() == [0.0] * 4
+
+
+@pytest.mark.parametrize("closeness", [1e-2, 1e-5, 1e-7])
+def test_dependence_is_found_behind_nearly_dependent_columns(closeness):
+    """Columns 0 and 1 nearly coincide, so the combination for column 3 is huge, yet exact."""
+    rng = np.random.default_rng(0)
+    a, e, c = rng.standard_normal((3, 500))
+    A = np.column_stack([a, a + closeness * e, c, e, a - c])
+    base = reveal(Factor.of(A, np.zeros(500)))
+    assert base.independent.tolist() == [0, 1, 2]
+    eps = np.finfo(float).eps / closeness**2 * 1e3
+    expected = [[-1 / closeness, 1.0], [1 / closeness, 0.0], [0.0, -1.0]]
+    np.testing.assert_allclose(base.K, expected, rtol=max(eps, 1e-12), atol=1e-16)
+
+
+def test_independent_columns_with_a_large_condition_number_are_all_kept():
+    rng = np.random.default_rng(0)
+    U, _ = np.linalg.qr(rng.standard_normal((300, 8)))
+    V, _ = np.linalg.qr(rng.standard_normal((8, 8)))
+    A = U * np.geomspace(1, 1e-6, 8) @ V
+    base = reveal(Factor.of(A, np.zeros(300)))
+    assert base.rank == 8
+    assert base.condition_number == pytest.approx(
+        np.linalg.cond(A / np.linalg.norm(A, axis=0)), rel=1e-6
+    )
+
+
+def test_the_tolerance_is_the_new_part_of_a_column():
+    a, b = np.eye(2)
+    factor = Factor.of(np.column_stack([a, a + 1e-4 * b]), np.zeros(2))
+    assert reveal(factor, tol=0.9e-4).rank == 2
+    assert reveal(factor, tol=1.1e-4).rank == 1
+    assert reveal(factor).distance[1] == pytest.approx(1e-4, rel=1e-6)
+
+
+def test_a_small_column_is_null_only_beside_its_own_scale():
+    rng = np.random.default_rng(0)
+    A = rng.standard_normal((50, 3)) * [1.0, 1e-13, 1e-13]
+    factor = Factor.of(A, np.zeros(50))
+    assert reveal(factor).zero.tolist() == [1, 2]
+    assert reveal(factor, scale=[1.0, 1e-13, 1.0]).zero.tolist() == [2]
+    assert reveal(factor, scale=[1.0, 1e-13, 1.0]).independent.tolist() == [0, 1]
+
+
+def test_nothing_to_find():
+    for k in (0, 3):
+        factor = Factor.empty(k)
+        base = reveal(factor)
+        assert base.rank == 0
+        assert base.condition_number == 1.0
+        assert base.K.shape == (0, k)
+        assert base.zero.tolist() == list(range(k))
+        assert solve(factor, base, np.arange(k)).x.tolist() == list(range(k))
+
+
+def test_what_does_not_fit_is_refused(regrouped):
+    A, _, b = regrouped
+    factor = Factor.of(A, b)
+    base = reveal(factor)
+    with pytest.raises(FitError, match="scale"):
+        reveal(factor, scale=[1.0])
+    with pytest.raises(FitError, match="prior"):
+        solve(factor, base, [1.0])
+    with pytest.raises(FitError, match="does not belong"):
+        solve(Factor.empty(10), base)

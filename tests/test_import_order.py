@@ -1,0 +1,28 @@
+"""Imports between the subpackages go one way, inside functions too."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ORDER = "errors log effects mechanism motion solve equations fit simulate cli".split()
+LEAVES = {"log", "solve", "effects"}  # these import nothing but errors
+SOURCE = Path(__file__).resolve().parents[1] / "src" / "ident"
+
+
+def imported(tree: ast.AST) -> set[str]:
+    """Subpackages of ident that are imported, wherever, but not under TYPE_CHECKING."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            node.body = []
+    modules = [n.module or "" for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)]
+    modules += [a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names]
+    return {m.split(".")[1] for m in modules if m.startswith("ident.")}
+
+
+@pytest.mark.parametrize("file", sorted(SOURCE.glob("*/**/*.py")), ids=lambda f: f"{f.parent.name}/{f.name}")
+def test_imports_point_one_way(file):
+    own = file.relative_to(SOURCE).parts[0]
+    found = imported(ast.parse(file.read_text(encoding="utf-8"))) - {own}
+    allowed = {"errors"} if own in LEAVES else set(ORDER[: ORDER.index(own)] if own in ORDER else ORDER)
+    assert found <= allowed, f"{own} imports {sorted(found - allowed)}"
