@@ -52,6 +52,8 @@ def test_links_stand_where_pinocchio_puts_them(name, tmp_path):
         pin.framesForwardKinematics(raw, data, theirs)
         found = evaluate(mechanism.model, q)
         for index, link in enumerate(mechanism.bodies.links, start=1):
+            if not raw.existFrame(link):  # between the steps of a planar joint
+                continue
             M = data.oMf[raw.getFrameId(link, pin.FrameType.BODY)]
             np.testing.assert_allclose(found[index], M.homogeneous[:3], atol=1e-12)
 

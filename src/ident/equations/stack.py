@@ -1,6 +1,6 @@
 """The paper's stack [Γ E | JᵀB] (eq. 7-8): all rows, multipliers expanded in a time basis.
 
-    Γ p + E c + Jᵀ B a = τ + f_e − known          λ(t) = B(t) a
+Γ p + E c + Jᵀ B a = τ + f_e − known          λ(t) = B(t) a
 """
 
 from __future__ import annotations
@@ -31,7 +31,11 @@ def basis_of(mechanism: Mechanism, segment: slice, e: Experiment) -> Basis:
 
 
 def stack(
-    mechanism: Mechanism, columns: Columns, motion: Motion, e: Experiment, segment: slice,
+    mechanism: Mechanism,
+    columns: Columns,
+    motion: Motion,
+    e: Experiment,
+    segment: slice,
     basis: Basis,
 ) -> Iterator[Chunk]:
     """The stack of one run of usable samples, in pieces of equal shape, filtered like all columns."""  # fmt: skip
@@ -85,8 +89,14 @@ def full_rows(
 
 
 def _filtered_window(
-    decimator: Decimator, inside: slice, sample: np.ndarray, first: np.ndarray, values: np.ndarray,
-    J_T: np.ndarray, basis: Basis, e: Experiment,
+    decimator: Decimator,
+    inside: slice,
+    sample: np.ndarray,
+    first: np.ndarray,
+    values: np.ndarray,
+    J_T: np.ndarray,
+    basis: Basis,
+    e: Experiment,
 ) -> tuple[np.ndarray, np.ndarray]:
     """First basis function (n,) and L (n, nv, width, m) of filtered JᵀB: a wider window."""  # fmt: skip
     half, taps = decimator.half, decimator.taps

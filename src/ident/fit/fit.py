@@ -6,6 +6,7 @@ import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -116,10 +117,22 @@ class Fit:
         d = len(self.motion.independent)
         return sum(cell.factor.rows + cell.rest.rows for cell in self.cells) // max(d, 1)
 
+    def write(self, folder: str | Path) -> list[Path]:
+        """fit.json, multipliers.csv, identified.urdf, report.html and identified/ in a folder."""
+        from ident.fit.output import write_fit
+
+        return write_fit(self, folder)
+
+    def write_urdf(self, path: str | Path) -> Path:
+        """The URDF with the identified inertias, all else unchanged."""
+        from ident.fit.output import write_urdf
+
+        return write_urdf(self, path)
+
     def __str__(self) -> str:
         from ident.fit.summary import summary
 
-        return summary(self)
+        return "\n".join([summary(self), *(f"note: {note}" for note in self.warnings)])
 
     __repr__ = __str__
 

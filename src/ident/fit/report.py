@@ -41,7 +41,9 @@ def report_html(fit: Fit) -> str:
         ]
     if fit.effects:
         rows = [["effect", "value", "unit"]]
-        rows += [[v.name, rounded(v.value, v.stderr), v.unit] for e in fit.effects for v in e.parameters]
+        rows += [
+            [v.name, rounded(v.value, v.stderr), v.unit] for e in fit.effects for v in e.parameters
+        ]
         parts += ["<h2>Effects</h2>", _table(rows)]
     own = [value for value in fit.parameters if value.identifiable]
     if own:

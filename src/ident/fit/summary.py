@@ -91,7 +91,6 @@ def summary(fit: Fit) -> str:
     lines += ["", f"rank {fit.rank} of {len(fit.columns)} unknowns, condition number "
               f"{fit.condition_number:.3g}" + (
                   f"; {len(left)} unknowns are not identifiable by themselves" if left else "")]  # fmt: skip
-    lines += [f"note: {warning}" for warning in fit.warnings]
     return "\n".join(lines)
 
 

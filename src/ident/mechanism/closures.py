@@ -123,7 +123,7 @@ def _rotation_row(row: str, Ra: ca.SX, Rb: ca.SX) -> ca.SX:
         "rx": -(y_a.T @ z_b),
         "ry": x_a.T @ z_b,
         "rz": y_a.T @ x_b,
-        "cross": x_a.T @ y_b,
+        "cross": -(x_a.T @ y_b),
     }[row]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +57,7 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
         driven=tuple(name for name in names if name not in passive),
         passive=passive,
         start=_start(settings, tree, joints),
-        unknown=_unknown(settings, bodies),
+        unknown=_unknown(settings, bodies, tree.auxiliary),
         multipliers=_multipliers(settings),
         columns=_columns(settings),
         urdf=settings.urdf,
@@ -123,8 +124,6 @@ def _closures(
 
 def with_own_joints(mechanism: Mechanism) -> Mechanism:
     """The mechanism with the closures' own joints among its joints, passive."""
-    from dataclasses import replace
-
     own = tuple(
         Joint(joint.name, joint.rotational, index, in_tree=False)
         for index, joint in enumerate(mechanism.kinematics.own)
@@ -147,11 +146,13 @@ def _start(settings: Settings, tree: Tree, joints: tuple[Joint, ...]) -> np.ndar
     return q
 
 
-def _unknown(settings: Settings, bodies: Bodies) -> tuple[str, ...]:
+def _unknown(settings: Settings, bodies: Bodies, auxiliary: tuple[str, ...]) -> tuple[str, ...]:
     where = f"{settings.where}: [parameters]"
     check_keys(settings.parameters, ("unknown",), where)
     patterns = words(settings.parameters, "unknown", where)
-    return bodies.names if patterns is None else bodies.select(patterns, where)
+    if patterns is None:
+        patterns = tuple(link for link in bodies.links if link not in auxiliary)
+    return bodies.select(patterns, where)
 
 
 def _multipliers(settings: Settings) -> Multipliers:

@@ -41,12 +41,14 @@ class Tree:
         model: one scalar coordinate a joint, `model.nq == model.nv`.
         links: the URDF link that each joint moves, by Pinocchio's joint index from 1 on.
         mimics: joints that follow another.
+        auxiliary: links between the steps of a planar joint, massless and in no URDF.
         notes: what was understood otherwise than it is written, in words.
     """
 
     model: pin.Model
     links: tuple[str, ...]
     mimics: tuple[Mimic, ...]
+    auxiliary: tuple[str, ...]
     notes: tuple[str, ...]
 
 
@@ -92,7 +94,8 @@ def build_tree(robot: etree._Element, gravity: tuple[float, float, float], where
     model.gravity.linear = np.array(gravity)
     child = {j.get("name"): j.find("child").get("link") for j in robot.findall("joint")}
     links = tuple(child[name] for name in list(model.names)[1:])
-    return Tree(model, links, mimics, tuple(notes))
+    auxiliary = tuple(link for link in links if link not in names)
+    return Tree(model, links, mimics, auxiliary, tuple(notes))
 
 
 def _complete_limit(joint: etree._Element) -> None:
@@ -112,7 +115,8 @@ def _moves(robot: etree._Element, link: etree._Element) -> bool:
 
 
 def _take_mimics(robot: etree._Element, where: str) -> list[Mimic]:
-    moving = [j.get("name") for j in robot.findall("joint") if j.get("type") != "fixed"]
+    scalar = [j for j in robot.findall("joint") if j.get("type") not in ("fixed", "planar")]
+    moving = [joint.get("name") for joint in scalar]
     found = []
     for joint in robot.findall("joint"):
         mimic = joint.find("mimic")
@@ -123,7 +127,7 @@ def _take_mimics(robot: etree._Element, where: str) -> list[Mimic]:
             others = [name for name in moving if name != joint.get("name")]
             raise MechanismError(
                 f"{where}:{mimic.sourceline}: joint '{joint.get('name')}' mimics '{of}', which is "
-                f"no other moving joint; {one_of(of, others)}"
+                f"no other joint of one coordinate; {one_of(of, others)}"
             )
         multiplier = numbers(mimic, "multiplier", "1", 1, where)[0]
         offset = numbers(mimic, "offset", "0", 1, where)[0]

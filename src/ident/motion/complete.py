@@ -31,6 +31,7 @@ def complete(
     logs: Log | str | os.PathLike[str] | Sequence[Log | str | os.PathLike[str]],
     *,
     cutoff: float | str | None = "auto",
+    torques: bool = True,
     progress: Told | None = None,
 ) -> Motion:
     """All positions, velocities and accelerations, completed through the closures.
@@ -40,6 +41,7 @@ def complete(
         logs: one log or several (or their paths): separate experiments of the same mechanism.
         cutoff: of the zero-phase filter that the equations will use [Hz]; "auto" chooses it from
             the data, None filters nothing.
+        torques: whether every driven joint must have its `tau.` column; else missing ones are zero.
         progress: called with (what is being done, share done).
 
     Returns:
@@ -54,7 +56,7 @@ def complete(
         raise MotionError(f"{mechanism.name}: no log given")
     read = [x if isinstance(x, Log) else read_log(x, mechanism.columns) for x in given]
     measured = [measure(mechanism, log) for log in read]
-    for signals in measured:
+    for signals in measured if torques else []:
         _check_torques(mechanism, signals)
     names = _determining(mechanism, measured)
     band = band_of(mechanism, measured, names)
@@ -133,8 +135,9 @@ def _experiment(
         known[:, :, i], how = derive(signals, name, band)
         if how:
             notes.append(f"{log}: {how}")
-    tau = np.stack([signals.columns[f"tau.{name}"] for name in mechanism.driven], axis=1) \
-        if mechanism.driven else np.zeros((n, 0))  # fmt: skip
+    tau = np.zeros((n, len(mechanism.driven)))
+    for i, name in enumerate(mechanism.driven):
+        tau[:, i] = signals.columns.get(f"tau.{name}", 0.0)
     base = Experiment(
         name=log, t=signals.t, q=np.empty(0), v=np.empty(0), a=np.empty(0), y=np.empty(0),
         yd=np.empty(0), ydd=np.empty(0), tau=tau, wrench=None, pinv=None, leverage=None,

@@ -163,7 +163,7 @@ def _halve(knots: Index, X: Array, Y: Array, floor: float) -> tuple[Level, Array
     pair[:, 4 * w :, :w] = floor * np.eye(w)
     side = np.zeros((n, 5 * w, k))
     side[:, : 4 * w] = Y[: 2 * n].reshape(n, 4 * w, k)
-    R, side = reflect(pair, side)
+    R, side = reflect(pair, side, _SEEN * floor)
     level = Level(
         knots[0 : 2 * n : 2],
         knots[1 : 2 * n : 2],

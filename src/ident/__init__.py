@@ -1,0 +1,57 @@
+"""ident finds out what is true of a mechanism from logged data.
+
+mechanism = ident.load("robots/slider_crank")
+motion = ident.complete(mechanism, ident.read_log("run.csv"))
+fit = ident.identify(mechanism, motion)
+print(fit)
+"""
+
+from importlib.metadata import PackageNotFoundError, version
+
+from ident.effects import KINDS as effects
+from ident.effects import Effect
+from ident.effects import create as effect
+from ident.errors import FitError, IdentError, LogError, MechanismError, MotionError
+from ident.fit import Fit, identify
+from ident.fit.compare import Comparison, compare
+from ident.fit.output import write_fit
+from ident.fit.saved import Saved, read_fit
+from ident.log import Column, Log, read_log
+from ident.mechanism import Mechanism, Multipliers, load
+from ident.mechanism.absolute import absolute
+from ident.motion import Motion, complete
+from ident.simulate import Noise, simulate
+
+try:
+    __version__ = version("ident")
+except PackageNotFoundError:  # run from a checkout that is not installed
+    __version__ = "0"
+
+__all__ = [
+    "Column",
+    "Comparison",
+    "Effect",
+    "Fit",
+    "FitError",
+    "IdentError",
+    "Log",
+    "LogError",
+    "Mechanism",
+    "MechanismError",
+    "Motion",
+    "MotionError",
+    "Multipliers",
+    "Noise",
+    "Saved",
+    "absolute",
+    "compare",
+    "complete",
+    "effect",
+    "effects",
+    "identify",
+    "load",
+    "read_fit",
+    "read_log",
+    "simulate",
+    "write_fit",
+]

@@ -1,0 +1,38 @@
+"""What the command line writes where: results to standard output, all else to standard error."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from ident.progress import Told
+
+errors = Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def result(text: object) -> None:
+    """A result, to standard output, as it is."""
+    sys.stdout.write(f"{text}\n")
+
+
+def notes(said: Iterable[str]) -> None:
+    """What a person should know, one line each, to standard error."""
+    for line in dict.fromkeys(said):
+        errors.print(f"note: {line}", markup=False)
+
+
+@contextmanager
+def progress() -> Iterator[Told]:
+    """A bar on standard error while something long runs; nothing where that is no terminal."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bar:
+        task = bar.add_task("", total=1.0)
+
+        def told(what: str, share: float) -> None:
+            bar.update(task, description=what, completed=share)
+
+        yield told

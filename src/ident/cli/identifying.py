@@ -1,0 +1,109 @@
+"""`check`, `identify` and `compare`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ident.cli.arguments import (
+    Absolute,
+    AllowCode,
+    Basis,
+    Cutoff,
+    LogPaths,
+    MechanismPath,
+    Out,
+    Spacing,
+    With,
+    mechanism_of,
+    motion_of,
+)
+from ident.cli.console import notes, progress, result
+from ident.fit import identify as identify_
+from ident.fit.compare import compare as compare_
+from ident.fit.output import write_fit
+from ident.fit.saved import read_fit
+from ident.fit.structure import describe, structure
+from ident.fit.summary import summary
+
+
+def check(
+    mechanism: MechanismPath,
+    logs: Annotated[list[Path] | None, typer.Argument(metavar="[LOG…]")] = None,
+    with_: With = None,
+    cutoff: Cutoff = "auto",
+    absolute: Absolute = False,
+    allow_code: AllowCode = False,
+) -> None:
+    """What was understood: joints, closures, columns, gaps, and what is identifiable."""
+    model = mechanism_of(mechanism, with_, allow_code=allow_code, absolute=absolute)
+    result(describe(model))
+    motion = None
+    if logs:
+        with progress() as told:
+            motion = motion_of(model, logs, cutoff, told)
+        result("")
+        result(motion)
+    result("")
+    result(structure(model, motion))
+
+
+def identify(
+    mechanism: MechanismPath,
+    logs: LogPaths,
+    with_: With = None,
+    validate: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="LOG", help="Report errors on this log; nothing is fitted to it."),
+    ] = None,
+    basis: Basis = None,
+    spacing: Spacing = None,
+    cutoff: Cutoff = "auto",
+    absolute: Absolute = False,
+    allow_code: AllowCode = False,
+    out: Out = None,
+) -> None:
+    """Parameters, effects and multipliers from logs."""
+    model = mechanism_of(
+        mechanism, with_, allow_code=allow_code, basis=basis, spacing=spacing, absolute=absolute
+    )
+    with progress() as told:
+        motion = motion_of(model, logs, cutoff, told)
+        other = None
+        if validate:
+            same = "none" if motion.band.cutoff is None else str(motion.band.cutoff)
+            other = motion_of(model, validate, same, told)
+        fit = identify_(model, motion, validate=other, progress=told)
+    result(summary(fit))
+    notes(fit.warnings)
+    if out is not None:
+        for path in write_fit(fit, out):
+            notes([f"wrote {path}"])
+
+
+def compare(
+    mechanism: MechanismPath,
+    logs: LogPaths,
+    fit: Annotated[
+        list[Path], typer.Option(metavar="FIT.json", help="A fit; give several to compare them.")
+    ],
+    cutoff: Cutoff = "auto",
+    absolute: Absolute = False,
+    allow_code: AllowCode = False,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw it into this .png, .svg or .pdf.")
+    ] = None,
+) -> None:
+    """Model against measurement, per joint."""
+    model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute)
+    saved = [read_fit(path, model) for path in fit]
+    with progress() as told:
+        motion = motion_of(model, logs, cutoff, told)
+        comparison = compare_(*saved, motion=motion, progress=told)
+    result(comparison)
+    notes(motion.notes)
+    if plot is not None:
+        comparison.save(plot)
+        notes([f"wrote {plot}"])

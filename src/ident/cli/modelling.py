@@ -1,0 +1,130 @@
+"""`add`, `effects` and `simulate`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from ident.cli.arguments import AllowCode, MechanismPath, With, mechanism_of
+from ident.cli.console import notes, result
+from ident.effects import KINDS
+from ident.errors import IdentError
+from ident.fit.saved import read_fit
+from ident.log import Log, read_log
+from ident.mechanism.write import add_effects
+from ident.simulate import Noise
+from ident.simulate import simulate as simulate_
+from ident.simulate.write import csv_text
+
+
+def add(
+    mechanism: MechanismPath,
+    effect: Annotated[str, typer.Argument(metavar="EFFECT", help="kind:joint[,joint], or kind.")],
+    allow_code: AllowCode = False,
+) -> None:
+    """Write an effect into mechanism.toml."""
+    before = mechanism_of(mechanism, allow_code=allow_code)
+    after = before.with_effect(effect)
+    new = after.effects[len(before.effects) :]
+    path = add_effects(before, new)
+    result(f"{path}: added {', '.join(each.label for each in new)}")
+
+
+def effects() -> None:
+    """The library of effects: equation, unknowns, what a residual looks like when it is missing."""
+    for kind in KINDS.values():
+        unknowns = ", ".join(f"{u.name} [{' | '.join(u.units)}] {u.meaning}" for u in kind.unknowns)
+        result(f"{kind.kind}:{','.join(['joint'] * kind.arity)}")
+        result(f"  torque        {kind.equation}")
+        result(f"  unknowns      {unknowns}")
+        result(f"  when missing  {kind.signature}")
+        result(f"  confused with {', '.join(kind.confused_with) or 'nothing'}")
+        result(f"  source        {kind.source}")
+
+
+def simulate(
+    mechanism: MechanismPath,
+    motion: Annotated[
+        Path, typer.Argument(metavar="MOTION", help="A log whose positions are the motion.")
+    ],
+    fit: Annotated[
+        Path | None, typer.Option(metavar="FIT.json", help="Parameters and effects of a fit.")
+    ] = None,
+    with_: With = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="A parameter: viscous.elbow.Fv=0.4."),
+    ] = None,
+    noise: Annotated[
+        list[str] | None,
+        typer.Option(metavar="CHANNEL=LEVEL", help="White noise: tau=2%, q=1e-5, v.elbow=0.01."),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
+    columns: Annotated[str, typer.Option(help="Which columns the log gets.")] = "q,v,a,tau",
+    joints: Annotated[
+        str | None, typer.Option(help="Of which joints; default: those in MOTION.")
+    ] = None,
+    multipliers: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the true multipliers here.")
+    ] = None,
+    allow_code: AllowCode = False,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="A .csv, .parquet or .npz; else to screen.")
+    ] = None,
+) -> None:
+    """A log of the model itself: the torques that a given motion needs, exactly, then noise."""
+    model = mechanism_of(mechanism, with_, allow_code=allow_code)
+    values = dict(_assignment(text) for text in set_ or ())
+    pi: np.ndarray | None = None
+    if fit is not None:
+        saved = read_fit(fit, model)
+        model, pi = saved.mechanism, saved.dynamic_parameters
+        for effect, found in saved.columns.effect_values(saved.x):
+            values = {**dict(zip(effect.names, map(float, found), strict=True)), **values}
+    log, prediction = simulate_(
+        model,
+        read_log(motion, model.columns),
+        values=values,
+        pi=pi,
+        noise=[_noise(text) for text in noise or ()],
+        seed=seed,
+        columns=[part.strip() for part in columns.split(",")],
+        joints=None if joints is None else [part.strip() for part in joints.split(",")],
+    )
+    if out is None:
+        result(csv_text(log).rstrip("\n"))
+    else:
+        log.write(out)
+        notes([f"wrote {out}"])
+    if multipliers is not None:
+        names = model.kinematics.multipliers
+        found = {name: prediction.multipliers[:, i] for i, name in enumerate(names)}
+        Log.from_arrays(multipliers.name, prediction.t, found).write(multipliers)
+        notes([f"wrote {multipliers}"])
+
+
+def _assignment(text: str) -> tuple[str, float]:
+    name, equals, value = text.partition("=")
+    try:
+        if not equals or not name:
+            raise ValueError
+        return name.strip(), float(value)
+    except ValueError:
+        raise IdentError(f"--set {text}: write NAME=NUMBER, as viscous.elbow.Fv=0.4") from None
+
+
+def _noise(text: str) -> Noise:
+    channel, equals, level = text.partition("=")
+    try:
+        if not equals or not channel:
+            raise ValueError
+        value = float(level.removesuffix("%"))
+        if not value >= 0:
+            raise ValueError
+    except ValueError:
+        raise IdentError(f"--noise {text}: write CHANNEL=LEVEL, as tau=2% or q=1e-5") from None
+    relative = level.endswith("%")
+    return Noise(channel.strip(), value / 100 if relative else value, relative)

@@ -1,0 +1,80 @@
+"""What a mechanism is made of, and which of its parameters a motion can identify."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.equations.columns import Columns
+from ident.fit.accumulate import accumulate, coordinates
+from ident.fit.estimate import estimate, totals
+from ident.fit.naming import absorbed_by, base_names
+from ident.errors import MotionError
+from ident.fit.summary import table
+from ident.log import Log
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Motion, complete
+from ident.motion.close import Closer
+from ident.motion.independent import independent_joints
+
+
+def describe(mechanism: Mechanism) -> str:
+    """Joints with limits, closures, degrees of freedom, effects, notes."""
+    rows = [["joint", "", "lower", "upper", "unit"]]
+    for joint in mechanism.joints:
+        state = "driven" if joint.name in mechanism.driven else "passive"
+        if joint.name.startswith("closure."):
+            state = "of a closure"
+        rows.append([joint.name, state, f"{joint.lower:.4g}", f"{joint.upper:.4g}", joint.unit])
+    return "\n".join([str(mechanism), *table(rows)])
+
+
+def excitation(mechanism: Mechanism) -> Motion:
+    """A made-up motion around the start in which every degree of freedom moves.
+
+    For a structural answer only: sines of unrelated frequencies, smaller where loops are tight.
+    """
+    t = np.linspace(0.0, 10.0, 801)
+    order = [*mechanism.driven, *mechanism.passive]
+    names = independent_joints(mechanism, [name for name in order if name in mechanism.joint_index])
+    rng = np.random.default_rng(1)
+    frequency = rng.uniform(0.5, 1.5, (len(names), 3))
+    phase = rng.uniform(0, 2 * np.pi, (len(names), 3))
+    start = Closer(mechanism, names).coordinates(mechanism.assembled[None]).value[0]
+    for amplitude in (0.8, 0.3, 0.1, 0.03):
+        columns = {}
+        for i, name in enumerate(names):
+            w = 2 * np.pi * frequency[i][:, None]
+            angle = w * t + phase[i][:, None]
+            offset = np.sin(phase[i][:, None])
+            columns[f"q.{name}"] = start[i] + amplitude / 3 * (np.sin(angle) - offset).sum(axis=0)
+            columns[f"v.{name}"] = amplitude / 3 * (w * np.cos(angle)).sum(axis=0)
+            columns[f"a.{name}"] = amplitude / 3 * (-(w**2) * np.sin(angle)).sum(axis=0)
+        try:
+            log = Log.from_arrays("a made-up motion", t, columns)
+            return complete(mechanism, log, cutoff=None, torques=False)
+        except MotionError:
+            if amplitude == 0.03:
+                raise
+    raise AssertionError("the last amplitude returns or raises")
+
+
+def structure(mechanism: Mechanism, motion: Motion | None = None) -> str:
+    """Which base parameters a motion identifies, or could at best if none is given."""
+    columns = Columns.of(mechanism)
+    if not len(columns):
+        return "nothing is unknown"
+    what = "this motion identifies"
+    if motion is None:
+        motion, what = excitation(mechanism), "a motion can identify"
+    d = coordinates(mechanism, motion)
+    cells = accumulate(mechanism, columns, motion)
+    found = estimate(totals(cells, len(columns), d), columns.prior, np.ones(d), sigma=np.ones(d))
+    lines = [
+        f"{what} {found.base.rank} base parameters of {len(columns)} unknowns "
+        f"(condition number {found.base.condition_number:.3g}):"
+    ]
+    lines += [f"  {name}" for name in base_names(columns, found.base)]
+    nothing = [name for name, carrier in absorbed_by(columns, found.base).items() if not carrier]
+    if nothing:
+        lines.append(f"no torque feels: {', '.join(nothing)}")
+    return "\n".join(lines)

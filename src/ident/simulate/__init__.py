@@ -1,0 +1,5 @@
+"""Logs of the model itself."""
+
+from ident.simulate.inverse import Noise, simulate
+
+__all__ = ["Noise", "simulate"]

@@ -1,0 +1,165 @@
+"""Kinematically driven simulation: the torques that a given motion needs, exactly, then noise."""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.effects import Effect
+from ident.errors import MechanismError, MotionError, one_of
+from ident.fit.predict import Prediction, predict
+from ident.log import Log
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Experiment, Motion, complete
+
+CHANNELS = ("q", "v", "a", "tau")
+
+
+@dataclass(frozen=True)
+class Noise:
+    """White noise on the columns that a pattern names.
+
+    Attributes:
+        channel: `q`, `v`, `a`, `tau`, or a column's name (`tau.elbow`, wildcards allowed).
+        level: standard deviation in the column's unit, or its share of the column's own.
+        relative: whether `level` is a share.
+    """
+
+    channel: str
+    level: float
+    relative: bool = False
+
+    def matches(self, column: str) -> bool:
+        """Whether a column gets this noise."""
+        pattern = f"{self.channel}.*" if self.channel in CHANNELS else self.channel
+        return fnmatch.fnmatchcase(column, pattern)
+
+
+def simulate(
+    mechanism: Mechanism,
+    motion: Log,
+    *,
+    values: Mapping[str, float] | None = None,
+    pi: np.ndarray | None = None,
+    noise: Sequence[Noise] = (),
+    seed: int = 0,
+    columns: Sequence[str] = CHANNELS,
+    joints: Sequence[str] | None = None,
+) -> tuple[Log, Prediction]:
+    """A log as the mechanism would have made it on a given motion.
+
+    Args:
+        mechanism: with effects; an effect's unknowns need values, from `[[effect]]` or `values`.
+        motion: positions (and rates, accelerations) of joints that determine the motion; torques
+            are not needed, but wrenches and other columns of it count.
+        values: by full name: effects' unknowns (`viscous.elbow.Fv`) and dynamic parameters
+            (`rod.Lxx`), the latter in place of the URDF's.
+        pi: all dynamic parameters (10 · bodies,) in place of the URDF's.
+        noise: added after everything is computed.
+        seed: of the noise.
+        columns: which of `q`, `v`, `a`, `tau` the log gets.
+        joints: of which joints it gets positions and rates; default: those in `motion`.
+
+    Returns:
+        The log, and the prediction with the multipliers behind it, free of noise.
+
+    Raises:
+        MechanismError: for names that are not there, or an effect's unknown without a value.
+        MotionError: if the motion cannot be completed, or drives a coordinate that has no drive.
+    """
+    for column in columns:
+        if column not in CHANNELS:
+            raise MotionError(f"columns: '{column}'; {one_of(column, CHANNELS)}")
+    completed = complete(mechanism, motion, cutoff=None, torques=False)
+    _check_driven(mechanism, completed)
+    given = dict(values or {})
+    parameters = _parameters(mechanism, given, pi)
+    effects = [(effect, _effect_values(effect, given)) for effect in mechanism.effects]
+    if given:
+        name = next(iter(given))
+        valid = [*mechanism.bodies.names, *(n for e in mechanism.effects for n in e.names)]
+        raise MechanismError(f"{mechanism.name}: no parameter '{name}'; {one_of(name, valid)}")
+    (prediction,) = predict(mechanism, completed, parameters, effects)
+    (e,) = completed.experiments
+    if not e.usable.all():
+        raise MotionError("; ".join(completed.notes) or f"{motion.name}: samples are missing")
+    if joints is None:
+        joints = [joint.name for joint in mechanism.joints if f"q.{joint.name}" in motion]
+    found = _columns(mechanism, completed, e, prediction, columns, joints)
+    extra = {name: x for name, x in e.extra.items() if not name.startswith("tau.")}
+    noisy = _noisy(found, noise, np.random.default_rng(seed))
+    return Log.from_arrays(motion.name, e.t, {**noisy, **extra}), prediction
+
+
+def _check_driven(mechanism: Mechanism, motion: Motion) -> None:
+    for name in motion.independent:
+        if name not in mechanism.driven:
+            raise MotionError(
+                f"{mechanism.name}: '{name}' is passive, so no torque can hold it to a given motion; "
+                "a kinematic simulation needs as many drives as degrees of freedom"
+            )
+
+
+def _parameters(mechanism: Mechanism, given: dict[str, float], pi: np.ndarray | None) -> np.ndarray:
+    parameters = (mechanism.prior if pi is None else pi).copy()
+    for i, name in enumerate(mechanism.bodies.names):
+        if name in given:
+            parameters[i] = given.pop(name)
+    return parameters
+
+
+def _effect_values(effect: Effect, given: dict[str, float]) -> np.ndarray:
+    values = []
+    for name, unknown in zip(effect.names, effect.unknowns, strict=True):
+        value = given.pop(name, effect.values.get(unknown.name))
+        if value is None:
+            raise MechanismError(f"effect '{effect.label}': give {name} a value to simulate it")
+        values.append(float(value))
+    return np.array(values)
+
+
+def _columns(
+    mechanism: Mechanism,
+    motion: Motion,
+    e: Experiment,
+    prediction: Prediction,
+    wanted: Sequence[str],
+    joints: Sequence[str],
+) -> dict[str, np.ndarray]:
+    found = {}
+    for channel, series in (("q", e.y), ("v", e.yd), ("a", e.ydd)):
+        if channel in wanted:
+            for name in joints:
+                mechanism.joint(name)
+                found[f"{channel}.{name}"] = series[:, mechanism.joint_index[name]]
+    if "tau" not in wanted:
+        return found
+    others = [name for name in mechanism.driven if name not in motion.independent]
+    torque = prediction.predicted.copy()
+    for name in others:  # a surplus drive does what the motion's log says of it, else nothing
+        tau = e.tau[:, mechanism.driven.index(name)]
+        found[f"tau.{name}"] = tau
+        assert e.leverage is not None
+        torque -= e.leverage[:, mechanism.joint_index[name]] * tau[:, None]
+    for i, name in enumerate(motion.independent):
+        found[f"tau.{name}"] = torque[:, i]
+    return found
+
+
+def _noisy(
+    columns: Mapping[str, np.ndarray], noise: Sequence[Noise], random: np.random.Generator
+) -> dict[str, np.ndarray]:
+    for each in noise:
+        if not any(each.matches(name) for name in columns):
+            raise MotionError(f"noise: no column '{each.channel}'; {one_of(each.channel, columns)}")
+    found = {}
+    for name, x in columns.items():
+        for each in noise:
+            if each.matches(name):
+                sigma = each.level * (float(np.std(x)) if each.relative else 1.0)
+                x = x + sigma * random.standard_normal(len(x))
+        found[name] = x
+    return found

@@ -1,0 +1,237 @@
+"""`complete` against motions closed by Pinocchio alone."""
+
+import numpy as np
+import pytest
+from helpers import Truth, series
+
+from ident.errors import MotionError
+from ident.log import Log
+from ident.mechanism import load
+from ident.mechanism.absolute import absolute
+from ident.motion import complete
+
+NAMES = ("slider_crank", "pendulum", "four_bar", "five_bar", "arm")
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """`truth(name, **series)`: t and q, v, a of all joints of a robot; each made once."""
+    made = {}
+
+    def of(name, **options):
+        key = (name, *sorted(options.items()))
+        if key not in made:
+            t, *driven = series(name, **options)
+            made[key] = (t, *Truth(name).complete(t, *driven))
+        return made[key]
+
+    return of
+
+
+def log_of(mechanism, t, joints, name="run.csv", **channels):
+    """A log with the named joints' channels (q=…, v=…, a=…) and torques of some shape."""
+    columns = {
+        f"{prefix}.{joint}": x[joint] for prefix, x in channels.items() for joint in joints
+    }
+    columns |= {f"tau.{joint}": np.sin(3 * t) + 0.1 * i for i, joint in enumerate(mechanism.driven)}
+    return Log.from_arrays(name, t, columns)
+
+
+def driven_joints(name):
+    return tuple(series(name)[1])
+
+
+def check(mechanism, e, q, v, a, tol):
+    """Joint coordinates, rates and accelerations against the truth, [rad | m] and derivatives."""
+    keep = e.usable
+    for joint, exact in q.items():
+        at = mechanism.joint_index[joint]
+        off = e.y[keep, at] - exact[keep]
+        assert np.abs(off - 2 * np.pi * np.round(off.mean() / 2 / np.pi)).max() < tol[0], joint
+        assert np.abs(e.yd[keep, at] - v[joint][keep]).max() < tol[1], joint
+        assert np.abs(e.ydd[keep, at] - a[joint][keep]).max() < tol[2], joint
+
+
+@pytest.mark.parametrize("form", [lambda m: m, absolute], ids=["joint", "absolute"])
+@pytest.mark.parametrize("name", NAMES)
+def test_all_joints_follow_from_the_logged_ones(name, form, robots, truth):
+    mechanism = form(load(robots / name))
+    t, q, v, a = truth(name)
+    motion = complete(mechanism, log_of(mechanism, t, driven_joints(name), q=q, v=v, a=a))
+    (e,) = motion.experiments
+    assert e.usable.all()
+    assert motion.closure_error < 1e-10
+    check(mechanism, e, q, v, a, (1e-9, 1e-8, 1e-7))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_absolute_form_gives_the_same_motion(name, robots, truth):
+    joint = load(robots / name)
+    bodies = absolute(joint)
+    t, q, v, a = truth(name)
+    log = log_of(joint, t, driven_joints(name), q=q, v=v, a=a)
+    one, other = (complete(m, log).experiments[0] for m in (joint, bodies))
+    n = len(joint.joints)
+    np.testing.assert_allclose(other.y[:, :n], one.y, atol=1e-9)
+    np.testing.assert_allclose(other.yd[:, :n], one.yd, atol=1e-9)
+    np.testing.assert_allclose(other.ydd[:, :n], one.ydd, atol=1e-8)
+
+
+@pytest.mark.parametrize("form", [lambda m: m, absolute], ids=["joint", "absolute"])
+@pytest.mark.parametrize("rate", [100.0, 50.0, 25.0])
+def test_a_coarse_log_stays_on_its_branch(rate, form, robots, truth):
+    # at 25 Hz the crank moves up to 0.3 rad a sample, 10 rad between anchors 32 samples apart
+    mechanism = form(load(robots / "four_bar"))
+    t, q, v, a = truth("four_bar", rate=rate)
+    motion = complete(mechanism, log_of(mechanism, t, ["crank"], q=q, v=v, a=a))
+    check(mechanism, motion.experiments[0], q, v, a, (1e-9, 1e-8, 1e-7))
+
+
+@pytest.mark.parametrize("form", [lambda m: m, absolute], ids=["joint", "absolute"])
+def test_a_log_may_begin_many_turns_from_the_start(form, robots, truth):
+    mechanism = form(load(robots / "four_bar"))
+    t, q, v, a = truth("four_bar", seconds=8.0)
+    late = t > 5.0  # five turns on
+    q, v, a = ({j: x[late] for j, x in part.items()} for part in (q, v, a))
+    motion = complete(mechanism, log_of(mechanism, t[late], ["crank"], q=q, v=v, a=a))
+    check(mechanism, motion.experiments[0], q, v, a, (1e-9, 1e-8, 1e-7))
+    at = mechanism.joint_index["crank"]
+    np.testing.assert_allclose(motion.experiments[0].y[:, at], q["crank"], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_positions_alone_give_rates_and_accelerations(name, robots, truth):
+    mechanism = load(robots / name)
+    t, q, v, a = truth(name)
+    motion = complete(mechanism, log_of(mechanism, t, driven_joints(name), q=q))
+    (e,) = motion.experiments
+    inner = slice(20, -20)  # the spline knows less of its ends
+    for joint in driven_joints(name):
+        at = mechanism.joint_index[joint]
+        assert np.abs(e.yd[inner, at] - v[joint][inner]).max() < 1e-6 * np.abs(v[joint]).max()
+        assert np.abs(e.ydd[inner, at] - a[joint][inner]).max() < 1e-4 * np.abs(a[joint]).max()
+    assert any("v and a by quintic interpolation of q" in note for note in motion.notes)
+
+
+@pytest.mark.parametrize("name", ["four_bar", "five_bar", "arm"])
+def test_noisy_positions_are_smoothed(name, robots, truth):
+    # 0.1 mrad at 200 Hz: second differences would err by 10 rad/s² rms
+    mechanism = load(robots / name)
+    t, q, v, a = truth(name)
+    rng = np.random.default_rng(0)
+    noisy = {j: x + rng.normal(scale=1e-4, size=len(t)) for j, x in q.items()}
+    motion = complete(mechanism, log_of(mechanism, t, driven_joints(name), q=noisy))
+    (e,) = motion.experiments
+    assert motion.band.cutoff is not None
+    inner = slice(40, -40)
+    for joint in driven_joints(name):
+        at = mechanism.joint_index[joint]
+        for found, exact, most in ((e.yd, v, 0.02), (e.ydd, a, 0.15)):
+            off = found[inner, at] - exact[joint][inner]
+            assert np.sqrt(np.mean(off**2)) < most * np.std(exact[joint]), joint
+
+
+# --- more than is needed, less than is needed ---------------------------------------------------
+
+
+@pytest.mark.parametrize("joint", ["crank", "coupler", "rocker"])
+def test_any_one_joint_of_a_loop_will_do(joint, robots, truth):
+    mechanism = load(robots / "four_bar")
+    t, q, v, a = truth("four_bar", seconds=1.0)
+    if joint == "rocker":  # it swings: the crank's turn is lost at its dead points
+        keep = v["rocker"] * v["rocker"][0] > 0
+        stop = int(np.argmin(keep)) - 10
+        t, (q, v, a) = t[:stop], ({j: x[:stop] for j, x in p.items()} for p in (q, v, a))
+    motion = complete(mechanism, log_of(mechanism, t, [joint], q=q, v=v, a=a))
+    check(mechanism, motion.experiments[0], q, v, a, (1e-8, 1e-6, 1e-4))
+
+
+@pytest.mark.parametrize("name", ["four_bar", "five_bar", "slider_crank"])
+def test_all_joints_logged_agree(name, robots, truth):
+    mechanism = load(robots / name)
+    t, q, v, a = truth(name)
+    motion = complete(mechanism, log_of(mechanism, t, q, q=q, v=v, a=a))
+    check(mechanism, motion.experiments[0], q, v, a, (1e-9, 1e-8, 1e-7))
+    assert motion.closure_error < 1e-10
+    assert sum("differs from what the closures" in note for note in motion.notes) == len(q)
+
+
+def test_a_biased_joint_is_reported(robots, truth):
+    mechanism = load(robots / "five_bar")
+    t, q, v, a = truth("five_bar")
+    biased = q | {"left_elbow": q["left_elbow"] + 0.02}
+    motion = complete(mechanism, log_of(mechanism, t, q, q=biased, v=v, a=a))
+    said = {n.split("q.")[1].split()[0]: float(n.split("by ")[1].split()[0]) for n in motion.notes}
+    assert max(said.values()) > 0.005
+    assert motion.closure_error < 1e-10
+
+
+@pytest.mark.parametrize("joint", ["left", "left_elbow", "right_elbow"])
+def test_a_joint_of_the_wrong_sign_is_refused(joint, robots, truth):
+    mechanism = load(robots / "five_bar")
+    t, q, v, a = truth("five_bar")
+    flipped = [x | {joint: -x[joint]} for x in (q, v, a)]
+    log = log_of(mechanism, t, q, **dict(zip("qva", flipped, strict=True)))
+    with pytest.raises(MotionError, match=r"contradict|cannot follow") as caught:
+        complete(mechanism, log)
+    assert "sign" in str(caught.value)
+
+
+def test_a_joint_that_stands_still_may_be_logged(tmp_path, robots, truth):
+    # standing still is no contradiction, however small the differences to it
+    mechanism = load(robots / "five_bar")
+    t, q, v, a = truth("five_bar")
+    still = {j: np.full_like(t, x[0]) for j, x in q.items()}
+    zero = {j: 0 * t for j in q}
+    motion = complete(mechanism, log_of(mechanism, t, q, q=still, v=zero, a=zero))
+    np.testing.assert_allclose(motion.experiments[0].yd, 0, atol=1e-12)
+
+
+def test_too_few_positions_are_refused(robots, truth):
+    mechanism = load(robots / "five_bar")
+    t, q, v, a = truth("five_bar")
+    with pytest.raises(MotionError, match=r"2 degrees of freedom.*determine only 1.*q\.right"):
+        complete(mechanism, log_of(mechanism, t, ["left"], q=q))
+    with pytest.raises(MotionError, match="determine only 0"):
+        complete(mechanism, log_of(mechanism, t, [], q=q))
+
+
+def test_a_driven_joint_needs_its_torque(robots, truth):
+    mechanism = load(robots / "five_bar")
+    t, q, *_ = truth("five_bar")
+    columns = {"q.left": q["left"], "q.right": q["right"], "tau.left": t, "tau.rihgt": t}
+    with pytest.raises(MotionError, match=r"'right' is driven.*did you mean 'tau.rihgt'"):
+        complete(mechanism, Log.from_arrays("run.csv", t, columns))
+
+
+def test_no_log_is_refused(robots):
+    with pytest.raises(MotionError, match="no log"):
+        complete(load(robots / "arm"), [])
+
+
+def test_where_the_loop_cannot_close_is_said(robots, truth):
+    mechanism = load(robots / "slider_crank")
+    t = np.arange(400) / 100
+    columns = {"q.s": 0.2 + 0.1 * t, "tau.theta": t, "tau.s": t}  # the rod is 0.3 m, the crank 0.08 m
+    with pytest.raises(MotionError, match=r"cannot follow at t = \d.*s = 0\.\d+ m.*check"):
+        complete(mechanism, Log.from_arrays("run.csv", t, columns))
+
+
+def test_samples_near_a_dead_centre_are_left_out(robots, truth):
+    # the four-bar driven by its rocker: at the dead points the rocker says nothing of the crank
+    mechanism = load(robots / "four_bar")
+    t, q, v, a = truth("four_bar")
+    motion = complete(mechanism, log_of(mechanism, t, ["crank"], q=q, v=v, a=a))
+    assert motion.experiments[0].usable.all()
+    from dataclasses import replace
+
+    driven = replace(mechanism, driven=("rocker",), passive=("crank", "coupler"))
+    columns = {f"q.{j}": q[j] for j in q} | {f"v.{j}": v[j] for j in q} | {f"a.{j}": a[j] for j in q}
+    log = Log.from_arrays("run.csv", t, columns | {"tau.rocker": np.sin(t)})
+    motion = complete(driven, log)
+    assert motion.independent == ("rocker",)
+    left_out = ~motion.experiments[0].usable
+    slow = np.abs(v["rocker"] / v["crank"])
+    assert 0 < left_out.sum() < 0.2 * len(t)
+    assert slow[left_out].max() < 0.1 < slow[~left_out].max()
+    assert any("near a singular position of rocker" in note for note in motion.notes)
