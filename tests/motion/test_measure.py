@@ -1,0 +1,271 @@
+"""Logs as they come: gaps, empty cells, rates of their own, jitter, wrong units and signs."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from helpers import Truth, series, write_mechanism
+
+from ident.errors import MotionError
+from ident.log import Log
+from ident.mechanism import load
+from ident.motion import complete
+
+DEGREES = 180 / np.pi
+TAU = {"four_bar": ("crank",), "five_bar": ("left", "right"), "slider_crank": ("theta", "s"),
+       "arm": ("yaw", "shoulder", "elbow", "wrist")}  # fmt: skip
+
+
+def drive(name, at=None, **options):
+    """(t, columns of the driven joints with torques, exact q, v, a) of a robot's motion."""
+    t, q, v, a = series(name, **options)
+    columns = {f"tau.{joint}": np.cos(2 * t) for joint in TAU[name]}
+    for prefix, x in zip("qva", (q, v, a), strict=True):
+        columns |= {f"{prefix}.{joint}": values for joint, values in x.items()}
+    return t, columns
+
+
+def positions(columns):
+    return {k: x for k, x in columns.items() if k.startswith(("q.", "tau."))}
+
+
+def run(robots, name, t, columns, **options):
+    mechanism = load(robots / name)
+    return mechanism, complete(mechanism, Log.from_arrays("run.csv", t, columns), **options)
+
+
+def exact_at(name, t, t0, columns):
+    """Every column at the times t, from its dense truth."""
+    return {k: np.interp(t, t0, x) for k, x in columns.items()}
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+@pytest.mark.parametrize("name", ["four_bar", "five_bar", "arm"])
+def test_a_gap_in_time_is_left_out_and_both_sides_are_kept(name, noise, robots):
+    t, columns = drive(name)
+    rng = np.random.default_rng(0)
+    columns = {k: x + rng.normal(scale=noise, size=len(t)) for k, x in columns.items()}
+    keep = (t < 1.5) | (t > 2.1)
+    logged = {k: x[keep] for k, x in positions(columns).items()}
+    mechanism, motion = run(robots, name, t[keep], logged)
+    (e,) = motion.experiments
+    assert len(e) == len(t)
+    np.testing.assert_array_equal(e.usable, (t < 1.5 + 1e-9) | (t > 2.1 - 1e-3))
+    assert len(list(e.segments())) == 2
+    assert any("no sample near" in note for note in motion.notes)
+    for joint in TAU[name]:
+        at = mechanism.joint_index[joint]
+        for found, prefix, most in ((e.y, "q", 1e-3), (e.yd, "v", 0.05), (e.ydd, "a", 0.5)):
+            exact = drive(name)[1][f"{prefix}.{joint}"]
+            inner = e.usable & (np.abs(t - 1.8) > 0.35) & (t > 0.1) & (t < t[-1] - 0.1)
+            off = np.sqrt(np.mean((found[inner, at] - exact[inner]) ** 2))
+            assert off < (most if noise else 1e-3 * most) * np.std(exact), (joint, prefix)
+
+
+@pytest.mark.parametrize("channels", ["q", "qva"])
+@pytest.mark.parametrize("length", [3, 60])
+def test_runs_of_empty_cells(channels, length, robots):
+    # a few are interpolated, many are left out; both are said
+    t, columns = drive("four_bar")
+    truth = dict(columns)
+    columns = {k: x for k, x in columns.items() if k.startswith(("tau", *(f"{c}." for c in channels)))}
+    for key in [k for k in columns if not k.startswith("tau")]:
+        columns[key] = np.where((np.arange(len(t)) >= 300) & (np.arange(len(t)) < 300 + length), np.nan, columns[key])
+    mechanism, motion = run(robots, "four_bar", t, columns)
+    (e,) = motion.experiments
+    assert (~e.usable).sum() == (0 if length == 3 else length)
+    assert any(f"q.crank is empty in {length} of {len(t)} rows" in note for note in motion.notes)
+    inner = e.usable & (t > 0.1) & (t < t[-1] - 0.1)
+    at = mechanism.joint_index["crank"]
+    for found, prefix, most in ((e.y, "q", 1e-8), (e.yd, "v", 1e-5), (e.ydd, "a", 2e-3)):
+        off = found[inner, at] - truth[f"{prefix}.crank"][inner]
+        assert np.abs(off).max() < most, prefix
+
+
+def test_channels_may_have_rates_of_their_own(robots):
+    # torques at 200 Hz, positions at 100 Hz in the same file
+    t, columns = drive("five_bar")
+    exact = dict(columns)
+    columns = positions(columns)
+    for key in ("q.left", "q.right"):
+        columns[key] = np.where(np.arange(len(t)) % 2 == 0, columns[key], np.nan)
+    mechanism, motion = run(robots, "five_bar", t, columns)
+    (e,) = motion.experiments
+    assert e.usable[:-1].all()
+    inner = slice(20, -20)
+    at = mechanism.joint_index["left"]
+    assert np.abs(e.ydd[inner, at] - exact["a.left"][inner]).max() < 1e-3 * np.std(exact["a.left"])
+
+
+@pytest.mark.parametrize("share", [0.05, 0.3])
+@pytest.mark.parametrize("name", ["four_bar", "arm"])
+def test_uneven_time_stamps(name, share, robots):
+    # stamps that are late by up to `share` of a step, each with the position at that very time
+    t, _ = drive(name)
+    rng = np.random.default_rng(5)
+    late = t + share / 200 * rng.uniform(size=len(t))
+    late[0], late[-1] = t[0], t[-1]
+    dense_t, dense = drive(name, rate=20000.0, seconds=4.0)
+    logged = positions({k: np.interp(late, dense_t, x) for k, x in dense.items()})
+    mechanism, motion = run(robots, name, late, logged)
+    (e,) = motion.experiments
+    assert any("time stamps are uneven" in note for note in motion.notes)
+    assert np.ptp(np.diff(e.t)) < 1e-9
+    inner = slice(40, -40)
+    for joint in TAU[name]:
+        at = mechanism.joint_index[joint]
+        for found, prefix, most in ((e.y, "q", 1e-5), (e.yd, "v", 1e-3), (e.ydd, "a", 2e-2)):
+            exact = np.interp(e.t, dense_t, dense[f"{prefix}.{joint}"])
+            off = np.sqrt(np.mean((found[inner, at] - exact[inner]) ** 2))
+            assert off < most * np.std(exact), (joint, prefix)
+
+
+# --- refused, with the remedy -------------------------------------------------------------------
+
+WRONG = {
+    "q in degrees": ({"q": DEGREES}, "degrees"),
+    "v in degrees a second": ({"v": DEGREES}, "degrees"),
+    "v in rpm": ({"v": 30 / np.pi}, "revolutions a minute"),
+    "v of the wrong sign": ({"v": -1.0}, "scale = -1"),
+    "a of the wrong sign": ({"a": -1.0}, "scale = -1"),
+    "v in revolutions a second": ({"v": 1 / (2 * np.pi)}, "revolutions"),
+    "q of the wrong sign": ({"q": -1.0}, "scale = -1"),
+    "a in degrees": ({"a": DEGREES}, "degrees"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_units_and_signs_that_contradict_each_other(case, robots):
+    factors, says = WRONG[case]
+    t, columns = drive("arm")
+    for prefix, factor in factors.items():
+        columns[f"{prefix}.elbow"] = factor * columns[f"{prefix}.elbow"]
+    with pytest.raises(MotionError, match=r"elbow.*disagree") as caught:
+        run(robots, "arm", t, columns)
+    assert says in str(caught.value)
+    assert "[log]" in str(caught.value)
+
+
+def test_degrees_beyond_the_joints_limits(robots):
+    t, columns = drive("arm")
+    columns = positions(columns)
+    for joint in TAU["arm"]:
+        columns[f"q.{joint}"] = DEGREES * columns[f"q.{joint}"]
+    with pytest.raises(MotionError, match=r"beyond the joint's limit.*looks like degrees.*scale"):
+        run(robots, "arm", t, columns)
+
+
+def test_a_column_of_no_joint_is_said(robots):
+    t, columns = drive("arm")
+    _, motion = run(robots, "arm", t, columns | {"q.elbwo": t, "temperature.elbow": 20 + t})
+    assert any("'q.elbwo' names no joint" in n and "did you mean 'elbow'" in n for n in motion.notes)
+    np.testing.assert_allclose(motion.experiments[0].extra["temperature.elbow"], 20 + t)
+
+
+def test_the_robots_own_names_are_mapped(tmp_path, robots):
+    t, columns = drive("arm")
+    toml = (robots / "arm" / "mechanism.toml").read_text().split("\n", 2)[2]
+    urdf = (robots / "arm" / "arm.urdf").read_text()
+    toml += '\n[log]\n"q.yaw" = { column = "base_deg", scale = 0.017453292519943295, offset = 0.1 }\n"tau.yaw" = "amps"'
+    mechanism = load(write_mechanism(tmp_path, urdf, toml))
+    q, tau = columns.pop("q.yaw"), columns.pop("tau.yaw")
+    columns |= {"base_deg": DEGREES * (q - 0.1), "amps": tau}
+    log = Log.from_arrays("run.csv", t, columns)
+    log.write(tmp_path / "run.csv")
+    for given in (log, tmp_path / "run.csv", str(tmp_path / "run.csv")):
+        (e,) = complete(mechanism, given).experiments
+        at = mechanism.joint_index["yaw"]
+        np.testing.assert_allclose(e.y[:, at], q, atol=1e-12)
+        np.testing.assert_allclose(e.tau[:, at], tau, atol=1e-12)
+
+
+# --- several logs, cut-off, wrenches ------------------------------------------------------------
+
+
+def test_several_logs_stay_apart(robots):
+    mechanism = load(robots / "four_bar")
+    made = [drive("four_bar", rate=rate, seconds=s) for rate, s in ((200.0, 2.0), (125.0, 3.0))]
+    logs = [Log.from_arrays(f"{i}.csv", t, positions(c)) for i, (t, c) in enumerate(made)]
+    together = complete(mechanism, logs)
+    assert [e.name for e in together.experiments] == ["0.csv", "1.csv"]
+    assert together.samples == sum(len(t) for t, _ in made)
+    for log, e in zip(logs, together.experiments, strict=True):
+        (alone,) = complete(mechanism, log, cutoff=together.band.cutoff).experiments
+        for field in ("q", "v", "a", "yd", "tau"):
+            np.testing.assert_allclose(getattr(e, field), getattr(alone, field), atol=1e-9)
+    assert "2 experiment(s)" in str(together)
+    assert str(together) in together._repr_html_().replace("&gt;", ">")
+
+
+def test_a_joint_must_be_logged_in_every_log(robots):
+    mechanism = load(robots / "five_bar")
+    t, columns = drive("five_bar")
+    one = Log.from_arrays("one.csv", t, positions(columns))
+    less = {k: x for k, x in positions(columns).items() if k != "q.right"}
+    with pytest.raises(MotionError, match="determine only 1") as caught:
+        complete(mechanism, [one, Log.from_arrays("two.csv", t, less)])
+    assert "two.csv" in str(caught.value)
+
+
+def test_the_cutoff_is_chosen_given_or_none(robots):
+    t, columns = drive("arm")
+    rng = np.random.default_rng(2)
+    clean = positions(columns)
+    noisy = {k: x + rng.normal(scale=1e-3, size=len(t)) for k, x in clean.items()}
+    assert run(robots, "arm", t, columns)[1].band.cutoff is None
+    automatic = run(robots, "arm", t, noisy)[1].band
+    assert 0.75 <= automatic.motion <= 2.0  # harmonics up to 5 of 4 s: 1.25 Hz
+    assert automatic.cutoff == pytest.approx(5 * automatic.motion)
+    assert run(robots, "arm", t, noisy, cutoff=17.0)[1].band.cutoff == 17.0
+    assert run(robots, "arm", t, noisy, cutoff=None)[1].band.cutoff is None
+    for wrong in (-1.0, 0.0, 100.0, np.nan, "often"):
+        with pytest.raises(MotionError, match="cut-off"):
+            run(robots, "arm", t, noisy, cutoff=wrong)
+
+
+@pytest.mark.parametrize("name", ["arm", "four_bar"])
+def test_external_wrenches_are_in_the_frames_own_axes(name, robots):
+    link = {"arm": "hand", "four_bar": "coupler_link"}[name]
+    t, columns = drive(name, seconds=0.5)
+    rng = np.random.default_rng(1)
+    wrench = rng.normal(size=(len(t), 6))
+    for i, part in enumerate(("fx", "fy", "fz", "mx", "my", "mz")):
+        columns[f"wrench.{link}.{part}"] = wrench[:, i]
+    mechanism, motion = run(robots, name, t, columns)
+    (e,) = motion.experiments
+    raw = Truth(name).model
+    data = raw.createData()
+    frame = raw.frames[raw.getFrameId(link, pin.FrameType.BODY)]
+    for k in (0, 50, 99):
+        forces = pin.StdVec_Force([pin.Force.Zero() for _ in range(raw.njoints)])
+        forces[frame.parentJoint] = frame.placement.act(pin.Force(wrench[k]))
+        loaded = pin.rnea(raw, data, e.q[k], e.v[k], e.a[k], forces).copy()
+        free = pin.rnea(raw, data, e.q[k], e.v[k], e.a[k]).copy()
+        np.testing.assert_allclose(e.wrench[k], free - loaded, atol=1e-12)
+
+
+@pytest.mark.parametrize(("column", "says"), [("wrench.hand.force", "fx"), ("wrench.hnad.fx", "did you mean 'hand'")])
+def test_wrong_wrench_columns(column, says, robots):
+    t, columns = drive("arm")
+    with pytest.raises(MotionError) as caught:
+        run(robots, "arm", t, columns | {column: t})
+    assert says in str(caught.value)
+
+
+def test_a_real_log_with_jittering_stamps(shared_data):
+    folder = shared_data / "dfki_double_pendulum"
+    mechanism = load(folder / "double_pendulum_A0.urdf")
+    from ident.log import Column, read_log
+
+    mapping = {"t": Column("time")}
+    for i, joint in enumerate(mechanism.driven, start=1):
+        mapping |= {f"q.{joint}": Column(f"pos_meas{i}"), f"v.{joint}": Column(f"vel_meas{i}"),
+                    f"tau.{joint}": Column(f"tau_meas{i}")}  # fmt: skip
+    motion = complete(mechanism, read_log(folder / "A0_swingup_11.csv", mapping))
+    (e,) = motion.experiments
+    assert any("uneven" in note for note in motion.notes)
+    assert motion.band.cutoff is not None
+    assert np.isfinite(e.ydd).all()
+    inner = e.usable & (np.arange(len(e)) > 50) & (np.arange(len(e)) < len(e) - 50)
+    for i in range(2):
+        rise = np.gradient(e.y[:, i], e.t)
+        assert np.sqrt(np.mean((rise - e.yd[:, i])[inner] ** 2)) < 0.01 * np.std(e.yd[:, i])

@@ -1,0 +1,41 @@
+"""Installs the project with its test tools into .venv and runs every check. Needs only Python.
+
+    python3 tests/run.py            formatter, linter, type checker, tests
+    python3 tests/run.py --slow     the long suites as well
+"""
+
+import os
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+BIN = ROOT / ".venv" / ("Scripts" if os.name == "nt" else "bin")
+CHECKS = (
+    ("pip", "install", "--quiet", "--editable", ".[test]"),
+    ("ruff", "format", "--check", "."),
+    ("ruff", "check", "."),
+    ("mypy",),
+    ("pytest", "-n", "auto"),
+)
+
+
+def main() -> int:
+    if not (BIN / "python").exists():
+        venv.create(ROOT / ".venv", with_pip=True)
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # workers share the cores
+    for tool, *arguments in CHECKS:
+        if tool == "pytest" and "--slow" in sys.argv[1:]:
+            arguments += ["-m", "slow or not slow"]
+        command = [str(BIN / "python"), "-m", tool, *arguments]
+        print("+", tool, *arguments, flush=True)
+        status = subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode
+        if status:
+            print(f"{tool} failed with status {status}", flush=True)
+            return status
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
