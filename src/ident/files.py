@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import secrets
+import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import BinaryIO
@@ -16,41 +17,94 @@ from ident.errors import IdentError
 def whole(path: Path) -> Iterator[BinaryIO]:
     """A stream whose content appears under `path` only when the block ends without an error."""
     # same folder, so that the last step is one rename; not tempfile, whose files are private
-    part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+    part = _beside(path, "part")
     try:
         with part.open("xb") as stream:
             yield stream
         os.replace(part, path)
     finally:
-        with contextlib.suppress(OSError):
-            part.unlink()
+        _remove(part)
 
 
 def write_all(folder: Path, contents: Mapping[str, bytes]) -> list[Path]:
-    """Files of a folder by relative name: all are written beside their place, then all renamed.
+    """Files of a folder by relative name, all or none of them.
+
+    All are written beside their place, then renamed; where that fails midway, the files that stood
+    there before are put back, and what is new (folders too) is taken away.
 
     Raises:
         IdentError: if the folder cannot be made or written; then no file of it has changed.
     """
-    parts: list[tuple[Path, Path]] = []
-    try:
-        for name, content in contents.items():
-            path = folder / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            if path.is_dir():
-                raise IsADirectoryError(21, "is a folder", str(path))
-            part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
-            parts.append((part, path))
-            part.write_bytes(content)
-        for part, path in parts:
-            os.replace(part, path)
-    except OSError as error:
-        raise IdentError(
-            f"{error.filename or folder}: cannot be written ({error.strerror}); give --out a folder "
-            "that you may write"
-        ) from None
-    finally:
-        for part, _ in parts:
+    paths = [folder / name for name in contents]
+    made: list[Path] = []
+    undo = contextlib.ExitStack()
+    with contextlib.ExitStack() as scraps:  # runs whether it succeeds or not, after `undo`
+        try:
+            for path in paths:
+                _make_folder(path.parent, made)
+                if path.is_dir():
+                    raise IsADirectoryError(21, "is a folder", str(path))
+            parts = [_beside(path, "part") for path in paths]
+            for part, content in zip(parts, contents.values(), strict=True):
+                scraps.callback(_remove, part)
+                part.write_bytes(content)
+            for part, path in zip(parts, paths, strict=True):
+                old = _beside(path, "old")
+                scraps.callback(_remove, old)
+                if path.exists():
+                    shutil.copy2(path, old)
+                    undo.callback(os.replace, old, path)
+                else:
+                    undo.callback(_remove, path)
+                os.replace(part, path)
+        except BaseException as error:
             with contextlib.suppress(OSError):
-                part.unlink()
-    return [path for _, path in parts]
+                undo.close()
+            scraps.close()
+            for each in reversed(made):
+                with contextlib.suppress(OSError):
+                    each.rmdir()
+            if isinstance(error, OSError):
+                raise _unwritable(error, folder) from None
+            raise
+    return paths
+
+
+def check_writable(folder: Path) -> None:
+    """Refuse, before long work, a folder into which nothing could be written.
+
+    Raises:
+        IdentError: if the folder is a file, or it or its nearest parent is not to be written.
+    """
+    try:
+        place = next(each for each in (folder, *folder.absolute().parents) if each.exists())
+    except OSError as error:
+        raise _unwritable(error, folder) from None
+    if not place.is_dir():
+        raise _unwritable(NotADirectoryError(20, "is no folder", str(place)), folder)
+    if not os.access(place, os.W_OK | os.X_OK):
+        raise _unwritable(PermissionError(13, "Permission denied", str(place)), folder)
+
+
+def _unwritable(error: OSError, folder: Path) -> IdentError:
+    return IdentError(
+        f"{error.filename or folder}: cannot be written ({error.strerror or error}); "
+        "name a folder that you may write"
+    )
+
+
+def _beside(path: Path, suffix: str) -> Path:
+    return path.with_name(f".{path.name}.{secrets.token_hex(4)}.{suffix}")
+
+
+def _make_folder(folder: Path, made: list[Path]) -> None:
+    """Makes a folder and its parents; those that were not there are appended to `made`."""
+    missing = [each for each in (folder, *folder.parents) if not each.exists()]
+    for each in reversed(missing):
+        each.mkdir(exist_ok=True)
+        made.append(each)
+
+
+def _remove(path: Path) -> None:
+    with contextlib.suppress(OSError):
+        path.unlink()

@@ -49,7 +49,7 @@ def test_a_gap_in_time_is_left_out_and_both_sides_are_kept(name, noise, robots):
     mechanism, motion = run(robots, name, t[keep], logged)
     (e,) = motion.experiments
     assert len(e) == len(t)
-    np.testing.assert_array_equal(e.usable, (t < 1.5 + 1e-9) | (t > 2.1 - 1e-3))
+    np.testing.assert_array_equal(e.usable, keep)
     assert len(list(e.segments())) == 2
     assert any("no sample near" in note for note in motion.notes)
     for joint in TAU[name]:
@@ -94,6 +94,41 @@ def test_channels_may_have_rates_of_their_own(robots):
     inner = slice(20, -20)
     at = mechanism.joint_index["left"]
     assert np.abs(e.ydd[inner, at] - exact["a.left"][inner]).max() < 1e-3 * np.std(exact["a.left"])
+
+
+def test_noisy_positions_coarser_than_the_clock(robots):
+    # q at 50 Hz with noise beside torques at 500 Hz
+    t, columns = drive("arm", rate=500.0)
+    exact, columns = dict(columns), positions(columns)
+    rng = np.random.default_rng(0)
+    for joint in TAU["arm"]:
+        q = columns[f"q.{joint}"] + rng.normal(scale=1e-4, size=len(t))
+        columns[f"q.{joint}"] = np.where(np.arange(len(t)) % 10 == 0, q, np.nan)
+    mechanism, motion = run(robots, "arm", t, columns)
+    (e,) = motion.experiments
+    inner = slice(100, -100)
+    for joint in TAU["arm"]:
+        at = mechanism.joint_index[joint]
+        for found, prefix, most in ((e.y, "q", 1e-3), (e.yd, "v", 0.01), (e.ydd, "a", 0.1)):
+            off = found[inner, at] - exact[f"{prefix}.{joint}"][inner]
+            assert np.sqrt(np.mean(off**2)) < most * np.std(exact[f"{prefix}.{joint}"]), joint
+
+
+def test_short_runs_between_gaps_are_left_out(robots):
+    t, columns = drive("arm")
+    keep = (t < 1.5) | ((t > 2.0) & (t < 2.03)) | (t > 2.5)
+    _, motion = run(robots, "arm", t[keep], {k: x[keep] for k, x in positions(columns).items()})
+    assert len(list(motion.experiments[0].segments())) == 2
+    assert any("short runs between gaps" in note for note in motion.notes)
+
+
+def test_columns_that_never_meet_are_refused(robots):
+    t, columns = drive("arm")
+    columns = positions(columns)
+    columns["q.yaw"] = np.where(t < 2, columns["q.yaw"], np.nan)
+    columns["q.elbow"] = np.where(t > 2, columns["q.elbow"], np.nan)
+    with pytest.raises(MotionError, match="no run of"):
+        run(robots, "arm", t, columns)
 
 
 @pytest.mark.parametrize("share", [0.05, 0.3])

@@ -42,7 +42,7 @@ class System:
         M, b = self.dense()
         x, *_ = np.linalg.lstsq(M, b)
         k = self.A.shape[2]
-        return x[:k], x[k:].reshape(-1, self.J_T.shape[2]), np.linalg.norm(M @ x - b)
+        return x[:k], x[k:].reshape(self.basis.count, self.J_T.shape[2]), np.linalg.norm(M @ x - b)
 
 
 def relative(found, expected):

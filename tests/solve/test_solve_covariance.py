@@ -21,6 +21,25 @@ def test_variances_are_those_of_the_dense_inverse(degree):
     np.testing.assert_allclose(found, np.einsum("ta,aibi,tb->ti", B, a, B), rtol=1e-6)
 
 
+def test_a_redundancy_that_turns_leaves_the_projected_multipliers_sure():
+    system = System(n=5, N=201, t_end=2.0, spacing=0.02)
+    turn = 2 * system.t
+    open_ = np.column_stack([np.cos(turn), 0.8 * np.sin(turn), 0.6 * np.sin(turn)])
+    system.J_T -= (system.J_T @ open_[..., None]) * open_[:, None, :]
+    projector = np.eye(3) - open_[..., None] * open_[:, None, :]
+    elimination = eliminate(system.chunks(), system.basis.count)
+    C = solve(elimination.border, reveal(elimination.border)).C
+    window = system.basis.window(system.t)
+    plain = multiplier_variance(elimination, C, *window)
+    found = multiplier_variance(elimination, C, *window, projector)
+    _, s, Vt = np.linalg.svd(system.dense()[0], full_matrices=False)
+    root = (Vt.T / s)[3:].reshape(system.basis.count, 3, -1)
+    B = system.window_matrix()
+    expected = (np.einsum("tij,ta,ajs->tis", projector, B, root) ** 2).sum(axis=2)
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    assert plain.max() > 1e4 * found.max()
+
+
 def test_known_parameters_make_multipliers_surer():
     system = System()
     elimination = eliminate(system.chunks(), system.basis.count)

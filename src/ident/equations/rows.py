@@ -20,7 +20,7 @@ from ident.equations.regressor import regressor, supports
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment, Motion
 
-CHUNK = 2048  # samples whose rows are in memory at once
+CHUNK = 1024  # samples whose rows are in memory at once
 STICKING = 0.2  # share of a filtered row that may come from samples that do not inform it
 LEVER = 0.1  # a joint that barely moves with a coordinate may stand still without harm
 
@@ -95,11 +95,11 @@ def raw_rows(mechanism: Mechanism, columns: Columns, e: Experiment, part: slice)
     n, d = part.stop - part.start, dof(mechanism, e)
     A = np.zeros((n, d, len(columns)))
     tau = measured_torque(mechanism, e, part)
-    b = tau if e.wrench is None else tau + project(e, part, e.wrench[part])
+    b = tau.copy() if e.wrench is None else tau + project(e, part, e.wrench[part])
     gamma = project(e, part, regressor(mechanism.model, e.q[part], e.v[part], e.a[part]))
-    rigid = len(columns.rigid)
-    A[:, :, :rigid] = gamma[:, :, columns.rigid]
-    b = b - gamma[:, :, columns.known] @ columns.known_values
+    np.take(gamma, columns.rigid, axis=2, out=A[:, :, : len(columns.rigid)], mode="clip")
+    if len(columns.known):
+        b = b - gamma[:, :, columns.known] @ columns.known_values
     informed = np.ones((n, d), dtype=bool)
     for effect, places in columns.effects:
         s = signals(mechanism, e, part, effect.joints)
@@ -107,11 +107,13 @@ def raw_rows(mechanism: Mechanism, columns: Columns, e: Experiment, part: slice)
         known = np.array([effect.values.get(unknown.name, 0.0) for unknown in effect.unknowns])
         for i, joint in enumerate(effect.joints):
             lever = leverage(mechanism, e, part, joint)
-            torque = lever[:, :, None] * E[:, i, None, :]
-            A[:, :, places[places >= 0]] += torque[:, :, places >= 0]
-            b = b - torque[:, :, places < 0] @ known[places < 0]
-            matters = np.abs(lever) > LEVER * np.abs(lever).max(axis=0, initial=1e-300)
-            informed &= told[:, i : i + 1] | ~matters
+            for u in np.flatnonzero(np.any(lever != 0.0, axis=0)):
+                torque = lever[:, u, None] * E[:, i]
+                A[:, u, places[places >= 0]] += torque[:, places >= 0]
+                if (places < 0).any():
+                    b[:, u] -= torque[:, places < 0] @ known[places < 0]
+                size = np.abs(lever[:, u])
+                informed[:, u] &= told[:, i] | (size <= LEVER * size.max())
     return Rows(e.t[part], np.arange(part.start, part.stop), A, b, tau, informed)
 
 

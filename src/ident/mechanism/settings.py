@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,6 +12,7 @@ from ident.errors import MechanismError, one_of
 
 TOP = ("urdf", "gravity", "joints", "closure", "parameters", "multipliers", "log", "effect")
 GRAVITY = (0.0, 0.0, -9.81)
+HUGE = 1e30
 
 
 @dataclass(frozen=True)
@@ -112,9 +112,14 @@ def number(table: Mapping[str, Any], key: str, where: str, default: float | None
     if key not in table and default is not None:
         return default
     value = table.get(key)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if not _is_number(value):
         raise MechanismError(f"{where}: {key} = {value!r}; a finite number is expected")
-    return float(value)
+    return float(value)  # type: ignore[arg-type]
+
+
+def _is_number(value: object) -> bool:
+    """A number with whose products one can still count."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < HUGE
 
 
 def vector(
@@ -124,9 +129,7 @@ def vector(
     if key not in table and default is not None:
         return default
     value = table.get(key)
-    good = isinstance(value, list) and all(
-        isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x) for x in value
-    )
+    good = isinstance(value, list) and all(_is_number(x) for x in value)
     if not isinstance(value, list) or not good or (count and len(value) != count):
         need = f"{count} finite numbers" if count else "finite numbers"
         raise MechanismError(f"{where}: {key} = {value!r}; a list of {need} is expected")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import logging
 import math
+import re
 from collections import Counter
 from pathlib import Path
 
@@ -135,14 +136,17 @@ def _check_tree(robot: etree._Element, where: str) -> None:
         )
 
 
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # as C++ reads it, too
+HUGE = 1e30  # beyond, products overflow; only limits may be as large
+
+
 def numbers(element: etree._Element, key: str, default: str, count: int, where: str) -> list[float]:
     """The `count` finite numbers of an attribute, or an error that shows its text."""
     text = element.get(key, default)
-    try:
-        values = [float(word) for word in text.split()]
-    except ValueError:
-        values = []
-    if len(values) != count or not all(math.isfinite(value) for value in values):
+    values = [float(word) for word in text.split() if NUMBER.fullmatch(word)]
+    most = HUGE if element.tag != "limit" else math.inf
+    good = len(values) == len(text.split()) and all(abs(value) < most for value in values)
+    if len(values) != count or not good:
         need = "a finite number" if count == 1 else f"{count} finite numbers"
         raise MechanismError(
             f'{where}:{element.sourceline}: <{element.tag} {key}="{text}">: {need} expected'

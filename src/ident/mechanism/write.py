@@ -82,9 +82,15 @@ def folder_files(
         for effect, values in effects:
             tables.append(effect_table(effect, values))
         document["effect"] = tables
-    files = {mechanism.urdf.name: urdf, "mechanism.toml": tomlkit.dumps(document).encode()}
+    files = {mechanism.urdf.name: urdf}
     for closure in document.get("closure", []):
         if closure.get("kind") == "function" and mechanism.toml is not None:
-            name = str(closure["file"])
-            files[name] = (mechanism.toml.parent / name).read_bytes()
+            file = mechanism.toml.parent / str(closure["file"])
+            content = file.read_bytes()
+            name = file.name  # it may be kept elsewhere; the copy stays in the folder
+            if files.get(name, content) != content:
+                name = f"{closure['name']}_{name}"
+            closure["file"] = name
+            files[name] = content
+    files["mechanism.toml"] = tomlkit.dumps(document).encode()
     return files

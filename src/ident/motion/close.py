@@ -21,6 +21,7 @@ from ident.mechanism.mechanism import Mechanism
 
 STRIDE = 32  # samples between the anchors that are reached one after the other
 CLOSED = 1e-11  # [m | rad] largest equation left by Newton
+OPEN = 1e-10  # [m | rad] largest equation at which a configuration counts as closed
 STEPS = 12
 
 
@@ -135,7 +136,7 @@ class Closer:
             middle = (left + right) // 2
             guess = _between(self.mechanism.model, q[left], q[right])
             q[middle], gap = self.newton(guess, target[middle])
-            for bad in np.flatnonzero(gap > 1e-8):
+            for bad in np.flatnonzero(gap > OPEN):
                 self._bridge(q, target, t, int(left[bad]), int(middle[bad]))
             known = np.union1d(known, middle)
         return q
@@ -144,7 +145,7 @@ class Closer:
         """Sets q[b] from q[a]; goes over the samples between them where that is too far."""
         found, gap = self.newton(q[a : a + 1], target[b : b + 1])
         moved = np.abs(target[b] - target[a]).max()
-        if gap[0] < 1e-8 and _distance(self.mechanism.model, q[a], found[0]) < 0.2 + 3 * moved:
+        if gap[0] < OPEN and _distance(self.mechanism.model, q[a], found[0]) < 0.2 + 3 * moved:
             q[b] = found[0]
         elif b - a > 1:
             middle = (a + b) // 2
@@ -160,7 +161,7 @@ class Closer:
             share = min(1.0, done + step)
             found, gap = self.newton(q[None], (y + share * (goal - y))[None])
             near = _distance(self.mechanism.model, q, found[0]) < 1.0
-            if gap[0] < 1e-8 and near:
+            if gap[0] < OPEN and near:
                 q, done, step = found[0], share, step * 1.5
             elif step > 1e-4:
                 step *= 0.5

@@ -82,7 +82,10 @@ def complete(
 
 def _checked(cutoff: float | str, measured: list[Signals]) -> float:
     nyquist = min(0.5 / signals.dt for signals in measured)
-    value = float(cutoff)
+    try:
+        value = float(cutoff)
+    except (TypeError, ValueError):
+        raise MotionError(f"cut-off {cutoff!r}; valid: a number [Hz], 'auto' or none") from None
     if not 0 < value < nyquist:
         raise MotionError(
             f"cut-off {value:g} Hz; valid: above 0 and below {nyquist:.4g} Hz, or none"
@@ -114,8 +117,9 @@ def _determining(mechanism: Mechanism, measured: list[Signals]) -> tuple[str, ..
     if len(names) < mechanism.degrees_of_freedom:
         free = [joint.name for joint in mechanism.joints if joint.name not in logged]
         shown = ", ".join(f"q.{name}" for name in free) or "none"
+        fewest = min(measured, key=lambda s: sum(f"q.{j.name}" in s.columns for j in mechanism.joints))
         raise MotionError(
-            f"{measured[0].log.name}: {mechanism.name} has {mechanism.degrees_of_freedom} degrees "
+            f"{fewest.log.name}: {mechanism.name} has {mechanism.degrees_of_freedom} degrees "
             f"of freedom, but the positions logged ({', '.join(f'q.{n}' for n in logged) or 'none'})"
             f" determine only {len(names)}; log one more of: {shown}"
         )
@@ -165,6 +169,8 @@ def _open(
     at = [mechanism.joint(name).index for name in names]
     q, v, a = (np.ascontiguousarray(x[:, np.argsort(at)]) for x in known)
     order = [joint.index for joint in mechanism.joints]
+    if order == sorted(order):  # the joints' own coordinates: no second copy of long logs
+        return replace(base, q=q, v=v, a=a, y=q, yd=v, ydd=a)
     return replace(base, q=q, v=v, a=a, y=q[:, order], yd=v[:, order], ydd=a[:, order])
 
 

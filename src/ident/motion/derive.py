@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ident.mechanism.mechanism import Mechanism
+from ident.motion.clock import runs
 from ident.motion.measure import Signals
 from ident.motion.motion import Band
-from ident.motion.smooth import fit, interpolate
+from ident.motion.smooth import Channel, filled, fit, interpolate
 from ident.motion.spectrum import (
     CLEAN,
     ROWS_OVER_MOTION,
@@ -28,19 +29,18 @@ def band_of(mechanism: Mechanism, logs: list[Signals], names: tuple[str, ...]) -
     """
     motion, noise = 0.0, 0.0
     for signals in logs:
-        columns, dt = signals.columns, signals.dt
         for name in names:
-            q = columns[f"q.{name}"]
+            q, dt = signals.even(f"q.{name}")
             motion = max(motion, motion_bandwidth(q, dt))
-            if f"a.{name}" in columns:
-                noise = max(noise, noise_share(columns[f"a.{name}"]))
-            elif f"v.{name}" in columns:
-                noise = max(noise, noise_share(np.diff(columns[f"v.{name}"])))
+            if f"a.{name}" in signals.columns:
+                noise = max(noise, noise_share(signals.even(f"a.{name}")[0]))
+            elif f"v.{name}" in signals.columns:
+                noise = max(noise, noise_share(np.diff(signals.even(f"v.{name}")[0])))
             else:
                 noise = max(noise, acceleration_noise_share(q, dt))
         for name in mechanism.driven:
-            if f"tau.{name}" in columns:
-                noise = max(noise, noise_share(columns[f"tau.{name}"]))
+            if f"tau.{name}" in signals.columns:
+                noise = max(noise, noise_share(signals.even(f"tau.{name}")[0]))
     nyquist = min(0.5 / signals.dt for signals in logs)
     cutoff = ROWS_OVER_MOTION * motion
     filtered = noise > CLEAN and 0.0 < cutoff < 0.5 * nyquist
@@ -50,40 +50,62 @@ def band_of(mechanism: Mechanism, logs: list[Signals], names: tuple[str, ...]) -
 def speed_noise(signals: Signals, name: str, band: Band) -> float:
     """Standard deviation of the noise left in the rate of a logged joint [rad/s | m/s]."""
     if f"v.{name}" in signals.columns:
-        return noise_level(signals.columns[f"v.{name}"])
+        return noise_level(signals.even(f"v.{name}")[0])
     # white noise in q below the smoothing's cut-off f: σ_v² = σ_q² · 2 f dt · (2π f)² / 3
-    f = 1 / (2 * _spacing(signals, band, 1))
-    sigma = noise_level(signals.columns[f"q.{name}"])
-    return float(sigma * np.sqrt(2 * f * signals.dt / 3) * 2 * np.pi * f)
+    q, dt = signals.even(f"q.{name}")
+    f = 1 / (2 * _spacing(dt, band, 1))
+    return float(noise_level(q) * np.sqrt(2 * f * dt / 3) * 2 * np.pi * f)
 
 
-def _spacing(signals: Signals, band: Band, channels: int) -> float:
+def _spacing(dt: float, band: Band, channels: int) -> float:
     """Knots [s] that resolve twice the rows' cut-off, where there is one."""
     wanted = ROWS_OVER_MOTION / (2.0 * SMOOTH_OVER_MOTION * band.cutoff) if band.cutoff else 0.0
-    return max(wanted, (1.0 if channels > 1 else 2.0) * signals.dt)
+    return max(wanted, (1.0 if channels > 1 else 2.0) * dt)
 
 
 def derive(signals: Signals, name: str, band: Band) -> tuple[np.ndarray, str]:
-    """Coordinate, rate and acceleration (3, n) of a logged joint, and how they were had."""
-    columns, t = signals.columns, signals.t
-    present = [column for column in ("q", "v", "a") if f"{column}.{name}" in columns]
-    if present == ["q", "v", "a"] and signals.exact:
-        return np.stack([columns[f"{column}.{name}"] for column in present]), ""
-    channels = []
-    clean = True
-    for order, column in enumerate(("q", "v", "a")):
-        if column not in present:
-            continue
-        at, x = signals.log.series(f"{column}.{name}")
-        sigma = noise_level(columns[f"{column}.{name}"])
-        clean &= sigma <= CLEAN * 1e-3 * float(np.std(x))
-        channels.append((order, at, x, max(sigma, 1e-9 * float(np.std(x)), 1e-300)))
-    if clean and present == ["q"] and band.cutoff is None:
-        _, at, x, _ = channels[0]
-        return interpolate(at, x, t), f"{name}: v and a by quintic interpolation of q"
-    spacing = _spacing(signals, band, len(channels))
-    what = " and ".join(present)
+    """Coordinate, rate and acceleration (3, n) of a logged joint, and how they were had.
+
+    Every run between gaps has a spline of its own. Inside gaps the coordinate goes straight from
+    one side to the other, for the closures to be followed; those samples take no part.
+    """
+    present = [c for c in ("q", "v", "a") if f"{c}.{name}" in signals.columns]
+    columns = [f"{c}.{name}" for c in present]
+    whole = present == ["q", "v", "a"] and signals.exact
+    channels, steps, clean = [], [], True
+    for order, column in zip(("qva".index(c) for c in present), columns, strict=True):
+        at, x = signals.log.series(column)
+        even, step = signals.even(column)
+        sigma, spread = noise_level(even), float(np.std(x))
+        clean &= sigma <= CLEAN * 1e-3 * spread
+        steps.append(step)
+        channels.append((order, at, x, max(sigma, 1e-9 * spread, 1e-300)))
+    t, spacing = signals.t, _spacing(min(steps), band, len(channels))
+    through = clean and present == ["q"] and band.cutoff is None
+    found = np.zeros((3, len(t)))
+    for run in runs(signals.usable):
+        inside = [_within(channel, t[run], signals.dt) for channel in channels]
+        if whole:  # as logged, but for a few empty cells
+            found[:, run] = [filled(at, x, t[run]) for _, at, x, _ in inside]
+        elif through:
+            found[:, run] = interpolate(inside[0][1], inside[0][2], t[run])
+        else:
+            found[:, run] = fit(inside, spacing, t[run])
+    gap = ~signals.usable
+    found[0, gap] = np.interp(t[gap], t[~gap], found[0, ~gap])
+    if whole:
+        return found, ""
+    if through:
+        return found, f"{name}: v and a by quintic interpolation of q"
     missing = " and ".join(c for c in ("v", "a") if c not in present) or "all three"
-    return fit(channels, spacing, t), (
-        f"{name}: {missing} from a quintic spline through {what}, knots {1e3 * spacing:.3g} ms"
+    return found, (
+        f"{name}: {missing} from a quintic spline through {' and '.join(present)}, "
+        f"knots {1e3 * spacing:.3g} ms"
     )
+
+
+def _within(channel: Channel, t: np.ndarray, dt: float) -> Channel:
+    """A channel's samples of one run."""
+    order, at, x, sigma = channel
+    inside = (at > t[0] - 0.75 * dt) & (at < t[-1] + 0.75 * dt)
+    return order, at[inside], x[inside], sigma

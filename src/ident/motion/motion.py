@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ident.motion.clock import runs
+
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
@@ -55,9 +57,7 @@ class Experiment:
 
     def segments(self) -> Iterator[slice]:
         """Runs of usable samples; nothing is filtered or differentiated across their ends."""
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], self.usable.view(np.int8), [0]])))
-        for start, stop in zip(edges[::2], edges[1::2], strict=True):
-            yield slice(int(start), int(stop))
+        yield from runs(self.usable)
 
 
 @dataclass(frozen=True)

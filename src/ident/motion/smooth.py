@@ -12,6 +12,8 @@ from scipy.interpolate import BSpline, make_interp_spline
 from scipy.linalg import solveh_banded
 
 DEGREE = 5
+BRIDGE = 1e-12  # weight of smoothness, which decides only where a few samples are missing
+Channel = tuple[int, np.ndarray, np.ndarray, float]  # derivative's order, t, x, noise
 
 
 def interpolate(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -20,8 +22,13 @@ def interpolate(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
     return np.stack([spline(at, nu) for nu in range(3)])
 
 
+def filled(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """x (n,) at the times `at` (n_at,): as it is where it has samples, a spline's value elsewhere."""
+    return x if len(t) == len(at) else make_interp_spline(t, x, k=DEGREE)(at)
+
+
 def fit(
-    channels: list[tuple[int, np.ndarray, np.ndarray, float]], spacing: float, at: np.ndarray
+    channels: list[Channel], spacing: float, at: np.ndarray
 ) -> np.ndarray:
     """Value, first and second derivative (3, n_at) of the least-squares spline.
 
@@ -45,9 +52,19 @@ def fit(
             right += np.bincount(first + i, B[:, i] * (x / sigma), count)
             for k in range(DEGREE + 1 - i):
                 normal[k] += np.bincount(first + i, B[:, i] * B[:, i + k], count)
-    normal[0] += 1e-12 * normal[0].max()  # an interval without samples stays solvable
+    normal += BRIDGE * normal[0].max() * _roughness(count)
     spline = BSpline(knots, solveh_banded(normal, right, lower=True), DEGREE)
     return np.stack([spline(at, nu) for nu in range(3)])
+
+
+def _roughness(count: int) -> np.ndarray:
+    """Lower bands of DᵀD, D the third differences of the coefficients: what fills a few missing."""
+    D = np.array([-1.0, 3.0, -3.0, 1.0])
+    bands = np.zeros((DEGREE + 1, count))
+    for k in range(len(D)):
+        for i in range(len(D) - k):
+            bands[k, i : count - len(D) + 1 + i] += D[i] * D[i + k]
+    return bands
 
 
 def _design(

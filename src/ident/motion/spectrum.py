@@ -7,6 +7,7 @@ import numpy as np
 ORDER = 6  # of the difference that leaves little but noise
 POWER = 0.999  # share of the velocities' power that is the motion's
 CLEAN = 1e-3  # share of noise below which a channel is taken as it is
+VISIBLE = 12.0  # times the mean power of noise that a line must have; noise has it in 1 of 160,000
 ROWS_OVER_MOTION = 5.0  # cut-off of the rows' filter over the motion's bandwidth
 SMOOTH_OVER_MOTION = 10.0  # resolution of smoothing over the motion's bandwidth
 
@@ -41,7 +42,8 @@ def acceleration_noise_share(q: np.ndarray, dt: float) -> float:
 def motion_bandwidth(q: np.ndarray, dt: float) -> float:
     """Frequency [Hz] below which 99.9 % of the power of the rate of q (n,) lies.
 
-    The noise's own share, measured in the upper half of the spectrum, is taken off first.
+    The noise's own share, measured in the upper half of the spectrum, is taken off first: what
+    does not stand out of it by VISIBLE cannot be told from it.
     """
     v = np.diff(q) / dt
     n = len(v)
@@ -50,7 +52,7 @@ def motion_bandwidth(q: np.ndarray, dt: float) -> float:
     power = np.abs(np.fft.rfft((v - v.mean()) * window)) ** 2
     shape = (2 * np.sin(np.pi * f * dt)) ** 2  # of white noise in q after the difference
     noise = np.median(power[n // 4 :] / shape[n // 4 :]) / np.log(2) * shape
-    power = np.clip(power - 2.0 * noise, 0.0, None)
+    power = np.where(power > VISIBLE * noise, power - noise, 0.0)
     total = np.cumsum(power)
     if total[-1] <= 0:
         return 0.0

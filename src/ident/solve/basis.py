@@ -87,7 +87,7 @@ class Basis:
             r, edge = np.arange(p), np.zeros((len(u), p + 1))
             edge[:, 1:] += (p - 1 - r + u) * values
             edge[:, :-1] += (1 - u + r) * values
-            values = edge / p
+            values = np.asarray(edge / p, dtype=float)
         return first, values
 
     def evaluate(self, a: ArrayLike, t: ArrayLike) -> Array:
@@ -96,4 +96,7 @@ class Basis:
         if a.ndim != 2 or len(a) != self.count:
             raise FitError(f"coefficients of shape {a.shape}; valid: ({self.count}, multipliers)")
         first, values = self.window(t)
-        return sum(values[:, [r]] * a[first + r] for r in range(self.degree + 1))
+        lam = np.zeros((len(first), a.shape[1]))
+        for r in range(self.degree + 1):
+            lam += values[:, [r]] * a[first + r]
+        return lam

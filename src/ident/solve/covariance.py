@@ -1,13 +1,14 @@
-"""How sure the multipliers are: the variance of lambda_i(t), by the way back through the levels.
+"""How sure the multipliers are: the variance of lambda(t), by the way back through the levels.
 
-Given p, the coefficients of a level follow from R a_mid = d - P p - N a_around with unit noise on
-the equations, so with Σ = Cov[a_left; a_right], conditional on p,
+Given p, a level's coefficients follow from R a_mid = d - P p - N a_around + noise of unit variance. So
+if Cov[a_around | p] = S S^T, the three knots of an interval that was made of two have the root
 
-    Cov[a_mid] = R^-1 (1 + N Σ N^T) R^-T,   Cov[a_mid, a_around] = -R^-1 N Σ
+    [a_left; a_mid; a_right]  ~  [S_left  0;  -R^-1 N S  R^-1;  S_right  0]
 
-and G_mid = -R^-1 (P + N G), where G = ∂a/∂p adds G C G^T for the covariance C of p. Covariances
-are formed of neighbours only: the selected inverse of a sparse factor (G. Golub and R. Plemmons,
-Linear Algebra Appl. 34, 1980).
+and each half of it is made square again by a QR. G_mid = -R^-1 (P + N G), where G = ∂a/∂p adds
+G C G^T for the covariance C of p. Only neighbours' covariances are formed: the selected inverse of
+a sparse factor (G. Golub and R. Plemmons, Linear Algebra Appl. 34, 1980), in square-root form since
+variances of open and of sure combinations may be 16 digits apart.
 """
 
 from __future__ import annotations
@@ -22,19 +23,29 @@ from ident.solve.intervals import Index
 _PIECE = 4096  # times evaluated at once
 
 
-def multiplier_variance(elimination: Elimination, C: Array, first: Index, values: Array) -> Array:
+def multiplier_variance(
+    elimination: Elimination,
+    C: Array,
+    first: Index,
+    values: Array,
+    directions: Array | None = None,
+) -> Array:
     """Variance of lambda_i(t), (n, m) [N² or (N m)²] for equations of unit noise.
 
     C: (k, k) covariance of the parameters; zeros where p is known or keeps its prior.
     first (n,), values (n, width): the basis at the times t, `Basis.window`.
-    Infinite where the equations leave lambda_i(t) open. Multiply by the noise variance, and say
+    directions: (n, q, m), the variance of directions @ lambda(t), (n, q), instead: with the projector
+        J_T^+ J_T of redundant closures, of the part of lambda that moves anything.
+    Infinite where the equations leave a combination open. Multiply by the noise variance, and say
     what it rests on: the basis (a rough lambda under smooth functions looks surer than it is).
     """
-    if C.shape != (elimination.factors[0].k,) * 2:
-        raise FitError(f"C {C.shape}; valid: {(elimination.factors[0].k,) * 2}")
-    conditional, gain = _backward(elimination)
-    m, group = elimination.m, elimination.group
-    variance = np.empty((len(first), m))
+    k, m, group = elimination.factors[0].k, elimination.m, elimination.group
+    if C.shape != (k, k):
+        raise FitError(f"C {C.shape}; valid: {(k, k)}")
+    if directions is None:
+        directions = np.broadcast_to(np.eye(m), (len(first), m, m))
+    root, gain = _backward(elimination)
+    variance = np.empty(directions.shape[:2])
     for start in range(0, len(first), _PIECE):
         part = slice(start, start + _PIECE)
         knot, offset = np.divmod(first[part], group)
@@ -42,39 +53,31 @@ def multiplier_variance(elimination: Elimination, C: Array, first: Index, values
         np.put_along_axis(
             weight, offset[:, None] + np.arange(values.shape[1]), values[part], axis=1
         )
-        inner = conditional[knot + 1].reshape(len(knot), 2 * group, m, 2 * group, m)
-        slope = np.concatenate([gain[knot], gain[knot + 1]], axis=1)
-        slope = np.einsum("ta,taik->tik", weight, slope.reshape(len(knot), 2 * group, m, -1))
-        variance[part] = np.einsum("ta,taibi,tb->ti", weight, inner, weight)
-        variance[part] += np.einsum("tik,kl,til->ti", slope, C, slope)
-    return np.where(variance < 1 / elimination.seen**2, variance, np.inf)
+        row = weight[:, None, :, None] * directions[part][:, :, None, :]
+        row = row.reshape(*directions[part].shape[:2], 2 * group * m)
+        own = row @ root[knot + 1]
+        slope = row @ np.concatenate([gain[knot], gain[knot + 1]], axis=1)
+        variance[part] = (own**2).sum(axis=2) + ((slope @ C) * slope).sum(axis=2)
+    return np.where(variance * elimination.sure**2 < 1, variance, np.inf)
 
 
 def _backward(elimination: Elimination) -> tuple[Array, Array]:
-    """Cov given p of every interval's two knots (S + 2, 2 w, 2 w), and the gain G (knots, w, k)."""
+    """Roots S of all intervals' two knots given p, (S + 2, 2 w, 2 w), and the gain G (knots, w, k)."""
     levels = elimination.levels
     w, k = levels[0].X.shape[1], levels[0].Y.shape[2] - 1
     gain = np.zeros((levels[-1].right[-1] + 2, w, k))
-    around = np.zeros((1, 2 * w, 2 * w))  # the outermost knots are empty
+    root = np.zeros((1, 2 * w, 2 * w))  # the outermost knots are empty
     for level in reversed(levels):
         n, R, N = len(level.mid), level.X[..., :w], level.X[..., w:]
         beside = np.concatenate([gain[level.left], gain[level.right]], axis=1)
         eye = np.broadcast_to(np.eye(w), R.shape)
-        solved = np.linalg.solve(
-            R, np.concatenate([eye, N, level.Y[..., :-1] + N @ beside], axis=2)
-        )
-        inverse, M, gain[level.mid] = solved[..., :w], solved[..., w : 3 * w], -solved[..., 3 * w :]
-        outer, odd = around[:n], around[n:]
-        cross = -M @ outer
-        mid = inverse @ inverse.swapaxes(1, 2) - cross @ M.swapaxes(1, 2)
-        L, H = slice(0, w), slice(w, 2 * w)
-        joint = np.block(
-            [
-                [outer[:, L, L], cross[..., L].swapaxes(1, 2), outer[:, L, H]],
-                [cross[..., L], mid, cross[..., H]],
-                [outer[:, H, L], cross[..., H].swapaxes(1, 2), outer[:, H, H]],
-            ]
-        )
-        pair = np.stack([joint[:, : 2 * w, : 2 * w], joint[:, w:, w:]], axis=1)
-        around = np.concatenate([pair.reshape(2 * n, 2 * w, 2 * w), odd])
-    return around, gain
+        right = np.concatenate([eye, N @ root[:n], level.Y[..., :-1] + N @ beside], axis=2)
+        solved = np.linalg.solve(R, right)
+        gain[level.mid] = -solved[..., 3 * w :]
+        halves = np.zeros((n, 2, 2 * w, 3 * w))
+        halves[:, 0, :w, : 2 * w], halves[:, 1, w:, : 2 * w] = root[:n, :w], root[:n, w:]
+        for half in (halves[:, 0, w:], halves[:, 1, :w]):
+            half[..., : 2 * w], half[..., 2 * w :] = -solved[..., w : 3 * w], solved[..., :w]
+        square = np.linalg.qr(halves.reshape(2 * n, 2 * w, 3 * w).swapaxes(1, 2), mode="r")
+        root = np.concatenate([square.swapaxes(1, 2), root[n:]])
+    return root, gain

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ident.solve.chunk import Chunk
 from ident.solve.factor import Array
-from ident.solve.reflect import reflect
+from ident.solve.reflect import reflect, release
 
 Index = NDArray[np.intp]
 
@@ -22,7 +22,7 @@ class Blocks(NamedTuple):
     """Rows X a + Y [p; -1] = 0 of some intervals, ascending; a is the two knots' coefficients."""
 
     interval: Index  # (n,)
-    X: Array  # (n, c, c) upper triangular, c = 2 group m
+    X: Array  # (n, c, c), c = 2 group m
     Y: Array  # (n, c, k + 1), the last column is the right-hand side
 
 
@@ -33,8 +33,11 @@ class Free(NamedTuple):
     Y: Array  # (n, r, k + 1)
 
 
-def compress(chunk: Chunk, group: int) -> tuple[Blocks, Free]:
-    """Reduce a chunk's rows to blocks; an interval with many rows has several of them."""
+def compress(chunk: Chunk, group: int, tol: float) -> tuple[Blocks, list[Free]]:
+    """Reduce a chunk's rows to blocks; an interval with many rows has several of them.
+
+    Rows that weigh multipliers less than `tol` are free.
+    """
     width, m = chunk.L.shape[1:]
     interval = chunk.first // group
     slot, owner, height = _pack(interval, 2 * group * m)
@@ -46,10 +49,10 @@ def compress(chunk: Chunk, group: int) -> tuple[Blocks, Free]:
     Y = np.zeros((len(owner) * height, chunk.A.shape[1] + 1))
     Y[slot, :-1] = chunk.A
     Y[slot, -1] = chunk.b
-    return _reduce(owner, X, Y, height)
+    return _reduce(owner, X, Y, height, tol)
 
 
-def unite(blocks: list[Blocks], intervals: int) -> tuple[Array, Array, list[Free]]:
+def unite(blocks: list[Blocks], intervals: int, tol: float) -> tuple[Array, Array, list[Free]]:
     """One block an interval: X (intervals + 2, c, c), Y (intervals + 2, c, k + 1).
 
     An interval without rows is zero; so are the two that are added, one at either end: with them
@@ -57,10 +60,11 @@ def unite(blocks: list[Blocks], intervals: int) -> tuple[Array, Array, list[Free
     many) are reduced further, which frees rows.
     """
     owner, X, Y = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
-    c, freed = X.shape[-1], []
+    c = X.shape[-1]
+    freed: list[Free] = []
     whole_X = np.zeros((intervals + 2, c, c))
     whole_Y = np.zeros((intervals + 2, c, Y.shape[-1]))
-    while len(owner):
+    while len(owner) and c:
         several = (np.bincount(owner) > 1)[owner]
         single = owner[~several] + 1
         whole_X[single], whole_Y[single] = X[~several], Y[~several]
@@ -69,8 +73,8 @@ def unite(blocks: list[Blocks], intervals: int) -> tuple[Array, Array, list[Free
             slot, owner, height = _pack(np.repeat(owner, c), c)
             flat_X, flat_Y = (np.zeros((len(owner) * height, part.shape[-1])) for part in (X, Y))
             flat_X[slot], flat_Y[slot] = X.reshape(-1, c), Y.reshape(-1, Y.shape[-1])
-            (owner, X, Y), free = _reduce(owner, flat_X, flat_Y, height)
-            freed.append(free)
+            (owner, X, Y), free = _reduce(owner, flat_X, flat_Y, height, tol)
+            freed += free
     return whole_X, whole_Y, freed
 
 
@@ -91,7 +95,9 @@ def _pack(interval: Index, c: int) -> tuple[Index, Index, int]:
     return slot, np.repeat(owner, blocks), height
 
 
-def _reduce(owner: Index, X: Array, Y: Array, height: int) -> tuple[Blocks, Free]:
+def _reduce(owner: Index, X: Array, Y: Array, height: int, tol: float) -> tuple[Blocks, list[Free]]:
     R, Y = reflect(X.reshape(len(owner), height, -1), Y.reshape(len(owner), height, -1))
     c = R.shape[-1]
-    return Blocks(owner, R, Y[:, :c].copy()), Free(owner, Y[:, c:])
+    own = Y[:, :c].copy()
+    released, rows = release(R, own, tol)
+    return Blocks(owner, R, own), [Free(owner, Y[:, c:]), Free(owner[released], rows)]

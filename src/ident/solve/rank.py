@@ -116,7 +116,7 @@ def reveal(factor: Factor, tol: float = 1e-9, scale: ArrayLike | None = None) ->
             regroup[:rank, j] = combination
 
     ind, dep = np.flatnonzero(kept), np.flatnonzero(~kept)
-    s = np.linalg.svd(unit[:, ind], compute_uv=False)[:rank]
+    s = np.asarray(np.linalg.svd(unit[:, ind], compute_uv=False)[:rank], dtype=float)
     return Base(
         independent=ind,
         dependent=dep,

@@ -1,23 +1,26 @@
-"""Many small Householder reductions in one call: where `eliminate` spends its time."""
+"""Many small orthogonal reductions in one call: where `eliminate` spends its time.
+
+A direction of the unknowns that no equation weighs (a redundant closure, a gap) shows up as
+rounding, 1e-16 instead of 0. Its row must not be used: it takes the residual of the equations
+along and hands it back 1e16 times larger; damping by 1e-9 would not help, 1e-16 / 1e-18 is as bad.
+So weak pivots are looked at more closely, by singular values.
+"""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ident.solve.factor import Array
 
-_ROUNDING = 1e-5  # of `floor`: entries of a faint column below this are rounding, not damping
+_CLOSE = 1e3  # a pivot above this many tolerances hides no singular value below one
 
 
-def reflect(X: Array, Y: Array, floor: float = 0.0) -> tuple[Array, Array]:
+def reflect(X: Array, Y: Array) -> tuple[Array, Array]:
     """Reduce stacks X (n, r, c), r >= c, to triangles, and take Y (n, r, k) along.
 
     Q^T X = [R; 0] gives R (n, c, c) upper triangular and Q^T Y (n, r, k): its first c rows belong
     to R, the others are free of the unknowns of X. X may be rank-deficient.
-
-    floor: columns of which less than this is new are faint, and rounding is removed from them. Where
-        a faint column is damped this is vital: rounding 1e-16 beside a damping 1e-9 has a
-        direction, takes the residual of the equations along it, and returns it times 1e-16 / 1e-18.
 
     Q = I - V U^-1 V^T with the reflectors as columns of V, U = diag(1/tau) + the strict upper part
     of V^T V (the UT transform: T. Joffrain et al., ACM Trans. Math. Softw. 32(2), 2006): a few
@@ -27,14 +30,11 @@ def reflect(X: Array, Y: Array, floor: float = 0.0) -> tuple[Array, Array]:
     if not c:
         return X[..., :0, :], Y
     packed, tau = np.linalg.qr(X, mode="raw")  # packed^T (n, r, c): R, and the reflectors below it
-    faint = (np.abs(packed.diagonal(axis1=1, axis2=2)) < floor).any(axis=1)
-    if faint.any():
-        packed[faint], tau[faint] = _cleaned(X[faint], floor)
     R = packed[..., :c].swapaxes(-1, -2) * ~np.tri(c, k=-1, dtype=bool)
     Vt = packed * ~np.tri(c, r, dtype=bool)
     diagonal = np.arange(c)
     Vt[..., diagonal, diagonal] = 1.0
-    idle = tau == 0  # nothing to reflect: H = I
+    idle = tau == 0  # LAPACK found nothing to reflect: H = I
     if idle.any():
         Vt[idle], tau[idle] = 0.0, 1.0
     V = Vt.swapaxes(-1, -2)
@@ -43,22 +43,22 @@ def reflect(X: Array, Y: Array, floor: float = 0.0) -> tuple[Array, Array]:
     return R, Y - V @ np.linalg.solve(Ut, Vt @ Y)
 
 
-def _cleaned(X: Array, floor: float) -> tuple[Array, Array]:
-    """LAPACK's dgeqr2 for a stack, (n, c, r) and tau (n, c), with rounding cleared on the way."""
-    T = X.copy()
-    n, r, c = T.shape
-    packed, tau = np.zeros((n, c, r)), np.zeros((n, c))
-    for j in range(c):
-        x = T[:, j:, j]
-        norm = np.linalg.norm(x, axis=1)
-        x[(np.abs(x) < _ROUNDING * floor) & (norm < floor)[:, None]] = 0.0
-        norm = np.linalg.norm(x, axis=1)
-        beta = -np.copysign(norm, x[:, 0])
-        step = np.where(norm > 0, x[:, 0] - beta, 1.0)
-        tau[:, j] = -step / np.where(norm > 0, beta, -np.inf)
-        v = x / step[:, None]
-        v[:, 0] = 1.0
-        T[:, j:, j:] -= (tau[:, j, None] * v)[:, :, None] * (v[:, None, :] @ T[:, j:, j:])
-        packed[:, j, j + 1 :] = v[:, 1:]
-        packed[:, j:, j], packed[:, j, j] = T[:, j, j:], beta
-    return packed, tau
+def weak(R: Array, tol: float) -> NDArray[np.bool_]:
+    """(n, c) pivots of triangles that may hide a singular value below `tol`."""
+    return np.asarray(np.abs(R.diagonal(axis1=-2, axis2=-1)) <= _CLOSE * tol)
+
+
+def release(R: Array, Y: Array, tol: float) -> tuple[NDArray[np.bool_], Array]:
+    """Free rows of [R | Y] from unknowns that they weigh less than `tol`, in place.
+
+    Returns which of the stack had such rows, (n,), and those rows of Y, (of them, c, k), zero where
+    a row still belongs to unknowns.
+    """
+    doubtful: NDArray[np.bool_] = np.any(weak(R, tol) & np.any(Y, axis=-1), axis=-1)
+    if not doubtful.any():
+        return doubtful, Y[:0]
+    U, s, Vt = np.linalg.svd(R[doubtful])
+    seen = (s > tol)[..., None]
+    rows = U.swapaxes(-1, -2) @ Y[doubtful]
+    R[doubtful], Y[doubtful] = np.where(seen, s[..., None] * Vt, 0.0), np.where(seen, rows, 0.0)
+    return doubtful, np.where(seen, 0.0, rows)
