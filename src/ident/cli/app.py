@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import io
+import os
 import sys
+import traceback
 from typing import Annotated
 
 import typer
 
 import ident
 from ident.cli import identifying, modelling
-from ident.cli.console import errors
+from ident.cli.console import fail
 from ident.errors import IdentError
 
 app = typer.Typer(
@@ -48,13 +51,26 @@ def _root(
 
 def main() -> None:
     """Run a command; bad input is one line on standard error and status 1."""
+    for stream in (sys.stdout, sys.stderr):  # a terminal that cannot show ² gets an escape
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
         app()
     except IdentError as error:
-        errors.print(f"error: {' '.join(str(error).split())}", markup=False)
+        fail(error)
+    except BrokenPipeError:  # the reader, `head` perhaps, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
-    except BrokenPipeError:
-        sys.exit(1)
+    except OSError as error:
+        fail(f"{error.filename or 'the system'}: {error.strerror or error}; check this path")
+    except Exception as error:
+        if "IDENT_TRACEBACK" in os.environ:
+            raise
+        *_, last = traceback.extract_tb(error.__traceback__)
+        fail(
+            f"a fault of ident, not of yours: {type(error).__name__} in {last.name}, "
+            f"{last.filename}:{last.lineno}: {error}; IDENT_TRACEBACK=1 shows where it came from"
+        )
 
 
 if __name__ == "__main__":

@@ -10,8 +10,9 @@ from typing import Annotated
 import typer
 
 from ident.errors import IdentError
+from ident.files import check_writable
 from ident.log import Log, read_log
-from ident.mechanism import Mechanism, load, multipliers
+from ident.mechanism import Mechanism, Multipliers, load, multipliers
 from ident.mechanism.absolute import absolute as in_absolute
 from ident.motion import Motion, complete
 from ident.progress import Told
@@ -24,11 +25,11 @@ MechanismPath = Annotated[
 ]
 LogPaths = Annotated[
     list[Path],
-    typer.Argument(metavar="LOG…", help="Recorded experiments: .csv, .parquet or .npz."),
+    typer.Argument(metavar="LOG", help="Recorded experiments, one or several: .csv, .parquet or .npz."),
 ]
 With = Annotated[
     list[str] | None,
-    typer.Option("--with", metavar="EFFECT", help="Add an effect: kind:joint[,joint], or kind."),
+    typer.Option("--with", metavar="EFFECT", help="Add an effect, as viscous:elbow, or viscous for all driven joints."),
 ]
 AllowCode = Annotated[
     bool,
@@ -36,20 +37,22 @@ AllowCode = Annotated[
 ]
 Cutoff = Annotated[
     str,
-    typer.Option(metavar="HZ", help="Cut-off of the zero-phase filter in Hz, or auto, or none."),
+    typer.Option(metavar="HZ", help="Cut-off of the zero-phase filter: a number, auto or none."),
 ]
 Basis = Annotated[
     str | None,
-    typer.Option(help="Time basis of the multipliers: free, linear, cubic, quintic."),
+    typer.Option(
+        metavar="NAME", help="Time basis of the multipliers: free, linear, cubic or quintic."
+    ),
 ]
 Spacing = Annotated[
-    float | None, typer.Option(metavar="S", help="Spacing of the multipliers' knots in seconds.")
+    float | None, typer.Option(metavar="S", help="Distance of the basis' knots in seconds.")
 ]
 Absolute = Annotated[
-    bool, typer.Option("--absolute", help="Restate the mechanism in absolute coordinates.")
+    bool, typer.Option("--absolute", help="Work in absolute coordinates, six a body.")
 ]
 Out = Annotated[
-    Path | None, typer.Option(metavar="DIR", help="Write the results into this folder.")
+    Path | None, typer.Option(metavar="DIR", help="Write fit, report and identified model into this folder.")
 ]
 
 
@@ -67,16 +70,40 @@ def mechanism_of(
     for effect in effects or ():
         mechanism = mechanism.with_effect(effect)
     if basis is not None or spacing is not None:
-        now = mechanism.multipliers
-        mechanism = replace(
-            mechanism,
-            multipliers=multipliers(
-                now.basis if basis is None else basis,
-                now.spacing if spacing is None else spacing,
-                "--basis, --spacing",
-            ),
-        )
+        mechanism = replace(mechanism, multipliers=_basis(mechanism.multipliers, basis, spacing))
     return in_absolute(mechanism) if absolute else mechanism
+
+
+def _basis(now: Multipliers, basis: str | None, spacing: float | None) -> Multipliers:
+    """The mechanism's time basis, or what --basis and --spacing put in its place."""
+    basis = basis or now.basis
+    if basis == "free" and spacing is not None:
+        raise IdentError(
+            f"--spacing {spacing:g}: the basis is free, which has no knots; "
+            "add --basis linear, cubic or quintic"
+        )
+    if spacing is None:
+        spacing = 0.0 if basis == "free" else now.spacing
+    return multipliers(basis, spacing, "--basis, --spacing")
+
+
+def output_folder(out: Path | None) -> None:
+    """Refuse --out before the long work, where nothing could be written into it."""
+    if out is not None:
+        check_writable(out)
+
+
+def output_file(path: Path | None, suffixes: Sequence[str]) -> None:
+    """Refuse a file to be written, before the long work, by its suffix and folder."""
+    if path is None:
+        return
+    if path.suffix.lower() not in suffixes:
+        raise IdentError(f"{path}: unknown suffix '{path.suffix}'; valid: {', '.join(suffixes)}")
+    if path.is_dir():
+        raise IdentError(f"{path}: is a folder; give the name of a file")
+    if not path.parent.is_dir():
+        raise IdentError(f"{path}: there is no folder {path.parent}; make it, or name another one")
+    check_writable(path.parent)
 
 
 def logs_of(paths: Sequence[Path], mechanism: Mechanism) -> list[Log]:
@@ -105,4 +132,6 @@ def cutoff_of(text: str) -> float | str | None:
     try:
         return float(text)
     except ValueError:
-        raise IdentError(f"--cutoff {text}: a frequency in Hz, auto or none is expected") from None
+        raise IdentError(
+            f"--cutoff {text}: is no frequency; valid: a number of Hz, auto or none"
+        ) from None

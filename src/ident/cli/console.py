@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from typing import NoReturn
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -23,6 +24,12 @@ def notes(said: Iterable[str]) -> None:
     """What a person should know, one line each, to standard error."""
     for line in dict.fromkeys(said):
         errors.print(f"note: {line}", markup=False)
+
+
+def fail(why: object) -> NoReturn:
+    """The one line that bad input gets; ends the command with status 1."""
+    errors.print(f"error: {' '.join(str(why).split())}", markup=False)
+    sys.exit(1)
 
 
 @contextmanager

@@ -19,19 +19,26 @@ from ident.cli.arguments import (
     With,
     mechanism_of,
     motion_of,
+    output_file,
+    output_folder,
 )
 from ident.cli.console import notes, progress, result
 from ident.fit import identify as identify_
 from ident.fit.compare import compare as compare_
 from ident.fit.output import write_fit
+from ident.fit.reactions import compare_multipliers
 from ident.fit.saved import read_fit
 from ident.fit.structure import describe, structure
 from ident.fit.summary import summary
+from ident.log import read_log
 
 
 def check(
     mechanism: MechanismPath,
-    logs: Annotated[list[Path] | None, typer.Argument(metavar="[LOG…]")] = None,
+    logs: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="LOG", help="What these logs would let you identify."),
+    ] = None,
     with_: With = None,
     cutoff: Cutoff = "auto",
     absolute: Absolute = False,
@@ -39,15 +46,13 @@ def check(
 ) -> None:
     """What was understood: joints, closures, columns, gaps, and what is identifiable."""
     model = mechanism_of(mechanism, with_, allow_code=allow_code, absolute=absolute)
-    result(describe(model))
     motion = None
-    if logs:
-        with progress() as told:
+    with progress() as told:
+        if logs:
             motion = motion_of(model, logs, cutoff, told)
-        result("")
-        result(motion)
-    result("")
-    result(structure(model, motion))
+        parts = [describe(model), motion, structure(model, motion)]
+    result("\n\n".join(str(part) for part in parts if part is not None))
+    notes(() if motion is None else motion.notes)
 
 
 def identify(
@@ -63,12 +68,17 @@ def identify(
     cutoff: Cutoff = "auto",
     absolute: Absolute = False,
     allow_code: AllowCode = False,
+    reactions: Annotated[
+        Path | None,
+        typer.Option(metavar="LOG", help="Known reactions to compare the multipliers with."),
+    ] = None,
     out: Out = None,
 ) -> None:
     """Parameters, effects and multipliers from logs."""
     model = mechanism_of(
         mechanism, with_, allow_code=allow_code, basis=basis, spacing=spacing, absolute=absolute
     )
+    output_folder(out)
     with progress() as told:
         motion = motion_of(model, logs, cutoff, told)
         other = None
@@ -77,9 +87,13 @@ def identify(
             other = motion_of(model, validate, same, told)
         fit = identify_(model, motion, validate=other, progress=told)
     result(summary(fit))
+    known = None
+    if reactions is not None:
+        known = compare_multipliers(fit, read_log(reactions))
+        result(f"\n{known}")
     notes(fit.warnings)
     if out is not None:
-        for path in write_fit(fit, out):
+        for path in write_fit(fit, out, known):
             notes([f"wrote {path}"])
 
 
@@ -99,6 +113,7 @@ def compare(
     """Model against measurement, per joint."""
     model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute)
     saved = [read_fit(path, model) for path in fit]
+    output_file(plot, (".png", ".svg", ".pdf"))
     with progress() as told:
         motion = motion_of(model, logs, cutoff, told)
         comparison = compare_(*saved, motion=motion, progress=told)

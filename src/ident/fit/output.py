@@ -12,14 +12,20 @@ import polars as pl
 from ident.errors import FitError
 from ident.files import write_all
 from ident.fit.fit import Fit
+from ident.fit.reactions import Reactions
 from ident.fit.report import report_html
 from ident.fit.saved import fit_json
 from ident.fit.urdf import identified_urdf
 from ident.mechanism.write import folder_files
 
 
-def write_fit(fit: Fit, folder: str | Path) -> list[Path]:
+def write_fit(fit: Fit, folder: str | Path, reactions: Reactions | None = None) -> list[Path]:
     """fit.json, multipliers.csv, identified.urdf, report.html and the folder identified/.
+
+    Args:
+        fit: what to write.
+        folder: made if it is not there.
+        reactions: known ones, which the report draws beside the multipliers.
 
     Returns:
         The files written, all of them or none.
@@ -33,7 +39,7 @@ def write_fit(fit: Fit, folder: str | Path) -> list[Path]:
         "fit.json": json.dumps(fit_json(fit), indent=1, ensure_ascii=False).encode() + b"\n",
         "multipliers.csv": multipliers_csv(fit),
         "identified.urdf": urdf,
-        "report.html": report_html(fit).encode(),
+        "report.html": report_html(fit, reactions).encode(),
     }
     known = [
         (effect, {u.name: float(v) for u, v in zip(effect.unknowns, values, strict=True)})

@@ -13,7 +13,9 @@ from ident.fit.summary import error_rows, rounded, shortened
 
 if TYPE_CHECKING:
     from ident.fit.fit import Fit
+    from ident.fit.reactions import Reactions
 
+LAMBDA = "multipliers over time"
 STYLE = """
 :root { color-scheme: light dark; }
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
@@ -24,7 +26,7 @@ figure { margin: 0; background: white; } figure svg { max-width: 100%; height: a
 """
 
 
-def report_html(fit: Fit) -> str:
+def report_html(fit: Fit, reactions: Reactions | None = None) -> str:
     """The report of a fit: errors, measured against predicted, parameters, multipliers, warnings."""
     joints = [fit.mechanism.joint(name).force_unit for name in fit.motion.independent]
     parts = [
@@ -57,8 +59,10 @@ def report_html(fit: Fit) -> str:
         parts += ["<h2>Base parameters</h2>", _table(rows)]
     if fit.mechanism.kinematics.multipliers:
         parts.append("<h2>Multipliers</h2>")
-        for t, values in fit.multipliers:
-            parts.append(_svg(plot_multipliers(fit.mechanism, t, values), "multipliers over time"))
+        if reactions is not None:
+            parts += [f"<pre>{_text(str(reactions))}</pre>", _svg(reactions.plot(), LAMBDA)]
+        for t, values in fit.multipliers[1 if reactions else 0 :]:
+            parts.append(_svg(plot_multipliers(fit.mechanism, t, values), LAMBDA))
     if fit.warnings:
         items = "".join(f"<li>{_text(warning)}</li>" for warning in fit.warnings)
         parts += ["<h2>Notes</h2>", f"<ul>{items}</ul>"]
