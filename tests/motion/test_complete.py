@@ -1,8 +1,10 @@
 """`complete` against motions closed by Pinocchio alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from helpers import Truth, series
+from helpers import Truth, series, write_mechanism
 
 from ident.errors import MotionError
 from ident.log import Log
@@ -134,15 +136,23 @@ def test_noisy_positions_are_smoothed(name, robots, truth):
 # --- more than is needed, less than is needed ---------------------------------------------------
 
 
-@pytest.mark.parametrize("joint", ["crank", "coupler", "rocker"])
+@pytest.mark.parametrize("joint", ["crank", "coupler", "rocker", "closure.pin"])
 def test_any_one_joint_of_a_loop_will_do(joint, robots, truth):
     mechanism = load(robots / "four_bar")
-    t, q, v, a = truth("four_bar", seconds=1.0)
-    if joint == "rocker":  # it swings: the crank's turn is lost at its dead points
-        moving = np.flatnonzero(np.abs(v["rocker"] / v["crank"]) > 0.1)
-        part = slice(moving[0], moving[np.argmax(np.diff(moving) > 1)])
+    t, q, v, a = truth("four_bar")
+    (e,) = complete(mechanism, log_of(mechanism, t, ["crank"], q=q, v=v, a=a)).experiments
+    logged = [{joint: x[:, mechanism.joint_index[joint]]} for x in (e.y, e.yd, e.ydd)]
+    if joint in ("rocker", "closure.pin"):  # it swings: between its dead points, from a start there
+        slow = np.abs(logged[1][joint] / v["crank"]) < 0.1
+        dead = np.flatnonzero(slow)
+        home = np.searchsorted(dead, at := np.argmin(np.abs(q["crank"] - 2 * np.pi - 1.0)))
+        start = np.array([q[j.name][at] for j in mechanism.joints if j.in_tree])
+        mechanism = replace(mechanism, start=start)
+        part = slice(dead[home - 1] + 1, dead[home])
         t, (q, v, a) = t[part], ({j: x[part] for j, x in p.items()} for p in (q, v, a))
-    motion = complete(mechanism, log_of(mechanism, t, [joint], q=q, v=v, a=a))
+        logged = [{joint: x[joint][part]} for x in logged]
+    log = log_of(mechanism, t, [joint], q=logged[0], v=logged[1], a=logged[2])
+    motion = complete(mechanism, log)
     check(mechanism, motion.experiments[0], q, v, a, (1e-8, 1e-6, 1e-4))
 
 
@@ -204,6 +214,43 @@ def test_a_driven_joint_needs_its_torque(robots, truth):
         complete(mechanism, Log.from_arrays("run.csv", t, columns))
 
 
+PARALLELOGRAM = """<robot name="p"><link name="world"/>
+<link name="crank"/><link name="coupler"/><link name="rocker"/>
+<joint name="c" type="continuous"><parent link="world"/><child link="crank"/><axis xyz="0 0 1"/></joint>
+<joint name="k" type="continuous"><parent link="crank"/><child link="coupler"/>
+  <origin xyz="0.1 0 0"/><axis xyz="0 0 1"/></joint>
+<joint name="r" type="continuous"><parent link="world"/><child link="rocker"/>
+  <origin xyz="0.3 0 0"/><axis xyz="0 0 1"/></joint></robot>"""
+PARALLEL = """
+[joints]
+passive = ["k", "r"]
+start = { c = 1.0, k = -1.0, r = 1.0 }
+[[closure]]
+name = "pin"
+kind = "point"
+a = { link = "coupler", xyz = [0.3, 0, 0] }
+b = { link = "rocker", xyz = [0.1, 0, 0] }
+"""
+
+
+@pytest.mark.parametrize("form", [lambda m: m, absolute], ids=["joint", "absolute"])
+@pytest.mark.parametrize("shift", [0.0, 0.003])
+def test_a_parallelogram_turns_through_its_change_points(shift, form, tmp_path):
+    # where all its links are in line it could fold; it is followed as it came, and this is said
+    mechanism = form(load(write_mechanism(tmp_path, PARALLELOGRAM, PARALLEL)))
+    t = np.arange(801) / 200
+    turn = np.pi * (t + shift)  # exactly at π and 2π where shift = 0
+    columns = {"q.c": turn, "v.c": np.full_like(t, np.pi), "a.c": 0 * t, "tau.c": np.sin(t)}
+    motion = complete(mechanism, Log.from_arrays("run.csv", t, columns))
+    (e,) = motion.experiments
+    off = e.y[:, mechanism.joint_index["r"]] - turn
+    off = (off + np.pi) % (2 * np.pi) - np.pi
+    assert np.abs(off[e.usable]).max() < 1e-6
+    assert np.abs(e.yd[e.usable][:, mechanism.joint_index["r"]] - np.pi).max() < 1e-4
+    assert any("near a singular position" in note for note in motion.notes)
+    assert e.usable.mean() > 0.9
+
+
 def test_no_log_is_refused(robots):
     with pytest.raises(MotionError, match="no log"):
         complete(load(robots / "arm"), [])
@@ -223,8 +270,6 @@ def test_samples_near_a_dead_centre_are_left_out(robots, truth):
     t, q, v, a = truth("four_bar")
     motion = complete(mechanism, log_of(mechanism, t, ["crank"], q=q, v=v, a=a))
     assert motion.experiments[0].usable.all()
-    from dataclasses import replace
-
     driven = replace(mechanism, driven=("rocker",), passive=("crank", "coupler"))
     columns = {f"q.{j}": q[j] for j in q} | {f"v.{j}": v[j] for j in q} | {f"a.{j}": a[j] for j in q}
     log = Log.from_arrays("run.csv", t, columns | {"tau.rocker": np.sin(t)})

@@ -8,6 +8,7 @@ from helpers import Truth, series, write_mechanism
 from ident.errors import MotionError
 from ident.log import Log
 from ident.mechanism import load
+from ident.mechanism.absolute import absolute
 from ident.motion import complete
 
 DEGREES = 180 / np.pi
@@ -276,6 +277,25 @@ def test_external_wrenches_are_in_the_frames_own_axes(name, robots):
         loaded = pin.rnea(raw, data, e.q[k], e.v[k], e.a[k], forces).copy()
         free = pin.rnea(raw, data, e.q[k], e.v[k], e.a[k]).copy()
         np.testing.assert_allclose(e.wrench[k], free - loaded, atol=1e-12)
+
+
+def test_a_wrench_on_a_link_whose_joint_has_its_name(tmp_path):
+    urdf = """<robot name="r"><link name="base"/><link name="tool"/><joint name="tool" type="prismatic">
+<parent link="base"/><child link="tool"/><axis xyz="0 0 1"/><limit effort="1" velocity="1"/></joint></robot>"""
+    mechanism = load(write_mechanism(tmp_path, urdf))
+    t = np.arange(100) / 100
+    columns = {"q.tool": np.sin(t), "tau.tool": t, "wrench.tool.fz": t}
+    (e,) = complete(mechanism, Log.from_arrays("run.csv", t, columns)).experiments
+    np.testing.assert_allclose(e.wrench[:, 0], t)
+
+
+def test_a_wrench_on_a_free_body(robots):
+    t, columns = drive("four_bar", seconds=0.5)
+    columns["wrench.coupler_link.fx"] = np.sin(9 * t)
+    joint = load(robots / "four_bar")
+    log = Log.from_arrays("run.csv", t, columns)
+    one, other = (complete(m, log).experiments[0] for m in (joint, absolute(joint)))
+    np.testing.assert_allclose(*(np.einsum("ni,ni->n", e.wrench, e.v) for e in (one, other)), atol=1e-12)
 
 
 @pytest.mark.parametrize(("column", "says"), [("wrench.hand.force", "fx"), ("wrench.hnad.fx", "did you mean 'hand'")])

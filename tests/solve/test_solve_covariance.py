@@ -22,7 +22,7 @@ def test_variances_are_those_of_the_dense_inverse(degree):
 
 
 def test_a_redundancy_that_turns_leaves_the_projected_multipliers_sure():
-    system = System(n=5, N=201, t_end=2.0, spacing=0.02)
+    system = System(n=5, N=201, t_end=2.0, spacing=0.04)
     turn = 2 * system.t
     open_ = np.column_stack([np.cos(turn), 0.8 * np.sin(turn), 0.6 * np.sin(turn)])
     system.J_T -= (system.J_T @ open_[..., None]) * open_[:, None, :]

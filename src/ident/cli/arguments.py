@@ -25,11 +25,17 @@ MechanismPath = Annotated[
 ]
 LogPaths = Annotated[
     list[Path],
-    typer.Argument(metavar="LOG", help="Recorded experiments, one or several: .csv, .parquet or .npz."),
+    typer.Argument(
+        metavar="LOG", help="Recorded experiments, one or several: .csv, .parquet or .npz."
+    ),
 ]
 With = Annotated[
     list[str] | None,
-    typer.Option("--with", metavar="EFFECT", help="Add an effect, as viscous:elbow, or viscous for all driven joints."),
+    typer.Option(
+        "--with",
+        metavar="EFFECT",
+        help="Add an effect, as viscous:elbow, or viscous for all driven joints.",
+    ),
 ]
 AllowCode = Annotated[
     bool,
@@ -52,7 +58,8 @@ Absolute = Annotated[
     bool, typer.Option("--absolute", help="Work in absolute coordinates, six a body.")
 ]
 Out = Annotated[
-    Path | None, typer.Option(metavar="DIR", help="Write fit, report and identified model into this folder.")
+    Path | None,
+    typer.Option(metavar="DIR", help="Write fit, report and identified model into this folder."),
 ]
 
 

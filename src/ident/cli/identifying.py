@@ -52,7 +52,6 @@ def check(
             motion = motion_of(model, logs, cutoff, told)
         parts = [describe(model), motion, structure(model, motion)]
     result("\n\n".join(str(part) for part in parts if part is not None))
-    notes(() if motion is None else motion.notes)
 
 
 def identify(

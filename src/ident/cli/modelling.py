@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
 
-from ident.cli.arguments import AllowCode, MechanismPath, With, mechanism_of
+from ident.cli.arguments import AllowCode, MechanismPath, With, mechanism_of, output_file
 from ident.cli.console import notes, result
 from ident.effects import KINDS
 from ident.errors import IdentError
@@ -19,10 +20,18 @@ from ident.simulate import Noise
 from ident.simulate import simulate as simulate_
 from ident.simulate.write import csv_text
 
+LOGS = (".csv", ".parquet", ".npz")
+
 
 def add(
     mechanism: MechanismPath,
-    effect: Annotated[str, typer.Argument(metavar="EFFECT", help="kind:joint[,joint], or kind.")],
+    effect: Annotated[
+        str,
+        typer.Argument(
+            metavar="EFFECT",
+            help="As viscous:elbow, or viscous for all driven joints; see ident effects.",
+        ),
+    ],
     allow_code: AllowCode = False,
 ) -> None:
     """Write an effect into mechanism.toml."""
@@ -56,27 +65,45 @@ def simulate(
     with_: With = None,
     set_: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help="A parameter: viscous.elbow.Fv=0.4."),
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help="Give a parameter its value: rod.Izz=0.2, viscous.elbow.Fv=0.4.",
+        ),
     ] = None,
     noise: Annotated[
         list[str] | None,
-        typer.Option(metavar="CHANNEL=LEVEL", help="White noise: tau=2%, q=1e-5, v.elbow=0.01."),
+        typer.Option(
+            metavar="CHANNEL=LEVEL",
+            help="White noise, its standard deviation: q=1e-5 in SI units, tau=2% of the column's.",
+        ),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
-    columns: Annotated[str, typer.Option(help="Which columns the log gets.")] = "q,v,a,tau",
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Of the noise.")] = 0,
+    columns: Annotated[
+        str, typer.Option(metavar="LIST", help="Which channels the log gets.")
+    ] = "q,v,a,tau",
     joints: Annotated[
-        str | None, typer.Option(help="Of which joints; default: those in MOTION.")
+        str | None,
+        typer.Option(metavar="LIST", help="Whose q, v and a it gets. Default: those in MOTION."),
     ] = None,
     multipliers: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the true multipliers here.")
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Write the true multipliers here, a .csv, .parquet or .npz."
+        ),
     ] = None,
     allow_code: AllowCode = False,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="A .csv, .parquet or .npz; else to screen.")
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Write a .csv, .parquet or .npz; else CSV to the screen."
+        ),
     ] = None,
 ) -> None:
     """A log of the model itself: the torques that a given motion needs, exactly, then noise."""
     model = mechanism_of(mechanism, with_, allow_code=allow_code)
+    output_file(out, LOGS)
+    output_file(multipliers, LOGS)
     values = dict(_assignment(text) for text in set_ or ())
     pi: np.ndarray | None = None
     if fit is not None:
@@ -101,8 +128,8 @@ def simulate(
         notes([f"wrote {out}"])
     if multipliers is not None:
         names = model.kinematics.multipliers
-        found = {name: prediction.multipliers[:, i] for i, name in enumerate(names)}
-        Log.from_arrays(multipliers.name, prediction.t, found).write(multipliers)
+        series = {name: prediction.multipliers[:, i] for i, name in enumerate(names)}
+        Log.from_arrays(multipliers.name, prediction.t, series).write(multipliers)
         notes([f"wrote {multipliers}"])
 
 
@@ -111,7 +138,10 @@ def _assignment(text: str) -> tuple[str, float]:
     try:
         if not equals or not name:
             raise ValueError
-        return name.strip(), float(value)
+        number = float(value)
+        if not math.isfinite(number):
+            raise ValueError
+        return name.strip(), number
     except ValueError:
         raise IdentError(f"--set {text}: write NAME=NUMBER, as viscous.elbow.Fv=0.4") from None
 
@@ -122,7 +152,7 @@ def _noise(text: str) -> Noise:
         if not equals or not channel:
             raise ValueError
         value = float(level.removesuffix("%"))
-        if not value >= 0:
+        if not 0 <= value < math.inf:
             raise ValueError
     except ValueError:
         raise IdentError(f"--noise {text}: write CHANNEL=LEVEL, as tau=2% or q=1e-5") from None

@@ -72,6 +72,8 @@ class Effect:
                 f"effect '{self.kind}' acts on {self.arity} joint(s), given: "
                 f"{', '.join(self.joints) or 'none'}; write {self.kind}:{'joint' if self.arity == 1 else 'joint,joint'}"
             )
+        if len(set(self.joints)) != len(self.joints):
+            raise MechanismError(f"effect '{self.label}' names a joint twice; give different joints")
         names = [unknown.name for unknown in self.unknowns]
         for name, value in self.values.items():
             if name not in names:

@@ -29,12 +29,16 @@ class Estimate:
         base: which unknowns are independent.
         sigma: (d,) residual of each coordinate [N m | N].
         factor: of all rows, each divided by its sigma.
+        tolerance: share of a column that had to be new for its unknown to count as excited.
+        unexcited: unknowns that only noise could have told apart from others.
     """
 
     solution: Solution
     base: Base
     sigma: np.ndarray
     factor: Factor
+    tolerance: float
+    unexcited: tuple[int, ...]
 
 
 def totals(cells: Iterable[Cell], k: int, d: int, rest: bool = False) -> list[Factor]:
@@ -55,8 +59,9 @@ def estimate(
     factors: Sequence[Factor],
     prior: np.ndarray,
     scale: np.ndarray,
-    base: Base | None = None,
+    plausible: np.ndarray | None = None,
     sigma: np.ndarray | None = None,
+    tolerance: float = TOLERANCE,
 ) -> Estimate:
     """Weighted least squares over coordinates.
 
@@ -64,30 +69,60 @@ def estimate(
         factors: one a coordinate, on all k columns.
         prior: (k,) values of unknowns that the data do not determine.
         scale: (d,) torque of each coordinate [N m | N], the floor of weights.
-        base: a base found before, to be kept (held-out refits); else revealed here.
+        plausible: (k,) how far an unknown can be from its prior; what the data know worse than that
+            is left at the prior. None: everything with columns of its own is estimated.
         sigma: (d,) weights to be kept; else iterated.
+        tolerance: share of a column that must be new.
 
     Raises:
-        FitError: if there are no rows or no unknowns.
-    """  # fmt: skip
+        FitError: if there are no rows.
+    """
     rows = sum(factor.rows for factor in factors)
     if rows == 0:
         raise FitError("no equations: every sample is at standstill, singular or missing")
     fixed = sigma is not None
     sigma = np.where(scale > 0, scale, 1.0) if sigma is None else sigma
+    unexcited: tuple[int, ...] = ()
     for _ in range(1 if fixed else ITERATIONS):
         total = Factor.merge([f.scaled(1 / s) for f, s in zip(factors, sigma, strict=True)])
-        found = _cleaned(reveal(total, TOLERANCE), total) if base is None else base
+        found = _cleaned(reveal(total, tolerance), total)
         solution = solve(total, found, prior)
         if fixed:
             break
+        if plausible is not None:
+            found, solution, tolerance, dropped = _excited(
+                total, found, solution, prior, plausible, tolerance
+            )
+            unexcited = tuple(sorted({*unexcited, *dropped}))
         left = np.array([f.residual_norm(solution.x) / np.sqrt(max(f.rows, 1)) for f in factors])
         new = np.maximum(left, FLOOR * np.where(scale > 0, scale, left.max() + 1e-300))
         new = np.where(new > 0, new, 1.0)
         if np.abs(np.log(new / sigma)).max() < 1e-3:
             break
         sigma = new
-    return Estimate(solution, found, sigma, total)
+    return Estimate(solution, found, sigma, total, tolerance, unexcited)
+
+
+def _excited(
+    total: Factor,
+    base: Base,
+    solution: Solution,
+    prior: np.ndarray,
+    plausible: np.ndarray,
+    tolerance: float,
+) -> tuple[Base, Solution, float, list[int]]:
+    """Drops the least new column until every base parameter is known better than it is plausible."""
+    dropped = []
+    while base.rank:
+        reach = plausible[base.independent] + np.abs(base.K) @ plausible[base.dependent]
+        if (np.sqrt(np.diag(solution.C)) <= reach).all():
+            break
+        weakest = base.independent[np.argmin(base.distance[base.independent])]
+        dropped.append(int(weakest))
+        tolerance = float(base.distance[weakest]) * (1 + 1e-9)
+        base = _cleaned(reveal(total, tolerance), total)
+        solution = solve(total, base, prior)
+    return base, solution, tolerance, dropped
 
 
 def _cleaned(base: Base, factor: Factor) -> Base:

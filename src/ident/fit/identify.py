@@ -14,6 +14,7 @@ from ident.fit.covariance import covariance
 from ident.fit.estimate import Estimate, estimate, totals
 from ident.fit.fit import Fit
 from ident.fit.naming import absorbed_by
+from ident.fit.plausible import plausible
 from ident.fit.predict import identifiable_multipliers
 from ident.fit.score import Squares, held_out, squares
 from ident.fit.values import rigid_values
@@ -58,17 +59,18 @@ def identify(
     cells = accumulate(mechanism, columns, motion, progress)
     everything = squares(cells, columns.prior, d)
     scale = np.sqrt(everything.torque / np.maximum(everything.rows, 1))
+    sensible = plausible(mechanism, columns, scale)
     bands = _bands(mechanism, columns, motion, progress)
     said: list[str] = []
     if bands:  # the paper's stack: all rows weigh alike, and the basis' misfit is in the parameters
         basic = cells_of(bands, columns)
-        found = estimate(totals(basic, len(columns), 1), columns.prior, np.ones(1))
+        found = estimate(totals(basic, len(columns), 1), columns.prior, np.ones(1), sensible)
         cov = covariance(basic, found)
         outside = held_out(basic, cells, found, columns.prior, (1, d))
-        free = estimate(totals(cells, len(columns), d), columns.prior, scale)
+        free = estimate(totals(cells, len(columns), d), columns.prior, scale, sensible)
         said = _basis_bias(mechanism, columns, found, free)
     else:
-        found = estimate(totals(cells, len(columns), d), columns.prior, scale)
+        found = estimate(totals(cells, len(columns), d), columns.prior, scale, sensible)
         cov = covariance(cells, found)
         if progress:
             progress("held-out errors", 0.9)
@@ -152,6 +154,14 @@ def _warnings(
         said.append(
             f"{100 * rest:.3g} % of the equations are at standstill, where dry friction is open; "
             "they count in the errors but not in the fit"
+        )
+    if found.unexcited:
+        names = [columns.names[i] for i in found.unexcited]
+        said.append(
+            f"this motion does not excite {', '.join(names[:8])}"
+            + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+            + ": noise alone would decide them, so they stay at their prior; move more joints, "
+            "faster or farther"
         )
     absorbed = absorbed_by(columns, found.base)
     for effect, places in columns.effects:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.effects import create as create_effect
 from ident.equations.columns import Columns
-from ident.errors import FitError, one_of
+from ident.errors import FitError, MechanismError, one_of
 from ident.fit.fit import Fit
 from ident.fit.score import Error
 from ident.fit.values import Value
@@ -115,21 +115,41 @@ def read_fit(path: str | Path, mechanism: Mechanism) -> Saved:
     """
     path = Path(path)
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
     except OSError as error:
         raise FitError(f"{path}: cannot be read: {error.strerror}") from None
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise FitError(f"{path}: is no JSON: {error}") from None
+    except (ValueError, RecursionError) as error:
+        raise FitError(f"{path}: is no JSON: {error}; give a fit.json of ident identify") from None
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
         found = data.get("schema") if isinstance(data, dict) else type(data).__name__
         raise FitError(f"{path}: schema is {found!r}; a fit.json of schema '{SCHEMA}' is expected")
     try:
         return _model(path, data, mechanism)
-    except (KeyError, TypeError, AttributeError) as error:
-        raise FitError(f"{path}: is no complete fit.json: {error} is missing or wrong") from None
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise FitError(
+            f"{path}: is no complete fit.json: {error} is missing or wrong; identify again"
+        ) from None
+    except MechanismError as error:
+        raise FitError(f"{path}: is of another mechanism: {error}") from None
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"{constant} is no number")
+
+
+def _check_closures(path: Path, data: dict[str, Any], mechanism: Mechanism) -> None:
+    """Refuse the fit of another mechanism whose links happen to have the same names."""
+    lists = data["multipliers"]["names"], mechanism.kinematics.multipliers
+    theirs, ours = ([n for n in names if not n.startswith("joint.")] for names in lists)
+    if theirs != ours:
+        raise FitError(
+            f"{path}: is of another mechanism, {data.get('mechanism')}, whose multipliers are "
+            f"{', '.join(theirs) or 'none'}; those of {mechanism.name} are {', '.join(ours) or 'none'}"
+        )
 
 
 def _model(path: Path, data: dict[str, Any], mechanism: Mechanism) -> Saved:
+    _check_closures(path, data, mechanism)
     values = {str(entry["name"]): entry["value"] for entry in data["parameters"]}
     grown = mechanism
     for effect in data["effects"]:

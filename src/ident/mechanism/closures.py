@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 import pinocchio as pin
 
+from ident.errors import MechanismError
 from ident.mechanism.forward import Placement
 
 
@@ -147,7 +148,7 @@ class Linear:
 
 
 class JointSymbols(Mapping[str, ca.SX]):
-    """What a user's closure function is given: `q["elbow"]`, or `q[0]` in the URDF's order."""
+    """What a user's closure function is given: `q["elbow"]`, or `q[0]` as `Mechanism.joints` has it."""
 
     def __init__(self, symbols: Mapping[str, ca.SX]) -> None:
         self._symbols = dict(symbols)
@@ -171,9 +172,27 @@ class Function:
     kind: str = field(default="function", init=False)
 
     def terms(self, found: Sequence[Placement], joints: Coordinates) -> Terms:
-        """Φ(q) as the user's function returns it: a scalar, a column or a list."""
-        value = self.function(JointSymbols(joints))
-        phi = ca.vertcat(*value) if isinstance(value, (list, tuple)) else ca.SX(value)
+        """Φ(q) as the user's function returns it: a scalar, a column or a list.
+
+        Raises:
+            MechanismError: if it fails, or returns anything but an expression of these joints.
+        """
+        try:
+            value = self.function(JointSymbols(joints))
+            phi = ca.vertcat(*value) if isinstance(value, (list, tuple)) else ca.SX(value)
+        except Exception as error:  # it is the user's code
+            what = " ".join(str(error).split())[:200]
+            raise MechanismError(
+                f"closure '{self.name}': its function fails: {type(error).__name__}: {what}; it is "
+                f"given q[\"<joint>\"] of {', '.join(joints)} and returns Φ written with CasADi"
+            ) from None
+        known = {s.element_hash() for s in ca.symvar(ca.vertcat(*joints.values()))}
+        foreign = [s.name() for s in ca.symvar(phi) if s.element_hash() not in known]
+        if foreign:
+            raise MechanismError(
+                f"closure '{self.name}': its function returns symbols of its own "
+                f"({', '.join(foreign)}); Φ may depend on the joints alone"
+            )
         count = phi.numel()
         return Terms(
             ca.reshape(phi, count, 1),

@@ -170,9 +170,9 @@ def multipliers(basis: str, spacing: float, where: str) -> Multipliers:
     """
     if basis not in DEGREES:
         raise MechanismError(f"{where}: basis = '{basis}'; {one_of(basis, DEGREES)}")
-    if basis != "free" and not spacing > 0:
+    if basis != "free" and not 0 < spacing < np.inf:
         raise MechanismError(
-            f"{where}: basis '{basis}' needs a spacing above 0 s, given: {spacing:g}"
+            f"{where}: basis '{basis}' needs a spacing above 0 s, such as 0.01; given: {spacing:g}"
         )
     return Multipliers(basis, spacing)
 

@@ -62,6 +62,14 @@ class Multipliers:
         return DEGREES[self.basis]
 
 
+AWAY = 0.05  # [rad | m] from the assembled configuration to one in general position
+
+
+def rank_of(J: np.ndarray) -> int:
+    """Rank of a Jacobian (m, nv)."""
+    return int(np.linalg.matrix_rank(J, tol=1e-8 * max(1.0, np.abs(J).max(initial=0.0))))
+
+
 DEGREES = {"free": -1, "linear": 1, "cubic": 3, "quintic": 5}
 
 
@@ -129,16 +137,32 @@ class Mechanism:
 
     @cached_property
     def degrees_of_freedom(self) -> int:
-        """nv − rank J at the assembled start."""
+        """nv − rank J in general position."""
         return self.model.nv - self.rank
 
     @cached_property
     def rank(self) -> int:
-        """Rank of J near the start, where its redundant equations show."""
+        """Rank of J in general position, where its redundant equations show."""
         if not self.closures:
             return 0
-        J = self.kinematics.closure_rows(self.assembled[None]).rate[0]
-        return int(np.linalg.matrix_rank(J, tol=1e-8 * max(1.0, np.abs(J).max())))
+        J = self.kinematics.closure_rows(self.general[None]).rate[0]
+        return rank_of(J)
+
+    @cached_property
+    def general(self) -> np.ndarray:
+        """A configuration (nq,) near the assembled one that is in no special position.
+
+        Machines are often drawn in one: stretched, folded, at a dead centre.
+        """
+        q, random = self.assembled, np.random.default_rng(0)
+        if not self.closures:
+            return q
+        J = self.kinematics.closure_rows(q[None]).rate[0]
+        free = np.linalg.svd(J)[2][rank_of(J) :]  # directions in which it moves
+        step = random.normal(size=len(free)) @ free
+        away = pin.integrate(self.model, q, AWAY * step / max(np.abs(step).max(initial=0.0), 1e-300))
+        found, left = self._assemble(away)
+        return found if left < 1e-9 else q
 
     @cached_property
     def assembled(self) -> np.ndarray:
@@ -147,22 +171,28 @@ class Mechanism:
         Raises:
             MechanismError: if the loops cannot be assembled from `start`.
         """
-        q = self.start
-        for _ in range(50):
-            rows = self.kinematics.closure_rows(q[None])
-            if not self.closures or np.abs(rows.value).max() < 1e-13:
-                return q
-            step = np.linalg.lstsq(rows.rate[0], -rows.value[0], rcond=1e-10)[0]
-            q = pin.integrate(self.model, q, step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-300)))
-        worst = np.abs(self.kinematics.closure_rows(q[None]).value[0])
-        if worst.max() < 1e-9:
+        q, left = self._assemble(self.start)
+        if left < 1e-9:
             return q
+        worst = np.abs(self.kinematics.closure_rows(q[None]).value[0])
         name = self.kinematics.multipliers[int(worst.argmax())]
         raise MechanismError(
             f"{self.name}: the loops do not close from [joints] start: the equation '{name}' is "
             f"left at {worst.max():.3g}; give a start near an assembled position, and check the "
             "closures' frames"
         )
+
+    def _assemble(self, q: np.ndarray) -> tuple[np.ndarray, float]:
+        """The configuration nearest to q at which all closures hold, and what is left open."""
+        left = 0.0
+        for _ in range(50 if self.closures else 0):
+            rows = self.kinematics.closure_rows(q[None])
+            left = float(np.abs(rows.value).max())
+            if left < 1e-13:
+                break
+            step = np.linalg.lstsq(rows.rate[0], -rows.value[0], rcond=1e-10)[0]
+            q = pin.integrate(self.model, q, step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-300)))
+        return q, left
 
     def with_effect(self, text: str, values: Mapping[str, float] | None = None) -> Mechanism:
         """This mechanism with the effect(s) that `kind:joint[,joint]` or `kind` names.
@@ -192,11 +222,16 @@ class Mechanism:
             raise MechanismError(f"{self.name}: has the effect '{effect.label}' already")
         return replace(self, effects=(*self.effects, replace(effect, rotational=first.rotational)))
 
+    def _freedom(self) -> str:
+        try:
+            return f"of rank {self.rank}, {self.degrees_of_freedom} degrees of freedom"
+        except MechanismError as error:  # what cannot be assembled can still be printed
+            return f"that do not close: {error}"
+
     def __str__(self) -> str:
         lines = [
             f"mechanism {self.name}: {len(self.bodies.links)} bodies, {self.model.nv} coordinates, "
-            f"{len(self.kinematics.multipliers)} closure equations of rank {self.rank}, "
-            f"{self.degrees_of_freedom} degrees of freedom",
+            f"{len(self.kinematics.multipliers)} closure equations {self._freedom()}",
             f"  driven:   {', '.join(self.driven) or 'none'}",
             f"  passive:  {', '.join(self.passive) or 'none'}",
         ]

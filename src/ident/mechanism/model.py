@@ -69,6 +69,9 @@ def build_tree(robot: etree._Element, gravity: tuple[float, float, float], where
         for tag in ("visual", "collision"):
             for element in link.findall(tag):
                 link.remove(element)
+        for inertia in link.iterfind("inertial/inertia"):  # urdfdom wants them written
+            for key in ("ixy", "ixz", "iyz"):
+                inertia.set(key, inertia.get(key, "0"))
         if link.find("inertial") is None and _moves(robot, link):
             notes.append(f"link '{link.get('name')}' has no <inertial>; its prior is massless")
     mimics = tuple(_take_mimics(robot, where))

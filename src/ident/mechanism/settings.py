@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -52,9 +53,19 @@ def read_settings(path: Path) -> Settings:
     if path.suffix.lower() != ".toml":
         raise MechanismError(f"{path}: is no mechanism; give a folder, a mechanism.toml or a .urdf")
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise MechanismError(f"{path}: is no valid TOML: {error}") from None
+        raw = path.read_bytes().removeprefix(codecs.BOM_UTF8)
+        data = tomllib.loads(raw.decode())
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        raise MechanismError(
+            f"{path}: is no valid TOML: byte 0x{error.object[error.start]:02x} in line {line} "
+            "is no UTF-8 text; save the file as UTF-8"
+        ) from None
+    except (ValueError, RecursionError) as error:
+        raise MechanismError(
+            f"{path}: is no valid TOML: {error or 'nested too deeply'}; see the mechanism.toml of "
+            "robots/ for its form"
+        ) from None
     except OSError as error:
         raise MechanismError(f"{path}: cannot be read: {error.strerror}") from None
     return _settings(data, path)
@@ -101,7 +112,7 @@ def check_keys(table: Mapping[str, Any], valid: tuple[str, ...], where: str) -> 
 def text(table: Mapping[str, Any], key: str, where: str) -> str:
     """A string that must be there."""
     if key not in table:
-        raise MechanismError(f"{where}: has no key '{key}'")
+        raise MechanismError(f"{where}: has no key '{key}'; write {key} = \"…\"")
     if not isinstance(table[key], str) or not table[key]:
         raise MechanismError(f"{where}: {key} = {table[key]!r}; a text in quotes is expected")
     return str(table[key])
@@ -111,10 +122,12 @@ def number(table: Mapping[str, Any], key: str, where: str, default: float | None
     """A finite number."""
     if key not in table and default is not None:
         return default
-    value = table.get(key)
+    if key not in table:
+        raise MechanismError(f"{where}: has no key '{key}'; write {key} = <number>")
+    value = table[key]
     if not _is_number(value):
         raise MechanismError(f"{where}: {key} = {value!r}; a finite number is expected")
-    return float(value)  # type: ignore[arg-type]
+    return float(value)
 
 
 def _is_number(value: object) -> bool:

@@ -6,6 +6,7 @@ refused before anything is expanded. `yourdfpy` validates what the checks here l
 
 from __future__ import annotations
 
+import copy
 import io
 import logging
 import math
@@ -52,7 +53,10 @@ def parse_urdf(data: bytes, where: str) -> etree._Element:
         robot = etree.fromstring(data, parser)
     except (etree.XMLSyntaxError, ValueError) as error:
         text = str(error).replace("\n", " ") or "empty file"
-        raise MechanismError(f"{where}: is no well-formed XML: {text}") from None
+        text = text.partition(" (<string>")[0]
+        raise MechanismError(
+            f"{where}: is no well-formed XML: {text}; mend or export it again"
+        ) from None
     if robot.getroottree().docinfo.internalDTD is not None:
         raise MechanismError(f"{where}: has a document type, which is refused; remove it")
     if robot.tag != "robot":
@@ -76,7 +80,9 @@ def _check_names(robot: etree._Element, where: str) -> None:
         elements = robot.findall(tag)
         for element in elements:
             if not element.get("name"):
-                raise MechanismError(f"{where}:{element.sourceline}: a <{tag}> has no name")
+                raise MechanismError(
+                    f'{where}:{element.sourceline}: a <{tag}> has no name; write name="…"'
+                )
         seen: dict[str, int] = {}
         for element in elements:
             name = element.get("name")
@@ -118,9 +124,9 @@ def _check_tree(robot: etree._Element, where: str) -> None:
             )
         parents.setdefault(ends["parent"], []).append(ends["child"])
     roots = [name for name in dict.fromkeys([*parents, *links]) if child_of[name] == 0]
-    if not roots:
+    if parents and not any(name in parents for name in roots):
         raise MechanismError(
-            f"{where}: every link is some joint's child, so the links form a ring; "
+            f"{where}: every joint's parent is another joint's child, so the links form a ring; "
             "one link must be the ground, and the loop closed by a [[closure]]"
         )
     reached, front = set(roots[:1]), roots[:1]
@@ -217,12 +223,15 @@ def _check_with_yourdfpy(robot: etree._Element, where: str) -> None:
     level = logger.level
     logger.setLevel(logging.CRITICAL)
     try:
+        bare = copy.deepcopy(
+            robot
+        )  # shapes are not used here: their faults are not the mechanism's
+        etree.strip_elements(bare, "visual", "collision", with_tail=False)
         checked = yourdfpy.URDF.load(
-            io.BytesIO(etree.tostring(robot)), build_scene_graph=False, load_meshes=False
+            io.BytesIO(etree.tostring(bare)), build_scene_graph=False, load_meshes=False
         )
         checked.validate()
-        # meshes are not used here, so what is wrong with shapes is no fault of the mechanism
-        faults = [e for e in checked.errors if "geometry" not in str(e) and "limit" not in str(e)]
+        faults = [e for e in checked.errors if "limit" not in str(e)]
     except Exception as error:
         message = " ".join(str(error).split())
         raise MechanismError(

@@ -5,6 +5,7 @@ What the user wrote stays as it is, comments included.
 
 from __future__ import annotations
 
+import codecs
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -29,7 +30,8 @@ def effect_table(effect: Effect, values: Mapping[str, float]) -> tomlkit.items.T
 def document_of(mechanism: Mechanism) -> tomlkit.TOMLDocument:
     """The mechanism's own mechanism.toml, or a new one for a bare URDF."""
     if mechanism.toml is not None:
-        return tomlkit.parse(mechanism.toml.read_text(encoding="utf-8"))
+        raw = mechanism.toml.read_bytes()  # not as text, which would change the ends of lines
+        return tomlkit.parse(raw.removeprefix(codecs.BOM_UTF8))
     document = tomlkit.document()
     document["urdf"] = mechanism.urdf.name
     return document

@@ -23,6 +23,7 @@ STRIDE = 32  # samples between the anchors that are reached one after the other
 CLOSED = 1e-11  # [m | rad] largest equation left by Newton
 OPEN = 1e-10  # [m | rad] largest equation at which a configuration counts as closed
 STEPS = 12
+FARTHEST = 1000.0  # [rad | m] between neighbouring samples, or from the start to the first
 
 
 def pseudo_inverse(K: np.ndarray) -> np.ndarray:
@@ -122,12 +123,13 @@ class Closer:
         q = np.empty((n, self.mechanism.model.nq))
         start = self.mechanism.assembled
         here = self.coordinates(start[None]).value[0]
-        q[0] = self._travel(start, here, target[0], t[0])
-        anchors = [*range(0, n, STRIDE)]
-        if anchors[-1] != n - 1:
-            anchors.append(n - 1)
-        for a, b in zip(anchors, anchors[1:], strict=False):
+        first = int(np.abs(target - here).max(axis=1).argmin())  # the branch is surest there
+        q[first] = self._travel(start, here, target[first], t[first])
+        onward = [*range(first, n - 1, STRIDE), n - 1]
+        back = [*range(first, 0, -STRIDE), 0]
+        for a, b in [*zip(onward, onward[1:], strict=False), *zip(back, back[1:], strict=False)]:
             self._bridge(q, target, t, a, b)
+        anchors = sorted({*onward, *back})
         known = np.array(anchors)
         while len(known) < n:  # halve the distances; each level is one call for all samples
             left, right = known[:-1], known[1:]
@@ -147,7 +149,7 @@ class Closer:
         moved = np.abs(target[b] - target[a]).max()
         if gap[0] < OPEN and _distance(self.mechanism.model, q[a], found[0]) < 0.2 + 3 * moved:
             q[b] = found[0]
-        elif b - a > 1:
+        elif abs(b - a) > 1:
             middle = (a + b) // 2
             self._bridge(q, target, t, a, middle)
             self._bridge(q, target, t, middle, b)
@@ -156,6 +158,13 @@ class Closer:
 
     def _travel(self, q: np.ndarray, y: np.ndarray, goal: np.ndarray, t: float) -> np.ndarray:
         """From q at coordinates y to the goal in steps that Newton can take."""
+        far = int(np.abs(goal - y).argmax())
+        if abs(goal[far] - y[far]) > FARTHEST:
+            raise MotionError(
+                f"{self.mechanism.name}: at t = {t:.4g} s {self.joints[far].name} jumps from "
+                f"{y[far]:.4g} to {goal[far]:.4g} {self.joints[far].unit}; give the column a scale "
+                "to rad or m in [log] (encoder counts, degrees?), or mend this sample"
+            )
         done, step = 0.0, 1.0 / max(1.0, np.ceil(np.abs(goal - y).max() / 0.1))
         while done < 1.0:
             share = min(1.0, done + step)

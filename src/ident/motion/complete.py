@@ -260,10 +260,10 @@ def _wrenches(mechanism: Mechanism, signals: Signals, experiment: Experiment) ->
             raise MotionError(
                 f"{signals.log.name}: column '{column}': write wrench.<frame>.<{'|'.join(parts)}>"
             )
-        if not mechanism.model.existFrame(frame):
-            known = [f.name for f in mechanism.model.frames]
+        if not mechanism.model.existFrame(frame, pin.FrameType.BODY):
+            known = [f.name for f in mechanism.model.frames if f.type == pin.FrameType.BODY]
             raise MotionError(
-                f"{signals.log.name}: column '{column}': no frame '{frame}'; {one_of(frame, known)}"
+                f"{signals.log.name}: column '{column}': no link '{frame}'; {one_of(frame, known)}"
             )
         wrench = frames.setdefault(frame, np.zeros((len(experiment), 6)))
         wrench[:, parts.index(part)] = signals.columns[column]
@@ -272,7 +272,7 @@ def _wrenches(mechanism: Mechanism, signals: Signals, experiment: Experiment) ->
     model, data = mechanism.model, mechanism.model.createData()
     total = np.zeros((len(experiment), model.nv))
     for frame, wrench in frames.items():
-        index = model.getFrameId(frame)
+        index = model.getFrameId(frame, pin.FrameType.BODY)
         for k in range(len(experiment)):
             J = pin.computeFrameJacobian(model, data, experiment.q[k], index, pin.LOCAL)
             total[k] += J.T @ wrench[k]

@@ -24,7 +24,7 @@ def independent_joints(mechanism: Mechanism, preferred: Iterable[str]) -> tuple[
     names = list(dict.fromkeys(preferred))
     if not mechanism.closures:
         return tuple(joint.name for joint in mechanism.joints if joint.name in names)
-    q = mechanism.assembled[None]
+    q = mechanism.general[None]
     J = mechanism.kinematics.closure_rows(q).rate[0]
     W = Closer(mechanism, tuple(names)).coordinates(q).rate[0]
     _, sizes, directions = np.linalg.svd(J)

@@ -7,7 +7,7 @@ import numpy as np
 ORDER = 6  # of the difference that leaves little but noise
 POWER = 0.999  # share of the velocities' power that is the motion's
 CLEAN = 1e-3  # share of noise below which a channel is taken as it is
-VISIBLE = 12.0  # times the mean power of noise that a line must have; noise has it in 1 of 160,000
+VISIBLE = 200.0  # times the mean power of noise; real noise (quantised, jittering) is not white
 ROWS_OVER_MOTION = 5.0  # cut-off of the rows' filter over the motion's bandwidth
 SMOOTH_OVER_MOTION = 10.0  # resolution of smoothing over the motion's bandwidth
 

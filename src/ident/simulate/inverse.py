@@ -13,6 +13,7 @@ from ident.errors import MechanismError, MotionError, one_of
 from ident.fit.predict import Prediction, predict
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import CENTROIDAL, DYNAMIC, about_origin, split
 from ident.motion import Experiment, Motion, complete
 
 CHANNELS = ("q", "v", "a", "tau")
@@ -56,7 +57,7 @@ def simulate(
         motion: positions (and rates, accelerations) of joints that determine the motion; torques
             are not needed, but wrenches and other columns of it count.
         values: by full name: effects' unknowns (`viscous.elbow.Fv`) and dynamic parameters
-            (`rod.Lxx`), the latter in place of the URDF's.
+            (`rod.m`, `rod.Ixx` or `rod.Lxx`), the latter in place of the URDF's.
         pi: all dynamic parameters (10 · bodies,) in place of the URDF's.
         noise: added after everything is computed.
         seed: of the noise.
@@ -108,6 +109,14 @@ def _parameters(mechanism: Mechanism, given: dict[str, float], pi: np.ndarray | 
     for i, name in enumerate(mechanism.bodies.names):
         if name in given:
             parameters[i] = given.pop(name)
+    for link in mechanism.bodies.links:  # moments about the centre of mass, as a URDF has them
+        at = mechanism.bodies.columns(link)
+        shift = about_origin(*split(parameters[at])[:2])
+        for k, word in enumerate(DYNAMIC):
+            name = f"{link}.{CENTROIDAL.get(word, '')}"
+            if name in given:
+                row, column = ("xyz".index(letter) for letter in word[1:])
+                parameters[at.start + k] = given.pop(name) + shift[row, column]
     return parameters
 
 

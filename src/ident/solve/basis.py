@@ -65,7 +65,8 @@ class Basis:
     @property
     def centres(self) -> Array:
         """(count,) [s] the middle of each function; for hats the knots, where a_ij is lambda_i."""
-        return self.t0 + (np.arange(self.count) - (self.degree - 1) / 2) * self.spacing
+        steps = np.arange(self.count, dtype=float) - (self.degree - 1) / 2
+        return np.asarray(self.t0 + steps * self.spacing)
 
     def window(self, t: ArrayLike) -> tuple[NDArray[np.intp], Array]:
         """The functions that are nonzero at times `t` (n,) [s].
@@ -87,7 +88,7 @@ class Basis:
             r, edge = np.arange(p), np.zeros((len(u), p + 1))
             edge[:, 1:] += (p - 1 - r + u) * values
             edge[:, :-1] += (1 - u + r) * values
-            values = np.asarray(edge / p, dtype=float)
+            values = edge / p
         return first, values
 
     def evaluate(self, a: ArrayLike, t: ArrayLike) -> Array:

@@ -1,7 +1,7 @@
 """How sure the multipliers are: the variance of lambda(t), by the way back through the levels.
 
-Given p, a level's coefficients follow from R a_mid = d - P p - N a_around + noise of unit variance. So
-if Cov[a_around | p] = S S^T, the three knots of an interval that was made of two have the root
+Given p, a level's coefficients follow from R a_mid = d - P p - N a_around + noise of unit variance.
+So if Cov[a_around | p] = S S^T, the three knots of an interval that was made of two have the root
 
     [a_left; a_mid; a_right]  ~  [S_left  0;  -R^-1 N S  R^-1;  S_right  0]
 
@@ -34,8 +34,8 @@ def multiplier_variance(
 
     C: (k, k) covariance of the parameters; zeros where p is known or keeps its prior.
     first (n,), values (n, width): the basis at the times t, `Basis.window`.
-    directions: (n, q, m), the variance of directions @ lambda(t), (n, q), instead: with the projector
-        J_T^+ J_T of redundant closures, of the part of lambda that moves anything.
+    directions: (n, q, m), for the variance (n, q) of directions @ lambda(t) instead: with the
+        projector J_T^+ J_T of redundant closures, of the part of lambda that moves anything.
     Infinite where the equations leave a combination open. Multiply by the noise variance, and say
     what it rests on: the basis (a rough lambda under smooth functions looks surer than it is).
     """
@@ -62,7 +62,7 @@ def multiplier_variance(
 
 
 def _backward(elimination: Elimination) -> tuple[Array, Array]:
-    """Roots S of all intervals' two knots given p, (S + 2, 2 w, 2 w), and the gain G (knots, w, k)."""
+    """Roots of all intervals' two knots given p, (S + 2, 2 w, 2 w), and the gain (knots, w, k)."""
     levels = elimination.levels
     w, k = levels[0].X.shape[1], levels[0].Y.shape[2] - 1
     gain = np.zeros((levels[-1].right[-1] + 2, w, k))
@@ -78,6 +78,7 @@ def _backward(elimination: Elimination) -> tuple[Array, Array]:
         halves[:, 0, :w, : 2 * w], halves[:, 1, w:, : 2 * w] = root[:n, :w], root[:n, w:]
         for half in (halves[:, 0, w:], halves[:, 1, :w]):
             half[..., : 2 * w], half[..., 2 * w :] = -solved[..., w : 3 * w], solved[..., :w]
-        square = np.linalg.qr(halves.reshape(2 * n, 2 * w, 3 * w).swapaxes(1, 2), mode="r")
+        tall = halves.reshape(2 * n, 2 * w, 3 * w).swapaxes(1, 2)
+        square = np.asarray(np.linalg.qr(tall, mode="r"))
         root = np.concatenate([square.swapaxes(1, 2), root[n:]])
     return root, gain

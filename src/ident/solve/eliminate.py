@@ -24,28 +24,10 @@ from ident.errors import FitError
 from ident.solve.border import Border
 from ident.solve.chunk import Chunk
 from ident.solve.factor import Array, Factor
-from ident.solve.intervals import Blocks, Free, Index, compress, unite
-from ident.solve.reflect import reflect, release, weak
+from ident.solve.halve import Level, halve
+from ident.solve.intervals import Blocks, Free, compress, unite
 
-_SURE = (
-    1e3  # tolerances: a combination of coefficients weighed more than this has a finite variance
-)
-
-
-@dataclass(frozen=True, eq=False)
-class Level:
-    """Knots eliminated together: R a_mid = d - P p - N [a_left; a_right], R regular.
-
-    left, mid, right: (n,) numbers of knots, w = group m coefficients each.
-    X: (n, w, 3 w) = [R | N]; Y: (n, w, k + 1) = [P | d]. In the rows of combinations that no
-        equation weighs, R has the tolerance and the rest is zero.
-    """
-
-    left: Index
-    mid: Index
-    right: Index
-    X: Array
-    Y: Array
+_SURE = 1e3  # of tol: below this weight a combination has no finite variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +126,7 @@ def eliminate(
     X, Y, freed = unite(compressed, (count - width) // group + 1, tol)
     knots, levels = np.arange(len(X) + 1) - 1, []  # -1 and the last are the empty ones at the ends
     while len(X) > 1:
-        level, determined, X, Y, free = _halve(knots, X, Y, tol)
+        level, determined, X, Y, free = halve(knots, X, Y, tol)
         knots = np.delete(knots, np.s_[1 : 2 * len(level.mid) : 2])
         levels.append(level)
         freed += free
@@ -154,57 +136,3 @@ def eliminate(
     factors = border.finished()
     rank = rows - sum(factor.rows for factor in factors)
     return Elimination(factors, rows, rank, count, m, group, _SURE * tol, tuple(levels))
-
-
-def _halve(
-    knots: Index, X: Array, Y: Array, tol: float
-) -> tuple[Level, Index, Array, Array, list[Free]]:
-    """Eliminate every other knot: intervals 0 and 1 become one, 2 and 3, …; an odd one stays.
-
-    Returns the level, how many of each knot's coefficients are determined, the intervals that are
-    left and the rows that became free.
-    """
-    n, w, k = len(X) // 2, X.shape[-1] // 2, Y.shape[-1]
-    left, right = X[0 : 2 * n : 2], X[1 : 2 * n : 2]
-    pair = np.zeros((n, 4 * w, 3 * w))  # columns: mid, left, right
-    pair[:, : 2 * w, :w], pair[:, : 2 * w, w : 2 * w] = left[..., w:], left[..., :w]
-    pair[:, 2 * w :, :w], pair[:, 2 * w :, 2 * w :] = right[..., :w], right[..., w:]
-    side = Y[: 2 * n].reshape(n, 4 * w, k)
-    mid = knots[1 : 2 * n : 2]
-
-    R, rest = reflect(pair, side)
-    own_X, own_Y = R[:, :w].copy(), rest[:, :w].copy()
-    kept_X, kept_Y, free = R[:, w:, w:].copy(), rest[:, w : 3 * w].copy(), rest[:, 3 * w :].copy()
-    determined, freed = np.full(n, w), []
-    doubtful = weak(own_X, tol).any(axis=1)
-    if doubtful.any():
-        own, determined[doubtful], kept, more = _halve_doubtful(pair[doubtful], side[doubtful], tol)
-        own_X[doubtful], own_Y[doubtful] = own
-        kept_X[doubtful], kept_Y[doubtful] = kept
-        free[doubtful] = 0.0
-        freed.append(Free(mid[doubtful], more))
-    released, more = release(kept_X, kept_Y, tol)
-    freed += [Free(mid, free), Free(mid[released], more)]
-    level = Level(knots[0 : 2 * n : 2], mid, knots[2 : 2 * n + 1 : 2], own_X, own_Y)
-    X, Y = np.concatenate([kept_X, X[2 * n :]]), np.concatenate([kept_Y, Y[2 * n :]])
-    return level, determined, X, Y, freed
-
-
-def _halve_doubtful(
-    pair: Array, side: Array, tol: float
-) -> tuple[tuple[Array, Array], Index, tuple[Array, Array], Array]:
-    """The same for knots of which the equations may leave combinations open, by singular values."""
-    w = pair.shape[-1] // 3
-    U, s, Vt = np.linalg.svd(pair[..., :w])
-    seen = (s > tol)[..., None]
-    rows = U.swapaxes(1, 2) @ np.concatenate([pair[..., w:], side], axis=2)
-    own = np.where(seen, rows[:, :w], 0.0)
-    rows[:, :w] -= own
-    own_X = np.concatenate([np.where(seen, s[..., None], tol) * Vt, own[..., : 2 * w]], axis=2)
-    R, rest = reflect(rows[..., : 2 * w], rows[..., 2 * w :])
-    return (
-        (own_X, own[..., 2 * w :]),
-        seen.sum(axis=(1, 2)),
-        (R, rest[:, : 2 * w]),
-        rest[:, 2 * w :],
-    )

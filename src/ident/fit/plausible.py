@@ -1,0 +1,51 @@
+"""How far a parameter can sensibly be from its prior.
+
+Noise makes every column look a little excited. A combination of parameters that the data know no
+better than this is left at the prior instead of being set to what the noise says.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.equations.columns import Columns
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import COUNT, split
+
+GENEROUS = 10.0  # times a body's own scale
+
+
+def plausible(mechanism: Mechanism, columns: Columns, torque: np.ndarray) -> np.ndarray:
+    """(k,) largest sensible deviation of every unknown from its prior, in its own unit.
+
+    Of a body with mass m and size l (centre of mass, radius of gyration, or a mean link's length):
+    10 m, 10 m l, 10 m l². Of an effect: ten times the torque per unit of its column.
+
+    Args:
+        mechanism: whose URDF gives masses and sizes.
+        columns: the unknowns.
+        torque: (d,) rms torque of the independent coordinates [N m | N].
+    """
+    model = mechanism.model
+    count = len(mechanism.bodies.links)
+    frames = [f.placement.translation for c in mechanism.closures for f in _frames(c)]
+    reach = sum(float(np.linalg.norm(model.jointPlacements[i].translation)) for i in
+                range(1, model.njoints)) + max((np.linalg.norm(p) for p in frames), default=0.0)  # fmt: skip
+    bodies = mechanism.prior.reshape(count, COUNT)
+    total = float(bodies[:, 0].sum())
+    found = np.empty(len(mechanism.prior))
+    for i, pi in enumerate(bodies):
+        m, moments, L = split(pi)
+        size = reach / count
+        if m > 0:
+            size = max(size, float(np.linalg.norm(moments)) / m, np.sqrt(max(np.trace(L), 0) / m))
+        m, size = max(m, total / count) or 100.0, size or 1.0
+        scale = np.array([m] + [m * size] * 3 + [m * size**2] * 6)
+        found[COUNT * i : COUNT * (i + 1)] = scale
+    largest = float(torque.max(initial=0.0)) or np.inf
+    effects = np.full(len(columns) - len(columns.rigid), largest)
+    return GENEROUS * np.concatenate([found[columns.rigid], effects])
+
+
+def _frames(closure: object) -> list:  # type: ignore[type-arg]
+    return [frame for frame in (getattr(closure, "a", None), getattr(closure, "b", None)) if frame]

@@ -1,0 +1,96 @@
+"""The zero-phase filter: its figures, its reach, and that pieces give the same as one pass."""
+
+import numpy as np
+import pytest
+
+from ident.equations.filter import Decimator
+
+CASES = [(5.0, 200.0), (20.0, 1000.0), (40.0, 5000.0), (30.0, 100.0)]
+
+
+def response(decimator, rate, f):
+    k = np.arange(-decimator.half, decimator.half + 1)
+    return decimator.taps @ np.cos(2 * np.pi * f / rate * k)  # symmetric: real, no phase
+
+
+def through(decimator, x, segment=None, chunk=10**9):
+    """(kept samples, filtered) of an experiment."""
+    segment = segment or slice(0, len(x))
+    samples, values = [], []
+    for inside, part in decimator.pieces(segment, chunk):
+        at = decimator.centres(part, segment)
+        samples.append(at)
+        values.append(decimator.apply(x[inside], inside, at))
+    return np.concatenate(samples), np.concatenate(values)
+
+
+@pytest.mark.parametrize(("cutoff", "rate"), CASES)
+def test_figures(cutoff, rate):
+    decimator = Decimator.of(cutoff, rate)
+    np.testing.assert_allclose(decimator.taps, decimator.taps[::-1], atol=1e-17)
+    assert decimator.taps.sum() == pytest.approx(1)
+    assert response(decimator, rate, cutoff) == pytest.approx(0.5, abs=0.01)  # −6 dB
+    passed = [response(decimator, rate, f) for f in np.linspace(0, 0.5 * cutoff, 50)]
+    assert np.abs(np.array(passed) - 1).max() < 2.5e-3
+    stopped = [response(decimator, rate, f) for f in np.linspace(1.5 * cutoff, rate / 2, 200)]
+    assert np.abs(stopped).max() < 2.5e-3  # −52 dB at the edge
+    assert np.abs(stopped[len(stopped) // 5 :]).max(initial=0) < 1.5e-3  # −56 dB a little beyond it
+    kept = rate / decimator.factor
+    assert kept >= 4 * cutoff or decimator.factor == 1
+    assert decimator.factor == max(1, int(rate / (4 * cutoff)))
+
+
+@pytest.mark.parametrize(("cutoff", "rate"), CASES)
+def test_constants_and_slopes_pass_unchanged(cutoff, rate):
+    # no phase: a straight line comes out as itself, at the same times
+    decimator = Decimator.of(cutoff, rate)
+    n = 8 * decimator.half + 57
+    x = np.stack([np.full(n, 3.7), np.arange(n) * 0.1 - 2], axis=1)
+    samples, found = through(decimator, x)
+    np.testing.assert_allclose(found, x[samples], rtol=0, atol=1e-10 * n)
+
+
+def test_a_line_in_the_pass_band_is_not_delayed():
+    t = np.arange(4000) / 1000
+    decimator = Decimator.of(20.0, 1000.0)
+    samples, found = through(decimator, np.sin(2 * np.pi * 7 * t)[:, None])
+    np.testing.assert_allclose(found[:, 0], np.sin(2 * np.pi * 7 * t[samples]), atol=2e-3)
+
+
+@pytest.mark.parametrize("chunk", [1, 100, 333, 2048])
+@pytest.mark.parametrize(("cutoff", "rate"), CASES)
+def test_pieces_give_the_same_as_one_pass(cutoff, rate, chunk):
+    decimator = Decimator.of(cutoff, rate)
+    x = np.random.default_rng(0).normal(size=(14 * decimator.half + 913, 2, 3))
+    segment = slice(101, len(x) - 57)
+    samples, found = through(decimator, x, segment, chunk)
+    whole, exact = through(decimator, x, segment)
+    np.testing.assert_array_equal(samples, whole)
+    np.testing.assert_allclose(found, exact, atol=1e-13)
+    # against convolution; what is lost at either end is `half` samples and no more
+    smooth = np.apply_along_axis(np.convolve, 0, x[segment], decimator.taps, "valid")
+    first = segment.start + decimator.half
+    np.testing.assert_array_equal(samples, np.arange(first, segment.stop - decimator.half, decimator.factor))
+    np.testing.assert_allclose(found, smooth[samples - first], atol=1e-13)
+
+
+def test_a_segment_shorter_than_the_filter_gives_nothing():
+    decimator = Decimator.of(5.0, 200.0)
+    assert not list(decimator.pieces(slice(10, 10 + 2 * decimator.half), 100))
+    assert len(through(decimator, np.ones((2 * decimator.half + 1, 1)))[0]) == 1
+
+
+def test_without_a_cutoff_every_sample_stays():
+    decimator = Decimator.of(None, 200.0)
+    assert (decimator.half, decimator.factor) == (0, 1)
+    pieces = list(decimator.pieces(slice(3, 25), 10))
+    assert [(p.start, p.stop) for _, p in pieces] == [(3, 13), (13, 23), (23, 25)]
+    assert all(inside == part for inside, part in pieces)
+
+
+def test_the_share_of_open_samples_counts_both_signs():
+    decimator = Decimator.of(20.0, 1000.0)
+    segment = slice(0, 2 * decimator.half + 1)
+    at = np.array([decimator.half])
+    found = decimator.apply(np.ones((segment.stop, 1)), segment, at, absolute=True)
+    assert found[0, 0] == pytest.approx(np.abs(decimator.taps).sum())

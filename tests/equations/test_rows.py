@@ -1,0 +1,113 @@
+"""The reduced rows: consistent with Pinocchio's dynamics and with the multipliers projected out."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from helpers import Truth, series
+
+from ident.effects import create
+from ident.equations.columns import Columns
+from ident.equations.rows import raw_rows, row_supports, rows
+from ident.log import Log
+from ident.mechanism import load
+from ident.mechanism.absolute import absolute
+from ident.motion import complete
+
+NAMES = ["slider_crank", "four_bar", "five_bar", "arm"]
+
+
+def logged(name, robots, rate=100.0):
+    """A log whose torques are those of the URDF's own bodies, by Pinocchio, in joint coordinates."""
+    truth, mechanism = Truth(name), load(robots / name)
+    t, *driven = series(name, rate=rate)
+    q, v, a = truth.complete(t, *driven)
+    n = len(t)
+    tau = np.zeros((n, truth.model.nv))
+    active = [truth.index[joint] for joint in mechanism.driven]
+    rest = [i for i in range(truth.model.nv) if i not in active]
+    for k in range(n):
+        state = [np.array([x[j][k] for j in truth.index]) for x in (q, v, a)]
+        need = pin.rnea(truth.model, truth.data, *state)
+        _, J, _ = truth.rows(state[0], state[1])
+        # passive rows: need = Jᵀλ there, by the least norm where closures are redundant
+        lam = np.linalg.lstsq(J[:, rest].T, need[rest], rcond=1e-9)[0] if rest else np.zeros(len(J))
+        tau[k] = need - J.T @ lam
+        assert np.abs(tau[k, rest]).max(initial=0) < 1e-9
+    columns = {f"{p}.{j}": x[j] for p, x in zip("qva", (q, v, a), strict=True) for j in driven[0]}
+    columns |= {f"tau.{j}": tau[:, truth.index[j]] for j in mechanism.driven}
+    return mechanism, Log.from_arrays("run.csv", t, columns)
+
+
+@pytest.mark.parametrize("form", [lambda m: m, absolute], ids=["joint", "absolute"])
+@pytest.mark.parametrize("name", NAMES)
+def test_rows_hold_for_the_true_parameters(name, form, robots):
+    mechanism, log = logged(name, robots)
+    mechanism = form(mechanism)
+    motion = complete(mechanism, log)
+    columns = Columns.of(mechanism)
+    (e,) = motion.experiments
+    found = raw_rows(mechanism, columns, e, slice(0, len(e)))
+    scale = np.abs(found.tau).max(axis=0)
+    off = np.einsum("ndk,k->nd", found.A, columns.prior) - found.b
+    assert np.abs(off / scale).max() < 1e-8
+    for u, columns_of_row in enumerate(row_supports(mechanism, columns, e)):
+        outside = np.setdiff1d(np.arange(len(columns)), columns_of_row)
+        assert np.all(found.A[:, u, outside] == 0)
+
+
+@pytest.mark.parametrize("joint", ["crank", "coupler", "closure.pin"])
+def test_an_effects_torque_works_through_its_leverage(joint, robots):
+    # power of a viscous torque at any joint of the loop: Σ τ_u ẏ_u = Fv ẏ_joint²
+    mechanism, log = logged("four_bar", robots)
+    mechanism = mechanism + create("viscous", joint)
+    motion = complete(mechanism, log)
+    assert motion.independent == ("crank",)
+    columns = Columns.of(mechanism)
+    (e,) = motion.experiments
+    found = raw_rows(mechanism, columns, e, slice(0, len(e)))
+    rate = e.yd[:, mechanism.joint_index[joint]]
+    crank = e.yd[:, mechanism.joint_index["crank"]]
+    column = found.A[:, 0, columns.index[f"viscous.{joint}.Fv"]]
+    np.testing.assert_allclose(column * crank, rate**2, atol=1e-9)
+
+
+def test_known_values_move_to_the_right(robots):
+    mechanism, log = logged("four_bar", robots)
+    motion = complete(mechanism, log)
+    (e,) = motion.experiments
+    part = slice(0, len(e))
+    free = mechanism + create("spring", "rocker")
+    known = mechanism + create("spring", "rocker", {"k": 3.0, "b": -0.5})
+    left = raw_rows(free, Columns.of(free), e, part)
+    right = raw_rows(known, Columns.of(known), e, part)
+    np.testing.assert_allclose(left.b - left.A[:, :, -2:] @ np.array([3.0, -0.5]), right.b, atol=1e-12)
+
+
+def test_filtered_rows_are_the_raw_rows_filtered(robots):
+    mechanism, log = logged("five_bar", robots)
+    columns = Columns.of(mechanism)
+    plain = complete(mechanism, log, cutoff=None)
+    cut = complete(mechanism, log, cutoff=8.0)
+    (raw,) = rows(mechanism, columns, plain, plain.experiments[0])
+    (found,) = rows(mechanism, columns, cut, cut.experiments[0])
+    from ident.equations.filter import Decimator
+
+    decimator = Decimator.of(8.0, cut.experiments[0].rate)
+    smooth = np.apply_along_axis(np.convolve, 0, raw.A, decimator.taps, "valid")
+    np.testing.assert_allclose(found.A, smooth[found.sample - decimator.half], atol=1e-10)
+    np.testing.assert_array_equal(found.t, raw.t[found.sample])
+
+
+def test_standstill_does_not_inform_dry_friction(robots):
+    mechanism = load(robots / "arm") + create("coulomb", "elbow")
+    t, q, v, a = series("arm", rate=100.0)
+    stop = (t > 1) & (t < 2)
+    for x in (q, v, a):  # the elbow is held for a second
+        x["elbow"] = np.where(stop, 0.5 if x is q else 0.0, x["elbow"])
+    columns = {f"{p}.{j}": x[j] for p, x in zip("qva", (q, v, a), strict=True) for j in q}
+    log = Log.from_arrays("run.csv", t, columns | {f"tau.{j}": t for j in q})
+    motion = complete(mechanism, log, cutoff=None)
+    (found,) = rows(mechanism, Columns.of(mechanism), motion, motion.experiments[0])
+    elbow = [j.name for j in mechanism.joints].index("elbow")
+    assert not found.informed[stop, elbow].any()
+    assert found.informed[~stop, elbow].mean() > 0.9
