@@ -1,4 +1,4 @@
-"""Truth from elsewhere: URDFs of random trees, finite differences, motions closed by Pinocchio alone.
+"""Truth from elsewhere: random URDFs, finite differences, motions closed by Pinocchio alone.
 
 Nothing here imports what it is meant to test.
 """
@@ -37,7 +37,14 @@ def body(rng: np.random.Generator, name: str) -> str:
     A = rng.normal(size=(3, 3)) * 0.1
     points = A @ A.T
     inertia = np.trace(points) * np.eye(3) - points
-    terms = {"ixx": (0, 0), "iyy": (1, 1), "izz": (2, 2), "ixy": (0, 1), "ixz": (0, 2), "iyz": (1, 2)}
+    terms = {
+        "ixx": (0, 0),
+        "iyy": (1, 1),
+        "izz": (2, 2),
+        "ixy": (0, 1),
+        "ixz": (0, 2),
+        "iyz": (1, 2),
+    }
     tensor = " ".join(f'{key}="{inertia[at]:.6f}"' for key, at in terms.items())
     place = " ".join(f"{x:.4f}" for x in rng.normal(size=3) * 0.1)
     return (
@@ -86,8 +93,11 @@ def raw_configuration(raw: pin.Model, coordinates: Mapping[str, float]) -> np.nd
         elif nq == 4:
             turn = coordinates[f"{name}.rz"]
             q[at : at + 4] = (
-                coordinates[f"{name}.x"], coordinates[f"{name}.y"], np.cos(turn), np.sin(turn),
-            )  # fmt: skip
+                coordinates[f"{name}.x"],
+                coordinates[f"{name}.y"],
+                np.cos(turn),
+                np.sin(turn),
+            )
     return q
 
 
@@ -173,10 +183,12 @@ class Truth:
                 at = frame.placement * pin.SE3(rpy, np.array(table[key]["xyz"]))
                 ends.append(
                     model.addFrame(
-                        pin.Frame(f"{key}_{len(self.ends)}", frame.parentJoint, at,
-                                  pin.FrameType.OP_FRAME), False,
+                        pin.Frame(
+                            f"{key}_{len(self.ends)}", frame.parentJoint, at, pin.FrameType.OP_FRAME
+                        ),
+                        False,
                     )
-                )  # fmt: skip
+                )
             axes = ["xyz".index(axis) for axis in table.get("axes", "xyz")]
             self.ends.append((table["kind"], ends, axes))
         self.data = model.createData()
@@ -185,7 +197,7 @@ class Truth:
             self.start[self.index[joint]] = value
 
     def rows(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Φ, J, J̇v; the tilt rows' drift vanishes for planar loops, the only ones closed so here."""
+        """Φ, J, J̇v; the drift of tilt rows vanishes in planar loops, all that are closed so here."""
         model, data, world = self.model, self.data, pin.LOCAL_WORLD_ALIGNED
         pin.forwardKinematics(model, data, q, v, 0 * v)
         pin.computeJointJacobians(model, data, q)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 BASE = {"errors", "files", "progress"}  # modules that all may use
-ORDER = "log effects mechanism motion solve equations fit simulate cli".split()
+ORDER = ["log", "effects", "mechanism", "motion", "solve", "equations", "fit", "simulate", "cli"]
 LEAVES = {"log", "solve"}  # these import nothing else
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "ident"
 
@@ -21,7 +21,9 @@ def imported(tree: ast.AST) -> set[str]:
     return {m.split(".")[1] for m in modules if m.startswith("ident.")}
 
 
-@pytest.mark.parametrize("file", sorted(SOURCE.glob("*/**/*.py")), ids=lambda f: f"{f.parent.name}/{f.name}")
+@pytest.mark.parametrize(
+    "file", sorted(SOURCE.glob("*/**/*.py")), ids=lambda f: f"{f.parent.name}/{f.name}"
+)
 def test_imports_point_one_way(file):
     own = file.relative_to(SOURCE).parts[0]
     found = imported(ast.parse(file.read_text(encoding="utf-8"))) - {own}

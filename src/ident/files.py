@@ -71,19 +71,23 @@ def write_all(folder: Path, contents: Mapping[str, bytes]) -> list[Path]:
 
 
 def check_writable(folder: Path) -> None:
-    """Refuse, before long work, a folder into which nothing could be written.
+    """Refuse, before long work, a folder into which nothing could be written; leaves no trace.
 
     Raises:
-        IdentError: if the folder is a file, or it or its nearest parent is not to be written.
+        IdentError: if the folder cannot be made, or no file in it.
     """
+    made: list[Path] = []
     try:
-        place = next(each for each in (folder, *folder.absolute().parents) if each.exists())
+        _make_folder(folder, made)
+        probe = _beside(folder / "probe", "part")
+        probe.touch()
+        probe.unlink()
     except OSError as error:
         raise _unwritable(error, folder) from None
-    if not place.is_dir():
-        raise _unwritable(NotADirectoryError(20, "is no folder", str(place)), folder)
-    if not os.access(place, os.W_OK | os.X_OK):
-        raise _unwritable(PermissionError(13, "Permission denied", str(place)), folder)
+    finally:
+        for each in reversed(made):
+            with contextlib.suppress(OSError):
+                each.rmdir()
 
 
 def _unwritable(error: OSError, folder: Path) -> IdentError:

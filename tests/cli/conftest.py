@@ -94,6 +94,12 @@ def done(ident) -> Run:
 
 
 @pytest.fixture
+def checked() -> Callable[[int, str, str, tuple[str, ...]], None]:
+    """`checked(status, out, err, words)`: what `refused` asks for, of another process."""
+    return lambda status, out, err, words: check_refusal(Outcome(status, out, err), words)
+
+
+@pytest.fixture
 def refused(ident) -> Run:
     """`refused(words, *arguments)`: status 1, no result, and one line with all the words in it."""
 

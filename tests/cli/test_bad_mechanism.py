@@ -98,7 +98,7 @@ EDITS = {
     "effect of unknown joint": (
         END,
         effect('kind = "viscous"', 'joint = "tetha"'),
-        ("effect 1", "did you mean 'theta'?"),
+        ("effect 1", "no joint 'tetha'", "theta"),
     ),
     "effect parameter unknown": (
         END,
@@ -120,7 +120,7 @@ EDITS = {
         effect('kind = "viscous"', 'joint = "s"', "[[effect]]", 'kind = "viscous"', 'joint = "s"'),
         ("effect 2", "viscous:s", "already"),
     ),
-    "loop that cannot close": (FRAME_B, 'b = { link = "rod", xyz = [0, 3, 0] }', ("start", "ball")),
+    "loop that cannot close": (FRAME_B, 'b = { link = "rod", xyz = [0, 0.01, 0] }', ("start", "ball")),
 }
 
 
@@ -162,10 +162,16 @@ CODE = {
     "leaves": ("raise SystemExit(7)", ("phi.py", "SystemExit")),
     "no such function": ("def psi(q):\n    return q[0]", ("phi.py", "no function 'phi'")),
     "no function": ("phi = 3", ("phi.py", "no function 'phi'")),
-    "fails when called": ("def phi(q):\n    return q['elbow']", ("'ball'", "phi", "elbow")),
-    "returns a text": ("def phi(q):\n    return 'zero'", ("'ball'", "phi")),
-    "returns nothing": ("def phi(q):\n    pass", ("'ball'", "phi")),
-    "wrong arguments": ("def phi(a, b):\n    return a", ("'ball'", "phi")),
+}
+CALLED = {
+    "unknown joint": ("def phi(q):\n    return q['elbow']", ("elbow", "alpha, beta, theta")),
+    "returns a text": ("def phi(q):\n    return 'zero'", ("returned 'zero'", "CasADi")),
+    "returns nothing": ("def phi(q):\n    pass", ("returned None", "CasADi")),
+    "returns other symbols": (
+        "import casadi\ndef phi(q):\n    return casadi.SX.sym('x')",
+        ("symbols of its own (x)", "joints"),
+    ),
+    "wrong arguments": ("def phi(a, b):\n    return a", ("argument", "CasADi")),
 }
 
 
@@ -175,6 +181,13 @@ def test_closure_functions(code, words, slider, change, refused):
     if code is not None:
         (slider / "phi.py").write_text(code)
     refused(("mechanism.toml", *words), "check", slider, "--allow-code")
+
+
+@pytest.mark.parametrize(("code", "words"), CALLED.values(), ids=CALLED)
+def test_closure_functions_when_called(code, words, slider, change, refused):
+    change(slider / "mechanism.toml", POINT, FUNCTION)
+    (slider / "phi.py").write_text(code)
+    refused(("closure 'ball'", *words), "check", slider, "--allow-code")
 
 
 def test_code_is_run_only_where_it_is_allowed(slider, change, refused):

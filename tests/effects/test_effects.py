@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from helpers import J, tree_urdf, write_mechanism
 
+from helpers import J, tree_urdf, write_mechanism
 from ident.effects import KINDS, Signals, create, parse
 from ident.errors import MechanismError
 from ident.mechanism import load
@@ -17,14 +17,22 @@ def signals(joints=1, n=60, seed=0):
     v[:5] *= 1e-3  # some standstill
     names = [f"temperature.{k}" for k in "ab"[:joints]]
     return Signals(
-        t=np.arange(n) / 100, q=q, v=v, a=a, still=np.full(joints, 0.02),
+        t=np.arange(n) / 100,
+        q=q,
+        v=v,
+        a=a,
+        still=np.full(joints, 0.02),
         extra={name: 20 + rng.normal(size=n) for name in names},
-    )  # fmt: skip
+    )
 
 
 @pytest.fixture
 def mechanism(tmp_path):
-    joints = [J("hip"), J("slide", "prismatic", "1 0 0", "hip"), J("knee", axis="0 1 0", parent="slide")]
+    joints = [
+        J("hip"),
+        J("slide", "prismatic", "1 0 0", "hip"),
+        J("knee", axis="0 1 0", parent="slide"),
+    ]
     return load(write_mechanism(tmp_path, tree_urdf(joints)))
 
 
@@ -89,11 +97,15 @@ def test_a_kind_at_rest_at_its_zero_gives_no_sign(kind):
 
 FORMULAS = {
     "viscous": (lambda s: [s.v], ("N m s/rad",), ("N s/m",)),
-    "coulomb": (lambda s: [np.where(np.abs(s.v) < s.still, s.v / s.still, np.sign(s.v))], ("N m",), ("N",)),
+    "coulomb": (
+        lambda s: [np.where(np.abs(s.v) < s.still, s.v / s.still, np.sign(s.v))],
+        ("N m",),
+        ("N",),
+    ),
     "spring": (lambda s: [s.q, np.ones_like(s.q)], ("N m/rad", "N m"), ("N/m", "N")),
     "rotor_inertia": (lambda s: [s.a], ("kg m²",), ("kg",)),
     "torque_offset": (lambda s: [np.ones_like(s.q)], ("N m",), ("N",)),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("kind", FORMULAS)
@@ -139,18 +151,27 @@ def test_effects_by_text(mechanism):
 
 @pytest.mark.parametrize(
     ("text", "kind", "joints"),
-    [("viscous:hip", "viscous", ("hip",)), ("viscous", "viscous", ()), ("spring: a , b", "spring", ("a", "b")),
-     ("coulomb:closure.pin", "coulomb", ("closure.pin",))],
-)  # fmt: skip
+    [
+        ("viscous:hip", "viscous", ("hip",)),
+        ("viscous", "viscous", ()),
+        ("spring: a , b", "spring", ("a", "b")),
+        ("coulomb:closure.pin", "coulomb", ("closure.pin",)),
+    ],
+)
 def test_parse(text, kind, joints):
     assert parse(text) == (kind, joints)
 
 
 @pytest.mark.parametrize(
     ("text", "says"),
-    [("viscus:hip", "did you mean 'viscous'"), ("viscous:", "name is missing"), ("", "there is no ''"),
-     ("viscous:a,", "name is missing"), (":hip", "there is no ''")],
-)  # fmt: skip
+    [
+        ("viscus:hip", "did you mean 'viscous'"),
+        ("viscous:", "name is missing"),
+        ("", "there is no ''"),
+        ("viscous:a,", "name is missing"),
+        (":hip", "there is no ''"),
+    ],
+)
 def test_parse_refuses(text, says):
     with pytest.raises(MechanismError) as caught:
         parse(text)

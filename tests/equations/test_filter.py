@@ -70,7 +70,9 @@ def test_pieces_give_the_same_as_one_pass(cutoff, rate, chunk):
     # against convolution; what is lost at either end is `half` samples and no more
     smooth = np.apply_along_axis(np.convolve, 0, x[segment], decimator.taps, "valid")
     first = segment.start + decimator.half
-    np.testing.assert_array_equal(samples, np.arange(first, segment.stop - decimator.half, decimator.factor))
+    np.testing.assert_array_equal(
+        samples, np.arange(first, segment.stop - decimator.half, decimator.factor)
+    )
     np.testing.assert_allclose(found, smooth[samples - first], atol=1e-13)
 
 

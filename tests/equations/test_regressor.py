@@ -1,10 +1,10 @@
-"""Γ, its supports, and the names of its columns, against Pinocchio's inverse dynamics and MuJoCo."""
+"""Γ, its supports and the names of its columns, against Pinocchio's inverse dynamics, MuJoCo."""
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from helpers import J, Truth, raw_configuration, tree_urdf, write_mechanism
 
+from helpers import J, Truth, raw_configuration, tree_urdf, write_mechanism
 from ident.equations.columns import Columns
 from ident.equations.regressor import regressor, supports
 from ident.errors import MechanismError
@@ -22,11 +22,20 @@ TREES = {
     "revolute": [J("a", axis="1 0 0"), J("b", axis="0 -1 0", parent="a"), J("c", parent="b")],
     "oblique": [J("a", axis="1 2 3"), J("b", axis="0.3 -0.2 1", parent="a")],
     "continuous": [J("a", "continuous", "0 1 0"), J("b", "continuous", "1 -1 2", "a")],
-    "prismatic": [J("a", "prismatic", "0 0 -1"), J("b", "prismatic", "2 1 -1", "a"), J("c", parent="b")],
-    "fixed links are one body": [J("a"), J("f", "fixed", None, "a"), J("g", "fixed", None, "f"), J("b", "prismatic", "1 1 0", "g")],
+    "prismatic": [
+        J("a", "prismatic", "0 0 -1"),
+        J("b", "prismatic", "2 1 -1", "a"),
+        J("c", parent="b"),
+    ],
+    "fixed links are one body": [
+        J("a"),
+        J("f", "fixed", None, "a"),
+        J("g", "fixed", None, "f"),
+        J("b", "prismatic", "1 1 0", "g"),
+    ],
     "branches": [J("t"), J("z", axis="1 0 0", parent="t"), J("b", "prismatic", "0 1 1", "t")],
     "mimic is a joint": [J("a"), J("b", axis="1 1 0", parent="a", inside='<mimic joint="a"/>')],
-}  # fmt: skip
+}
 
 
 def state(model, seed=0):
@@ -65,9 +74,12 @@ def test_torques_of_a_planar_joint(tmp_path):
     slide = R.T @ a[xy] - turn * np.array([-w[1], w[0]])
     rest = [at["p.rz"], at["b"]]
     tau = pin.rnea(
-        raw, raw.createData(), raw_configuration(raw, {n: q[i] for n, i in at.items()}),
-        np.concatenate([w, v[rest]]), np.concatenate([slide, a[rest]]),
-    )  # fmt: skip
+        raw,
+        raw.createData(),
+        raw_configuration(raw, {n: q[i] for n, i in at.items()}),
+        np.concatenate([w, v[rest]]),
+        np.concatenate([slide, a[rest]]),
+    )
     found = gamma_of(mechanism, q, v, a) @ mechanism.prior
     np.testing.assert_allclose(found[xy], R @ tau[:2], atol=1e-10)
     np.testing.assert_allclose(found[rest], tau[2:], atol=1e-10)
@@ -100,9 +112,9 @@ def test_torques_of_the_arm_are_mujocos(robots):
 @pytest.mark.parametrize("name", TREES)
 def test_rows_are_zero_outside_their_supports(name, tmp_path):
     mechanism = load(write_mechanism(tmp_path, tree_urdf(TREES[name], seed=3)))
-    found = np.abs(
-        [gamma_of(mechanism, *state(mechanism.model, seed)) for seed in range(4)]
-    ).max(axis=0)
+    found = np.abs([gamma_of(mechanism, *state(mechanism.model, seed)) for seed in range(4)]).max(
+        axis=0
+    )
     for row, columns in zip(found, supports(mechanism.model), strict=True):
         outside = np.ones(len(row), bool)
         outside[columns] = False
@@ -113,7 +125,7 @@ def test_rows_are_zero_outside_their_supports(name, tmp_path):
 
 # --- names --------------------------------------------------------------------------------------
 
-DYNAMIC = "m mx my mz Lxx Lxy Lyy Lxz Lyz Lzz".split()
+DYNAMIC = ["m", "mx", "my", "mz", "Lxx", "Lxy", "Lyy", "Lxz", "Lyz", "Lzz"]
 
 
 def test_names_are_in_pinocchios_order(tmp_path):
@@ -134,17 +146,23 @@ def test_names_are_in_pinocchios_order(tmp_path):
 def test_base_parameters_are_sought_inertias_first():
     bodies = Bodies(("one", "two"))
     names = [bodies.names[i] for i in bodies.reading_order()]
-    assert names[:10] == [f"one.{w}" for w in "Lxx Lxy Lxz Lyy Lyz Lzz mx my mz m".split()]
+    assert names[:10] == [
+        f"one.{w}" for w in ["Lxx", "Lxy", "Lxz", "Lyy", "Lyz", "Lzz", "mx", "my", "mz", "m"]
+    ]
     assert sorted(bodies.reading_order()) == list(range(20))
 
 
 @pytest.mark.parametrize(
     ("patterns", "words"),
     [
-        (["two"], DYNAMIC), (["two.*"], DYNAMIC), (["two.Ixx"], ["Lxx"]), (["two.Lxy", "two.m"], ["m", "Lxy"]),
-        ([], []), (["two.mx", "two.mx"], ["mx"]),
+        (["two"], DYNAMIC),
+        (["two.*"], DYNAMIC),
+        (["two.Ixx"], ["Lxx"]),
+        (["two.Lxy", "two.m"], ["m", "Lxy"]),
+        ([], []),
+        (["two.mx", "two.mx"], ["mx"]),
     ],
-)  # fmt: skip
+)
 def test_patterns_select_parameters(patterns, words):
     bodies = Bodies(("one", "two"))
     assert bodies.select(patterns, "here") == tuple(f"two.{word}" for word in words)
@@ -158,7 +176,12 @@ def test_a_links_name_may_hold_a_dot():
 
 @pytest.mark.parametrize(
     ("pattern", "says"),
-    [("tow", "did you mean 'two'"), ("two.Ixz2", "Ixz"), ("base.m", "one, two"), ("two.", "no parameter ''")],
+    [
+        ("tow", "did you mean 'two'"),
+        ("two.Ixz2", "Ixz"),
+        ("base.m", "one, two"),
+        ("two.", "no parameter ''"),
+    ],
 )
 def test_patterns_of_nothing(pattern, says):
     with pytest.raises(MechanismError) as caught:
@@ -170,7 +193,12 @@ def test_patterns_of_nothing(pattern, says):
 def test_split_and_join_are_inverse():
     pi = np.arange(1.0, 11.0)
     np.testing.assert_array_equal(join(*split(pi)), pi)
-    assert [unit_of(f"a.b.{w}") for w in ("m", "mx", "Lxx", "Ixy")] == ["kg", "kg m", "kg m²", "kg m²"]
+    assert [unit_of(f"a.b.{w}") for w in ("m", "mx", "Lxx", "Ixy")] == [
+        "kg",
+        "kg m",
+        "kg m²",
+        "kg m²",
+    ]
 
 
 def test_parallel_axes():
@@ -194,7 +222,8 @@ def test_pseudo_inertia_is_positive_for_bodies_and_only_for_them(seed):
 
 
 def test_columns_are_the_unknowns_rigid_first(tmp_path):
-    toml = '[parameters]\nunknown = ["b_link.Izz", "a_link.m"]\n[[effect]]\nkind = "spring"\njoint = "b"\nk = 2.0\n'
+    toml = '[parameters]\nunknown = ["b_link.Izz", "a_link.m"]\n'
+    toml += '[[effect]]\nkind = "spring"\njoint = "b"\nk = 2.0\n'
     toml += '[[effect]]\nkind = "viscous"\njoint = "a"\n'
     mechanism = load(write_mechanism(tmp_path, tree_urdf(TREES["prismatic"][:2], seed=1), toml))
     columns = Columns.of(mechanism)
@@ -203,7 +232,9 @@ def test_columns_are_the_unknowns_rigid_first(tmp_path):
     assert len(columns) == 4
     assert [columns.index[name] for name in columns.names] == [0, 1, 2, 3]
     names = mechanism.bodies.names
-    np.testing.assert_allclose(columns.prior[:2], mechanism.prior[[names.index(n) for n in columns.names[:2]]])
+    np.testing.assert_allclose(
+        columns.prior[:2], mechanism.prior[[names.index(n) for n in columns.names[:2]]]
+    )
     assert {names[i] for i in [*columns.rigid, *columns.known]} == set(names)
     np.testing.assert_allclose(columns.known_values, mechanism.prior[columns.known])
     x = np.array([1.0, 2.0, 3.0, 4.0])

@@ -3,8 +3,8 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from helpers import Truth, series
 
+from helpers import Truth, series
 from ident.effects import create
 from ident.equations.columns import Columns
 from ident.equations.rows import raw_rows, row_supports, rows
@@ -17,7 +17,7 @@ NAMES = ["slider_crank", "four_bar", "five_bar", "arm"]
 
 
 def logged(name, robots, rate=100.0):
-    """A log whose torques are those of the URDF's own bodies, by Pinocchio, in joint coordinates."""
+    """A log whose torques are those of the URDF's own bodies, by Pinocchio."""
     truth, mechanism = Truth(name), load(robots / name)
     t, *driven = series(name, rate=rate)
     q, v, a = truth.complete(t, *driven)
@@ -80,7 +80,9 @@ def test_known_values_move_to_the_right(robots):
     known = mechanism + create("spring", "rocker", {"k": 3.0, "b": -0.5})
     left = raw_rows(free, Columns.of(free), e, part)
     right = raw_rows(known, Columns.of(known), e, part)
-    np.testing.assert_allclose(left.b - left.A[:, :, -2:] @ np.array([3.0, -0.5]), right.b, atol=1e-12)
+    np.testing.assert_allclose(
+        left.b - left.A[:, :, -2:] @ np.array([3.0, -0.5]), right.b, atol=1e-12
+    )
 
 
 def test_filtered_rows_are_the_raw_rows_filtered(robots):

@@ -3,8 +3,8 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from helpers import J, tree_urdf, write_mechanism
 
+from helpers import J, tree_urdf, write_mechanism
 from ident.mechanism import load
 from ident.mechanism.absolute import absolute
 
@@ -19,7 +19,11 @@ def test_same_freedom_bodies_and_names(name, robots):
     assert bodies.degrees_of_freedom == joint.degrees_of_freedom
     np.testing.assert_allclose(bodies.prior, joint.prior, atol=1e-12)
     assert [j.name for j in bodies.joints] == [j.name for j in joint.joints]
-    assert (bodies.driven, bodies.passive, bodies.unknown) == (joint.driven, joint.passive, joint.unknown)
+    assert (bodies.driven, bodies.passive, bodies.unknown) == (
+        joint.driven,
+        joint.passive,
+        joint.unknown,
+    )
     assert not any(j.in_tree for j in bodies.joints)
     assert np.abs(bodies.kinematics.closure_rows(bodies.start[None]).value).max() < 1e-12
     first = joint.joints[0].name

@@ -5,16 +5,20 @@ import itertools
 import numpy as np
 import pinocchio as pin
 import pytest
-from helpers import J, along, frame_jacobian, jacobian, tree_urdf, write_mechanism
 
+from helpers import J, along, frame_jacobian, jacobian, tree_urdf, write_mechanism
 from ident.mechanism import load
 from ident.mechanism.closures import KINDS, OTHER_KINDS, Closure, Frame
 from ident.mechanism.kinematics import Kinematics
 
 TREE = [
-    J("a1", axis="1 2 3"), J("a2", "prismatic", "0 1 1", "a1"), J("a3", "continuous", "1 0 0", "a2"),
-    J("b1", "planar", "1 -1 2"), J("b2", axis="0 1 0", parent="b1"), J("b3", axis="2 0 1", parent="b2"),
-]  # fmt: skip
+    J("a1", axis="1 2 3"),
+    J("a2", "prismatic", "0 1 1", "a1"),
+    J("a3", "continuous", "1 0 0", "a2"),
+    J("b1", "planar", "1 -1 2"),
+    J("b2", axis="0 1 0", parent="b1"),
+    J("b3", axis="2 0 1", parent="b2"),
+]
 ENDS = """
 a = { link = "a3_link", xyz = [0.1, -0.2, 0.3], rpy = [0.4, 0.5, -0.6] }
 b = { link = "b3_link", xyz = [-0.3, 0.1, 0.2], rpy = [-0.2, 0.9, 1.1] }
@@ -58,32 +62,30 @@ def somewhere(model, seed=0, spread=1.0):
     return rng.uniform(-spread, spread, model.nq), rng.normal(size=model.nv)
 
 
+def check_derivatives(kinematics, q, v):
+    """J and J̇v, W and Ẇv against finite differences along pin.integrate."""
+    model = kinematics.model
+    for rows in (kinematics.closure_rows, kinematics.own_rows)[: 2 if kinematics.own else 1]:
+        found = rows(q[None], v[None])
+        J = jacobian(model, q, lambda x, rows=rows: rows(x[None]).value[0])
+        drift = along(model, q, v, lambda x, rows=rows: rows(x[None]).rate[0] @ v, 1e-3)
+        np.testing.assert_allclose(found.rate[0], J, atol=1e-8)
+        np.testing.assert_allclose(found.drift[0], drift, atol=1e-7)
+
+
 @pytest.mark.parametrize("case", CASES)
 def test_derivatives_are_those_of_finite_differences(case, tmp_path):
     mechanism = closed(tmp_path, case)
-    model, kinematics = mechanism.model, mechanism.kinematics
-    for rows in (kinematics.closure_rows, *([kinematics.own_rows] if kinematics.own else [])):
-        for seed in range(3):
-            q, v = somewhere(model, seed)
-            found = rows(q[None], v[None])
-            J = jacobian(model, q, lambda x: rows(x[None]).value[0])
-            drift = along(model, q, v, lambda x: rows(x[None]).rate[0] @ v, 1e-3)
-            np.testing.assert_allclose(found.rate[0], J, atol=1e-8)
-            np.testing.assert_allclose(found.drift[0], drift, atol=1e-7)
+    for seed in range(3):
+        check_derivatives(mechanism.kinematics, *somewhere(mechanism.model, seed))
 
 
-@pytest.mark.parametrize("form", KINDS)
-def test_derivatives_on_free_bodies(form):
-    kinematics, q = two_bodies(form)
+@pytest.mark.parametrize("kind", KINDS)
+def test_derivatives_on_free_bodies(kind):
+    kinematics, q = two_bodies(kind)
     rng = np.random.default_rng(1)
     q = pin.integrate(kinematics.model, q, rng.normal(size=12))
-    v = rng.normal(size=12)
-    for rows in (kinematics.closure_rows, *([kinematics.own_rows] if kinematics.own else [])):
-        found = rows(q[None], v[None])
-        J = jacobian(kinematics.model, q, lambda x: rows(x[None]).value[0])
-        drift = along(kinematics.model, q, v, lambda x: rows(x[None]).rate[0] @ v, 1e-3)
-        np.testing.assert_allclose(found.rate[0], J, atol=1e-8)
-        np.testing.assert_allclose(found.drift[0], drift, atol=1e-7)
+    check_derivatives(kinematics, q, rng.normal(size=12))
 
 
 @pytest.mark.parametrize("case", EXPECTED)
@@ -151,10 +153,14 @@ def test_point_is_b_minus_a_in_world_axes(tmp_path):
 # --- two free bodies held together exactly: ranks, and what the multipliers are -----------------
 
 FREE = {  # the closure's own motion: translation in a's axes, and turn about a's z
-    "point": ((0, 0, 0), 0.0), "revolute": ((0, 0, 0), 0.8), "prismatic": ((0, 0, 0.3), 0.0),
-    "cylindrical": ((0, 0, -0.4), 1.1), "universal": ((0, 0, 0), 0.0), "planar": ((0.2, 0.5, 0), -0.7),
+    "point": ((0, 0, 0), 0.0),
+    "revolute": ((0, 0, 0), 0.8),
+    "prismatic": ((0, 0, 0.3), 0.0),
+    "cylindrical": ((0, 0, -0.4), 1.1),
+    "universal": ((0, 0, 0), 0.0),
+    "planar": ((0.2, 0.5, 0), -0.7),
     "fixed": ((0, 0, 0), 0.0),
-}  # fmt: skip
+}
 
 
 def two_bodies(kind, seed=2):
@@ -197,7 +203,9 @@ def test_multipliers_are_forces_and_moments_on_b(kind):
     for name, row in zip(kinematics.multipliers, J, strict=True):
         word = name.rsplit(".")[-1]
         e = np.eye(3)["xyz".index(word[-1])]
-        force, moment = (np.zeros(3), oMa.rotation @ e) if word[0] == "r" else (axes @ e, np.zeros(3))
+        force, moment = (
+            (np.zeros(3), oMa.rotation @ e) if word[0] == "r" else (axes @ e, np.zeros(3))
+        )
         work = np.zeros(12)
         for body, sign in ((1, -1), (2, 1)):
             at = data.oMi[body].inverse() * pin.SE3(np.eye(3), oMb.translation)
@@ -210,10 +218,17 @@ def test_multipliers_are_forces_and_moments_on_b(kind):
 def test_a_closures_own_joint_is_its_free_coordinate(kind):
     kinematics, q = two_bodies(kind)
     shift, turn = FREE[kind]
-    found = dict(zip([own.name for own in kinematics.own], kinematics.own_rows(q[None]).value[0], strict=True))
+    found = dict(
+        zip(
+            [own.name for own in kinematics.own], kinematics.own_rows(q[None]).value[0], strict=True
+        )
+    )
     expected = {
-        "revolute": {"closure.c": turn}, "prismatic": {"closure.c": shift[2]},
+        "revolute": {"closure.c": turn},
+        "prismatic": {"closure.c": shift[2]},
         "cylindrical": {"closure.c.z": shift[2], "closure.c.rz": turn},
-    }[kind]  # fmt: skip
+    }[kind]
     assert found == pytest.approx(expected)
-    assert [own.rotational for own in kinematics.own] == [n.endswith("rz") or kind == "revolute" for n in found]
+    assert [own.rotational for own in kinematics.own] == [
+        n.endswith("rz") or kind == "revolute" for n in found
+    ]

@@ -4,8 +4,8 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
-from helpers import J, along, raw_configuration, tree_urdf, write_mechanism
 
+from helpers import J, along, raw_configuration, tree_urdf, write_mechanism
 from ident.mechanism import load
 from ident.mechanism.absolute import absolute
 from ident.mechanism.forward import (
@@ -19,16 +19,27 @@ from ident.mechanism.forward import (
 
 TREES = {
     "revolute": [J("a", axis="1 0 0"), J("b", axis="0 1 0", parent="a"), J("c", parent="b")],
-    "negative axes": [J("a", axis="-1 0 0"), J("b", axis="0 -1 0", parent="a"), J("c", "prismatic", "0 0 -1", "b")],
+    "negative axes": [
+        J("a", axis="-1 0 0"),
+        J("b", axis="0 -1 0", parent="a"),
+        J("c", "prismatic", "0 0 -1", "b"),
+    ],
     "oblique": [J("a", axis="1 2 3"), J("b", axis="0.3 -0.2 1", parent="a")],
     "default axis": [J("a", axis=None), J("b", "prismatic", None, "a")],
     "continuous": [J("a", "continuous", "0 1 0"), J("b", "continuous", "1 -1 2", "a")],
     "prismatic": [J("a", "prismatic", "0 1 0"), J("b", "prismatic", "2 1 -1", "a")],
     "fixed between": [J("a"), J("f", "fixed", None, "a"), J("b", "prismatic", "1 1 0", "f")],
-    "branches": [J("trunk"), J("z", axis="1 0 0", parent="trunk"), J("b", "prismatic", "0 1 1", "trunk")],
-    "mimic": [J("a"), J("b", axis="1 1 0", parent="a", inside='<mimic joint="a" multiplier="-2" offset="0.3"/>')],
+    "branches": [
+        J("trunk"),
+        J("z", axis="1 0 0", parent="trunk"),
+        J("b", "prismatic", "0 1 1", "trunk"),
+    ],
+    "mimic": [
+        J("a"),
+        J("b", axis="1 1 0", parent="a", inside='<mimic joint="a" multiplier="-2" offset="0.3"/>'),
+    ],
     "planar z": [J("p", "planar", "0 0 1"), J("b", axis="1 0 0", parent="p")],
-}  # fmt: skip
+}
 
 
 def evaluate(model, q):
@@ -92,9 +103,7 @@ def test_rates_are_the_derivative_of_pinocchios_integrate(form, robots):
     rng = np.random.default_rng(3)
     q = pin.randomConfiguration(model, -np.ones(model.nq), np.ones(model.nq))
     v = rng.normal(size=model.nv)
-    np.testing.assert_allclose(
-        N(q).full() @ v, along(model, q, v, lambda x: x, 1e-3), atol=1e-9
-    )
+    np.testing.assert_allclose(N(q).full() @ v, along(model, q, v, lambda x: x, 1e-3), atol=1e-9)
 
 
 @pytest.mark.parametrize("axis", [(1, 0, 0), (0, 0, 1), (0, 0, -1), (-1, 0, 0), (1, 2, -3)])
@@ -109,7 +118,11 @@ def test_a_direction_gets_a_right_handed_frame(axis):
 
 
 def test_what_a_joint_is_is_read_off_pinocchio(tmp_path):
-    joints = [J("a", axis="1 2 2"), J("b", "prismatic", "0 3 4", "a"), J("c", "continuous", "0 -1 0", "b")]
+    joints = [
+        J("a", axis="1 2 2"),
+        J("b", "prismatic", "0 3 4", "a"),
+        J("c", "continuous", "0 -1 0", "b"),
+    ]
     model = load(write_mechanism(tmp_path, tree_urdf(joints))).model
     assert [is_rotational(model, i) for i in (1, 2, 3)] == [True, False, True]
     expected = [(1 / 3, 2 / 3, 2 / 3), (0, 0.6, 0.8), (0, -1, 0)]

@@ -3,15 +3,20 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from helpers import J, tree_urdf, write_mechanism
 
+from helpers import J, tree_urdf, write_mechanism
 from ident.errors import MechanismError
 from ident.log import Column
 from ident.mechanism import load
 from ident.mechanism.closures import KINDS
 
-TREE = [J("hip", axis="0 1 0"), J("slide", "prismatic", "1 0 0", "hip"), J("knee", "continuous", "0 1 0", "slide"),
-        J("tool", "fixed", None, "knee"), J("flap", axis="1 0 0")]  # fmt: skip
+TREE = [
+    J("hip", axis="0 1 0"),
+    J("slide", "prismatic", "1 0 0", "hip"),
+    J("knee", "continuous", "0 1 0", "slide"),
+    J("tool", "fixed", None, "knee"),
+    J("flap", axis="1 0 0"),
+]
 URDF = tree_urdf(TREE, seed=9)
 PIN = """
 [[closure]]
@@ -25,7 +30,9 @@ b = { link = "world", xyz = [1.0, 0.0, 0.0] }
 @pytest.fixture
 def make(tmp_path):
     """`make(toml)`: the mechanism of URDF and these lines."""
-    return lambda toml="", urdf=URDF, **options: load(write_mechanism(tmp_path, urdf, toml), **options)
+    return lambda toml="", urdf=URDF, **options: load(
+        write_mechanism(tmp_path, urdf, toml), **options
+    )
 
 
 # --- what is understood -------------------------------------------------------------------------
@@ -56,7 +63,8 @@ def test_defaults(make):
 
 
 def test_gravity_passive_and_start(make):
-    toml = 'gravity = [9.81, 0, -1]\n[joints]\npassive = ["knee", "flap"]\nstart = { hip = 0.3, slide = 1 }'
+    toml = 'gravity = [9.81, 0, -1]\n[joints]\npassive = ["knee", "flap"]\n'
+    toml += "start = { hip = 0.3, slide = 1 }"
     mechanism = make(toml)
     np.testing.assert_array_equal(mechanism.model.gravity.linear, [9.81, 0, -1])
     assert set(mechanism.passive) == {"knee", "flap"}
@@ -79,14 +87,17 @@ def test_log_columns(make):
 
 
 def test_effects_with_known_values(make):
-    toml = '[[effect]]\nkind = "viscous"\njoint = "slide"\nFv = 0.8\n[[effect]]\nkind = "spring"\njoint = "hip"'
+    toml = '[[effect]]\nkind = "viscous"\njoint = "slide"\nFv = 0.8\n'
+    toml += '[[effect]]\nkind = "spring"\njoint = "hip"'
     one, two = make(toml).effects
     assert (one.label, dict(one.values), one.units) == ("viscous:slide", {"Fv": 0.8}, ("N s/m",))
     assert (two.label, dict(two.values)) == ("spring:hip", {})
 
 
 def test_an_effect_on_a_closures_own_joint(make):
-    toml = PIN.replace("point", "revolute") + '[[effect]]\nkind = "coulomb"\njoint = "closure.pin"\n'
+    toml = (
+        PIN.replace("point", "revolute") + '[[effect]]\nkind = "coulomb"\njoint = "closure.pin"\n'
+    )
     mechanism = make(toml)
     joint = mechanism.joint("closure.pin")
     assert not joint.in_tree
@@ -108,7 +119,9 @@ def test_fixed_links_are_one_body_with_their_parent(make):
     knee = mechanism.bodies.columns("knee_link")
     raw = pin.buildModelFromXML(URDF)
     index = raw.getJointId("knee")
-    np.testing.assert_allclose(mechanism.prior[knee], raw.inertias[index].toDynamicParameters(), atol=1e-12)
+    np.testing.assert_allclose(
+        mechanism.prior[knee], raw.inertias[index].toDynamicParameters(), atol=1e-12
+    )
     with pytest.raises(MechanismError, match="fixed to another is one body with it"):
         make('[parameters]\nunknown = ["tool_link.m"]')
 
@@ -138,10 +151,18 @@ def test_a_world_that_the_urdf_does_not_declare(tmp_path):
 
 
 def test_planar_joints_are_three_columns(tmp_path):
-    mechanism = load(write_mechanism(tmp_path, tree_urdf([J("p", "planar", "0 0 1"), J("a", parent="p")])))
-    assert [(j.name, j.rotational) for j in mechanism.joints][:3] == [("p.x", False), ("p.y", False), ("p.rz", True)]
+    mechanism = load(
+        write_mechanism(tmp_path, tree_urdf([J("p", "planar", "0 0 1"), J("a", parent="p")]))
+    )
+    assert [(j.name, j.rotational) for j in mechanism.joints][:3] == [
+        ("p.x", False),
+        ("p.y", False),
+        ("p.rz", True),
+    ]
     # the massless links between the three steps are nobody's unknowns
-    assert mechanism.unknown == tuple(n for n in mechanism.bodies.names if n.startswith(("p_link", "a_link")))
+    assert mechanism.unknown == tuple(
+        n for n in mechanism.bodies.names if n.startswith(("p_link", "a_link"))
+    )
 
 
 def test_continuous_joints_are_angles_without_limits(make):
@@ -154,7 +175,9 @@ def test_continuous_joints_are_angles_without_limits(make):
 
 def test_mimics_are_linear_closures(tmp_path):
     mimic = '<mimic joint="a" multiplier="-2" offset="0.3"/>'
-    mechanism = load(write_mechanism(tmp_path, tree_urdf([J("a"), J("b", parent="a", inside=mimic)])))
+    mechanism = load(
+        write_mechanism(tmp_path, tree_urdf([J("a"), J("b", parent="a", inside=mimic)]))
+    )
     assert mechanism.passive == ("b",)
     assert mechanism.degrees_of_freedom == 1
     assert mechanism.kinematics.multipliers == ("mimic.b.1",)
@@ -164,7 +187,7 @@ def test_mimics_are_linear_closures(tmp_path):
 
 
 def test_a_link_without_inertial_is_said_to_be_massless(tmp_path):
-    urdf = '<robot name="r"><link name="base"/><link name="l"/><joint name="j" type="continuous"><parent link="base"/><child link="l"/></joint></robot>'
+    urdf = urdf_of("continuous")
     mechanism = load(write_mechanism(tmp_path, urdf))
     assert any("'l' has no <inertial>" in note for note in mechanism.notes)
     assert np.all(mechanism.prior == 0)
@@ -173,13 +196,20 @@ def test_a_link_without_inertial_is_said_to_be_massless(tmp_path):
 @pytest.mark.parametrize("name", ["arm", "four_bar", "five_bar", "slider_crank", "pendulum"])
 def test_the_robots_assemble_and_print_themselves(name, robots):
     dof, equations, rank = {
-        "arm": (4, 0, 0), "four_bar": (1, 5, 2), "five_bar": (2, 3, 2), "slider_crank": (1, 3, 3), "pendulum": (1, 2, 2),
-    }[name]  # fmt: skip
+        "arm": (4, 0, 0),
+        "four_bar": (1, 5, 2),
+        "five_bar": (2, 3, 2),
+        "slider_crank": (1, 3, 3),
+        "pendulum": (1, 2, 2),
+    }[name]
     mechanism = load(robots / name)
     assert mechanism.degrees_of_freedom == dof
     assert mechanism.rank == rank
     assert len(mechanism.kinematics.multipliers) == equations
-    assert np.abs(mechanism.kinematics.closure_rows(mechanism.assembled[None]).value).max(initial=0) < 1e-12
+    assert (
+        np.abs(mechanism.kinematics.closure_rows(mechanism.assembled[None]).value).max(initial=0)
+        < 1e-12
+    )
     text = str(mechanism)
     assert text.startswith(f"mechanism {name}: ")
     assert f"{equations} closure equations of rank {rank}, {dof} degrees of freedom" in text
@@ -211,9 +241,13 @@ CODE = '[[closure]]\nname = "f"\nkind = "function"\nfile = "mine.py"\nfunction =
 
 @pytest.mark.parametrize(
     ("body", "value"),
-    [('q["hip"] + 2 * q["slide"]', [0.7]), ('[q["hip"], q["slide"] ** 2]', [0.1, 0.09]),
-     ("len(q) * q[\"hip\"]", [0.4]), ('sum(q[name] for name in q)', [0.4])],
-)  # fmt: skip
+    [
+        ('q["hip"] + 2 * q["slide"]', [0.7]),
+        ('[q["hip"], q["slide"] ** 2]', [0.1, 0.09]),
+        ('len(q) * q["hip"]', [0.4]),
+        ("sum(q[name] for name in q)", [0.4]),
+    ],
+)
 def test_a_users_function(make, tmp_path, body, value):
     (tmp_path / "mine.py").write_text(f"import casadi as ca\ndef phi(q):\n    return {body}\n")
     mechanism = make(CODE, allow_code=True)
@@ -282,17 +316,32 @@ REFUSED = {
     "axes elsewhere": (PIN.replace("point", "revolute") + 'axes = "xy"', "unknown key 'axes'"),
     "axes twice": (PIN + 'axes = "xx"', "letters xyz"),
     "no axes": (PIN + 'axes = ""', "axes"),
-    "an unknown closure link": (PIN.replace('"tool_link"', '"tol_link"'), "did you mean 'tool_link'"),
+    "an unknown closure link": (
+        PIN.replace('"tool_link"', '"tol_link"'),
+        "did you mean 'tool_link'",
+    ),
     "a frame without a link": (PIN.replace('link = "world", ', ""), "no key 'link'"),
     "no frame": (PIN.replace("b = { link", "c = { link"), "unknown key 'c'"),
     "xyz of two": (PIN.replace("[1.0, 0.0, 0.0]", "[1.0, 0.0]"), "3 finite numbers"),
     "no length": (PIN.replace("point", "distance"), "above 0"),
     "a closure without a name": (PIN.replace('name = "pin"', ""), "no key 'name'"),
-    "one joint": ('[[closure]]\nname = "g"\nkind = "linear"\njoints = ["hip"]\nratios = [1]', "two or more"),
-    "more ratios": ('[[closure]]\nname = "g"\nkind = "linear"\njoints = ["hip", "knee"]\nratios = [1, 2, 3]', "one ratio each"),
-    "a ratio of zero": ('[[closure]]\nname = "g"\nkind = "linear"\njoints = ["hip", "knee"]\nratios = [1, 0]', "ties nothing"),
-    "a gear on nothing": ('[[closure]]\nname = "g"\nkind = "linear"\njoints = ["hip", "kne"]\nratios = [1, 1]', "did you mean 'knee'"),
-}  # fmt: skip
+    "one joint": (
+        '[[closure]]\nname = "g"\nkind = "linear"\njoints = ["hip"]\nratios = [1]',
+        "two or more",
+    ),
+    "more ratios": (
+        '[[closure]]\nname = "g"\nkind = "linear"\njoints = ["hip", "knee"]\nratios = [1, 2, 3]',
+        "one ratio each",
+    ),
+    "a ratio of zero": (
+        '[[closure]]\nname = "g"\nkind = "linear"\njoints = ["hip", "knee"]\nratios = [1, 0]',
+        "ties nothing",
+    ),
+    "a gear on nothing": (
+        '[[closure]]\nname = "g"\nkind = "linear"\njoints = ["hip", "kne"]\nratios = [1, 1]',
+        "did you mean 'knee'",
+    ),
+}
 
 
 @pytest.mark.parametrize("case", REFUSED)
@@ -334,12 +383,15 @@ def test_loops_that_do_not_close_are_said(make):
     assert "do not close" in str(mechanism)  # it prints itself all the same
 
 
-JOINT = '<joint name="j" type="{type}"><parent link="{parent}"/><child link="{child}"/>{more}</joint>'
+JOINT = (
+    '<joint name="j" type="{type}"><parent link="{parent}"/><child link="{child}"/>{more}</joint>'
+)
 LINKS = '<link name="base"/><link name="l"/>'
 
 
 def urdf_of(kind="revolute", parent="base", child="l", more="", links=LINKS, extra=""):
-    return f'<robot name="r">{links}{JOINT.format(type=kind, parent=parent, child=child, more=more)}{extra}</robot>'
+    joint = JOINT.format(type=kind, parent=parent, child=child, more=more)
+    return f'<robot name="r">{links}{joint}{extra}</robot>'
 
 
 BAD_URDF = {
@@ -352,25 +404,50 @@ BAD_URDF = {
     "floating": (urdf_of("floating"), "three prismatic and three revolute"),
     "an unknown type": (urdf_of("revolut"), "did you mean 'revolute'"),
     "an unknown parent": (urdf_of(parent="bas"), "did you mean 'base'"),
-    "two links of a name": (urdf_of(links=LINKS + '<link name="l"/>'), "a second link is named 'l'"),
+    "two links of a name": (
+        urdf_of(links=LINKS + '<link name="l"/>'),
+        "a second link is named 'l'",
+    ),
     "an axis of zero": (urdf_of(more='<axis xyz="0 0 0"/>'), "axis 0 0 0"),
     "an axis of text": (urdf_of(more='<axis xyz="a b c"/>'), "3 finite numbers"),
     "swapped limits": (urdf_of(more='<limit lower="1" upper="-1"/>'), "swap them"),
     "a mimic of nothing": (urdf_of(more='<mimic joint="k"/>'), "mimics 'k'"),
     "a mimic of itself": (urdf_of(more='<mimic joint="j"/>'), "mimics 'j'"),
     "a mimic of a planar joint": (
-        urdf_of(more='<mimic joint="p"/>', links=LINKS + '<link name="m"/>',
-                extra='<joint name="p" type="planar"><parent link="base"/><child link="m"/></joint>'), "mimics 'p'"),
-    "a ring": ('<robot name="r"><link name="a"/><link name="b"/><joint name="x" type="revolute"><parent link="a"/><child link="b"/></joint>'
-               '<joint name="y" type="revolute"><parent link="b"/><child link="a"/></joint></robot>', "ring"),
+        urdf_of(
+            more='<mimic joint="p"/>',
+            links=LINKS + '<link name="m"/>',
+            extra='<joint name="p" type="planar"><parent link="base"/><child link="m"/></joint>',
+        ),
+        "mimics 'p'",
+    ),
+    "a ring": (
+        '<robot name="r"><link name="a"/><link name="b"/>'
+        '<joint name="x" type="revolute"><parent link="a"/><child link="b"/></joint>'
+        '<joint name="y" type="revolute"><parent link="b"/><child link="a"/></joint></robot>',
+        "ring",
+    ),
     "a link of two joints": (
-        urdf_of(extra='<joint name="k" type="revolute"><parent link="base"/><child link="l"/></joint>'), "child of two joints"),
+        urdf_of(
+            extra='<joint name="k" type="revolute"><parent link="base"/><child link="l"/></joint>'
+        ),
+        "child of two joints",
+    ),
     "a lost link": (urdf_of(links=LINKS + '<link name="lost"/>'), "no joint leads"),
     "a negative mass": (
-        urdf_of(links='<link name="base"/><link name="l"><inertial><mass value="-1"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>'),
-        "must be ≥ 0"),
-    "no inertia": (urdf_of(links='<link name="base"/><link name="l"><inertial><mass value="1"/></inertial></link>'), "no <inertia>"),
-}  # fmt: skip
+        urdf_of(
+            links='<link name="base"/><link name="l"><inertial><mass value="-1"/>'
+            '<inertia ixx="1" iyy="1" izz="1"/></inertial></link>'
+        ),
+        "must be ≥ 0",
+    ),
+    "no inertia": (
+        urdf_of(
+            links='<link name="base"/><link name="l"><inertial><mass value="1"/></inertial></link>'
+        ),
+        "no <inertia>",
+    ),
+}
 
 
 @pytest.mark.parametrize("case", BAD_URDF)

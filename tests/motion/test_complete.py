@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import Truth, series, write_mechanism
 
+from helpers import Truth, series, write_mechanism
 from ident.errors import MotionError
 from ident.log import Log
 from ident.mechanism import load
@@ -32,9 +32,7 @@ def truth():
 
 def log_of(mechanism, t, joints, name="run.csv", **channels):
     """A log with the named joints' channels (q=…, v=…, a=…) and torques of some shape."""
-    columns = {
-        f"{prefix}.{joint}": x[joint] for prefix, x in channels.items() for joint in joints
-    }
+    columns = {f"{prefix}.{joint}": x[joint] for prefix, x in channels.items() for joint in joints}
     columns |= {f"tau.{joint}": np.sin(3 * t) + 0.1 * i for i, joint in enumerate(mechanism.driven)}
     return Log.from_arrays(name, t, columns)
 
@@ -190,7 +188,7 @@ def test_a_joint_of_the_wrong_sign_is_refused(joint, robots, truth):
 def test_a_joint_that_stands_still_may_be_logged(tmp_path, robots, truth):
     # standing still is no contradiction, however small the differences to it
     mechanism = load(robots / "five_bar")
-    t, q, v, a = truth("five_bar")
+    t, q, *_ = truth("five_bar")
     still = {j: np.full_like(t, x[0]) for j, x in q.items()}
     zero = {j: 0 * t for j in q}
     motion = complete(mechanism, log_of(mechanism, t, q, q=still, v=zero, a=zero))
@@ -199,7 +197,7 @@ def test_a_joint_that_stands_still_may_be_logged(tmp_path, robots, truth):
 
 def test_too_few_positions_are_refused(robots, truth):
     mechanism = load(robots / "five_bar")
-    t, q, v, a = truth("five_bar")
+    t, q, *_ = truth("five_bar")
     with pytest.raises(MotionError, match=r"2 degrees of freedom.*determine only 1.*q\.right"):
         complete(mechanism, log_of(mechanism, t, ["left"], q=q))
     with pytest.raises(MotionError, match="determine only 0"):
@@ -216,7 +214,8 @@ def test_a_driven_joint_needs_its_torque(robots, truth):
 
 PARALLELOGRAM = """<robot name="p"><link name="world"/>
 <link name="crank"/><link name="coupler"/><link name="rocker"/>
-<joint name="c" type="continuous"><parent link="world"/><child link="crank"/><axis xyz="0 0 1"/></joint>
+<joint name="c" type="continuous"><parent link="world"/><child link="crank"/>
+  <axis xyz="0 0 1"/></joint>
 <joint name="k" type="continuous"><parent link="crank"/><child link="coupler"/>
   <origin xyz="0.1 0 0"/><axis xyz="0 0 1"/></joint>
 <joint name="r" type="continuous"><parent link="world"/><child link="rocker"/>
@@ -259,7 +258,11 @@ def test_no_log_is_refused(robots):
 def test_where_the_loop_cannot_close_is_said(robots, truth):
     mechanism = load(robots / "slider_crank")
     t = np.arange(400) / 100
-    columns = {"q.s": 0.2 + 0.1 * t, "tau.theta": t, "tau.s": t}  # the rod is 0.3 m, the crank 0.08 m
+    columns = {
+        "q.s": 0.2 + 0.1 * t,
+        "tau.theta": t,
+        "tau.s": t,
+    }  # the rod is 0.3 m, the crank 0.08 m
     with pytest.raises(MotionError, match=r"cannot follow at t = \d.*s = 0\.\d+ m.*check"):
         complete(mechanism, Log.from_arrays("run.csv", t, columns))
 
@@ -271,7 +274,9 @@ def test_samples_near_a_dead_centre_are_left_out(robots, truth):
     motion = complete(mechanism, log_of(mechanism, t, ["crank"], q=q, v=v, a=a))
     assert motion.experiments[0].usable.all()
     driven = replace(mechanism, driven=("rocker",), passive=("crank", "coupler"))
-    columns = {f"q.{j}": q[j] for j in q} | {f"v.{j}": v[j] for j in q} | {f"a.{j}": a[j] for j in q}
+    columns = (
+        {f"q.{j}": q[j] for j in q} | {f"v.{j}": v[j] for j in q} | {f"a.{j}": a[j] for j in q}
+    )
     log = Log.from_arrays("run.csv", t, columns | {"tau.rocker": np.sin(t)})
     motion = complete(driven, log)
     assert motion.independent == ("rocker",)

@@ -3,8 +3,8 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from helpers import Truth, series, write_mechanism
 
+from helpers import Truth, series, write_mechanism
 from ident.errors import MotionError
 from ident.log import Log
 from ident.mechanism import load
@@ -12,8 +12,12 @@ from ident.mechanism.absolute import absolute
 from ident.motion import complete
 
 DEGREES = 180 / np.pi
-TAU = {"four_bar": ("crank",), "five_bar": ("left", "right"), "slider_crank": ("theta", "s"),
-       "arm": ("yaw", "shoulder", "elbow", "wrist")}  # fmt: skip
+TAU = {
+    "four_bar": ("crank",),
+    "five_bar": ("left", "right"),
+    "slider_crank": ("theta", "s"),
+    "arm": ("yaw", "shoulder", "elbow", "wrist"),
+}
 
 
 def drive(name, at=None, **options):
@@ -68,9 +72,13 @@ def test_runs_of_empty_cells(channels, length, robots):
     # a few are interpolated, many are left out; both are said
     t, columns = drive("four_bar")
     truth = dict(columns)
-    columns = {k: x for k, x in columns.items() if k.startswith(("tau", *(f"{c}." for c in channels)))}
+    columns = {
+        k: x for k, x in columns.items() if k.startswith(("tau", *(f"{c}." for c in channels)))
+    }
     for key in [k for k in columns if not k.startswith("tau")]:
-        columns[key] = np.where((np.arange(len(t)) >= 300) & (np.arange(len(t)) < 300 + length), np.nan, columns[key])
+        columns[key] = np.where(
+            (np.arange(len(t)) >= 300) & (np.arange(len(t)) < 300 + length), np.nan, columns[key]
+        )
     mechanism, motion = run(robots, "four_bar", t, columns)
     (e,) = motion.experiments
     assert (~e.usable).sum() == (0 if length == 3 else length)
@@ -193,7 +201,9 @@ def test_degrees_beyond_the_joints_limits(robots):
 def test_a_column_of_no_joint_is_said(robots):
     t, columns = drive("arm")
     _, motion = run(robots, "arm", t, columns | {"q.elbwo": t, "temperature.elbow": 20 + t})
-    assert any("'q.elbwo' names no joint" in n and "did you mean 'elbow'" in n for n in motion.notes)
+    assert any(
+        "'q.elbwo' names no joint" in n and "did you mean 'elbow'" in n for n in motion.notes
+    )
     np.testing.assert_allclose(motion.experiments[0].extra["temperature.elbow"], 20 + t)
 
 
@@ -201,7 +211,8 @@ def test_the_robots_own_names_are_mapped(tmp_path, robots):
     t, columns = drive("arm")
     toml = (robots / "arm" / "mechanism.toml").read_text().split("\n", 2)[2]
     urdf = (robots / "arm" / "arm.urdf").read_text()
-    toml += '\n[log]\n"q.yaw" = { column = "base_deg", scale = 0.017453292519943295, offset = 0.1 }\n"tau.yaw" = "amps"'
+    toml += '\n[log]\n"tau.yaw" = "amps"\n'
+    toml += f'"q.yaw" = {{ column = "base_deg", scale = {np.pi / 180!r}, offset = 0.1 }}'
     mechanism = load(write_mechanism(tmp_path, urdf, toml))
     q, tau = columns.pop("q.yaw"), columns.pop("tau.yaw")
     columns |= {"base_deg": DEGREES * (q - 0.1), "amps": tau}
@@ -266,7 +277,7 @@ def test_external_wrenches_are_in_the_frames_own_axes(name, robots):
     wrench = rng.normal(size=(len(t), 6))
     for i, part in enumerate(("fx", "fy", "fz", "mx", "my", "mz")):
         columns[f"wrench.{link}.{part}"] = wrench[:, i]
-    mechanism, motion = run(robots, name, t, columns)
+    _, motion = run(robots, name, t, columns)
     (e,) = motion.experiments
     raw = Truth(name).model
     data = raw.createData()
@@ -280,8 +291,10 @@ def test_external_wrenches_are_in_the_frames_own_axes(name, robots):
 
 
 def test_a_wrench_on_a_link_whose_joint_has_its_name(tmp_path):
-    urdf = """<robot name="r"><link name="base"/><link name="tool"/><joint name="tool" type="prismatic">
-<parent link="base"/><child link="tool"/><axis xyz="0 0 1"/><limit effort="1" velocity="1"/></joint></robot>"""
+    urdf = """<robot name="r"><link name="base"/><link name="tool"/>
+<joint name="tool" type="prismatic">
+<parent link="base"/><child link="tool"/><axis xyz="0 0 1"/>
+<limit effort="1" velocity="1"/></joint></robot>"""
     mechanism = load(write_mechanism(tmp_path, urdf))
     t = np.arange(100) / 100
     columns = {"q.tool": np.sin(t), "tau.tool": t, "wrench.tool.fz": t}
@@ -295,10 +308,14 @@ def test_a_wrench_on_a_free_body(robots):
     joint = load(robots / "four_bar")
     log = Log.from_arrays("run.csv", t, columns)
     one, other = (complete(m, log).experiments[0] for m in (joint, absolute(joint)))
-    np.testing.assert_allclose(*(np.einsum("ni,ni->n", e.wrench, e.v) for e in (one, other)), atol=1e-12)
+    np.testing.assert_allclose(
+        *(np.einsum("ni,ni->n", e.wrench, e.v) for e in (one, other)), atol=1e-12
+    )
 
 
-@pytest.mark.parametrize(("column", "says"), [("wrench.hand.force", "fx"), ("wrench.hnad.fx", "did you mean 'hand'")])
+@pytest.mark.parametrize(
+    ("column", "says"), [("wrench.hand.force", "fx"), ("wrench.hnad.fx", "did you mean 'hand'")]
+)
 def test_wrong_wrench_columns(column, says, robots):
     t, columns = drive("arm")
     with pytest.raises(MotionError) as caught:
@@ -313,8 +330,11 @@ def test_a_real_log_with_jittering_stamps(shared_data):
 
     mapping = {"t": Column("time")}
     for i, joint in enumerate(mechanism.driven, start=1):
-        mapping |= {f"q.{joint}": Column(f"pos_meas{i}"), f"v.{joint}": Column(f"vel_meas{i}"),
-                    f"tau.{joint}": Column(f"tau_meas{i}")}  # fmt: skip
+        mapping |= {
+            f"q.{joint}": Column(f"pos_meas{i}"),
+            f"v.{joint}": Column(f"vel_meas{i}"),
+            f"tau.{joint}": Column(f"tau_meas{i}"),
+        }
     motion = complete(mechanism, read_log(folder / "A0_swingup_11.csv", mapping))
     (e,) = motion.experiments
     assert any("uneven" in note for note in motion.notes)

@@ -70,10 +70,13 @@ class Effect:
         if len(self.joints) != self.arity:
             raise MechanismError(
                 f"effect '{self.kind}' acts on {self.arity} joint(s), given: "
-                f"{', '.join(self.joints) or 'none'}; write {self.kind}:{'joint' if self.arity == 1 else 'joint,joint'}"
+                f"{', '.join(self.joints) or 'none'}; write {self.kind}:"
+                + ",".join(["joint"] * self.arity)
             )
         if len(set(self.joints)) != len(self.joints):
-            raise MechanismError(f"effect '{self.label}' names a joint twice; give different joints")
+            raise MechanismError(
+                f"effect '{self.label}' names a joint twice; give different joints"
+            )
         names = [unknown.name for unknown in self.unknowns]
         for name, value in self.values.items():
             if name not in names:

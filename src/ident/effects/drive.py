@@ -10,7 +10,7 @@ from ident.effects.base import Effect, Signals, Unknown
 
 
 class RotorInertia(Effect):
-    """Inertia of the motor's rotor, seen at the joint (gear ratio squared times the rotor's own)."""
+    """The motor rotor's inertia, seen at the joint (gear ratio squared times its own)."""
 
     kind: ClassVar[str] = "rotor_inertia"
     unknowns: ClassVar = (

@@ -21,7 +21,7 @@ def regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> 
 
 
 def supports(model: pin.Model) -> list[np.ndarray]:
-    """For every row of Γ the columns that can be other than zero: the bodies that the joint moves."""
+    """For every row of Γ the columns that can differ from zero: the bodies the joint moves."""
     moved: list[list[int]] = [[] for _ in range(model.nv)]
     for body in range(1, model.njoints):
         joint = body

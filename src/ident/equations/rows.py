@@ -71,9 +71,9 @@ def leverage(mechanism: Mechanism, e: Experiment, part: slice, joint: str) -> np
 
 def project(e: Experiment, part: slice, f: np.ndarray) -> np.ndarray:
     """Zᵀ f of generalised forces f (n, nv, …): (n, d, …)."""
-    if e.pinv is None:
+    if e.pinv is None or e.leverage is None:
         return f
-    Z = e.pinv[part][:, :, -e.leverage.shape[2] :]  # type: ignore[union-attr]
+    Z = e.pinv[part][:, :, -e.leverage.shape[2] :]
     return np.einsum("nij,ni...->nj...", Z, f) if f.ndim == 2 else Z.transpose(0, 2, 1) @ f
 
 

@@ -38,7 +38,7 @@ def stack(
     segment: slice,
     basis: Basis,
 ) -> Iterator[Chunk]:
-    """The stack of one run of usable samples, in pieces of equal shape, filtered like all columns."""  # fmt: skip
+    """The stack of one run of usable samples, in equal pieces, filtered like all columns."""
     decimator = Decimator.of(motion.band.cutoff, e.rate)
     for inside, part in decimator.pieces(segment, CHUNK):
         A, b, informed = full_rows(mechanism, columns, e, inside)
@@ -98,7 +98,7 @@ def _filtered_window(
     basis: Basis,
     e: Experiment,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """First basis function (n,) and L (n, nv, width, m) of filtered JᵀB: a wider window."""  # fmt: skip
+    """First basis function (n,) and L (n, nv, width, m) of filtered JᵀB: a wider window."""
     half, taps = decimator.half, decimator.taps
     assert taps is not None
     width = basis.degree + 2 + int(np.ceil(2 * half / e.rate / basis.spacing))

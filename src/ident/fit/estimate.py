@@ -15,7 +15,7 @@ from ident.fit.accumulate import Cell
 from ident.solve.factor import Factor
 from ident.solve.rank import Base, Solution, reveal, solve
 
-FLOOR = 1e-6  # of a joint's torque: below it a residual is rounding and not a weight
+FLOOR = 0.01  # of a joint's terms: a smaller residual weighs no more, lest rows ask for no inertia
 TOLERANCE = 1e-8  # share of a column that must be new for its unknown to count as identifiable
 ITERATIONS = 12
 
@@ -55,6 +55,20 @@ def totals(cells: Iterable[Cell], k: int, d: int, rest: bool = False) -> list[Fa
     return found
 
 
+def loads(factors: Sequence[Factor], prior: np.ndarray, torque: np.ndarray) -> np.ndarray:
+    """(d,) size of the terms that add up in each coordinate's rows [N m | N].
+
+    The root of the sum of squares of every unknown's contribution at its prior, or the measured
+    torque where that is more. A joint that swings freely has next to no torque but large terms that
+    cancel: to weigh its rows by that torque would let them ask for no inertia at all.
+    """
+    found = []
+    for factor, tau in zip(factors, torque, strict=True):
+        terms = np.linalg.norm(factor.column_norms() * prior) / np.sqrt(max(factor.rows, 1))
+        found.append(max(float(terms), float(tau)))
+    return np.array(found)
+
+
 def estimate(
     factors: Sequence[Factor],
     prior: np.ndarray,
@@ -68,7 +82,7 @@ def estimate(
     Args:
         factors: one a coordinate, on all k columns.
         prior: (k,) values of unknowns that the data do not determine.
-        scale: (d,) torque of each coordinate [N m | N], the floor of weights.
+        scale: (d,) size of each coordinate's terms, from `loads`: where weights begin [N m | N].
         plausible: (k,) how far an unknown can be from its prior; what the data know worse than that
             is left at the prior. None: everything with columns of its own is estimated.
         sigma: (d,) weights to be kept; else iterated.
@@ -89,18 +103,24 @@ def estimate(
         solution = solve(total, found, prior)
         if fixed:
             break
+        left = _residuals(factors, solution)
         if plausible is not None:
+            noise = float((left / sigma).max())
             found, solution, tolerance, dropped = _excited(
-                total, found, solution, prior, plausible, tolerance
+                total, found, solution, prior, plausible / max(noise, 1e-300), tolerance
             )
             unexcited = tuple(sorted({*unexcited, *dropped}))
-        left = np.array([f.residual_norm(solution.x) / np.sqrt(max(f.rows, 1)) for f in factors])
+            left = _residuals(factors, solution)
         new = np.maximum(left, FLOOR * np.where(scale > 0, scale, left.max() + 1e-300))
         new = np.where(new > 0, new, 1.0)
         if np.abs(np.log(new / sigma)).max() < 1e-3:
             break
         sigma = new
     return Estimate(solution, found, sigma, total, tolerance, unexcited)
+
+
+def _residuals(factors: Sequence[Factor], solution: Solution) -> np.ndarray:
+    return np.array([f.residual_norm(solution.x) / np.sqrt(max(f.rows, 1)) for f in factors])
 
 
 def _excited(

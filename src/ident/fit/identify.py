@@ -11,7 +11,7 @@ from ident.equations.columns import Columns
 from ident.fit.accumulate import accumulate, coordinates
 from ident.fit.banded import Band, banded, cells_of
 from ident.fit.covariance import covariance
-from ident.fit.estimate import Estimate, estimate, totals
+from ident.fit.estimate import Estimate, estimate, loads, totals
 from ident.fit.fit import Fit
 from ident.fit.naming import absorbed_by
 from ident.fit.plausible import plausible
@@ -58,8 +58,10 @@ def identify(
     units = [joint.force_unit for joint in joints]
     cells = accumulate(mechanism, columns, motion, progress)
     everything = squares(cells, columns.prior, d)
-    scale = np.sqrt(everything.torque / np.maximum(everything.rows, 1))
-    sensible = plausible(mechanism, columns, scale)
+    torque = np.sqrt(everything.torque / np.maximum(everything.rows, 1))
+    factors = totals(cells, len(columns), d)
+    scale = loads(factors, columns.prior, torque)
+    sensible = plausible(mechanism, columns, torque)
     bands = _bands(mechanism, columns, motion, progress)
     said: list[str] = []
     if bands:  # the paper's stack: all rows weigh alike, and the basis' misfit is in the parameters
@@ -67,10 +69,10 @@ def identify(
         found = estimate(totals(basic, len(columns), 1), columns.prior, np.ones(1), sensible)
         cov = covariance(basic, found)
         outside = held_out(basic, cells, found, columns.prior, (1, d))
-        free = estimate(totals(cells, len(columns), d), columns.prior, scale, sensible)
+        free = estimate(factors, columns.prior, scale, sensible)
         said = _basis_bias(mechanism, columns, found, free)
     else:
-        found = estimate(totals(cells, len(columns), d), columns.prior, scale, sensible)
+        found = estimate(factors, columns.prior, scale, sensible)
         cov = covariance(cells, found)
         if progress:
             progress("held-out errors", 0.9)

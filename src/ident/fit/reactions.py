@@ -32,7 +32,9 @@ class Reactions:
     def __str__(self) -> str:
         kinematics = self.fit.mechanism.kinematics
         rows = [["multiplier", "rms of it", "rms error", "largest error"]]
-        for i, (name, unit) in enumerate(zip(kinematics.multipliers, kinematics.units, strict=True)):
+        for i, (name, unit) in enumerate(
+            zip(kinematics.multipliers, kinematics.units, strict=True)
+        ):
             if not np.isfinite(self.off[:, i]).any():
                 continue
             size, rms = (float(np.sqrt(np.nanmean(x[:, i] ** 2))) for x in (self.known, self.off))

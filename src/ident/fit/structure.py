@@ -14,7 +14,7 @@ from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.motion.close import Closer
-from ident.motion.independent import independent_joints
+from ident.motion.independent import best_conditioned, independent_joints
 
 
 def describe(mechanism: Mechanism) -> str:
@@ -33,29 +33,41 @@ def excitation(mechanism: Mechanism) -> Motion:
 
     For a structural answer only: sines of unrelated frequencies, smaller where loops are tight.
     """
+    ways = [
+        best_conditioned(mechanism, mechanism.assembled[None]),
+        independent_joints(mechanism, [*mechanism.driven, *mechanism.joint_index]),
+        independent_joints(mechanism, [*reversed(mechanism.driven), *mechanism.joint_index]),
+    ]
+    why: MotionError | None = None
+    for names in dict.fromkeys(ways):
+        for amplitude in (0.8, 0.3, 0.1, 0.03, 0.003):
+            try:
+                log = _sines(mechanism, names, amplitude)
+                return complete(mechanism, log, cutoff=None, torques=False)
+            except MotionError as error:
+                why = error
+    raise MotionError(
+        f"{mechanism.name}: no motion made up around [joints] start can be followed ({why}); "
+        "give a start farther from a singular position, or a log"
+    )
+
+
+def _sines(mechanism: Mechanism, names: tuple[str, ...], amplitude: float) -> Log:
+    """A log of these joints moving by about the amplitude [rad | m] around the start."""
     t = np.linspace(0.0, 10.0, 801)
-    order = [*mechanism.driven, *mechanism.passive]
-    names = independent_joints(mechanism, [name for name in order if name in mechanism.joint_index])
     rng = np.random.default_rng(1)
     frequency = rng.uniform(0.5, 1.5, (len(names), 3))
     phase = rng.uniform(0, 2 * np.pi, (len(names), 3))
     start = Closer(mechanism, names).coordinates(mechanism.assembled[None]).value[0]
-    for amplitude in (0.8, 0.3, 0.1, 0.03):
-        columns = {}
-        for i, name in enumerate(names):
-            w = 2 * np.pi * frequency[i][:, None]
-            angle = w * t + phase[i][:, None]
-            offset = np.sin(phase[i][:, None])
-            columns[f"q.{name}"] = start[i] + amplitude / 3 * (np.sin(angle) - offset).sum(axis=0)
-            columns[f"v.{name}"] = amplitude / 3 * (w * np.cos(angle)).sum(axis=0)
-            columns[f"a.{name}"] = amplitude / 3 * (-(w**2) * np.sin(angle)).sum(axis=0)
-        try:
-            log = Log.from_arrays("a made-up motion", t, columns)
-            return complete(mechanism, log, cutoff=None, torques=False)
-        except MotionError:
-            if amplitude == 0.03:
-                raise
-    raise AssertionError("the last amplitude returns or raises")
+    columns = {}
+    for i, name in enumerate(names):
+        w = 2 * np.pi * frequency[i][:, None]
+        angle = w * t + phase[i][:, None]
+        offset = np.sin(phase[i][:, None])
+        columns[f"q.{name}"] = start[i] + amplitude / 3 * (np.sin(angle) - offset).sum(axis=0)
+        columns[f"v.{name}"] = amplitude / 3 * (w * np.cos(angle)).sum(axis=0)
+        columns[f"a.{name}"] = amplitude / 3 * (-(w**2) * np.sin(angle)).sum(axis=0)
+    return Log.from_arrays("a made-up motion", t, columns)
 
 
 def structure(mechanism: Mechanism, motion: Motion | None = None) -> str:

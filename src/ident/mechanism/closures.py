@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import casadi as ca
 import pinocchio as pin
@@ -21,7 +22,7 @@ from ident.mechanism.forward import Placement
 
 @dataclass(frozen=True)
 class Frame:
-    """A place on a link: joint index in Pinocchio's model (0: the ground) and constant placement."""
+    """A place on a link: Pinocchio's joint index (0: the ground) and constant placement."""
 
     link: str
     joint: int
@@ -141,14 +142,13 @@ class Linear:
 
     def terms(self, found: Sequence[Placement], joints: Coordinates) -> Terms:
         """Φ(q) = Σ ratio · q − offset."""
-        phi = sum(
-            ratio * joints[name] for name, ratio in zip(self.joints, self.ratios, strict=True)
-        )
+        q = ca.vertcat(*(joints[name] for name in self.joints))
+        phi = ca.dot(ca.SX(self.ratios), q)
         return Terms(phi - self.offset, (f"{self.name}.1",), ("N m" if self.rotational else "N",))
 
 
 class JointSymbols(Mapping[str, ca.SX]):
-    """What a user's closure function is given: `q["elbow"]`, or `q[0]` as `Mechanism.joints` has it."""
+    """What a user's closure function is given: `q["elbow"]`, or `q[0]`, the mechanism's first."""
 
     def __init__(self, symbols: Mapping[str, ca.SX]) -> None:
         self._symbols = dict(symbols)
@@ -156,7 +156,7 @@ class JointSymbols(Mapping[str, ca.SX]):
     def __getitem__(self, key: str | int) -> ca.SX:
         return list(self._symbols.values())[key] if isinstance(key, int) else self._symbols[key]
 
-    def __iter__(self):  # type: ignore[no-untyped-def]  # noqa: D105
+    def __iter__(self):  # type: ignore[no-untyped-def]
         return iter(self._symbols)
 
     def __len__(self) -> int:
@@ -168,7 +168,7 @@ class Function:
     """A user's own Φ(q), written with CasADi."""
 
     name: str
-    function: Callable[[JointSymbols], object]
+    function: Callable[[JointSymbols], Any]
     kind: str = field(default="function", init=False)
 
     def terms(self, found: Sequence[Placement], joints: Coordinates) -> Terms:
@@ -179,12 +179,14 @@ class Function:
         """
         try:
             value = self.function(JointSymbols(joints))
-            phi = ca.vertcat(*value) if isinstance(value, (list, tuple)) else ca.SX(value)
+            if value is None or isinstance(value, str):  # CasADi's own words are no help here
+                raise TypeError(f"it returned {value!r}")
+            phi = ca.SX(ca.vertcat(*value) if isinstance(value, (list, tuple)) else value)
         except Exception as error:  # it is the user's code
             what = " ".join(str(error).split())[:200]
             raise MechanismError(
                 f"closure '{self.name}': its function fails: {type(error).__name__}: {what}; it is "
-                f"given q[\"<joint>\"] of {', '.join(joints)} and returns Φ written with CasADi"
+                f'given q["<joint>"] of {", ".join(joints)} and returns Φ written with CasADi'
             ) from None
         known = {s.element_hash() for s in ca.symvar(ca.vertcat(*joints.values()))}
         foreign = [s.name() for s in ca.symvar(phi) if s.element_hash() not in known]

@@ -78,7 +78,7 @@ def _motion(model: pin.Model, index: int, q: ca.SX) -> Placement:
     axis = joint_axis(model, index)
     if is_rotational(model, index):
         return Placement(_rotation_about(axis, q[at]), ca.SX.zeros(3))
-    return Placement(ca.SX.eye(3), axis * q[at])
+    return Placement(ca.SX.eye(3), ca.SX(axis) * q[at])
 
 
 def _rotation_about(axis: np.ndarray, angle: ca.SX) -> ca.SX:

@@ -119,3 +119,20 @@ class Kinematics:
             parts.append((value.T, matrix, drift.T))
         value, rate, drift = (np.concatenate(x) for x in zip(*parts, strict=True))
         return Rows(value, rate, drift)
+
+    def assemble(self, q: np.ndarray) -> tuple[np.ndarray, float]:
+        """The configuration nearest to q at which all closures hold, and what is left open."""
+        left = 0.0
+        for _ in range(50 if self.closures else 0):
+            rows = self.closure_rows(q[None])
+            left = float(np.abs(rows.value).max())
+            if left < 1e-13:
+                break
+            step = np.linalg.lstsq(rows.rate[0], -rows.value[0], rcond=1e-10)[0]
+            q = pin.integrate(self.model, q, step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-300)))
+        return q, left
+
+
+def rank_of(J: np.ndarray) -> int:
+    """Rank of a Jacobian (m, nv)."""
+    return int(np.linalg.matrix_rank(J, tol=1e-8 * max(1.0, np.abs(J).max(initial=0.0))))

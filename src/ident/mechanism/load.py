@@ -13,7 +13,7 @@ import pinocchio as pin
 from ident.effects import create as create_effect
 from ident.errors import MechanismError, one_of
 from ident.log import Column
-from ident.mechanism.closures import AnyClosure, Closure, Linear
+from ident.mechanism.closures import AnyClosure, Linear
 from ident.mechanism.forward import is_rotational
 from ident.mechanism.mechanism import DEGREES, Joint, Mechanism, Multipliers
 from ident.mechanism.model import Tree, build_tree

@@ -16,7 +16,7 @@ from ident.effects import create as create_effect
 from ident.errors import MechanismError, one_of
 from ident.log import Column
 from ident.mechanism.closures import AnyClosure
-from ident.mechanism.kinematics import Kinematics
+from ident.mechanism.kinematics import Kinematics, rank_of
 from ident.mechanism.parameters import Bodies, dynamic_parameters
 
 
@@ -51,7 +51,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Multipliers:
-    """The time basis of λ(t): `free` (a value a sample), `linear`, `cubic`, `quintic`; spacing [s]."""
+    """The time basis of λ(t): `free` (one value a sample) or splines of a spacing [s]."""
 
     basis: str = "free"
     spacing: float = 0.0
@@ -63,19 +63,12 @@ class Multipliers:
 
 
 AWAY = 0.05  # [rad | m] from the assembled configuration to one in general position
-
-
-def rank_of(J: np.ndarray) -> int:
-    """Rank of a Jacobian (m, nv)."""
-    return int(np.linalg.matrix_rank(J, tol=1e-8 * max(1.0, np.abs(J).max(initial=0.0))))
-
-
 DEGREES = {"free": -1, "linear": 1, "cubic": 3, "quintic": 5}
 
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """What is known of a machine before the log is looked at. Immutable; `mechanism + effect` is new.
+    """What is known of a machine before the log is looked at. `mechanism + effect` is a new one.
 
     Attributes:
         name: of the folder or URDF.
@@ -88,7 +81,8 @@ class Mechanism:
         unknown: names of the dynamic parameters to identify.
         effects: beyond rigid bodies.
         columns: this robot's names of log columns.
-        urdf: path of the URDF; toml: of its mechanism.toml, if it has one; notes: what was understood otherwise than it is written.
+        urdf: path of the URDF; toml: of its mechanism.toml, if it has one.
+        notes: what was understood otherwise than it is written.
     """
 
     name: str
@@ -160,8 +154,10 @@ class Mechanism:
         J = self.kinematics.closure_rows(q[None]).rate[0]
         free = np.linalg.svd(J)[2][rank_of(J) :]  # directions in which it moves
         step = random.normal(size=len(free)) @ free
-        away = pin.integrate(self.model, q, AWAY * step / max(np.abs(step).max(initial=0.0), 1e-300))
-        found, left = self._assemble(away)
+        away = pin.integrate(
+            self.model, q, AWAY * step / max(np.abs(step).max(initial=0.0), 1e-300)
+        )
+        found, left = self.kinematics.assemble(away)
         return found if left < 1e-9 else q
 
     @cached_property
@@ -171,7 +167,7 @@ class Mechanism:
         Raises:
             MechanismError: if the loops cannot be assembled from `start`.
         """
-        q, left = self._assemble(self.start)
+        q, left = self.kinematics.assemble(self.start)
         if left < 1e-9:
             return q
         worst = np.abs(self.kinematics.closure_rows(q[None]).value[0])
@@ -181,18 +177,6 @@ class Mechanism:
             f"left at {worst.max():.3g}; give a start near an assembled position, and check the "
             "closures' frames"
         )
-
-    def _assemble(self, q: np.ndarray) -> tuple[np.ndarray, float]:
-        """The configuration nearest to q at which all closures hold, and what is left open."""
-        left = 0.0
-        for _ in range(50 if self.closures else 0):
-            rows = self.kinematics.closure_rows(q[None])
-            left = float(np.abs(rows.value).max())
-            if left < 1e-13:
-                break
-            step = np.linalg.lstsq(rows.rate[0], -rows.value[0], rcond=1e-10)[0]
-            q = pin.integrate(self.model, q, step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-300)))
-        return q, left
 
     def with_effect(self, text: str, values: Mapping[str, float] | None = None) -> Mechanism:
         """This mechanism with the effect(s) that `kind:joint[,joint]` or `kind` names.
@@ -217,7 +201,7 @@ class Mechanism:
     def __add__(self, effect: Effect) -> Mechanism:
         if not isinstance(effect, Effect):
             return NotImplemented
-        first = [self.joint(name) for name in effect.joints][0]
+        first, *_ = [self.joint(name) for name in effect.joints]
         if effect.label in {known.label for known in self.effects}:
             raise MechanismError(f"{self.name}: has the effect '{effect.label}' already")
         return replace(self, effects=(*self.effects, replace(effect, rotational=first.rotational)))

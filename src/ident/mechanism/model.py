@@ -19,7 +19,6 @@ from ident.errors import MechanismError, one_of
 from ident.mechanism.forward import perpendicular
 from ident.mechanism.urdf import numbers
 
-
 UNLIMITED = ("-1e9", "1e9")
 
 

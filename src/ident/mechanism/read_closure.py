@@ -123,12 +123,13 @@ def _function(
     if not file.is_file():
         raise MechanismError(f"{where}: file = '{table['file']}': no such file in {folder}")
     spec = importlib.util.spec_from_file_location(f"closure_{file.stem}", file)
-    assert spec is not None and spec.loader is not None
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise MechanismError(f"{where}: {file} fails: {type(error).__name__}: {error}") from None
     if not callable(getattr(module, name, None)):
         raise MechanismError(f"{where}: {file} has no function '{name}'")
-    return getattr(module, name)  # type: ignore[no-any-return]
+    return getattr(module, name)

@@ -46,7 +46,7 @@ def without_short_runs(usable: np.ndarray, shortest: int) -> np.ndarray:
 
 
 def at_own_rate(t: np.ndarray, at: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, float]:
-    """A column (m,) that is coarser than the clock t (n,), uniform at its own step, and that step."""
+    """A column (m,) within t (n,), uniform, no finer than its own samples, and its step."""
     step = float(np.median(np.diff(at)))
     dt = float(t[1] - t[0])
     if step > 1.5 * dt:

@@ -12,6 +12,8 @@ K⁺ also gives the reduced equations and the multipliers: W_uᵀτ_u − Jᵀλ
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pinocchio as pin
 
@@ -27,7 +29,7 @@ FARTHEST = 1000.0  # [rad | m] between neighbouring samples, or from the start t
 
 
 def pseudo_inverse(K: np.ndarray) -> np.ndarray:
-    """K⁺ (n, nv, m + d) of stacked K (n, m + d, nv) with full column rank, by orthogonal factors."""
+    """K⁺ (n, nv, m + d) of stacked K (n, m + d, nv) with full column rank."""
     try:
         Q, R = np.linalg.qr(K)
         return np.linalg.solve(R, Q.transpose(0, 2, 1))
@@ -127,7 +129,7 @@ class Closer:
         q[first] = self._travel(start, here, target[first], t[first])
         onward = [*range(first, n - 1, STRIDE), n - 1]
         back = [*range(first, 0, -STRIDE), 0]
-        for a, b in [*zip(onward, onward[1:], strict=False), *zip(back, back[1:], strict=False)]:
+        for a, b in [*pairwise(onward), *pairwise(back)]:
             self._bridge(q, target, t, a, b)
         anchors = sorted({*onward, *back})
         known = np.array(anchors)

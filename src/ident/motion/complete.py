@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 
 from ident.errors import MotionError, one_of
 from ident.log import Log, read_log
@@ -17,6 +16,7 @@ from ident.motion.derive import band_of, derive, speed_noise
 from ident.motion.independent import best_conditioned, independent_joints
 from ident.motion.measure import Signals, measure
 from ident.motion.motion import Band, Experiment, Motion
+from ident.motion.wrench import wrenches
 from ident.progress import Told
 
 STILL = 0.004  # share of a joint's top speed below which it counts as standing still
@@ -117,11 +117,14 @@ def _determining(mechanism: Mechanism, measured: list[Signals]) -> tuple[str, ..
     if len(names) < mechanism.degrees_of_freedom:
         free = [joint.name for joint in mechanism.joints if joint.name not in logged]
         shown = ", ".join(f"q.{name}" for name in free) or "none"
-        fewest = min(measured, key=lambda s: sum(f"q.{j.name}" in s.columns for j in mechanism.joints))
+        fewest = min(
+            measured, key=lambda s: sum(f"q.{j.name}" in s.columns for j in mechanism.joints)
+        )
+        has = ", ".join(f"q.{name}" for name in logged) or "none"
         raise MotionError(
-            f"{fewest.log.name}: {mechanism.name} has {mechanism.degrees_of_freedom} degrees "
-            f"of freedom, but the positions logged ({', '.join(f'q.{n}' for n in logged) or 'none'})"
-            f" determine only {len(names)}; log one more of: {shown}"
+            f"{fewest.log.name}: {mechanism.name} has {mechanism.degrees_of_freedom} degrees of "
+            f"freedom, but the positions logged ({has}) determine only {len(names)}; log one more "
+            f"of: {shown}"
         )
     return names
 
@@ -160,7 +163,7 @@ def _experiment(
     experiment = replace(experiment, still=np.maximum(still, 1e-9))
     if len(names) > mechanism.degrees_of_freedom:
         notes += _disagreements(mechanism, experiment, names, known[0])
-    return replace(experiment, wrench=_wrenches(mechanism, signals, experiment)), notes
+    return replace(experiment, wrench=wrenches(mechanism, signals, experiment)), notes
 
 
 def _open(
@@ -246,34 +249,3 @@ def _disagreements(
             )
         notes.append(said)
     return notes
-
-
-def _wrenches(mechanism: Mechanism, signals: Signals, experiment: Experiment) -> np.ndarray | None:
-    """Generalised forces (n, nv) of `wrench.<frame>.<fx…mz>`, in the frame's own axes and origin."""
-    parts = ("fx", "fy", "fz", "mx", "my", "mz")
-    frames: dict[str, np.ndarray] = {}
-    for column in signals.columns:
-        if not column.startswith("wrench."):
-            continue
-        frame, _, part = column[len("wrench.") :].rpartition(".")
-        if part not in parts or not frame:
-            raise MotionError(
-                f"{signals.log.name}: column '{column}': write wrench.<frame>.<{'|'.join(parts)}>"
-            )
-        if not mechanism.model.existFrame(frame, pin.FrameType.BODY):
-            known = [f.name for f in mechanism.model.frames if f.type == pin.FrameType.BODY]
-            raise MotionError(
-                f"{signals.log.name}: column '{column}': no link '{frame}'; {one_of(frame, known)}"
-            )
-        wrench = frames.setdefault(frame, np.zeros((len(experiment), 6)))
-        wrench[:, parts.index(part)] = signals.columns[column]
-    if not frames:
-        return None
-    model, data = mechanism.model, mechanism.model.createData()
-    total = np.zeros((len(experiment), model.nv))
-    for frame, wrench in frames.items():
-        index = model.getFrameId(frame, pin.FrameType.BODY)
-        for k in range(len(experiment)):
-            J = pin.computeFrameJacobian(model, data, experiment.q[k], index, pin.LOCAL)
-            total[k] += J.T @ wrench[k]
-    return total

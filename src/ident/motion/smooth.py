@@ -23,13 +23,11 @@ def interpolate(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def filled(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """x (n,) at the times `at` (n_at,): as it is where it has samples, a spline's value elsewhere."""
+    """x (n,) at the times `at` (n_at,): as it is if complete, else a spline's values."""
     return x if len(t) == len(at) else make_interp_spline(t, x, k=DEGREE)(at)
 
 
-def fit(
-    channels: list[Channel], spacing: float, at: np.ndarray
-) -> np.ndarray:
+def fit(channels: list[Channel], spacing: float, at: np.ndarray) -> np.ndarray:
     """Value, first and second derivative (3, n_at) of the least-squares spline.
 
     Args:
