@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ident.effects.base import Effect
+from ident.effects.coupling import Coupling
 from ident.effects.drive import RotorInertia, TorqueOffset
 from ident.effects.elastic import Spring
 from ident.effects.friction import Coulomb, Viscous
 from ident.errors import MechanismError, one_of
 
 KINDS: Mapping[str, type[Effect]] = {
-    effect.kind: effect for effect in (Viscous, Coulomb, Spring, RotorInertia, TorqueOffset)
+    effect.kind: effect
+    for effect in (Viscous, Coulomb, Spring, RotorInertia, Coupling, TorqueOffset)
 }
 
 
