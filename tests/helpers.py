@@ -197,7 +197,7 @@ class Truth:
             self.start[self.index[joint]] = value
 
     def rows(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Φ, J, J̇v; the drift of tilt rows vanishes in planar loops, all that are closed so here."""
+        """Φ, J, J̇v; the drift of tilt rows vanishes in planar loops, all that close so here."""
         model, data, world = self.model, self.data, pin.LOCAL_WORLD_ALIGNED
         pin.forwardKinematics(model, data, q, v, 0 * v)
         pin.computeJointJacobians(model, data, q)

@@ -58,7 +58,7 @@ def write_all(folder: Path, contents: Mapping[str, bytes]) -> list[Path]:
                     undo.callback(_remove, path)
                 os.replace(part, path)
         except BaseException as error:
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(BaseException):  # the first error is the one to tell of
                 undo.close()
             scraps.close()
             for each in reversed(made):

@@ -18,7 +18,7 @@ from ident.motion import Motion
 from ident.progress import Told
 from ident.solve.factor import Factor
 
-FEWEST, MOST, LENGTH = 10, 96, 40  # blocks of an experiment, and rows that make one
+FEWEST, MOST, LENGTH = 10, 96, 12  # blocks of an experiment, and rows that make one
 
 
 @dataclass(frozen=True, eq=False)

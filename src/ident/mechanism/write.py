@@ -52,7 +52,13 @@ def add_effects(mechanism: Mechanism, effects: Sequence[Effect]) -> Path:
             f"{path}: is there already; give it (or its folder) instead of {mechanism.urdf.name}"
         )
     document = document_of(mechanism)
-    tables = document.setdefault("effect", tomlkit.aot())
+    tables = document.get("effect", tomlkit.aot())
+    if "effect" not in document or not isinstance(tables, tomlkit.items.AoT):
+        present = document.pop("effect", [])  # written in line: a [[effect]] would not fit behind
+        tables = tomlkit.aot()
+        for each in present:
+            tables.append(tomlkit.item({**each}))
+        document["effect"] = tables
     for effect in effects:
         tables.append(effect_table(effect, effect.values))
     write_all(path.parent, {path.name: tomlkit.dumps(document).encode()})
