@@ -1,7 +1,7 @@
 """Installs the project with its test tools into .venv and runs every check. Needs only Python.
 
-    python3 tests/run.py            formatter, linter, type checker, tests
-    python3 tests/run.py --slow     the long suites as well
+python3 tests/run.py            formatter, linter, type checker, tests
+python3 tests/run.py --slow     the long suites as well
 """
 
 import os

@@ -33,6 +33,7 @@ def one_of(name: str, valid: Iterable[str]) -> str:
     "did you mean 'viscous'? valid: coulomb, viscous"
     """
     words = sorted(set(valid))
-    near = difflib.get_close_matches(name, words, n=1)
+    by_case = {word.casefold(): word for word in words}
+    near = difflib.get_close_matches(name.casefold(), by_case, n=1)
     shown = ", ".join(words[:12]) + (f", … ({len(words)} in all)" if len(words) > 12 else "")
-    return (f"did you mean '{near[0]}'? " if near else "") + f"valid: {shown or 'none'}"
+    return (f"did you mean '{by_case[near[0]]}'? " if near else "") + f"valid: {shown or 'none'}"

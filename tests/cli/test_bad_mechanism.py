@@ -74,7 +74,11 @@ EDITS = {
     "linear ratio zero": (POINT, LINEAR.replace("2.0", "0.0"), ("ratio of 0", "ratios")),
     "linear without ratios": (POINT, LINEAR.split("\nratios")[0], ("ratios", "finite numbers")),
     "linear never zero": (POINT, LINEAR + "\noffset = inf", ("offset", "finite number")),
-    "two closures of one name": ("[parameters]", TWICE + "[parameters]", ("two closures", "'ball'")),
+    "two closures of one name": (
+        "[parameters]",
+        TWICE + "[parameters]",
+        ("two closures", "'ball'"),
+    ),
     "unknown a text": (UNKNOWN, '"rod"', ("unknown = 'rod'", "list of texts")),
     "unknown link": (UNKNOWN, '["rood.Ixx"]', ("'rood'", "did you mean 'rod'?")),
     "unknown parameter": (UNKNOWN, '["rod.Iww"]', ("rod", "no parameter 'Iww'", "Ixx")),
@@ -120,7 +124,11 @@ EDITS = {
         effect('kind = "viscous"', 'joint = "s"', "[[effect]]", 'kind = "viscous"', 'joint = "s"'),
         ("effect 2", "viscous:s", "already"),
     ),
-    "loop that cannot close": (FRAME_B, 'b = { link = "rod", xyz = [0, 0.01, 0] }', ("start", "ball")),
+    "loop that cannot close": (
+        FRAME_B,
+        'b = { link = "rod", xyz = [0, 0.01, 0] }',
+        ("start", "ball"),
+    ),
 }
 
 

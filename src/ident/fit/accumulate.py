@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.errors import FitError
 from ident.equations.columns import Columns
 from ident.equations.rows import Rows, dof, row_supports, rows
+from ident.errors import FitError
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.progress import Told

@@ -17,6 +17,7 @@ from ident.solve.rank import Base, Solution, reveal, solve
 
 FLOOR = 0.01  # of a joint's terms: a smaller residual weighs no more, lest rows ask for no inertia
 TOLERANCE = 1e-8  # share of a column that must be new for its unknown to count as identifiable
+OUT = 2.0  # a tolerance that no column meets
 ITERATIONS = 12
 
 
@@ -29,7 +30,7 @@ class Estimate:
         base: which unknowns are independent.
         sigma: (d,) residual of each coordinate [N m | N].
         factor: of all rows, each divided by its sigma.
-        tolerance: share of a column that had to be new for its unknown to count as excited.
+        tolerance: (k,) share of a column that had to be new; OUT keeps it out of the base.
         unexcited: unknowns that only noise could have told apart from others.
     """
 
@@ -37,7 +38,7 @@ class Estimate:
     base: Base
     sigma: np.ndarray
     factor: Factor
-    tolerance: float
+    tolerance: np.ndarray
     unexcited: tuple[int, ...]
 
 
@@ -75,7 +76,7 @@ def estimate(
     scale: np.ndarray,
     plausible: np.ndarray | None = None,
     sigma: np.ndarray | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float | np.ndarray = TOLERANCE,
 ) -> Estimate:
     """Weighted least squares over coordinates.
 
@@ -86,7 +87,7 @@ def estimate(
         plausible: (k,) how far an unknown can be from its prior; what the data know worse than that
             is left at the prior. None: everything with columns of its own is estimated.
         sigma: (d,) weights to be kept; else iterated.
-        tolerance: share of a column that must be new.
+        tolerance: share of a column that must be new, one number or (k,).
 
     Raises:
         FitError: if there are no rows.
@@ -96,27 +97,27 @@ def estimate(
         raise FitError("no equations: every sample is at standstill, singular or missing")
     fixed = sigma is not None
     sigma = np.where(scale > 0, scale, 1.0) if sigma is None else sigma
-    unexcited: tuple[int, ...] = ()
+    tolerances = np.broadcast_to(np.asarray(tolerance, dtype=float), len(prior))
     for _ in range(1 if fixed else ITERATIONS):
         total = Factor.merge([f.scaled(1 / s) for f, s in zip(factors, sigma, strict=True)])
-        found = _cleaned(reveal(total, tolerance), total)
+        found = _cleaned(reveal(total, tolerances), total)
         solution = solve(total, found, prior)
         if fixed:
             break
         left = _residuals(factors, solution)
         if plausible is not None:
             noise = float((left / sigma).max())
-            found, solution, tolerance, dropped = _excited(
-                total, found, solution, prior, plausible / max(noise, 1e-300), tolerance
+            found, solution, tolerances = _excited(
+                total, found, solution, prior, plausible / max(noise, 1e-300), tolerances
             )
-            unexcited = tuple(sorted({*unexcited, *dropped}))
             left = _residuals(factors, solution)
         new = np.maximum(left, FLOOR * np.where(scale > 0, scale, left.max() + 1e-300))
         new = np.where(new > 0, new, 1.0)
         if np.abs(np.log(new / sigma)).max() < 1e-3:
             break
         sigma = new
-    return Estimate(solution, found, sigma, total, tolerance, unexcited)
+    out = tuple(int(i) for i in np.flatnonzero(tolerances >= OUT))
+    return Estimate(solution, found, sigma, total, tolerances, out)
 
 
 def _residuals(factors: Sequence[Factor], solution: Solution) -> np.ndarray:
@@ -129,20 +130,19 @@ def _excited(
     solution: Solution,
     prior: np.ndarray,
     plausible: np.ndarray,
-    tolerance: float,
-) -> tuple[Base, Solution, float, list[int]]:
-    """Drops the least new column until every base parameter is known better than it is plausible."""
-    dropped = []
+    tolerance: np.ndarray,
+) -> tuple[Base, Solution, np.ndarray]:
+    """Keeps out of the base, one by one, what the data know worst beside what is plausible."""
     while base.rank:
         reach = plausible[base.independent] + np.abs(base.K) @ plausible[base.dependent]
-        if (np.sqrt(np.diag(solution.C)) <= reach).all():
+        doubt = np.sqrt(np.diag(solution.C)) / reach
+        if doubt.max() <= 1:
             break
-        weakest = base.independent[np.argmin(base.distance[base.independent])]
-        dropped.append(int(weakest))
-        tolerance = float(base.distance[weakest]) * (1 + 1e-9)
+        tolerance = tolerance.copy()
+        tolerance[base.independent[doubt.argmax()]] = OUT
         base = _cleaned(reveal(total, tolerance), total)
         solution = solve(total, base, prior)
-    return base, solution, tolerance, dropped
+    return base, solution, tolerance
 
 
 def _cleaned(base: Base, factor: Factor) -> Base:

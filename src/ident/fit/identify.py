@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ident.errors import FitError
 from ident.equations.columns import Columns
+from ident.errors import FitError
 from ident.fit.accumulate import accumulate, coordinates
 from ident.fit.banded import Band, banded, cells_of
 from ident.fit.covariance import covariance

@@ -9,17 +9,18 @@ from __future__ import annotations
 import numpy as np
 
 from ident.equations.columns import Columns
+from ident.mechanism.closures import Closure
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, split
 
-GENEROUS = 10.0  # times a body's own scale
+TORQUE = 10.0  # times the largest torque, by which an effect's unknown is bounded
 
 
 def plausible(mechanism: Mechanism, columns: Columns, torque: np.ndarray) -> np.ndarray:
     """(k,) largest sensible deviation of every unknown from its prior, in its own unit.
 
     Of a body with mass m and size l (centre of mass, radius of gyration, or a mean link's length):
-    10 m, 10 m l, 10 m l². Of an effect: ten times the torque per unit of its column.
+    m, m l, m l². Of an effect: ten times the largest torque per unit of its column.
 
     Args:
         mechanism: whose URDF gives masses and sizes.
@@ -28,7 +29,12 @@ def plausible(mechanism: Mechanism, columns: Columns, torque: np.ndarray) -> np.
     """
     model = mechanism.model
     count = len(mechanism.bodies.links)
-    frames = [f.placement.translation for c in mechanism.closures for f in _frames(c)]
+    frames = [
+        frame.placement.translation
+        for closure in mechanism.closures
+        if isinstance(closure, Closure)
+        for frame in (closure.a, closure.b)
+    ]
     reach = sum(float(np.linalg.norm(model.jointPlacements[i].translation)) for i in
                 range(1, model.njoints)) + max((np.linalg.norm(p) for p in frames), default=0.0)  # fmt: skip
     bodies = mechanism.prior.reshape(count, COUNT)
@@ -43,9 +49,5 @@ def plausible(mechanism: Mechanism, columns: Columns, torque: np.ndarray) -> np.
         scale = np.array([m] + [m * size] * 3 + [m * size**2] * 6)
         found[COUNT * i : COUNT * (i + 1)] = scale
     largest = float(torque.max(initial=0.0)) or np.inf
-    effects = np.full(len(columns) - len(columns.rigid), largest)
-    return GENEROUS * np.concatenate([found[columns.rigid], effects])
-
-
-def _frames(closure: object) -> list:  # type: ignore[type-arg]
-    return [frame for frame in (getattr(closure, "a", None), getattr(closure, "b", None)) if frame]
+    effects = np.full(len(columns) - len(columns.rigid), TORQUE * largest)
+    return np.concatenate([found[columns.rigid], effects])

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ident.equations.columns import Columns
+from ident.errors import MotionError
 from ident.fit.accumulate import accumulate, coordinates
 from ident.fit.estimate import estimate, totals
 from ident.fit.naming import absorbed_by, base_names
-from ident.errors import MotionError
 from ident.fit.summary import table
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from ident.mechanism.closures import Closure, Frame
+from ident.errors import MechanismError
+from ident.mechanism.closures import Closure, Frame, Linear
 from ident.mechanism.forward import align_z, joint_axis
-from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.mechanism import Joint, Mechanism
 
 
 def absolute(mechanism: Mechanism) -> Mechanism:
@@ -24,7 +25,19 @@ def absolute(mechanism: Mechanism) -> Mechanism:
 
     Returns:
         One with 6 · bodies coordinates and the same degrees of freedom.
+
+    Raises:
+        MechanismError: for gears between joints that turn by more than half a turn.
     """
+    for closure in mechanism.closures:
+        if isinstance(closure, Linear) and any(
+            map(_turns_over, map(mechanism.joint, closure.joints))
+        ):
+            raise MechanismError(
+                f"{mechanism.name}: closure '{closure.name}' ties joints that turn by more than half "
+                "a turn, which absolute coordinates do not count; use joint coordinates, or give "
+                "these joints limits within ±3.14 rad"
+            )
     tree = mechanism.model
     model = pin.Model()
     model.name = tree.name
@@ -49,6 +62,10 @@ def absolute(mechanism: Mechanism) -> Mechanism:
         closures=(*closures, *mechanism.closures),
         start=_start(mechanism),
     )
+
+
+def _turns_over(joint: Joint) -> bool:
+    return joint.rotational and max(-joint.lower, joint.upper) > np.pi + 0.01
 
 
 def _closure(mechanism: Mechanism, index: int) -> Closure:

@@ -214,7 +214,7 @@ class Mechanism:
 
     def __str__(self) -> str:
         lines = [
-            f"mechanism {self.name}: {len(self.bodies.links)} bodies, {self.model.nv} coordinates, "
+            f"mechanism {self.name}: {self.model.nv} coordinates, "
             f"{len(self.kinematics.multipliers)} closure equations {self._freedom()}",
             f"  driven:   {', '.join(self.driven) or 'none'}",
             f"  passive:  {', '.join(self.passive) or 'none'}",

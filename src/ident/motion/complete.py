@@ -16,12 +16,15 @@ from ident.motion.derive import band_of, derive, speed_noise
 from ident.motion.independent import best_conditioned, independent_joints
 from ident.motion.measure import Signals, measure
 from ident.motion.motion import Band, Experiment, Motion
+from ident.motion.spectrum import CLEAN
 from ident.motion.wrench import wrenches
 from ident.progress import Told
 
 STILL = 0.004  # share of a joint's top speed below which it counts as standing still
+HARDLY = 0.5  # noise that reaches this share of the top speed is all that moves the joint
 NOISE = 4.0  # or so many times the noise of speeds, where that is more
 SINGULAR = 50.0  # times the log's median ‖K⁺‖: beyond, a sample is near a singular position
+AGREE = 1e-9  # share of its motion below which a logged joint differs by rounding only
 CONTRADICTION = 0.3  # share of its own motion by which a logged joint may miss the closures
 HOPELESS = 1e6  # ‖K⁺‖ at which a position is singular whatever the median is
 
@@ -63,6 +66,12 @@ def complete(
     if cutoff != "auto":
         band = replace(band, cutoff=None if cutoff is None else _checked(cutoff, measured))
     notes = [note for signals in measured for note in signals.notes]
+    if band.cutoff is None and cutoff == "auto" and band.noise > CLEAN:
+        notes.append(
+            f"the motion reaches {band.motion:.3g} Hz, too near the sampling rate for a filter, but "
+            f"some channel is noisy ({100 * band.noise:.2g} % of it): accelerations and inertias "
+            "will suffer; log faster, or give --cutoff"
+        )
     experiments: list[Experiment] = []
     for i, signals in enumerate(measured):
         if progress:
@@ -135,13 +144,13 @@ def _experiment(
     names: tuple[str, ...],
     band: Band,
 ) -> tuple[Experiment, list[str]]:
-    notes = []
     n, log = len(signals.t), signals.log.name
     known = np.empty((3, n, len(names)))
+    derived: dict[str, list[str]] = {}
     for i, name in enumerate(names):
         known[:, :, i], how = derive(signals, name, band)
-        if how:
-            notes.append(f"{log}: {how}")
+        derived.setdefault(how, []).append(name)
+    notes = [f"{log}: {', '.join(same)}: {how}" for how, same in derived.items() if how]
     tau = np.zeros((n, len(mechanism.driven)))
     for i, name in enumerate(mechanism.driven):
         tau[:, i] = signals.columns.get(f"tau.{name}", 0.0)
@@ -153,17 +162,25 @@ def _experiment(
     )  # fmt: skip
     place = _closed if mechanism.closures else _open
     experiment = place(mechanism, base, names, known)
-    top = np.abs(experiment.yd[experiment.usable]).max(axis=0, initial=0.0)
-    noise = 0.0
-    for name in names:
-        fastest = top[mechanism.joint_index[name]]
-        if fastest > 0:
-            noise = max(noise, speed_noise(signals, name, band) / fastest)
-    still = min(max(STILL, NOISE * noise), 0.5) * top
-    experiment = replace(experiment, still=np.maximum(still, 1e-9))
+    experiment = replace(experiment, still=_still(mechanism, signals, experiment, names, band))
     if len(names) > mechanism.degrees_of_freedom:
         notes += _disagreements(mechanism, experiment, names, known[0])
     return replace(experiment, wrench=wrenches(mechanism, signals, experiment)), notes
+
+
+def _still(
+    mechanism: Mechanism, signals: Signals, e: Experiment, names: tuple[str, ...], band: Band
+) -> np.ndarray:
+    """(J,) speeds below which joints stand still; one that moves by noise alone never moves."""
+    top = np.abs(e.yd[e.usable]).max(axis=0, initial=0.0)
+    share = np.full(len(top), STILL)
+    for name in names:
+        at = mechanism.joint_index[name]
+        noise = NOISE * speed_noise(signals, name, band) / max(top[at], 1e-300)
+        # through closures the noise of one joint is in the speed of all
+        mine = slice(None) if mechanism.closures else at
+        share[mine] = np.maximum(share[mine], noise)
+    return np.maximum(np.where(share < HARDLY, share, 1.01) * top, 1e-9)
 
 
 def _open(
@@ -247,5 +264,6 @@ def _disagreements(
                 f"{said}, while it moves by {spread:.3g} rms: the positions contradict the "
                 "closures; check sign, unit and zero of this column and the closures' frames"
             )
-        notes.append(said)
+        agree = rms <= AGREE * spread
+        notes.append(f"{experiment.name}: q.{name} agrees with the closures" if agree else said)
     return notes

@@ -96,10 +96,10 @@ def derive(signals: Signals, name: str, band: Band) -> tuple[np.ndarray, str]:
     if whole:
         return found, ""
     if through:
-        return found, f"{name}: v and a by quintic interpolation of q"
+        return found, "v and a by quintic interpolation of q"
     missing = " and ".join(c for c in ("v", "a") if c not in present) or "all three"
     return found, (
-        f"{name}: {missing} from a quintic spline through {' and '.join(present)}, "
+        f"{missing} from a quintic spline through {' and '.join(present)}, "
         f"knots {1e3 * spacing:.3g} ms"
     )
 

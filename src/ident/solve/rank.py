@@ -71,10 +71,11 @@ class Solution:
     C: Array
 
 
-def reveal(factor: Factor, tol: float = 1e-9, scale: ArrayLike | None = None) -> Base:
+def reveal(factor: Factor, tol: ArrayLike = 1e-9, scale: ArrayLike | None = None) -> Base:
     """The independent columns of a factor in their given order, and how the others follow.
 
-    tol: a column is dependent where the part of it that is new is below this part of its norm.
+    tol: a column is dependent where the part of it that is new is below this part of its norm;
+        one number, or one a column: 1 or more keeps a column out of the base.
     scale: (k,) reference magnitude of each column, in the column's unit; a column is null below
         1e-12 of it. Default: the largest column's norm, for all.
 
@@ -90,6 +91,7 @@ def reveal(factor: Factor, tol: float = 1e-9, scale: ArrayLike | None = None) ->
     if floor.shape != (k,):
         raise FitError(f"scale has shape {floor.shape}; valid: ({k},)")
     null = (norm <= floor) | (norm == 0)
+    tols = np.broadcast_to(np.asarray(tol, dtype=float), k)
     unit = factor.R / np.where(null, np.inf, norm)
     rounding = 64 * k * _EPS
 
@@ -105,7 +107,7 @@ def reveal(factor: Factor, tol: float = 1e-9, scale: ArrayLike | None = None) ->
         distance[j] = np.linalg.norm(left)
         combination = T[:rank, :rank] @ c  # of the unit columns kept so far
         noise = rounding * (1 + np.abs(combination).sum())
-        if distance[j] > max(tol, noise, floor[j] / norm[j]):
+        if distance[j] > max(tols[j], noise, floor[j] / norm[j]):
             T[:rank, rank], T[rank, rank] = -combination / distance[j], 1 / distance[j]
             Q[:, rank] = left / distance[j]
             rank, kept[j] = rank + 1, True
