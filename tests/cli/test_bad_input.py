@@ -76,9 +76,12 @@ LOGS = {
     "v of the wrong sign": (column(2, lambda v: -v), ("v.theta", "sign", "scale = -1")),
     "a in degrees": (column(3, np.degrees), ("a.theta", "factor", "degrees")),
     "encoder counts": (column(1, lambda q: 4096.0 * q), ("q.theta", "factor", "[log]")),
-    "unreachable": (lambda s: without("v.theta")(without("a.theta")(s)).replace("q.theta", "q.s"), ("cannot follow", "s = ", "unit, sign and zero")),
+    "unreachable": (
+        lambda s: without("v.theta")(without("a.theta")(s)).replace("q.theta", "q.s"),
+        ("cannot follow", "s = ", "unit, sign and zero"),
+    ),
     "one sample far off": (cell(30, 1, "1e6"), ("theta", "1e+06 rad")),
-    "unknown wrench": (lambda s: s.replace("v.theta", "wrench.rd.fx"), ("wrench.rd.fx", "mean 'rod'")),
+    "unknown wrench": (lambda s: s.replace("v.theta", "wrench.rd.fx"), ("rd.fx", "mean 'rod'")),
     "wrench without part": (lambda s: s.replace("v.theta", "wrench.rod"), ("wrench.<link>",)),
 }  # fmt: skip
 

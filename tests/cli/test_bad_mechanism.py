@@ -1,4 +1,4 @@
-"""Broken mechanism.toml files: each is refused in one line: what, under which key, what is right."""
+"""Broken mechanism.toml files: each is refused in one line: what, where, and what is right."""
 
 from __future__ import annotations
 

@@ -352,7 +352,9 @@ def test_a_terminal_without_greek(robots):
 
 def test_a_reader_that_has_seen_enough():
     command = f"{sys.executable} -m ident effects | head -c 20"
-    ran = subprocess.run(command, shell=True, capture_output=True, text=True, timeout=60, check=False)
+    ran = subprocess.run(
+        command, shell=True, capture_output=True, text=True, timeout=60, check=False
+    )
     assert ran.stderr == ""
 
 

@@ -116,7 +116,7 @@ def test_a_folder_is_tried_without_a_trace(tmp_path):
     check_writable(tmp_path / "a/b/c")
     assert snapshot(tmp_path) == {}
     (tmp_path / "file").touch()
-    with pytest.raises(IdentError, match="file.*cannot be written"):
+    with pytest.raises(IdentError, match=r"file.*cannot be written"):
         check_writable(tmp_path / "file" / "below")
 
 

@@ -44,7 +44,10 @@ def check(
     absolute: Absolute = False,
     allow_code: AllowCode = False,
 ) -> None:
-    """What was understood: joints, closures, columns, gaps, and what is identifiable."""
+    """What was understood, and what could be identified.
+
+    Joints, closures, degrees of freedom; of logs their columns and gaps; base parameters.
+    """
     model = mechanism_of(mechanism, with_, allow_code=allow_code, absolute=absolute)
     motion = None
     with progress() as told:
@@ -73,7 +76,10 @@ def identify(
     ] = None,
     out: Out = None,
 ) -> None:
-    """Parameters, effects and multipliers from logs."""
+    """Parameters, effects and multipliers from logs.
+
+    Values come with their standard errors, and with the error of the torque that they predict.
+    """
     model = mechanism_of(
         mechanism, with_, allow_code=allow_code, basis=basis, spacing=spacing, absolute=absolute
     )
@@ -109,7 +115,7 @@ def compare(
         Path | None, typer.Option(metavar="FILE", help="Draw it into this .png, .svg or .pdf.")
     ] = None,
 ) -> None:
-    """Model against measurement, per joint."""
+    """Models against measurement, joint by joint."""
     model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute)
     saved = [read_fit(path, model) for path in fit]
     output_file(plot, (".png", ".svg", ".pdf"))

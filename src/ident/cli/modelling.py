@@ -34,7 +34,10 @@ def add(
     ],
     allow_code: AllowCode = False,
 ) -> None:
-    """Write an effect into mechanism.toml."""
+    """Write an effect into mechanism.toml.
+
+    A bare URDF gets a mechanism.toml beside it.
+    """
     before = mechanism_of(mechanism, allow_code=allow_code)
     after = before.with_effect(effect)
     new = after.effects[len(before.effects) :]
@@ -43,7 +46,10 @@ def add(
 
 
 def effects() -> None:
-    """The library of effects: equation, unknowns, what a residual looks like when it is missing."""
+    """The library of effects.
+
+    Equation, unknowns with units, and what a residual looks like when the effect is missing.
+    """
     for kind in KINDS.values():
         unknowns = ", ".join(f"{u.name} [{' | '.join(u.units)}] {u.meaning}" for u in kind.unknowns)
         result(f"{kind.kind}:{','.join(['joint'] * kind.arity)}")
@@ -100,7 +106,10 @@ def simulate(
         ),
     ] = None,
 ) -> None:
-    """A log of the model itself: the torques that a given motion needs, exactly, then noise."""
+    """A log of the model itself, on a given motion.
+
+    The torques that the motion needs, exactly; then noise.
+    """
     model = mechanism_of(mechanism, with_, allow_code=allow_code)
     output_file(out, LOGS)
     output_file(multipliers, LOGS)

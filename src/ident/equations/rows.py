@@ -23,6 +23,7 @@ from ident.motion import Experiment, Motion
 CHUNK = 1024  # samples whose rows are in memory at once
 STICKING = 0.2  # share of a filtered row that may come from samples that do not inform it
 LEVER = 0.1  # a joint that barely moves with a coordinate may stand still without harm
+ROUNDING = 1e-9  # of a joint's largest leverage: below, it does not move with a coordinate
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +70,13 @@ def leverage(mechanism: Mechanism, e: Experiment, part: slice, joint: str) -> np
     return np.broadcast_to(row, (part.stop - part.start, len(row)))
 
 
+def reach(mechanism: Mechanism, e: Experiment, joint: str) -> np.ndarray:
+    """Largest leverage (d,) of a joint over the experiment."""
+    if e.leverage is None:
+        return np.abs(leverage(mechanism, e, slice(0, 1), joint)[0])
+    return np.abs(e.leverage[e.usable, mechanism.joint_index[joint]]).max(axis=0, initial=0.0)
+
+
 def project(e: Experiment, part: slice, f: np.ndarray) -> np.ndarray:
     """Zᵀ f of generalised forces f (n, nv, …): (n, d, …)."""
     if e.pinv is None or e.leverage is None:
@@ -107,13 +115,13 @@ def raw_rows(mechanism: Mechanism, columns: Columns, e: Experiment, part: slice)
         known = np.array([effect.values.get(unknown.name, 0.0) for unknown in effect.unknowns])
         for i, joint in enumerate(effect.joints):
             lever = leverage(mechanism, e, part, joint)
-            for u in np.flatnonzero(np.any(lever != 0.0, axis=0)):
+            most = reach(mechanism, e, joint)
+            for u in np.flatnonzero(most > ROUNDING * most.max()):
                 torque = lever[:, u, None] * E[:, i]
                 A[:, u, places[places >= 0]] += torque[:, places >= 0]
                 if (places < 0).any():
                     b[:, u] -= torque[:, places < 0] @ known[places < 0]
-                size = np.abs(lever[:, u])
-                informed[:, u] &= told[:, i] | (size <= LEVER * size.max())
+                informed[:, u] &= told[:, i] | (np.abs(lever[:, u]) <= LEVER * most[u])
     return Rows(e.t[part], np.arange(part.start, part.stop), A, b, tau, informed)
 
 

@@ -114,10 +114,12 @@ def read_fit(path: str | Path, mechanism: Mechanism) -> Saved:
             mechanism does not have.
     """
     path = Path(path)
+    if path.is_dir():  # what --out was given
+        path = path / "fit.json"
     try:
         data = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
     except OSError as error:
-        raise FitError(f"{path}: cannot be read: {error.strerror}") from None
+        raise FitError(f"{path}: cannot be read ({error.strerror}); give a fit.json of ident identify") from None
     except (ValueError, RecursionError) as error:
         raise FitError(f"{path}: is no JSON: {error}; give a fit.json of ident identify") from None
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:

@@ -25,7 +25,8 @@ STRIDE = 32  # samples between the anchors that are reached one after the other
 CLOSED = 1e-11  # [m | rad] largest equation left by Newton
 OPEN = 1e-10  # [m | rad] largest equation at which a configuration counts as closed
 STEPS = 12
-FARTHEST = 1000.0  # [rad | m] between neighbouring samples, or from the start to the first
+FARTHEST = 1000.0  # [rad | m] from the start to the sample nearest to it; beyond, a unit is wrong
+LEAP = 20.0  # [rad | m] from one sample to the next
 
 
 def pseudo_inverse(K: np.ndarray) -> np.ndarray:
@@ -126,7 +127,7 @@ class Closer:
         start = self.mechanism.assembled
         here = self.coordinates(start[None]).value[0]
         first = int(np.abs(target - here).max(axis=1).argmin())  # the branch is surest there
-        q[first] = self._travel(start, here, target[first], t[first])
+        q[first] = self._travel(start, here, target[first], t[first], FARTHEST)
         onward = [*range(first, n - 1, STRIDE), n - 1]
         back = [*range(first, 0, -STRIDE), 0]
         for a, b in [*pairwise(onward), *pairwise(back)]:
@@ -156,12 +157,14 @@ class Closer:
             self._bridge(q, target, t, a, middle)
             self._bridge(q, target, t, middle, b)
         else:
-            q[b] = self._travel(q[a], target[a], target[b], t[b])
+            q[b] = self._travel(q[a], target[a], target[b], t[b], LEAP)
 
-    def _travel(self, q: np.ndarray, y: np.ndarray, goal: np.ndarray, t: float) -> np.ndarray:
+    def _travel(
+        self, q: np.ndarray, y: np.ndarray, goal: np.ndarray, t: float, farthest: float
+    ) -> np.ndarray:
         """From q at coordinates y to the goal in steps that Newton can take."""
         far = int(np.abs(goal - y).argmax())
-        if abs(goal[far] - y[far]) > FARTHEST:
+        if abs(goal[far] - y[far]) > farthest:
             raise MotionError(
                 f"{self.mechanism.name}: at t = {t:.4g} s {self.joints[far].name} jumps from "
                 f"{y[far]:.4g} to {goal[far]:.4g} {self.joints[far].unit}; give the column a scale "
