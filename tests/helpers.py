@@ -68,7 +68,7 @@ def tree_urdf(joints: Sequence[J], seed: int = 0, base: str = "base") -> str:
             f'<child link="{j.name}_link"/>'
             f'<origin xyz="{xyz[0]:.4f} {xyz[1]:.4f} {xyz[2]:.4f}" '
             f'rpy="{rpy[0]:.4f} {rpy[1]:.4f} {rpy[2]:.4f}"/>{axis}'
-            f"{'' if j.kind in ('fixed', 'planar') else limit}{j.inside}</joint>",
+            f"{'' if j.kind in ('fixed', 'planar') or '<limit' in j.inside else limit}{j.inside}</joint>",
         ]
     return '<robot name="random">' + "\n".join(parts) + "</robot>"
 

@@ -26,9 +26,7 @@ def robot(name: str) -> Mechanism:
 def motion_log(name: str, rate: float = 200.0, seconds: float = 4.0, period: float = 4.0) -> Log:
     """q, v, a of a robot's driven joints, analytic."""
     t, q, v, a = series(name, rate, seconds, period)
-    columns = {
-        f"{c}.{joint}": x[joint] for c, x in (("q", q), ("v", v), ("a", a)) for joint in q
-    }
+    columns = {f"{c}.{joint}": x[joint] for c, x in (("q", q), ("v", v), ("a", a)) for joint in q}
     return Log.from_arrays(f"{name}.csv", t, columns)
 
 

@@ -1,4 +1,4 @@
-"""The project's own exceptions. A message is one line: what was given, where, what would be valid."""
+"""The project's own exceptions. A message is one line: what was given, where, what is valid."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class FitError(IdentError):
 
 
 def one_of(name: str, valid: Iterable[str]) -> str:
-    """What to append to a message about an unknown `name`: the nearest valid word, then all of them.
+    """What to say of an unknown `name`: the nearest valid word, then all of them.
 
     >>> one_of("viscus", ["viscous", "coulomb"])
     "did you mean 'viscous'? valid: coulomb, viscous"

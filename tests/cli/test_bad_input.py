@@ -68,10 +68,10 @@ LOGS = {
     "t empty": (cell(30, 0, ""), ("run.csv", "t is empty", "line 30")),
     "t in milliseconds": (column(0, lambda t: 1e3 * t), ("run.csv", "not in seconds", "0.001")),
     "inf": (cell(30, 1, "inf"), ("run.csv", "'q.theta'", "line 30", "inf", "empty")),
-    "largest double": (cell(30, 3, "1.797e308"), ("'a.theta'", "line 30", "1.797e+308", "empty")),
+    "largest double": (cell(30, 3, "1.797e308"), ("a.theta", "t = 0.14 s", "1.797e+308", "empty")),
     "nine rows": (lines(lambda rows: rows[:10]), ("run.csv", "9 samples", "10")),
     "no q": (without("q.theta"), ("run.csv", "degrees of freedom", "q.theta")),
-    "no tau of a driven joint": (without("tau.theta"), ("run.csv", "tau.theta", "passive", "[log]")),
+    "no tau of a driven joint": (without("tau.theta"), ("run.csv", "tau.theta", "passive")),
     "q in degrees": (column(1, np.degrees), ("run.csv", "q.theta", "degrees", "[log]")),
     "v of the wrong sign": (column(2, lambda v: -v), ("v.theta", "sign", "scale = -1")),
     "a in degrees": (column(3, np.degrees), ("a.theta", "factor", "degrees")),
@@ -131,7 +131,7 @@ def test_too_short_for_the_filter(slider, refused):
     log = slider / "run.csv"
     log.write_text("".join(log.read_text().splitlines(keepends=True)[:40]))
     words = ("run.csv", "filter", "longer log", "--cutoff")
-    refused(words, "identify", slider, log, "--cutoff", "1")
+    refused(words, "identify", slider, log, "--cutoff", "6")
 
 
 def fit_of(mechanism, folder, done):
@@ -188,6 +188,7 @@ IDENTIFY = {
     "cut-off in words": ("--cutoff fast", ("--cutoff fast", "Hz", "auto", "none")),
     "cut-off negative": ("--cutoff -5", ("-5", "above 0", "Hz")),
     "cut-off zero": ("--cutoff 0", ("0 Hz", "above 0")),
+    "cut-off below the log": ("--cutoff 1e-9", ("1e-09 Hz", "long enough", "above 0.5 Hz")),
     "cut-off NaN": ("--cutoff nan", ("nan", "Hz")),
     "cut-off above Nyquist": ("--cutoff 5000", ("5000", "below 100 Hz")),
     "spacing without basis": ("--spacing 0.01", ("--spacing 0.01", "free", "--basis linear")),
@@ -195,6 +196,7 @@ IDENTIFY = {
     "basis without spacing": ("--basis linear", ("--spacing", "'linear'", "above 0 s")),
     "basis unknown": ("--basis qubic --spacing 0.01", ("'qubic'", "did you mean 'cubic'?")),
     "spacing negative": ("--basis cubic --spacing -1", ("above 0 s", "-1")),
+    "spacing far below the step": ("--basis cubic --spacing 1e-9", ("1e-09 s", "0.005 s", "free")),
     "spacing infinite": ("--basis cubic --spacing inf", ("above 0 s", "inf")),
     "effect unknown": ("--with viscos:theta", ("'viscos'", "did you mean 'viscous'?")),
     "effect alone unknown": ("--with frictoin", ("'frictoin'", "valid:")),
@@ -211,6 +213,7 @@ IDENTIFY = {
 SIMULATE = {
     "set malformed": ("--set rod.Ixx", ("--set rod.Ixx", "NAME=NUMBER")),
     "set in words": ("--set rod.Ixx=big", ("--set rod.Ixx=big", "NAME=NUMBER")),
+    "set without parameter": ("--set rod.=1", ("rod.", "no parameter", "valid:")),
     "set NaN": ("--set rod.Ixx=nan", ("--set", "NAME=NUMBER")),
     "set unknown": ("--set rood.Ixx=1", ("rood.Ixx", "did you mean 'rod.")),
     "set without effect": ("--set viscous.s.Fv=1", ("viscous.s.Fv", "no parameter")),

@@ -68,6 +68,7 @@ EDITS = {
     "infinite inertia": ('izz="0.02"', 'izz="inf"', ("izz", "finite number")),
     "lower above upper": ('lower="-2"', 'lower="3"', (":23", "shoulder", "above upper", "swap")),
     "limit in words": ('upper="2"', 'upper="open"', ("open", "finite number")),
+    "effort in words": ('effort="50"', 'effort="much"', (":23", "much", "finite number")),
     "mimics nobody": (
         '<axis xyz="0 1 0"/>\n  </joint>',
         '<axis xyz="0 1 0"/><mimic joint="shoulde"/></joint>',
@@ -120,6 +121,13 @@ def test_utf16(arm, refused):
 
 def test_shapes_are_not_looked_at(arm, change, done):
     change(arm, '<link name="tool"/>', '<link name="tool"><visual><geometry/></visual></link>')
+    done("check", arm)
+
+
+def test_what_urdfdom_stumbles_over(arm, change, done):
+    change(arm, 'effort="50"', 'effort="50 "')
+    change(arm, 'value="1.5"', 'value=" 1.5"')
+    change(arm, "</joint>", '<dynamics damping="?"/></joint>')
     done("check", arm)
 
 

@@ -206,7 +206,9 @@ def test_a_known_effect_on_the_right_hand_side(name):
     for effect in case.mechanism.effects:
         given = {}
         if effect.joints == (joint,):
-            given = {u.name: case.values[n] for u, n in zip(effect.unknowns, effect.names, strict=True)}
+            given = {
+                u.name: case.values[n] for u, n in zip(effect.unknowns, effect.names, strict=True)
+            }
         known = known + ident.effect(effect.kind, effect.joints, given)
     fit = case.fit(mechanism=known)
     assert close(fit.estimate.solution.beta, case.base(fit), 1e-8)
@@ -233,7 +235,9 @@ def test_the_order_of_joints_does_not_matter(tmp_path):
     fits = []
     for text, names in ((urdf, ["t", "left", "right"]), (other, ["t", "zulu", "right"])):
         mechanism = ident.load(write_mechanism(tmp_path / names[1], text)).with_effect("viscous")
-        columns = {f"{c}.{n}": x[i] for c, x in (("q", q), ("v", v), ("a", a)) for i, n in enumerate(names)}
+        columns = {
+            f"{c}.{n}": x[i] for c, x in (("q", q), ("v", v), ("a", a)) for i, n in enumerate(names)
+        }
         values = {f"viscous.{n}.Fv": 0.1 * (i + 1) for i, n in enumerate(names)}
         log, _ = ident.simulate(mechanism, Log.from_arrays("log", t, columns), values=values)
         fits.append(fit_of(mechanism, log))
@@ -244,7 +248,10 @@ def test_the_order_of_joints_does_not_matter(tmp_path):
     for each in fits[0].effects:
         name = each.parameters[0].name
         same = next(
-            p for e in fits[1].effects for p in e.parameters if p.name.replace("zulu", "left") == name
+            p
+            for e in fits[1].effects
+            for p in e.parameters
+            if p.name.replace("zulu", "left") == name
         )
         assert same.value == pytest.approx(each.parameters[0].value, rel=1e-9)
     x, y = ({n.replace("zulu", "left"): v.value for v in f.parameters if v.identifiable

@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 from helpers import J, tree_urdf, write_mechanism
+from ident.errors import MechanismError
 from ident.mechanism import load
 from ident.mechanism.absolute import absolute
 
@@ -59,9 +60,23 @@ def lifted(mechanism, q, v):
     return free, np.concatenate([data.v[i].vector for i in bodies])
 
 
+def test_gears_beyond_half_a_turn_are_refused(tmp_path):
+    mimic = '<mimic joint="a" multiplier="-2"/>'
+    joint = load(
+        write_mechanism(tmp_path, tree_urdf([J("a"), J("b", parent="a", inside=mimic)]), "")
+    )
+    with pytest.raises(MechanismError, match="half a turn"):
+        absolute(joint)
+
+
 def test_gears_effects_and_planar_joints_come_along(tmp_path):
-    mimic = '<mimic joint="a" multiplier="-2" offset="0.3"/>'
-    joints = [J("a"), J("b", parent="a", inside=mimic), J("p", "planar", "1 1 0", "a")]
+    limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+    mimic = limit + '<mimic joint="a" multiplier="-2" offset="0.3"/>'
+    joints = [
+        J("a", inside=limit),
+        J("b", parent="a", inside=mimic),
+        J("p", "planar", "1 1 0", "a"),
+    ]
     toml = '[[effect]]\nkind = "viscous"\njoint = "p.x"\n'
     joint = load(write_mechanism(tmp_path, tree_urdf(joints), toml))
     bodies = absolute(joint)

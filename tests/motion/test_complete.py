@@ -161,7 +161,7 @@ def test_all_joints_logged_agree(name, robots, truth):
     motion = complete(mechanism, log_of(mechanism, t, q, q=q, v=v, a=a))
     check(mechanism, motion.experiments[0], q, v, a, (1e-9, 1e-8, 1e-7))
     assert motion.closure_error < 1e-10
-    assert sum("differs from what the closures" in note for note in motion.notes) == len(q)
+    assert sum("agrees with the closures" in note for note in motion.notes) == len(q)
 
 
 def test_a_biased_joint_is_reported(robots, truth):

@@ -69,9 +69,7 @@ def test_the_bias_of_hats_is_the_basis_and_falls_with_the_spacing(pendulum):
     ("basis", "degree", "inertia", "worst", "rms"),
     [("cubic", 3, 1e-6, 0.06, 0.02), ("quintic", 5, 1e-8, 3e-3, 1e-3)],
 )
-def test_smooth_bases_of_as_many_functions(
-    pendulum, reactions, basis, degree, inertia, worst, rms
-):
+def test_smooth_bases_of_as_many_functions(pendulum, reactions, basis, degree, inertia, worst, rms):
     fit, found = identify(pendulum, basis, 5 / (101 - degree))
     assert fit.bands[0].basis.count == 101
     assert found == pytest.approx(INERTIA, rel=inertia)

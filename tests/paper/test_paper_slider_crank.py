@@ -75,7 +75,10 @@ def test_hats_are_solved_by_the_dense_stack_too(crank):
 
 @pytest.mark.parametrize(
     ("basis", "most", "worst", "rms"),
-    [("cubic", [0.003, 0.12, 0.003], 0.1, 0.004), ("quintic", [0.0004, 0.015, 0.0004], 0.04, 0.002)],
+    [
+        ("cubic", [0.003, 0.12, 0.003], 0.1, 0.004),
+        ("quintic", [0.0004, 0.015, 0.0004], 0.04, 0.002),
+    ],
 )
 def test_smooth_bases_are_far_better(crank, reactions, basis, most, worst, rms):
     fit, off = identify(crank, basis, 0.005)

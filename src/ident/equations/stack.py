@@ -13,6 +13,7 @@ from ident.equations.columns import Columns
 from ident.equations.filter import Decimator
 from ident.equations.regressor import regressor
 from ident.equations.rows import CHUNK, signals
+from ident.errors import FitError
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment, Motion
 from ident.motion.close import Closer
@@ -20,11 +21,21 @@ from ident.solve.basis import Basis
 from ident.solve.chunk import Chunk
 
 STICKING = 0.2  # as for reduced rows
+FINEST = 20.0  # knots a sample; more say nothing, and fill the memory
 
 
 def basis_of(mechanism: Mechanism, segment: slice, e: Experiment) -> Basis:
-    """The time basis of the multipliers over a run of usable samples."""
+    """The time basis of the multipliers over a run of usable samples.
+
+    Raises:
+        FitError: for knots far closer than samples.
+    """
     settings = mechanism.multipliers
+    if settings.spacing * FINEST < 1 / e.rate:
+        raise FitError(
+            f"{e.name}: knots every {settings.spacing:g} s for samples every {1 / e.rate:.3g} s; "
+            "give a spacing of a few samples, or basis free"
+        )
     return Basis.spanning(
         float(e.t[segment.start]), float(e.t[segment.stop - 1]), settings.spacing, settings.degree
     )

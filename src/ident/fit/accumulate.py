@@ -7,6 +7,7 @@ computed from these small triangles; the rows are seen once and never kept.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -85,7 +86,7 @@ def _split(piece: Rows, edges: np.ndarray) -> list[tuple[int, Rows]]:
     cuts = [0, *(np.flatnonzero(np.diff(block)) + 1), len(block)]
     return [
         (int(block[i]), Rows(*(getattr(piece, name)[i:j] for name in Rows.__dataclass_fields__)))
-        for i, j in zip(cuts, cuts[1:], strict=False)
+        for i, j in pairwise(cuts)
         if j > i
     ]
 

@@ -1,4 +1,4 @@
-"""Multipliers in a time basis: the paper's stack, its multipliers eliminated interval by interval."""
+"""Multipliers in a time basis: the paper's stack, multipliers eliminated interval by interval."""
 
 from __future__ import annotations
 
@@ -53,14 +53,20 @@ def banded(
     return found
 
 
-def cells_of(bands: list[Band], columns: Columns) -> list[Cell]:
+def cells_of(bands: list[Band], columns: Columns, motion: Motion) -> list[Cell]:
     """The factors of the parameters as cells of one coordinate: rows of all joints together."""
     support = np.arange(len(columns))
-    cells = []
-    for number, band in enumerate(bands):
+    cells: list[Cell] = []
+    for band in bands:
+        t = motion.experiments[band.experiment].t[band.segment]
+        edges = np.linspace(t[0], t[-1], len(band.elimination.factors) + 1)
+        before = sum(cell.experiment == band.experiment for cell in cells)
         for block, factor in enumerate(band.elimination.factors):
             rest, torque = Factor.empty(len(columns)), factor.rhs_norm() ** 2
-            cells.append(Cell(number, block, 0, factor, rest, support, torque, (0.0, 0.0)))
+            span = (float(edges[block]), float(edges[block + 1]))
+            cells.append(
+                Cell(band.experiment, before + block, 0, factor, rest, support, torque, span)
+            )
     return cells
 
 

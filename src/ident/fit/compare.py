@@ -41,7 +41,7 @@ class Comparison:
 
     def __str__(self) -> str:
         lines = ["error of the predicted torque", *table(error_rows(self.errors))]
-        first, last = list(self.errors)[0], list(self.errors)[-1]
+        first, last = next(iter(self.errors)), list(self.errors)[-1]
         if first != last:
             falls = [
                 f"{joint} {100 * (1 - self.errors[last][joint].rms / error.rms):.3g} %"

@@ -65,7 +65,7 @@ def identify(
     bands = _bands(mechanism, columns, motion, progress)
     said: list[str] = []
     if bands:  # the paper's stack: all rows weigh alike, and the basis' misfit is in the parameters
-        basic = cells_of(bands, columns)
+        basic = cells_of(bands, columns, motion)
         found = estimate(totals(basic, len(columns), 1), columns.prior, np.ones(1), sensible)
         cov = covariance(basic, found)
         outside = held_out(basic, cells, found, columns.prior, (1, d))
@@ -142,7 +142,7 @@ def _basis_bias(
     ]
 
 
-def cells_at_rest(everything: Squares, cells: Sequence) -> float:  # type: ignore[type-arg]
+def cells_at_rest(everything: Squares, cells: Sequence) -> float:
     """Share of rows that standstill keeps from informing."""
     rest = sum(cell.rest.rows for cell in cells)
     return rest / max(float(everything.rows.sum()), 1.0)

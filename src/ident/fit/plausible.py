@@ -35,8 +35,9 @@ def plausible(mechanism: Mechanism, columns: Columns, torque: np.ndarray) -> np.
         if isinstance(closure, Closure)
         for frame in (closure.a, closure.b)
     ]
-    reach = sum(float(np.linalg.norm(model.jointPlacements[i].translation)) for i in
-                range(1, model.njoints)) + max((np.linalg.norm(p) for p in frames), default=0.0)  # fmt: skip
+    steps = [model.jointPlacements[i].translation for i in range(1, model.njoints)]
+    reach = sum(float(np.linalg.norm(step)) for step in steps)
+    reach += max((float(np.linalg.norm(place)) for place in frames), default=0.0)
     bodies = mechanism.prior.reshape(count, COUNT)
     total = float(bodies[:, 0].sum())
     found = np.empty(len(mechanism.prior))

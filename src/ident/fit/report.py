@@ -27,7 +27,7 @@ figure { margin: 0; background: white; } figure svg { max-width: 100%; height: a
 
 
 def report_html(fit: Fit, reactions: Reactions | None = None) -> str:
-    """The report of a fit: errors, measured against predicted, parameters, multipliers, warnings."""
+    """The report of a fit: errors, measured against predicted, parameters, multipliers, notes."""
     joints = [fit.mechanism.joint(name).force_unit for name in fit.motion.independent]
     parts = [
         f"<h1>{_text(fit.mechanism.name)}</h1>",

@@ -119,7 +119,9 @@ def read_fit(path: str | Path, mechanism: Mechanism) -> Saved:
     try:
         data = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
     except OSError as error:
-        raise FitError(f"{path}: cannot be read ({error.strerror}); give a fit.json of ident identify") from None
+        raise FitError(
+            f"{path}: cannot be read ({error.strerror}); give a fit.json of ident identify"
+        ) from None
     except (ValueError, RecursionError) as error:
         raise FitError(f"{path}: is no JSON: {error}; give a fit.json of ident identify") from None
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
@@ -146,7 +148,7 @@ def _check_closures(path: Path, data: dict[str, Any], mechanism: Mechanism) -> N
     if theirs != ours:
         raise FitError(
             f"{path}: is of another mechanism, {data.get('mechanism')}, whose multipliers are "
-            f"{', '.join(theirs) or 'none'}; those of {mechanism.name} are {', '.join(ours) or 'none'}"
+            f"{', '.join(theirs) or 'none'}; {mechanism.name} has {', '.join(ours) or 'none'}"
         )
 
 

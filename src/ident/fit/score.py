@@ -57,16 +57,28 @@ def squares(cells: Sequence[Cell], x: np.ndarray, d: int) -> Squares:
     return Squares(error, torque, rows)
 
 
-def folds(cells: Sequence[Cell]) -> dict[int, list[Cell]]:
-    """Cells by stretch of time; whole experiments where there are enough of them."""
-    last: dict[int, int] = {}
+def stretches(*sets: Sequence[Cell]) -> int:
+    """Into how many stretches of time each experiment is parted, no more than it has blocks."""
+    blocks: dict[tuple[int, int], set[int]] = {}
+    for number, cells in enumerate(sets):
+        for cell in cells:
+            blocks.setdefault((number, cell.experiment), set()).add(cell.block)
+    experiments = len({experiment for _, experiment in blocks})
+    return max(1, min(-(-FOLDS // experiments), *(len(found) for found in blocks.values())))
+
+
+def folds(cells: Sequence[Cell], each: int) -> dict[int, list[Cell]]:
+    """Cells by experiment and stretch of time, `each` stretches an experiment."""
+    ends: dict[int, tuple[float, float]] = {}
     for cell in cells:
-        last[cell.experiment] = max(cell.block, last.get(cell.experiment, 0))
-    numbers = sorted(last)
-    each = -(-FOLDS // len(numbers)) if len(numbers) < FOLDS else 1  # stretches an experiment
+        first, last = ends.get(cell.experiment, cell.span)
+        ends[cell.experiment] = min(first, cell.span[0]), max(last, cell.span[1])
+    numbers = sorted(ends)
     parted: dict[int, list[Cell]] = {}
     for cell in cells:
-        stretch = cell.block * each // (last[cell.experiment] + 1)
+        first, last = ends[cell.experiment]
+        share = (sum(cell.span) / 2 - first) / max(last - first, 1e-300)
+        stretch = min(int(share * each), each - 1)
         parted.setdefault(numbers.index(cell.experiment) * each + stretch, []).append(cell)
     return parted
 
@@ -86,7 +98,8 @@ def held_out(
         prior: (k,).
         coordinates: how many the fitting and the scoring cells have.
     """
-    parted, scored = folds(fitting), folds(scoring)
+    each = stretches(fitting, scoring)
+    parted, scored = folds(fitting, each), folds(scoring, each)
     if len(parted) < 2:
         return None
     k, (d, e) = len(prior), coordinates

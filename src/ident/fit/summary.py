@@ -88,9 +88,9 @@ def summary(fit: Fit) -> str:
         rows += [[shortened(v.name), rounded(v.value, v.stderr), v.unit] for v in combined]
         lines += ["", *table(rows)]
     left = [value.name for value in fit.parameters if not value.identifiable]
-    lines += ["", f"rank {fit.rank} of {len(fit.columns)} unknowns, condition number "
-              f"{fit.condition_number:.3g}" + (
-                  f"; {len(left)} unknowns are not identifiable by themselves" if left else "")]  # fmt: skip
+    rest = f"; {len(left)} unknowns are not identifiable by themselves" if left else ""
+    condition = f"condition number {fit.condition_number:.3g}"
+    lines += ["", f"rank {fit.rank} of {len(fit.columns)} unknowns, {condition}{rest}"]
     return "\n".join(lines)
 
 

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from ident.errors import LogError
 from ident.log.cells import Array, BadCell, NotNumbers, floats, is_time
 
-LARGEST = 1e30  # no measurement in any unit; what loggers write for "no value" lies beyond
-
 
 @dataclass(frozen=True, eq=False)
 class Table:
@@ -74,9 +72,9 @@ def check_name(file: str, name: str) -> None:
 
 
 def refuse_infinite(table: Table) -> None:
-    """Raise LogError at the first infinite or absurd value, naming its column and place."""
+    """Raise LogError at the first infinite value, naming its column and place."""
     for name, x in table.columns.items():
-        infinite = np.abs(x) > LARGEST
+        infinite = np.isinf(x)
         if infinite.any():
             row = int(infinite.argmax())
             raise LogError(

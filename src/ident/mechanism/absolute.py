@@ -34,9 +34,9 @@ def absolute(mechanism: Mechanism) -> Mechanism:
             map(_turns_over, map(mechanism.joint, closure.joints))
         ):
             raise MechanismError(
-                f"{mechanism.name}: closure '{closure.name}' ties joints that turn by more than half "
-                "a turn, which absolute coordinates do not count; use joint coordinates, or give "
-                "these joints limits within ±3.14 rad"
+                f"{mechanism.name}: closure '{closure.name}' ties joints that turn by more than "
+                "half a turn, which absolute coordinates do not count; use joint coordinates, or "
+                "give these joints limits within ±3.14 rad"
             )
     tree = mechanism.model
     model = pin.Model()

@@ -64,6 +64,13 @@ def build_tree(robot: etree._Element, gravity: tuple[float, float, float], where
     if "world" in used - names:
         robot.insert(0, etree.Element("link", name="world"))
         notes.append("the URDF does not declare the link 'world'; it is taken as the ground")
+    for joint in robot.findall("joint"):
+        for tag in ("dynamics", "safety_controller", "calibration"):  # nothing here uses them
+            for element in joint.findall(tag):
+                joint.remove(element)
+    for element in robot.iter("limit", "mass", "inertia"):
+        for key, value in element.items():  # urdfdom stumbles over blanks around a number
+            element.set(key, value.strip())
     for link in robot.findall("link"):
         for tag in ("visual", "collision"):
             for element in link.findall(tag):

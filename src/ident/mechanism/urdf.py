@@ -180,6 +180,8 @@ def _check_joint(joint: etree._Element, where: str) -> None:
             )
     limit = joint.find("limit")
     if limit is not None:
+        for key in ("effort", "velocity"):
+            numbers(limit, key, "0", 1, where)
         lower = numbers(limit, "lower", "0", 1, where)[0]
         upper = numbers(limit, "upper", "0", 1, where)[0]
         if lower > upper:

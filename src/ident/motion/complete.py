@@ -68,9 +68,9 @@ def complete(
     notes = [note for signals in measured for note in signals.notes]
     if band.cutoff is None and cutoff == "auto" and band.noise > CLEAN:
         notes.append(
-            f"the motion reaches {band.motion:.3g} Hz, too near the sampling rate for a filter, but "
-            f"some channel is noisy ({100 * band.noise:.2g} % of it): accelerations and inertias "
-            "will suffer; log faster, or give --cutoff"
+            f"the motion reaches {band.motion:.3g} Hz, too near the sampling rate for a filter, "
+            f"but some channel is noisy ({100 * band.noise:.2g} % of it): accelerations and "
+            "inertias will suffer; log faster, or give --cutoff"
         )
     experiments: list[Experiment] = []
     for i, signals in enumerate(measured):
@@ -95,6 +95,11 @@ def _checked(cutoff: float | str, measured: list[Signals]) -> float:
         value = float(cutoff)
     except (TypeError, ValueError):
         raise MotionError(f"cut-off {cutoff!r}; valid: a number [Hz], 'auto' or none") from None
+    lowest = 1 / max(float(signals.t[-1] - signals.t[0]) for signals in measured)
+    if 0 < value < lowest:
+        raise MotionError(
+            f"cut-off {value:g} Hz: no log is long enough for it; valid: above {lowest:.3g} Hz"
+        )
     if not 0 < value < nyquist:
         raise MotionError(
             f"cut-off {value:g} Hz; valid: above 0 and below {nyquist:.4g} Hz, or none"

@@ -13,6 +13,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion.clock import SHORTEST, at_own_rate, holes, runs, uniform_clock, without_short_runs
 from ident.motion.units import check_units
 
+LARGEST = 1e30  # in any unit; what some loggers write for "no value" lies beyond
 PREFIXES = ("q", "v", "a", "tau", "wrench")
 
 
@@ -68,6 +69,12 @@ def measure(mechanism: Mechanism, log: Log) -> Signals:
     columns, steps = {}, [dt]
     for name in log.columns:
         at, x = log.series(name)
+        if _is_signal(name) and (absurd := np.abs(x) > LARGEST).any():
+            k = int(absurd.argmax())
+            raise MotionError(
+                f"{log.name}: {name} = {x[k]:.4g} at t = {at[k]:.6g} s is no measurement; leave "
+                "the cell empty where there is no value"
+            )
         if len(x) < 2:
             continue
         columns[name] = x if even and len(x) == n else np.interp(t, at, x)

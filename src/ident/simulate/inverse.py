@@ -99,8 +99,8 @@ def _check_driven(mechanism: Mechanism, motion: Motion) -> None:
     for name in motion.independent:
         if name not in mechanism.driven:
             raise MotionError(
-                f"{mechanism.name}: '{name}' is passive, so no torque can hold it to a given motion; "
-                "a kinematic simulation needs as many drives as degrees of freedom"
+                f"{mechanism.name}: '{name}' is passive, so no torque can hold it to a given "
+                "motion; a kinematic simulation needs as many drives as degrees of freedom"
             )
 
 
@@ -113,8 +113,8 @@ def _parameters(mechanism: Mechanism, given: dict[str, float], pi: np.ndarray | 
         at = mechanism.bodies.columns(link)
         shift = about_origin(*split(parameters[at])[:2])
         for k, word in enumerate(DYNAMIC):
-            name = f"{link}.{CENTROIDAL.get(word, '')}"
-            if name in given:
+            name = f"{link}.{CENTROIDAL.get(word)}"
+            if word in CENTROIDAL and name in given:
                 row, column = ("xyz".index(letter) for letter in word[1:])
                 parameters[at.start + k] = given.pop(name) + shift[row, column]
     return parameters

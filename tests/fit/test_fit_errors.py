@@ -1,0 +1,262 @@
+"""Errors of the predicted torque: fitted, held out, in other logs, and of several models."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ident
+from ident import FitError, Log, Noise
+from ident.fit.accumulate import accumulate
+from ident.fit.banded import cells_of
+from ident.fit.estimate import totals
+from ident.fit.score import folds, squares
+from identification import motion_log, plant, robot
+
+NOISE = [Noise("tau", 0.02, relative=True)]
+
+
+def noisy(name, *effects, seed=1, seconds=8.0, noise=NOISE):
+    mechanism = robot(name)
+    for kind in effects:
+        mechanism = mechanism.with_effect(kind)
+    return plant(mechanism, motion_log(name, 100.0, seconds), noise=noise, seed=seed)
+
+
+# --- what an error is --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["arm", "five_bar", "slider_crank"])
+def test_the_error_is_that_of_the_prediction(name):
+    """Unfiltered: rms of measured − predicted, and its share of the measured torque."""
+    fit = noisy(name, "viscous", "coulomb").fit()
+    (said,) = fit.predict()
+    for u, joint in enumerate(said.joints):
+        rms = np.sqrt(np.mean(said.residual[:, u] ** 2))
+        assert fit.train[joint].rms == pytest.approx(rms, rel=1e-9)
+        share = rms / np.sqrt(np.mean(said.measured[:, u] ** 2))
+        assert fit.train[joint].relative == pytest.approx(share, rel=1e-9)
+
+
+def test_the_parts_of_a_prediction_add_up():
+    fit = noisy("five_bar", "viscous", "coulomb").fit()
+    (said,) = fit.predict()
+    assert list(said.parts) == ["rigid bodies", *(e.label for e in fit.mechanism.effects)]
+    np.testing.assert_allclose(sum(said.parts.values()), said.predicted, atol=1e-12)
+
+
+def test_a_prediction_never_sees_the_torque():
+    case = noisy("slider_crank", "viscous")
+    fit = case.fit()
+    (before,) = fit.predict()
+    joint = before.joints[0]
+    columns = dict(case.log.columns)
+    columns[f"tau.{joint}"] = 5.0 + 0 * columns[f"tau.{joint}"]
+    motion = ident.complete(fit.mechanism, Log.from_arrays("log", case.log.t, columns), cutoff=None)
+    (after,) = fit.predict(motion)  # the other drive's force is an input, the same in both
+    np.testing.assert_array_equal(after.predicted, before.predicted)
+
+
+def test_samples_at_standstill_count_in_the_error_but_not_in_the_fit():
+    case = noisy("arm", "viscous", "coulomb")
+    fit = case.fit()
+    rest = sum(cell.rest.rows for cell in fit.cells)
+    rows = sum(cell.factor.rows for cell in fit.cells)
+    assert rest > 0
+    assert rest + rows == 4 * len(case.log.t)
+    assert fit.estimate.factor.rows == rows
+    assert any("at standstill" in said for said in fit.warnings)
+    # a torque that only friction at rest explains: parameters do not see it, the error does
+    motion = fit.motion
+    (e,) = motion.experiments
+    at = fit.mechanism.driven.index("elbow")
+    still = np.abs(e.yd[:, at]) < e.still[at]
+    assert still.any()
+    tau = e.tau.copy()
+    tau[still, at] += 5.0
+    other = ident.identify(fit.mechanism, replace(motion, experiments=(replace(e, tau=tau),)))
+    assert other.train["elbow"].rms > 1.05 * fit.train["elbow"].rms
+    np.testing.assert_allclose(
+        other.estimate.solution.beta, fit.estimate.solution.beta, rtol=0.02, atol=1e-3
+    )
+
+
+def test_relative_is_null_without_torque(robots):
+    """The pendulum is driven by nothing: there is a residual but nothing to compare it with."""
+    mechanism = ident.load(robots / "pendulum")
+    fit = ident.identify(mechanism, ident.complete(mechanism, robots / "pendulum" / "run.csv"))
+    (error,) = fit.train.values()
+    assert error.relative is None
+    assert np.isfinite(error.rms)
+    assert "–" in str(fit)
+
+
+# --- held out ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["arm", "five_bar", "four_bar"])
+def test_held_out_errors_are_larger_than_fitted_ones(name):
+    fit = noisy(name, "viscous", "coulomb", seconds=12.0).fit(cutoff="auto")
+    assert set(fit.held_out) == set(fit.train)
+    for joint, error in fit.train.items():
+        assert error.rms <= fit.held_out[joint].rms < 2 * error.rms
+
+
+def test_held_out_is_cross_validation_over_stretches_of_time():
+    """By hand: refit without each stretch, add up the squares."""
+    fit = noisy("five_bar", "viscous").fit()
+    d, prior = 2, fit.columns.prior
+    parted = folds(fit.cells, 10)
+    assert len(parted) == 10
+    base = fit.estimate.base
+    total = np.zeros(d)
+    for number, out in parted.items():
+        rows = [c for other, part in parted.items() if other != number for c in part]
+        A, b = [], []
+        for u, factor in enumerate(totals(rows, len(prior), d)):
+            A.append(factor.R / fit.estimate.sigma[u])
+            b.append(factor.d / fit.estimate.sigma[u])
+        A, b = np.concatenate(A), np.concatenate(b)
+        x = prior.copy()
+        beta = np.linalg.lstsq(A[:, base.independent], b, rcond=None)[0]
+        x[base.independent] = beta - base.K @ x[base.dependent]
+        total += squares(out, x, d).error
+    n = sum(c.factor.rows + c.rest.rows for c in fit.cells if c.coordinate == 0)
+    for u, joint in enumerate(fit.motion.independent):
+        assert fit.held_out[joint].rms == pytest.approx(np.sqrt(total[u] / n), rel=1e-6)
+
+
+def test_stretches_of_a_basis_and_of_a_log_are_the_same_times():
+    """A log with a gap: runs of samples are parts of one experiment, not experiments."""
+    mechanism = replace(robot("five_bar"), multipliers=ident.Multipliers("linear", 0.02))
+    case = plant(mechanism, motion_log("five_bar", 100.0, 12.0), noise=NOISE)
+    keep = (case.log.t < 3.0) | (case.log.t > 3.6)
+    log = Log.from_arrays(
+        "gap.csv", case.log.t[keep], {k: x[keep] for k, x in case.log.columns.items()}
+    )
+    fit = ident.identify(mechanism, ident.complete(mechanism, log, cutoff=None))
+    assert len(fit.bands) == 2
+    fitting, scoring = (
+        folds(cells, 10) for cells in (cells_of(fit.bands, fit.columns, fit.motion), fit.cells)
+    )
+    assert set(fitting) == set(scoring)
+    for number, part in fitting.items():
+        mine, theirs = (
+            (min(c.span[0] for c in cells), max(c.span[1] for c in cells))
+            for cells in (part, scoring[number])
+        )
+        assert mine == pytest.approx(theirs, abs=0.7)
+    for joint, error in fit.train.items():
+        assert 0.98 * error.rms < fit.held_out[joint].rms < 2 * error.rms
+
+
+# --- other logs ----------------------------------------------------------------------------------------
+
+
+def test_validation_logs_are_scored_and_not_fitted():
+    case = noisy("five_bar", "viscous", seed=1)
+    others = [noisy("five_bar", "viscous", seed=1, noise=NOISE, seconds=s).log for s in (4.0, 6.0)]
+    others = [Log.from_arrays(f"other {i}", x.t, dict(x.columns)) for i, x in enumerate(others)]
+    motion = ident.complete(case.mechanism, case.log, cutoff=None)
+    check = ident.complete(case.mechanism, others, cutoff=None)
+    plain = ident.identify(case.mechanism, motion)
+    fit = ident.identify(case.mechanism, motion, validate=check)
+    np.testing.assert_array_equal(fit.estimate.solution.x, plain.estimate.solution.x)
+    assert list(fit.validation) == ["other 0", "other 1"]
+    for said, (_, errors) in zip(fit.predict(check), fit.validation.items(), strict=True):
+        for u, joint in enumerate(said.joints):
+            rms = np.sqrt(np.mean(said.residual[:, u] ** 2))
+            assert errors[joint].rms == pytest.approx(rms, rel=1e-9)
+    assert "other 0" in str(fit)
+
+
+# --- several models --------------------------------------------------------------------------------------
+
+
+def test_compare_gives_the_numbers_of_the_fits():
+    full = noisy("arm", "viscous", "coulomb")
+    good, bare = full.fit(cutoff="auto"), full.fit(mechanism=robot("arm"), cutoff="auto")
+    compared = ident.compare(bare, good)
+    for errors, fit in zip(compared.errors.values(), (bare, good), strict=True):
+        assert set(errors) == set(fit.train)
+        for joint, error in errors.items():
+            assert error.rms == pytest.approx(fit.train[joint].rms, rel=1e-12)
+            assert error.relative == pytest.approx(fit.train[joint].relative, rel=1e-12)
+            assert error.unit == fit.train[joint].unit
+    assert "error falls" in str(compared)
+    figure = compared.plot()
+    assert len(figure.axes) == 8
+
+
+def test_compare_on_another_motion_is_its_validation():
+    case, other = noisy("five_bar", "viscous"), noisy("five_bar", "viscous", seconds=4.0)
+    check = ident.complete(case.mechanism, other.log, cutoff=None)
+    motion = ident.complete(case.mechanism, case.log, cutoff=None)
+    fit = ident.identify(case.mechanism, motion, validate=check)
+    (errors,) = ident.compare(fit, motion=check).errors.values()
+    (validation,) = fit.validation.values()
+    for joint, error in errors.items():
+        assert error.rms == pytest.approx(validation[joint].rms, rel=1e-12)
+
+
+def test_compare_needs_something_to_compare(tmp_path):
+    with pytest.raises(FitError, match="nothing to compare"):
+        ident.compare()
+    fit = noisy("five_bar").fit()
+    fit.write(tmp_path)
+    saved = ident.read_fit(tmp_path / "fit.json", fit.mechanism)
+    with pytest.raises(FitError, match="has no motion"):
+        ident.compare(saved)
+    with pytest.raises(FitError, match=r"\.png, \.svg or \.pdf"):
+        ident.compare(fit).save(tmp_path / "x.docx")
+    for kind in ("png", "svg", "pdf"):
+        ident.compare(fit).save(tmp_path / f"x.{kind}")
+        assert (tmp_path / f"x.{kind}").stat().st_size > 1000
+
+
+# --- rows and pieces ---------------------------------------------------------------------------------------
+
+
+def test_pieces_do_not_change_the_result(monkeypatch):
+    """Rows in memory at once, and time blocks: bookkeeping only."""
+    case = noisy("five_bar", "viscous", "coulomb", seconds=16.0)
+    one = case.fit(cutoff="auto")
+    monkeypatch.setattr("ident.equations.rows.CHUNK", 100)
+    monkeypatch.setattr("ident.fit.accumulate.LENGTH", 50)
+    other = case.fit(cutoff="auto")
+    assert len(other.cells) < len(one.cells)
+    np.testing.assert_allclose(
+        other.estimate.solution.beta, one.estimate.solution.beta, rtol=1e-7, atol=1e-10
+    )
+    for joint, error in one.train.items():
+        assert other.train[joint].rms == pytest.approx(error.rms, rel=1e-9)
+
+
+def test_progress_is_told():
+    case = noisy("five_bar")
+    told = []
+    motion = ident.complete(case.mechanism, case.log)
+    ident.identify(case.mechanism, motion, progress=lambda what, share: told.append(share))
+    assert told
+    assert all(0.0 <= share <= 1.0 for share in told)
+
+
+def test_a_log_too_short_for_the_filter_is_refused():
+    case = noisy("five_bar", seconds=0.5)
+    motion = ident.complete(case.mechanism, case.log, cutoff=3.0)
+    with pytest.raises(FitError, match="no stretch is long enough"):
+        ident.identify(case.mechanism, motion)
+
+
+def test_cells_cover_every_row_once():
+    case = noisy("arm", "coulomb")
+    motion = ident.complete(case.mechanism, case.log, cutoff=None)
+    fit = ident.identify(case.mechanism, motion)
+    cells = accumulate(case.mechanism, fit.columns, motion)
+    for u in range(4):
+        mine = [c for c in cells if c.coordinate == u]
+        assert sum(c.factor.rows + c.rest.rows for c in mine) == len(case.log.t)
+        (e,) = motion.experiments
+        measured = e.tau[:, fit.mechanism.driven.index(motion.independent[u])]
+        assert sum(c.tau for c in mine) == pytest.approx(measured @ measured)
+    assert fit.samples == len(case.log.t)
