@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import re
 from dataclasses import replace
 
@@ -14,6 +15,7 @@ from lxml import etree, html
 import ident
 from helpers import J, tree_urdf, write_mechanism
 from ident import IdentError, Log, Noise
+from ident.equations.regressor import regressor
 from identification import motion_log, plant, robot
 
 NAMES = ["arm", "four_bar", "five_bar", "slider_crank", "pendulum"]
@@ -137,8 +139,6 @@ def rnea(urdf, mechanism, states):
 
 
 def of_fit(fit, states):
-    from ident.equations.regressor import regressor
-
     return regressor(fit.mechanism.model, *states) @ fit.dynamic_parameters
 
 
@@ -167,7 +167,7 @@ def test_the_identified_urdf_is_the_fit(name, tmp_path):
 
 def test_links_fixed_to_a_body_keep_their_inertia(tmp_path):
     joints = [J("a", axis="0 1 0"), J("f", "fixed", None, "a"), J("b", axis="1 0 0", parent="f")]
-    mechanism, case, fit = random_tree(tmp_path, tree_urdf(joints, seed=2))
+    mechanism, _, fit = random_tree(tmp_path, tree_urdf(joints, seed=2))
     path = fit.write_urdf(tmp_path / "x.urdf")
     states = states_of(mechanism)
     torque = of_fit(fit, states)
@@ -186,7 +186,7 @@ def test_a_fixed_link_heavier_than_its_body(tmp_path):
     urdf = tree_urdf(joints, seed=2)
     heavy = re.sub(r'(name="f_link".*?<mass value=")[^"]*', r"\g<1>50", urdf, flags=re.S)
     assert heavy != urdf
-    mechanism, case, fit = random_tree(tmp_path, urdf)
+    _, case, _ = random_tree(tmp_path, urdf)
     other = ident.load(write_mechanism(tmp_path / "heavy", heavy))
     fit = ident.identify(other, ident.complete(other, case.log, cutoff=None))
     states = states_of(other)
@@ -294,8 +294,6 @@ def test_a_failed_write_leaves_the_old_files(tmp_path, monkeypatch):
     _, fit = identified("five_bar")
     fit.write(tmp_path)
     before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
-    import os
-
     real, calls = os.replace, []
 
     def failing(source, target):

@@ -82,7 +82,6 @@ def test_each_effect_is_found_where_planted_and_silent_where_not(name, kind):
             plain = plain.with_effect(each)
     grown, joints = driven_first(plain, kind)
     assert grown.effects[-1].joints == tuple(joints)
-    # truth: parameters of the order of the joint's own torque
     noise = [Noise("tau", 0.01, relative=True)]
     motion = motion_log(name, 100.0, 8.0)
     with_it = plant(grown, motion, seed=5)

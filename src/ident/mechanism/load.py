@@ -64,6 +64,7 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
         toml=settings.toml,
         notes=tree.notes,
     )
+    mechanism = replace(mechanism, notes=(*tree.notes, *_massless(mechanism)))
     return _with_effects(with_own_joints(mechanism), settings)
 
 
@@ -144,6 +145,16 @@ def _start(settings: Settings, tree: Tree, joints: tuple[Joint, ...]) -> np.ndar
             raise MechanismError(f"{where}: no joint '{name}'; {one_of(name, names)}")
         q[names[name]] = number(table, name, where)
     return q
+
+
+def _massless(mechanism: Mechanism) -> list[str]:
+    """Bodies to be identified of which the URDF says nothing."""
+    asked = {name.rsplit(".", 1)[0] for name in mechanism.unknown}
+    return [
+        f"link '{link}' has no <inertial>; its prior is massless"
+        for link in mechanism.bodies.links
+        if link in asked and not mechanism.prior[mechanism.bodies.columns(link)].any()
+    ]
 
 
 def _unknown(settings: Settings, bodies: Bodies, auxiliary: tuple[str, ...]) -> tuple[str, ...]:

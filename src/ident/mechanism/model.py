@@ -78,8 +78,6 @@ def build_tree(robot: etree._Element, gravity: tuple[float, float, float], where
         for inertia in link.iterfind("inertial/inertia"):  # urdfdom wants them written
             for key in ("ixy", "ixz", "iyz"):
                 inertia.set(key, inertia.get(key, "0"))
-        if link.find("inertial") is None and _moves(robot, link):
-            notes.append(f"link '{link.get('name')}' has no <inertial>; its prior is massless")
     mimics = tuple(_take_mimics(robot, where))
     for joint in robot.findall("joint"):
         if joint.get("type") == "continuous":
@@ -114,13 +112,6 @@ def _complete_limit(joint: etree._Element) -> None:
     for key in ("effort", "velocity"):
         if limit.get(key) is None:
             limit.set(key, UNLIMITED[1])
-
-
-def _moves(robot: etree._Element, link: etree._Element) -> bool:
-    return any(
-        joint.find("child").get("link") == link.get("name") and joint.get("type") != "fixed"
-        for joint in robot.findall("joint")
-    )
 
 
 def _take_mimics(robot: etree._Element, where: str) -> list[Mimic]:
