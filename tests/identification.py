@@ -1,4 +1,4 @@
-"""Logs with planted parameters, and what a fit of them must find. Uses the project's own simulation.
+"""Logs with planted parameters, and what a fit must find in them; by the project's own simulation.
 
 `simulate` itself is held against Pinocchio and MuJoCo in tests/simulate.
 """

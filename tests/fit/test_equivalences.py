@@ -37,7 +37,7 @@ def assert_same(one, other, tolerance=1e-9):
     assert list(one.train) == list(other.train)
 
 
-# --- six coordinates a body ----------------------------------------------------------------------
+# --- six coordinates a body --------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("effects", [(), FRICTION], ids=["bodies", "friction"])
@@ -70,7 +70,7 @@ def test_absolute_multipliers_of_the_loop_are_the_same():
     np.testing.assert_allclose(ball, tree, atol=1e-8 * np.abs(tree).max())
 
 
-# --- multipliers eliminated or projected out -----------------------------------------------------
+# --- multipliers eliminated or projected out ---------------------------------------------------
 
 
 def stacked(case):
@@ -117,7 +117,7 @@ def test_a_knot_for_every_sample_is_free_multipliers(name):
     assert_same(banded, free, 1e-8)
 
 
-# --- logs ------------------------------------------------------------------------------------------
+# --- logs --------------------------------------------------------------------------------------
 
 
 def part(log, piece, name):
@@ -170,7 +170,7 @@ def test_the_same_log_twice_gives_the_same_values(name):
     assert_same(fit_of(case.mechanism, case.log), fit_of(case.mechanism, [case.log, case.log]))
 
 
-# --- known or unknown ------------------------------------------------------------------------------
+# --- known or unknown --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["arm", "five_bar", "four_bar"])
@@ -218,7 +218,7 @@ def test_a_known_effect_on_the_right_hand_side(name):
             assert (value.stderr == 0.0) == (each.effect.joints == (joint,))
 
 
-# --- names of joints and columns -------------------------------------------------------------------
+# --- names of joints and columns ---------------------------------------------------------------
 
 
 def test_the_order_of_joints_does_not_matter(tmp_path):
@@ -230,8 +230,8 @@ def test_the_order_of_joints_does_not_matter(tmp_path):
     t = np.arange(400) / 100
     w, phase = rng.uniform(2, 6, (3, 2)), rng.uniform(0, 6, (3, 2))
     angle = w[..., None] * t + phase[..., None]
-    q, v, a = (f.sum(axis=1) for f in
-               (np.sin(angle), w[..., None] * np.cos(angle), -(w**2)[..., None] * np.sin(angle)))  # fmt: skip
+    w = w[..., None]
+    q, v, a = np.sin(angle).sum(1), (w * np.cos(angle)).sum(1), -(w**2 * np.sin(angle)).sum(1)
     fits = []
     for text, names in ((urdf, ["t", "left", "right"]), (other, ["t", "zulu", "right"])):
         mechanism = ident.load(write_mechanism(tmp_path / names[1], text)).with_effect("viscous")

@@ -23,7 +23,7 @@ def noisy(name, *effects, seed=1, seconds=8.0, noise=NOISE):
     return plant(mechanism, motion_log(name, 100.0, seconds), noise=noise, seed=seed)
 
 
-# --- what an error is --------------------------------------------------------------------------------
+# --- what an error is --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["arm", "five_bar", "slider_crank"])
@@ -91,7 +91,7 @@ def test_relative_is_null_without_torque(robots):
     assert "–" in str(fit)
 
 
-# --- held out ------------------------------------------------------------------------------------------
+# --- held out ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["arm", "five_bar", "four_bar"])
@@ -150,7 +150,7 @@ def test_stretches_of_a_basis_and_of_a_log_are_the_same_times():
         assert 0.98 * error.rms < fit.held_out[joint].rms < 2 * error.rms
 
 
-# --- other logs ----------------------------------------------------------------------------------------
+# --- other logs --------------------------------------------------------------------------------
 
 
 def test_validation_logs_are_scored_and_not_fitted():
@@ -170,7 +170,7 @@ def test_validation_logs_are_scored_and_not_fitted():
     assert "other 0" in str(fit)
 
 
-# --- several models --------------------------------------------------------------------------------------
+# --- several models ----------------------------------------------------------------------------
 
 
 def test_compare_gives_the_numbers_of_the_fits():
@@ -214,7 +214,7 @@ def test_compare_needs_something_to_compare(tmp_path):
         assert (tmp_path / f"x.{kind}").stat().st_size > 1000
 
 
-# --- rows and pieces ---------------------------------------------------------------------------------------
+# --- rows and pieces ---------------------------------------------------------------------------
 
 
 def test_pieces_do_not_change_the_result(monkeypatch):

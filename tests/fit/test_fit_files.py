@@ -47,7 +47,7 @@ def assert_same_prediction(one, other, tolerance=1e-9):
         np.testing.assert_allclose(b.predicted, a.predicted, atol=tolerance * scale)
 
 
-# --- fit.json ----------------------------------------------------------------------------------------
+# --- fit.json ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -126,7 +126,7 @@ def test_a_fit_of_another_mechanism_is_refused(tmp_path):
         ident.read_fit(tmp_path / "fit.json", robot("arm"))
 
 
-# --- the URDF ------------------------------------------------------------------------------------------
+# --- the URDF ----------------------------------------------------------------------------------
 
 
 def rnea(urdf, mechanism, states):
@@ -238,7 +238,7 @@ def test_all_else_of_the_urdf_stays(tmp_path, robots):
     assert clean[0] == clean[1]
 
 
-# --- the folder of what was identified ---------------------------------------------------------------
+# --- the folder of what was identified ---------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -270,7 +270,7 @@ def test_what_is_picked_up_later_is_found(tmp_path):
     assert found["hand.m"] == pytest.approx(before + 0.4, abs=0.05)
 
 
-# --- whole or not at all --------------------------------------------------------------------------------
+# --- whole or not at all -----------------------------------------------------------------------
 
 
 FILES = {"fit.json", "multipliers.csv", "identified.urdf", "report.html"}
@@ -309,7 +309,7 @@ def test_a_failed_write_leaves_the_old_files(tmp_path, monkeypatch):
     assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
 
 
-# --- multipliers.csv --------------------------------------------------------------------------------------
+# --- multipliers.csv ---------------------------------------------------------------------------
 
 
 def multipliers(fit, folder):
@@ -348,7 +348,7 @@ def test_several_logs_are_told_apart(tmp_path):
     assert table.group_by("log").len().sort("log").rows() == [("a.csv", 200), ("b.csv", 150)]
 
 
-# --- the report -------------------------------------------------------------------------------------------
+# --- the report --------------------------------------------------------------------------------
 
 
 def assert_whole(text):

@@ -103,7 +103,7 @@ def test_parameters_are_listed_once_in_the_order_of_the_regressor():
     assert [v.name.split(".")[0] for v in fit.parameters] == ["hand"] * 10
 
 
-# --- about the centre of mass, or about the joint -----------------------------------------------------
+# --- about the centre of mass, or about the joint ----------------------------------------------
 
 
 WORDS = ("m", "mx", "my", "mz", "Lxx", "Lxy", "Lyy", "Lxz", "Lyz", "Lzz")
@@ -126,14 +126,14 @@ def centroidal(pi):
 def test_centroidal_names_where_mass_and_centre_are_known():
     case = plant(hand_only(known=("m", "mx", "my", "mz")), motion_log("arm", 100.0))
     fit = case.fit()
-    I = centroidal(np.array([case.values[f"hand.{w}"] for w in WORDS]))
+    inertia = centroidal(np.array([case.values[f"hand.{w}"] for w in WORDS]))
     before = centroidal(case.mechanism.prior[30:40])
     found = {v.name: v for v in fit.parameters}
     assert list(found) == [f"hand.I{w}" for w in ("xx", "xy", "yy", "xz", "yz", "zz")]
     for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)):
         value = found["hand.I" + "xyz"[i] + "xyz"[j]]
         assert value.identifiable
-        assert value.value == pytest.approx(I[i, j], abs=1e-9)
+        assert value.value == pytest.approx(inertia[i, j], abs=1e-9)
         assert value.prior == pytest.approx(before[i, j], abs=1e-12)
 
 
@@ -145,9 +145,9 @@ def test_centroidal_names_where_mass_and_centre_are_identified():
     assert "hand.Ixx" in found
     assert "hand.Lxx" not in found
     pi = fit.dynamic_parameters[30:40]
-    I = centroidal(pi)
-    assert found["hand.Iyy"].value == pytest.approx(I[1, 1], abs=1e-12)
-    assert found["hand.Ixy"].value == pytest.approx(I[0, 1], abs=1e-12)
+    inertia = centroidal(pi)
+    assert found["hand.Iyy"].value == pytest.approx(inertia[1, 1], abs=1e-12)
+    assert found["hand.Ixy"].value == pytest.approx(inertia[0, 1], abs=1e-12)
     # the delta method against draws of the parameters themselves
     order = [fit.columns.names.index(f"hand.{w}") for w in WORDS]
     assert list(fit.estimate.base.independent) == sorted(order)
@@ -167,7 +167,7 @@ def test_moments_about_the_joint_where_the_centre_is_not_identified():
     assert not any(".I" in v.name for v in fit.parameters)
 
 
-# --- errors ----------------------------------------------------------------------------------------------
+# --- errors ------------------------------------------------------------------------------------
 
 
 def test_errors_scale_with_the_torque():

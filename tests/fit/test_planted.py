@@ -23,7 +23,7 @@ def driven_first(mechanism, kind):
     return mechanism + ident.effect(kind, joints), joints
 
 
-# --- free of noise -----------------------------------------------------------------------------------
+# --- free of noise -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -111,7 +111,7 @@ def test_an_effect_that_a_rigid_parameter_replaces_is_said():
     assert close(fit.estimate.solution.beta, case.base(fit), 1e-6)
 
 
-# --- the logs that come with the robots (1 % torque noise) ----------------------------------------------
+# --- the logs that come with the robots (1 % torque noise) -------------------------------------
 
 
 SHIPPED = {

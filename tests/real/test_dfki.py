@@ -42,7 +42,7 @@ def fit_of(pendulum, log, cutoff="auto"):
 
 
 def four(fit):
-    """I1 + m2 l1², I2, m2 r2, m1 r1 + m2 l1; link 1 hangs along −z, link 2's frame is turned over."""
+    """I1 + m2 l1², I2, m2 r2, m1 r1 + m2 l1; link 1 hangs along −z, link 2's frame is turned."""
     found = {v.name.split()[0]: v.value for v in fit.base_parameters}
     return np.array([found["Link1.Lxx"], found["Link2.Lxx"], found["Link2.mz"], -found["Link1.mz"]])
 
@@ -71,9 +71,9 @@ def test_parameters_are_near_those_of_the_trial(pendulum):
 def test_parameters_are_near_the_published_ones(pendulum):
     """At 10 Hz, where speeds are still more signal than noise: all four 5 to 11 % above published.
 
-    One common factor, as of a motor's torque constant. At the 24 Hz that the bandwidth of the motion
-    asks for, noise in the accelerations takes 7 % off again, and joint 1's error is larger than its
-    torque.
+    One common factor, as of a motor's torque constant. At the 24 Hz that the motion's bandwidth
+    asks for, noise in the accelerations takes 10 % off again, and joint 1's error is larger than
+    its torque.
     """
     fit = fit_of(pendulum, "A0_swingup_11.csv", cutoff=10.0)
     ratio = four(fit) / PUBLISHED

@@ -1,4 +1,4 @@
-"""The Stäubli TX40's log against its published values. See data/README.md for source and licence."""
+"""The Stäubli TX40's log against its published values; source and licence: data/README.md."""
 
 import csv
 
@@ -77,7 +77,7 @@ def test_standstill_is_said_and_left_out(friction):
 
 
 def test_base_parameters_are_the_published_ones(full, shared_data):
-    """All that were published with a relative error below 5 %: within 10 %, or 3 standard errors."""
+    """All published with a relative error below 5 %: within 10 %, or 3 standard errors."""
     found = {v.name.split()[0]: v for v in full.base_parameters}
     coupling = full.effects[-1].parameters
     assert [v.name.rpartition(".")[2] for v in coupling] == ["Im", "Fvm", "Fcm"]

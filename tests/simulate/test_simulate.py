@@ -11,7 +11,7 @@ from helpers import J, Truth, series, tree_urdf, write_mechanism
 from ident import Log, MechanismError, MotionError, Noise
 from identification import motion_log, robot
 
-# --- torques ------------------------------------------------------------------------------------------
+# --- torques -----------------------------------------------------------------------------------
 
 
 def test_torques_of_the_arm_are_pinocchios(robots):
@@ -145,7 +145,7 @@ def test_a_surplus_drive_does_what_the_log_says():
     assert still.multipliers.shape == (len(motion.t), 3)
 
 
-# --- noise, columns ------------------------------------------------------------------------------------
+# --- noise, columns ----------------------------------------------------------------------------
 
 
 def test_noise_has_its_level():
@@ -200,7 +200,7 @@ def test_other_columns_are_passed_on():
     np.testing.assert_array_equal(log.columns["temperature.yaw"], warm["temperature.yaw"])
 
 
-# --- what is refused --------------------------------------------------------------------------------------
+# --- what is refused ---------------------------------------------------------------------------
 
 
 def test_an_effect_without_a_value_is_refused():

@@ -15,7 +15,8 @@ from ident.equations.columns import Columns
 from ident.fit.accumulate import Cell
 from ident.fit.banded import Band, multipliers_of
 from ident.fit.estimate import Estimate
-from ident.fit.predict import Prediction, identifiable_multipliers, predict
+from ident.fit.predict import Prediction, predict
+from ident.fit.reach import identifiable_multipliers
 from ident.fit.score import Error
 from ident.fit.values import (
     BaseValue,

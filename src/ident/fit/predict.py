@@ -121,23 +121,3 @@ def _other_drives(mechanism: Mechanism, motion: Motion, e: Experiment, part: sli
             W = Closer(mechanism, (name,)).coordinates(e.q[part]).rate[:, 0]
             total += W * e.tau[part, i : i + 1]
     return total
-
-
-def identifiable_multipliers(mechanism: Mechanism, motion: Motion) -> np.ndarray:
-    """(m,) whether each multiplier is determined: no null direction of Jᵀ touches it.
-
-    Redundant closure equations, such as the normal row of a planar loop closed by a `point`, carry
-    loads that no motion shows.
-    """
-    m = len(mechanism.kinematics.multipliers)
-    determined = np.ones(m, dtype=bool)
-    for e in motion.experiments:
-        q = e.q[e.usable][:: max(1, len(e) // 200)]
-        if not m or not len(q):
-            continue
-        J = mechanism.kinematics.closure_rows(q).rate
-        U, s, _ = np.linalg.svd(J, full_matrices=True)
-        for k in range(len(q)):
-            null = U[k][:, int((s[k] > 1e-8 * s[k].max(initial=1e-300)).sum()) :]
-            determined &= (null**2).sum(axis=1) < 1e-12
-    return determined

@@ -87,11 +87,25 @@ def summary(fit: Fit) -> str:
         rows = [["base parameter", "value", "unit"]]
         rows += [[shortened(v.name), rounded(v.value, v.stderr), v.unit] for v in combined]
         lines += ["", *table(rows)]
+    lines += _multipliers(fit)
     left = [value.name for value in fit.parameters if not value.identifiable]
     rest = f"; {len(left)} unknowns are not identifiable by themselves" if left else ""
     condition = f"condition number {fit.condition_number:.3g}"
     lines += ["", f"rank {fit.rank} of {len(fit.columns)} unknowns, {condition}{rest}"]
     return "\n".join(lines)
+
+
+def _multipliers(fit: Fit) -> list[str]:
+    kinematics = fit.mechanism.kinematics
+    if not kinematics.multipliers:
+        return []
+    values = np.concatenate([each for _, each in fit.multipliers])
+    rows = [["multiplier", "rms", "largest", "unit"]]
+    for i, (name, unit) in enumerate(zip(kinematics.multipliers, kinematics.units, strict=True)):
+        x = values[np.isfinite(values[:, i]), i]
+        size = [f"{np.sqrt(np.mean(x**2)):.4g}", f"{np.abs(x).max():.4g}"] if len(x) else ["–", "–"]
+        rows.append([name, *size, unit])
+    return ["", *table(rows)]
 
 
 def shortened(name: str, most: int = 72) -> str:

@@ -1,0 +1,118 @@
+"""What a person should know before trusting a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ident.equations.columns import Columns
+from ident.fit.accumulate import Cell
+from ident.fit.estimate import Estimate
+from ident.fit.naming import absorbed_by
+from ident.fit.reach import identifiable_multipliers, resting_on_priors
+from ident.fit.score import Squares
+from ident.fit.values import rigid_values
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Motion
+
+BIASED = 1e-4  # share of a parameter that a time basis may move unmentioned
+POOR = 1e3  # condition number above which the motion excites some base parameter poorly
+
+
+def basis_bias(
+    mechanism: Mechanism, columns: Columns, found: Estimate, free: Estimate
+) -> list[str]:
+    """What the time basis does to the parameters: its misfit of λ(t) is no noise and not in ±."""
+    if not np.array_equal(found.base.independent, free.base.independent):
+        return []
+    cov = np.zeros((found.base.rank, found.base.rank))
+    pairs = [
+        (a.name, a.value, b.value)
+        for a, b in zip(
+            rigid_values(mechanism, columns, found, cov),
+            rigid_values(mechanism, columns, free, cov),
+            strict=True,
+        )
+        if a.identifiable
+    ]
+    moved = [
+        f"{name} {100 * (value / true - 1):+.3g} %"
+        for name, value, true in pairs
+        if true != 0 and abs(value / true - 1) > BIASED
+    ]
+    basis = mechanism.multipliers
+    return moved and [
+        f"the {basis.basis} basis with knots of {1e3 * basis.spacing:.4g} ms moves parameters from "
+        f"where free multipliers put them: {', '.join(moved[:6])}"
+        + (f" and {len(moved) - 6} more" if len(moved) > 6 else "")
+        + "; standard errors do not hold this bias"
+    ]
+
+
+def share_at_rest(everything: Squares, cells: Sequence[Cell]) -> float:
+    """Share of rows that standstill keeps from informing."""
+    rest = sum(cell.rest.rows for cell in cells)
+    return rest / max(float(everything.rows.sum()), 1.0)
+
+
+def warnings_of(
+    mechanism: Mechanism,
+    motion: Motion,
+    columns: Columns,
+    found: Estimate,
+    sensible: np.ndarray,
+    rest: float,
+) -> tuple[str, ...]:
+    """Notes of mechanism and motion, and what the fit cannot tell; `rest`: share at standstill."""
+    said = [*mechanism.notes, *motion.notes]
+    if rest > 0:
+        said.append(
+            f"{100 * rest:.3g} % of the equations are at standstill, where dry friction is open; "
+            "they count in the errors but not in the fit"
+        )
+    if found.unexcited:
+        names = [columns.names[i] for i in found.unexcited]
+        said.append(
+            f"this motion does not excite {', '.join(names[:8])}"
+            + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+            + ": noise alone would decide them, so they stay at their prior; move more joints, "
+            "faster or farther"
+        )
+    absorbed = absorbed_by(columns, found.base)
+    for effect, places in columns.effects:
+        for name, at in zip(effect.names, places, strict=True):
+            if at >= 0 and name in absorbed:
+                carrier = absorbed[name]
+                said.append(
+                    f"{name} cannot be identified: "
+                    + (
+                        f"same columns as {carrier}"
+                        if carrier
+                        else "nothing in this motion feels it"
+                    )
+                )
+    if found.base.condition_number > POOR:
+        said.append(
+            f"condition number {found.base.condition_number:.3g}: this motion excites some base "
+            "parameters poorly; see their standard errors, and move more joints, faster or farther"
+        )
+    determined = identifiable_multipliers(mechanism, motion)
+    lost = [
+        n for n, good in zip(mechanism.kinematics.multipliers, determined, strict=True) if not good
+    ]
+    if lost:
+        said.append(
+            f"multipliers {', '.join(lost)} are not determined: closure equations are redundant "
+            f"({len(determined)} of rank {mechanism.rank}), which is normal for planar loops"
+        )
+    resting = resting_on_priors(mechanism, motion, columns, found.base, sensible)
+    resting = {name: on for name, on in resting.items() if name not in lost}
+    if resting:
+        on = list(dict.fromkeys(name for names in resting.values() for name in names))
+        said.append(
+            f"multipliers {', '.join(resting)} rest on the priors of {', '.join(on[:6])}"
+            + (f" and {len(on) - 6} more" if len(on) > 6 else "")
+            + ", which no torque determines: a wrong prior moves them, however well torques fit"
+        )
+    return tuple(dict.fromkeys(said))
