@@ -68,9 +68,13 @@ def tree_urdf(joints: Sequence[J], seed: int = 0, base: str = "base") -> str:
             f'<child link="{j.name}_link"/>'
             f'<origin xyz="{xyz[0]:.4f} {xyz[1]:.4f} {xyz[2]:.4f}" '
             f'rpy="{rpy[0]:.4f} {rpy[1]:.4f} {rpy[2]:.4f}"/>{axis}'
-            f"{'' if j.kind in ('fixed', 'planar') or '<limit' in j.inside else limit}{j.inside}</joint>",
+            f"{'' if unlimited(j) else limit}{j.inside}</joint>",
         ]
     return '<robot name="random">' + "\n".join(parts) + "</robot>"
+
+
+def unlimited(joint: J) -> bool:
+    return joint.kind in ("fixed", "planar") or "<limit" in joint.inside
 
 
 def write_mechanism(folder: Path, urdf: str, toml: str = "") -> Path:

@@ -57,7 +57,7 @@ def complete(
     given = [logs] if isinstance(logs, Log | str | os.PathLike) else list(logs)
     if not given:
         raise MotionError(f"{mechanism.name}: no log given")
-    read = [x if isinstance(x, Log) else read_log(x, mechanism.columns) for x in given]
+    read = _distinct([x if isinstance(x, Log) else read_log(x, mechanism.columns) for x in given])
     measured = [measure(mechanism, log) for log in read]
     for signals in measured if torques else []:
         _check_torques(mechanism, signals)
@@ -87,6 +87,17 @@ def complete(
             notes += said
             worst = max(worst, error)
     return Motion(tuple(experiments), independent, band, worst, tuple(dict.fromkeys(notes)))
+
+
+def _distinct(logs: list[Log]) -> list[Log]:
+    """The logs with names that differ: run.csv of two folders become run.csv and run.csv (2)."""
+    seen: dict[str, int] = {}
+    found = []
+    for log in logs:
+        seen[log.name] = seen.get(log.name, 0) + 1
+        count = seen[log.name]
+        found.append(log if count == 1 else replace(log, name=f"{log.name} ({count})"))
+    return found
 
 
 def _checked(cutoff: float | str, measured: list[Signals]) -> float:
