@@ -15,7 +15,7 @@ from ident.fit.accumulate import Cell
 from ident.solve.factor import Factor
 from ident.solve.rank import Base, Solution, reveal, solve
 
-FLOOR = 0.01  # of a joint's terms: a smaller residual weighs no more, lest rows ask for no inertia
+FLOOR = 0.003  # of a joint's terms: a smaller residual weighs no more, lest rows ask for no inertia
 TOLERANCE = 1e-8  # share of a column that must be new for its unknown to count as identifiable
 OUT = 2.0  # a tolerance that no column meets
 ITERATIONS = 12
