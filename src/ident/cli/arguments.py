@@ -119,11 +119,15 @@ def logs_of(paths: Sequence[Path], mechanism: Mechanism) -> list[Log]:
 
 
 def motion_of(
-    mechanism: Mechanism, paths: Sequence[Path], cutoff: str, told: Told | None = None
+    mechanism: Mechanism,
+    paths: Sequence[Path],
+    cutoff: float | str | None,
+    told: Told | None = None,
+    torques: bool = True,
 ) -> Motion:
     """The completed motion of some logs."""
     logs = logs_of(paths, mechanism)
-    return complete(mechanism, logs, cutoff=cutoff_of(cutoff), progress=told)
+    return complete(mechanism, logs, cutoff=cutoff, torques=torques, progress=told)
 
 
 def cutoff_of(text: str) -> float | str | None:

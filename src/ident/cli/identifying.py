@@ -17,6 +17,7 @@ from ident.cli.arguments import (
     Out,
     Spacing,
     With,
+    cutoff_of,
     mechanism_of,
     motion_of,
     output_file,
@@ -52,8 +53,8 @@ def check(
     motion = None
     with progress() as told:
         if logs:
-            motion = motion_of(model, logs, cutoff, told)
-        parts = [describe(model), motion, structure(model, motion)]
+            motion = motion_of(model, logs, cutoff_of(cutoff), told, torques=False)
+        parts = [describe(model, motion), motion, structure(model, motion)]
     result("\n\n".join(str(part) for part in parts if part is not None))
 
 
@@ -85,11 +86,10 @@ def identify(
     )
     output_folder(out)
     with progress() as told:
-        motion = motion_of(model, logs, cutoff, told)
+        motion = motion_of(model, logs, cutoff_of(cutoff), told)
         other = None
         if validate:
-            same = "none" if motion.band.cutoff is None else str(motion.band.cutoff)
-            other = motion_of(model, validate, same, told)
+            other = motion_of(model, validate, motion.band.cutoff, told)
         fit = identify_(model, motion, validate=other, progress=told)
     result(summary(fit))
     known = None
@@ -108,7 +108,7 @@ def compare(
     fit: Annotated[
         list[Path], typer.Option(metavar="FIT.json", help="A fit; give several to compare them.")
     ],
-    cutoff: Cutoff = "auto",
+    cutoff: Cutoff = "fit",
     absolute: Absolute = False,
     allow_code: AllowCode = False,
     plot: Annotated[
@@ -120,7 +120,8 @@ def compare(
     saved = [read_fit(path, model) for path in fit]
     output_file(plot, (".png", ".svg", ".pdf"))
     with progress() as told:
-        motion = motion_of(model, logs, cutoff, told)
+        band = saved[0].cutoff if cutoff == "fit" else cutoff_of(cutoff)
+        motion = motion_of(model, logs, band, told)
         comparison = compare_(*saved, motion=motion, progress=told)
     result(comparison)
     notes(motion.notes)

@@ -17,6 +17,7 @@ from ident.solve.rank import Base, Solution, reveal, solve
 
 FLOOR = 0.003  # of a joint's terms: a smaller residual weighs no more, lest rows ask for no inertia
 TOLERANCE = 1e-8  # share of a column that must be new for its unknown to count as identifiable
+CLEAR = 6.0  # standard errors from its prior at which an unknown is no work of noise
 OUT = 2.0  # a tolerance that no column meets
 ITERATIONS = 12
 
@@ -107,8 +108,9 @@ def estimate(
         left = _residuals(factors, solution)
         if plausible is not None:
             noise = float((left / sigma).max())
+            noise = max(noise, 1e-300)
             found, solution, tolerances = _excited(
-                total, found, solution, prior, plausible / max(noise, 1e-300), tolerances
+                total, found, solution, prior, plausible / noise, noise, tolerances
             )
             left = _residuals(factors, solution)
         new = np.maximum(left, FLOOR * np.where(scale > 0, scale, left.max() + 1e-300))
@@ -130,12 +132,20 @@ def _excited(
     solution: Solution,
     prior: np.ndarray,
     plausible: np.ndarray,
+    noise: float,
     tolerance: np.ndarray,
 ) -> tuple[Base, Solution, np.ndarray]:
-    """Keeps out of the base, one by one, what the data know worst beside what is plausible."""
+    """Keeps out of the base, one by one, what the data know worst beside what is plausible.
+
+    `plausible` is given in units of `noise`, the residual of rows divided by their sigma.
+    """
     while base.rank:
         reach = plausible[base.independent] + np.abs(base.K) @ plausible[base.dependent]
-        doubt = np.sqrt(np.diag(solution.C)) / reach
+        stderr = np.sqrt(np.diag(solution.C))
+        before = prior[base.independent] + base.K @ prior[base.dependent]
+        # what stands out of its own error is real, whatever the prior calls plausible
+        clear = np.abs(solution.beta - before) > CLEAR * noise * stderr
+        doubt = np.where(clear, 0.0, stderr / reach)
         if doubt.max() <= 1:
             break
         tolerance = tolerance.copy()

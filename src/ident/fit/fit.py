@@ -9,12 +9,15 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from ident.effects import Effect
 from ident.equations.columns import Columns
+from ident.errors import one_of
 from ident.fit.accumulate import Cell
 from ident.fit.banded import Band, multipliers_of
 from ident.fit.estimate import Estimate
+from ident.fit.plots import plot_torques
 from ident.fit.predict import Prediction, predict
 from ident.fit.reach import identifiable_multipliers
 from ident.fit.score import Error
@@ -90,6 +93,26 @@ class Fit:
     def effect_solution(self) -> list[tuple[Effect, np.ndarray]]:
         """Every effect with the values of all its unknowns."""
         return self.columns.effect_values(self.estimate.solution.x)
+
+    def __getitem__(self, name: str) -> Value | BaseValue:
+        """A parameter, effect's parameter or base parameter by its name.
+
+        Raises:
+            KeyError: with the nearest name.
+        """
+        own = {value.name: value for value in self.parameters}
+        own |= {value.name: value for effect in self.effects for value in effect.parameters}
+        combined = {value.name: value for value in self.base_parameters}
+        if name in own:
+            return own[name]
+        if name in combined:
+            return combined[name]
+        raise KeyError(f"no parameter '{name}'; {one_of(name, own)}")
+
+    def plot(self, experiment: int = 0) -> Figure:
+        """Measured and predicted torque of every independent joint."""
+        units = [self.mechanism.joint(name).force_unit for name in self.motion.independent]
+        return plot_torques(self.predict()[experiment], units)
 
     def predict(self, motion: Motion | None = None) -> list[Prediction]:
         """Torques, the sum taken apart and multipliers, for the fitted motion or another one."""

@@ -13,7 +13,9 @@ from ident.fit.covariance import covariance
 from ident.fit.estimate import estimate, loads, totals
 from ident.fit.fit import Fit
 from ident.fit.plausible import plausible
+from ident.fit.sanity import absurdities
 from ident.fit.score import held_out, squares
+from ident.fit.values import effect_values
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.progress import Told
@@ -45,6 +47,11 @@ def identify(
         raise FitError(
             f"{mechanism.name}: nothing is unknown; give [parameters] unknown in mechanism.toml or "
             "add an effect"
+        )
+    if not isinstance(motion, Motion):
+        raise FitError(
+            f"identify needs a motion, given: {type(motion).__name__}; write "
+            "ident.identify(mechanism, ident.complete(mechanism, log))"
         )
     d = coordinates(mechanism, motion)
     joints = [mechanism.joint(name) for name in motion.independent]
@@ -79,6 +86,9 @@ def identify(
                 validate.independent, units
             )
     train = squares(cells, found.solution.x, d)
+    errors = train.errors(motion.independent, units)
+    pi = columns.dynamic_parameters(mechanism, found.solution.x)
+    said += absurdities(mechanism, errors, effect_values(columns, found, cov), pi)
     return Fit(
         mechanism=mechanism,
         motion=motion,
@@ -86,7 +96,7 @@ def identify(
         cells=cells,
         estimate=found,
         covariance=cov,
-        train=train.errors(motion.independent, units),
+        train=errors,
         held_out={} if outside is None else outside.errors(motion.independent, units),
         validation=validation,
         warnings=(

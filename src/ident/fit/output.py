@@ -52,9 +52,11 @@ def write_fit(fit: Fit, folder: str | Path, reactions: Reactions | None = None) 
 
 def multipliers_csv(fit: Fit) -> bytes:
     """`t` and one column a multiplier, empty where it is not determined; of several logs, one below
-    the other with a column `log`.
+    the other with a column `log`. A tree has no multipliers and no rows.
     """
     names = fit.mechanism.kinematics.multipliers
+    if not names:
+        return b"t\n"
     frames = []
     several = len(fit.motion.experiments) > 1
     for experiment, (t, values) in zip(fit.motion.experiments, fit.multipliers, strict=True):

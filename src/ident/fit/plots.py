@@ -27,12 +27,12 @@ def plot_torques(prediction: Prediction, units: list[str]) -> Figure:
     some = _thin(len(prediction.t))
     t = prediction.t[some]
     for i, (axis, joint) in enumerate(zip(axes, prediction.joints, strict=True)):
-        axis.plot(t, prediction.measured[some, i], color="0.6", lw=1.0, label="measured")
+        axis.plot(t, prediction.measured[some, i], color="0.6", lw=2.5, label="measured")
         axis.plot(t, prediction.predicted[some, i], color="C0", lw=1.0, label="predicted")
         axis.plot(t, prediction.residual[some, i], color="C3", lw=0.7, label="difference")
         axis.set_ylabel(f"{joint} [{units[i]}]")
         axis.grid(alpha=0.3)
-    axes[0].legend(loc="upper right", ncols=3, fontsize="small")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
     axes[-1].set_xlabel("t [s]")
     return figure
 
@@ -55,6 +55,6 @@ def plot_multipliers(
         axis.plot(t[some], values[some, i], color="C0", lw=1.0, label="identified")
         axis.set_ylabel(f"{names[i]} [{units[i]}]")
         axis.grid(alpha=0.3)
-    axes[0].legend(loc="upper right", ncols=2, fontsize="small")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
     axes[-1].set_xlabel("t [s]")
     return figure

@@ -93,12 +93,14 @@ class Saved:
         name: the file's.
         mechanism: with the effects of the fit.
         columns, x: unknowns and their values (k,).
+        cutoff: of the filter that the fit was made with [Hz], None for none, "auto" if not said.
     """
 
     name: str
     mechanism: Mechanism
     columns: Columns
     x: np.ndarray
+    cutoff: float | str | None = "auto"
 
     @property
     def dynamic_parameters(self) -> np.ndarray:
@@ -186,7 +188,14 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism) -> Saved:
             f"{one_of(strange[0].split('.')[0], grown.bodies.links)}"
         )
     assert len(pi) == COUNT * len(grown.bodies.links)
-    return Saved(str(path), grown, columns, x)
+    return Saved(str(path), grown, columns, x, _cutoff(data))
+
+
+def _cutoff(data: dict[str, Any]) -> float | str | None:
+    told = data.get("filter")
+    if not isinstance(told, dict) or "cutoff" not in told:
+        return "auto"
+    return None if told["cutoff"] is None else float(told["cutoff"])
 
 
 def _belongs(name: str, mechanism: Mechanism) -> bool:

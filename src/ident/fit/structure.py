@@ -17,14 +17,23 @@ from ident.motion.close import Closer
 from ident.motion.independent import best_conditioned, independent_joints
 
 
-def describe(mechanism: Mechanism) -> str:
-    """Joints with limits, closures, degrees of freedom, effects, notes."""
-    rows = [["joint", "", "lower", "upper", "unit"]]
-    for joint in mechanism.joints:
+def describe(mechanism: Mechanism, motion: Motion | None = None) -> str:
+    """Joints with limits, where they stand when assembled, and how far a motion takes them."""
+    rows = [["joint", "", "lower", "upper", "assembled", "unit"]]
+    if motion is not None:
+        rows[0][-1:-1] = ["from", "to", "top speed"]
+    names = tuple(joint.name for joint in mechanism.joints)
+    here = Closer(mechanism, names).coordinates(mechanism.assembled[None]).value[0]
+    for i, joint in enumerate(mechanism.joints):
         state = "driven" if joint.name in mechanism.driven else "passive"
         if joint.name.startswith("closure."):
             state = "of a closure"
-        rows.append([joint.name, state, f"{joint.lower:.4g}", f"{joint.upper:.4g}", joint.unit])
+        row = [joint.name, state, f"{joint.lower:.4g}", f"{joint.upper:.4g}", f"{here[i]:.4g}"]
+        if motion is not None:
+            y = np.concatenate([e.y[:, i] for e in motion.experiments])
+            speed = np.concatenate([e.yd[:, i] for e in motion.experiments])
+            row += [f"{y.min():.4g}", f"{y.max():.4g}", f"{np.abs(speed).max():.3g}/s"]
+        rows.append([*row, joint.unit])
     return "\n".join([str(mechanism), *table(rows)])
 
 

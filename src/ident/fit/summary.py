@@ -69,7 +69,7 @@ def summary(fit: Fit) -> str:
         f"fit of {fit.mechanism.name} to {logs}: {fit.samples} samples of {motion.samples}"
         + (f", zero-phase filter at {cut:.3g} Hz" if cut else ", unfiltered"),
         "",
-        "error of the predicted torque",
+        "error of the predicted torque" + (f", below {cut:.3g} Hz" if cut else ""),
         *table(error_rows({"train": fit.train, "held out": fit.held_out, **fit.validation})),
     ]
     if fit.effects:

@@ -27,6 +27,9 @@ def identified_urdf(fit: Fit) -> bytes:
     pi = _with_masses(fit)
     robot = read_urdf(mechanism.urdf)
     links = {link.get("name"): link for link in robot.findall("link")}
+    parents = {joint.find("parent").get("link") for joint in robot.findall("joint")}
+    if "world" in parents and "world" not in links:  # Pinocchio insists that it be declared
+        robot.insert(0, etree.Element("link", name="world"))
     unknown = {name.rsplit(".", 1)[0] for name in mechanism.unknown}
     for number, link in enumerate(mechanism.bodies.links):
         if link not in unknown:

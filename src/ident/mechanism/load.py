@@ -65,7 +65,9 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
         notes=tree.notes,
     )
     mechanism = replace(mechanism, notes=(*tree.notes, *_massless(mechanism)))
-    return _with_effects(with_own_joints(mechanism), settings)
+    mechanism = with_own_joints(mechanism)
+    _check_columns(mechanism, settings)
+    return _with_effects(mechanism, settings)
 
 
 def _name(path: Path, settings: Settings) -> str:
@@ -204,6 +206,17 @@ def _columns(settings: Settings) -> Mapping[str, Column]:
             text(entry, "column", where), scale, number(entry, "offset", where, 0.0)
         )
     return found
+
+
+def _check_columns(mechanism: Mechanism, settings: Settings) -> None:
+    """A mapped name that nothing reads would be silently ignored."""
+    for name in mechanism.columns:
+        prefix, _, joint = name.partition(".")
+        if prefix in ("q", "v", "a", "tau") and joint not in mechanism.joint_index:
+            raise MechanismError(
+                f"{settings.where}: [log] \"{name}\": no joint '{joint}'; "
+                f"{one_of(joint, mechanism.joint_index)}"
+            )
 
 
 def _with_effects(mechanism: Mechanism, settings: Settings) -> Mechanism:

@@ -11,6 +11,7 @@ import numpy as np
 from ident.errors import MotionError, one_of
 from ident.log import Log, read_log
 from ident.mechanism.mechanism import Mechanism
+from ident.motion.clock import runs
 from ident.motion.close import Closer, pseudo_inverse
 from ident.motion.derive import band_of, derive, speed_noise
 from ident.motion.independent import best_conditioned, independent_joints
@@ -66,6 +67,12 @@ def complete(
     if cutoff != "auto":
         band = replace(band, cutoff=None if cutoff is None else _checked(cutoff, measured))
     notes = [note for signals in measured for note in signals.notes]
+    for signals in [] if torques else measured:
+        missing = [f"tau.{n}" for n in mechanism.driven if f"tau.{n}" not in signals.columns]
+        if missing:
+            notes.append(
+                f"{signals.log.name}: has no {', '.join(missing)}: a motion, no experiment"
+            )
     if band.cutoff is None and cutoff == "auto" and band.noise > CLEAN:
         notes.append(
             f"the motion reaches {band.motion:.3g} Hz, too near the sampling rate for a filter, "
@@ -146,10 +153,12 @@ def _determining(mechanism: Mechanism, measured: list[Signals]) -> tuple[str, ..
             measured, key=lambda s: sum(f"q.{j.name}" in s.columns for j in mechanism.joints)
         )
         has = ", ".join(f"q.{name}" for name in logged) or "none"
+        held = [f"q.{name}" for name in logged if not independent_joints(mechanism, [name])]
+        fixed = f": the closures let {', '.join(held)} not move at all, check them" if held else ""
         raise MotionError(
             f"{fewest.log.name}: {mechanism.name} has {mechanism.degrees_of_freedom} degrees of "
-            f"freedom, but the positions logged ({has}) determine only {len(names)}; log one more "
-            f"of: {shown}"
+            f"freedom, but the positions logged ({has}) determine only {len(names)}{fixed}; "
+            f"log one more of: {shown}"
         )
     return names
 
@@ -163,17 +172,24 @@ def _experiment(
     n, log = len(signals.t), signals.log.name
     known = np.empty((3, n, len(names)))
     derived: dict[str, list[str]] = {}
+    ends = 0.0
     for i, name in enumerate(names):
-        known[:, :, i], how = derive(signals, name, band)
+        known[:, :, i], how, end = derive(signals, name, band)
         derived.setdefault(how, []).append(name)
+        ends = max(ends, end)
     notes = [f"{log}: {', '.join(same)}: {how}" for how, same in derived.items() if how]
+    usable = _without_ends(signals, ends)
+    if (lost := int((signals.usable & ~usable).sum())) > 0:
+        notes.append(
+            f"{log}: {lost} samples within {1e3 * ends:.3g} ms of where splines end are left out"
+        )
     tau = np.zeros((n, len(mechanism.driven)))
     for i, name in enumerate(mechanism.driven):
         tau[:, i] = signals.columns.get(f"tau.{name}", 0.0)
     base = Experiment(
         name=log, t=signals.t, q=np.empty(0), v=np.empty(0), a=np.empty(0), y=np.empty(0),
         yd=np.empty(0), ydd=np.empty(0), tau=tau, wrench=None, pinv=None, leverage=None,
-        usable=signals.usable, still=np.empty(0),
+        usable=usable, still=np.empty(0),
         extra={k: x for k, x in signals.columns.items() if not k.startswith(("q.", "v.", "a."))},
     )  # fmt: skip
     place = _closed if mechanism.closures else _open
@@ -182,6 +198,15 @@ def _experiment(
     if len(names) > mechanism.degrees_of_freedom:
         notes += _disagreements(mechanism, experiment, names, known[0])
     return replace(experiment, wrench=wrenches(mechanism, signals, experiment)), notes
+
+
+def _without_ends(signals: Signals, ends: float) -> np.ndarray:
+    """Usable samples (n,) that are `ends` [s] away from both ends of their run, if any are."""
+    usable = signals.usable.copy()
+    for run in runs(signals.usable):
+        t = signals.t[run]
+        usable[run] = (t >= t[0] + ends) & (t <= t[-1] - ends)
+    return usable if usable.any() else signals.usable
 
 
 def _still(

@@ -19,6 +19,8 @@ from ident.motion.spectrum import (
     noise_share,
 )
 
+ENDS = 2.0  # knots at either end of a run between which a spline is not to be trusted
+
 
 def band_of(mechanism: Mechanism, logs: list[Signals], names: tuple[str, ...]) -> Band:
     """Bandwidth, noise and cut-off that the logs themselves suggest.
@@ -63,8 +65,10 @@ def _spacing(dt: float, band: Band, channels: int) -> float:
     return max(wanted, (1.0 if channels > 1 else 2.0) * dt)
 
 
-def derive(signals: Signals, name: str, band: Band) -> tuple[np.ndarray, str]:
-    """Coordinate, rate and acceleration (3, n) of a logged joint, and how they were had.
+def derive(signals: Signals, name: str, band: Band) -> tuple[np.ndarray, str, float]:
+    """Coordinate, rate and acceleration (3, n) of a logged joint, how they were had, and ends.
+
+    Ends [s] are where a fitted spline has data on one side only and its accelerations are poor.
 
     Every run between gaps has a spline of its own. Inside gaps the coordinate goes straight from
     one side to the other, for the closures to be followed; those samples take no part.
@@ -94,14 +98,15 @@ def derive(signals: Signals, name: str, band: Band) -> tuple[np.ndarray, str]:
     gap = ~signals.usable
     found[0, gap] = np.interp(t[gap], t[~gap], found[0, ~gap])
     if whole:
-        return found, ""
+        return found, "", 0.0
     if through:
-        return found, "v and a by quintic interpolation of q"
+        return found, "v and a by quintic interpolation of q", 0.0
     missing = " and ".join(c for c in ("v", "a") if c not in present) or "all three"
-    return found, (
+    how = (
         f"{missing} from a quintic spline through {' and '.join(present)}, "
         f"knots {1e3 * spacing:.3g} ms"
     )
+    return found, how, 0.0 if "a" in present else ENDS * spacing
 
 
 def _within(channel: Channel, t: np.ndarray, dt: float) -> Channel:

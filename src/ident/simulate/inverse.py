@@ -125,7 +125,10 @@ def _effect_values(effect: Effect, given: dict[str, float]) -> np.ndarray:
     for name, unknown in zip(effect.names, effect.unknowns, strict=True):
         value = given.pop(name, effect.values.get(unknown.name))
         if value is None:
-            raise MechanismError(f"effect '{effect.label}': give {name} a value to simulate it")
+            raise MechanismError(
+                f"effect '{effect.label}': give {name} a value to simulate it: --set {name}=…, or "
+                f"{unknown.name} = … in its [[effect]]"
+            )
         values.append(float(value))
     return np.array(values)
 
