@@ -71,18 +71,17 @@ def warnings_of(
             f"{100 * rest:.3g} % of the equations are at standstill, where dry friction is open; "
             "they count in the errors but not in the fit"
         )
-    if found.unexcited:
-        names = [columns.names[i] for i in found.unexcited]
+    if found.held.any():
+        names = [columns.names[i] for i in np.flatnonzero(found.held)]
         said.append(
-            f"this motion does not excite {', '.join(names[:8])}"
+            f"with a residual of this size this motion cannot tell {', '.join(names[:8])}"
             + (f" and {len(names) - 8} more" if len(names) > 8 else "")
-            + ": noise alone would decide them, so they stay at their prior; move more joints, "
-            "faster or farther"
+            + ": held at the prior; move more joints, faster or farther, or see what is missing"
         )
     absorbed = absorbed_by(columns, found.base)
     for effect, places in columns.effects:
         for name, at in zip(effect.names, places, strict=True):
-            if at >= 0 and name in absorbed:
+            if at >= 0 and name in absorbed and not found.held[at]:
                 carrier = absorbed[name]
                 said.append(
                     f"{name} cannot be identified: "

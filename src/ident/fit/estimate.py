@@ -18,7 +18,6 @@ from ident.solve.rank import Base, Solution, reveal, solve
 FLOOR = 0.003  # of a joint's terms: a smaller residual weighs no more, lest rows ask for no inertia
 TOLERANCE = 1e-8  # share of a column that must be new for its unknown to count as identifiable
 CLEAR = 6.0  # standard errors from its prior at which an unknown is no work of noise
-OUT = 2.0  # a tolerance that no column meets
 ITERATIONS = 12
 
 
@@ -31,16 +30,14 @@ class Estimate:
         base: which unknowns are independent.
         sigma: (d,) residual of each coordinate [N m | N].
         factor: of all rows, each divided by its sigma.
-        tolerance: (k,) share of a column that had to be new; OUT keeps it out of the base.
-        unexcited: unknowns that only noise could have told apart from others.
+        held: (k,) unknowns that the data know worse than is plausible, held at their prior.
     """
 
     solution: Solution
     base: Base
     sigma: np.ndarray
     factor: Factor
-    tolerance: np.ndarray
-    unexcited: tuple[int, ...]
+    held: np.ndarray
 
 
 def totals(cells: Iterable[Cell], k: int, d: int, rest: bool = False) -> list[Factor]:
@@ -57,38 +54,36 @@ def totals(cells: Iterable[Cell], k: int, d: int, rest: bool = False) -> list[Fa
     return found
 
 
-def loads(factors: Sequence[Factor], prior: np.ndarray, torque: np.ndarray) -> np.ndarray:
-    """(d,) size of the terms that add up in each coordinate's rows [N m | N].
-
-    The root of the sum of squares of every unknown's contribution at its prior, or the measured
-    torque where that is more. A joint that swings freely has next to no torque but large terms that
-    cancel: to weigh its rows by that torque would let them ask for no inertia at all.
-    """
-    found = []
-    for factor, tau in zip(factors, torque, strict=True):
-        terms = np.linalg.norm(factor.column_norms() * prior) / np.sqrt(max(factor.rows, 1))
-        found.append(max(float(terms), float(tau)))
-    return np.array(found)
+def sizes(factors: Sequence[Factor], x: np.ndarray) -> np.ndarray:
+    """(d,) root of the sum of squares of all terms in each coordinate's rows at x [N m | N]."""
+    return np.array(
+        [np.linalg.norm(f.column_norms() * x) / np.sqrt(max(f.rows, 1)) for f in factors]
+    )
 
 
 def estimate(
     factors: Sequence[Factor],
     prior: np.ndarray,
-    scale: np.ndarray,
+    torque: np.ndarray,
     plausible: np.ndarray | None = None,
     sigma: np.ndarray | None = None,
-    tolerance: float | np.ndarray = TOLERANCE,
+    held: np.ndarray | None = None,
 ) -> Estimate:
     """Weighted least squares over coordinates.
+
+    The first solve weighs all coordinates alike. It tells how large the terms are that add up in
+    each, and no coordinate is later trusted better than FLOOR of that: a joint that swings freely
+    has next to no torque but large terms that cancel, and weighed by its small residual it would
+    ask for no inertia at all.
 
     Args:
         factors: one a coordinate, on all k columns.
         prior: (k,) values of unknowns that the data do not determine.
-        scale: (d,) size of each coordinate's terms, from `loads`: where weights begin [N m | N].
+        torque: (d,) rms of the measured torque [N m | N].
         plausible: (k,) how far an unknown can be from its prior; what the data know worse than that
-            is left at the prior. None: everything with columns of its own is estimated.
+            is held at the prior. None: everything with columns of its own is estimated.
         sigma: (d,) weights to be kept; else iterated.
-        tolerance: share of a column that must be new, one number or (k,).
+        held: (k,) unknowns to be held at their prior from the start.
 
     Raises:
         FitError: if there are no rows.
@@ -96,34 +91,55 @@ def estimate(
     rows = sum(factor.rows for factor in factors)
     if rows == 0:
         raise FitError("no equations: every sample is at standstill, singular or missing")
+    held = np.zeros(len(prior), dtype=bool) if held is None else held
     fixed = sigma is not None
-    sigma = np.where(scale > 0, scale, 1.0) if sigma is None else sigma
-    tolerances = np.broadcast_to(np.asarray(tolerance, dtype=float), len(prior))
-    for _ in range(1 if fixed else ITERATIONS):
-        total = Factor.merge([f.scaled(1 / s) for f, s in zip(factors, sigma, strict=True)])
-        found = _cleaned(reveal(total, tolerances), total)
-        solution = solve(total, found, prior)
+    largest = float(torque.max(initial=0.0)) or 1.0
+    weights = np.full(len(factors), largest) if sigma is None else sigma
+    floor = np.zeros(len(factors))
+    for step in range(1 if fixed else ITERATIONS):
+        total = Factor.merge([f.scaled(1 / s) for f, s in zip(factors, weights, strict=True)])
+        base, solution = _solve(total, prior, held)
         if fixed:
             break
-        left = _residuals(factors, solution)
         if plausible is not None:
-            noise = float((left / sigma).max())
-            noise = max(noise, 1e-300)
-            found, solution, tolerances = _excited(
-                total, found, solution, prior, plausible / noise, noise, tolerances
-            )
-            left = _residuals(factors, solution)
-        new = np.maximum(left, FLOOR * np.where(scale > 0, scale, left.max() + 1e-300))
-        new = np.where(new > 0, new, 1.0)
-        if np.abs(np.log(new / sigma)).max() < 1e-3:
+            noise = float((_residuals(factors, solution) / weights).max())
+            base, solution, held = _excited(total, base, solution, prior, plausible, noise, held)
+        if step == 0:
+            held = np.zeros(len(prior), dtype=bool)  # decided anew with weights that are right
+            before = np.minimum(sizes(factors, prior), 10 * largest)
+            floor = FLOOR * np.maximum(np.maximum(sizes(factors, solution.x), before), torque)
+        new = np.maximum(_residuals(factors, solution), floor)
+        new = np.where(new > 0, new, largest)
+        settled = np.abs(np.log(new / weights)).max() < 1e-3
+        if settled:
             break
-        sigma = new
-    out = tuple(int(i) for i in np.flatnonzero(tolerances >= OUT))
-    return Estimate(solution, found, sigma, total, tolerances, out)
+        weights = new
+    return Estimate(solution, base, weights, total, held)
 
 
 def _residuals(factors: Sequence[Factor], solution: Solution) -> np.ndarray:
     return np.array([f.residual_norm(solution.x) / np.sqrt(max(f.rows, 1)) for f in factors])
+
+
+def _solve(total: Factor, prior: np.ndarray, held: np.ndarray) -> tuple[Base, Solution]:
+    """Base and solution on all columns; held ones are at their prior and in no combination."""
+    free, out = np.flatnonzero(~held), np.flatnonzero(held)
+    own = total.restricted(free, prior) if len(out) else total
+    base = _cleaned(reveal(own, TOLERANCE), own)
+    solution = solve(own, base, prior[free])
+    if not len(out):
+        return base, solution
+    x, distance = prior.copy(), np.zeros(len(prior))
+    x[free], distance[free] = solution.x, base.distance
+    whole = replace(
+        base,
+        independent=free[base.independent],
+        dependent=np.concatenate([free[base.dependent], out]),
+        K=np.hstack([base.K, np.zeros((base.rank, len(out)))]),
+        zero=free[base.zero],
+        distance=distance,
+    )
+    return whole, replace(solution, x=x)
 
 
 def _excited(
@@ -133,26 +149,26 @@ def _excited(
     prior: np.ndarray,
     plausible: np.ndarray,
     noise: float,
-    tolerance: np.ndarray,
+    held: np.ndarray,
 ) -> tuple[Base, Solution, np.ndarray]:
-    """Keeps out of the base, one by one, what the data know worst beside what is plausible.
+    """Holds, one by one, what the data know worse than is plausible.
 
-    `plausible` is given in units of `noise`, the residual of rows divided by their sigma.
+    `noise` is the residual of the rows divided by their weights: the factor's own unit.
     """
     while base.rank:
         reach = plausible[base.independent] + np.abs(base.K) @ plausible[base.dependent]
-        stderr = np.sqrt(np.diag(solution.C))
+        stderr = noise * np.sqrt(np.diag(solution.C))
         before = prior[base.independent] + base.K @ prior[base.dependent]
         # what stands out of its own error is real, whatever the prior calls plausible
-        clear = np.abs(solution.beta - before) > CLEAR * noise * stderr
-        doubt = np.where(clear, 0.0, stderr / reach)
-        if doubt.max() <= 1:
+        clear = np.abs(solution.beta - before) > CLEAR * stderr
+        doubtful = base.independent[~clear & (stderr > reach)]
+        if not len(doubtful):
             break
-        tolerance = tolerance.copy()
-        tolerance[base.independent[doubt.argmax()]] = OUT
-        base = _cleaned(reveal(total, tolerance), total)
-        solution = solve(total, base, prior)
-    return base, solution, tolerance
+        # of several that are known only together, the one that is newest only by noise
+        held = held.copy()
+        held[doubtful[base.distance[doubtful].argmin()]] = True
+        base, solution = _solve(total, prior, held)
+    return base, solution, held
 
 
 def _cleaned(base: Base, factor: Factor) -> Base:

@@ -10,7 +10,7 @@ from ident.fit.accumulate import accumulate, coordinates
 from ident.fit.banded import Band, banded, cells_of
 from ident.fit.caveats import basis_bias, share_at_rest, warnings_of
 from ident.fit.covariance import covariance
-from ident.fit.estimate import estimate, loads, totals
+from ident.fit.estimate import estimate, totals
 from ident.fit.fit import Fit
 from ident.fit.plausible import plausible
 from ident.fit.sanity import absurdities
@@ -60,8 +60,10 @@ def identify(
     everything = squares(cells, columns.prior, d)
     torque = np.sqrt(everything.torque / np.maximum(everything.rows, 1))
     factors = totals(cells, len(columns), d)
-    scale = loads(factors, columns.prior, torque)
-    sensible = plausible(mechanism, columns, torque)
+    size = np.sqrt(
+        sum((f.column_norms() ** 2 / max(f.rows, 1) for f in factors), np.zeros(len(columns)))
+    )
+    sensible = plausible(mechanism, columns, torque, size)
     bands = _bands(mechanism, columns, motion, progress)
     said: list[str] = []
     if bands:  # the paper's stack: all rows weigh alike, and the basis' misfit is in the parameters
@@ -69,10 +71,10 @@ def identify(
         found = estimate(totals(basic, len(columns), 1), columns.prior, np.ones(1), sensible)
         cov = covariance(basic, found)
         outside = held_out(basic, cells, found, columns.prior, (1, d))
-        free = estimate(factors, columns.prior, scale, sensible)
+        free = estimate(factors, columns.prior, torque, sensible)
         said = basis_bias(mechanism, columns, found, free)
     else:
-        found = estimate(factors, columns.prior, scale, sensible)
+        found = estimate(factors, columns.prior, torque, sensible)
         cov = covariance(cells, found)
         if progress:
             progress("held-out errors", 0.9)

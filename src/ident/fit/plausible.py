@@ -13,10 +13,13 @@ from ident.mechanism.closures import Closure
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, split
 
+BOUNDLESS = 1e30  # stands for infinity, with which 0 may be multiplied
 TORQUE = 10.0  # times the largest torque, by which an effect's unknown is bounded
 
 
-def plausible(mechanism: Mechanism, columns: Columns, torque: np.ndarray) -> np.ndarray:
+def plausible(
+    mechanism: Mechanism, columns: Columns, torque: np.ndarray, size: np.ndarray
+) -> np.ndarray:
     """(k,) largest sensible deviation of every unknown from its prior, in its own unit.
 
     Of a body with mass m and size l (centre of mass, radius of gyration, or a mean link's length):
@@ -26,29 +29,31 @@ def plausible(mechanism: Mechanism, columns: Columns, torque: np.ndarray) -> np.
         mechanism: whose URDF gives masses and sizes.
         columns: the unknowns.
         torque: (d,) rms torque of the independent coordinates [N m | N].
+        size: (k,) rms of every unknown's column.
     """
     model = mechanism.model
     count = len(mechanism.bodies.links)
-    frames = [
-        frame.placement.translation
-        for closure in mechanism.closures
-        if isinstance(closure, Closure)
-        for frame in (closure.a, closure.b)
-    ]
     steps = [model.jointPlacements[i].translation for i in range(1, model.njoints)]
+    for closure in mechanism.closures:  # in absolute coordinates these are all the steps there are
+        if isinstance(closure, Closure):
+            ends = (closure.a.placement.translation, closure.b.placement.translation)
+            steps.append(max(ends, key=np.linalg.norm))
     reach = sum(float(np.linalg.norm(step)) for step in steps)
-    reach += max((float(np.linalg.norm(place)) for place in frames), default=0.0)
     bodies = mechanism.prior.reshape(count, COUNT)
     total = float(bodies[:, 0].sum())
     found = np.empty(len(mechanism.prior))
     for i, pi in enumerate(bodies):
         m, moments, L = split(pi)
-        size = reach / count
+        length = reach / count
         if m > 0:
-            size = max(size, float(np.linalg.norm(moments)) / m, np.sqrt(max(np.trace(L), 0) / m))
-        m, size = max(m, total / count) or 100.0, size or 1.0
-        scale = np.array([m] + [m * size] * 3 + [m * size**2] * 6)
+            length = max(
+                length, float(np.linalg.norm(moments)) / m, np.sqrt(max(np.trace(L), 0) / m)
+            )
+        m, length = max(m, total / count) or 100.0, length or 1.0
+        scale = np.array([m] + [m * length] * 3 + [m * length**2] * 6)
         found[COUNT * i : COUNT * (i + 1)] = scale
     largest = float(torque.max(initial=0.0)) or np.inf
-    effects = np.full(len(columns) - len(columns.rigid), TORQUE * largest)
+    effects = np.minimum(TORQUE * largest, BOUNDLESS) / np.maximum(
+        size[len(columns.rigid) :], 1 / BOUNDLESS
+    )
     return np.concatenate([found[columns.rigid], effects])

@@ -110,6 +110,6 @@ def held_out(
         merged = [Factor.merge([factors[u] for factors in others]) for u in range(d)]
         if sum(factor.rows for factor in merged) == 0:
             continue
-        refit = estimate(merged, prior, np.zeros(d), sigma=fitted.sigma, tolerance=fitted.tolerance)
+        refit = estimate(merged, prior, np.zeros(d), sigma=fitted.sigma, held=fitted.held)
         total = total + squares(part, refit.solution.x, e)
     return total
