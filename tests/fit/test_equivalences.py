@@ -135,7 +135,7 @@ def test_an_experiment_may_be_cut_in_two(name):
     n = len(case.log.t)
     halves = [part(case.log, slice(0, n // 3), "a"), part(case.log, slice(n // 3, n), "b")]
     whole, cut = fit_of(case.mechanism, case.log), fit_of(case.mechanism, halves)
-    assert cut.samples == whole.samples == n
+    assert cut.rows == whole.rows == n
     assert_same(whole, cut)
     for joint, error in whole.train.items():
         assert cut.train[joint].rms == pytest.approx(error.rms, rel=1e-9)

@@ -259,4 +259,4 @@ def test_cells_cover_every_row_once():
         (e,) = motion.experiments
         measured = e.tau[:, fit.mechanism.driven.index(motion.independent[u])]
         assert sum(c.tau for c in mine) == pytest.approx(measured @ measured)
-    assert fit.samples == len(case.log.t)
+    assert fit.rows == len(case.log.t)

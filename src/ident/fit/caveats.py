@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.equations.columns import Columns
+from ident.equations.filter import Decimator
 from ident.fit.accumulate import Cell
 from ident.fit.estimate import Estimate
 from ident.fit.naming import absorbed_by
@@ -14,6 +15,7 @@ from ident.fit.reach import identifiable_multipliers, resting_on_priors
 from ident.fit.score import Squares
 from ident.fit.values import rigid_values
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import COUNT, DYNAMIC
 from ident.motion import Motion
 
 BIASED = 1e-4  # share of a parameter that a time basis may move unmentioned
@@ -78,6 +80,7 @@ def warnings_of(
             + (f" and {len(names) - 8} more" if len(names) > 8 else "")
             + ": held at the prior; move more joints, faster or farther, or see what is missing"
         )
+    said += _lost_to_the_filter(motion) + _half_known(mechanism)
     absorbed = absorbed_by(columns, found.base)
     for effect, places in columns.effects:
         for name, at in zip(effect.names, places, strict=True):
@@ -115,3 +118,39 @@ def warnings_of(
             + ", which no torque determines: a wrong prior moves them, however well torques fit"
         )
     return tuple(dict.fromkeys(said))
+
+
+def _lost_to_the_filter(motion: Motion) -> list[str]:
+    """Samples that the filter needs on either side of a row, and runs too short to give one."""
+    said = []
+    for e in motion.experiments:
+        half = Decimator.of(motion.band.cutoff, e.rate).half
+        runs = [segment.stop - segment.start for segment in e.segments()]
+        short = [length for length in runs if length <= 2 * half]
+        if half and short:
+            said.append(
+                f"{e.name}: {sum(short)} samples in {len(short)} runs between gaps are left out: "
+                f"shorter than the filter ({(2 * half + 1) / e.rate:.3g} s); a higher cut-off "
+                "keeps them"
+            )
+        if half and len(runs) > len(short):
+            said.append(
+                f"{e.name}: the filter takes {1e3 * half / e.rate:.3g} ms at both ends of "
+                f"{len(runs) - len(short)} run(s)"
+            )
+    return said
+
+
+def _half_known(mechanism: Mechanism) -> list[str]:
+    """Bodies of which mass or first moments are unknown, but not all that they enter."""
+    said = []
+    for link in mechanism.bodies.links:
+        mine = {n.rsplit(".", 1)[1] for n in mechanism.unknown if n.rsplit(".", 1)[0] == link}
+        if mine & {"m", "mx", "my", "mz"} and len(mine) < COUNT:
+            held = [word for word in DYNAMIC if word not in mine]
+            said.append(
+                f"of {link} {', '.join(w for w in DYNAMIC if w in mine)} is unknown while "
+                f"{', '.join(held)} are held: first moments and moments about the joint frame, so "
+                "that its centre of mass and inertia about it move"
+            )
+    return said

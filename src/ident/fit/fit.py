@@ -17,10 +17,12 @@ from ident.errors import one_of
 from ident.fit.accumulate import Cell
 from ident.fit.banded import Band, multipliers_of
 from ident.fit.estimate import Estimate
+from ident.fit.output import write_fit, write_urdf
 from ident.fit.plots import plot_torques
 from ident.fit.predict import Prediction, predict
 from ident.fit.reach import identifiable_multipliers
-from ident.fit.score import Error
+from ident.fit.score import Error, Squares
+from ident.fit.summary import summary
 from ident.fit.values import (
     BaseValue,
     EffectValues,
@@ -136,26 +138,32 @@ class Fit:
         ]
 
     @cached_property
-    def samples(self) -> int:
+    def unfiltered(self) -> dict[str, Error]:
+        """Errors at full rate, with all that the filter keeps out of the fit: noise, vibration."""
+        d = len(self.motion.independent)
+        units = [self.mechanism.joint(name).force_unit for name in self.motion.independent]
+        total = Squares(np.zeros(d), np.zeros(d), np.zeros(d))
+        for p in self.predict():
+            error, torque = p.residual[p.usable], p.measured[p.usable]
+            rows = np.full(d, float(len(error)))
+            total = total + Squares((error**2).sum(axis=0), (torque**2).sum(axis=0), rows)
+        return total.errors(self.motion.independent, units)
+
+    @cached_property
+    def rows(self) -> int:
         """Rows of the regression a coordinate, after filtering and decimation."""
         d = len(self.motion.independent)
         return sum(cell.factor.rows + cell.rest.rows for cell in self.cells) // max(d, 1)
 
     def write(self, folder: str | Path) -> list[Path]:
         """fit.json, multipliers.csv, identified.urdf, report.html and identified/ in a folder."""
-        from ident.fit.output import write_fit
-
         return write_fit(self, folder)
 
     def write_urdf(self, path: str | Path) -> Path:
         """The URDF with the identified inertias, all else unchanged."""
-        from ident.fit.output import write_urdf
-
         return write_urdf(self, path)
 
     def __str__(self) -> str:
-        from ident.fit.summary import summary
-
         return "\n".join([summary(self), *(f"note: {note}" for note in self.warnings)])
 
     __repr__ = __str__

@@ -5,18 +5,21 @@ from __future__ import annotations
 import io
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
 
 from ident.errors import FitError
 from ident.files import write_all
-from ident.fit.fit import Fit
 from ident.fit.reactions import Reactions
 from ident.fit.report import report_html
 from ident.fit.saved import fit_json
 from ident.fit.urdf import identified_urdf
 from ident.mechanism.write import folder_files
+
+if TYPE_CHECKING:
+    from ident.fit.fit import Fit
 
 
 def write_fit(fit: Fit, folder: str | Path, reactions: Reactions | None = None) -> list[Path]:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from ident.errors import FitError, one_of
-from ident.fit.fit import Fit
 from ident.fit.plots import plot_multipliers
 from ident.fit.summary import table
 from ident.log import Log
+
+if TYPE_CHECKING:
+    from ident.fit.fit import Fit
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import pseudo_inertia
 
 CERTAIN = 3.0  # standard errors below zero at which a negative coefficient is no accident
+LEAST = 1e-9  # kg below which a body with first moments cannot be written in a URDF
 POSSIBLE = -1e-6  # of a body's largest eigenvalue: what rounding may leave below zero
 
 
@@ -46,6 +47,17 @@ def absurdities(
         said.append(
             f"{', '.join(negative)} came out negative, which no such effect can be: check the sign "
             "of the torque, or whether another effect is missing"
+        )
+    massless = [
+        link
+        for link in mechanism.bodies.links
+        if abs(pi[mechanism.bodies.columns(link)][0]) <= LEAST
+        and np.any(pi[mechanism.bodies.columns(link)][1:])
+    ]
+    if massless:
+        said.append(
+            f"{', '.join(massless)} has moments but a mass that no torque determines: "
+            "identified.urdf gives it 1 kg, shifted along what no torque feels"
         )
     impossible = impossible_bodies(mechanism, pi)
     if impossible:

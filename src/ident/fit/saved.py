@@ -6,18 +6,20 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ident.effects import create as create_effect
 from ident.equations.columns import Columns
 from ident.errors import FitError, MechanismError, one_of
-from ident.fit.fit import Fit
 from ident.fit.score import Error
 from ident.fit.values import Value
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, about_origin, split
+
+if TYPE_CHECKING:
+    from ident.fit.fit import Fit
 
 SCHEMA = "ident.fit/1"
 
@@ -52,7 +54,8 @@ def fit_json(fit: Fit) -> dict[str, Any]:
         "schema": SCHEMA,
         "mechanism": fit.mechanism.name,
         "logs": [experiment.name for experiment in fit.motion.experiments],
-        "samples": fit.samples,
+        "samples": fit.motion.samples,
+        "rows": fit.rows,
         "parameters": [_value(value) for value in fit.parameters],
         "base_parameters": [
             {"name": v.name, "value": v.value, "stderr": _number(v.stderr), "unit": v.unit}
@@ -76,6 +79,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
         "error": {
             "train": _errors(fit.train),
             "held_out": _errors(fit.held_out),
+            "unfiltered": _errors(fit.unfiltered),
             "validation": {log: _errors(errors) for log, errors in fit.validation.items()},
         },
         "filter": {"cutoff": band.cutoff, "motion_bandwidth": band.motion, "unit": "Hz"},

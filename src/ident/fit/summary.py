@@ -65,12 +65,15 @@ def summary(fit: Fit) -> str:
     motion = fit.motion
     logs = ", ".join(experiment.name for experiment in motion.experiments)
     cut = motion.band.cutoff
+    errors = {"train": fit.train, "held out": fit.held_out, **fit.validation}
+    if cut:
+        errors["unfiltered"] = fit.unfiltered
     lines = [
-        f"fit of {fit.mechanism.name} to {logs}: {fit.samples} samples of {motion.samples}"
+        f"fit of {fit.mechanism.name} to {logs}: {fit.rows} rows of {motion.samples} samples"
         + (f", zero-phase filter at {cut:.3g} Hz" if cut else ", unfiltered"),
         "",
-        "error of the predicted torque" + (f", below {cut:.3g} Hz" if cut else ""),
-        *table(error_rows({"train": fit.train, "held out": fit.held_out, **fit.validation})),
+        "error of the predicted torque" + (f" below {cut:.3g} Hz" if cut else ""),
+        *table(error_rows(errors)),
     ]
     if fit.effects:
         rows = [["effect", "value", "unit"]]

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from lxml import etree
 
 from ident.errors import FitError
-from ident.fit.fit import Fit
+from ident.fit.sanity import LEAST
 from ident.mechanism.parameters import COUNT, about_origin, split
 from ident.mechanism.placing import fixed_parameters
 from ident.mechanism.urdf import read_urdf
 
-LEAST = 1e-9  # kg below which a body with first moments cannot be written as mass and centre
+if TYPE_CHECKING:
+    from ident.fit.fit import Fit
 
 
 def identified_urdf(fit: Fit) -> bytes:

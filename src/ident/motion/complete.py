@@ -22,6 +22,7 @@ from ident.motion.wrench import wrenches
 from ident.progress import Told
 
 STILL = 0.004  # share of a joint's top speed below which it counts as standing still
+LOOKED_AT = 500  # samples from which the closures' leverage is taken
 HARDLY = 0.5  # noise that reaches this share of the top speed is all that moves the joint
 NOISE = 4.0  # or so many times the noise of speeds, where that is more
 SINGULAR = 50.0  # times the log's median ‖K⁺‖: beyond, a sample is near a singular position
@@ -93,6 +94,9 @@ def complete(
             experiments[i], error, said = _reduced(mechanism, experiment, independent)
             notes += said
             worst = max(worst, error)
+    for i, signals in enumerate(measured):
+        still = _still(mechanism, signals, experiments[i], names, band)
+        experiments[i] = replace(experiments[i], still=still)
     return Motion(tuple(experiments), independent, band, worst, tuple(dict.fromkeys(notes)))
 
 
@@ -108,7 +112,8 @@ def _distinct(logs: list[Log]) -> list[Log]:
 
 
 def _checked(cutoff: float | str, measured: list[Signals]) -> float:
-    nyquist = min(0.5 / signals.dt for signals in measured)
+    slowest = max(measured, key=lambda signals: signals.dt)
+    nyquist = 0.5 / slowest.dt
     try:
         value = float(cutoff)
     except (TypeError, ValueError):
@@ -120,7 +125,8 @@ def _checked(cutoff: float | str, measured: list[Signals]) -> float:
         )
     if not 0 < value < nyquist:
         raise MotionError(
-            f"cut-off {value:g} Hz; valid: above 0 and below {nyquist:.4g} Hz, or none"
+            f"{slowest.log.name}: cut-off {value:g} Hz; valid: above 0 and below {nyquist:.4g} Hz, "
+            "half this log's rate, or none"
         )
     return value
 
@@ -147,7 +153,12 @@ def _determining(mechanism: Mechanism, measured: list[Signals]) -> tuple[str, ..
     if len(names) == mechanism.degrees_of_freedom:
         return tuple(logged)
     if len(names) < mechanism.degrees_of_freedom:
-        free = [joint.name for joint in mechanism.joints if joint.name not in logged]
+        free = [
+            joint.name
+            for joint in mechanism.joints
+            if joint.name not in logged
+            and len(independent_joints(mechanism, [*names, joint.name])) > len(names)
+        ]
         shown = ", ".join(f"q.{name}" for name in free) or "none"
         fewest = min(
             measured, key=lambda s: sum(f"q.{j.name}" in s.columns for j in mechanism.joints)
@@ -194,7 +205,6 @@ def _experiment(
     )  # fmt: skip
     place = _closed if mechanism.closures else _open
     experiment = place(mechanism, base, names, known)
-    experiment = replace(experiment, still=_still(mechanism, signals, experiment, names, band))
     if len(names) > mechanism.degrees_of_freedom:
         notes += _disagreements(mechanism, experiment, names, known[0])
     return replace(experiment, wrench=wrenches(mechanism, signals, experiment)), notes
@@ -212,16 +222,23 @@ def _without_ends(signals: Signals, ends: float) -> np.ndarray:
 def _still(
     mechanism: Mechanism, signals: Signals, e: Experiment, names: tuple[str, ...], band: Band
 ) -> np.ndarray:
-    """(J,) speeds below which joints stand still; one that moves by noise alone never moves."""
+    """(J,) speeds below which joints stand still; one that moves by noise alone never moves.
+
+    The noise of a logged joint's speed reaches the others through the closures, by how fast they
+    move for a unit of its rate.
+    """
     top = np.abs(e.yd[e.usable]).max(axis=0, initial=0.0)
-    share = np.full(len(top), STILL)
-    for name in names:
-        at = mechanism.joint_index[name]
-        noise = NOISE * speed_noise(signals, name, band) / max(top[at], 1e-300)
-        # through closures the noise of one joint is in the speed of all
-        mine = slice(None) if mechanism.closures else at
-        share[mine] = np.maximum(share[mine], noise)
-    return np.maximum(np.where(share < HARDLY, share, 1.01) * top, 1e-9)
+    at = [mechanism.joint_index[name] for name in names]
+    noise = np.array([NOISE * speed_noise(signals, name, band) for name in names])
+    if e.leverage is None:
+        reached = np.zeros(len(top))
+        reached[at] = noise
+    else:
+        some = e.leverage[e.usable][:: max(1, len(e) // LOOKED_AT)]
+        gain = some @ np.linalg.pinv(some[:, at])
+        reached = np.sqrt((gain**2).mean(axis=0) @ noise**2)
+    speed = np.maximum(STILL * top, reached)
+    return np.maximum(np.where(speed < HARDLY * top, speed, 1.01 * top), 1e-9)
 
 
 def _open(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ident.errors import MotionError
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.clock import runs
 from ident.motion.measure import Signals
@@ -28,6 +29,9 @@ def band_of(mechanism: Mechanism, logs: list[Signals], names: tuple[str, ...]) -
     The cut-off is five times the bandwidth of the motion, so that accelerations pass and what lies
     above (quantisation, ripple, vibration) does not; where the channels are clean nothing is
     filtered, as is right for simulated logs.
+
+    Raises:
+        MotionError: if one log is too slow for the filter that the others need.
     """
     motion, noise = 0.0, 0.0
     for signals in logs:
@@ -43,9 +47,14 @@ def band_of(mechanism: Mechanism, logs: list[Signals], names: tuple[str, ...]) -
         for name in mechanism.driven:
             if f"tau.{name}" in signals.columns:
                 noise = max(noise, noise_share(signals.even(f"tau.{name}")[0]))
-    nyquist = min(0.5 / signals.dt for signals in logs)
     cutoff = ROWS_OVER_MOTION * motion
-    filtered = noise > CLEAN and 0.0 < cutoff < 0.5 * nyquist
+    slow = [signals for signals in logs if cutoff >= 0.25 / signals.dt]
+    filtered = noise > CLEAN and cutoff > 0.0 and len(slow) < len(logs)
+    if filtered and slow:
+        raise MotionError(
+            f"{slow[0].log.name}: at {1 / slow[0].dt:.4g} Hz it is too slow for the filter at "
+            f"{cutoff:.3g} Hz that the other logs need; leave it out, or give a cut-off"
+        )
     return Band(motion, noise, cutoff if filtered else None)
 
 

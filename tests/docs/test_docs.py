@@ -1,0 +1,108 @@
+"""What README.md and docs/ say is run: Python, commands and TOML."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import sys
+import tomllib
+from pathlib import Path
+
+import matplotlib
+import pytest
+import typer
+
+from ident.cli.app import app, main
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+ROBOTS = sorted((ROOT / "robots").glob("*/README.md"))
+FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def blocks(page: Path, language: str) -> list[tuple[int, str]]:
+    """(line of the fence, content) of every block in a language."""
+    text = page.read_text(encoding="utf-8")
+    return [
+        (text.count("\n", 0, found.start()) + 1, found[2])
+        for found in FENCE.finditer(text)
+        if found[1] == language
+    ]
+
+
+def commands(page: Path) -> list[tuple[str, ...]]:
+    """Arguments of every `ident …`, in sh blocks and in lines that are indented as code."""
+    if page in ROBOTS:
+        lines = [line for line in page.read_text().splitlines() if line.startswith("    ident ")]
+    else:
+        lines = [line for _, block in blocks(page, "sh") for line in block.splitlines()]
+    parts = [shlex.split(part, comments=True) for line in lines for part in line.split("&&")]
+    return [tuple(words[1:]) for words in parts if words and Path(words[0]).name == "ident"]
+
+
+def named(items: list[tuple[Path, tuple[str, ...]]]) -> list:
+    return [pytest.param(*item, id=f"{item[0].name}: {' '.join(item[1])}") for item in items]
+
+
+ALL = [(page, words) for page in [*PAGES, *ROBOTS] for words in commands(page)]
+
+
+@pytest.fixture
+def checkout(tmp_path, monkeypatch) -> Path:
+    """A folder to write in that has the robots of the checkout."""
+    (tmp_path / "robots").symlink_to(ROOT / "robots", target_is_directory=True)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.name)
+def test_python_runs(page, checkout):
+    """One namespace a page; a failure names the page's own line."""
+    matplotlib.use("Agg")
+    names: dict[str, object] = {"__name__": page.stem}
+    for line, block in blocks(page, "python"):
+        exec(compile("\n" * line + block, str(page), "exec"), names)
+
+
+def test_the_pages_have_what_is_tested_here():
+    assert [p.name for p in PAGES if blocks(p, "python")] == ["README.md", "python.md"]
+    assert {words[0] for _, words in ALL} >= {"check", "identify", "compare", "simulate"}
+    assert len([page for page, _ in ALL if page in ROBOTS]) >= len(ROBOTS)
+
+
+@pytest.mark.parametrize(("page", "words"), named(ALL))
+def test_commands_parse(page, words):
+    """Command, options and their types; no file is looked at."""
+    group = typer.main.get_command(app)
+    command = group.commands[words[0]]  # type: ignore[attr-defined]
+    command.make_context(words[0], list(words[1:]))
+
+
+@pytest.mark.parametrize("page", [*PAGES, *ROBOTS], ids=lambda p: f"{p.parent.name}/{p.name}")
+def test_commands_on_shipped_robots_run(page, checkout, monkeypatch, capsys):
+    """In the page's order, since one may read what another wrote."""
+    mine = [words for words in commands(page) if any("robots/" in word for word in words)]
+    if not mine:
+        pytest.skip("names no shipped robot in a command")
+    for words in mine:
+        monkeypatch.setattr(sys, "argv", ["ident", *words])
+        assert status() == 0, (words, capsys.readouterr().err)
+        assert capsys.readouterr().out or "--out" in words, words
+
+
+def status() -> int:
+    """How the command in sys.argv ends."""
+    try:
+        main()
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    return 0
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_toml_and_links_are_whole(page):
+    """TOML parses, and relative links lead somewhere."""
+    for _, block in blocks(page, "toml"):
+        tomllib.loads(block)
+    for target in re.findall(r"\]\((?!https?:)([^)#\s]+)", page.read_text(encoding="utf-8")):
+        assert (page.parent / target).exists(), target
