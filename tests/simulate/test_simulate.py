@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import ident
-from helpers import J, Truth, series, tree_urdf, write_mechanism
+from helpers import ROBOTS, J, Truth, series, tree_urdf, write_mechanism
 from ident import Log, MechanismError, MotionError, Noise
 from identification import motion_log, robot
 
@@ -244,3 +244,11 @@ def test_a_motion_with_holes_is_refused():
     holed = Log.from_arrays("log", motion.t[keep], {k: x[keep] for k, x in motion.columns.items()})
     with pytest.raises(MotionError):
         ident.simulate(robot("arm"), holed)
+
+
+def test_a_motion_of_noisy_positions_is_followed_between_its_spline_ends():
+    mechanism = ident.load(ROBOTS / "arm")
+    motion = ident.read_log(ROBOTS / "arm" / "run.csv")
+    made, prediction = ident.simulate(mechanism, motion)
+    assert len(motion.t) - 50 < len(made.t) == len(prediction.t) < len(motion.t)
+    assert any("where splines end" in note for note in made.repairs)

@@ -130,6 +130,7 @@ def simulate(
         columns=[part.strip() for part in columns.split(",")],
         joints=None if joints is None else [part.strip() for part in joints.split(",")],
     )
+    notes(log.repairs)
     if out is None:
         result(csv_text(log).rstrip("\n"))
     else:

@@ -91,7 +91,12 @@ class Columns:
         """Every effect with the values of all its unknowns, known ones included."""
         found = []
         for effect, places in self.effects:
-            known = [effect.values.get(unknown.name, 0.0) for unknown in effect.unknowns]
+            known = known_values(effect)
             values = np.where(places >= 0, x[np.maximum(places, 0)] if len(x) else 0.0, known)
             found.append((effect, values))
         return found
+
+
+def known_values(effect: Effect) -> np.ndarray:
+    """The values (unknowns,) of an effect's unknowns that are known, 0 for the others."""
+    return np.array([effect.values.get(unknown.name, 0.0) for unknown in effect.unknowns])

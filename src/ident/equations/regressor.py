@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from ident.mechanism.parameters import COUNT
+
 
 def regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
     """Γ (n, nv, 10 · bodies) of q (n, nq), v (n, nv), a (n, nv).
@@ -14,7 +16,7 @@ def regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> 
     """
     data = model.createData()
     evaluate = pin.computeJointTorqueRegressor
-    gamma = np.empty((len(q), model.nv, 10 * (model.njoints - 1)))
+    gamma = np.empty((len(q), model.nv, COUNT * (model.njoints - 1)))
     for q_i, v_i, a_i, out in zip(q, v, a, gamma, strict=True):
         out[...] = evaluate(model, data, q_i, v_i, a_i)
     return gamma
@@ -27,6 +29,6 @@ def supports(model: pin.Model) -> list[np.ndarray]:
         joint = body
         while joint > 0:
             for row in range(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint]):
-                moved[row].extend(range(10 * (body - 1), 10 * body))
+                moved[row].extend(range(COUNT * (body - 1), COUNT * body))
             joint = model.parents[joint]
     return [np.array(sorted(columns), dtype=int) for columns in moved]

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.effects import Signals
 from ident.equations.columns import Columns
 from ident.equations.filter import Decimator
-from ident.equations.regressor import regressor, supports
+from ident.equations.regressor import supports
+from ident.equations.samples import reduced
+from ident.equations.terms import terms
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment, Motion
 
@@ -47,90 +48,53 @@ class Rows:
     informed: np.ndarray
 
 
-def signals(mechanism: Mechanism, e: Experiment, part: slice, joints: tuple[str, ...]) -> Signals:
-    """What an effect on these joints sees of some samples."""
-    at = [mechanism.joint_index[name] for name in joints]
-    return Signals(
-        t=e.t[part],
-        q=e.y[part][:, at],
-        v=e.yd[part][:, at],
-        a=e.ydd[part][:, at],
-        still=e.still[at],
-        extra={name: x[part] for name, x in e.extra.items()},
-    )
-
-
-def leverage(mechanism: Mechanism, e: Experiment, part: slice, joint: str) -> np.ndarray:
-    """ẏ_joint (n, d) for a unit rate of each independent coordinate."""
-    at = mechanism.joint_index[joint]
-    if e.leverage is not None:
-        return e.leverage[part, at]
-    row = np.zeros(mechanism.model.nv)
-    row[mechanism.joints[at].index] = 1.0
-    return np.broadcast_to(row, (part.stop - part.start, len(row)))
-
-
-def reach(mechanism: Mechanism, e: Experiment, joint: str) -> np.ndarray:
-    """Largest leverage (d,) of a joint over the experiment."""
-    if e.leverage is None:
-        return np.abs(leverage(mechanism, e, slice(0, 1), joint)[0])
-    return np.abs(e.leverage[e.usable, mechanism.joint_index[joint]]).max(axis=0, initial=0.0)
-
-
-def project(e: Experiment, part: slice, f: np.ndarray) -> np.ndarray:
-    """Zᵀ f of generalised forces f (n, nv, …): (n, d, …)."""
-    if e.pinv is None or e.leverage is None:
-        return f
-    Z = e.pinv[part][:, :, -e.leverage.shape[2] :]
-    return np.einsum("nij,ni...->nj...", Z, f) if f.ndim == 2 else Z.transpose(0, 2, 1) @ f
-
-
-def measured_torque(mechanism: Mechanism, e: Experiment, part: slice) -> np.ndarray:
-    """Zᵀτ (n, d): the measured torques in the independent coordinates."""
-    total = np.zeros((part.stop - part.start, dof(mechanism, e)))
-    for i, name in enumerate(mechanism.driven):
-        total = total + leverage(mechanism, e, part, name) * e.tau[part, i : i + 1]
-    return total
-
-
 def dof(mechanism: Mechanism, e: Experiment) -> int:
     """Independent coordinates."""
     return mechanism.model.nv if e.leverage is None else e.leverage.shape[2]
 
 
-def raw_rows(mechanism: Mechanism, columns: Columns, e: Experiment, part: slice) -> Rows:
-    """The rows of some samples as they are, unfiltered."""
-    n, d = part.stop - part.start, dof(mechanism, e)
-    A = np.zeros((n, d, len(columns)))
-    tau = measured_torque(mechanism, e, part)
-    b = tau.copy() if e.wrench is None else tau + project(e, part, e.wrench[part])
-    gamma = project(e, part, regressor(mechanism.model, e.q[part], e.v[part], e.a[part]))
-    np.take(gamma, columns.rigid, axis=2, out=A[:, :, : len(columns.rigid)], mode="clip")
-    if len(columns.known):
-        b = b - gamma[:, :, columns.known] @ columns.known_values
-    informed = np.ones((n, d), dtype=bool)
-    for effect, places in columns.effects:
-        s = signals(mechanism, e, part, effect.joints)
-        E, told = effect.columns(s), effect.informed(s)
-        known = np.array([effect.values.get(unknown.name, 0.0) for unknown in effect.unknowns])
-        for i, joint in enumerate(effect.joints):
-            lever = leverage(mechanism, e, part, joint)
-            most = reach(mechanism, e, joint)
-            for u in np.flatnonzero(most > ROUNDING * most.max()):
-                torque = lever[:, u, None] * E[:, i]
-                A[:, u, places[places >= 0]] += torque[:, places >= 0]
-                if (places < 0).any():
-                    b[:, u] -= torque[:, places < 0] @ known[places < 0]
-                informed[:, u] &= told[:, i] | (np.abs(lever[:, u]) <= LEVER * most[u])
-    return Rows(e.t[part], np.arange(part.start, part.stop), A, b, tau, informed)
+def raw_rows(
+    mechanism: Mechanism,
+    columns: Columns,
+    e: Experiment,
+    part: slice,
+    farthest: np.ndarray | None = None,
+) -> Rows:
+    """The rows of some samples as they are, unfiltered.
+
+    Args:
+        mechanism: the mechanism.
+        columns: its unknowns.
+        e: the experiment.
+        part: the samples.
+        farthest: (J, d), what `reach` says of the experiment, if it is at hand.
+    """
+    s = reduced(mechanism, e, part)
+    found = terms(s, columns)
+    informed = np.ones(s.shape, dtype=bool)
+    farthest = reach(e) if farthest is None else farthest
+    for name, told in found.told:
+        at, lever = s.lever(name)
+        most = np.ones(1) if farthest is None else farthest[mechanism.joint_index[name]]
+        moved = (most > ROUNDING * most.max()) & (np.abs(lever) > LEVER * most)
+        informed[:, at] &= told[:, None] | ~moved
+    sample = np.arange(part.start, part.stop)
+    return Rows(e.t[part], sample, found.A, found.b, found.tau, informed)
+
+
+def reach(e: Experiment) -> np.ndarray | None:
+    """Largest leverage (J, d) of every joint over the experiment; None for a tree."""
+    if e.leverage is None:
+        return None
+    return np.abs(e.leverage[e.usable]).max(axis=0, initial=0.0)
 
 
 def rows(mechanism: Mechanism, columns: Columns, motion: Motion, e: Experiment) -> Iterator[Rows]:
     """All rows of an experiment in pieces, filtered and decimated as the motion's band says."""
-    decimator = Decimator.of(motion.band.cutoff, e.rate)
+    decimator, farthest = Decimator.of(motion.band.cutoff, e.rate), reach(e)
     for segment in e.segments():
         for inside, part in decimator.pieces(segment, CHUNK):
-            raw = raw_rows(mechanism, columns, e, inside)
+            raw = raw_rows(mechanism, columns, e, inside, farthest)
             if decimator.taps is None:
                 yield raw
                 continue

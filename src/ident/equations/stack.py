@@ -11,16 +11,16 @@ import numpy as np
 
 from ident.equations.columns import Columns
 from ident.equations.filter import Decimator
-from ident.equations.regressor import regressor
-from ident.equations.rows import CHUNK, signals
+from ident.equations.rows import CHUNK, STICKING
+from ident.equations.samples import Samples
+from ident.equations.terms import terms
 from ident.errors import FitError
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment, Motion
-from ident.motion.close import Closer
 from ident.solve.basis import Basis
 from ident.solve.chunk import Chunk
 
-STICKING = 0.2  # as for reduced rows
+ABSENT = 1e-9  # of a unit torque: below, it is not in a row
 FINEST = 20.0  # knots a sample; more say nothing, and fill the memory
 
 
@@ -76,27 +76,13 @@ def full_rows(
     mechanism: Mechanism, columns: Columns, e: Experiment, part: slice
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A (n, nv, k), b (n, nv) of [Γ E] and the known side, and (n, nv) whether a row informs."""
-    n, nv = part.stop - part.start, mechanism.model.nv
-    A = np.zeros((n, nv, len(columns)))
-    b = np.zeros((n, nv)) if e.wrench is None else e.wrench[part].copy()
-    for i, name in enumerate(mechanism.driven):
-        W = Closer(mechanism, (name,)).coordinates(e.q[part]).rate[:, 0]
-        b += W * e.tau[part, i : i + 1]
-    gamma = regressor(mechanism.model, e.q[part], e.v[part], e.a[part])
-    A[:, :, : len(columns.rigid)] = gamma[:, :, columns.rigid]
-    b -= gamma[:, :, columns.known] @ columns.known_values
-    informed = np.ones((n, nv), dtype=bool)
-    for effect, places in columns.effects:
-        s = signals(mechanism, e, part, effect.joints)
-        E, told = effect.columns(s), effect.informed(s)
-        known = np.array([effect.values.get(unknown.name, 0.0) for unknown in effect.unknowns])
-        W = Closer(mechanism, effect.joints).coordinates(e.q[part]).rate
-        for i in range(len(effect.joints)):
-            force = W[:, i, :, None] * E[:, i, None, :]
-            A[:, :, places[places >= 0]] += force[:, :, places >= 0]
-            b -= force[:, :, places < 0] @ known[places < 0]
-            informed &= told[:, i : i + 1] | (np.abs(W[:, i]) < 1e-9)
-    return A, b, informed
+    s = Samples(mechanism, e, part)
+    found = terms(s, columns)
+    informed = np.ones(s.shape, dtype=bool)
+    for name, told in found.told:
+        rows, W = s.lever(name)
+        informed[:, rows] &= told[:, None] | (np.abs(W) < ABSENT)
+    return found.A, found.b, informed
 
 
 def _filtered_window(

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.effects import Effect
-from ident.equations.regressor import regressor
-from ident.equations.rows import dof, measured_torque, project, signals
+from ident.equations.rows import dof
+from ident.equations.samples import Samples, reduced
+from ident.equations.terms import add_effect
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment, Motion
-from ident.motion.close import Closer
 
 CHUNK = 2048
 
@@ -80,15 +80,17 @@ def _predict(
     if e.wrench is not None:
         names.append("external wrenches")
     parts = {name: np.empty((n, d)) for name in names}
+    others = tuple(name for name in mechanism.driven if name not in motion.independent)
     measured, multipliers = np.empty((n, d)), np.empty((n, m))
     for start in range(0, n, CHUNK):
         part = slice(start, min(start + CHUNK, n))
-        forces = generalised(mechanism, e, part, pi, effects)
+        s, u = Samples(mechanism, e, part), reduced(mechanism, e, part)
+        forces = generalised(s, pi, effects)
         for name, force in zip(names, forces, strict=True):
-            parts[name][part] = project(e, part, force)
-        measured[part] = measured_torque(mechanism, e, part)
+            parts[name][part] = u.reduce(force)
+        measured[part] = u.measured(mechanism.driven)
         if e.pinv is not None:
-            f = sum(forces) - _other_drives(mechanism, motion, e, part)
+            f = sum(forces) - s.measured(others)
             multipliers[part] = -np.einsum("nij,ni->nj", e.pinv[part][:, :, :m], f)
     return Prediction(
         e.name, e.t, motion.independent, measured, sum(parts.values(), np.zeros((n, d))), parts,
@@ -97,27 +99,13 @@ def _predict(
 
 
 def generalised(
-    mechanism: Mechanism,
-    e: Experiment,
-    part: slice,
-    pi: np.ndarray,
-    effects: Sequence[tuple[Effect, np.ndarray]],
+    s: Samples, pi: np.ndarray, effects: Sequence[tuple[Effect, np.ndarray]]
 ) -> list[np.ndarray]:
     """Generalised forces (n, nv) of the rigid bodies, of each effect, and less the wrenches."""
-    forces = [regressor(mechanism.model, e.q[part], e.v[part], e.a[part]) @ pi]
+    forces = [s.gamma @ pi]
     for effect, values in effects:
-        torque = effect.columns(signals(mechanism, e, part, effect.joints)) @ values
-        W = Closer(mechanism, effect.joints).coordinates(e.q[part]).rate
-        forces.append(np.einsum("nji,nj->ni", W, torque))
-    if e.wrench is not None:
-        forces.append(-e.wrench[part])
+        forces.append(np.zeros(s.shape))
+        add_effect(forces[-1], s, effect, values)
+    if s.e.wrench is not None:
+        forces.append(-s.e.wrench[s.part])
     return forces
-
-
-def _other_drives(mechanism: Mechanism, motion: Motion, e: Experiment, part: slice) -> np.ndarray:
-    total = np.zeros((part.stop - part.start, mechanism.model.nv))
-    for i, name in enumerate(mechanism.driven):
-        if name not in motion.independent:
-            W = Closer(mechanism, (name,)).coordinates(e.q[part]).rate[:, 0]
-            total += W * e.tau[part, i : i + 1]
-    return total

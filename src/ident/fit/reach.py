@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ident.equations.columns import Columns
-from ident.equations.stack import full_rows
+from ident.equations.samples import Samples
+from ident.equations.terms import terms
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.solve.rank import Base
@@ -52,19 +53,19 @@ def resting_on_priors(
     moved, size = np.zeros((m, len(base.dependent))), np.zeros(m)
     for e in motion.experiments:
         at = np.flatnonzero(e.usable)[:: max(1, len(e) // SAMPLES)]
-        for i in at:
-            part = slice(int(i), int(i) + 1)
-            A, b, _ = full_rows(mechanism, columns, e, part)
-            assert e.pinv is not None
-            extract = -e.pinv[i][:, :m].T
-            change = extract @ (A[0][:, base.dependent] - A[0][:, base.independent] @ base.K)
-            moved = np.maximum(moved, np.abs(change))
-            size = np.maximum(size, np.abs(extract @ (A[0] @ columns.prior - b[0])))
+        found = terms(Samples(mechanism, e, at), columns)
+        assert e.pinv is not None
+        extract = -e.pinv[at][:, :, :m].transpose(0, 2, 1)
+        A, open_ = found.A, found.A @ columns.prior - found.b
+        change = extract @ (A[:, :, base.dependent] - A[:, :, base.independent] @ base.K)
+        moved = np.maximum(moved, np.abs(change).max(axis=0, initial=0.0))
+        loads = np.einsum("nmi,ni->nm", extract, open_)
+        size = np.maximum(size, np.abs(loads).max(axis=0, initial=0.0))
     by = moved * plausible[base.dependent]
-    found = {}
+    mentioned = {}
     for i, name in enumerate(names):
         order = np.argsort(-by[i])
         mine = [columns.names[base.dependent[j]] for j in order if by[i, j] > MATTERS * size[i]]
         if mine:
-            found[name] = mine
-    return found
+            mentioned[name] = mine
+    return mentioned

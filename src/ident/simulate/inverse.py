@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import fnmatch
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -65,7 +66,8 @@ def simulate(
         joints: of which joints it gets positions and rates; default: those in `motion`.
 
     Returns:
-        The log, and the prediction with the multipliers behind it, free of noise.
+        The log, and the prediction with the multipliers behind it, free of noise. Samples near
+        the ends of a motion that had to be smoothed are left out; `Log.repairs` says so.
 
     Raises:
         MechanismError: for names that are not there, or an effect's unknown without a value.
@@ -74,7 +76,7 @@ def simulate(
     for column in columns:
         if column not in CHANNELS:
             raise MotionError(f"columns: '{column}'; {one_of(column, CHANNELS)}")
-    completed = complete(mechanism, motion, cutoff=None, torques=False)
+    completed = complete(mechanism, motion, torques=False)
     _check_driven(mechanism, completed)
     given = dict(values or {})
     parameters = _parameters(mechanism, given, pi)
@@ -83,16 +85,37 @@ def simulate(
         name = next(iter(given))
         valid = [*mechanism.bodies.names, *(n for e in mechanism.effects for n in e.names)]
         raise MechanismError(f"{mechanism.name}: no parameter '{name}'; {one_of(name, valid)}")
+    e = _one_run(completed)
+    completed = replace(completed, experiments=(e,))
     (prediction,) = predict(mechanism, completed, parameters, effects)
-    (e,) = completed.experiments
-    if not e.usable.all():
-        raise MotionError("; ".join(completed.notes) or f"{motion.name}: samples are missing")
     if joints is None:
         joints = [joint.name for joint in mechanism.joints if f"q.{joint.name}" in motion]
     found = _columns(mechanism, completed, e, prediction, columns, joints)
     extra = {name: x for name, x in e.extra.items() if not name.startswith("tau.")}
     noisy = _noisy(found, noise, np.random.default_rng(seed))
-    return Log.from_arrays(motion.name, e.t, {**noisy, **extra}), prediction
+    made = Log.from_arrays(motion.name, e.t, {**noisy, **extra})
+    return replace(made, repairs=(*made.repairs, *completed.notes)), prediction
+
+
+def _one_run(motion: Motion) -> Experiment:
+    """The experiment between the ends that its splines lose.
+
+    Raises:
+        MotionError: if samples are missing in between, so that there is no one motion to follow.
+    """
+    (e,) = motion.experiments
+    runs = list(e.segments())
+    if len(runs) != 1:
+        said = "; ".join(motion.notes)
+        raise MotionError(
+            f"{e.name}: the motion has {len(runs)} runs with gaps between them: {said}"
+        )
+    cut: dict[str, Any] = {
+        field.name: value[runs[0]]
+        for field in fields(e)
+        if field.name != "still" and isinstance(value := getattr(e, field.name), np.ndarray)
+    }
+    return replace(e, **cut, extra={name: x[runs[0]] for name, x in e.extra.items()})
 
 
 def _check_driven(mechanism: Mechanism, motion: Motion) -> None:
