@@ -1,7 +1,7 @@
 """Some samples of an experiment: Γ, what effects see, and where joints' torques work.
 
     generalised coordinates v        f        a joint's torque τ, ẏ = W v, is the force Wᵀτ
-    independent coordinates u      Zᵀ f       and there (W Z)ᵀτ, its leverage       J Z = 0, W_u Z = 1
+    independent coordinates u      Zᵀ f       and there (W Z)ᵀτ, its leverage      J Z = 0, W_uZ = 1
 
 A joint of the tree has a unit row W: its torque stands in one row of all generalised forces, and no
 W is written out for it. The leverage of every joint is in the experiment already, so that reduced
@@ -46,7 +46,7 @@ class Samples:
         return len(self), self.mechanism.model.nv
 
     def reduce(self, f: np.ndarray) -> np.ndarray:
-        """Generalised forces f (n, nv, …) in these coordinates (n, r, …); f itself, if it can be."""
+        """Generalised forces f (n, nv, …) in these coordinates (n, r, …); f itself where it can."""
         return f
 
     @cached_property
