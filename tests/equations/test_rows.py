@@ -8,6 +8,8 @@ from helpers import Truth, series
 from ident.effects import create
 from ident.equations.columns import Columns
 from ident.equations.rows import raw_rows, row_supports, rows
+from ident.equations.samples import Samples, reduced
+from ident.equations.terms import terms
 from ident.log import Log
 from ident.mechanism import load
 from ident.mechanism.absolute import absolute
@@ -113,3 +115,19 @@ def test_standstill_does_not_inform_dry_friction(robots):
     elbow = [j.name for j in mechanism.joints].index("elbow")
     assert not found.informed[stop, elbow].any()
     assert found.informed[~stop, elbow].mean() > 0.9
+
+
+@pytest.mark.parametrize("form", [lambda m: m, absolute], ids=["joint", "absolute"])
+@pytest.mark.parametrize("name", ["arm", "four_bar"])
+def test_reduced_terms_are_the_projected_generalised_terms(name, form, robots):
+    """Leverages on one side, W of the joints and Zᵀ on the other."""
+    mechanism, log = logged(name, robots)
+    for joint in mechanism.joints:
+        mechanism = mechanism + create("viscous", joint.name)
+    mechanism = form(mechanism + create("spring", mechanism.driven[0], {"k": 3.0}))
+    (e,) = complete(mechanism, log).experiments
+    columns, part = Columns.of(mechanism), slice(10, 60)
+    s, u = Samples(mechanism, e, part), reduced(mechanism, e, part)
+    whole, left = terms(s, columns), terms(u, columns)
+    for one, other in ((whole.A, left.A), (whole.b, left.b), (whole.tau, left.tau)):
+        np.testing.assert_allclose(u.reduce(one), other, atol=1e-9 * np.abs(other).max())
