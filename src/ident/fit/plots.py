@@ -26,10 +26,23 @@ def plot_torques(prediction: Prediction, units: list[str]) -> Figure:
     axes = figure.subplots(d, 1, sharex=True, squeeze=False)[:, 0]
     some = _thin(len(prediction.t))
     t = prediction.t[some]
+    usable = prediction.usable[some]
     for i, (axis, joint) in enumerate(zip(axes, prediction.joints, strict=True)):
         axis.plot(t, prediction.measured[some, i], color="0.6", lw=2.5, label="measured")
-        axis.plot(t, prediction.predicted[some, i], color="C0", lw=1.0, label="predicted")
-        axis.plot(t, prediction.residual[some, i], color="C3", lw=0.7, label="difference")
+        axis.plot(
+            t,
+            np.where(usable, prediction.predicted[some, i], np.nan),
+            color="C0",
+            lw=1.0,
+            label="predicted",
+        )
+        axis.plot(
+            t,
+            np.where(usable, prediction.residual[some, i], np.nan),
+            color="C3",
+            lw=0.7,
+            label="difference",
+        )
         axis.set_ylabel(f"{joint} [{units[i]}]")
         axis.grid(alpha=0.3)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)

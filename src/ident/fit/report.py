@@ -22,6 +22,7 @@ body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto
 table { border-collapse: collapse; margin: 0.5rem 0 1.5rem; }
 th, td { padding: 0.15rem 0.8rem; text-align: right; border-bottom: 1px solid #8884; }
 th:first-child, td:first-child { text-align: left; }
+pre { white-space: pre-wrap; }
 figure { margin: 0; background: white; } figure svg { max-width: 100%; height: auto; }
 """
 
@@ -29,11 +30,14 @@ figure { margin: 0; background: white; } figure svg { max-width: 100%; height: a
 def report_html(fit: Fit, reactions: Reactions | None = None) -> str:
     """The report of a fit: errors, measured against predicted, parameters, multipliers, notes."""
     joints = [fit.mechanism.joint(name).force_unit for name in fit.motion.independent]
+    errors = {"train": fit.train, "held out": fit.held_out, **fit.validation}
+    if fit.motion.band.cutoff:
+        errors["unfiltered"] = fit.unfiltered
     parts = [
         f"<h1>{_text(fit.mechanism.name)}</h1>",
-        f"<pre>{_text(str(fit.motion))}</pre>",
+        f"<pre>{_text(fit.motion.summary)}</pre>",
         "<h2>Error of the predicted torque</h2>",
-        _table(error_rows({"train": fit.train, "held out": fit.held_out, **fit.validation})),
+        _table(error_rows(errors)),
         "<h2>Measured and predicted</h2>",
     ]
     for prediction in fit.predict():

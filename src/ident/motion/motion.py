@@ -99,6 +99,11 @@ class Motion:
         return sum(len(experiment) for experiment in self.experiments)
 
     def __str__(self) -> str:
+        return "\n".join([self.summary, *(f"  note: {note}" for note in self.notes)])
+
+    @property
+    def summary(self) -> str:
+        """Logs, independent coordinates, bandwidth and filter, without the notes."""
         lines = [f"motion: {len(self.experiments)} experiment(s), {self.samples} samples"]
         for e in self.experiments:
             lines.append(
@@ -109,7 +114,7 @@ class Motion:
         lines.append(f"  bandwidth of the motion: {self.band.motion:.3g} Hz; filter: {cut}")
         if self.closure_error > 0:
             lines.append(f"  closure error: {self.closure_error:.2g}")
-        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+        return "\n".join(lines)
 
     __repr__ = __str__
 
