@@ -12,23 +12,15 @@ from ident.errors import MotionError, one_of
 from ident.log import Log, read_log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.clock import runs
-from ident.motion.close import Closer, pseudo_inverse
-from ident.motion.derive import band_of, derive, speed_noise
+from ident.motion.derive import band_of, derive
 from ident.motion.independent import best_conditioned, independent_joints
 from ident.motion.measure import Signals, measure
 from ident.motion.motion import Band, Experiment, Motion
+from ident.motion.place import disagreements, in_tree, reduced, through_closures
+from ident.motion.rest import standstill
 from ident.motion.spectrum import CLEAN
 from ident.motion.wrench import wrenches
 from ident.progress import Told
-
-STILL = 0.004  # share of a joint's top speed below which it counts as standing still
-LOOKED_AT = 500  # samples from which the closures' leverage is taken
-HARDLY = 0.5  # noise that reaches this share of the top speed is all that moves the joint
-NOISE = 4.0  # or so many times the noise of speeds, where that is more
-SINGULAR = 50.0  # times the log's median ‖K⁺‖: beyond, a sample is near a singular position
-AGREE = 1e-9  # share of its motion below which a logged joint differs by rounding only
-CONTRADICTION = 0.3  # share of its own motion by which a logged joint may miss the closures
-HOPELESS = 1e6  # ‖K⁺‖ at which a position is singular whatever the median is
 
 
 def complete(
@@ -91,11 +83,11 @@ def complete(
     if mechanism.closures:
         independent = best_conditioned(mechanism, np.concatenate([e.q for e in experiments]))
         for i, experiment in enumerate(experiments):
-            experiments[i], error, said = _reduced(mechanism, experiment, independent)
+            experiments[i], error, said = reduced(mechanism, experiment, independent)
             notes += said
             worst = max(worst, error)
     for i, signals in enumerate(measured):
-        still = _still(mechanism, signals, experiments[i], names, band)
+        still = standstill(mechanism, signals, experiments[i], names, band)
         experiments[i] = replace(experiments[i], still=still)
     return Motion(tuple(experiments), independent, band, worst, tuple(dict.fromkeys(notes)))
 
@@ -203,10 +195,10 @@ def _experiment(
         usable=usable, still=np.empty(0),
         extra={k: x for k, x in signals.columns.items() if not k.startswith(("q.", "v.", "a."))},
     )  # fmt: skip
-    place = _closed if mechanism.closures else _open
+    place = through_closures if mechanism.closures else in_tree
     experiment = place(mechanism, base, names, known)
     if len(names) > mechanism.degrees_of_freedom:
-        notes += _disagreements(mechanism, experiment, names, known[0])
+        notes += disagreements(mechanism, experiment, names, known[0])
     return replace(experiment, wrench=wrenches(mechanism, signals, experiment)), notes
 
 
@@ -217,111 +209,3 @@ def _without_ends(signals: Signals, ends: float) -> np.ndarray:
         t = signals.t[run]
         usable[run] = (t >= t[0] + ends) & (t <= t[-1] - ends)
     return usable if usable.any() else signals.usable
-
-
-def _still(
-    mechanism: Mechanism, signals: Signals, e: Experiment, names: tuple[str, ...], band: Band
-) -> np.ndarray:
-    """(J,) speeds below which joints stand still; one that moves by noise alone never moves.
-
-    The noise of a logged joint's speed reaches the others through the closures, by how fast they
-    move for a unit of its rate.
-    """
-    top = np.abs(e.yd[e.usable]).max(axis=0, initial=0.0)
-    at = [mechanism.joint_index[name] for name in names]
-    noise = np.array([NOISE * speed_noise(signals, name, band) for name in names])
-    if e.leverage is None:
-        reached = np.zeros(len(top))
-        reached[at] = noise
-    else:
-        some = e.leverage[e.usable][:: max(1, len(e) // LOOKED_AT)]
-        gain = some @ np.linalg.pinv(some[:, at])
-        reached = np.sqrt((gain**2).mean(axis=0) @ noise**2)
-    speed = np.maximum(STILL * top, reached)
-    return np.maximum(np.where(speed < HARDLY * top, speed, 1.01 * top), 1e-9)
-
-
-def _open(
-    mechanism: Mechanism, base: Experiment, names: tuple[str, ...], known: np.ndarray
-) -> Experiment:
-    at = [mechanism.joint(name).index for name in names]
-    q, v, a = (np.ascontiguousarray(x[:, np.argsort(at)]) for x in known)
-    order = [joint.index for joint in mechanism.joints]
-    if order == sorted(order):  # the joints' own coordinates: no second copy of long logs
-        return replace(base, q=q, v=v, a=a, y=q, yd=v, ydd=a)
-    return replace(base, q=q, v=v, a=a, y=q[:, order], yd=v[:, order], ydd=a[:, order])
-
-
-def _closed(
-    mechanism: Mechanism, base: Experiment, names: tuple[str, ...], known: np.ndarray
-) -> Experiment:
-    y, yd, ydd = known
-    closer = Closer(mechanism, names, np.maximum(y.std(axis=0), 1e-9))
-    q = closer.follow(y, base.t)
-    v, a = closer.rates(q, yd, ydd)
-    rows = Closer(mechanism, tuple(joint.name for joint in mechanism.joints)).coordinates(q, v)
-    value = rows.value.copy()
-    for i, joint in enumerate(mechanism.joints):
-        if joint.rotational and not joint.in_tree:
-            value[:, i] = np.unwrap(value[:, i])
-            if joint.name in names:  # its whole turns are the log's
-                off = value[:, i] - y[:, names.index(joint.name)]
-                value[:, i] -= 2 * np.pi * np.round(off / (2 * np.pi))
-    rates = np.einsum("njk,nk->nj", rows.rate, v)
-    accelerations = np.einsum("njk,nk->nj", rows.rate, a) + rows.drift
-    return replace(base, q=q, v=v, a=a, y=value, yd=rates, ydd=accelerations)
-
-
-def _reduced(
-    mechanism: Mechanism, experiment: Experiment, independent: tuple[str, ...]
-) -> tuple[Experiment, float, list[str]]:
-    """With K⁺ and leverages in the independent coordinates; samples near a singularity left out."""
-    J = mechanism.kinematics.closure_rows(experiment.q)
-    every = Closer(mechanism, tuple(joint.name for joint in mechanism.joints)).coordinates(
-        experiment.q
-    )
-    W = every.rate[:, [mechanism.joint_index[name] for name in independent]]
-    Kp = pseudo_inverse(np.concatenate([J.rate, W], axis=1))
-    size = np.linalg.norm(Kp, axis=(1, 2))
-    usable = experiment.usable
-    singular = usable & ~(size < min(HOPELESS, SINGULAR * float(np.median(size))))
-    if not (usable & ~singular).any():
-        raise MotionError(
-            f"{experiment.name}: every sample is near a singular position of {mechanism.name}; "
-            "nothing can be identified from it"
-        )
-    notes = []
-    if singular.any():
-        notes.append(
-            f"{experiment.name}: {int(singular.sum())} of {len(size)} samples are near a singular "
-            f"position of {', '.join(independent)} (first at t = "
-            f"{experiment.t[np.argmax(singular)]:.4g} s) and are left out"
-        )
-    leverage = every.rate @ Kp[:, :, J.rate.shape[1] :]
-    reduced = replace(experiment, pinv=Kp, leverage=leverage, usable=usable & ~singular)
-    return reduced, float(np.abs(J.value).max()), notes
-
-
-def _disagreements(
-    mechanism: Mechanism, experiment: Experiment, names: tuple[str, ...], logged: np.ndarray
-) -> list[str]:
-    """More joints logged than needed: how far the closures' answer is from what was logged."""
-    notes = []
-    for i, name in enumerate(names):
-        joint = mechanism.joint(name)
-        off = (experiment.y[:, mechanism.joint_index[name]] - logged[:, i])[experiment.usable]
-        if joint.rotational:
-            off = (off + np.pi) % (2 * np.pi) - np.pi
-        rms, spread = float(np.sqrt(np.mean(off**2))), float(np.std(logged[:, i]))
-        said = (
-            f"{experiment.name}: q.{name} differs from what the closures and the other joints give "
-            f"by {rms:.3g} {joint.unit} rms, {np.abs(off).max():.3g} at most"
-        )
-        if rms > CONTRADICTION * spread:
-            raise MotionError(
-                f"{said}, while it moves by {spread:.3g} rms: the positions contradict the "
-                "closures; check sign, unit and zero of this column and the closures' frames"
-            )
-        agree = rms <= AGREE * spread
-        notes.append(f"{experiment.name}: q.{name} agrees with the closures" if agree else said)
-    return notes

@@ -1,0 +1,105 @@
+"""Where a mechanism is when some of its joints are: in the tree, or through the closures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ident.errors import MotionError
+from ident.mechanism.mechanism import Mechanism
+from ident.motion.close import Closer, pseudo_inverse
+from ident.motion.motion import Experiment
+
+SINGULAR = 50.0  # times the log's median ‖K⁺‖: beyond, a sample is near a singular position
+HOPELESS = 1e6  # ‖K⁺‖ at which a position is singular whatever the median is
+AGREE = 1e-9  # share of its motion below which a logged joint differs by rounding only
+CONTRADICTION = 0.3  # share of its own motion by which a logged joint may miss the closures
+
+
+def in_tree(
+    mechanism: Mechanism, base: Experiment, names: tuple[str, ...], known: np.ndarray
+) -> Experiment:
+    """The experiment with the coordinates (3, n, d) of all joints: y, ẏ, ÿ."""
+    at = [mechanism.joint(name).index for name in names]
+    q, v, a = (np.ascontiguousarray(x[:, np.argsort(at)]) for x in known)
+    order = [joint.index for joint in mechanism.joints]
+    if order == sorted(order):  # the joints' own coordinates: no second copy of long logs
+        return replace(base, q=q, v=v, a=a, y=q, yd=v, ydd=a)
+    return replace(base, q=q, v=v, a=a, y=q[:, order], yd=v[:, order], ydd=a[:, order])
+
+
+def through_closures(
+    mechanism: Mechanism, base: Experiment, names: tuple[str, ...], known: np.ndarray
+) -> Experiment:
+    """The experiment completed from the coordinates (3, n, d) of some joints."""
+    y, yd, ydd = known
+    closer = Closer(mechanism, names, np.maximum(y.std(axis=0), 1e-9))
+    q = closer.follow(y, base.t)
+    v, a = closer.rates(q, yd, ydd)
+    rows = Closer(mechanism, tuple(joint.name for joint in mechanism.joints)).coordinates(q, v)
+    value = rows.value.copy()
+    for i, joint in enumerate(mechanism.joints):
+        if joint.rotational and not joint.in_tree:
+            value[:, i] = np.unwrap(value[:, i])
+            if joint.name in names:  # its whole turns are the log's
+                off = value[:, i] - y[:, names.index(joint.name)]
+                value[:, i] -= 2 * np.pi * np.round(off / (2 * np.pi))
+    rates = np.einsum("njk,nk->nj", rows.rate, v)
+    accelerations = np.einsum("njk,nk->nj", rows.rate, a) + rows.drift
+    return replace(base, q=q, v=v, a=a, y=value, yd=rates, ydd=accelerations)
+
+
+def reduced(
+    mechanism: Mechanism, experiment: Experiment, independent: tuple[str, ...]
+) -> tuple[Experiment, float, list[str]]:
+    """With K⁺ and leverages in the independent coordinates; samples near a singularity left out."""
+    J = mechanism.kinematics.closure_rows(experiment.q)
+    every = Closer(mechanism, tuple(joint.name for joint in mechanism.joints)).coordinates(
+        experiment.q
+    )
+    W = every.rate[:, [mechanism.joint_index[name] for name in independent]]
+    Kp = pseudo_inverse(np.concatenate([J.rate, W], axis=1))
+    size = np.linalg.norm(Kp, axis=(1, 2))
+    usable = experiment.usable
+    singular = usable & ~(size < min(HOPELESS, SINGULAR * float(np.median(size))))
+    if not (usable & ~singular).any():
+        raise MotionError(
+            f"{experiment.name}: every sample is near a singular position of {mechanism.name}; "
+            "nothing can be identified from it"
+        )
+    notes = []
+    if singular.any():
+        notes.append(
+            f"{experiment.name}: {int(singular.sum())} of {len(size)} samples are near a singular "
+            f"position of {', '.join(independent)} (first at t = "
+            f"{experiment.t[np.argmax(singular)]:.4g} s) and are left out"
+        )
+    leverage = every.rate @ Kp[:, :, J.rate.shape[1] :]
+    reduced = replace(experiment, pinv=Kp, leverage=leverage, usable=usable & ~singular)
+    return reduced, float(np.abs(J.value).max()), notes
+
+
+def disagreements(
+    mechanism: Mechanism, experiment: Experiment, names: tuple[str, ...], logged: np.ndarray
+) -> list[str]:
+    """More joints logged than needed: how far the closures' answer is from what was logged."""
+    notes = []
+    for i, name in enumerate(names):
+        joint = mechanism.joint(name)
+        off = (experiment.y[:, mechanism.joint_index[name]] - logged[:, i])[experiment.usable]
+        if joint.rotational:
+            off = (off + np.pi) % (2 * np.pi) - np.pi
+        rms, spread = float(np.sqrt(np.mean(off**2))), float(np.std(logged[:, i]))
+        said = (
+            f"{experiment.name}: q.{name} differs from what the closures and the other joints give "
+            f"by {rms:.3g} {joint.unit} rms, {np.abs(off).max():.3g} at most"
+        )
+        if rms > CONTRADICTION * spread:
+            raise MotionError(
+                f"{said}, while it moves by {spread:.3g} rms: the positions contradict the "
+                "closures; check sign, unit and zero of this column and the closures' frames"
+            )
+        agree = rms <= AGREE * spread
+        notes.append(f"{experiment.name}: q.{name} agrees with the closures" if agree else said)
+    return notes
