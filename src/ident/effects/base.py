@@ -6,6 +6,7 @@ A new kind is one class: what it is called, its unknowns with units, its columns
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -45,7 +46,7 @@ class Signals:
 
 
 @dataclass(frozen=True)
-class Effect:
+class Effect(ABC):
     """A physical cause beyond rigid bodies at some joints; `mechanism + effect` is a new model.
 
     Args:
@@ -104,9 +105,9 @@ class Effect:
         """Units of the unknowns at these joints."""
         return tuple(unknown.units[0 if self.rotational else 1] for unknown in self.unknowns)
 
+    @abstractmethod
     def columns(self, s: Signals) -> np.ndarray:
         """E (n, arity, unknowns): the torque each joint must supply per unit of each unknown."""
-        raise NotImplementedError
 
     def informed(self, s: Signals) -> np.ndarray:
         """(n, arity), false where a sample says nothing about this effect's torque on a joint."""
