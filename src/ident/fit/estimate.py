@@ -40,7 +40,7 @@ class Estimate:
     held: np.ndarray
 
 
-def totals(cells: Iterable[Cell], k: int, d: int, rest: bool = False) -> list[Factor]:
+def totals(cells: Iterable[Cell], k: int, d: int) -> list[Factor]:
     """One factor a coordinate over all given cells, on all k columns."""
     found = []
     cells = list(cells)
@@ -49,7 +49,7 @@ def totals(cells: Iterable[Cell], k: int, d: int, rest: bool = False) -> list[Fa
         if not mine:
             found.append(Factor.empty(k))
             continue
-        merged = Factor.merge([cell.rest if rest else cell.factor for cell in mine])
+        merged = Factor.merge([cell.factor for cell in mine])
         found.append(merged.embedded(mine[0].support, k))
     return found
 
@@ -110,8 +110,8 @@ def estimate(
             floor = FLOOR * np.maximum(np.maximum(sizes(factors, solution.x), before), torque)
         new = np.maximum(_residuals(factors, solution), floor)
         new = np.where(new > 0, new, largest)
-        settled = np.abs(np.log(new / weights)).max() < 1e-3
-        if settled:
+        settled = step > 0 and np.abs(np.log(new / weights)).max() < 1e-3
+        if settled or step == ITERATIONS - 1:
             break
         weights = new
     return Estimate(solution, base, weights, total, held)

@@ -54,8 +54,7 @@ def identify(
             "ident.identify(mechanism, ident.complete(mechanism, log))"
         )
     d = coordinates(mechanism, motion)
-    joints = [mechanism.joint(name) for name in motion.independent]
-    units = [joint.force_unit for joint in joints]
+    units = [mechanism.joint(name).force_unit for name in motion.independent]
     cells = accumulate(mechanism, columns, motion, progress)
     everything = squares(cells, columns.prior, d)
     torque = np.sqrt(everything.torque / np.maximum(everything.rows, 1))
@@ -82,11 +81,11 @@ def identify(
     validation = {}
     if validate is not None:
         other = accumulate(mechanism, columns, validate, progress)
+        names = validate.independent
+        theirs = [mechanism.joint(name).force_unit for name in names]
         for number, experiment in enumerate(validate.experiments):
             mine = [cell for cell in other if cell.experiment == number]
-            validation[experiment.name] = squares(mine, found.solution.x, d).errors(
-                validate.independent, units
-            )
+            validation[experiment.name] = squares(mine, found.solution.x, d).errors(names, theirs)
     train = squares(cells, found.solution.x, d)
     errors = train.errors(motion.independent, units)
     pi = columns.dynamic_parameters(mechanism, found.solution.x)
