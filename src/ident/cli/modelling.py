@@ -118,8 +118,7 @@ def simulate(
     if fit is not None:
         saved = read_fit(fit, model)
         model, pi = saved.mechanism, saved.dynamic_parameters
-        for effect, found in saved.columns.effect_values(saved.x):
-            values = {**dict(zip(effect.names, map(float, found), strict=True)), **values}
+        values = {**saved.point.values, **values}
     log, prediction = simulate_(
         model,
         read_log(motion, model.columns),

@@ -1,6 +1,19 @@
 """The library of physical effects: one class a kind, one small file a family."""
 
-from ident.effects.base import Effect, Signals, Unknown
+from ident.effects.base import Correcting, Correction, Effect, Unknown
 from ident.effects.library import KINDS, create, parse
+from ident.effects.signals import Signals
+from ident.effects.user import UserEffect, user_effect
 
-__all__ = ["KINDS", "Effect", "Signals", "Unknown", "create", "parse"]
+__all__ = [
+    "KINDS",
+    "Correcting",
+    "Correction",
+    "Effect",
+    "Signals",
+    "Unknown",
+    "UserEffect",
+    "create",
+    "parse",
+    "user_effect",
+]

@@ -1,7 +1,8 @@
-"""What an effect is: named columns E(q, v, a, …) whose unknowns c add E c to the joints' torques.
+"""What an effect is: columns E(q, v, a, …; s) whose unknowns c add E c to the joints' torques.
 
-A new kind is one class: what it is called, its unknowns with units, its columns, and the words that
-`ident effects` prints. Everything else (names, known values, files, commands) comes from here.
+A new kind is one class: what it is called, its unknowns c and shape parameters s with units, its
+columns, and the words that `ident effects` prints. Everything else (names, known values, search for
+shapes, files, commands) comes from here.
 """
 
 from __future__ import annotations
@@ -13,55 +14,54 @@ from typing import ClassVar
 
 import numpy as np
 
+from ident.effects.signals import Signals
 from ident.errors import MechanismError, one_of
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """One unknown of an effect: its name, and its unit at a turning and at a sliding joint."""
+    """One parameter of an effect: its name, and its unit at a turning and at a sliding joint.
+
+    Attributes:
+        nonnegative: whether a negative value makes no physical sense.
+        discrete: of a shape parameter, whether it takes a few values only and has no slope.
+    """
 
     name: str
     units: tuple[str, str]  # (rotational, linear)
     meaning: str
     nonnegative: bool = False
+    discrete: bool = False
 
 
-@dataclass(frozen=True)
-class Signals:
-    """What effects see: time series of the joints they act on, in the order of `joints`.
-
-    Attributes:
-        t: (n,) [s].
-        q, v, a: (n, joints) [rad | m], [.../s], [.../s²].
-        still: (joints,) speed [rad/s | m/s] below which a joint counts as standing still.
-        extra: the log's other columns on the same clock, each (n,).
-    """
-
-    t: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    still: np.ndarray
-    extra: Mapping[str, np.ndarray] = field(default_factory=dict)
+Bounds = Mapping[str, tuple[float, float]]
+Shape = Mapping[str, float]
 
 
 @dataclass(frozen=True)
 class Effect(ABC):
-    """A physical cause beyond rigid bodies at some joints; `mechanism + effect` is a new model.
+    """A physical cause beyond rigid bodies; `mechanism + effect` is a new model.
 
     Args:
-        joints: names of the joints that it acts on, `arity` of them.
-        values: unknowns that are known, with their values.
+        joints: names of what it acts on, `arity` of them: joints, or a link, a closure or a place,
+            as `sits` says.
+        values: parameters (unknowns, shapes) that are known, and settings, with their values.
         rotational: whether the first joint turns (it decides the units).
     """
 
     kind: ClassVar[str]
     arity: ClassVar[int] = 1
-    unknowns: ClassVar[tuple[Unknown, ...]]
+    sits: ClassVar[str] = "joint"  # joint | driven | mechanism | link | closure | place
+    unknowns: ClassVar[tuple[Unknown, ...]] = ()
+    shapes: ClassVar[tuple[Unknown, ...]] = ()
+    settings: ClassVar[Mapping[str, float]] = {}  # further keys of `values`, with defaults
     equation: ClassVar[str]
     signature: ClassVar[str]
     confused_with: ClassVar[tuple[str, ...]] = ()
+    nested_in: ClassVar[tuple[str, ...]] = ()  # kinds that contain this one as a special case
     source: ClassVar[str]
+    implicit: ClassVar[bool] = False  # its columns depend on what the present model predicts
+    memory: ClassVar[bool] = False  # its columns depend on the past, not on the sample alone
 
     joints: tuple[str, ...]
     values: Mapping[str, float] = field(default_factory=dict)
@@ -69,20 +69,22 @@ class Effect(ABC):
 
     def __post_init__(self) -> None:
         if len(self.joints) != self.arity:
+            what = self.sits if self.sits in ("link", "closure", "place") else "joint"
+            call = f"{self.kind}:" + ",".join([what] * self.arity) if self.arity else self.kind
             raise MechanismError(
-                f"effect '{self.kind}' acts on {self.arity} joint(s), given: "
-                f"{', '.join(self.joints) or 'none'}; write {self.kind}:"
-                + ",".join(["joint"] * self.arity)
+                f"effect '{self.kind}' acts on {self.arity} {what}(s), given: "
+                f"{', '.join(self.joints) or 'none'}; write {call}"
             )
         if len(set(self.joints)) != len(self.joints):
             raise MechanismError(
                 f"effect '{self.label}' names a joint twice; give different joints"
             )
-        names = [unknown.name for unknown in self.unknowns]
+        names = [parameter.name for parameter in self.parameters]
         for name, value in self.values.items():
-            if name not in names:
+            if name not in names and name not in self.settings:
                 raise MechanismError(
-                    f"effect '{self.label}' has no parameter '{name}'; {one_of(name, names)}"
+                    f"effect '{self.label}' has no parameter '{name}'; "
+                    f"{one_of(name, [*names, *self.settings])}"
                 )
             if not np.isfinite(value):
                 raise MechanismError(
@@ -90,20 +92,44 @@ class Effect(ABC):
                 )
 
     @property
+    def parameters(self) -> tuple[Unknown, ...]:
+        """Unknowns c, then shape parameters s."""
+        return (*self.unknowns, *self.shapes)
+
+    @property
     def label(self) -> str:
         """`viscous:elbow`, as commands take it."""
-        return f"{self.kind}:{','.join(self.joints)}"
+        return f"{self.kind}:{','.join(self.joints)}" if self.joints else self.kind
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Full names of the unknowns, `<kind>.<joint>.<parameter>`."""
-        stem = f"{self.kind}.{','.join(self.joints)}"
-        return tuple(f"{stem}.{unknown.name}" for unknown in self.unknowns)
+        """Full names of the parameters, `<kind>.<joint>.<parameter>`."""
+        stem = f"{self.kind}.{','.join(self.joints)}" if self.joints else self.kind
+        return tuple(f"{stem}.{parameter.name}" for parameter in self.parameters)
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units of the unknowns at these joints."""
-        return tuple(unknown.units[0 if self.rotational else 1] for unknown in self.unknowns)
+        """Units of the parameters at these joints."""
+        return tuple(parameter.units[0 if self.rotational else 1] for parameter in self.parameters)
+
+    def setting(self, name: str) -> float:
+        """A setting's value, or its default."""
+        return float(self.values.get(name, self.settings[name]))
+
+    @property
+    def searched(self) -> tuple[Unknown, ...]:
+        """Shape parameters that are not known, to be found by an outer search."""
+        return tuple(shape for shape in self.shapes if shape.name not in self.values)
+
+    @property
+    def local(self) -> bool:
+        """Whether it acts in the rows of its own joints only."""
+        return self.sits in ("joint", "driven")
+
+    @property
+    def linear(self) -> bool:
+        """Whether one least-squares solve suffices: nothing to search, no prediction in columns."""
+        return not self.searched and not self.implicit
 
     @abstractmethod
     def columns(self, s: Signals) -> np.ndarray:
@@ -113,5 +139,57 @@ class Effect(ABC):
         """(n, arity), false where a sample says nothing about this effect's torque on a joint."""
         return np.ones(s.q.shape, dtype=bool)
 
+    def bounds(self, s: Signals) -> Bounds:
+        """Within which values of each shape parameter these data could tell it."""
+        return {}
+
+    def starts(self, s: Signals) -> list[Shape]:
+        """Shapes from which the outer search sets out, close enough that one leads to the best."""
+        return [{}]
+
     def __str__(self) -> str:
         return self.label
+
+
+@dataclass(frozen=True)
+class Correction:
+    """What an effect says of the data or the geometry, instead of a torque.
+
+    Attributes:
+        dq: by joint, what its true coordinate has beyond the logged one, (n,) or a number.
+        delay: by joint, by how much its torque channel is late [s].
+        tilt: rotation of the base about x and y [rad].
+        moved: by place, a displacement [m] along its axis.
+        gap: by closure, its compliance C in Φ = C λ [m/N].
+    """
+
+    dq: Mapping[str, np.ndarray | float] = field(default_factory=dict)
+    delay: Mapping[str, float] = field(default_factory=dict)
+    tilt: tuple[float, float] = (0.0, 0.0)
+    moved: Mapping[str, float] = field(default_factory=dict)
+    gap: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Correcting(Effect):
+    """An effect without columns of its own: it corrects positions, torques, gravity or lengths.
+
+    Its shape parameters enter the equations by their sensitivities, −∂(b − A x)/∂s.
+    """
+
+    def columns(self, s: Signals) -> np.ndarray:
+        """E (n, arity, 0)."""
+        return np.zeros((*s.q.shape, 0))
+
+    @abstractmethod
+    def correction(self, s: Signals) -> Correction:
+        """What is corrected at the shape `s.shape`."""
+
+    @property
+    def local(self) -> bool:
+        """A corrected position is in all rows."""
+        return False
+
+    def starts(self, s: Signals) -> list[Shape]:
+        """No correction at all."""
+        return [{shape.name: 0.0 for shape in self.shapes}]

@@ -6,8 +6,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from ident.effects.base import Effect, Signals, Unknown
+from ident.effects.base import Effect, Unknown
 from ident.effects.friction import direction
+from ident.effects.signals import Signals
 
 
 class Coupling(Effect):
@@ -15,6 +16,7 @@ class Coupling(Effect):
 
     kind: ClassVar[str] = "coupling"
     arity: ClassVar[int] = 2
+    sits: ClassVar[str] = "driven"
     unknowns: ClassVar = (
         Unknown("Im", ("kg m²", "kg"), "inertia of what turns with both", nonnegative=True),
         Unknown("Fvm", ("N m s/rad", "N s/m"), "its viscous friction", nonnegative=True),

@@ -1,4 +1,4 @@
-"""Torques that depend on position: springs."""
+"""Torques that depend on position: springs, cables, end stops, ripple."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from ident.effects.base import Effect, Signals, Unknown
+from ident.effects.base import Bounds, Effect, Shape, Unknown
+from ident.effects.signals import Signals
+
+DEGREE = 7  # the highest of a cable's polynomial
 
 
 class Spring(Effect):
@@ -20,8 +23,109 @@ class Spring(Effect):
     equation: ClassVar[str] = "k q + b"
     signature: ClassVar[str] = "the residual against position is a straight line, at rest as well"
     confused_with: ClassVar = ("gravity over a small range", "torque_offset", "cable")
+    nested_in: ClassVar = ("cable",)
     source: ClassVar[str] = "Hooke's law"
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = [q, 1]."""
         return np.stack([s.q, np.ones_like(s.q)], axis=-1)
+
+
+class Cable(Effect):
+    """Hoses and cables along a joint: a smooth curve over position."""
+
+    kind: ClassVar[str] = "cable"
+    settings: ClassVar = {"degree": 3.0}
+    equation: ClassVar[str] = "k0 + k1 q + … + kd q^d, degree d ≤ 7 (default 3)"
+    signature: ClassVar[str] = "the residual against position is a smooth curve, at rest as well"
+    confused_with: ClassVar = ("spring", "gravity over a small range", "end_stop")
+    source: ClassVar[str] = "polynomial approximation; Taylor"
+
+    def __post_init__(self) -> None:
+        """Check the degree before the parameters' names."""
+        from ident.errors import MechanismError
+
+        degree = self.setting("degree")
+        if degree not in range(1, DEGREE + 1):
+            raise MechanismError(f"effect '{self.label}': degree = {degree:g}; valid: 1 to 7")
+        super().__post_init__()
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:  # type: ignore[override]
+        """One coefficient a power of q."""
+        return tuple(
+            Unknown(f"k{i}", (f"N m/rad^{i}", f"N/m^{i}"), f"coefficient of q^{i}")
+            for i in range(int(self.setting("degree")) + 1)
+        )
+
+    def columns(self, s: Signals) -> np.ndarray:
+        """E = [1, q, q², …]."""
+        return s.q[:, :, None] ** np.arange(len(self.unknowns))
+
+
+class EndStop(Effect):
+    """A bumper that a joint runs into at one end of its travel."""
+
+    kind: ClassVar[str] = "end_stop"
+    unknowns: ClassVar = (Unknown("k", ("N m/rad", "N/m"), "stiffness", nonnegative=True),)
+    shapes: ClassVar = (
+        Unknown("q1", ("rad", "m"), "where it begins"),
+        Unknown("side", ("1", "1"), "+1: beyond q1, −1: below q1", discrete=True),
+    )
+    equation: ClassVar[str] = "k max(0, q − q1) for side +1, k min(0, q − q1) for side −1"
+    signature: ClassVar[str] = "the residual against position is flat, then rises at one end"
+    confused_with: ClassVar = ("spring", "cable")
+    source: ClassVar[str] = "Hooke's law"
+
+    def columns(self, s: Signals) -> np.ndarray:
+        """E = max(0, q − q1) or min(0, q − q1)."""
+        side = np.sign(s.shape["side"]) or 1.0
+        return (side * np.maximum(side * (s.q - s.shape["q1"]), 0.0))[:, :, None]
+
+    def bounds(self, s: Signals) -> Bounds:
+        """Within the travel, but for its last hundredth."""
+        low, high = s.travel[0]
+        margin = 0.01 * (high - low)
+        return {"q1": (low + margin, high - margin), "side": (-1.0, 1.0)}
+
+    def starts(self, s: Signals) -> list[Shape]:
+        """The outer thirds, in steps of a twentieth of the travel."""
+        low, high = s.travel[0]
+        share = np.linspace(0.05, 0.4, 8)
+        upper = [{"q1": float(high - x * (high - low)), "side": 1.0} for x in share]
+        lower = [{"q1": float(low + x * (high - low)), "side": -1.0} for x in share]
+        return [*upper, *lower]
+
+
+class Ripple(Effect):
+    """A torque that repeats with position: cogging, gear teeth, an eccentric gear."""
+
+    kind: ClassVar[str] = "ripple"
+    unknowns: ClassVar = (
+        Unknown("A", ("N m", "N"), "of the sine"),
+        Unknown("B", ("N m", "N"), "of the cosine"),
+    )
+    shapes: ClassVar = (Unknown("N", ("1", "rad/m"), "waves a turn (radians a metre)"),)
+    equation: ClassVar[str] = "A sin(N q) + B cos(N q)"
+    signature: ClassVar[str] = "the residual against position is a wave"
+    confused_with: ClassVar = ("gravity, for N = 1", "cable, for less than a wave")
+    source: ClassVar[str] = "Piccoli, Yim, IEEE Trans. Robot. 32(6), 2016"
+
+    def columns(self, s: Signals) -> np.ndarray:
+        """E = [sin(N q), cos(N q)]."""
+        angle = s.shape["N"] * s.q
+        return np.stack([np.sin(angle), np.cos(angle)], axis=-1)
+
+    def bounds(self, s: Signals) -> Bounds:
+        """From a wave and a half in the travel to what the samples still resolve."""
+        low, high = s.travel[0]
+        lowest = 2 * np.pi * 1.5 / max(high - low, 1e-9)
+        step = float(np.quantile(np.abs(np.diff(s.q[:, 0])), 0.9)) if len(s.q) > 1 else 0.0
+        finest = np.pi / (4 * max(step, 1e-9))
+        return {"N": (lowest, min(max(finest, 2 * lowest), 64 * lowest))}
+
+    def starts(self, s: Signals) -> list[Shape]:
+        """Steps of a third of what two waves must differ by over the travel to be told apart."""
+        low, high = self.bounds(s)["N"]
+        step = 2 * low / 1.5 / 3
+        return [{"N": float(N)} for N in np.arange(low, min(high, low + 96 * step), step)]

@@ -1,12 +1,14 @@
-"""Friction in a joint: viscous and Coulomb."""
+"""Friction in a joint, from the classic sum of terms to presliding."""
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
 
-from ident.effects.base import Effect, Signals, Unknown
+from ident.effects.base import Bounds, Effect, Shape, Unknown
+from ident.effects.signals import Signals
 
 ARMSTRONG = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994"
 
@@ -36,7 +38,15 @@ class Viscous(Effect):
         return s.v[:, :, None]
 
 
-class Coulomb(Effect):
+class Dry(Effect):
+    """Friction that has the sign of the speed: at standstill it may be anything."""
+
+    def informed(self, s: Signals) -> np.ndarray:
+        """False at standstill, where dry friction may have any value up to its limit."""
+        return np.abs(s.v) >= s.still
+
+
+class Coulomb(Dry):
     """Dry friction: constant against the direction of motion."""
 
     kind: ClassVar[str] = "coulomb"
@@ -50,6 +60,125 @@ class Coulomb(Effect):
         """E = sign(v)."""
         return direction(s.v, s.still)[:, :, None]
 
-    def informed(self, s: Signals) -> np.ndarray:
-        """False at standstill, where dry friction may have any value up to Fc."""
-        return np.abs(s.v) >= s.still
+
+class Stribeck(Dry):
+    """Dry friction that is higher at low speed."""
+
+    kind: ClassVar[str] = "stribeck"
+    unknowns: ClassVar = (
+        Unknown("Fs", ("N m", "N"), "friction at the least speed beyond Coulomb", nonnegative=True),
+    )
+    shapes: ClassVar = (
+        Unknown("vs", ("rad/s", "m/s"), "speed at which it has fallen to 1/e", nonnegative=True),
+    )
+    equation: ClassVar[str] = "Fs sign(v) exp(−(v/vs)²)"
+    signature: ClassVar[str] = "the residual against speed has a hump on either side of zero"
+    confused_with: ClassVar = ("coulomb", "hysteresis", "delay")
+    source: ClassVar[str] = ARMSTRONG
+
+    def columns(self, s: Signals) -> np.ndarray:
+        """E = sign(v) exp(−(v/vs)²)."""
+        fade = np.exp(-((s.v / s.shape["vs"]) ** 2))
+        return (direction(s.v, s.still) * fade)[:, :, None]
+
+    def bounds(self, s: Signals) -> Bounds:
+        """From twice standstill to the top speed."""
+        top = float(np.abs(s.v).max(initial=0.0)) or 1.0
+        return {"vs": (min(max(2 * float(s.still[0]), 0.005 * top), 0.5 * top), top)}
+
+    def starts(self, s: Signals) -> list[Shape]:
+        """Six speeds in equal ratios."""
+        low, high = self.bounds(s)["vs"]
+        return [{"vs": float(vs)} for vs in np.geomspace(2 * low, 0.7 * high, 6)]
+
+
+class Drag(Effect):
+    """Resistance of a fluid: with the square of speed."""
+
+    kind: ClassVar[str] = "drag"
+    unknowns: ClassVar = (
+        Unknown("Fd", ("N m s²/rad²", "N s²/m²"), "drag coefficient", nonnegative=True),
+    )
+    equation: ClassVar[str] = "Fd v |v|"
+    signature: ClassVar[str] = "the residual against speed is a parabola, turned over below zero"
+    confused_with: ClassVar = ("viscous", "coulomb")
+    source: ClassVar[str] = "Newton's law of fluid resistance"
+
+    def columns(self, s: Signals) -> np.ndarray:
+        """E = v |v|."""
+        return (s.v * np.abs(s.v))[:, :, None]
+
+
+class LoadFriction(Dry):
+    """Dry friction that grows with the load that the joint passes on."""
+
+    kind: ClassVar[str] = "load_friction"
+    unknowns: ClassVar = (
+        Unknown("mu", ("1", "1"), "share of the load (closures: a lever in m)", nonnegative=True),
+    )
+    equation: ClassVar[str] = "mu |load| sign(v); load: rigid-body torque, in closures |λ|"
+    signature: ClassVar[str] = "the two bands of the residual against speed widen with the load"
+    confused_with: ClassVar = ("coulomb", "torque_gain")
+    source: ClassVar[str] = "Dohring, Lee, Newman, IEEE ICRA 1993; Khalil, Dombre, ch. 9"
+    implicit: ClassVar[bool] = True
+
+    def columns(self, s: Signals) -> np.ndarray:
+        """E = |load| sign(v)."""
+        return (np.abs(s.load) * direction(s.v, s.still))[:, :, None]
+
+
+class Hysteresis(Effect):
+    """Presliding friction: a spring of small reach that yields (Dahl)."""
+
+    kind: ClassVar[str] = "hysteresis"
+    unknowns: ClassVar = (
+        Unknown("sigma", ("N m/rad", "N/m"), "stiffness before sliding", nonnegative=True),
+    )
+    shapes: ClassVar = (Unknown("z0", ("rad", "m"), "reach of the spring", nonnegative=True),)
+    equation: ClassVar[str] = "sigma z, ż = v − |v| z/z0"
+    signature: ClassVar[str] = "the residual against position makes a loop after every reversal"
+    confused_with: ClassVar = ("coulomb", "stribeck", "spring")
+    source: ClassVar[str] = "Dahl, Aerospace Corp. TOR-158, 1968"
+    memory: ClassVar[bool] = True
+
+    def columns(self, s: Signals) -> np.ndarray:
+        """E = z; between reversals exact: z → ±z0 + (z ∓ z0) exp(−|Δq|/z0)."""
+        z0, n = s.shape["z0"], len(s.q)
+        z = np.zeros_like(s.q)
+        for j in range(s.q.shape[1]):
+            way = np.sign(np.diff(s.q[:, j]))
+            turns = np.flatnonzero(np.diff(way)) + 1  # z is one exponential between two reversals
+            for a, b in pairwise([0, *turns, n - 1]):
+                goal = z0 * way[a]
+                gone = np.abs(s.q[a + 1 : b + 1, j] - s.q[a, j])
+                z[a + 1 : b + 1, j] = goal + (z[a, j] - goal) * np.exp(-gone / z0)
+        return z[:, :, None]
+
+    def bounds(self, s: Signals) -> Bounds:
+        """From a two-thousandth of the travel to a quarter of it."""
+        low, high = s.travel[0]
+        return {"z0": (max((high - low) / 2000, 1e-9), max((high - low) / 4, 1e-8))}
+
+    def starts(self, s: Signals) -> list[Shape]:
+        """Six reaches in equal ratios."""
+        low, high = self.bounds(s)["z0"]
+        return [{"z0": float(z0)} for z0 in np.geomspace(4 * low, 0.7 * high, 6)]
+
+
+class TemperatureFriction(Effect):
+    """Viscous friction that changes with temperature."""
+
+    kind: ClassVar[str] = "temperature_friction"
+    unknowns: ClassVar = (Unknown("kappa", ("1/K", "1/K"), "relative change a degree"),)
+    settings: ClassVar = {"T0": 25.0}
+    equation: ClassVar[str] = "Fv v kappa (T − T0), Fv of `viscous`; T: temperature.<joint>; T0 25"
+    signature: ClassVar[str] = "the slope of the residual against speed changes with temperature"
+    confused_with: ClassVar = ("drift", "viscous at constant temperature")
+    source: ClassVar[str] = "Bittencourt et al., IEEE ICRA 2010"
+    implicit: ClassVar[bool] = True
+
+    def columns(self, s: Signals) -> np.ndarray:
+        """E = Fv v (T − T0)."""
+        Fv = s.present.get(f"viscous.{self.joints[0]}.Fv", 0.0)
+        T = s.column(f"temperature.{self.joints[0]}")
+        return (Fv * s.v * (T[:, None] - self.setting("T0")))[:, :, None]

@@ -6,20 +6,42 @@ from collections.abc import Mapping, Sequence
 
 from ident.effects.base import Effect
 from ident.effects.coupling import Coupling
-from ident.effects.drive import RotorInertia, TorqueOffset
-from ident.effects.elastic import Spring
-from ident.effects.friction import Coulomb, Viscous
+from ident.effects.drive import Delay, Drift, RotorInertia, TorqueGain, TorqueOffset
+from ident.effects.elastic import Cable, EndStop, Ripple, Spring
+from ident.effects.friction import (
+    Coulomb,
+    Drag,
+    Hysteresis,
+    LoadFriction,
+    Stribeck,
+    TemperatureFriction,
+    Viscous,
+)
+from ident.effects.measured import (
+    Backlash,
+    ClosureCompliance,
+    Elasticity,
+    EncoderOffset,
+    Geometry,
+    GravityTilt,
+)
+from ident.effects.payload import Payload
 from ident.errors import MechanismError, one_of
 
 KINDS: Mapping[str, type[Effect]] = {
     effect.kind: effect
-    for effect in (Viscous, Coulomb, Spring, RotorInertia, Coupling, TorqueOffset)
-}
+    for effect in (
+        Viscous, Coulomb, Stribeck, LoadFriction, Hysteresis, Drag, Spring, Cable, EndStop,
+        RotorInertia, Coupling, Ripple, TorqueOffset, TorqueGain, Delay, EncoderOffset,
+        GravityTilt, Payload, Elasticity, Backlash, Geometry, ClosureCompliance,
+        TemperatureFriction, Drift,
+    )
+}  # fmt: skip
 
 
 def create(
     kind: str,
-    joints: str | Sequence[str],
+    joints: str | Sequence[str] = (),
     values: Mapping[str, float] | None = None,
     rotational: bool = True,
 ) -> Effect:
@@ -27,8 +49,8 @@ def create(
 
     Args:
         kind: one of `KINDS`.
-        joints: the joint's name, or several.
-        values: unknowns that are known, with their values.
+        joints: the joint's name, or several; none for an effect of the whole mechanism.
+        values: parameters that are known, with their values.
         rotational: whether the (first) joint turns; a mechanism sets it when the effect is added.
 
     Raises:
@@ -36,8 +58,9 @@ def create(
     """
     if kind not in KINDS:
         raise MechanismError(f"there is no effect '{kind}'; {one_of(kind, KINDS)}")
-    names = tuple(part.strip() for part in joints.split(",")) if isinstance(joints, str) else joints
-    return KINDS[kind](tuple(names), dict(values or {}), rotational)
+    if isinstance(joints, str):
+        joints = [part.strip() for part in joints.split(",")] if joints else []
+    return KINDS[kind](tuple(joints), dict(values or {}), rotational)
 
 
 def parse(text: str) -> tuple[str, tuple[str, ...]]:

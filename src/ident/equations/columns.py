@@ -1,4 +1,4 @@
-"""The columns of [Γ E]: which unknown each belongs to. The only file that counts columns.
+"""The columns of [Γ E S]: which unknown each belongs to. The only file that counts columns.
 
 Rigid parameters first, in the order in which base parameters read best, then the effects in the
 order in which they were added, so that an effect that a rigid parameter can replace is the one
@@ -7,6 +7,7 @@ that is regrouped.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -26,7 +27,8 @@ class Columns:
         prior: (k,) the URDF's values, 0 for effects.
         rigid: columns of Γ that are unknown, in this order.
         known: columns of Γ that are known, with `known_values`.
-        effects: every effect with, for each of its unknowns, its place in x, or −1 if it is known.
+        effects: every effect with, for each of its parameters (unknowns, then shapes), its place in
+            x, or −1 if it is known or discrete. A shape's column is its sensitivity.
     """
 
     names: tuple[str, ...]
@@ -52,10 +54,10 @@ class Columns:
         effects = []
         for effect in mechanism.effects:
             places = []
-            for name, unit, unknown_ in zip(
-                effect.names, effect.units, effect.unknowns, strict=True
+            for name, unit, parameter in zip(
+                effect.names, effect.units, effect.parameters, strict=True
             ):
-                if unknown_.name in effect.values:
+                if parameter.name in effect.values or parameter.discrete:
                     places.append(-1)
                     continue
                 places.append(len(all_names))
@@ -81,22 +83,26 @@ class Columns:
         """Where an unknown stands in x, by name."""
         return {name: i for i, name in enumerate(self.names)}
 
+    @cached_property
+    def shapes(self) -> np.ndarray:
+        """Places (…,) in x of shape parameters, whose columns are sensitivities."""
+        found = [
+            places[len(effect.unknowns) :][places[len(effect.unknowns) :] >= 0]
+            for effect, places in self.effects
+        ]
+        return np.concatenate([np.empty(0, dtype=int), *found])
+
+    def prior_at(self, values: Mapping[str, float]) -> np.ndarray:
+        """(k,) the prior, with shapes at their present values: that is where they stay if no data
+        move them.
+        """
+        prior = self.prior.copy()
+        for i in self.shapes:
+            prior[i] = values.get(self.names[i], 0.0)
+        return prior
+
     def dynamic_parameters(self, mechanism: Mechanism, x: np.ndarray) -> np.ndarray:
         """All dynamic parameters (10 · bodies,) in Γ's order, unknown ones from x (k,)."""
         pi = mechanism.prior.copy()
         pi[self.rigid] = x[: len(self.rigid)]
         return pi
-
-    def effect_values(self, x: np.ndarray) -> list[tuple[Effect, np.ndarray]]:
-        """Every effect with the values of all its unknowns, known ones included."""
-        found = []
-        for effect, places in self.effects:
-            known = known_values(effect)
-            values = np.where(places >= 0, x[np.maximum(places, 0)] if len(x) else 0.0, known)
-            found.append((effect, values))
-        return found
-
-
-def known_values(effect: Effect) -> np.ndarray:
-    """The values (unknowns,) of an effect's unknowns that are known, 0 for the others."""
-    return np.array([effect.values.get(unknown.name, 0.0) for unknown in effect.unknowns])

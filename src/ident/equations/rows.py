@@ -8,7 +8,7 @@ is the error of the predicted torque of the independent joint u, which is what i
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,10 +16,11 @@ import numpy as np
 from ident.equations.columns import Columns
 from ident.equations.filter import Decimator
 from ident.equations.regressor import supports
-from ident.equations.samples import reduced
+from ident.equations.samples import Samples
+from ident.equations.scene import Scene
 from ident.equations.terms import terms
 from ident.mechanism.mechanism import Mechanism
-from ident.motion import Experiment, Motion
+from ident.motion import Experiment
 
 CHUNK = 1024  # samples whose rows are in memory at once
 STICKING = 0.2  # share of a filtered row that may come from samples that do not inform it
@@ -53,33 +54,32 @@ def dof(mechanism: Mechanism, e: Experiment) -> int:
     return mechanism.model.nv if e.leverage is None else e.leverage.shape[2]
 
 
-def raw_rows(
-    mechanism: Mechanism,
-    columns: Columns,
-    e: Experiment,
-    part: slice,
-    farthest: np.ndarray | None = None,
-) -> Rows:
+def raw_rows(scene: Scene, part: slice, farthest: np.ndarray | None = None) -> Rows:
     """The rows of some samples as they are, unfiltered.
 
     Args:
-        mechanism: the mechanism.
-        columns: its unknowns.
-        e: the experiment.
+        scene: the experiment as the equations see it.
         part: the samples.
         farthest: (J, d), what `reach` says of the experiment, if it is at hand.
     """
-    s = reduced(mechanism, e, part)
-    found = terms(s, columns)
-    informed = np.ones(s.shape, dtype=bool)
-    farthest = reach(e) if farthest is None else farthest
-    for name, told in found.told:
-        at, lever = s.lever(name)
-        most = np.ones(1) if farthest is None else farthest[mechanism.joint_index[name]]
-        moved = (most > ROUNDING * most.max()) & (np.abs(lever) > LEVER * most)
-        informed[:, at] &= told[:, None] | ~moved
+    s, e = scene.samples(part), scene.e
+    found = terms(scene, part)
+    informed = informing(s, found.told, reach(e) if farthest is None else farthest)
     sample = np.arange(part.start, part.stop)
     return Rows(e.t[part], sample, found.A, found.b, found.tau, informed)
+
+
+def informing(
+    s: Samples, told: Sequence[tuple[str, np.ndarray]], farthest: np.ndarray | None
+) -> np.ndarray:
+    """(n, r), false where a joint with dry friction stands still and its torque is open."""
+    informed = np.ones(s.shape, dtype=bool)
+    for name, says in told:
+        at, lever = s.lever(name)
+        most = np.ones(1) if farthest is None else farthest[s.mechanism.joint_index[name]]
+        moved = (most > ROUNDING * most.max()) & (np.abs(lever) > LEVER * most)
+        informed[:, at] &= says[:, None] | ~moved
+    return informed
 
 
 def reach(e: Experiment) -> np.ndarray | None:
@@ -89,12 +89,13 @@ def reach(e: Experiment) -> np.ndarray | None:
     return np.abs(e.leverage[e.usable]).max(axis=0, initial=0.0)
 
 
-def rows(mechanism: Mechanism, columns: Columns, motion: Motion, e: Experiment) -> Iterator[Rows]:
-    """All rows of an experiment in pieces, filtered and decimated as the motion's band says."""
-    decimator, farthest = Decimator.of(motion.band.cutoff, e.rate), reach(e)
+def rows(scene: Scene, cutoff: float | None) -> Iterator[Rows]:
+    """All rows of an experiment in pieces, filtered at `cutoff` [Hz] and decimated."""
+    e = scene.e
+    decimator, farthest = Decimator.of(cutoff, e.rate), reach(e)
     for segment in e.segments():
         for inside, part in decimator.pieces(segment, CHUNK):
-            raw = raw_rows(mechanism, columns, e, inside, farthest)
+            raw = raw_rows(scene, inside, farthest)
             if decimator.taps is None:
                 yield raw
                 continue
@@ -113,7 +114,8 @@ def row_supports(mechanism: Mechanism, columns: Columns, e: Experiment) -> list[
     for row, bodies in enumerate(supports(mechanism.model)):
         mine = [i for i, column in enumerate(columns.rigid) if column in set(bodies)]
         for effect, places in columns.effects:
-            if any(mechanism.joint(name).index == row for name in effect.joints):
+            own = {mechanism.joint(n).index for n in effect.joints if n in mechanism.joint_index}
+            if not effect.local or row in own:
                 mine.extend(int(place) for place in places if place >= 0)
         found.append(np.array(mine, dtype=int))
     return found

@@ -10,16 +10,21 @@ equations never evaluate the slow W of closures' own joints.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from ident.effects import Signals
+from ident.effects import Effect, Signals
+from ident.effects.payload import Payload
+from ident.equations.point import Point
+from ident.equations.predicted import predicted, predicted_multipliers
 from ident.equations.regressor import regressor
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment
 
+STEP = 1e-3  # of the range of a shape parameter, for differences
 UNIT = np.ones((1, 1))  # W of a joint of the tree, in its own row
 
 
@@ -31,11 +36,15 @@ class Samples:
         mechanism: the mechanism.
         e: the experiment, with q (n, nq), v, a (n, nv) and y, ẏ, ÿ of the named joints.
         part: a slice, or an index of samples.
+        point: the working point, for what depends on the present model.
+        memo: of what is slow to make for the whole experiment, shared by its parts.
     """
 
     mechanism: Mechanism
     e: Experiment
     part: slice | np.ndarray
+    point: Point | None = None
+    memo: dict[object, np.ndarray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.e.t[self.part])
@@ -69,10 +78,11 @@ class Samples:
         return {}
 
     def signals(self, joints: tuple[str, ...]) -> Signals:
-        """What an effect on these joints sees."""
+        """What an effect on these joints sees; nothing of joints where it sits on none."""
         if joints not in self._seen:
             e, part = self.e, self.part
-            at = [self.mechanism.joint_index[name] for name in joints]
+            index = self.mechanism.joint_index
+            at = [index[name] for name in joints if name in index]
             self._seen[joints] = Signals(
                 t=e.t[part],
                 q=e.y[part][:, at],
@@ -80,8 +90,65 @@ class Samples:
                 a=e.ydd[part][:, at],
                 still=e.still[at],
                 extra={name: x[part] for name, x in e.extra.items()},
+                present=self.point.values if self.point else {},
+                predicted=(lambda: predicted(self, joints)) if self.point else None,
             )
         return self._seen[joints]
+
+    def columns(self, effect: Effect, shape: Mapping[str, float]) -> np.ndarray:
+        """E (n, arity, unknowns) of an effect at a shape."""
+        if not effect.memory:
+            return effect.columns(replace(self.signals(effect.joints), shape=shape))
+        key = (effect.label, *sorted(shape.items()))
+        if key not in self.memo:
+            whole = replace(self, part=slice(None)).signals(effect.joints)
+            self.memo[key] = effect.columns(replace(whole, shape=shape))
+        return self.memo[key][self.part]
+
+    def add_effect(
+        self, out: np.ndarray, effect: Effect, c: np.ndarray, shape: Mapping[str, float]
+    ) -> None:
+        """Adds the forces E c of one effect to `out`, in these coordinates.
+
+        The only place where an effect becomes forces: torques E (n, joints, unknowns) of its
+        joints, each spread by its W; a payload has its link's columns of Γ.
+
+        Args:
+            out: (n, r), or (n, r, c) for c combinations of the effect's unknowns.
+            effect: the effect.
+            c: values (unknowns,), or combinations (unknowns, c).
+            shape: of the effect.
+        """
+        if isinstance(effect, Payload):
+            out += self.gamma[:, :, self.mechanism.bodies.columns(effect.joints[0])] @ c
+            return
+        E = self.columns(effect, shape)
+        for i, name in enumerate(effect.joints):
+            self.add_torque(out, name, E[:, i] @ c)
+
+    def add_sensitivity(
+        self,
+        out: np.ndarray,
+        effect: Effect,
+        c: np.ndarray,
+        shape: Mapping[str, float],
+        name: str,
+    ) -> None:
+        """Adds ∂(E(s) c)/∂s (n, r) of one shape parameter, by central differences."""
+        seen = replace(self.signals(effect.joints), shape=shape)
+        low, high = effect.bounds(seen).get(name, (0.0, 1.0))
+        h = min(STEP * (high - low), 1e-2 * abs(shape[name]) or np.inf)
+        for sign in (1, -1):
+            beside = {**shape, name: shape[name] + sign * h}
+            self.add_effect(out, effect, sign * c / (2 * h), beside)
+
+    def generalised(self, part: slice | np.ndarray) -> Samples:
+        """Other samples of the same experiment, in generalised coordinates."""
+        return Samples(self.mechanism, self.e, part, self.point, self.memo)
+
+    def multipliers(self) -> np.ndarray:
+        """λ (n, m) of the present model."""
+        return predicted_multipliers(self)
 
     def lever(self, name: str) -> tuple[slice, np.ndarray]:
         """The rows in which a joint's torque works, and W (n | 1, rows) there."""
@@ -127,6 +194,13 @@ class Reduced(Samples):
         return slice(None), self.e.leverage[self.part, self.mechanism.joint_index[name]]
 
 
-def reduced(mechanism: Mechanism, e: Experiment, part: slice | np.ndarray) -> Samples:
+def reduced(
+    mechanism: Mechanism,
+    e: Experiment,
+    part: slice | np.ndarray,
+    point: Point | None = None,
+    memo: dict[object, np.ndarray] | None = None,
+) -> Samples:
     """Samples in the independent coordinates, which a tree's generalised coordinates are."""
-    return (Samples if e.leverage is None else Reduced)(mechanism, e, part)
+    kind = Samples if e.leverage is None else Reduced
+    return kind(mechanism, e, part, point, {} if memo is None else memo)

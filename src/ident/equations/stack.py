@@ -9,14 +9,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ident.equations.columns import Columns
 from ident.equations.filter import Decimator
 from ident.equations.rows import CHUNK, STICKING
-from ident.equations.samples import Samples
+from ident.equations.scene import Scene
 from ident.equations.terms import terms
 from ident.errors import FitError
 from ident.mechanism.mechanism import Mechanism
-from ident.motion import Experiment, Motion
+from ident.motion import Experiment
 from ident.solve.basis import Basis
 from ident.solve.chunk import Chunk
 
@@ -41,19 +40,13 @@ def basis_of(mechanism: Mechanism, segment: slice, e: Experiment) -> Basis:
     )
 
 
-def stack(
-    mechanism: Mechanism,
-    columns: Columns,
-    motion: Motion,
-    e: Experiment,
-    segment: slice,
-    basis: Basis,
-) -> Iterator[Chunk]:
+def stack(scene: Scene, cutoff: float | None, segment: slice, basis: Basis) -> Iterator[Chunk]:
     """The stack of one run of usable samples, in equal pieces, filtered like all columns."""
-    decimator = Decimator.of(motion.band.cutoff, e.rate)
+    e = scene.e
+    decimator = Decimator.of(cutoff, e.rate)
     for inside, part in decimator.pieces(segment, CHUNK):
-        A, b, informed = full_rows(mechanism, columns, e, inside)
-        J_T = mechanism.kinematics.closure_rows(e.q[inside]).rate.transpose(0, 2, 1)
+        A, b, informed = full_rows(scene, inside)
+        J_T = scene.mechanism.kinematics.closure_rows(e.q[inside]).rate.transpose(0, 2, 1)
         first, values = basis.window(e.t[inside])
         if decimator.taps is None:
             chunk = Chunk.of_samples(first, values, J_T, A, b)
@@ -72,12 +65,10 @@ def stack(
         yield Chunk(chunk.first[told], chunk.L[told], chunk.A[told], chunk.b[told])
 
 
-def full_rows(
-    mechanism: Mechanism, columns: Columns, e: Experiment, part: slice
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def full_rows(scene: Scene, part: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A (n, nv, k), b (n, nv) of [Γ E] and the known side, and (n, nv) whether a row informs."""
-    s = Samples(mechanism, e, part)
-    found = terms(s, columns)
+    s = scene.generalised(part)
+    found = terms(scene, part, full=True)
     informed = np.ones(s.shape, dtype=bool)
     for name, told in found.told:
         rows, W = s.lever(name)

@@ -1,9 +1,10 @@
 """The equations of motion without multipliers, the only place where they are put together.
 
-    Γ p + E c = τ + f_e − known        A = [Γ E] of what is unknown, b = τ + f_e − known
+    Γ p + E c + S s = τ + f_e − known + S s₀      A = [Γ E S] of what is unknown, b the right side
 
-In generalised coordinates Jᵀλ is missing, and `stack` expands it in time; in the independent ones
-all terms are projected by Zᵀ, and there is none. The samples know which coordinates they are in.
+S are the sensitivities of shape parameters s at the working point s₀. In generalised coordinates
+Jᵀλ is missing, and `stack` expands it in time; in the independent ones all terms are projected by
+Zᵀ, and there is none. The samples know which coordinates they are in.
 """
 
 from __future__ import annotations
@@ -12,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.effects import Effect
-from ident.equations.columns import Columns, known_values
+from ident.effects import Correcting, Effect
+from ident.equations.point import Point
 from ident.equations.samples import Samples
+from ident.equations.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +37,10 @@ class Terms:
     told: list[tuple[str, np.ndarray]]
 
 
-def terms(s: Samples, columns: Columns) -> Terms:
-    """A x = b of some samples, in their coordinates."""
+def terms(scene: Scene, part: slice | np.ndarray, *, full: bool = False) -> Terms:
+    """A x = b of some samples, in the independent coordinates or in full."""
+    columns, point = scene.columns, scene.point
+    s = scene.generalised(part) if full else scene.samples(part)
     tau = s.measured(s.mechanism.driven)
     b = tau.copy() if s.wrench is None else tau + s.wrench
     A = np.zeros((*s.shape, len(columns)))
@@ -45,35 +49,45 @@ def terms(s: Samples, columns: Columns) -> Terms:
         b -= s.gamma[:, :, columns.known] @ columns.known_values
     told = []
     for effect, places in columns.effects:
-        unknown = places >= 0
+        if isinstance(effect, Correcting):
+            continue
+        c, shape = point.of(effect)
+        u = len(effect.unknowns)
+        unknown = places[:u] >= 0
         if unknown.any():
-            mine = places[unknown]  # neighbours in x, so that a view of A can be added to
-            add_effect(A[:, :, mine[0] : mine[-1] + 1], s, effect, np.eye(len(places))[:, unknown])
+            mine = places[:u][unknown]  # neighbours in x, so that a view of A can be added to
+            s.add_effect(A[:, :, mine[0] : mine[-1] + 1], effect, np.eye(u)[:, unknown], shape)
         if not unknown.all():
-            add_effect(b, s, effect, -known_values(effect))
-        informed = effect.informed(s.signals(effect.joints))
-        told += [
-            (name, informed[:, i])
-            for i, name in enumerate(effect.joints)
-            if not informed[:, i].all()
-        ]
+            s.add_effect(b, effect, -np.where(unknown, 0.0, c), shape)
+        for at, name in zip(places[u:], (each.name for each in effect.shapes), strict=True):
+            if at >= 0:  # ∂(E c)/∂s
+                s.add_sensitivity(A[:, :, at], effect, c, shape, name)
+                b += A[:, :, at] * shape[name]
+        told += told_by(s, effect)
+    for beside, above, below in scene.sensitivities(part, full):
+        S = -(unbalanced(above, point) - unbalanced(below, point)) / (2 * beside.h)
+        A[:, :, beside.place] = S
+        b += S * beside.value
     return Terms(A, b, tau, told)
 
 
-def add_effect(out: np.ndarray, s: Samples, effect: Effect, c: np.ndarray) -> None:
-    """Adds the forces E c of one effect to `out`, in the coordinates of the samples.
+def told_by(s: Samples, effect: Effect) -> list[tuple[str, np.ndarray]]:
+    """Joints of an effect at which some sample does not inform, with (n,) whether it does."""
+    if not effect.local:
+        return []
+    informed = effect.informed(s.signals(effect.joints))
+    return [
+        (name, informed[:, i]) for i, name in enumerate(effect.joints) if not informed[:, i].all()
+    ]
 
-    The only place where an effect becomes forces: here torques E (n, joints, unknowns) of its
-    joints, each spread by its W. An effect that is no torque of single joints (a payload, a tilt of
-    gravity, an error of geometry, an encoder's offset) would instead give generalised columns
-    F (n, nv, unknowns), made of q, v, a and the mechanism in `s`, and add `s.reduce(F) @ c`.
 
-    Args:
-        out: (n, r), or (n, r, c) for c combinations of the effect's unknowns.
-        s: the samples.
-        effect: the effect.
-        c: values (unknowns,), or combinations (unknowns, c).
-    """
-    E = effect.columns(s.signals(effect.joints))
-    for i, name in enumerate(effect.joints):
-        s.add_torque(out, name, E[:, i] @ c)
+def unbalanced(s: Samples, point: Point) -> np.ndarray:
+    """b − A x (n, r) at the working point."""
+    f = s.measured(s.mechanism.driven) - s.gamma @ point.pi
+    if s.wrench is not None:
+        f += s.wrench
+    for effect in s.mechanism.effects:
+        c, shape = point.of(effect)
+        if effect.unknowns and len(shape) == len(effect.shapes):
+            s.add_effect(f, effect, -c, shape)
+    return f

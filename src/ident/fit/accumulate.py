@@ -12,7 +12,9 @@ from itertools import pairwise
 import numpy as np
 
 from ident.equations.columns import Columns
+from ident.equations.point import Point
 from ident.equations.rows import Rows, dof, row_supports, rows
+from ident.equations.scene import Scene
 from ident.errors import FitError
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
@@ -45,16 +47,27 @@ class Cell:
 
 
 def accumulate(
-    mechanism: Mechanism, columns: Columns, motion: Motion, progress: Told | None = None
+    mechanism: Mechanism,
+    columns: Columns,
+    motion: Motion,
+    progress: Told | None = None,
+    point: Point | None = None,
 ) -> list[Cell]:
-    """The cells of all experiments, in order of experiment, block, coordinate."""
+    """The cells of all experiments, in order of experiment, block, coordinate.
+
+    Args:
+        mechanism, columns, motion: what is fitted to what.
+        progress: called with (what is being done, share done).
+        point: the working point, for effects that are not linear.
+    """
     cells: list[Cell] = []
     for number, experiment in enumerate(motion.experiments):
         supports = row_supports(mechanism, columns, experiment)
         edges = _edges(motion, experiment.t)
         waiting: list[Rows] = []
         block = 0
-        for piece in rows(mechanism, columns, motion, experiment):
+        scene = Scene.of(mechanism, columns, experiment, point, motion.band.cutoff)
+        for piece in rows(scene, motion.band.cutoff):
             for at, part in _split(piece, edges):
                 if at != block:
                     cells += _cells(number, block, waiting, supports)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.equations.columns import Columns
+from ident.equations.point import Point
+from ident.equations.scene import Scene
 from ident.equations.stack import basis_of, stack
 from ident.fit.accumulate import Cell
 from ident.mechanism.mechanism import Mechanism
@@ -35,18 +37,23 @@ class Band:
 
 
 def banded(
-    mechanism: Mechanism, columns: Columns, motion: Motion, progress: Told | None = None
+    mechanism: Mechanism,
+    columns: Columns,
+    motion: Motion,
+    progress: Told | None = None,
+    point: Point | None = None,
 ) -> list[Band]:
     """The stacks of all runs of samples, each eliminated."""
     found = []
     for number, e in enumerate(motion.experiments):
+        scene = Scene.of(mechanism, columns, e, point, motion.band.cutoff)
         for segment in e.segments():
             if segment.stop - segment.start < 3:
                 continue
             basis = basis_of(mechanism, segment, e)
             if progress:
                 progress(f"eliminating multipliers of {e.name}", number / len(motion.experiments))
-            chunks = list(stack(mechanism, columns, motion, e, segment, basis))
+            chunks = list(stack(scene, motion.band.cutoff, segment, basis))
             if chunks:
                 blocks = max(1, min(BLOCKS, basis.count // 4))
                 found.append(Band(number, segment, basis, eliminate(chunks, basis.count, blocks)))

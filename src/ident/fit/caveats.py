@@ -8,6 +8,7 @@ import numpy as np
 
 from ident.equations.columns import Columns
 from ident.equations.filter import Decimator
+from ident.equations.point import Point
 from ident.fit.accumulate import Cell
 from ident.fit.estimate import Estimate
 from ident.fit.naming import absorbed_by
@@ -65,6 +66,7 @@ def warnings_of(
     found: Estimate,
     sensible: np.ndarray,
     rest: float,
+    point: Point,
 ) -> tuple[str, ...]:
     """Notes of mechanism and motion, and what the fit cannot tell; `rest`: share at standstill."""
     said = [*mechanism.notes, *motion.notes]
@@ -108,7 +110,7 @@ def warnings_of(
             f"multipliers {', '.join(lost)} are not determined: closure equations are redundant "
             f"({len(determined)} of rank {mechanism.rank}), which is normal for planar loops"
         )
-    resting = resting_on_priors(mechanism, motion, columns, found.base, sensible)
+    resting = resting_on_priors(mechanism, motion, columns, found.base, sensible, point)
     resting = {name: on for name, on in resting.items() if name not in lost}
     if resting:
         on = list(dict.fromkeys(name for names in resting.values() for name in names))

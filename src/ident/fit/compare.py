@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from ident.equations.columns import Columns
 from ident.errors import FitError
 from ident.files import write_all
 from ident.fit.accumulate import accumulate, coordinates
@@ -119,10 +118,10 @@ def compare(
         name = _name(model, i, len(models))
         x = model.estimate.solution.x if isinstance(model, Fit) else model.x
         d = coordinates(model.mechanism, motion)
-        cells = accumulate(model.mechanism, model.columns, motion, progress)
+        cells = accumulate(model.mechanism, model.columns, motion, progress, model.point)
         units = [model.mechanism.joint(joint).force_unit for joint in motion.independent]
         errors[name] = squares(cells, x, d).errors(motion.independent, units)
-        predictions[name] = _predictions(model.mechanism, model.columns, x, motion)
+        predictions[name] = predict(model.mechanism, motion, model.point)
     units = [mechanism.joint(joint).force_unit for joint in motion.independent]
     return Comparison(errors, predictions, tuple(units))
 
@@ -133,9 +132,3 @@ def _name(model: Fit | Saved, i: int, count: int) -> str:
     labels = ", ".join(effect.label for effect in model.mechanism.effects)
     return f"fit {i + 1}" if count > 1 or not labels else f"fit with {labels}"
 
-
-def _predictions(
-    mechanism: Mechanism, columns: Columns, x: np.ndarray, motion: Motion
-) -> list[Prediction]:
-    pi = columns.dynamic_parameters(mechanism, x)
-    return predict(mechanism, motion, pi, columns.effect_values(x))

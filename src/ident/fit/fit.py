@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from ident.effects import Effect
 from ident.equations.columns import Columns
+from ident.equations.point import Point
 from ident.errors import one_of
 from ident.fit.accumulate import Cell
 from ident.fit.banded import Band, multipliers_of
@@ -47,6 +48,7 @@ class Fit:
         train, held_out, validation: errors by joint; validation by log, then joint.
         warnings: what a person should know before trusting the numbers.
         bands: where the multipliers have a time basis, the way back to them.
+        point: values of all parameters, known ones and shapes included.
     """
 
     mechanism: Mechanism
@@ -60,6 +62,7 @@ class Fit:
     validation: Mapping[str, Mapping[str, Error]] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     bands: Sequence[Band] = ()
+    point: Point = field(kw_only=True)
 
     @cached_property
     def parameters(self) -> tuple[Value, ...]:
@@ -74,7 +77,7 @@ class Fit:
     @cached_property
     def effects(self) -> tuple[EffectValues, ...]:
         """The effects with their parameters."""
-        return effect_values(self.columns, self.estimate, self.covariance)
+        return effect_values(self.columns, self.estimate, self.covariance, self.point)
 
     @property
     def rank(self) -> int:
@@ -89,12 +92,12 @@ class Fit:
     @cached_property
     def dynamic_parameters(self) -> np.ndarray:
         """All bodies' ten parameters (10 · bodies,), known, identified or prior, in Γ's order."""
-        return self.columns.dynamic_parameters(self.mechanism, self.estimate.solution.x)
+        return self.point.pi
 
     @property
     def effect_solution(self) -> list[tuple[Effect, np.ndarray]]:
-        """Every effect with the values of all its unknowns."""
-        return self.columns.effect_values(self.estimate.solution.x)
+        """Every effect with the values (parameters,) of its unknowns and shapes."""
+        return [(effect, self.point.all_of(effect)) for effect in self.mechanism.effects]
 
     def __getitem__(self, name: str) -> Value | BaseValue:
         """A parameter, effect's parameter or base parameter by its name.
@@ -119,7 +122,7 @@ class Fit:
     def predict(self, motion: Motion | None = None) -> list[Prediction]:
         """Torques, the sum taken apart and multipliers, for the fitted motion or another one."""
         motion = self.motion if motion is None else motion
-        return predict(self.mechanism, motion, self.dynamic_parameters, self.effect_solution)
+        return predict(self.mechanism, motion, self.point)
 
     @cached_property
     def multipliers(self) -> list[tuple[np.ndarray, np.ndarray]]:

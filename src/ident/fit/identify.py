@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ident.equations.columns import Columns
+from ident.equations.point import Point
 from ident.errors import FitError
 from ident.fit.accumulate import accumulate, coordinates
 from ident.fit.banded import Band, banded, cells_of
@@ -15,6 +16,7 @@ from ident.fit.fit import Fit
 from ident.fit.plausible import plausible
 from ident.fit.sanity import absurdities
 from ident.fit.score import held_out, squares
+from ident.fit.settle import settled
 from ident.fit.values import effect_values
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
@@ -26,6 +28,7 @@ def identify(
     motion: Motion,
     *,
     validate: Motion | None = None,
+    start: Point | None = None,
     progress: Told | None = None,
 ) -> Fit:
     """Dynamic parameters, effects and multipliers by one least-squares solve.
@@ -34,6 +37,7 @@ def identify(
         mechanism: with what is unknown and which effects it has.
         motion: from `complete`.
         validate: motion of other logs, on which errors are reported and nothing is fitted.
+        start: a working point from which shape parameters are searched; default: a coarse search.
         progress: called with (what is being done, share done).
 
     Returns:
@@ -55,32 +59,34 @@ def identify(
         )
     d = coordinates(mechanism, motion)
     units = [mechanism.joint(name).force_unit for name in motion.independent]
-    cells = accumulate(mechanism, columns, motion, progress)
-    everything = squares(cells, columns.prior, d)
+    point = settled(mechanism, motion, start, progress)
+    prior = columns.prior_at(point.values)
+    cells = accumulate(mechanism, columns, motion, progress, point)
+    everything = squares(cells, prior, d)
     torque = np.sqrt(everything.torque / np.maximum(everything.rows, 1))
     factors = totals(cells, len(columns), d)
     size = np.sqrt(
         sum((f.column_norms() ** 2 / max(f.rows, 1) for f in factors), np.zeros(len(columns)))
     )
     sensible = plausible(mechanism, columns, torque, size)
-    bands = _bands(mechanism, columns, motion, progress)
+    bands = _bands(mechanism, columns, motion, progress, point)
     said: list[str] = []
     if bands:  # the paper's stack: all rows weigh alike, and the basis' misfit is in the parameters
         basic = cells_of(bands, columns, motion)
-        found = estimate(totals(basic, len(columns), 1), columns.prior, np.ones(1), sensible)
+        found = estimate(totals(basic, len(columns), 1), prior, np.ones(1), sensible)
         cov = covariance(basic, found)
-        outside = held_out(basic, cells, found, columns.prior, (1, d))
-        free = estimate(factors, columns.prior, torque, sensible)
+        outside = held_out(basic, cells, found, prior, (1, d))
+        free = estimate(factors, prior, torque, sensible)
         said = basis_bias(mechanism, columns, found, free)
     else:
-        found = estimate(factors, columns.prior, torque, sensible)
+        found = estimate(factors, prior, torque, sensible)
         cov = covariance(cells, found)
         if progress:
             progress("held-out errors", 0.9)
-        outside = held_out(cells, cells, found, columns.prior, (d, d))
+        outside = held_out(cells, cells, found, prior, (d, d))
     validation = {}
     if validate is not None:
-        other = accumulate(mechanism, columns, validate, progress)
+        other = accumulate(mechanism, columns, validate, progress, point)
         names = validate.independent
         theirs = [mechanism.joint(name).force_unit for name in names]
         for number, experiment in enumerate(validate.experiments):
@@ -88,8 +94,9 @@ def identify(
             validation[experiment.name] = squares(mine, found.solution.x, d).errors(names, theirs)
     train = squares(cells, found.solution.x, d)
     errors = train.errors(motion.independent, units)
-    pi = columns.dynamic_parameters(mechanism, found.solution.x)
-    said += absurdities(mechanism, errors, effect_values(columns, found, cov), pi)
+    point = point.at(mechanism, columns, found.solution.x)
+    values = effect_values(columns, found, cov, point)
+    said += absurdities(mechanism, errors, values, point.pi)
     return Fit(
         mechanism=mechanism,
         motion=motion,
@@ -101,16 +108,19 @@ def identify(
         held_out={} if outside is None else outside.errors(motion.independent, units),
         validation=validation,
         warnings=(
-            *warnings_of(mechanism, motion, columns, found, sensible, share_at_rest(train, cells)),
+            *warnings_of(
+                mechanism, motion, columns, found, sensible, share_at_rest(train, cells), point
+            ),
             *said,
         ),
         bands=bands,
+        point=point,
     )
 
 
 def _bands(
-    mechanism: Mechanism, columns: Columns, motion: Motion, progress: Told | None
+    mechanism: Mechanism, columns: Columns, motion: Motion, progress: Told | None, point: Point
 ) -> list[Band]:
     if not mechanism.closures or mechanism.multipliers.basis == "free":
         return []
-    return banded(mechanism, columns, motion, progress)
+    return banded(mechanism, columns, motion, progress, point)

@@ -45,7 +45,7 @@ def write_fit(fit: Fit, folder: str | Path, reactions: Reactions | None = None) 
         "report.html": report_html(fit, reactions).encode(),
     }
     known = [
-        (effect, {u.name: float(v) for u, v in zip(effect.unknowns, values, strict=True)})
+        (effect, {u.name: float(v) for u, v in zip(effect.parameters, values, strict=True)})
         for effect, values in fit.effect_solution
     ]
     inside = folder_files(fit.mechanism, urdf, known, unknown=[])

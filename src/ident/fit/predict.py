@@ -8,19 +8,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ident.effects import Effect
+from ident.equations.columns import Columns
+from ident.equations.point import Point
 from ident.equations.rows import dof
-from ident.equations.samples import Samples, reduced
-from ident.equations.terms import add_effect
+from ident.equations.samples import Samples
+from ident.equations.scene import Scene
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment, Motion
 
 CHUNK = 2048
+NOTHING = Columns((), (), np.empty(0), np.empty(0, int), np.empty(0, int), np.empty(0), ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,32 +52,23 @@ class Prediction:
         return self.measured - self.predicted
 
 
-def predict(
-    mechanism: Mechanism,
-    motion: Motion,
-    pi: np.ndarray,
-    effects: Sequence[tuple[Effect, np.ndarray]],
-) -> list[Prediction]:
+def predict(mechanism: Mechanism, motion: Motion, point: Point) -> list[Prediction]:
     """Predictions for every experiment, at full rate and unfiltered.
 
     Args:
         mechanism: the mechanism.
         motion: its motion.
-        pi: dynamic parameters (10 · bodies,) in Γ's order.
-        effects: each with the values of all its unknowns.
+        point: values of all parameters.
     """
-    return [_predict(mechanism, motion, e, pi, effects) for e in motion.experiments]
+    return [_predict(mechanism, motion, e, point) for e in motion.experiments]
 
 
-def _predict(
-    mechanism: Mechanism,
-    motion: Motion,
-    e: Experiment,
-    pi: np.ndarray,
-    effects: Sequence[tuple[Effect, np.ndarray]],
-) -> Prediction:
+def _predict(mechanism: Mechanism, motion: Motion, bare: Experiment, point: Point) -> Prediction:
+    scene = Scene.of(mechanism, NOTHING, bare, point, motion.band.cutoff)
+    mechanism, e = scene.mechanism, scene.e
+    effects = [effect for effect in mechanism.effects if effect.unknowns]
     n, d, m = len(e), dof(mechanism, e), len(mechanism.kinematics.multipliers)
-    names = ["rigid bodies", *(effect.label for effect, _ in effects)]
+    names = ["rigid bodies", *(effect.label for effect in effects)]
     if e.wrench is not None:
         names.append("external wrenches")
     parts = {name: np.empty((n, d)) for name in names}
@@ -84,8 +76,8 @@ def _predict(
     measured, multipliers = np.empty((n, d)), np.empty((n, m))
     for start in range(0, n, CHUNK):
         part = slice(start, min(start + CHUNK, n))
-        s, u = Samples(mechanism, e, part), reduced(mechanism, e, part)
-        forces = generalised(s, pi, effects)
+        s, u = scene.generalised(part), scene.samples(part)
+        forces = generalised(s, point)
         for name, force in zip(names, forces, strict=True):
             parts[name][part] = u.reduce(force)
         measured[part] = u.measured(mechanism.driven)
@@ -98,14 +90,13 @@ def _predict(
     )  # fmt: skip
 
 
-def generalised(
-    s: Samples, pi: np.ndarray, effects: Sequence[tuple[Effect, np.ndarray]]
-) -> list[np.ndarray]:
+def generalised(s: Samples, point: Point) -> list[np.ndarray]:
     """Generalised forces (n, nv) of the rigid bodies, of each effect, and less the wrenches."""
-    forces = [s.gamma @ pi]
-    for effect, values in effects:
-        forces.append(np.zeros(s.shape))
-        add_effect(forces[-1], s, effect, values)
+    forces = [s.gamma @ point.pi]
+    for effect in s.mechanism.effects:
+        if effect.unknowns:
+            forces.append(np.zeros(s.shape))
+            s.add_effect(forces[-1], effect, *point.of(effect))
     if s.e.wrench is not None:
         forces.append(-s.e.wrench[s.part])
     return forces

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ident.equations.columns import Columns
-from ident.equations.samples import Samples
+from ident.equations.point import Point
+from ident.equations.scene import Scene
 from ident.equations.terms import terms
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
@@ -36,7 +37,12 @@ def identifiable_multipliers(mechanism: Mechanism, motion: Motion) -> np.ndarray
 
 
 def resting_on_priors(
-    mechanism: Mechanism, motion: Motion, columns: Columns, base: Base, plausible: np.ndarray
+    mechanism: Mechanism,
+    motion: Motion,
+    columns: Columns,
+    base: Base,
+    plausible: np.ndarray,
+    point: Point,
 ) -> dict[str, list[str]]:
     """By multiplier the unknowns whose priors it rests on, most important first.
 
@@ -53,7 +59,8 @@ def resting_on_priors(
     moved, size = np.zeros((m, len(base.dependent))), np.zeros(m)
     for e in motion.experiments:
         at = np.flatnonzero(e.usable)[:: max(1, len(e) // SAMPLES)]
-        found = terms(Samples(mechanism, e, at), columns)
+        scene = Scene.of(mechanism, columns, e, point, motion.band.cutoff)
+        found = terms(scene, at, full=True)
         assert e.pinv is not None
         extract = -e.pinv[at][:, :, :m].transpose(0, 2, 1)
         A, open_ = found.A, found.A @ columns.prior - found.b

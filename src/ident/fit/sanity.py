@@ -40,7 +40,7 @@ def absurdities(
     negative = [
         value.name
         for each in effects
-        for value, unknown in zip(each.parameters, each.effect.unknowns, strict=True)
+        for value, unknown in zip(each.parameters, each.effect.parameters, strict=True)
         if unknown.nonnegative and value.stderr and value.value < -CERTAIN * value.stderr
     ]
     if negative:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ident.effects import create as create_effect
 from ident.equations.columns import Columns
+from ident.equations.point import Point
 from ident.errors import FitError, MechanismError, one_of
 from ident.fit.score import Error
 from ident.fit.values import Value
@@ -97,6 +98,7 @@ class Saved:
         name: the file's.
         mechanism: with the effects of the fit.
         columns, x: unknowns and their values (k,).
+        point: values of all parameters.
         cutoff: of the filter that the fit was made with [Hz], None for none, "auto" if not said.
     """
 
@@ -104,12 +106,13 @@ class Saved:
     mechanism: Mechanism
     columns: Columns
     x: np.ndarray
+    point: Point
     cutoff: float | str | None = "auto"
 
     @property
     def dynamic_parameters(self) -> np.ndarray:
         """All bodies' ten parameters (10 · bodies,), in Γ's order."""
-        return self.columns.dynamic_parameters(self.mechanism, self.x)
+        return self.point.pi
 
 
 def read_fit(path: str | Path, mechanism: Mechanism) -> Saved:
@@ -192,7 +195,9 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism) -> Saved:
             f"{one_of(strange[0].split('.')[0], grown.bodies.links)}"
         )
     assert len(pi) == COUNT * len(grown.bodies.links)
-    return Saved(str(path), grown, columns, x, _cutoff(data))
+    told = {name: float(value) for name, value in values.items() if value is not None}
+    point = Point.prior(grown).with_values({n: v for n, v in told.items() if _belongs(n, grown)})
+    return Saved(str(path), grown, columns, x, point.at(grown, columns, x), _cutoff(data))
 
 
 def _cutoff(data: dict[str, Any]) -> float | str | None:

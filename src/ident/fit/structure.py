@@ -9,6 +9,7 @@ from ident.errors import MotionError
 from ident.fit.accumulate import accumulate, coordinates
 from ident.fit.estimate import estimate, totals
 from ident.fit.naming import absorbed_by, base_names
+from ident.fit.settle import initial
 from ident.fit.summary import table
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
@@ -88,7 +89,7 @@ def structure(mechanism: Mechanism, motion: Motion | None = None) -> str:
     if motion is None:
         motion, what = excitation(mechanism), "a motion can identify"
     d = coordinates(mechanism, motion)
-    cells = accumulate(mechanism, columns, motion)
+    cells = accumulate(mechanism, columns, motion, None, initial(mechanism, motion))
     found = estimate(totals(cells, len(columns), d), columns.prior, np.ones(d), sigma=np.ones(d))
     lines = [
         f"{what} {found.base.rank} base parameters of {len(columns)} unknowns "

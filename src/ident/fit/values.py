@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.effects import Effect
 from ident.equations.columns import Columns
+from ident.equations.point import Point
 from ident.fit.estimate import Estimate
 from ident.fit.naming import base_names
 from ident.mechanism.mechanism import Mechanism
@@ -81,18 +82,16 @@ def _value(name: str, value: float, error: float, unit: str, prior: float) -> Va
 
 
 def effect_values(
-    columns: Columns, estimate: Estimate, cov: np.ndarray
+    columns: Columns, estimate: Estimate, cov: np.ndarray, point: Point
 ) -> tuple[EffectValues, ...]:
-    """Parameters of all effects; one that was given is its own value without error."""
+    """Parameters of all effects; one that was given, or takes few values only, has no error."""
     stderr = _alone(estimate, cov)
     found = []
     for effect, places in columns.effects:
         values = []
-        for name, unit, unknown, at in zip(
-            effect.names, effect.units, effect.unknowns, places, strict=True
-        ):
+        for name, unit, at in zip(effect.names, effect.units, places, strict=True):
             if at < 0:
-                given = effect.values[unknown.name]
+                given = point.values[name]
                 values.append(Value(name, given, 0.0, unit, True, given))
             else:
                 values.append(_value(name, estimate.solution.x[at], stderr[at], unit, 0.0))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from ident.effects import Effect, parse
+from ident.effects import KINDS, Effect, parse
 from ident.effects import create as create_effect
 from ident.errors import MechanismError, one_of
 from ident.log import Column
@@ -181,30 +181,82 @@ class Mechanism:
     def with_effect(self, text: str, values: Mapping[str, float] | None = None) -> Mechanism:
         """This mechanism with the effect(s) that `kind:joint[,joint]` or `kind` names.
 
-        `kind` alone stands for every driven joint that does not have it yet.
+        `kind` alone stands for every driven joint that does not have it yet, or for the whole
+        mechanism, where the effect has no joint.
 
         Raises:
             MechanismError: for a kind or joint that is not there, or an effect it has already.
         """
         kind, joints = parse(text)
-        if joints:
+        cls = KINDS[kind]
+        if joints or cls.sits == "mechanism":
             return self + create_effect(kind, joints, values)
+        everywhere = {"link": self.bodies.links, "closure": [c.name for c in self.closures]}
+        sites = everywhere.get(cls.sits, self.driven)
+        if cls.arity != 1 or cls.sits == "place":
+            create_effect(kind, joints)  # says how many it needs
         present = {effect.label for effect in self.effects}
-        missing = [name for name in self.driven if f"{kind}:{name}" not in present]
+        missing = [name for name in sites if f"{kind}:{name}" not in present]
         if not missing:
-            raise MechanismError(f"{self.name}: every driven joint has '{kind}' already")
+            what = "link" if cls.sits == "link" else "driven joint"
+            raise MechanismError(f"{self.name}: every {what} has '{kind}' already")
         grown = self
         for name in missing:
             grown = grown + create_effect(kind, name, values)
         return grown
 
+    def without(self, label: str) -> Mechanism:
+        """This mechanism without one of its effects, named as `kind:joint`.
+
+        Raises:
+            MechanismError: if it has no such effect.
+        """
+        labels = [effect.label for effect in self.effects]
+        if label not in labels:
+            raise MechanismError(f"{self.name}: has no effect '{label}'; {one_of(label, labels)}")
+        return replace(self, effects=tuple(e for e in self.effects if e.label != label))
+
     def __add__(self, effect: Effect) -> Mechanism:
         if not isinstance(effect, Effect):
             return NotImplemented
-        first, *_ = [self.joint(name) for name in effect.joints]
+        rotational = self._sits(effect)
         if effect.label in {known.label for known in self.effects}:
             raise MechanismError(f"{self.name}: has the effect '{effect.label}' already")
-        return replace(self, effects=(*self.effects, replace(effect, rotational=first.rotational)))
+        return replace(self, effects=(*self.effects, replace(effect, rotational=rotational)))
+
+    def _sits(self, effect: Effect) -> bool:
+        """Whether what an effect sits on turns; refuses what it cannot sit on."""
+        if effect.sits == "link":
+            valid: Sequence[str] = self.bodies.links
+        elif effect.sits == "closure":
+            valid = [closure.name for closure in self.closures]
+        elif effect.sits == "place":
+            from ident.mechanism.places import places  # it moves mechanisms, so it knows this file
+
+            valid = places(self)
+        else:
+            joints = [self.joint(name) for name in effect.joints]
+            if effect.sits == "driven":
+                undriven = [joint.name for joint in joints if joint.name not in self.driven]
+                if undriven:
+                    raise MechanismError(
+                        f"{self.name}: effect '{effect.label}' is of a drive, and "
+                        f"'{undriven[0]}' has none; {one_of(undriven[0], self.driven)}"
+                    )
+            return joints[0].rotational if joints else True
+        for name in effect.joints:
+            if name not in valid:
+                raise MechanismError(
+                    f"{self.name}: effect '{effect.label}': no {effect.sits} '{name}'; "
+                    f"{one_of(name, valid)}"
+                )
+        return True
+
+    def with_model(self, model: pin.Model) -> Mechanism:
+        """The mechanism with another model of the same kinematics: other gravity or inertias."""
+        other = replace(self, model=model)
+        other.__dict__["kinematics"] = self.kinematics  # compiled functions of q alone
+        return other
 
     def _freedom(self) -> str:
         try:

@@ -192,7 +192,7 @@ def _experiment(
     base = Experiment(
         name=log, t=signals.t, q=np.empty(0), v=np.empty(0), a=np.empty(0), y=np.empty(0),
         yd=np.empty(0), ydd=np.empty(0), tau=tau, wrench=None, pinv=None, leverage=None,
-        usable=usable, still=np.empty(0),
+        usable=usable, still=np.empty(0), logged=names, independent=names,
         extra={k: x for k, x in signals.columns.items() if not k.startswith(("q.", "v.", "a."))},
     )  # fmt: skip
     place = through_closures if mechanism.closures else in_tree

@@ -29,6 +29,8 @@ class Experiment:
         usable: (n,), false where a sample takes no part, with the reason in `Motion.notes`.
         still: (J,) speed below which a joint counts as standing still [rad/s | m/s].
         extra: the log's other columns on this clock.
+        logged: names of the joints from whose coordinates the motion was completed.
+        independent: names of the joints to which `leverage` refers.
     """
 
     name: str
@@ -46,6 +48,8 @@ class Experiment:
     usable: np.ndarray
     still: np.ndarray
     extra: Mapping[str, np.ndarray] = field(default_factory=dict)
+    logged: tuple[str, ...] = ()
+    independent: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.t)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -36,6 +37,39 @@ def through_closures(
     y, yd, ydd = known
     closer = Closer(mechanism, names, np.maximum(y.std(axis=0), 1e-9))
     q = closer.follow(y, base.t)
+    return _placed(mechanism, base, closer, q, known)
+
+
+def again(
+    mechanism: Mechanism,
+    e: Experiment,
+    moved: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]],
+) -> Experiment:
+    """An experiment whose logged joints are elsewhere by (δy, δẏ, δÿ), each (n,), or whose
+    mechanism has other lengths now.
+    """
+    known = np.stack(
+        [x[:, [mechanism.joint_index[j] for j in e.logged]] for x in (e.y, e.yd, e.ydd)]
+    )
+    for name, rates in moved.items():
+        if name not in e.logged:  # a joint that the closures place is where they place it
+            continue
+        known[:, :, e.logged.index(name)] += np.stack(rates)
+    if not mechanism.closures:
+        return in_tree(mechanism, e, e.logged, known)
+    closer = Closer(mechanism, e.logged, np.maximum(known[0].std(axis=0), 1e-9))
+    q, left = closer.newton(e.q, known[0])
+    found = _placed(mechanism, e, closer, q, known)
+    found = replace(found, usable=e.usable & (left < 1e-6))
+    return reduced(mechanism, found, e.independent)[0]
+
+
+def _placed(
+    mechanism: Mechanism, base: Experiment, closer: Closer, q: np.ndarray, known: np.ndarray
+) -> Experiment:
+    """The experiment at the configurations q (n, nq), from the coordinates (3, n, d)."""
+    y, yd, ydd = known
+    names = tuple(joint.name for joint in closer.joints)
     v, a = closer.rates(q, yd, ydd)
     rows = Closer(mechanism, tuple(joint.name for joint in mechanism.joints)).coordinates(q, v)
     value = rows.value.copy()
@@ -76,7 +110,13 @@ def reduced(
             f"{experiment.t[np.argmax(singular)]:.4g} s) and are left out"
         )
     leverage = every.rate @ Kp[:, :, J.rate.shape[1] :]
-    reduced = replace(experiment, pinv=Kp, leverage=leverage, usable=usable & ~singular)
+    reduced = replace(
+        experiment,
+        pinv=Kp,
+        leverage=leverage,
+        usable=usable & ~singular,
+        independent=independent,
+    )
     return reduced, float(np.abs(J.value).max()), notes
 
 

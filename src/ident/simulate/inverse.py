@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ident.effects import Effect
+from ident.equations.point import Point
 from ident.errors import MechanismError, MotionError, one_of
 from ident.fit.predict import Prediction, predict
 from ident.log import Log
@@ -80,14 +81,16 @@ def simulate(
     _check_driven(mechanism, completed)
     given = dict(values or {})
     parameters = _parameters(mechanism, given, pi)
-    effects = [(effect, _effect_values(effect, given)) for effect in mechanism.effects]
+    point = Point(parameters, {})
+    for effect in mechanism.effects:
+        point = point.with_values(_effect_values(effect, given))
     if given:
         name = next(iter(given))
         valid = [*mechanism.bodies.names, *(n for e in mechanism.effects for n in e.names)]
         raise MechanismError(f"{mechanism.name}: no parameter '{name}'; {one_of(name, valid)}")
     e = _one_run(completed)
     completed = replace(completed, experiments=(e,))
-    (prediction,) = predict(mechanism, completed, parameters, effects)
+    (prediction,) = predict(mechanism, completed, point)
     if joints is None:
         joints = [joint.name for joint in mechanism.joints if f"q.{joint.name}" in motion]
     found = _columns(mechanism, completed, e, prediction, columns, joints)
@@ -143,17 +146,17 @@ def _parameters(mechanism: Mechanism, given: dict[str, float], pi: np.ndarray | 
     return parameters
 
 
-def _effect_values(effect: Effect, given: dict[str, float]) -> np.ndarray:
-    values = []
-    for name, unknown in zip(effect.names, effect.unknowns, strict=True):
+def _effect_values(effect: Effect, given: dict[str, float]) -> dict[str, float]:
+    values = {}
+    for name, unknown in zip(effect.names, effect.parameters, strict=True):
         value = given.pop(name, effect.values.get(unknown.name))
         if value is None:
             raise MechanismError(
                 f"effect '{effect.label}': give {name} a value to simulate it: --set {name}=…, or "
                 f"{unknown.name} = … in its [[effect]]"
             )
-        values.append(float(value))
-    return np.array(values)
+        values[name] = float(value)
+    return values
 
 
 def _columns(

@@ -1,0 +1,36 @@
+"""Something that a link carries."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from ident.effects.base import Effect, Unknown
+from ident.effects.signals import Signals
+
+WORDS = ("m", "mx", "my", "mz", "Lxx", "Lxy", "Lyy", "Lxz", "Lyz", "Lzz")
+
+
+class Payload(Effect):
+    """A body on a link, with ten parameters about the frame of the link's joint."""
+
+    kind: ClassVar[str] = "payload"
+    sits: ClassVar[str] = "link"
+    unknowns: ClassVar = tuple(
+        Unknown(word, (unit, unit), meaning, nonnegative=word == "m")
+        for word, unit, meaning in zip(
+            WORDS,
+            ("kg", *["kg m"] * 3, *["kg m²"] * 6),
+            ("mass", *["first moment"] * 3, *["moment about the joint frame's origin"] * 6),
+            strict=True,
+        )
+    )
+    equation: ClassVar[str] = "Γ_link p, the link's own columns once more"
+    signature: ClassVar[str] = "all joints below the link show one more load, in proportion to it"
+    confused_with: ClassVar = ("the link's own parameters, as long as these are unknown",)
+    source: ClassVar[str] = "Khalil, Gautier, Lemoine, IEEE ICRA 2007"
+
+    def columns(self, s: Signals) -> np.ndarray:
+        """No torque of a joint: the equations take Γ's columns of the link."""
+        return np.zeros((*s.q.shape, len(self.unknowns)))

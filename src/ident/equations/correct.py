@@ -1,0 +1,117 @@
+"""Data and mechanism as correcting effects make them: positions, torques, gravity, lengths.
+
+    y → y + δy     τ(t) → τ(t + d)     g → Rᵀ g     placements → placements + Δ     q → q + K⁺ [C λ; 0]
+
+A corrected experiment is one like any other; everything downstream reads it and knows no better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pinocchio as pin
+from scipy.interpolate import CubicSpline
+from scipy.signal import oaconvolve
+
+from ident.effects import Correcting, Correction, Effect
+from ident.equations.filter import Decimator
+from ident.equations.point import Point
+from ident.equations.samples import Samples
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.places import moved
+from ident.motion import Experiment
+from ident.motion.place import again
+
+Rates = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A mechanism and one of its experiments, corrected; `memo` keeps what is slow to make."""
+
+    mechanism: Mechanism
+    e: Experiment
+    memo: dict[object, np.ndarray] = field(default_factory=dict)
+
+
+def corrected(seen: Seen, point: Point, cutoff: float | None, only: Effect | None = None) -> Seen:
+    """The mechanism and experiment as correcting effects (or `only` one) make them at a point."""
+    mechanism, e = seen.mechanism, seen.e
+    whole = Samples(mechanism, e, slice(None), point, seen.memo)
+    for effect in mechanism.effects:
+        if not isinstance(effect, Correcting) or (only and effect.label != only.label):
+            continue
+        _, shape = point.of(effect)
+        if len(shape) < len(effect.shapes) or not any(shape.values()):
+            continue
+        what = effect.correction(replace(whole.signals(effect.joints), shape=shape))
+        mechanism, e = _corrected(mechanism, e, what, whole, cutoff)
+    return seen if e is seen.e and mechanism is seen.mechanism else Seen(mechanism, e)
+
+
+def _corrected(
+    mechanism: Mechanism, e: Experiment, what: Correction, whole: Samples, cutoff: float | None
+) -> tuple[Mechanism, Experiment]:
+    if any(what.tilt):
+        model = mechanism.model.copy()
+        R = pin.rpy.rpyToMatrix(what.tilt[0], 0.0, 0.0) @ pin.rpy.rpyToMatrix(
+            0.0, what.tilt[1], 0.0
+        )
+        model.gravity.linear = R.T @ model.gravity.linear
+        mechanism = mechanism.with_model(model)
+    for place, by in what.moved.items():
+        mechanism = moved(mechanism, place, by)
+        e = again(mechanism, e, {})
+    for name, d in what.delay.items():
+        e = replace(e, tau=_late(e, mechanism.driven.index(name), d))
+    if what.dq:
+        e = again(mechanism, e, {name: _rates(e, dq, cutoff) for name, dq in what.dq.items()})
+    for name, C in what.gap.items():
+        e = _opened(mechanism, e, name, C, whole, cutoff)
+    return mechanism, e
+
+
+def _late(e: Experiment, channel: int, d: float) -> np.ndarray:
+    """Torques (n, driven) with one channel read at t + d."""
+    tau = e.tau.copy()
+    at = np.clip(e.t + d, e.t[0], e.t[-1])
+    tau[:, channel] = CubicSpline(e.t, e.tau[:, channel])(at)
+    return tau
+
+
+def _rates(e: Experiment, dq: np.ndarray | float, cutoff: float | None) -> Rates:
+    """δy, δẏ, δÿ (n,) of a correction, without what the rows' filter would take out."""
+    n = len(e)
+    if np.ndim(dq) == 0:
+        return np.full(n, float(dq)), np.zeros(n), np.zeros(n)
+    taps = Decimator.of(cutoff, e.rate).taps
+    x = np.asarray(dq, dtype=float)
+    if taps is not None:
+        half = len(taps) // 2
+        x = oaconvolve(np.pad(x, half, mode="edge"), taps, mode="valid")
+    rate = np.gradient(x, 1 / e.rate)
+    return x, rate, np.gradient(rate, 1 / e.rate)
+
+
+def _opened(
+    mechanism: Mechanism, e: Experiment, name: str, C: float, whole: Samples, cutoff: float | None
+) -> Experiment:
+    """q + K⁺ [C λ; 0], with the rates that come with it; exact to first order in C."""
+    assert e.pinv is not None
+    mine = [
+        i for i, each in enumerate(mechanism.kinematics.multipliers) if each.startswith(f"{name}.")
+    ]
+    gap = C * whole.multipliers()[:, mine]
+    step = np.einsum("nij,nj->ni", e.pinv[:, :, mine], gap)
+    rates = [_rates(e, step[:, i], cutoff) for i in range(step.shape[1])]
+    dq, dv, da = (np.stack(each, axis=1) for each in zip(*rates, strict=True))
+    q = e.q + dq if e.q.shape == dq.shape else e.q
+    return replace(e, q=q, v=e.v + dv, a=e.a + da)
+
+
+def shapes_of(effect: Correcting, point: Point) -> Mapping[str, float]:
+    """The shapes of a correcting effect, 0 where there is no value yet."""
+    _, shape = point.of(effect)
+    return {each.name: shape.get(each.name, 0.0) for each in effect.shapes}

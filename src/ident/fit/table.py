@@ -1,0 +1,154 @@
+"""All rows of a motion in memory, and further effects' columns in the same rows.
+
+    A x + C c = b          A, b: the model's rows, C: a candidate's, through the same filter
+
+For searching shapes and judging candidates, where many columns meet the same rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ident.effects import Correcting, Effect
+from ident.equations.columns import Columns
+from ident.equations.correct import Seen, corrected
+from ident.equations.filter import Decimator
+from ident.equations.point import Point
+from ident.equations.rows import Rows, rows
+from ident.equations.samples import Samples, reduced
+from ident.equations.scene import Scene, step_of
+from ident.equations.terms import unbalanced
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Motion
+
+FINE = 16.0  # samples a period of the cut-off at which smooth sensitivities are evaluated
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """The rows of all experiments; N rows of d independent coordinates, k unknowns.
+
+    Attributes:
+        mechanism, columns, motion, point: whose rows.
+        scenes: one an experiment.
+        t: (N,) [s]; experiment: (N,); sample: (N,) index into its experiment.
+        A: (N, d, k); b, tau: (N, d); informed: (N, d).
+    """
+
+    mechanism: Mechanism
+    columns: Columns
+    motion: Motion
+    point: Point
+    scenes: tuple[Scene, ...]
+    t: np.ndarray
+    experiment: np.ndarray
+    sample: np.ndarray
+    A: np.ndarray
+    b: np.ndarray
+    tau: np.ndarray
+    informed: np.ndarray
+
+    @classmethod
+    def of(cls, mechanism: Mechanism, columns: Columns, motion: Motion, point: Point) -> Table:
+        """The rows of a model at a working point."""
+        cutoff = motion.band.cutoff
+        scenes = tuple(Scene.of(mechanism, columns, e, point, cutoff) for e in motion.experiments)
+        parts: list[Rows] = []
+        number: list[np.ndarray] = []
+        for i, scene in enumerate(scenes):
+            for piece in rows(scene, cutoff):
+                parts.append(piece)
+                number.append(np.full(len(piece.t), i))
+        t, sample, A, b, tau, informed = (
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("t", "sample", "A", "b", "tau", "informed")
+        )
+        return cls(
+            mechanism, columns, motion, point, scenes, t, np.concatenate(number), sample, A, b,
+            tau, informed,
+        )  # fmt: skip
+
+    def filtered(self, number: int, x: np.ndarray) -> np.ndarray:
+        """Series x (n, …) of one experiment at full rate, in its rows (N_e, …)."""
+        scene, cutoff = self.scenes[number], self.motion.band.cutoff
+        at = self.sample[self.experiment == number]
+        decimator = Decimator.of(cutoff, scene.e.rate)
+        if decimator.taps is None:
+            return x[at]
+        found = []
+        for segment in scene.e.segments():
+            mine = at[(at >= segment.start) & (at < segment.stop)]
+            if len(mine):
+                found.append(decimator.apply(x[segment], segment, mine))
+        return np.concatenate(found)
+
+    def with_effect(self, effect: Effect, shapes: Sequence[Mapping[str, float]]) -> np.ndarray:
+        """Columns (N, d, unknowns · shapes) of an effect at several shapes, in the table's rows."""
+        found = []
+        for number, scene in enumerate(self.scenes):
+            s = scene.samples(slice(None))
+            out = np.zeros((*s.shape, len(shapes) * len(effect.unknowns)))
+            u = len(effect.unknowns)
+            for i, shape in enumerate(shapes):
+                s.add_effect(out[:, :, i * u : (i + 1) * u], effect, np.eye(u), shape)
+            found.append(self._rows(number, out))
+        return np.concatenate(found)
+
+    def sensitivity(self, effect: Effect, shape: Mapping[str, float], name: str) -> np.ndarray:
+        """S (N, d) of one shape of a correcting effect, at a shape, in the table's rows."""
+        assert isinstance(effect, Correcting)
+        full = effect.names[[each.name for each in effect.shapes].index(name)]
+        others = {f: shape[each.name] for f, each in zip(effect.names, effect.shapes, strict=True)}
+        found = []
+        cutoff = self.motion.band.cutoff
+        for number, scene in enumerate(self.scenes):
+            e = scene.e
+            every = max(1, int(e.rate / (FINE * cutoff))) if cutoff else 1
+            thin = np.arange(0, len(e), every)
+            with_it = scene.mechanism + effect
+            bare = Seen(with_it, e, scene.seen.memo)
+            h = step_of(effect, bare, self.point, name)
+            sides = []
+            for sign in (1, -1):
+                value = {**others, full: others[full] + sign * h}
+                seen = corrected(bare, self.point.with_values(value), cutoff, only=effect)
+                s = reduced(seen.mechanism, seen.e, thin, self.point, seen.memo)
+                sides.append(unbalanced(s, self.point))
+            S = -(sides[0] - sides[1]) / (2 * h)
+            if every > 1:
+                S = CubicSpline(e.t[thin], S)(e.t)
+            found.append(self._rows(number, S))
+        return np.concatenate(found)
+
+    def _rows(self, number: int, x: np.ndarray) -> np.ndarray:
+        return self.filtered(number, x)
+
+    def samples(self, number: int) -> Samples:
+        """All samples of one experiment."""
+        return self.scenes[number].samples(slice(None))
+
+    def starts(self, effect: Effect) -> list[Mapping[str, float]]:
+        """Shapes from which a search sets out, known ones at their values."""
+        signals = self.samples(self._longest).signals(effect.joints)
+        known = {s.name: effect.values[s.name] for s in effect.shapes if s.name in effect.values}
+        found = [{**start, **known} for start in effect.starts(signals)]
+        return [dict(x) for x in dict.fromkeys(tuple(sorted(each.items())) for each in found)]
+
+    def bounds(self, effect: Effect) -> dict[str, tuple[float, float]]:
+        """Of every shape, over all experiments."""
+        found: dict[str, tuple[float, float]] = {}
+        for number in range(len(self.scenes)):
+            shape = {each.name: 0.0 for each in effect.shapes}
+            signals = replace(self.samples(number).signals(effect.joints), shape=shape)
+            for name, (low, high) in effect.bounds(signals).items():
+                before = found.get(name, (low, high))
+                found[name] = min(low, before[0]), max(high, before[1])
+        return found
+
+    @property
+    def _longest(self) -> int:
+        return int(np.argmax([len(scene.e) for scene in self.scenes]))
