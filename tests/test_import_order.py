@@ -6,7 +6,19 @@ from pathlib import Path
 import pytest
 
 BASE = {"errors", "files", "progress"}  # modules that all may use
-ORDER = ["log", "effects", "mechanism", "motion", "solve", "equations", "fit", "simulate", "cli"]
+ORDER = [
+    "log",
+    "effects",
+    "mechanism",
+    "motion",
+    "solve",
+    "equations",
+    "fit",
+    "residual",
+    "health",
+    "simulate",
+    "cli",
+]
 LEAVES = {"log", "solve"}  # these import nothing else
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "ident"
 

@@ -11,15 +11,16 @@ from importlib.metadata import PackageNotFoundError, version
 from ident.effects import KINDS as effects
 from ident.effects import Effect
 from ident.effects import create as effect
+from ident.effects import read_user_effect, user_effect
 from ident.errors import FitError, IdentError, LogError, MechanismError, MotionError
 from ident.fit import Fit, identify
-from ident.fit.compare import Comparison, compare
 from ident.fit.output import write_fit
 from ident.fit.saved import Saved, read_fit
 from ident.log import Column, Log, read_log
 from ident.mechanism import Mechanism, Multipliers, load
 from ident.mechanism.absolute import absolute
 from ident.motion import Motion, complete
+from ident.residual import Comparison, Residual, compare, residual_of, where
 from ident.simulate import Noise, simulate
 
 try:
@@ -42,6 +43,7 @@ __all__ = [
     "MotionError",
     "Multipliers",
     "Noise",
+    "Residual",
     "Saved",
     "absolute",
     "compare",
@@ -52,6 +54,10 @@ __all__ = [
     "load",
     "read_fit",
     "read_log",
+    "read_user_effect",
+    "residual_of",
     "simulate",
+    "user_effect",
+    "where",
     "write_fit",
 ]

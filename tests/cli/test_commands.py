@@ -223,6 +223,24 @@ def test_compare_two_fits_and_draw_them(suffix, fitted, tmp_path, change, done):
     assert plot.read_bytes().startswith(marks[suffix])
 
 
+def test_compare_takes_the_sum_apart_and_writes_a_report(fitted, tmp_path, done):
+    slider, out = fitted
+    report = tmp_path / "report"
+    outcome = done(
+        "compare", slider, slider / "run.csv", "--fit", out / "fit.json", "--out", report
+    )
+    for words in ("the sum taken apart", "closure forces", "as it was fitted", "where it fails"):
+        assert words in outcome.out
+    assert max(len(line) for line in outcome.out.splitlines() if str(out) not in line) <= 100
+    assert sorted(file.name for file in report.iterdir()) == ["compare.json", "report.html"]
+    assert "src=" not in (report / "report.html").read_text()
+    told = json.loads((report / "compare.json").read_text())
+    (model,) = told["models"].values()
+    assert model["where"][0]["joint"] == "theta"
+    for error in (model["fitted"]["train"]["theta"], model["error"]["theta"]):
+        assert error["rms"] < 1e-12
+
+
 # --- add, effects ------------------------------------------------------------------------------
 
 
@@ -260,7 +278,7 @@ def test_simulate_by_a_fit(fitted, tmp_path, done):
     log = tmp_path / "again.csv"
     done("simulate", slider, slider / "run.csv", "--fit", out / "fit.json", "--out", log)
     outcome = done("compare", slider, log, "--fit", out / "fit.json")
-    (line,) = [line for line in outcome.out.splitlines() if "theta" in line]
+    line = next(line for line in outcome.out.splitlines() if "theta" in line)
     assert float(line.split()[1]) < 1e-9
 
 

@@ -6,6 +6,7 @@ import pytest
 
 from helpers import J, Truth, raw_configuration, tree_urdf, write_mechanism
 from ident.equations.columns import Columns
+from ident.equations.point import Point
 from ident.equations.regressor import regressor, supports
 from ident.errors import MechanismError
 from ident.mechanism import load
@@ -238,8 +239,10 @@ def test_columns_are_the_unknowns_rigid_first(tmp_path):
     assert {names[i] for i in [*columns.rigid, *columns.known]} == set(names)
     np.testing.assert_allclose(columns.known_values, mechanism.prior[columns.known])
     x = np.array([1.0, 2.0, 3.0, 4.0])
-    values = {effect.kind: list(found) for effect, found in columns.effect_values(x)}
+    point = Point.prior(mechanism).at(mechanism, columns, x)
+    values = {effect.kind: list(point.all_of(effect)) for effect in mechanism.effects}
     assert values == {"spring": [2.0, 3.0], "viscous": [4.0]}
+    np.testing.assert_allclose(point.pi, columns.dynamic_parameters(mechanism, x))
     pi = columns.dynamic_parameters(mechanism, x)
     assert pi[names.index("a_link.m")] == 1.0
     assert pi[names.index("a_link.mx")] == mechanism.prior[names.index("a_link.mx")]

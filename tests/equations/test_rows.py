@@ -8,7 +8,7 @@ from helpers import Truth, series
 from ident.effects import create
 from ident.equations.columns import Columns
 from ident.equations.rows import raw_rows, row_supports, rows
-from ident.equations.samples import Samples, reduced
+from ident.equations.scene import Scene
 from ident.equations.terms import terms
 from ident.log import Log
 from ident.mechanism import load
@@ -48,7 +48,7 @@ def test_rows_hold_for_the_true_parameters(name, form, robots):
     motion = complete(mechanism, log)
     columns = Columns.of(mechanism)
     (e,) = motion.experiments
-    found = raw_rows(mechanism, columns, e, slice(0, len(e)))
+    found = raw_rows(Scene.of(mechanism, columns, e), slice(0, len(e)))
     scale = np.abs(found.tau).max(axis=0)
     off = np.einsum("ndk,k->nd", found.A, columns.prior) - found.b
     assert np.abs(off / scale).max() < 1e-8
@@ -66,7 +66,7 @@ def test_an_effects_torque_works_through_its_leverage(joint, robots):
     assert motion.independent == ("crank",)
     columns = Columns.of(mechanism)
     (e,) = motion.experiments
-    found = raw_rows(mechanism, columns, e, slice(0, len(e)))
+    found = raw_rows(Scene.of(mechanism, columns, e), slice(0, len(e)))
     rate = e.yd[:, mechanism.joint_index[joint]]
     crank = e.yd[:, mechanism.joint_index["crank"]]
     column = found.A[:, 0, columns.index[f"viscous.{joint}.Fv"]]
@@ -80,8 +80,8 @@ def test_known_values_move_to_the_right(robots):
     part = slice(0, len(e))
     free = mechanism + create("spring", "rocker")
     known = mechanism + create("spring", "rocker", {"k": 3.0, "b": -0.5})
-    left = raw_rows(free, Columns.of(free), e, part)
-    right = raw_rows(known, Columns.of(known), e, part)
+    left = raw_rows(Scene.of(free, Columns.of(free), e), part)
+    right = raw_rows(Scene.of(known, Columns.of(known), e), part)
     np.testing.assert_allclose(
         left.b - left.A[:, :, -2:] @ np.array([3.0, -0.5]), right.b, atol=1e-12
     )
@@ -92,8 +92,8 @@ def test_filtered_rows_are_the_raw_rows_filtered(robots):
     columns = Columns.of(mechanism)
     plain = complete(mechanism, log, cutoff=None)
     cut = complete(mechanism, log, cutoff=8.0)
-    (raw,) = rows(mechanism, columns, plain, plain.experiments[0])
-    (found,) = rows(mechanism, columns, cut, cut.experiments[0])
+    (raw,) = rows(Scene.of(mechanism, columns, plain.experiments[0]), None)
+    (found,) = rows(Scene.of(mechanism, columns, cut.experiments[0]), 8.0)
     from ident.equations.filter import Decimator
 
     decimator = Decimator.of(8.0, cut.experiments[0].rate)
@@ -111,7 +111,7 @@ def test_standstill_does_not_inform_dry_friction(robots):
     columns = {f"{p}.{j}": x[j] for p, x in zip("qva", (q, v, a), strict=True) for j in q}
     log = Log.from_arrays("run.csv", t, columns | {f"tau.{j}": t for j in q})
     motion = complete(mechanism, log, cutoff=None)
-    (found,) = rows(mechanism, Columns.of(mechanism), motion, motion.experiments[0])
+    (found,) = rows(Scene.of(mechanism, Columns.of(mechanism), motion.experiments[0]), None)
     elbow = [j.name for j in mechanism.joints].index("elbow")
     assert not found.informed[stop, elbow].any()
     assert found.informed[~stop, elbow].mean() > 0.9
@@ -126,8 +126,8 @@ def test_reduced_terms_are_the_projected_generalised_terms(name, form, robots):
         mechanism = mechanism + create("viscous", joint.name)
     mechanism = form(mechanism + create("spring", mechanism.driven[0], {"k": 3.0}))
     (e,) = complete(mechanism, log).experiments
-    columns, part = Columns.of(mechanism), slice(10, 60)
-    s, u = Samples(mechanism, e, part), reduced(mechanism, e, part)
-    whole, left = terms(s, columns), terms(u, columns)
+    scene, part = Scene.of(mechanism, Columns.of(mechanism), e), slice(10, 60)
+    whole, left = terms(scene, part, full=True), terms(scene, part)
+    u = scene.samples(part)
     for one, other in ((whole.A, left.A), (whole.b, left.b), (whole.tau, left.tau)):
         np.testing.assert_allclose(u.reduce(one), other, atol=1e-9 * np.abs(other).max())

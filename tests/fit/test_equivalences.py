@@ -10,6 +10,7 @@ import ident
 from helpers import J, tree_urdf, write_mechanism
 from ident import Log, Noise
 from ident.equations import Columns
+from ident.equations.scene import Scene
 from ident.equations.stack import full_rows
 from ident.solve.factor import Factor
 from ident.solve.rank import reveal, solve
@@ -77,8 +78,8 @@ def stacked(case):
     """A (n, nv, k), b (n, nv) and J (n, m, nv) of all samples."""
     motion = ident.complete(case.mechanism, case.log, cutoff=None)
     (e,) = motion.experiments
-    columns, all_ = Columns.of(case.mechanism), slice(0, len(e))
-    A, b, informed = full_rows(case.mechanism, columns, e, all_)
+    scene = Scene.of(case.mechanism, Columns.of(case.mechanism), e)
+    A, b, informed = full_rows(scene, slice(0, len(e)))
     assert informed.all()
     return A, b, case.mechanism.kinematics.closure_rows(e.q).rate
 

@@ -166,7 +166,7 @@ def test_shipped_priors_alone_do_not_explain_the_log(shipped):
     fit, _, bodies = shipped
     if not bodies:
         return
-    (said,) = predict(fit.mechanism, fit.motion, fit.mechanism.prior, fit.effect_solution)
+    (said,) = predict(fit.mechanism, fit.motion, replace(fit.point, pi=fit.mechanism.prior))
     (own,) = fit.predict()
     worst = np.linalg.norm(said.residual, axis=0) / np.linalg.norm(own.residual, axis=0)
     assert worst.max() > 3

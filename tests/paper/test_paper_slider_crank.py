@@ -8,6 +8,7 @@ import pytest
 import ident
 from ident import Multipliers
 from ident.equations import Columns
+from ident.equations.scene import Scene
 from ident.equations.stack import full_rows
 
 TRUTH = {"rod.Ixx": 4e-3, "rod.Iyy": 4e-4, "rod.Izz": 4e-3}  # kg m², table 1
@@ -56,7 +57,7 @@ def test_hats_are_solved_by_the_dense_stack_too(crank):
     few = slice(0, 301)  # 1204 equations of 3 + 61 · 3 unknowns
     (e,) = motion.experiments
     columns = Columns.of(mechanism)
-    A, b, _ = full_rows(mechanism, columns, e, few)
+    A, b, _ = full_rows(Scene.of(mechanism, columns, e), few)
     J_T = mechanism.kinematics.closure_rows(e.q[few]).rate.transpose(0, 2, 1)
     knots = np.arange(61) * 0.005
     hat = np.maximum(0, 1 - np.abs(e.t[few, None] - knots) / 0.005)

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from ident.effects import parse_user, read_user_effect
 from ident.errors import IdentError
 from ident.files import check_writable
 from ident.log import Log, read_log
@@ -34,12 +35,13 @@ With = Annotated[
     typer.Option(
         "--with",
         metavar="EFFECT",
-        help="Add an effect, as viscous:elbow, or viscous for all driven joints.",
+        help="Add an effect, as viscous:elbow, viscous for all driven joints, or one of your own, "
+        "file.py:function:elbow.",
     ),
 ]
 AllowCode = Annotated[
     bool,
-    typer.Option("--allow-code", help="Run the Python files that mechanism.toml names."),
+    typer.Option("--allow-code", help="Run the Python files that mechanism.toml or --with names."),
 ]
 Cutoff = Annotated[
     str,
@@ -75,10 +77,19 @@ def mechanism_of(
     """The mechanism that the arguments describe."""
     mechanism = load(path, allow_code=allow_code)
     for effect in effects or ():
-        mechanism = mechanism.with_effect(effect)
+        mechanism = grown(mechanism, effect, allow_code=allow_code)
     if basis is not None or spacing is not None:
         mechanism = replace(mechanism, multipliers=_basis(mechanism.multipliers, basis, spacing))
     return in_absolute(mechanism) if absolute else mechanism
+
+
+def grown(mechanism: Mechanism, text: str, *, allow_code: bool) -> Mechanism:
+    """The mechanism with an effect of the library, or with one of a Python file."""
+    own = parse_user(text)
+    if own is None:
+        return mechanism.with_effect(text)
+    file, name, joints = own
+    return mechanism + read_user_effect(file, name, allow_code=allow_code)(joints)
 
 
 def _basis(now: Multipliers, basis: str | None, spacing: float | None) -> Multipliers:

@@ -25,13 +25,13 @@ from ident.cli.arguments import (
 )
 from ident.cli.console import notes, progress, result
 from ident.fit import identify as identify_
-from ident.fit.compare import compare as compare_
 from ident.fit.output import write_fit
 from ident.fit.reactions import compare_multipliers
 from ident.fit.saved import read_fit
 from ident.fit.structure import describe, structure
 from ident.fit.summary import summary
 from ident.log import read_log
+from ident.residual import compare as compare_
 
 
 def check(
@@ -114,17 +114,29 @@ def compare(
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw it into this .png, .svg or .pdf.")
     ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Write report.html and compare.json into this folder."),
+    ] = None,
 ) -> None:
-    """Models against measurement, joint by joint."""
+    """Models against measurement, joint by joint.
+
+    Errors, the parts of the sum, and where each model fails: in which joint, when, in which regime
+    of its motion, and on which signals what is left depends.
+    """
     model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute)
     saved = [read_fit(path, model) for path in fit]
     output_file(plot, (".png", ".svg", ".pdf"))
+    output_folder(out)
     with progress() as told:
         band = saved[0].cutoff if cutoff == "fit" else cutoff_of(cutoff)
         motion = motion_of(model, logs, band, told)
         comparison = compare_(*saved, motion=motion, progress=told)
-    result(comparison)
+        text = str(comparison)
+    result(text)
     notes(motion.notes)
     if plot is not None:
         comparison.save(plot)
         notes([f"wrote {plot}"])
+    if out is not None:
+        notes([f"wrote {path}" for path in comparison.write(out)])

@@ -9,9 +9,17 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from ident.cli.arguments import AllowCode, MechanismPath, With, mechanism_of, output_file
+from ident.cli.arguments import (
+    AllowCode,
+    MechanismPath,
+    With,
+    grown,
+    mechanism_of,
+    output_file,
+)
 from ident.cli.console import notes, result
 from ident.effects import KINDS
+from ident.effects.describe import described, kind_called
 from ident.errors import IdentError
 from ident.fit.saved import read_fit
 from ident.log import Log, read_log
@@ -29,7 +37,7 @@ def add(
         str,
         typer.Argument(
             metavar="EFFECT",
-            help="As viscous:elbow, or viscous for all driven joints; see ident effects.",
+            help="As viscous:elbow, viscous for all driven joints, or file.py:function:elbow.",
         ),
     ],
     allow_code: AllowCode = False,
@@ -39,25 +47,24 @@ def add(
     A bare URDF gets a mechanism.toml beside it.
     """
     before = mechanism_of(mechanism, allow_code=allow_code)
-    after = before.with_effect(effect)
+    after = grown(before, effect, allow_code=allow_code)
     new = after.effects[len(before.effects) :]
     path = add_effects(before, new)
     result(f"{path}: added {', '.join(each.label for each in new)}")
 
 
-def effects() -> None:
+def effects(
+    kind: Annotated[
+        str | None, typer.Argument(metavar="KIND", help="One of them, as viscous; else all.")
+    ] = None,
+) -> None:
     """The library of effects.
 
-    Equation, unknowns with units, and what a residual looks like when the effect is missing.
+    Equation, unknowns and shapes with units, where an effect sits, and what a residual looks like
+    when it is missing.
     """
-    for kind in KINDS.values():
-        unknowns = ", ".join(f"{u.name} [{' | '.join(u.units)}] {u.meaning}" for u in kind.unknowns)
-        result(f"{kind.kind}:{','.join(['joint'] * kind.arity)}")
-        result(f"  torque        {kind.equation}")
-        result(f"  unknowns      {unknowns}")
-        result(f"  when missing  {kind.signature}")
-        result(f"  confused with {', '.join(kind.confused_with) or 'nothing'}")
-        result(f"  source        {kind.source}")
+    kinds = KINDS.values() if kind is None else [kind_called(kind)]
+    result("\n\n".join(described(each) for each in kinds))
 
 
 def simulate(

@@ -4,6 +4,7 @@ from ident.effects.base import Correcting, Correction, Effect, Unknown
 from ident.effects.library import KINDS, create, parse
 from ident.effects.signals import Signals
 from ident.effects.user import UserEffect, user_effect
+from ident.effects.user_file import parse_user, read_user_effect
 
 __all__ = [
     "KINDS",
@@ -15,5 +16,7 @@ __all__ = [
     "UserEffect",
     "create",
     "parse",
+    "parse_user",
+    "read_user_effect",
     "user_effect",
 ]

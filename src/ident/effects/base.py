@@ -60,6 +60,7 @@ class Effect(ABC):
     confused_with: ClassVar[tuple[str, ...]] = ()
     nested_in: ClassVar[tuple[str, ...]] = ()  # kinds that contain this one as a special case
     source: ClassVar[str]
+    needs: ClassVar[tuple[str, ...]] = ()  # kinds that must be at the same joints
     implicit: ClassVar[bool] = False  # its columns depend on what the present model predicts
     memory: ClassVar[bool] = False  # its columns depend on the past, not on the sample alone
 
@@ -69,11 +70,10 @@ class Effect(ABC):
 
     def __post_init__(self) -> None:
         if len(self.joints) != self.arity:
-            what = self.sits if self.sits in ("link", "closure", "place") else "joint"
-            call = f"{self.kind}:" + ",".join([what] * self.arity) if self.arity else self.kind
+            what = f"{self.arity} {self.site}(s)" if self.arity else "the whole mechanism"
             raise MechanismError(
-                f"effect '{self.kind}' acts on {self.arity} {what}(s), given: "
-                f"{', '.join(self.joints) or 'none'}; write {call}"
+                f"effect '{self.kind}' acts on {what}, given: "
+                f"{', '.join(self.joints) or 'none'}; write {self.call}"
             )
         if len(set(self.joints)) != len(self.joints):
             raise MechanismError(
@@ -111,6 +111,20 @@ class Effect(ABC):
     def units(self) -> tuple[str, ...]:
         """Units of the parameters at these joints."""
         return tuple(parameter.units[0 if self.rotational else 1] for parameter in self.parameters)
+
+    @property
+    def site(self) -> str:
+        """What each of `joints` is: a joint, link, closure or place."""
+        return self.sits if self.sits in ("link", "closure", "place") else "joint"
+
+    @property
+    def call(self) -> str:
+        """`coupling:joint,joint`, how a command names an effect of this kind."""
+        return ":".join([self.kind, *([",".join([self.site] * self.arity)] if self.arity else [])])
+
+    def reads(self) -> tuple[str, ...]:
+        """Columns of the log that it needs beside the motion."""
+        return ()
 
     def setting(self, name: str) -> float:
         """A setting's value, or its default."""

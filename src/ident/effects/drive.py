@@ -9,6 +9,7 @@ import numpy as np
 from ident.effects.base import Bounds, Correcting, Correction, Effect, Unknown
 from ident.effects.signals import Signals
 
+LATEST = 0.05  # [s] that a channel may be late or early
 KHALIL = "Khalil, Dombre, Modeling, Identification and Control of Robots, ch. 9"
 
 
@@ -98,4 +99,4 @@ class Delay(Correcting):
 
     def bounds(self, s: Signals) -> Bounds:
         """Fifty milliseconds either way."""
-        return {"d": (-0.05, 0.05)}
+        return {"d": (-LATEST, LATEST)}

@@ -175,10 +175,15 @@ class TemperatureFriction(Effect):
     signature: ClassVar[str] = "the slope of the residual against speed changes with temperature"
     confused_with: ClassVar = ("drift", "viscous at constant temperature")
     source: ClassVar[str] = "Bittencourt et al., IEEE ICRA 2010"
+    needs: ClassVar = ("viscous",)
     implicit: ClassVar[bool] = True
 
+    def reads(self) -> tuple[str, ...]:
+        """The joint's temperature [°C, as T0]."""
+        return (f"temperature.{self.joints[0]}",)
+
     def columns(self, s: Signals) -> np.ndarray:
-        """E = Fv v (T − T0)."""
-        Fv = s.present.get(f"viscous.{self.joints[0]}.Fv", 0.0)
-        T = s.column(f"temperature.{self.joints[0]}")
+        """E = Fv v (T − T0); Fv = 1 as long as it is not known."""
+        Fv = s.present.get(f"viscous.{self.joints[0]}.Fv", 1.0)
+        T = s.column(*self.reads())
         return (Fv * s.v * (T[:, None] - self.setting("T0")))[:, :, None]

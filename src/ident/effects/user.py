@@ -1,29 +1,39 @@
-"""Effects of one's own, from CasADi expressions.
+"""Effects of one's own, from CasADi expressions of the signals.
 
-    def bump(s, w=(0.1, 0.01, 1.0)):                 # w: start, lowest, highest: searched
-        return {"A": ca.exp(-((s.q - 0.3) / w) ** 2)}     # torque = A · column
+    def bump(s, w=(0.1, 0.01, 1.0)):                      # a shape: start, lowest, highest
+        return {"A": ca.exp(-(((s.q - 0.3) / w) ** 2))}   # torque = A · column
 
-`s` has q, v, a, tau, lam (the load, |λ| in a closure's joint) and t. With several joints the torque
-acts on the first, and s.q[1] … are those of the others.
+`s` has q, v, a, tau, lam and t, as `SIGNALS` says. With several joints the torque acts on the
+first, and each signal but t is a vector: s.q[0], s.q[1] …
 """
 
 from __future__ import annotations
 
 import inspect
-import runpy
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
+from scipy.stats import qmc
 
 from ident.effects.base import Bounds, Effect, Shape, Unknown
+from ident.effects.library import KINDS
 from ident.effects.signals import Signals
-from ident.errors import MechanismError, one_of
+from ident.errors import MechanismError
 
-SIGNALS = ("q", "v", "a", "tau", "lam")
+SIGNALS = {
+    "q": "coordinate [rad | m]",
+    "v": "its rate",
+    "a": "its acceleration",
+    "tau": "torque that the model predicts for the joint [N m | N]",
+    "lam": "what of it the links ask for, in a closure's own joint |λ| [N m | N]",
+}
+MOST = 3  # joints whose signals a function is tried with
+STARTS = 12  # of the search, for each shape
 UserFunction = Callable[..., Mapping[str, Any]]
 
 
@@ -33,29 +43,42 @@ class UserEffect(Effect):
     function: ClassVar[UserFunction]
     starting: ClassVar[Mapping[str, tuple[float, float, float]]]
     file: ClassVar[Path | None] = None
+    fewest: ClassVar[int] = 1  # joints whose signals the function asks for
+
+    def __post_init__(self) -> None:
+        """Check the joints before anything else."""
+        if len(self.joints) < self.fewest:
+            raise MechanismError(
+                f"effect '{self.kind}' looks at {self.fewest} joint(s), given: "
+                f"{', '.join(self.joints) or 'none'}; write "
+                f"{self.kind}:{','.join(['joint'] * self.fewest)}"
+            )
+        compiled_of(type(self), len(self.joints))
+        super().__post_init__()
 
     @property
     def arity(self) -> int:  # type: ignore[override]
-        """As many as are given, one at least."""
-        return max(1, len(self.joints))
+        """As many joints as are given."""
+        return len(self.joints)
 
     def columns(self, s: Signals) -> np.ndarray:
-        """E: the user's columns at the first joint; the others are only looked at."""
-        compiled, _ = compiled_of(type(self), len(self.joints))
-        lam = s.load if self.implicit else np.zeros_like(s.q)
-        tau = s.torque if self.implicit else np.zeros_like(s.q)
-        shape = [np.full((1, len(s.t)), s.shape[each.name]) for each in self.shapes]
-        found = compiled.map(len(s.t))(
-            s.q.T,
-            s.v.T,
-            s.a.T,
-            tau.T,
-            lam.T,
-            s.t[None],
-            np.concatenate([*shape, np.empty((0, len(s.t)))]),
-        ).full()
+        """E (n, joints, unknowns): the function's columns at the first joint, 0 at the others.
+
+        Raises:
+            MechanismError: where the function is not finite.
+        """
+        n, compiled = len(s.t), compiled_of(type(self), len(self.joints))
+        asked = (s.torque, s.load) if self.implicit else (np.zeros_like(s.q),) * 2
+        shape = np.array([s.shape[each.name] for each in self.shapes]).reshape(-1, 1)
+        found = compiled(*(x.T for x in (s.q, s.v, s.a, *asked)), s.t[None], np.tile(shape, n))
         E = np.zeros((*s.q.shape, len(self.unknowns)))
-        E[:, 0] = found.T
+        E[:, 0] = found.full().T
+        if not np.isfinite(E).all():
+            at = int(np.argmin(np.isfinite(E).all(axis=(1, 2))))
+            raise MechanismError(
+                f"effect '{self.label}': its function is {E[at, 0]} at t = {s.t[at]:.4g} s, where "
+                f"q = {s.q[at, 0]:.4g}, v = {s.v[at, 0]:.4g}; make it finite for every motion"
+            )
         return E
 
     def bounds(self, s: Signals) -> Bounds:
@@ -63,47 +86,65 @@ class UserEffect(Effect):
         return {name: (low, high) for name, (_, low, high) in self.starting.items()}
 
     def starts(self, s: Signals) -> list[Shape]:
-        """The given start, and two on either side of it."""
+        """The given start, and points spread evenly between the bounds."""
         if not self.starting:
             return [{}]
-        found = []
-        for share in (0.0, -0.5, 0.5, -0.9, 0.9):
-            found.append(
-                {
-                    name: start + (abs(share) * ((high if share > 0 else low) - start))
-                    for name, (start, low, high) in self.starting.items()
-                }
-            )
-        return found
+        k = len(self.starting)
+        shares = qmc.Halton(k, scramble=False).random(STARTS * k + 1)[1:]
+        spread = [
+            {
+                name: float(low + x * (high - low))
+                for x, (name, (_, low, high)) in zip(share, self.starting.items(), strict=True)
+            }
+            for share in shares
+        ]
+        return [{name: start for name, (start, _, _) in self.starting.items()}, *spread]
 
 
-def compiled_of(kind: type[UserEffect], joints: int) -> tuple[ca.Function, tuple[str, ...]]:
-    """The user's columns of `joints` joints as a function, and the unknowns' names.
+def _returned(kind: type[UserEffect], joints: int) -> tuple[dict[str, ca.SX], list[ca.SX]]:
+    """The function's columns by unknown, and the symbols that they are of.
 
     Raises:
-        MechanismError: if the function fails or returns anything but named CasADi expressions.
+        MechanismError: if it fails or returns anything but one expression an unknown.
     """
     symbols = {name: ca.SX.sym(name, joints) for name in SIGNALS}
-    t, shapes = ca.SX.sym("t"), ca.SX.sym("s", len(kind.starting))
-    given = {name: shapes[i] for i, name in enumerate(kind.starting)}
+    t, shapes = ca.SX.sym("t"), {name: ca.SX.sym(name) for name in kind.starting}
     try:
-        returned = kind.function(SimpleNamespace(**symbols, t=t), **given)
+        returned = kind.function(SimpleNamespace(**symbols, t=t), **shapes)
         named = {str(name): ca.SX(column) for name, column in returned.items()}
-        column = ca.vertcat(*named.values())
-        inputs = [*symbols.values(), t, shapes]
-        compiled = ca.Function("columns", inputs, [ca.densify(column)])
     except Exception as error:  # it is the user's code
-        what = " ".join(str(error).split())[:200]
         raise MechanismError(
-            f"effect '{kind.kind}': its function fails: {type(error).__name__}: {what}; it is "
-            "given s with q, v, a, tau, lam, t and returns {'unknown': CasADi expression}"
+            f"effect '{kind.kind}': its function fails: {said(error)}; it is given s with "
+            f"{', '.join(SIGNALS)}, t and returns {{'unknown': CasADi expression}}"
         ) from None
-    if column.shape != (len(named), 1) or not named:
+    for name, column in named.items():
+        if not name.isidentifier() or column.shape != (1, 1):
+            raise MechanismError(
+                f"effect '{kind.kind}': its function returns {column.shape[0]} × "
+                f"{column.shape[1]} numbers for the unknown '{name}'; valid: one expression for "
+                "each name (of several joints take one: s.q[0])"
+            )
+    if not named:
+        raise MechanismError(f"effect '{kind.kind}': its function returns no unknown")
+    return named, [*symbols.values(), t, ca.vertcat(*shapes.values())]
+
+
+@cache
+def compiled_of(kind: type[UserEffect], joints: int) -> ca.Function:
+    """(q, v, a, tau, lam (joints each), t, shapes) → columns (unknowns,)."""
+    named, inputs = _returned(kind, joints)
+    column = ca.densify(ca.vertcat(*named.values()))
+    try:
+        return ca.Function("columns", inputs, [column])
+    except Exception as error:  # symbols that are not those it was given
         raise MechanismError(
-            f"effect '{kind.kind}': its function returns {column.shape[0]} numbers for the "
-            f"unknowns {', '.join(named) or 'none'}; valid: one expression each"
-        )
-    return compiled, tuple(named)
+            f"effect '{kind.kind}': its expression has other symbols than those of s: {said(error)}"
+        ) from None
+
+
+def said(error: BaseException) -> str:
+    """An exception of the user's code in one line."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
 
 
 def user_effect(name: str, function: UserFunction, file: Path | None = None) -> type[UserEffect]:
@@ -111,67 +152,63 @@ def user_effect(name: str, function: UserFunction, file: Path | None = None) -> 
 
     Args:
         name: of the kind, as in parameters' names.
-        function: `s -> {unknown: column}`, CasADi expressions of s.q, s.v, s.a, s.tau, s.lam, s.t
-            of one joint (of several: s.q[0] …); keyword arguments (start, low, high) are shape
-            parameters, which are searched.
-        file: where it was read from.
+        function: `s -> {unknown: column}`, CasADi expressions of s.q, s.v, s.a, s.tau, s.lam, s.t;
+            keyword arguments with defaults (start, lowest, highest) are shapes, to be searched.
+        file: where it was read from, if it was.
 
     Raises:
         MechanismError: if the function cannot be used.
     """
-    if not name.isidentifier():
-        raise MechanismError(f"effect '{name}': give a name of letters, digits and _")
-    starting = {}
-    for key, parameter in list(inspect.signature(function).parameters.items())[1:]:
-        start = parameter.default
-        if not (isinstance(start, tuple) and len(start) == 3):
-            raise MechanismError(
-                f"effect '{name}': {key} = {start!r}; give its start and bounds: "
-                f"{key}=(start, lowest, highest)"
-            )
-        starting[key] = tuple(float(x) for x in start)
+    if not name.isidentifier() or name in KINDS:
+        why = "is in the library" if name in KINDS else "is no name"
+        raise MechanismError(f"effect '{name}' {why}; give another of letters, digits and _")
     members: dict[str, Any] = {
         "__doc__": inspect.getdoc(function) or "A user's own effect.",
         "__module__": __name__,
         "kind": name,
         "function": staticmethod(function),
-        "starting": starting,
+        "starting": _starting(name, function),
         "file": file,
-        "shapes": tuple(Unknown(key, ("?", "?"), "of the user's function") for key in starting),
-        "signature": "as the user's expression has it",
-        "source": str(file.name) if file else "the user's function",
+        "signature": "as the function has it",
+        "source": file.name if file else "a function of one's own",
     }
     kind = type(name, (UserEffect,), members)
-    for joints in (1, 2, 3):  # a function of two joints' signals fails with one
+    first: MechanismError | None = None
+    for joints in range(1, MOST + 1):  # a function of two joints' signals fails with one
         try:
-            _, names = compiled_of(kind, joints)
+            named, inputs = _returned(kind, joints)
             break
-        except MechanismError:
-            if joints == 3:
-                raise
-    symbols = {each: ca.SX.sym(each, joints) for each in SIGNALS}
-    shapes = {key: ca.SX.sym(key) for key in starting}
-    columns = function(SimpleNamespace(**symbols, t=ca.SX.sym("t")), **shapes)
-    kind.unknowns = tuple(Unknown(each, ("?", "?"), "of the user's function") for each in names)
-    kind.equation = " + ".join(f"{each} ({columns[each]})" for each in names)
-    used = {x.name().split("_")[0] for x in ca.symvar(ca.vertcat(*map(ca.SX, columns.values())))}
-    kind.implicit = bool({"tau", "lam"} & used)
+        except MechanismError as error:
+            first = first or error
+    else:
+        assert first is not None
+        raise first
+    kind.fewest = joints
+    kind.shapes = tuple(Unknown(key, ("?", "?"), "of the function") for key in kind.starting)
+    kind.unknowns = tuple(Unknown(key, ("?", "?"), "of the function") for key in named)
+    kind.equation = " + ".join(f"{key} ({column})" for key, column in named.items())
+    kind.implicit = bool(ca.depends_on(ca.vertcat(*named.values()), ca.vertcat(*inputs[3:5])))
+    compiled_of(kind, joints)
     return kind
 
 
-def read_user_effect(file: Path, name: str) -> type[UserEffect]:
-    """The effect that a Python file's function `name` describes; runs the file.
-
-    Raises:
-        MechanismError: if the file cannot be run or has no such function.
-    """
+def _starting(name: str, function: UserFunction) -> dict[str, tuple[float, float, float]]:
+    """Start and bounds of each shape, from the function's keyword arguments."""
     try:
-        found = runpy.run_path(str(file))
-    except OSError as error:
-        raise MechanismError(f"{file}: cannot be read: {error.strerror}; check the path") from None
-    except Exception as error:  # it is the user's code
-        raise MechanismError(f"{file}: fails: {type(error).__name__}: {error}") from None
-    functions = {key: each for key, each in found.items() if inspect.isfunction(each)}
-    if name not in functions:
-        raise MechanismError(f"{file}: has no function '{name}'; {one_of(name, functions)}")
-    return user_effect(name, functions[name], file)
+        given = list(inspect.signature(function).parameters.items())[1:]
+    except (TypeError, ValueError):
+        raise MechanismError(f"effect '{name}': {function!r} is no function of s") from None
+    found = {}
+    for key, parameter in given:
+        try:
+            start, low, high = (float(x) for x in parameter.default)
+        except (TypeError, ValueError):
+            start, low, high = np.nan, 0.0, 0.0
+        if not -np.inf < low <= start <= high < np.inf or not low < high:
+            shown = "nothing" if parameter.default is parameter.empty else repr(parameter.default)
+            raise MechanismError(
+                f"effect '{name}': the default of {key} is {shown}; give its start and bounds: "
+                f"{key}=(start, lowest, highest)"
+            )
+        found[key] = (start, low, high)
+    return found

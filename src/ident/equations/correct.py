@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import oaconvolve
 
 from ident.effects import Correcting, Correction, Effect
+from ident.effects.drive import LATEST, Delay
 from ident.equations.filter import Decimator
 from ident.equations.point import Point
 from ident.equations.samples import Samples
@@ -44,7 +45,9 @@ def corrected(seen: Seen, point: Point, cutoff: float | None, only: Effect | Non
         if not isinstance(effect, Correcting) or (only and effect.label != only.label):
             continue
         _, shape = point.of(effect)
-        if len(shape) < len(effect.shapes) or not any(shape.values()):
+        if len(shape) < len(effect.shapes):
+            continue
+        if not any(shape.values()) and not isinstance(effect, Delay):
             continue
         what = effect.correction(replace(whole.signals(effect.joints), shape=shape))
         mechanism, e = _corrected(mechanism, e, what, whole, cutoff)
@@ -65,7 +68,7 @@ def _corrected(
         mechanism = moved(mechanism, place, by)
         e = again(mechanism, e, {})
     for name, d in what.delay.items():
-        e = replace(e, tau=_late(e, mechanism.driven.index(name), d))
+        e = _early(e, mechanism.driven.index(name), d)
     if what.dq:
         e = again(mechanism, e, {name: _rates(e, dq, cutoff) for name, dq in what.dq.items()})
     for name, C in what.gap.items():
@@ -73,12 +76,17 @@ def _corrected(
     return mechanism, e
 
 
-def _late(e: Experiment, channel: int, d: float) -> np.ndarray:
-    """Torques (n, driven) with one channel read at t + d."""
+def _early(e: Experiment, channel: int, d: float) -> Experiment:
+    """The experiment with one torque channel read at t + d, without its ends, where none is."""
     tau = e.tau.copy()
-    at = np.clip(e.t + d, e.t[0], e.t[-1])
-    tau[:, channel] = CubicSpline(e.t, e.tau[:, channel])(at)
-    return tau
+    tau[:, channel] = late(e.t, e.tau[:, channel], -d)
+    inside = (e.t >= e.t[0] + LATEST) & (e.t <= e.t[-1] - LATEST)
+    return replace(e, tau=tau, usable=e.usable & inside)
+
+
+def late(t: np.ndarray, x: np.ndarray, d: float) -> np.ndarray:
+    """x(t − d) of a series x (n,) at the times t (n,) [s]; the ends stand still."""
+    return CubicSpline(t, x)(np.clip(t - d, t[0], t[-1])) if d else x
 
 
 def _rates(e: Experiment, dq: np.ndarray | float, cutoff: float | None) -> Rates:

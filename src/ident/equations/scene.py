@@ -15,6 +15,7 @@ from ident.equations.columns import Columns
 from ident.equations.correct import Seen, corrected, shapes_of
 from ident.equations.point import Point
 from ident.equations.samples import STEP, Samples, reduced
+from ident.errors import MotionError
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment
 
@@ -56,6 +57,7 @@ class Scene:
         cutoff: float | None = None,
     ) -> Scene:
         """The scene of an experiment; `cutoff` [Hz] is that of the rows' filter."""
+        check_needs(mechanism, e)
         point = point or Point.prior(mechanism)
         bare = Seen(mechanism, e)
         beside = []
@@ -106,6 +108,29 @@ class Scene:
                 for seen in (each.above, each.below)
             )
             yield each, above, below
+
+
+def check_needs(mechanism: Mechanism, e: Experiment) -> None:
+    """Refuse an effect without the other effect, or the column of the log, that it needs.
+
+    Raises:
+        MotionError: naming the effect, what is missing and what to do.
+    """
+    present = {effect.label for effect in mechanism.effects}
+    for effect in mechanism.effects:
+        for kind in effect.needs:
+            other = f"{kind}:{','.join(effect.joints)}"
+            if other not in present:
+                raise MotionError(
+                    f"{mechanism.name}: effect '{effect.label}' changes '{other}', which is not "
+                    f"there; add it (--with {other}), or leave out {effect.label}"
+                )
+        for name in effect.reads():
+            if name not in e.extra:
+                raise MotionError(
+                    f"{e.name}: has no column '{name}', which effect '{effect.label}' needs; log "
+                    f"it, map it in [log], or leave out {effect.label}"
+                )
 
 
 def step_of(effect: Effect, seen: Seen, point: Point, name: str) -> float:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ident.effects import KINDS
 from ident.effects import create as create_effect
 from ident.equations.columns import Columns
 from ident.equations.point import Point
@@ -66,6 +67,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
             {
                 "kind": each.effect.kind,
                 "joint": ",".join(each.effect.joints),
+                "settings": {name: each.effect.setting(name) for name in each.effect.settings},
                 "parameters": [_value(value) for value in each.parameters],
             }
             for each in fit.effects
@@ -100,6 +102,7 @@ class Saved:
         columns, x: unknowns and their values (k,).
         point: values of all parameters.
         cutoff: of the filter that the fit was made with [Hz], None for none, "auto" if not said.
+        errors: of the fit by set (`train`, `held out`, a log it was validated on), then joint.
     """
 
     name: str
@@ -108,6 +111,7 @@ class Saved:
     x: np.ndarray
     point: Point
     cutoff: float | str | None = "auto"
+    errors: Mapping[str, Mapping[str, Error]] = field(default_factory=dict)
 
     @property
     def dynamic_parameters(self) -> np.ndarray:
@@ -166,9 +170,14 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism) -> Saved:
     values = {str(entry["name"]): entry["value"] for entry in data["parameters"]}
     grown = mechanism
     for effect in data["effects"]:
-        label = f"{effect['kind']}:{effect['joint']}"
+        kind, label = effect["kind"], ":".join(filter(None, (effect["kind"], effect["joint"])))
         if label not in {known.label for known in grown.effects}:
-            grown = grown + create_effect(effect["kind"], effect["joint"])
+            if kind not in KINDS:
+                raise FitError(
+                    f"{path}: effect '{label}' is none of the library; give a mechanism whose "
+                    "mechanism.toml has it, with its file"
+                )
+            grown = grown + create_effect(kind, effect["joint"], effect.get("settings"))
         values |= {str(entry["name"]): entry["value"] for entry in effect["parameters"]}
     columns = Columns.of(grown)
     x = columns.prior.copy()
@@ -197,7 +206,9 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism) -> Saved:
     assert len(pi) == COUNT * len(grown.bodies.links)
     told = {name: float(value) for name, value in values.items() if value is not None}
     point = Point.prior(grown).with_values({n: v for n, v in told.items() if _belongs(n, grown)})
-    return Saved(str(path), grown, columns, x, point.at(grown, columns, x), _cutoff(data))
+    return Saved(
+        str(path), grown, columns, x, point.at(grown, columns, x), _cutoff(data), _read_errors(data)
+    )
 
 
 def _cutoff(data: dict[str, Any]) -> float | str | None:
@@ -205,6 +216,22 @@ def _cutoff(data: dict[str, Any]) -> float | str | None:
     if not isinstance(told, dict) or "cutoff" not in told:
         return "auto"
     return None if told["cutoff"] is None else float(told["cutoff"])
+
+
+def _read_errors(data: dict[str, Any]) -> dict[str, dict[str, Error]]:
+    told = data.get("error")
+    if not isinstance(told, dict):
+        return {}
+    sets = {"train": told.get("train"), "held out": told.get("held_out")}
+    return {
+        title: {
+            joint: Error(float(e["rms"]), e["relative"], str(e["unit"]))
+            for joint, e in errors.items()
+            if e["rms"] is not None
+        }
+        for title, errors in {**sets, **(told.get("validation") or {})}.items()
+        if errors
+    }
 
 
 def _belongs(name: str, mechanism: Mechanism) -> bool:

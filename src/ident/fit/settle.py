@@ -29,16 +29,18 @@ from ident.progress import Told
 STEPS = 15
 FEWEST = 3
 HALVES = 5
+PASSES = 2  # over what depends on the model's own prediction
 REACH = 0.3  # of a shape's range, the longest step
-SETTLED = 1e-7  # of the sum of squares: a smaller fall is the last
+SETTLED = 1e-7  # of the sum of squares: a smaller fall is the last, if values rest as well
+RESTING = 1e-6  # of a value: a smaller change is none
+ROUNDING = 1e-12  # of the sum of squares of all terms, within which two errors are the same
 
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """A working point, the estimate of its linear equations, and the error at the point."""
+    """A working point, and the least error with its shapes."""
 
     point: Point
-    found: Estimate
     loss: float
 
 
@@ -116,7 +118,8 @@ def _started(mechanism: Mechanism, motion: Motion, point: Point, effect: Effect)
     columns = Columns.of(rest)
     table = Table.of(rest, columns, motion, point)
     starts = table.starts(effect)
-    C = table.with_effect(effect, starts)
+    C = np.zeros((*table.b.shape, len(starts) * len(effect.unknowns)))
+    C[:, table.felt(effect)] = table.with_effect(effect, starts)
     told = table.informed
     sigma = np.sqrt((table.tau**2).mean(axis=0)) + 1e-300
     A, b = ((x / (sigma[:, None] if x.ndim == 3 else sigma))[told] for x in (table.A, table.b))
@@ -134,48 +137,78 @@ def _started(mechanism: Mechanism, motion: Motion, point: Point, effect: Effect)
 
 def _descended(mechanism: Mechanism, motion: Motion, point: Point, progress: Told | None) -> Point:
     columns = Columns.of(mechanism)
-    first = _solved(mechanism, columns, motion, point)
+    now = _trial(mechanism, motion, point, _solved(mechanism, columns, motion, point))
+    first = _solved(mechanism, columns, motion, now.point)  # a shape without size has no slope
     bounds = _bounds(mechanism, columns, motion, point)
-    now = _trial(mechanism, columns, motion, point, first)
+    same = ROUNDING * float(np.sum((first.factor.column_norms() * first.solution.x) ** 2))
+    now = _trial(mechanism, motion, now.point, first)
     for step in range(STEPS):
         if progress:
             progress("searching shapes", step / STEPS)
-        after, share = now, 1.0
+        x, share = _tangent(mechanism, columns, motion, now.point, first), 1.0
         for _ in range(HALVES):
-            x = _stepped(columns, now, bounds, share)
-            after = _trial(mechanism, columns, motion, now.point.at(mechanism, columns, x), first)
-            if after.loss <= now.loss:
+            at = now.point.at(mechanism, columns, _stepped(columns, now.point, x, bounds, share))
+            after = _trial(mechanism, motion, at, first)
+            if after.loss <= now.loss + same:
                 break
             share *= 0.5
-        if after.loss > now.loss:
+        if after.loss > now.loss + same:
             break
-        fell = now.loss - after.loss
+        fell, rests = now.loss - after.loss, _rests(now.point, after.point)
         now = after
-        if step >= FEWEST and fell <= SETTLED * now.loss:
+        if step >= FEWEST and fell <= SETTLED * now.loss + same and rests:
             break
     return now.point
 
 
-def _trial(
+def _rests(before: Point, after: Point) -> bool:
+    """Whether no effect's parameter changes any more."""
+    return all(
+        abs(value - before.values.get(name, np.inf)) <= RESTING * abs(value)
+        for name, value in after.values.items()
+    )
+
+
+def _trial(mechanism: Mechanism, motion: Motion, point: Point, first: Estimate) -> _Trial:
+    """The least error with the shapes where they are, and the point at which it is."""
+    fixed = replace(mechanism, effects=tuple(_fixed(e, point) for e in mechanism.effects))
+    columns = Columns.of(fixed)
+    held = first.held[[Columns.of(mechanism).index[name] for name in columns.names]]
+    for _ in range(PASSES if any(effect.implicit for effect in mechanism.effects) else 1):
+        cells = accumulate(fixed, columns, motion, None, point)
+        factors = totals(cells, len(columns), coordinates(mechanism, motion))
+        found = estimate(
+            factors, columns.prior, np.zeros(len(factors)), sigma=first.sigma, held=held
+        )
+        point = point.at(fixed, columns, found.solution.x)
+    return _Trial(point, found.factor.residual_norm(found.solution.x) ** 2)
+
+
+def _fixed(effect: Effect, point: Point) -> Effect:
+    """The effect with its shapes known."""
+    return replace(effect, values={**effect.values, **point.of(effect)[1]})
+
+
+def _tangent(
     mechanism: Mechanism, columns: Columns, motion: Motion, point: Point, first: Estimate
-) -> _Trial:
-    """The linear equations at a point, and their least error with the shapes where they are."""
+) -> np.ndarray:
+    """x (k,), shapes included, that solves the equations linearised at a point."""
     cells = accumulate(mechanism, columns, motion, None, point)
     factors = totals(cells, len(columns), coordinates(mechanism, motion))
     prior = columns.prior_at(point.values)
-    found = estimate(factors, prior, np.zeros(len(factors)), sigma=first.sigma, held=first.held)
-    free = np.setdiff1d(found.base.independent, columns.shapes)
-    x = found.solution.x.copy()
-    x[columns.shapes] = prior[columns.shapes]
-    return _Trial(point, found, found.factor.restricted(free, x).rho ** 2)
+    zeros = np.zeros(len(factors))
+    return estimate(factors, prior, zeros, sigma=first.sigma, held=first.held).solution.x
 
 
 def _stepped(
-    columns: Columns, now: _Trial, bounds: dict[int, tuple[float, float]], share: float
+    columns: Columns,
+    point: Point,
+    x: np.ndarray,
+    bounds: dict[int, tuple[float, float]],
+    share: float,
 ) -> np.ndarray:
     """The solution x with shapes a share of the way to it, no farther than REACH, in bounds."""
-    x = now.found.solution.x.copy()
-    before = columns.prior_at(now.point.values)
+    x, before = x.copy(), columns.prior_at(point.values)
     for i in columns.shapes:
         low, high = bounds[int(i)]
         step = np.clip(share * (x[i] - before[i]), -REACH * (high - low), REACH * (high - low))

@@ -86,16 +86,27 @@ class Table:
                 found.append(decimator.apply(x[segment], segment, mine))
         return np.concatenate(found)
 
+    def felt(self, effect: Effect) -> np.ndarray:
+        """Coordinates (c,) in whose rows an effect can appear."""
+        d = self.b.shape[1]
+        if self.mechanism.closures or not effect.local:
+            return np.arange(d)
+        return np.array([self.mechanism.joint(name).index for name in effect.joints])
+
     def with_effect(self, effect: Effect, shapes: Sequence[Mapping[str, float]]) -> np.ndarray:
-        """Columns (N, d, unknowns · shapes) of an effect at several shapes, in the table's rows."""
+        """Columns (N, c, unknowns · shapes) of an effect at several shapes, where it is `felt`."""
+        rows, u = self.felt(effect), len(effect.unknowns)
         found = []
-        for number, scene in enumerate(self.scenes):
-            s = scene.samples(slice(None))
-            out = np.zeros((*s.shape, len(shapes) * len(effect.unknowns)))
-            u = len(effect.unknowns)
+        for number in range(len(self.scenes)):
+            s = self.samples(number)
+            out = np.zeros((len(s), len(rows), len(shapes) * u))
             for i, shape in enumerate(shapes):
-                s.add_effect(out[:, :, i * u : (i + 1) * u], effect, np.eye(u), shape)
-            found.append(self._rows(number, out))
+                mine = out[:, :, i * u : (i + 1) * u]
+                if self.mechanism.closures or not effect.local:
+                    s.add_effect(mine, effect, np.eye(u), shape)
+                else:  # every joint has one row of its own
+                    mine += s.columns(effect, shape)
+            found.append(self.filtered(number, out))
         return np.concatenate(found)
 
     def sensitivity(self, effect: Effect, shape: Mapping[str, float], name: str) -> np.ndarray:
@@ -121,11 +132,8 @@ class Table:
             S = -(sides[0] - sides[1]) / (2 * h)
             if every > 1:
                 S = CubicSpline(e.t[thin], S)(e.t)
-            found.append(self._rows(number, S))
+            found.append(self.filtered(number, S))
         return np.concatenate(found)
-
-    def _rows(self, number: int, x: np.ndarray) -> np.ndarray:
-        return self.filtered(number, x)
 
     def samples(self, number: int) -> Samples:
         """All samples of one experiment."""

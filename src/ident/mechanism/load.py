@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from ident.effects import KINDS, Effect, read_user_effect
 from ident.effects import create as create_effect
 from ident.errors import MechanismError, one_of
 from ident.log import Column
@@ -28,7 +29,8 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
 
     Args:
         path: folder, `mechanism.toml` or `.urdf`.
-        allow_code: whether closures of kind `function` may run the Python file they name.
+        allow_code: whether closures of kind `function` and effects of one's own may run the Python
+            files they name.
 
     Raises:
         MechanismError: one line that names the file, what is wrong and what would be valid.
@@ -67,7 +69,7 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
     mechanism = replace(mechanism, notes=(*tree.notes, *_massless(mechanism)))
     mechanism = with_own_joints(mechanism)
     _check_columns(mechanism, settings)
-    return _with_effects(mechanism, settings)
+    return _with_effects(mechanism, settings, allow_code)
 
 
 def _name(path: Path, settings: Settings) -> str:
@@ -219,15 +221,31 @@ def _check_columns(mechanism: Mechanism, settings: Settings) -> None:
             )
 
 
-def _with_effects(mechanism: Mechanism, settings: Settings) -> Mechanism:
+def _with_effects(mechanism: Mechanism, settings: Settings, allow_code: bool) -> Mechanism:
     for i, table in enumerate(settings.effects):
         where = f"{settings.where}: effect {i + 1}"
-        rest: dict[str, Any] = {k: v for k, v in table.items() if k not in ("kind", "joint")}
-        values = {key: number(rest, key, where) for key in rest}
         try:
-            effect = create_effect(text(table, "kind", where), text(table, "joint", where), values)
-            mechanism = mechanism + effect
+            mechanism = mechanism + _effect(table, where, settings.folder, allow_code)
         except MechanismError as error:
             message = str(error)
             raise MechanismError(message if where in message else f"{where}: {message}") from None
     return mechanism
+
+
+def _effect(table: Mapping[str, Any], where: str, folder: Path, allow_code: bool) -> Effect:
+    """The effect of one [[effect]]: of the library, or with `file` one of the user's own."""
+    kind = text(table, "kind", where)
+    values = {
+        key: number(table, key, where) for key in table if key not in ("kind", "joint", "file")
+    }
+    if "file" in table:
+        file = folder / text(table, "file", where)
+        joints = tuple(part.strip() for part in text(table, "joint", where).split(","))
+        return read_user_effect(file, kind, allow_code=allow_code, where=where)(joints, values)
+    if kind not in KINDS:
+        raise MechanismError(
+            f"{where}: there is no effect '{kind}'; {one_of(kind, KINDS)}; one of your own needs "
+            'file = "….py"'
+        )
+    alone = KINDS[kind].arity == 0 and "joint" not in table
+    return create_effect(kind, "" if alone else text(table, "joint", where), values)

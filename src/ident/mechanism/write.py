@@ -6,25 +6,54 @@ What the user wrote stays as it is, comments included.
 from __future__ import annotations
 
 import codecs
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import tomlkit
 
-from ident.effects import Effect
+from ident.effects import Effect, UserEffect
 from ident.errors import MechanismError
 from ident.files import write_all
 from ident.mechanism.mechanism import Mechanism
 
 
-def effect_table(effect: Effect, values: Mapping[str, float]) -> tomlkit.items.Table:
-    """`[[effect]]` of an effect, with the values of unknowns that are known."""
+def effect_table(
+    effect: Effect, values: Mapping[str, float], file: str | None = None
+) -> tomlkit.items.Table:
+    """`[[effect]]` of an effect, with its settings and the values of parameters that are known.
+
+    Args:
+        effect: the effect.
+        values: by short name.
+        file: of a user's own effect, relative to the folder.
+    """
     table = tomlkit.table()
     table["kind"] = effect.kind
-    table["joint"] = ",".join(effect.joints)
-    for name, value in values.items():
+    if file is not None:
+        table["file"] = file
+    if effect.joints:
+        table["joint"] = ",".join(effect.joints)
+    settings = {name: effect.values[name] for name in effect.settings if name in effect.values}
+    for name, value in {**settings, **values}.items():
         table[name] = float(value)
     return table
+
+
+def own_file(effect: Effect) -> Path | None:
+    """The Python file of a user's own effect.
+
+    Raises:
+        MechanismError: for one whose function came from no file.
+    """
+    if not isinstance(effect, UserEffect):
+        return None
+    if effect.file is None:
+        raise MechanismError(
+            f"effect '{effect.label}': its function is in no file, so no mechanism.toml can name "
+            "it; write the function into a .py file and read it with ident.read_user_effect"
+        )
+    return effect.file
 
 
 def document_of(mechanism: Mechanism) -> tomlkit.TOMLDocument:
@@ -60,7 +89,9 @@ def add_effects(mechanism: Mechanism, effects: Sequence[Effect]) -> Path:
             tables.append(tomlkit.item({**each}))
         document["effect"] = tables
     for effect in effects:
-        tables.append(effect_table(effect, effect.values))
+        file = own_file(effect)
+        beside = None if file is None else Path(os.path.relpath(file, path.parent)).as_posix()
+        tables.append(effect_table(effect, effect.values, beside))
     write_all(path.parent, {path.name: tomlkit.dumps(document).encode()})
     return path
 
@@ -85,20 +116,26 @@ def folder_files(
         document["parameters"] = {"unknown": list(unknown)}
     if "effect" in document:
         del document["effect"]
-    if effects:
-        tables = tomlkit.aot()
-        for effect, values in effects:
-            tables.append(effect_table(effect, values))
-        document["effect"] = tables
     files = {mechanism.urdf.name: urdf}
     for closure in document.get("closure", []):
         if closure.get("kind") == "function" and mechanism.toml is not None:
             file = mechanism.toml.parent / str(closure["file"])
-            content = file.read_bytes()
-            name = file.name  # it may be kept elsewhere; the copy stays in the folder
-            if files.get(name, content) != content:
-                name = f"{closure['name']}_{name}"
-            closure["file"] = name
-            files[name] = content
+            closure["file"] = _copied(files, file, str(closure["name"]))
+    if effects:
+        tables = tomlkit.aot()
+        for effect, values in effects:
+            own = own_file(effect)
+            name = None if own is None else _copied(files, own, effect.kind)
+            tables.append(effect_table(effect, values, name))
+        document["effect"] = tables
     files["mechanism.toml"] = tomlkit.dumps(document).encode()
     return files
+
+
+def _copied(files: dict[str, bytes], file: Path, owner: str) -> str:
+    """The name under which a Python file, kept elsewhere perhaps, is in the folder now."""
+    content, name = file.read_bytes(), file.name
+    if files.get(name, content) != content:
+        name = f"{owner}_{name}"
+    files[name] = content
+    return name

@@ -18,7 +18,7 @@ from ident.motion.measure import Signals, measure
 from ident.motion.motion import Band, Experiment, Motion
 from ident.motion.place import disagreements, in_tree, reduced, through_closures
 from ident.motion.rest import standstill
-from ident.motion.spectrum import CLEAN
+from ident.motion.spectrum import CLEAN, noise_level
 from ident.motion.wrench import wrenches
 from ident.progress import Told
 
@@ -194,12 +194,21 @@ def _experiment(
         yd=np.empty(0), ydd=np.empty(0), tau=tau, wrench=None, pinv=None, leverage=None,
         usable=usable, still=np.empty(0), logged=names, independent=names,
         extra={k: x for k, x in signals.columns.items() if not k.startswith(("q.", "v.", "a."))},
+        noise=_noise(mechanism, signals, names),
     )  # fmt: skip
     place = through_closures if mechanism.closures else in_tree
     experiment = place(mechanism, base, names, known)
     if len(names) > mechanism.degrees_of_freedom:
         notes += disagreements(mechanism, experiment, names, known[0])
     return replace(experiment, wrench=wrenches(mechanism, signals, experiment)), notes
+
+
+def _noise(mechanism: Mechanism, signals: Signals, names: tuple[str, ...]) -> dict[str, float]:
+    wanted = [f"{channel}.{name}" for name in names for channel in "qva"]
+    wanted += [f"tau.{name}" for name in mechanism.driven]
+    return {
+        name: noise_level(signals.even(name)[0]) for name in wanted if name in signals.columns
+    }
 
 
 def _without_ends(signals: Signals, ends: float) -> np.ndarray:

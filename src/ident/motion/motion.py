@@ -31,6 +31,7 @@ class Experiment:
         extra: the log's other columns on this clock.
         logged: names of the joints from whose coordinates the motion was completed.
         independent: names of the joints to which `leverage` refers.
+        noise: standard deviation of white noise in the logged channels, by column.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Experiment:
     extra: Mapping[str, np.ndarray] = field(default_factory=dict)
     logged: tuple[str, ...] = ()
     independent: tuple[str, ...] = ()
+    noise: Mapping[str, float] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.t)

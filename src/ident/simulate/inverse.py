@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from ident.effects import Effect
+from ident.effects.drive import Delay
+from ident.equations.correct import late
 from ident.equations.point import Point
 from ident.errors import MechanismError, MotionError, one_of
 from ident.fit.predict import Prediction, predict
@@ -94,6 +96,11 @@ def simulate(
     if joints is None:
         joints = [joint.name for joint in mechanism.joints if f"q.{joint.name}" in motion]
     found = _columns(mechanism, completed, e, prediction, columns, joints)
+    for effect in mechanism.effects:
+        if isinstance(effect, Delay) and f"tau.{effect.joints[0]}" in found:
+            (d,) = point.of(effect)[1].values()
+            channel = f"tau.{effect.joints[0]}"
+            found[channel] = late(e.t, found[channel], d)
     extra = {name: x for name, x in e.extra.items() if not name.startswith("tau.")}
     noisy = _noisy(found, noise, np.random.default_rng(seed))
     made = Log.from_arrays(motion.name, e.t, {**noisy, **extra})

@@ -1,0 +1,7 @@
+"""Where a model fails, which physical effect is missing, and how the error falls when it is added."""
+
+from ident.diagnose.diagnose import diagnose
+from ident.diagnose.diagnosis import Diagnosis
+from ident.diagnose.grow import History, grow
+
+__all__ = ["Diagnosis", "History", "diagnose", "grow"]

@@ -1,0 +1,136 @@
+"""The verb `diagnose`: where a model fails, and which effect is missing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.diagnose.choose import Choice, choose
+from ident.diagnose.diagnosis import Diagnosis
+from ident.diagnose.evidence import MATERIAL, Evidence, torque_squares
+from ident.diagnose.experiment import next_experiment
+from ident.diagnose.explanation import Explanation, explain
+from ident.diagnose.hidden import invisible
+from ident.diagnose.null import Null, null
+from ident.diagnose.quiet import quiet
+from ident.diagnose.screen import Screen
+from ident.diagnose.search import Search, search
+from ident.diagnose.sites import candidates
+from ident.diagnose.suggest import Suggestion, suggest
+from ident.diagnose.support import unsupported
+from ident.diagnose.words import text_of
+from ident.errors import FitError
+from ident.fit import Fit
+from ident.fit.table import Table
+from ident.health import health
+from ident.progress import Told
+from ident.residual import periods, residual_of, where
+
+SHOWN = 3  # candidates that are refitted though nothing speaks for them
+REFITTED = 8  # at most
+STRUCTURE = 1.25  # times the noise floor, from which a residual is no noise
+
+
+def diagnose(fit: Fit, *, seed: int = 0, progress: Told | None = None) -> Diagnosis:
+    """Where the model fails, what is missing, how sure that is, and what to measure next.
+
+    Every effect of the library at every place is judged after refitting everything else: by the
+    fall of errors held out in blocks of time, by what clean logs of the fitted model show through
+    the same pipeline, and by the share of the gap between residual and noise that it closes.
+
+    Args:
+        fit: from `ident.identify`.
+        seed: of the clean logs' noise.
+        progress: called with (what is being done, share done).
+
+    Returns:
+        The diagnosis; `print(diagnosis)` says it in words.
+
+    Raises:
+        FitError: if it is given no fit.
+    """
+    if not isinstance(fit, Fit):
+        raise FitError(
+            f"diagnose needs a fit, given: {type(fit).__name__}; write "
+            "ident.diagnose(ident.identify(mechanism, motion))"
+        )
+    told = progress or (lambda what, share: None)
+    told("rows", 0.0)
+    table = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
+    screen = Screen.of(table, quiet(table), _weights(fit, table), fit.estimate.held)
+    clean = null(table, screen, seed, told)
+    found = search(table, screen, candidates(fit.mechanism, fit.motion), clean.R, told)
+    threshold = float(found.null.max(initial=0.0))
+    chosen = choose(table, screen, clean, threshold, found.candidates)
+    told("refitting", 0.7)
+    explanations = _explanations(fit, chosen)
+    residual = residual_of(fit)
+    left = structure(table, screen, clean)
+    verdict = "missing" if chosen.best else "unexplained" if left.any() or _big(chosen) else "nothing"
+    proposal: Suggestion | None = None
+    if verdict == "unexplained":
+        told("looking for an expression", 0.8)
+        proposal = suggest(table, screen, clean, threshold, _worst(table, screen, clean))
+    told("where it fails", 0.9)
+    sigma = 1 / screen.weight
+    parts = dict(
+        fit=fit,
+        verdict=verdict,
+        health=health(fit),
+        where=where(residual),
+        periods=periods(residual),
+        candidates=tuple(explanations),
+        choice=chosen,
+        invisible=invisible(fit, table, screen, found.candidates),
+        unsupported=unsupported(fit, table, screen),
+        suggestion=proposal,
+        floor={
+            joint: float(clean.floor[u] * sigma[u]) for u, joint in enumerate(fit.motion.independent)
+        },
+    )
+    bare = Diagnosis(**parts, next_experiment="", text="")  # type: ignore[arg-type]
+    experiment = next_experiment(bare)
+    return Diagnosis(**parts, next_experiment=experiment, text=text_of(bare, experiment))  # type: ignore[arg-type]
+
+
+def _weights(fit: Fit, table: Table) -> np.ndarray:
+    """σ (d,) of the fit's rows, or of its residuals where a time basis weighs all rows alike."""
+    sigma = fit.estimate.sigma
+    if len(sigma) == table.b.shape[1]:
+        return sigma
+    r = table.b - table.A @ fit.estimate.solution.x
+    return np.sqrt((r**2).mean(axis=0)) + 1e-300
+
+
+def structure(table: Table, screen: Screen, clean: Null) -> np.ndarray:
+    """(d,) whether a coordinate's residual is more than noise, and matters."""
+    squares = screen.loss.sum(axis=0) / np.maximum(screen.rows, 1)
+    torque = torque_squares(table, screen) / np.maximum(screen.rows, 1)
+    excess = np.sqrt(np.maximum(squares - clean.floor**2, 0.0))
+    return (np.sqrt(squares) > STRUCTURE * clean.floor) & (excess > MATERIAL * np.sqrt(torque))
+
+
+def _big(chosen: Choice) -> bool:
+    """Whether something is there, though no effect accounts for it."""
+    return bool(chosen.credible)
+
+
+def _worst(table: Table, screen: Screen, clean: Null) -> int:
+    """The coordinate with the largest gap between residual and noise, by its torque."""
+    gap = np.maximum(screen.loss.sum(axis=0) - clean.floor**2 * screen.rows, 0.0)
+    torque = torque_squares(table, screen)
+    return int((gap / np.where(torque > 0, torque, np.inf)).argmax())
+
+
+def _explanations(fit: Fit, chosen: Choice) -> list[Explanation]:
+    """Refits of the best, its rivals, and what else is promising, best first."""
+    first: list[Evidence] = [] if chosen.best is None else [chosen.best, *chosen.rivals]
+    rest = [each for each in (*chosen.credible, *chosen.evidence) if each not in first]
+    several = list(dict.fromkeys(map(id, rest)))
+    ordered = first + [next(e for e in rest if id(e) == i) for i in several]
+    wanted = ordered[: max(SHOWN, min(REFITTED, len(first) + 1))]
+    found = []
+    group = [each.candidate.effect for each in first]
+    for each in wanted:
+        rivals = tuple(e for e in group if e is not each.candidate.effect) if each in first else ()
+        found.append(explain(fit, each, rivals))
+    return found

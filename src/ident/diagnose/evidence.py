@@ -1,0 +1,136 @@
+"""What speaks for a candidate: held-out gain, more than clean logs show, share of the gap closed.
+
+    z = mean(D) / (std(D)/√B),  D_B = Σ e₀² − Σ e₁² in block B        gain = Σ D / Σ e₀²
+    closure = (rms₀ − rms₁) / (rms₀ − floor)        on the joint where it closes most
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from ident.diagnose.null import Null
+from ident.diagnose.screen import Judgement, Screen
+from ident.diagnose.search import Candidate
+from ident.fit.table import Table
+
+SURE = 2.0  # standard errors of the blocks' gain
+BEYOND = 1.5  # times the largest fall that clean logs show
+CLOSES = 0.5  # share of the gap that one effect must close by itself
+TOGETHER = 0.75  # or two effects together, of which neither does alone
+MATERIAL = 0.005  # share of a joint's torque below which an effect does not matter
+HIDDEN = 0.01  # visible share below which the data cannot speak of an effect
+MINE = 0.1  # share of a candidate's fall that makes a coordinate one that it mends
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """For one candidate, or several together.
+
+    Attributes:
+        candidate: the effect, or the first of them.
+        difference: (blocks,) D_B.
+        gain, z, p: of the held-out squares.
+        closure: of the gap, the largest over the coordinates `mends`.
+        size: rms of what it explains, as a share of the torque there.
+        beyond: its in-sample fall over the largest that clean logs show.
+        sensible: whether what cannot be negative is not.
+    """
+
+    candidate: Candidate
+    difference: np.ndarray
+    gain: float
+    z: float
+    p: float
+    closure: float
+    size: float
+    beyond: float
+    sensible: bool
+    mends: tuple[int, ...]
+
+    @property
+    def credible(self) -> bool:
+        """Whether it is there at all: sure, beyond clean logs, material, visible, sensible."""
+        return (
+            self.z > SURE
+            and self.gain > 0
+            and self.beyond > BEYOND
+            and self.size > MATERIAL
+            and self.candidate.judged.visible > HIDDEN
+            and self.sensible
+        )
+
+
+def evidence(
+    table: Table, screen: Screen, null: Null, threshold: float, candidate: Candidate,
+    judged: Judgement | None = None,
+) -> Evidence:  # fmt: skip
+    """Weighs a candidate, or with `judged` a group of which it is the first.
+
+    Args:
+        table, screen, null: the model's rows, and clean logs'.
+        threshold: the largest in-sample fall that clean logs show over all candidates.
+        candidate: to be weighed.
+        judged: what the group would do.
+    """
+    judged = judged or candidate.judged
+    before = screen.loss
+    D = (before - judged.loss).sum(axis=1)
+    z = zscore(D)
+    by = np.maximum(judged.by, 0.0)
+    mends = np.flatnonzero(by >= MINE * max(by.sum(), 1e-300))
+    rows = np.maximum(screen.rows, 1)
+    rms0, rms1 = (np.sqrt(loss.sum(axis=0) / rows) for loss in (before, judged.loss))
+    gap = np.maximum(rms0 - null.floor, 1e-9 * rms0 + 1e-300)
+    torque = torque_squares(table, screen)[mends].sum()
+    return Evidence(
+        candidate=candidate,
+        difference=D,
+        gain=float(D.sum() / max(before.sum(), 1e-300)),
+        z=z,
+        p=float(stats.t.sf(z, len(D) - 1)),
+        closure=float(((rms0 - rms1) / gap)[mends].max(initial=0.0)),
+        size=float(np.sqrt(max(judged.fall, 0.0) / max(torque, 1e-300))),
+        beyond=float(judged.fall / max(threshold, 1e-300)),
+        sensible=_sensible(candidate),
+        mends=tuple(int(u) for u in mends),
+    )
+
+
+def zscore(D: np.ndarray) -> float:
+    """Mean over standard error of differences (blocks,); 0 where nothing differs."""
+    spread = D.std(ddof=1) / np.sqrt(len(D)) if len(D) > 1 else 0.0
+    return float(D.mean() / spread) if spread > 0 else 0.0
+
+
+def torque_squares(table: Table, screen: Screen) -> np.ndarray:
+    """(d,) weighted squares of the measured torque in the screen's rows."""
+    tau = table.tau[screen.row, screen.coordinate] * screen.weight[screen.coordinate]
+    return np.bincount(screen.coordinate, tau**2, screen.d)
+
+
+def _sensible(candidate: Candidate) -> bool:
+    """Whether no parameter that cannot be negative is."""
+    effect, theta = candidate.effect, candidate.judged.theta
+    values = theta[: len(effect.unknowns)] if effect.unknowns else theta
+    names = effect.unknowns or effect.searched
+    for unknown, value in zip(names, values, strict=False):
+        if unknown.nonnegative and value < 0:
+            return len(names) > 1 and _minor(effect.arity, values, value)
+    return True
+
+
+def _minor(arity: int, values: np.ndarray, value: float) -> bool:
+    """Of several unknowns one may come out a little negative by noise."""
+    return arity > 1 and abs(value) < 0.1 * float(np.abs(values).max())
+
+
+def together(
+    table: Table, screen: Screen, null: Null, threshold: float, group: Sequence[Candidate]
+) -> Evidence:
+    """Several candidates at once."""
+    judged = screen.judge(np.column_stack([each.columns for each in group]))
+    return evidence(table, screen, null, threshold, group[0], judged)

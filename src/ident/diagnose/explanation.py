@@ -1,0 +1,118 @@
+"""A candidate with the refit that it announces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ident.diagnose.evidence import Evidence
+from ident.effects import Effect
+from ident.equations.point import Point
+from ident.fit import Fit, identify
+from ident.fit.score import Error
+from ident.fit.values import Value
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """One candidate: what speaks for it, and the fit with it.
+
+    Attributes:
+        effect: the candidate; evidence: from rows away from reversals.
+        joint: the independent joint whose error it lowers most.
+        fit: everything refitted with it, on all rows.
+        before, after: held-out errors by joint, without it and with it.
+        fall: of the held-out weighted sum of squares, as a share.
+        rivals: effects that this data cannot tell from it.
+    """
+
+    effect: Effect
+    evidence: Evidence
+    joint: str
+    fit: Fit
+    before: dict[str, Error]
+    after: dict[str, Error]
+    fall: float
+    rivals: tuple[Effect, ...] = ()
+
+    @property
+    def error_before(self) -> float | None:
+        """Held-out relative error of its joint without it."""
+        return self.before[self.joint].relative
+
+    @property
+    def error_after(self) -> float | None:
+        """Held-out relative error of its joint with it."""
+        return self.after[self.joint].relative
+
+    @property
+    def parameters(self) -> tuple[Value, ...]:
+        """Its parameters in the refit."""
+        return next(e.parameters for e in self.fit.effects if e.effect.label == self.effect.label)
+
+    def json(self) -> dict[str, Any]:
+        """As in diagnosis.json."""
+        return {
+            **name_of(self.effect),
+            "joint": self.joint,
+            "error_before": self.error_before,
+            "error_after": self.error_after,
+            "fall": self.fall,
+            "p_value": self.evidence.p,
+            "z": self.evidence.z,
+            "closure": self.evidence.closure,
+            "visible": self.evidence.candidate.judged.visible,
+            "credible": self.evidence.credible,
+            "rivals": [name_of(each) for each in self.rivals],
+            "parameters": [
+                {"name": v.name, "value": v.value, "stderr": v.stderr, "unit": v.unit}
+                for v in self.parameters
+            ],
+        }
+
+
+def name_of(effect: Effect) -> dict[str, Any]:
+    """`{"effect": …, "joints": […]}`."""
+    return {"effect": effect.kind, "joints": list(effect.joints)}
+
+
+def explain(fit: Fit, found: Evidence, rivals: tuple[Effect, ...] = ()) -> Explanation:
+    """The refit with a candidate; searched shapes set out from where they were found."""
+    effect = found.candidate.effect
+    stem = effect.names[len(effect.unknowns) :]
+    shapes = {
+        full: found.candidate.shape[shape.name]
+        for full, shape in zip(stem, effect.shapes, strict=True)
+        if shape.name in found.candidate.shape
+    }
+    start = Point(fit.point.pi, {**fit.point.values, **shapes})
+    refit = identify(fit.mechanism + effect, fit.motion, start=start)
+    before, after = errors_of(fit), errors_of(refit)
+    return Explanation(
+        effect=effect,
+        evidence=found,
+        joint=fit.motion.independent[found.candidate.coordinate],
+        fit=refit,
+        before=before,
+        after=after,
+        fall=fall_of(fit, before, after),
+        rivals=rivals,
+    )
+
+
+def errors_of(fit: Fit) -> dict[str, Error]:
+    """Held out, or of the fitted data where the log is too short to hold anything out."""
+    return dict(fit.held_out or fit.train)
+
+
+def fall_of(fit: Fit, before: dict[str, Error], after: dict[str, Error]) -> float:
+    """1 − Σ (rms₁/σ)² / Σ (rms₀/σ)², σ the weights of the fit before."""
+    sigma = fit.estimate.sigma
+    names = fit.motion.independent
+    if len(sigma) != len(names):  # of a time basis, which weighs all rows alike
+        sigma = np.ones(len(names))
+    old = sum((before[name].rms / s) ** 2 for name, s in zip(names, sigma, strict=True))
+    new = sum((after[name].rms / s) ** 2 for name, s in zip(names, sigma, strict=True))
+    return float(1 - new / old) if old > 0 else 0.0

@@ -1,0 +1,109 @@
+"""What the residual would be if nothing were missing: logs of the fitted model, the same pipeline.
+
+The model's smooth motion and the torques it predicts are logged again, with the noise that the real
+channels have, and completed, filtered and compared like the real log. What such logs show (noise in
+positions that enters the columns, filters, smoothing) is no effect, however significant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ident.diagnose.screen import Screen
+from ident.equations.correct import Seen, corrected
+from ident.equations.samples import reduced
+from ident.equations.terms import unbalanced
+from ident.fit.table import FINE, Table
+from ident.log import Log
+from ident.motion import Experiment, complete
+from ident.progress import Told
+
+REPLICAS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Null:
+    """Residuals of logs in which nothing is missing.
+
+    Attributes:
+        R: (M, replicas) projected, in the screen's rows.
+        floor: (d,) rms of a held-out residual of nothing but noise [weighted].
+    """
+
+    R: np.ndarray
+    floor: np.ndarray
+
+
+def null(table: Table, screen: Screen, seed: int = 0, told: Told | None = None) -> Null:
+    """Replicas of the log as the fitted model makes it; reproducible by the seed."""
+    random = np.random.default_rng(seed)
+    found = []
+    motions = [_torques(table, number) for number in range(len(table.scenes))]
+    for i in range(REPLICAS):
+        if told:
+            told("logs of the model itself", i / REPLICAS)
+        logs = [_log(table, number, motions[number], random) for number in range(len(motions))]
+        names = [f"{number}" for number in range(len(logs))]
+        again = complete(
+            table.mechanism,
+            [replace(log, name=name) for log, name in zip(logs, names, strict=True)],
+            cutoff=table.motion.band.cutoff,
+        )
+        residual = [_residual(table, number, e) for number, e in enumerate(again.experiments)]
+        found.append(np.concatenate(residual))
+    R = screen.projected(screen.taken(np.stack(found, axis=-1)))
+    LR = screen.left_out(R)
+    squares = np.stack([screen.sums(x**2).sum(axis=0) for x in LR.T])
+    return Null(R, np.sqrt(np.median(squares, axis=0) / np.maximum(screen.rows, 1)))
+
+
+def _torques(table: Table, number: int) -> np.ndarray:
+    """(n, driven) the measured torques, less what the model does not explain of them."""
+    s = table.samples(number)
+    r = np.empty(s.shape)
+    for start in range(0, len(s), 4096):
+        part = replace(s, part=slice(start, start + 4096))
+        r[start : start + 4096] = unbalanced(part, table.point)
+    e, driven = s.e, table.mechanism.driven
+    if e.leverage is None:
+        at = [table.mechanism.joint(name).index for name in driven]
+        return e.tau - r[:, at]
+    L = e.leverage[:, [table.mechanism.joint_index[name] for name in driven]]
+    return e.tau - np.einsum("ndj,nd->nj", np.linalg.pinv(L, rcond=1e-6), r)
+
+
+def _log(table: Table, number: int, tau: np.ndarray, random: np.random.Generator) -> Log:
+    """The experiment as its own model would have logged it."""
+    e = table.scenes[number].e
+    columns: dict[str, np.ndarray] = {}
+    for j, name in enumerate(e.logged):
+        at = table.mechanism.joint_index[name]
+        for channel, x in (("q", e.y), ("v", e.yd), ("a", e.ydd)):
+            if f"{channel}.{name}" in e.noise:
+                sigma = e.noise[f"{channel}.{name}"]
+                columns[f"{channel}.{name}"] = x[:, at] + sigma * random.standard_normal(len(e))
+    for j, name in enumerate(table.mechanism.driven):
+        sigma = e.noise.get(f"tau.{name}", 0.0)
+        columns[f"tau.{name}"] = tau[:, j] + sigma * random.standard_normal(len(e))
+    columns |= {name: x for name, x in e.extra.items() if not name.startswith("tau.")}
+    return Log.from_arrays(e.name, e.t, columns)
+
+
+def _residual(table: Table, number: int, e: Experiment) -> np.ndarray:
+    """b − A x (N_e, d) of a replica at the model's parameters, in the table's rows."""
+    cutoff, scene = table.motion.band.cutoff, table.scenes[number]
+    seen = corrected(Seen(scene.mechanism, e), table.point, cutoff)
+    every = max(1, int(e.rate / (FINE * cutoff))) if cutoff else 1
+    if every == 1:
+        thin = np.arange(len(e))
+        s = reduced(seen.mechanism, seen.e, thin, table.point, seen.memo)
+        return table.filtered(number, unbalanced(s, table.point))
+    thin = np.arange(0, len(e), every)
+    model = replace(seen.e, tau=np.zeros_like(seen.e.tau))  # smooth, so it may be thinned
+    s = reduced(seen.mechanism, model, thin, table.point, seen.memo)
+    smooth = CubicSpline(e.t[thin], unbalanced(s, table.point))(e.t)
+    full = reduced(seen.mechanism, seen.e, slice(None), table.point, seen.memo)
+    return table.filtered(number, smooth + full.measured(table.mechanism.driven))

@@ -1,0 +1,250 @@
+"""Planted faults of the data are found on the right channel; clean logs and missing effects pass.
+
+Motions are analytic, torques the project's own simulation (held against Pinocchio and MuJoCo
+elsewhere), faults are made on the log's columns.
+"""
+
+import json
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ident
+from ident import Column, Log, Noise
+from ident.health import health
+from identification import motion_log, plant, robot
+
+NAMES = ("arm", "five_bar", "four_bar", "slider_crank")
+DRIVEN = {"arm": "elbow", "five_bar": "left", "four_bar": "crank", "slider_crank": "theta"}
+
+
+def planted(name, *kinds, noise=0.01, seed=0, **motion):
+    mechanism = robot(name)
+    for kind in ("viscous", "coulomb", *kinds):
+        mechanism = mechanism.with_effect(kind)
+    told = [Noise("tau", noise, relative=True)] if noise else []
+    return plant(mechanism, motion_log(name, **motion), noise=told, seed=seed)
+
+
+def changed(log, **columns):
+    found = {**log.columns, **{key.replace("__", "."): x for key, x in columns.items()}}
+    return Log.from_arrays(log.name, log.t, found)
+
+
+def judged(mechanism, log, cutoff=None):
+    fit = ident.identify(mechanism, ident.complete(mechanism, log, cutoff=cutoff))
+    return health(fit, [log])
+
+
+def found(judgement):
+    return {(check.name, check.channels) for check in judgement.findings}
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(("noise", "seed"), [(0.0, 3), (0.01, 4), (0.03, 5)])
+def test_clean_logs_are_healthy(name, noise, seed):
+    p = planted(name, noise=noise, seed=seed)
+    assert found(judged(p.mechanism, p.log)) == set()
+    assert found(judged(p.mechanism, p.log, "auto")) == set()
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("kind", ["", "rotor_inertia", "spring"])
+def test_a_missing_effect_is_no_fault_of_the_data(name, kind):
+    """Rigid bodies alone are fitted to logs with friction, and with rotors or springs as well."""
+    p = planted(name, *([kind] if kind else []), seed=6)
+    assert found(judged(robot(name), p.log)) == set()
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("rigid", [False, True])
+def test_a_wrong_sign_is_found(name, rigid):
+    p = planted(name, seed=7)
+    joint = DRIVEN[name]
+    log = changed(p.log, **{f"tau__{joint}": -p.log.columns[f"tau.{joint}"]})
+    judgement = judged(robot(name) if rigid else p.mechanism, log)
+    assert ("sign", (f"tau.{joint}",)) in found(judgement)
+    (check,) = [c for c in judgement.findings if c.name == "sign"]
+    assert f'[log] "tau.{joint}" = {{ column = "tau.{joint}", scale = -1 }}' in check.remedy
+
+
+def test_two_wrong_signs_are_both_found():
+    p = planted("arm", seed=8)
+    c = p.log.columns
+    log = changed(p.log, tau__yaw=-c["tau.yaw"], tau__shoulder=-c["tau.shoulder"])
+    signs = {c for name, where in found(judged(p.mechanism, log)) if name == "sign" for c in where}
+    assert signs == {"tau.yaw", "tau.shoulder"}
+
+
+@pytest.mark.parametrize(
+    ("name", "a", "b"),
+    [("arm", "shoulder", "elbow"), ("arm", "yaw", "wrist"), ("five_bar", "left", "right")],
+)
+def test_exchanged_torques_are_found(name, a, b):
+    p = planted(name, seed=9)
+    c = p.log.columns
+    log = changed(p.log, **{f"tau__{a}": c[f"tau.{b}"], f"tau__{b}": c[f"tau.{a}"]})
+    assert ("swapped", (f"tau.{a}", f"tau.{b}")) in found(judged(p.mechanism, log))
+
+
+@pytest.mark.parametrize(
+    ("joint", "factor"), [("shoulder", 0.1), ("elbow", 10.0), ("elbow", 1000.0)]
+)
+def test_a_gross_scale_is_found(joint, factor):
+    p = planted("arm", seed=10)
+    log = changed(p.log, **{f"tau__{joint}": factor * p.log.columns[f"tau.{joint}"]})
+    (check,) = [c for c in judged(p.mechanism, log).findings if c.name == "scale"]
+    assert check.channels == (f"tau.{joint}",)
+    said = float(check.meaning.split("reads ")[1].split()[0])
+    assert said == pytest.approx(factor, rel=0.25)
+
+
+def test_a_small_gain_is_left_to_the_effect():
+    p = planted("arm", seed=11)
+    log = changed(p.log, tau__elbow=1.08 * p.log.columns["tau.elbow"])
+    assert found(judged(p.mechanism, log)) == set()
+
+
+def test_one_drive_of_another_magnitude_than_the_urdf_is_a_hint():
+    motion = motion_log("four_bar")
+    p = plant(robot("four_bar"), motion, noise=[Noise("tau", 0.01, relative=True)], seed=12)
+    log = changed(p.log, tau__crank=50.0 * p.log.columns["tau.crank"])
+    assert ("magnitude", ("tau.crank",)) in found(judged(p.mechanism, log))
+
+
+@pytest.mark.parametrize("lag", [6, 10])
+def test_a_delay_of_one_torque_is_found_in_milliseconds(lag):
+    p = planted("arm", seed=13)
+    log = changed(p.log, tau__elbow=np.roll(p.log.columns["tau.elbow"], lag))
+    (check,) = [c for c in judged(p.mechanism, log).findings if c.name == "delay"]
+    assert check.channels == ("tau.elbow",)
+    assert check.number == pytest.approx(5.0 * lag, rel=0.25)
+
+
+def test_a_delay_of_all_torques_is_one_finding():
+    p = planted("arm", seed=14)
+    late = {name: np.roll(x, 6) for name, x in p.log.columns.items() if name.startswith("tau.")}
+    log = Log.from_arrays(p.log.name, p.log.t, {**p.log.columns, **late})
+    (check,) = [c for c in judged(p.mechanism, log).findings if c.name == "delay"]
+    assert len(check.channels) == 4
+    assert check.number == pytest.approx(30.0, rel=0.2)
+
+
+def test_signs_of_a_command():
+    p = planted("arm", seed=15)
+    x = p.log.columns["tau.elbow"]
+    clean = planted("arm", seed=15, noise=0.0).log.columns["tau.elbow"]
+    held = np.repeat(x[::8], 8)[: len(x)]
+    zero = np.where(np.arange(len(x)) % 200 < 80, 0.0, x)
+    for columns, word in (
+        ({"tau__elbow": held}, "held for 8 samples"),
+        ({"tau__elbow": zero}, "exactly zero"),
+        ({"tau__elbow": clean}, "not the least noise"),
+        ({"tau_des_elbow": x / 0.12}, "0.12 times the column 'tau_des_elbow'"),
+    ):
+        checks = [
+            c
+            for c in judged(p.mechanism, changed(p.log, **columns)).findings
+            if c.name == "command"
+        ]
+        assert {c.channels for c in checks} == {("tau.elbow",)}, word
+        assert any(word in c.meaning for c in checks), [c.meaning for c in checks]
+
+
+def test_the_mapped_column_is_no_command_of_itself():
+    p = planted("arm", seed=16)
+    c = dict(p.log.columns)
+    c["tau_set"] = c.pop("tau.elbow") / 0.5
+    mechanism = replace(p.mechanism, columns={"tau.elbow": Column("tau_set", 0.5)})
+    assert found(judged(mechanism, Log.from_arrays("run.csv", p.log.t, c))) == set()
+
+
+def test_a_saturated_torque_is_found():
+    p = planted("arm", seed=17)
+    x = p.log.columns["tau.elbow"]
+    limit = 0.6 * np.abs(x).max()
+    judgement = judged(p.mechanism, changed(p.log, tau__elbow=np.clip(x, -limit, limit)))
+    assert ("saturation", ("tau.elbow",)) in found(judgement)
+
+
+def test_coarse_steps_are_found_and_fine_ones_reported():
+    p = planted("arm", seed=18)
+    x = p.log.columns["tau.elbow"]
+    for share, bad in ((0.1, True), (0.005, False)):
+        step = share * np.sqrt(np.mean(x**2))
+        judgement = judged(p.mechanism, changed(p.log, tau__elbow=np.round(x / step) * step))
+        (check,) = [c for c in judgement.checks if c.name == "quantisation"]
+        assert (check.channels, check.bad) == (("tau.elbow",), bad)
+        assert check.number == pytest.approx(share / np.sqrt(12), rel=0.1)
+
+
+def test_coarse_encoder_without_speeds_is_found():
+    p = planted("arm", seed=19)
+    c = {k: x for k, x in p.log.columns.items() if k[0] in "qt"}
+    c["q.elbow"] = np.round(c["q.elbow"] / 4e-2) * 4e-2
+    judgement = judged(p.mechanism, Log.from_arrays("run.csv", p.log.t, c), "auto")
+    assert ("quantisation", ("q.elbow",)) in found(judgement)
+
+
+def test_an_encoder_offset_against_the_closures_is_found():
+    mechanism = robot("four_bar").with_effect("viscous")
+    motion = motion_log("four_bar")
+    log, _ = ident.simulate(mechanism, motion, values={"viscous.crank.Fv": 0.1})
+    y = ident.complete(mechanism, log, cutoff=None).experiments[0].y
+    joint = next(j.name for j in mechanism.joints if j.in_tree and j.name != "crank")
+    own = y[:, mechanism.joint_index[joint]]
+    good = judged(mechanism, changed(log, **{f"q__{joint}": own}))
+    wrong = judged(mechanism, changed(log, **{f"q__{joint}": own + 0.02}))
+    assert found(good) == set()
+    assert "closure" in {name for name, _ in found(wrong)}
+
+
+def test_a_dead_torque_is_found():
+    p = planted("arm", seed=20)
+    judgement = judged(p.mechanism, changed(p.log, tau__wrist=np.full(len(p.log.t), 0.02)))
+    assert ("dead", ("tau.wrist",)) in found(judgement)
+
+
+@pytest.mark.parametrize("kind", ["sign", "swapped", "scale"])
+def test_a_wrong_position_is_found(kind):
+    p = planted("arm", seed=21)
+    c = dict(p.log.columns)
+    for letter in "qva":
+        a, b = c[f"{letter}.shoulder"], c[f"{letter}.elbow"]
+        if kind == "swapped":
+            c[f"{letter}.shoulder"], c[f"{letter}.elbow"] = b, a
+        else:
+            c[f"{letter}.elbow"] = b * (-1.0 if kind == "sign" else 180 / np.pi)
+    unlimited = tuple(replace(j, lower=-np.inf, upper=np.inf) for j in p.mechanism.joints)
+    mechanism = replace(p.mechanism, joints=unlimited)
+    judgement = judged(mechanism, Log.from_arrays("run.csv", p.log.t, c))
+    assert any(name == f"position {kind}" for name, _ in found(judgement))
+
+
+def test_it_prints_and_is_json():
+    p = planted("arm", seed=22)
+    judgement = judged(p.mechanism, changed(p.log, tau__elbow=-p.log.columns["tau.elbow"]))
+    assert "tau.elbow" in str(judgement)
+    assert "scale = -1" in str(judgement)
+    assert judgement._repr_html_().startswith("<pre>")
+    told = json.loads(json.dumps(judgement.json(), allow_nan=False))
+    assert told[0]["name"] == "sign"
+    assert told[0]["bad"] is True
+    assert not judgement.good
+
+
+def test_without_logs_the_torques_are_judged_all_the_same():
+    p = planted("arm", seed=23)
+    log = changed(p.log, tau__elbow=-p.log.columns["tau.elbow"])
+    fit = ident.identify(p.mechanism, ident.complete(p.mechanism, log, cutoff=None))
+    assert ("sign", ("tau.elbow",)) in found(health(fit))
+
+
+def test_it_is_fast():
+    p = planted("arm", seed=24, rate=2500.0)
+    fit = p.fit()
+    start = time.perf_counter()
+    health(fit, [p.log])
+    assert time.perf_counter() - start < 3.0
