@@ -35,7 +35,7 @@ class Planted:
     """A mechanism, a log of it, and the values behind the log.
 
     Attributes:
-        values: of all dynamic parameters and all effects' unknowns, by name.
+        values: of all dynamic parameters and all effects' parameters, by name.
     """
 
     mechanism: Mechanism
@@ -68,7 +68,7 @@ def plant(
     Args:
         mechanism: with its effects.
         motion: what moves.
-        effects: values of effects' unknowns by full name; those left out are drawn in 0.1 … 0.3.
+        effects: values of effects' parameters by full name; those left out are drawn in 0.1 … 0.3.
         spread: of the dynamic parameters that are unknown, as a share.
         noise: on the log.
         seed: of parameters and noise.
@@ -79,8 +79,9 @@ def plant(
         values[name] *= 1 + spread * random.uniform(-1, 1)
         values[name] += 0.01 * spread * random.uniform(-1, 1)
     for effect in mechanism.effects:
-        for name in effect.names:
-            values[name] = (effects or {}).get(name, random.uniform(0.1, 0.3))
+        for name, parameter in zip(effect.names, effect.parameters, strict=True):
+            known = effect.values.get(parameter.name, random.uniform(0.1, 0.3))
+            values[name] = (effects or {}).get(name, known)
     log, _ = ident.simulate(mechanism, motion, values=values, noise=noise, seed=seed)
     return Planted(mechanism, log, values)
 

@@ -16,6 +16,7 @@ ORDER = [
     "fit",
     "residual",
     "health",
+    "diagnose",
     "simulate",
     "cli",
 ]

@@ -8,14 +8,15 @@ print(fit)
 
 from importlib.metadata import PackageNotFoundError, version
 
+from ident.diagnose import Diagnosis, History, diagnose, grow
 from ident.effects import KINDS as effects
-from ident.effects import Effect
+from ident.effects import Effect, read_user_effect, user_effect
 from ident.effects import create as effect
-from ident.effects import read_user_effect, user_effect
 from ident.errors import FitError, IdentError, LogError, MechanismError, MotionError
 from ident.fit import Fit, identify
 from ident.fit.output import write_fit
 from ident.fit.saved import Saved, read_fit
+from ident.health import Health, health
 from ident.log import Column, Log, read_log
 from ident.mechanism import Mechanism, Multipliers, load
 from ident.mechanism.absolute import absolute
@@ -31,9 +32,12 @@ except PackageNotFoundError:  # run from a checkout that is not installed
 __all__ = [
     "Column",
     "Comparison",
+    "Diagnosis",
     "Effect",
     "Fit",
     "FitError",
+    "Health",
+    "History",
     "IdentError",
     "Log",
     "LogError",
@@ -48,8 +52,11 @@ __all__ = [
     "absolute",
     "compare",
     "complete",
+    "diagnose",
     "effect",
     "effects",
+    "grow",
+    "health",
     "identify",
     "load",
     "read_fit",

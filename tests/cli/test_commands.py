@@ -253,10 +253,19 @@ def test_add_then_identify_sees_it(slider, done):
 def test_effects_tell_of_every_kind(done):
     outcome = done("effects")
     for kind in api.effects:
-        assert f"\n{kind}:" in f"\n{outcome.out}"
+        assert f"\n\n{kind}" in f"\n\n{outcome.out}"
+    assert max(len(line) for line in outcome.out.splitlines()) <= 96
     for words in ("N m s/rad", "when missing", "confused with", "source"):
         assert words in outcome.out
     assert outcome.err == ""
+
+
+def test_effects_tell_of_one_kind(done):
+    outcome = done("effects", "stribeck")
+    assert outcome.out.startswith("stribeck:joint\n")
+    for words in ("Fs sign(v) exp(−(v/vs)²)", "vs [rad/s | m/s]", "searched:", "Automatica"):
+        assert words in outcome.out
+    assert "viscous:joint" not in outcome.out
 
 
 # --- simulate ----------------------------------------------------------------------------------

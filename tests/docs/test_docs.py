@@ -13,6 +13,7 @@ import pytest
 import typer
 
 from ident.cli.app import app, main
+from ident.effects.describe import table
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -74,9 +75,19 @@ def test_python_runs(page, checkout):
 
 
 def test_the_pages_have_what_is_tested_here():
-    assert [p.name for p in PAGES if blocks(p, "python")] == ["README.md", "python.md"]
+    assert [p.name for p in PAGES if blocks(p, "python")] == [
+        "README.md",
+        "effects.md",
+        "python.md",
+    ]
     assert {words[0] for _, words in ALL} >= {"check", "identify", "compare", "simulate"}
     assert len([page for page, _ in ALL if page in ROBOTS]) >= len(ROBOTS)
+
+
+def test_the_library_is_the_table_of_its_page():
+    """Made by `ident.effects.describe.table`: paste what it prints where this fails."""
+    page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
+    assert page.partition("<!-- library -->\n")[2].partition("\n<!-- end -->")[0] == table()
 
 
 @pytest.mark.parametrize(("page", "words"), named(ALL))

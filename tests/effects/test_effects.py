@@ -1,28 +1,46 @@
 """Each effect's columns against its formula, and what every kind must have."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from helpers import J, tree_urdf, write_mechanism
-from ident.effects import KINDS, Signals, create, parse
+from ident.effects import KINDS, Correcting, Signals, create, parse
 from ident.errors import MechanismError
 from ident.mechanism import load
 
-UNITS = {"N m", "N", "N m s/rad", "N s/m", "N m/rad", "N/m", "kg m²", "kg"}
+SHAPES = {"vs": 0.5, "z0": 0.1, "q1": 0.3, "side": 1.0, "N": 5.0}
+SITED = {"payload": ("a_link",), "geometry": ("a.x",), "closure_compliance": ("pin",)}
+WITH_COLUMNS = [k for k in KINDS if not issubclass(KINDS[k], Correcting) and k != "payload"]
 
 
-def signals(joints=1, n=60, seed=0):
+def made(kind, rotational=True):
+    """An effect of a kind on as many joints as it needs."""
+    joints = SITED.get(kind, tuple("ab"[: KINDS[kind].arity]))
+    return create(kind, joints, rotational=rotational)
+
+
+def shape_of(effect):
+    return {shape.name: SHAPES.get(shape.name, 0.01) for shape in effect.shapes}
+
+
+def signals(effect, n=60, seed=0):
+    """Noise, with some standstill; a torque and a load that the model would predict."""
     rng = np.random.default_rng(seed)
-    q, v, a = rng.normal(size=(3, n, joints))
-    v[:5] *= 1e-3  # some standstill
-    names = [f"temperature.{k}" for k in "ab"[:joints]]
+    joints = effect.arity if effect.local else 1
+    q, v, a, torque, load = rng.normal(size=(5, n, joints))
+    v[:5] *= 1e-3
     return Signals(
-        t=np.arange(n) / 100,
+        t=3.0 + np.arange(n) / 100,
         q=q,
         v=v,
         a=a,
         still=np.full(joints, 0.02),
-        extra={name: 20 + rng.normal(size=n) for name in names},
+        extra={f"temperature.{k}": 20 + rng.normal(size=n) for k in "ab"},
+        shape=shape_of(effect),
+        present={"viscous.a.Fv": 0.4},
+        predicted=lambda: (torque, load),
     )
 
 
@@ -41,85 +59,205 @@ def mechanism(tmp_path):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_says_what_it_is(kind):
-    effect = KINDS[kind]
+    effect = made(kind)
     assert effect.kind == kind
     for text in (effect.equation, effect.signature, effect.source, effect.__doc__):
         assert text
         assert text.strip() == text
-    assert effect.unknowns
-    for unknown in effect.unknowns:
-        assert unknown.name.isidentifier()
-        assert unknown.meaning
-        assert len(unknown.units) == 2
-        assert all(unknown.units)
-    names = [unknown.name for unknown in effect.unknowns]
-    assert len(set(names)) == len(names)
+    assert effect.sits in ("joint", "driven", "mechanism", "link", "closure", "place")
+    assert effect.parameters
+    for parameter in effect.parameters:
+        assert parameter.name.isidentifier()
+        assert parameter.meaning
+        assert len(parameter.units) == 2
+        assert all(parameter.units)
+    names = [parameter.name for parameter in effect.parameters]
+    assert len({*names, *effect.settings}) == len(names) + len(effect.settings)
+    assert {*effect.nested_in, *effect.needs} <= set(KINDS)
 
 
 @pytest.mark.parametrize("rotational", [True, False])
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_has_finite_columns_with_names(kind, rotational):
-    joints = tuple("ab"[: KINDS[kind].arity])
-    effect = create(kind, joints, rotational=rotational)
-    s = signals(max(1, len(joints)))
+    effect = made(kind, rotational)
+    s = signals(effect)
     E, informed = effect.columns(s), effect.informed(s)
-    assert E.shape == (60, len(joints), len(effect.unknowns))
+    assert E.shape == (*s.q.shape, len(effect.unknowns))
     assert np.isfinite(E).all()
-    assert informed.shape == (60, len(joints))
+    assert informed.shape == s.q.shape
     assert informed.dtype == bool
-    assert np.linalg.matrix_rank(E.reshape(-1, E.shape[-1])) == E.shape[-1]
-    assert effect.names == tuple(f"{kind}.{','.join(joints)}.{u.name}" for u in effect.unknowns)
-    assert effect.units == tuple(u.units[0 if rotational else 1] for u in effect.unknowns)
-    assert effect.label == str(effect) == f"{kind}:{','.join(joints)}"
+    if kind in WITH_COLUMNS:
+        assert np.linalg.matrix_rank(E.reshape(-1, E.shape[-1])) == E.shape[-1]
+    stem = ".".join(filter(None, (kind, ",".join(effect.joints))))
+    assert effect.names == tuple(f"{stem}.{p.name}" for p in effect.parameters)
+    assert effect.units == tuple(p.units[0 if rotational else 1] for p in effect.parameters)
+    assert effect.label == str(effect) == ":".join(filter(None, (kind, ",".join(effect.joints))))
+    assert create(*parse(effect.label)) == create(kind, effect.joints)
+
+
+@pytest.mark.parametrize("rotational", [True, False])
+@pytest.mark.parametrize("kind", [k for k in KINDS if KINDS[k].shapes])
+def test_shapes_have_bounds_and_starts_within(kind, rotational):
+    effect = made(kind, rotational)
+    s = signals(effect)
+    bounds = effect.bounds(s)
+    assert set(bounds) == {shape.name for shape in effect.shapes}
+    assert all(low < high for low, high in bounds.values())
+    starts = effect.starts(s)
+    assert starts
+    for start in starts:
+        assert set(start) == set(bounds)
+        assert all(bounds[k][0] <= x <= bounds[k][1] for k, x in start.items()), (start, bounds)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_columns_of_a_sample_depend_on_that_sample_or_what_was_before(kind):
-    joints = tuple("ab"[: KINDS[kind].arity])
-    effect, s = create(kind, joints), signals(len(joints))
-    part = Signals(
-        s.t[:40], s.q[:40], s.v[:40], s.a[:40], s.still, {k: x[:40] for k, x in s.extra.items()}
-    )
+    effect = made(kind)
+    s = signals(effect)
+    torque, load = s.predicted()
+    part = replace(
+        s, t=s.t[:40], q=s.q[:40], v=s.v[:40], a=s.a[:40],
+        extra={k: x[:40] for k, x in s.extra.items()},
+        predicted=lambda: (torque[:40], load[:40]),
+    )  # fmt: skip
     np.testing.assert_allclose(effect.columns(part), effect.columns(s)[:40])
+    if not effect.memory:  # of that sample alone
+        late = replace(
+            s, t=s.t[7:], q=s.q[7:], v=s.v[7:], a=s.a[7:],
+            extra={k: x[7:] for k, x in s.extra.items()},
+            predicted=lambda: (torque[7:], load[7:]),
+        )  # fmt: skip
+        np.testing.assert_allclose(effect.columns(late), effect.columns(s)[7:])
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_kind_at_rest_at_its_zero_gives_no_sign(kind):
     # neither +1 nor −1 at standstill: a kind with a sign is continuous through v = 0
-    joints = tuple("ab"[: KINDS[kind].arity])
-    s = signals(len(joints))
-    tiny = [Signals(s.t, s.q, x * np.ones_like(s.v), s.a, s.still, s.extra) for x in (-1e-9, 1e-9)]
-    one, other = (create(kind, joints).columns(x) for x in tiny)
+    effect = made(kind)
+    s = signals(effect)
+    one, other = (effect.columns(replace(s, v=x * np.ones_like(s.v))) for x in (-1e-9, 1e-9))
     np.testing.assert_allclose(one, other, atol=1e-5)
+
+
+@pytest.mark.parametrize("kind", [k for k in KINDS if issubclass(KINDS[k], Correcting)])
+def test_a_correction_of_nothing_is_nothing(kind):
+    effect = made(kind)
+    s = signals(effect)
+    zero = effect.correction(replace(s, shape=dict.fromkeys(s.shape, 0.0)))
+    for each in (zero.dq, zero.delay, zero.moved, zero.gap):
+        assert not any(np.any(x) for x in each.values())
+    assert zero.tilt == (0.0, 0.0)
 
 
 # --- formulas -----------------------------------------------------------------------------------
 
+
+def sign(s, v=None):
+    """With a ramp through standstill."""
+    v = s.v if v is None else v
+    return np.where(np.abs(v) < s.still[0], v / s.still[0], np.sign(v))
+
+
+def dahl(s):
+    """ż = v − |v| z/z0 over the path q, by many small Euler steps."""
+    z, found, fine = 0.0, [0.0], 4000
+    for step in np.diff(s.q[:, 0]):
+        for _ in range(fine):
+            z += step / fine - abs(step / fine) * z / s.shape["z0"]
+        found.append(z)
+    return np.array(found)[:, None]
+
+
+def both(x):
+    return np.repeat(x.sum(axis=1, keepdims=True), 2, axis=1)
+
+
 FORMULAS = {
-    "viscous": (lambda s: [s.v], ("N m s/rad",), ("N s/m",)),
-    "coulomb": (
-        lambda s: [np.where(np.abs(s.v) < s.still, s.v / s.still, np.sign(s.v))],
-        ("N m",),
-        ("N",),
+    "viscous": (lambda s: [s.v], ["N m s/rad", "N s/m"]),
+    "coulomb": (lambda s: [sign(s)], ["N m", "N"]),
+    "stribeck": (lambda s: [sign(s) * np.exp(-((s.v / 0.5) ** 2))], ["N m", "N"]),
+    "load_friction": (lambda s: [np.abs(s.load) * sign(s)], ["1", "1"]),
+    "hysteresis": (lambda s: [dahl(s)], ["N m/rad", "N/m"]),
+    "drag": (lambda s: [s.v**2 * np.sign(s.v)], ["N m s²/rad²", "N s²/m²"]),
+    "spring": (lambda s: [s.q, np.ones_like(s.q)], ["N m/rad", "N/m"]),
+    "cable": (lambda s: [np.ones_like(s.q), s.q, s.q**2, s.q**3], ["N m", "N"]),
+    "end_stop": (lambda s: [np.where(s.q > 0.3, s.q - 0.3, 0.0)], ["N m/rad", "N/m"]),
+    "rotor_inertia": (lambda s: [s.a], ["kg m²", "kg"]),
+    "coupling": (lambda s: [both(s.a), both(s.v), sign(s, both(s.v))], ["kg m²", "kg"]),
+    "ripple": (lambda s: [np.sin(5 * s.q), np.cos(5 * s.q)], ["N m", "N"]),
+    "torque_offset": (lambda s: [np.ones_like(s.q)], ["N m", "N"]),
+    "torque_gain": (lambda s: [s.torque], ["1", "1"]),
+    "temperature_friction": (
+        lambda s: [0.4 * s.v * (s.extra["temperature.a"][:, None] - 25.0)],
+        ["1/K", "1/K"],
     ),
-    "spring": (lambda s: [s.q, np.ones_like(s.q)], ("N m/rad", "N m"), ("N/m", "N")),
-    "rotor_inertia": (lambda s: [s.a], ("kg m²",), ("kg",)),
-    "torque_offset": (lambda s: [np.ones_like(s.q)], ("N m",), ("N",)),
+    "drift": (lambda s: [(s.t - 3.0)[:, None]], ["N m/s", "N/s"]),
 }
+
+
+def test_every_kind_with_columns_has_its_formula_here():
+    assert set(FORMULAS) == set(WITH_COLUMNS)
 
 
 @pytest.mark.parametrize("kind", FORMULAS)
 def test_columns_are_the_formula(kind):
-    formula, turning, sliding = FORMULAS[kind]
-    s = signals()
-    np.testing.assert_allclose(create(kind, "a").columns(s), np.stack(formula(s), axis=-1))
-    assert create(kind, "a").units == turning
-    assert create(kind, "a", rotational=False).units == sliding
+    formula, units = FORMULAS[kind]
+    effect = made(kind)
+    s = signals(effect)
+    loose = {"rtol": 2e-3, "atol": 1e-5} if kind == "hysteresis" else {"rtol": 1e-12}
+    np.testing.assert_allclose(effect.columns(s), np.stack(formula(s), axis=-1), **loose)
+    assert [effect.units[0], made(kind, rotational=False).units[0]] == units
 
 
-def test_coulomb_is_informed_by_samples_in_motion_only():
-    s = signals()
-    np.testing.assert_array_equal(create("coulomb", "a").informed(s), np.abs(s.v) >= s.still)
+CORRECTIONS = {  # what s = 0.01 corrects
+    "delay": lambda s, c: c.delay == {"a": 0.01},
+    "encoder_offset": lambda s, c: c.dq == {"a": 0.01},
+    "gravity_tilt": lambda s, c: c.tilt == (0.01, 0.01),
+    "elasticity": lambda s, c: np.allclose(c.dq["a"], -0.01 * s.load[:, 0]),
+    "backlash": lambda s, c: np.allclose(
+        c.dq["a"], -0.005 * np.tanh(s.load[:, 0] / (0.05 * np.sqrt(np.mean(s.load**2))))
+    ),
+    "geometry": lambda s, c: c.moved == {"a.x": 0.01},
+    "closure_compliance": lambda s, c: c.gap == {"pin": 0.01},
+}
+
+
+def test_every_correcting_kind_has_its_correction_here():
+    assert set(CORRECTIONS) == {k for k in KINDS if issubclass(KINDS[k], Correcting)}
+
+
+@pytest.mark.parametrize("kind", CORRECTIONS)
+def test_corrections_are_the_formula(kind):
+    effect = made(kind)
+    s = signals(effect)
+    assert CORRECTIONS[kind](s, effect.correction(s))
+
+
+def test_the_other_end_stop_is_below():
+    effect = made("end_stop")
+    s = replace(signals(effect), shape={"q1": -0.2, "side": -1.0})
+    np.testing.assert_allclose(effect.columns(s)[..., 0], np.minimum(s.q + 0.2, 0.0))
+
+
+@pytest.mark.parametrize("degree", [1, 2, 7])
+def test_a_cable_of_another_degree(degree):
+    effect = create("cable", "a", {"degree": degree})
+    s = signals(effect)
+    assert [u.name for u in effect.unknowns] == [f"k{i}" for i in range(degree + 1)]
+    np.testing.assert_allclose(effect.columns(s)[..., degree], s.q**degree)
+
+
+@pytest.mark.parametrize("degree", [0, 8, 2.5])
+def test_a_cable_of_no_degree(degree):
+    with pytest.raises(MechanismError, match="valid: 1 to 7"):
+        create("cable", "a", {"degree": degree})
+
+
+@pytest.mark.parametrize("kind", ["coulomb", "stribeck", "load_friction"])
+def test_dry_friction_is_informed_by_samples_in_motion_only(kind):
+    effect = made(kind)
+    s = signals(effect)
+    np.testing.assert_array_equal(effect.informed(s), np.abs(s.v) >= s.still)
 
 
 # --- grown by + ---------------------------------------------------------------------------------
@@ -186,6 +324,10 @@ def test_parse_refuses(text, says):
         ("viscous", "a", {"Fv": np.nan}, "finite"),
         ("viscous", "a,b", {}, "acts on 1 joint"),
         ("viscous", (), {}, "acts on 1 joint"),
+        ("coupling", "a", {}, "write coupling:joint,joint"),
+        ("coupling", "a,a", {}, "names a joint twice"),
+        ("gravity_tilt", "a", {}, "acts on the whole mechanism, given: a; write gravity_tilt"),
+        ("geometry", (), {}, "write geometry:place"),
     ],
 )
 def test_create_refuses(kind, joints, values, says):

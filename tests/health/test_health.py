@@ -184,7 +184,7 @@ def test_coarse_encoder_without_speeds_is_found():
     p = planted("arm", seed=19)
     c = {k: x for k, x in p.log.columns.items() if k[0] in "qt"}
     c["q.elbow"] = np.round(c["q.elbow"] / 4e-2) * 4e-2
-    judgement = judged(p.mechanism, Log.from_arrays("run.csv", p.log.t, c), "auto")
+    judgement = judged(p.mechanism, Log.from_arrays("run.csv", p.log.t, c), 8.0)
     assert ("quantisation", ("q.elbow",)) in found(judgement)
 
 

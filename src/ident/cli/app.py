@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 import ident
-from ident.cli import identifying, modelling
+from ident.cli import diagnosing, identifying, modelling
 from ident.cli.console import fail
 from ident.errors import IdentError
 
@@ -27,6 +27,8 @@ for command in (
     identifying.check,
     identifying.identify,
     identifying.compare,
+    diagnosing.diagnose,
+    diagnosing.grow,
     modelling.add,
     modelling.effects,
     modelling.simulate,

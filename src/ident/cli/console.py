@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import NoReturn
 
@@ -35,11 +35,31 @@ def fail(why: object) -> NoReturn:
 @contextmanager
 def progress() -> Iterator[Told]:
     """A bar on standard error while something long runs; nothing where that is no terminal."""
+    with progress_and_results() as (told, _):
+        yield told
+
+
+@contextmanager
+def progress_and_results() -> Iterator[tuple[Told, Callable[[object], None]]]:
+    """The bar, and `result` for what is known before all is done; the bar makes way for it."""
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bar:
+    with Progress(
+        *columns,
+        console=errors,
+        transient=True,
+        disable=not errors.is_terminal,
+        redirect_stdout=False,  # to where the user sends it, not to the bar's terminal
+        redirect_stderr=False,
+    ) as bar:
         task = bar.add_task("", total=1.0)
 
         def told(what: str, share: float) -> None:
             bar.update(task, description=what, completed=share)
 
-        yield told
+        def shown(text: object) -> None:
+            bar.stop()
+            result(text)
+            sys.stdout.flush()
+            bar.start()
+
+        yield told, shown

@@ -1,4 +1,4 @@
-"""Where a model fails, which physical effect is missing, and how the error falls when it is added."""
+"""Where a model fails, which physical effect is missing, and how the error falls with it."""
 
 from ident.diagnose.diagnose import diagnose
 from ident.diagnose.diagnosis import Diagnosis

@@ -1,8 +1,9 @@
 """Which effect is missing, which rivals it has, and whether that explains enough.
 
-A candidate that closes half of the gap on its joint by itself is a name. One that does not, but
-does with another credible one on the same joint, is the first of two. What closes less is a sign of
-something else, and no name.
+A candidate that closes two thirds of the gap on its joint by itself is a name. One that does not, but
+does with another credible one on the same joint, is the first of two. Friction, rotor inertia and
+offsets, which every machine has, may close less: others beside them are no surprise. What else
+closes little is a sign of something else, and no name.
 """
 
 from __future__ import annotations
@@ -12,7 +13,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.diagnose.evidence import CLOSES, TOGETHER, Evidence, evidence, together, zscore
+from ident.diagnose.evidence import (
+    CLOSES,
+    COMMON,
+    SURER,
+    TOGETHER,
+    Evidence,
+    evidence,
+    together,
+    zscore,
+)
 from ident.diagnose.null import Null
 from ident.diagnose.screen import Screen
 from ident.diagnose.search import Candidate
@@ -20,6 +30,9 @@ from ident.fit.table import Table
 
 APART = 2.0  # standard errors of paired blocks within which two candidates are rivals
 SIMPLER = 1.0  # within which the one with fewer numbers is preferred
+ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same part
+USUAL = ("viscous", "coulomb")
+USUAL_BEHIND = 0.03  # of the gap, by which they may be behind one curve that resembles their sum
 PARTNERS = 6  # credible candidates of a joint that are tried together
 
 
@@ -48,16 +61,32 @@ def choose(
     weighed = [evidence(table, screen, null, threshold, each) for each in candidates]
     weighed.sort(key=lambda each: -each.gain)
     credible = [each for each in weighed if each.credible]
+    same = _Same(screen)
     for first in credible:
-        best = _simplest(first, credible)
+        best = _simplest(first, credible, same)
         partner = None
-        if best.closure < CLOSES:
+        if not best.candidate.effect.common:
+            pair = _usual(table, screen, null, threshold, best, weighed)
+            best, partner = pair or (best, None)
+        if partner is None and not _enough(best):
             partner = _partner(table, screen, null, threshold, best, credible)
             if partner is None:
                 continue
-        rivals = _rivals(best, credible)
+        rivals = _rivals(best, credible, same)
         return Choice(best, partner, tuple(rivals), tuple(credible), tuple(weighed))
     return Choice(None, None, (), tuple(credible), tuple(weighed))
+
+
+def without_name(choice: Choice) -> Choice:
+    """The same evidence, and no name for it."""
+    return Choice(None, None, (), choice.credible, choice.evidence)
+
+
+def _enough(found: Evidence) -> bool:
+    """Whether it explains enough of the gap to be a name by itself."""
+    if found.candidate.effect.common and found.z > SURER:
+        return found.closure >= COMMON
+    return found.closure >= CLOSES
 
 
 def _behind(a: Evidence, b: Evidence) -> float:
@@ -65,12 +94,31 @@ def _behind(a: Evidence, b: Evidence) -> float:
     return zscore(b.difference - a.difference)
 
 
-def _simplest(first: Evidence, credible: Sequence[Evidence]) -> Evidence:
+class _Same:
+    """Whether two candidates explain the same part: cosine of X̃_a θ_a and X̃_b θ_b."""
+
+    def __init__(self, screen: Screen) -> None:
+        self.screen = screen
+        self.known: dict[int, np.ndarray] = {}
+
+    def part(self, each: Evidence) -> np.ndarray:
+        """X̃ θ (M,), of unit length."""
+        if id(each) not in self.known:
+            candidate = each.candidate
+            x = self.screen.projected(candidate.columns @ candidate.judged.theta[:, None])[:, 0]
+            self.known[id(each)] = x / max(float(np.linalg.norm(x)), 1e-300)
+        return self.known[id(each)]
+
+    def __call__(self, a: Evidence, b: Evidence) -> bool:
+        return bool(set(a.mends) & set(b.mends)) and float(self.part(a) @ self.part(b)) > ALIKE
+
+
+def _simplest(first: Evidence, credible: Sequence[Evidence], same: _Same) -> Evidence:
     """The one with fewest numbers among those as good as the first."""
     equal = [
         each for each in credible
         if each is first
-        or (_behind(each, first) < SIMPLER and set(each.mends) & set(first.mends))
+        or (_behind(each, first) < SIMPLER and same(each, first))
         or (_nested(each, first) and _behind(each, first) < APART)
     ]  # fmt: skip
     return min(equal, key=lambda each: (each.candidate.parameters, -each.gain))
@@ -82,15 +130,38 @@ def _nested(small: Evidence, large: Evidence) -> bool:
     return a.joints == b.joints and b.kind in a.nested_in
 
 
-def _rivals(best: Evidence, credible: Sequence[Evidence]) -> list[Evidence]:
+def _rivals(best: Evidence, credible: Sequence[Evidence], same: _Same) -> list[Evidence]:
+    """Those that explain the same part, as well within the error of the comparison."""
     found = []
     for each in credible:
-        if each is best or _behind(each, best) >= APART:
+        if each is best or _behind(each, best) >= APART or not same(each, best):
             continue
         if each.closure < 0.8 * min(best.closure, CLOSES) or _nested(best, each):
             continue
         found.append(each)
     return found
+
+
+def _usual(
+    table: Table, screen: Screen, null: Null, threshold: float, best: Evidence,
+    weighed: Sequence[Evidence],
+) -> tuple[Evidence, Evidence] | None:  # fmt: skip
+    """Viscous and Coulomb friction of the same joint, if together they do about as well or better.
+
+    While both are missing, one curve that resembles their sum is a better fit than either.
+    """
+    joint = best.candidate.effect.joints[:1]
+    pair = [
+        each for each in weighed
+        if each.candidate.effect.kind in USUAL and each.candidate.effect.joints == joint
+    ]  # fmt: skip
+    if len(pair) < len(USUAL) or not any(each.credible for each in pair):
+        return None
+    pair.sort(key=lambda each: (not each.credible, -each.gain))
+    both = together(table, screen, null, threshold, [each.candidate for each in pair])
+    if both.closure < max(CLOSES, best.closure - USUAL_BEHIND):
+        return None
+    return pair[0], pair[1]
 
 
 def _partner(

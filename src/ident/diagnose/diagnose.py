@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
-from ident.diagnose.choose import Choice, choose
+from ident.diagnose.choose import Choice, choose, without_name
 from ident.diagnose.diagnosis import Diagnosis
-from ident.diagnose.evidence import MATERIAL, Evidence, torque_squares
+from ident.diagnose.evidence import CLOSES, MATERIAL, Evidence, torque_squares
 from ident.diagnose.experiment import next_experiment
 from ident.diagnose.explanation import Explanation, explain
-from ident.diagnose.hidden import invisible
+from ident.diagnose.hidden import Invisible, invisible, outright
 from ident.diagnose.null import Null, null
 from ident.diagnose.quiet import quiet
 from ident.diagnose.screen import Screen
@@ -18,7 +20,7 @@ from ident.diagnose.sites import candidates
 from ident.diagnose.suggest import Suggestion, suggest
 from ident.diagnose.support import unsupported
 from ident.diagnose.words import text_of
-from ident.errors import FitError
+from ident.errors import FitError, IdentError
 from ident.fit import Fit
 from ident.fit.table import Table
 from ident.health import health
@@ -27,7 +29,50 @@ from ident.residual import periods, residual_of, where
 
 SHOWN = 3  # candidates that are refitted though nothing speaks for them
 REFITTED = 8  # at most
+MOSTLY, CLEARLY = 0.7, 0.2  # of the gap, that an expression closes, and more than a name does
 STRUCTURE = 1.25  # times the noise floor, from which a residual is no noise
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """All candidates weighed on one fit: what a diagnosis and a growing model rest on."""
+
+    fit: Fit
+    table: Table
+    screen: Screen
+    clean: Null
+    search: Search
+    absorbed: tuple[Invisible, ...]
+    threshold: float
+    choice: Choice
+
+
+def judge(fit: Fit, *, seed: int = 0, progress: Told | None = None) -> Judged:
+    """Weighs every effect of the library at every place against what clean logs show."""
+    told = progress or _silent
+    told("rows", 0.0)
+    table = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
+    screen = Screen.of(table, quiet(table), _weights(fit, table), fit.estimate.held)
+    clean = null(table, screen, seed, told)
+    wanted = candidates(fit.mechanism, fit.motion)
+    absorbed = tuple(x for x in (outright(fit.mechanism, each) for each in wanted) if x)
+    given = {each.effect.label for each in absorbed}
+    wanted = [each for each in wanted if each.label not in given]
+    found = search(table, screen, wanted, clean.R, told)
+    threshold = float(found.null.max(initial=0.0))
+    chosen = choose(table, screen, clean, threshold, found.candidates)
+    judged = Judged(fit, table, screen, clean, found, absorbed, threshold, chosen)
+    return replace(judged, choice=without_name(chosen)) if _beaten(judged) else judged
+
+
+def _beaten(judged: Judged) -> bool:
+    """Whether an expression of the signals explains nearly all of what the name explains in part."""
+    best = judged.choice.best
+    if best is None or judged.choice.partner is not None or best.closure >= CLOSES:
+        return False
+    j = judged
+    other = suggest(j.table, j.screen, j.clean, j.threshold, best.candidate.coordinate)
+    return other is not None and other.closure > MOSTLY and other.closure > best.closure + CLEARLY
 
 
 def diagnose(fit: Fit, *, seed: int = 0, progress: Told | None = None) -> Diagnosis:
@@ -53,26 +98,26 @@ def diagnose(fit: Fit, *, seed: int = 0, progress: Told | None = None) -> Diagno
             f"diagnose needs a fit, given: {type(fit).__name__}; write "
             "ident.diagnose(ident.identify(mechanism, motion))"
         )
-    told = progress or (lambda what, share: None)
-    told("rows", 0.0)
-    table = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
-    screen = Screen.of(table, quiet(table), _weights(fit, table), fit.estimate.held)
-    clean = null(table, screen, seed, told)
-    found = search(table, screen, candidates(fit.mechanism, fit.motion), clean.R, told)
-    threshold = float(found.null.max(initial=0.0))
-    chosen = choose(table, screen, clean, threshold, found.candidates)
+    return told_of(judge(fit, seed=seed, progress=progress), progress)
+
+
+def told_of(judged: Judged, progress: Told | None = None) -> Diagnosis:
+    """The diagnosis of a fit on which all candidates are weighed."""
+    told = progress or _silent
+    fit, table, screen, clean = judged.fit, judged.table, judged.screen, judged.clean
+    chosen = judged.choice
     told("refitting", 0.7)
     explanations = _explanations(fit, chosen)
     residual = residual_of(fit)
-    left = structure(table, screen, clean)
-    verdict = "missing" if chosen.best else "unexplained" if left.any() or _big(chosen) else "nothing"
+    verdict = _verdict(judged)
     proposal: Suggestion | None = None
     if verdict == "unexplained":
         told("looking for an expression", 0.8)
-        proposal = suggest(table, screen, clean, threshold, _worst(table, screen, clean))
+        worst = _worst(table, screen, clean)
+        proposal = suggest(table, screen, clean, judged.threshold, worst)
     told("where it fails", 0.9)
-    sigma = 1 / screen.weight
-    parts = dict(
+    floor = clean.floor / screen.weight
+    bare = Diagnosis(
         fit=fit,
         verdict=verdict,
         health=health(fit),
@@ -80,16 +125,29 @@ def diagnose(fit: Fit, *, seed: int = 0, progress: Told | None = None) -> Diagno
         periods=periods(residual),
         candidates=tuple(explanations),
         choice=chosen,
-        invisible=invisible(fit, table, screen, found.candidates),
+        invisible=(
+            *invisible(fit, table, screen, judged.search.candidates),
+            *judged.absorbed,
+        ),
         unsupported=unsupported(fit, table, screen),
         suggestion=proposal,
-        floor={
-            joint: float(clean.floor[u] * sigma[u]) for u, joint in enumerate(fit.motion.independent)
-        },
+        floor=dict(zip(fit.motion.independent, map(float, floor), strict=True)),
+        next_experiment="",
+        text="",
     )
-    bare = Diagnosis(**parts, next_experiment="", text="")  # type: ignore[arg-type]
     experiment = next_experiment(bare)
-    return Diagnosis(**parts, next_experiment=experiment, text=text_of(bare, experiment))  # type: ignore[arg-type]
+    return replace(bare, next_experiment=experiment, text=text_of(bare, experiment))
+
+
+def _silent(what: str, share: float) -> None:
+    """Progress that nobody watches."""
+
+
+def _verdict(judged: Judged) -> str:
+    if judged.choice.best is not None:
+        return "missing"
+    left = structure(judged.table, judged.screen, judged.clean).any()
+    return "unexplained" if left or judged.choice.credible else "nothing"
 
 
 def _weights(fit: Fit, table: Table) -> np.ndarray:
@@ -107,11 +165,6 @@ def structure(table: Table, screen: Screen, clean: Null) -> np.ndarray:
     torque = torque_squares(table, screen) / np.maximum(screen.rows, 1)
     excess = np.sqrt(np.maximum(squares - clean.floor**2, 0.0))
     return (np.sqrt(squares) > STRUCTURE * clean.floor) & (excess > MATERIAL * np.sqrt(torque))
-
-
-def _big(chosen: Choice) -> bool:
-    """Whether something is there, though no effect accounts for it."""
-    return bool(chosen.credible)
 
 
 def _worst(table: Table, screen: Screen, clean: Null) -> int:
@@ -132,5 +185,9 @@ def _explanations(fit: Fit, chosen: Choice) -> list[Explanation]:
     group = [each.candidate.effect for each in first]
     for each in wanted:
         rivals = tuple(e for e in group if e is not each.candidate.effect) if each in first else ()
-        found.append(explain(fit, each, rivals))
+        try:
+            found.append(explain(fit, each, rivals))
+        except IdentError:  # a correction too large for the loops to close, say
+            if each in first:
+                raise
     return found

@@ -7,17 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from matplotlib.figure import Figure
+
 from ident.diagnose.choose import Choice
-from ident.diagnose.explanation import Explanation, name_of
+from ident.diagnose.explanation import Explanation
 from ident.diagnose.hidden import Invisible
+from ident.diagnose.output import diagnosis_json, write_diagnosis
+from ident.diagnose.plots import plot_candidates
 from ident.diagnose.suggest import Suggestion
 from ident.diagnose.support import Unsupported
+from ident.diagnose.tables import summary
 from ident.effects import Effect
 from ident.fit import Fit
 from ident.health import Health
 from ident.residual import Failure, Periods
-
-SCHEMA = "ident.diagnosis/1"
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,38 +65,21 @@ class Diagnosis:
 
     def json(self) -> dict[str, Any]:
         """The content of diagnosis.json."""
-        return {
-            "schema": SCHEMA,
-            "mechanism": self.fit.mechanism.name,
-            "logs": [e.name for e in self.fit.motion.experiments],
-            "effects": [name_of(effect) for effect in self.fit.mechanism.effects],
-            "verdict": self.verdict,
-            "where": [each.json() for each in self.where],
-            "floor": self.floor,
-            "candidates": [each.json() for each in self.candidates],
-            "best": None if self.best is None else name_of(self.best),
-            "invisible": [each.json() for each in self.invisible],
-            "unsupported": [each.json() for each in self.unsupported],
-            "suggestion": None if self.suggestion is None else self.suggestion.json(),
-            "health": self.health.json(),
-            "judged": len(self.choice.evidence),
-            "next_experiment": self.next_experiment,
-            "text": self.text,
-        }
+        return diagnosis_json(self)
 
     def write(self, folder: str | Path) -> list[Path]:
-        """diagnosis.json and report.html in a folder, both or none.
+        """diagnosis.json, report.html, and suggestion.py if there is one; all of them or none.
 
         Raises:
             IdentError: if the folder cannot be written.
         """
-        from ident.diagnose.output import write_diagnosis  # it draws what this file defines
-
         return write_diagnosis(self, folder)
 
-    def __str__(self) -> str:
-        from ident.diagnose.tables import summary  # it prints what this file defines
+    def plot(self) -> Figure:
+        """Held-out fall of the best candidates, those that cannot be told from the best in grey."""
+        return plot_candidates(self)
 
+    def __str__(self) -> str:
         return summary(self)
 
     __repr__ = __str__

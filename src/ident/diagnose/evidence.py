@@ -1,6 +1,7 @@
 """What speaks for a candidate: held-out gain, more than clean logs show, share of the gap closed.
 
-    z = mean(D) / (std(D)/√B),  D_B = Σ e₀² − Σ e₁² in block B        gain = Σ D / Σ e₀²
+    z = mean(D) / (std(D)/√B),  D_B = Σ e₀² − Σ e₁² in block B, or the logarithm of their ratio
+    gain = Σ D / Σ e₀²
     closure = (rms₀ − rms₁) / (rms₀ − floor)        on the joint where it closes most
 """
 
@@ -19,9 +20,12 @@ from ident.fit.table import Table
 
 SURE = 2.0  # standard errors of the blocks' gain
 BEYOND = 1.5  # times the largest fall that clean logs show
-CLOSES = 0.5  # share of the gap that one effect must close by itself
+CLOSES = 0.65  # share of the gap that one effect must close by itself
+COMMON = 0.15  # or an effect that every machine has, if it is surer
+SURER = 2.5
 TOGETHER = 0.75  # or two effects together, of which neither does alone
 MATERIAL = 0.005  # share of a joint's torque below which an effect does not matter
+LEAST = 0.03  # share of a residual by which it must exceed noise for a gap to be spoken of
 HIDDEN = 0.01  # visible share below which the data cannot speak of an effect
 MINE = 0.1  # share of a candidate's fall that makes a coordinate one that it mends
 
@@ -79,12 +83,12 @@ def evidence(
     judged = judged or candidate.judged
     before = screen.loss
     D = (before - judged.loss).sum(axis=1)
-    z = zscore(D)
+    z = sureness(before, judged.loss)
     by = np.maximum(judged.by, 0.0)
     mends = np.flatnonzero(by >= MINE * max(by.sum(), 1e-300))
     rows = np.maximum(screen.rows, 1)
     rms0, rms1 = (np.sqrt(loss.sum(axis=0) / rows) for loss in (before, judged.loss))
-    gap = np.maximum(rms0 - null.floor, 1e-9 * rms0 + 1e-300)
+    gap = np.maximum(rms0 - null.floor, LEAST * rms0 + 1e-300)
     torque = torque_squares(table, screen)[mends].sum()
     return Evidence(
         candidate=candidate,
@@ -92,7 +96,7 @@ def evidence(
         gain=float(D.sum() / max(before.sum(), 1e-300)),
         z=z,
         p=float(stats.t.sf(z, len(D) - 1)),
-        closure=float(((rms0 - rms1) / gap)[mends].max(initial=0.0)),
+        closure=float(np.clip((rms0 - rms1) / gap, 0.0, 1.0)[mends].max(initial=0.0)),
         size=float(np.sqrt(max(judged.fall, 0.0) / max(torque, 1e-300))),
         beyond=float(judged.fall / max(threshold, 1e-300)),
         sensible=_sensible(candidate),
@@ -104,6 +108,17 @@ def zscore(D: np.ndarray) -> float:
     """Mean over standard error of differences (blocks,); 0 where nothing differs."""
     spread = D.std(ddof=1) / np.sqrt(len(D)) if len(D) > 1 else 0.0
     return float(D.mean() / spread) if spread > 0 else 0.0
+
+
+def sureness(before: np.ndarray, after: np.ndarray) -> float:
+    """z of the losses' difference (blocks, d), or of their log ratio, the larger."""
+    return max(zscore((before - after).sum(axis=1)), zscore(_ratio(before, after)))
+
+
+def _ratio(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """(blocks,) log ratio of squares: where errors are large in few blocks, D alone says little."""
+    tiny = 1e-12 * before.sum() + 1e-300
+    return np.log((before.sum(axis=1) + tiny) / (after.sum(axis=1) + tiny))
 
 
 def torque_squares(table: Table, screen: Screen) -> np.ndarray:

@@ -5,12 +5,19 @@ After every addition the model is cut back: an effect that the new one has made 
 
 from __future__ import annotations
 
+import html
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
-from ident.diagnose.diagnose import diagnose
+from matplotlib.figure import Figure
+
+from ident.diagnose.diagnose import judge, told_of
 from ident.diagnose.diagnosis import Diagnosis
-from ident.diagnose.explanation import errors_of
+from ident.diagnose.explanation import errors_of, explain
+from ident.diagnose.ladder import ladder_rows, ladder_text, plot_ladder
+from ident.diagnose.output import write_history
+from ident.diagnose.support import unsupported
 from ident.effects import Effect
 from ident.fit import Fit, identify
 from ident.fit.score import Error
@@ -74,6 +81,30 @@ class History:
         present = {effect.label for effect in self.mechanism.effects}
         return tuple(s.added for s in self.steps if s.added and s.added.label in present)
 
+    def table(self) -> list[list[str]]:
+        """The ladder as cells: effect, held-out error a joint, fall, rivals; the head first."""
+        return ladder_rows(self)
+
+    def plot(self) -> Figure:
+        """Held-out error of every joint, rung by rung."""
+        return plot_ladder(self)
+
+    def write(self, folder: str | Path) -> list[Path]:
+        """The grown mechanism's folder, with its last fit, diagnosis and a report.
+
+        Raises:
+            IdentError: if the folder is the mechanism's own, or cannot be written.
+        """
+        return write_history(self, folder)
+
+    def __str__(self) -> str:
+        return ladder_text(self)
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(str(self))}</pre>"
+
 
 def grow(
     mechanism: Mechanism,
@@ -95,16 +126,43 @@ def grow(
         step: called with every rung as it is reached.
     """
     fit = identify(mechanism, motion, validate=validate, progress=progress)
+    given = {effect.label for effect in mechanism.effects}
     steps = [Step(None, (), (), fit, 0.0, errors_of(fit))]
     told = step or (lambda rung: None)
     told(steps[0])
+    gone: set[str] = set()
     while True:
-        found = diagnose(fit, seed=seed, progress=progress)
-        if found.best is None or len(steps) > MOST:
-            return History(tuple(steps), found)
-        best = found.candidates[0]
-        fit = best.fit
+        judged = judge(fit, seed=seed, progress=progress)
+        idle = [
+            each.effect for each in unsupported(fit, judged.table, judged.screen)
+            if each.effect.label not in given | gone | _just(steps)
+        ]  # fmt: skip
+        if idle:
+            fit = _without(fit, idle, validate)
+            gone |= {effect.label for effect in idle}
+            steps.append(Step(None, tuple(idle), (), fit, 0.0, errors_of(fit)))
+            told(steps[-1])
+            continue
+        best = judged.choice.best
+        if best is None or best.candidate.effect.label in gone or len(steps) > MOST:
+            return History(tuple(steps), told_of(judged, progress))
+        rivals = tuple(each.candidate.effect for each in judged.choice.rivals)
+        found = explain(fit, best, rivals)
+        fit = found.fit
         if validate is not None:
             fit = identify(fit.mechanism, motion, validate=validate, start=fit.point)
-        steps.append(Step(best.effect, (), best.rivals, fit, best.fall, errors_of(fit)))
+        steps.append(Step(found.effect, (), rivals, fit, found.fall, errors_of(fit)))
         told(steps[-1])
+
+
+def _just(steps: list[Step]) -> set[str]:
+    """What was added last: the next addition may be what it waits for."""
+    return {steps[-1].added.label} if steps[-1].added else set()
+
+
+def _without(fit: Fit, idle: list[Effect], validate: Motion | None) -> Fit:
+    """The fit refitted without effects that nothing speaks for any more."""
+    mechanism = fit.mechanism
+    for effect in idle:
+        mechanism = mechanism.without(effect.label)
+    return identify(mechanism, fit.motion, validate=validate, start=fit.point)

@@ -15,6 +15,7 @@ from ident.diagnose.search import Candidate
 from ident.effects import Correcting, Effect
 from ident.fit import Fit
 from ident.fit.table import Table
+from ident.mechanism.mechanism import Mechanism
 
 SHARE = 0.05  # of a column, from which an unknown is named as one that carries it
 NAMED = 4
@@ -42,6 +43,17 @@ def invisible(
         if each.judged.visible < HIDDEN:
             found.append(Invisible(each.effect, _why(fit, table, screen, each)))
     return tuple(found)
+
+
+def outright(mechanism: Mechanism, effect: Effect) -> Invisible | None:
+    """A payload on a link whose ten parameters are all unknown needs no looking at."""
+    if effect.kind != "payload":
+        return None
+    link = effect.joints[0]
+    own = set(np.array(mechanism.bodies.names)[mechanism.bodies.columns(link)])
+    if not own <= set(mechanism.unknown):
+        return None
+    return Invisible(effect, f"absorbed: same columns as {link}'s own parameters, all unknown")
 
 
 def _why(fit: Fit, table: Table, screen: Screen, candidate: Candidate) -> str:

@@ -10,15 +10,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from ident.diagnose.screen import Screen
-from ident.equations.correct import Seen, corrected
 from ident.equations.samples import reduced
 from ident.equations.terms import unbalanced
-from ident.fit.table import FINE, Table
+from ident.fit.table import Table
 from ident.log import Log
-from ident.motion import Experiment, complete
+from ident.motion.derive import derive
+from ident.motion.measure import measure
+from ident.motion.place import again
 from ident.progress import Told
 
 REPLICAS = 8
@@ -41,18 +41,13 @@ def null(table: Table, screen: Screen, seed: int = 0, told: Told | None = None) 
     """Replicas of the log as the fitted model makes it; reproducible by the seed."""
     random = np.random.default_rng(seed)
     found = []
-    motions = [_torques(table, number) for number in range(len(table.scenes))]
+    torques = [_torques(table, number) for number in range(len(table.scenes))]
     for i in range(REPLICAS):
         if told:
             told("logs of the model itself", i / REPLICAS)
-        logs = [_log(table, number, motions[number], random) for number in range(len(motions))]
-        names = [f"{number}" for number in range(len(logs))]
-        again = complete(
-            table.mechanism,
-            [replace(log, name=name) for log, name in zip(logs, names, strict=True)],
-            cutoff=table.motion.band.cutoff,
-        )
-        residual = [_residual(table, number, e) for number, e in enumerate(again.experiments)]
+        residual = [
+            _residual(table, number, torques[number], random) for number in range(len(torques))
+        ]
         found.append(np.concatenate(residual))
     R = screen.projected(screen.taken(np.stack(found, axis=-1)))
     LR = screen.left_out(R)
@@ -92,18 +87,25 @@ def _log(table: Table, number: int, tau: np.ndarray, random: np.random.Generator
     return Log.from_arrays(e.name, e.t, columns)
 
 
-def _residual(table: Table, number: int, e: Experiment) -> np.ndarray:
+def _residual(
+    table: Table, number: int, tau: np.ndarray, random: np.random.Generator
+) -> np.ndarray:
     """b − A x (N_e, d) of a replica at the model's parameters, in the table's rows."""
-    cutoff, scene = table.motion.band.cutoff, table.scenes[number]
-    seen = corrected(Seen(scene.mechanism, e), table.point, cutoff)
-    every = max(1, int(e.rate / (FINE * cutoff))) if cutoff else 1
-    if every == 1:
-        thin = np.arange(len(e))
-        s = reduced(seen.mechanism, seen.e, thin, table.point, seen.memo)
-        return table.filtered(number, unbalanced(s, table.point))
-    thin = np.arange(0, len(e), every)
-    model = replace(seen.e, tau=np.zeros_like(seen.e.tau))  # smooth, so it may be thinned
-    s = reduced(seen.mechanism, model, thin, table.point, seen.memo)
-    smooth = CubicSpline(e.t[thin], unbalanced(s, table.point))(e.t)
-    full = reduced(seen.mechanism, seen.e, slice(None), table.point, seen.memo)
-    return table.filtered(number, smooth + full.measured(table.mechanism.driven))
+    scene, band = table.scenes[number], table.motion.band
+    mechanism, e = scene.mechanism, scene.e
+    log = _log(table, number, tau, random)
+    signals = measure(mechanism, log)
+    before = [x[:, [mechanism.joint_index[name] for name in e.logged]] for x in (e.y, e.yd, e.ydd)]
+    derived = [derive(signals, name, band)[0] for name in e.logged]
+    every = table.every(number)
+    off = {
+        name: tuple((derived[j] - [x[:, j] for x in before])[:, ::every])
+        for j, name in enumerate(e.logged)
+    }
+    smooth = replace(e, tau=tau).thinned(every)
+    again_ = again(mechanism, smooth, off)
+    s = reduced(mechanism, again_, slice(None), table.point)
+    noise = np.stack([log.columns[f"tau.{n}"] for n in mechanism.driven], axis=1) - tau
+    full = reduced(mechanism, replace(e, tau=noise), slice(None), table.point)
+    r = table.refined(number, unbalanced(s, table.point)) + full.measured(mechanism.driven)
+    return table.filtered(number, r)

@@ -178,6 +178,10 @@ def _correcting(
     x = np.stack([table.sensitivity(effect, zero, name) for name in free], axis=-1)
     columns = screen.taken(x)
     judged = screen.judge(columns)
-    shape = {**zero, **dict(zip(free, map(float, judged.theta), strict=True))}
+    bounds = table.bounds(effect)
+    shape = dict(zero)
+    for name, value in zip(free, judged.theta, strict=True):
+        low, high = bounds[name]
+        shape[name] = float(np.clip(value, low, high))
     falls = screen.falls(x, np.arange(screen.d), len(free), nulls)[0]
     return _candidate(effect, shape, judged, columns), falls

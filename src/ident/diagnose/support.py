@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ident.diagnose.evidence import MATERIAL, SURE, torque_squares, zscore
+from ident.diagnose.evidence import MATERIAL, SURE, sureness, torque_squares
 from ident.diagnose.explanation import name_of
 from ident.diagnose.screen import Screen
 from ident.effects import Effect
@@ -60,8 +60,9 @@ def unsupported(fit: Fit, table: Table, screen: Screen) -> tuple[Unsupported, ..
         without = Screen.same_rows(screen, table, held)
         D = (without.loss - screen.loss).sum(axis=1)
         size = (D.sum() / max(torque_squares(table, screen).sum(), 1e-300)) ** 0.5 if D.sum() > 0 else 0.0
-        if zscore(D) < SURE or D.sum() <= 0:
-            why = f"without it the held-out error is no larger (z = {zscore(D):.1f})"
+        z = sureness(without.loss, screen.loss)
+        if z < SURE or D.sum() <= 0:
+            why = f"without it the held-out error is no larger (z = {z:.1f})"
             found.append(Unsupported(effect, why, False))
         elif size < MATERIAL / 10:
             why = f"it explains {100 * size:.2g} % of the torque only"

@@ -3,8 +3,9 @@
 from ident.effects.base import Correcting, Correction, Effect, Unknown
 from ident.effects.library import KINDS, create, parse
 from ident.effects.signals import Signals
-from ident.effects.user import UserEffect, user_effect
+from ident.effects.user import UserEffect
 from ident.effects.user_file import parse_user, read_user_effect
+from ident.effects.user_kind import user_effect
 
 __all__ = [
     "KINDS",

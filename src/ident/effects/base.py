@@ -61,6 +61,7 @@ class Effect(ABC):
     nested_in: ClassVar[tuple[str, ...]] = ()  # kinds that contain this one as a special case
     source: ClassVar[str]
     needs: ClassVar[tuple[str, ...]] = ()  # kinds that must be at the same joints
+    common: ClassVar[bool] = False  # every machine has it, to some extent
     implicit: ClassVar[bool] = False  # its columns depend on what the present model predicts
     memory: ClassVar[bool] = False  # its columns depend on the past, not on the sample alone
 

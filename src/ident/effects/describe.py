@@ -84,7 +84,9 @@ def table() -> str:
             _names(effect.shapes),
             *said["sits on"],
         ]
-        rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+        rows.append(
+            "| " + " | ".join(cell.replace("|", "\\|").replace("<", "\\<") for cell in cells) + " |"
+        )
     return "\n".join(rows)
 
 

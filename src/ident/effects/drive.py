@@ -11,12 +11,14 @@ from ident.effects.signals import Signals
 
 LATEST = 0.05  # [s] that a channel may be late or early
 KHALIL = "Khalil, Dombre, Modeling, Identification and Control of Robots, ch. 9"
+JANOT = "Janot, Vandanjon, Gautier, IEEE Trans. Control Syst. Technol. 22(1), 2014"
 
 
 class RotorInertia(Effect):
     """The motor rotor's inertia, seen at the joint (gear ratio squared times its own)."""
 
     kind: ClassVar[str] = "rotor_inertia"
+    common: ClassVar[bool] = True
     sits: ClassVar[str] = "driven"
     unknowns: ClassVar = (
         Unknown("Ia", ("kg m²", "kg"), "rotor inertia at the joint", nonnegative=True),
@@ -35,13 +37,14 @@ class TorqueOffset(Effect):
     """A constant error of the torque channel, or asymmetric Coulomb friction."""
 
     kind: ClassVar[str] = "torque_offset"
+    common: ClassVar[bool] = True
     sits: ClassVar[str] = "driven"
     unknowns: ClassVar = (Unknown("c", ("N m", "N"), "constant torque"),)
     equation: ClassVar[str] = "c"
     signature: ClassVar[str] = "the residual is shifted by a constant, in both directions of motion"
     confused_with: ClassVar = ("spring", "coulomb that differs with direction")
     nested_in: ClassVar = ("spring", "cable")
-    source: ClassVar[str] = KHALIL
+    source: ClassVar[str] = JANOT
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = 1."""
@@ -57,7 +60,7 @@ class TorqueGain(Effect):
     equation: ClassVar[str] = "g τ, with the torque τ that the model predicts"
     signature: ClassVar[str] = "the residual against the joint's own torque is a straight line"
     confused_with: ClassVar = ("all inertias at once, where one joint alone shows them", "viscous")
-    source: ClassVar[str] = "Gautier, Briot, IEEE ICRA 2011"
+    source: ClassVar[str] = "Gautier, Briot, ASME J. Dyn. Syst. Meas. Control 136(5), 2014"
     implicit: ClassVar[bool] = True
 
     def columns(self, s: Signals) -> np.ndarray:
@@ -74,7 +77,7 @@ class Drift(Effect):
     equation: ClassVar[str] = "c (t − t0), t0 the log's first sample"
     signature: ClassVar[str] = "the residual against time climbs along a straight line"
     confused_with: ClassVar = ("temperature_friction", "torque_offset")
-    source: ClassVar[str] = "sensor data sheets: zero drift"
+    source: ClassVar[str] = "Fraden, Handbook of Modern Sensors, ch. 3"
     memory: ClassVar[bool] = True  # it counts from the first sample
 
     def columns(self, s: Signals) -> np.ndarray:
@@ -91,7 +94,7 @@ class Delay(Correcting):
     equation: ClassVar[str] = "τ(t) logged at t + d"
     signature: ClassVar[str] = "the residual is large where the torque changes fast, with its slope"
     confused_with: ClassVar = ("viscous", "coulomb", "elasticity")
-    source: ClassVar[str] = "Robet, Gautier, IFAC Proc. 47(3), 2014"
+    source: ClassVar[str] = "Björklund, Ljung, IEEE CDC 2003"
 
     def correction(self, s: Signals) -> Correction:
         """τ(t) = τ_logged(t + d)."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from ident.effects.base import Bounds, Effect, Shape, Unknown
 from ident.effects.signals import Signals
+from ident.errors import MechanismError
 
 DEGREE = 7  # the highest of a cable's polynomial
 
@@ -24,11 +25,21 @@ class Spring(Effect):
     signature: ClassVar[str] = "the residual against position is a straight line, at rest as well"
     confused_with: ClassVar = ("gravity over a small range", "torque_offset", "cable")
     nested_in: ClassVar = ("cable",)
-    source: ClassVar[str] = "Hooke's law"
+    source: ClassVar[str] = "Hooke, De Potentia Restitutiva, 1678"
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = [q, 1]."""
         return np.stack([s.q, np.ones_like(s.q)], axis=-1)
+
+
+def raised(power: int) -> str:
+    """`²` for 2; nothing for 1."""
+    return "" if power == 1 else "⁰¹²³⁴⁵⁶⁷"[power]
+
+
+def per(unit: str, power: int) -> str:
+    """`/rad²` for 2; nothing for 0."""
+    return f"/{unit}{raised(power)}" if power else ""
 
 
 class Cable(Effect):
@@ -39,12 +50,12 @@ class Cable(Effect):
     equation: ClassVar[str] = "k0 + k1 q + … + kd q^d, degree d ≤ 7 (default 3)"
     signature: ClassVar[str] = "the residual against position is a smooth curve, at rest as well"
     confused_with: ClassVar = ("spring", "gravity over a small range", "end_stop")
-    source: ClassVar[str] = "polynomial approximation; Taylor"
+    source: ClassVar[str] = (
+        "Lin, Hui, Wang, Deguet, Kazanzides, Au, IEEE Robot. Autom. Lett. 4(4), 2019"
+    )
 
     def __post_init__(self) -> None:
         """Check the degree before the parameters' names."""
-        from ident.errors import MechanismError
-
         degree = self.setting("degree")
         if degree not in range(1, DEGREE + 1):
             raise MechanismError(f"effect '{self.label}': degree = {degree:g}; valid: 1 to 7")
@@ -54,7 +65,7 @@ class Cable(Effect):
     def unknowns(self) -> tuple[Unknown, ...]:  # type: ignore[override]
         """One coefficient a power of q."""
         return tuple(
-            Unknown(f"k{i}", (f"N m/rad^{i}", f"N/m^{i}"), f"coefficient of q^{i}")
+            Unknown(f"k{i}", (f"N m{per('rad', i)}", f"N{per('m', i)}"), f"of q{raised(i)}")
             for i in range(int(self.setting("degree")) + 1)
         )
 
@@ -75,7 +86,7 @@ class EndStop(Effect):
     equation: ClassVar[str] = "k max(0, q − q1) for side +1, k min(0, q − q1) for side −1"
     signature: ClassVar[str] = "the residual against position is flat, then rises at one end"
     confused_with: ClassVar = ("spring", "cable")
-    source: ClassVar[str] = "Hooke's law"
+    source: ClassVar[str] = "Flores, Lankarani, Contact Force Models for Multibody Dynamics, ch. 2"
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = max(0, q − q1) or min(0, q − q1)."""
@@ -109,7 +120,7 @@ class Ripple(Effect):
     equation: ClassVar[str] = "A sin(N q) + B cos(N q)"
     signature: ClassVar[str] = "the residual against position is a wave"
     confused_with: ClassVar = ("gravity, for N = 1", "cable, for less than a wave")
-    source: ClassVar[str] = "Piccoli, Yim, IEEE Trans. Robot. 32(6), 2016"
+    source: ClassVar[str] = "Piccoli, Yim, Int. J. Robotics Research 35(1-3), 2016"
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = [sin(N q), cos(N q)]."""

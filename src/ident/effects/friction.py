@@ -25,6 +25,7 @@ class Viscous(Effect):
     """Friction torque in proportion to speed."""
 
     kind: ClassVar[str] = "viscous"
+    common: ClassVar[bool] = True
     unknowns: ClassVar = (
         Unknown("Fv", ("N m s/rad", "N s/m"), "viscous friction coefficient", nonnegative=True),
     )
@@ -50,6 +51,7 @@ class Coulomb(Dry):
     """Dry friction: constant against the direction of motion."""
 
     kind: ClassVar[str] = "coulomb"
+    common: ClassVar[bool] = True
     unknowns: ClassVar = (Unknown("Fc", ("N m", "N"), "Coulomb friction", nonnegative=True),)
     equation: ClassVar[str] = "Fc sign(v); a sample at standstill does not inform it"
     signature: ClassVar[str] = "the residual against speed is a step at zero: two level bands"
@@ -102,7 +104,9 @@ class Drag(Effect):
     equation: ClassVar[str] = "Fd v |v|"
     signature: ClassVar[str] = "the residual against speed is a parabola, turned over below zero"
     confused_with: ClassVar = ("viscous", "coulomb")
-    source: ClassVar[str] = "Newton's law of fluid resistance"
+    source: ClassVar[str] = (
+        "Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 6"
+    )
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = v |v|."""
@@ -119,7 +123,9 @@ class LoadFriction(Dry):
     equation: ClassVar[str] = "mu |load| sign(v); load: rigid-body torque, in closures |λ|"
     signature: ClassVar[str] = "the two bands of the residual against speed widen with the load"
     confused_with: ClassVar = ("coulomb", "torque_gain")
-    source: ClassVar[str] = "Dohring, Lee, Newman, IEEE ICRA 1993; Khalil, Dombre, ch. 9"
+    source: ClassVar[str] = (
+        "Dohring, Lee, Newman, IEEE ICRA 1993; Hamon, Gautier, Garrec, IROS 2010"
+    )
     implicit: ClassVar[bool] = True
 
     def columns(self, s: Signals) -> np.ndarray:
@@ -138,7 +144,9 @@ class Hysteresis(Effect):
     equation: ClassVar[str] = "sigma z, ż = v − |v| z/z0"
     signature: ClassVar[str] = "the residual against position makes a loop after every reversal"
     confused_with: ClassVar = ("coulomb", "stribeck", "spring")
-    source: ClassVar[str] = "Dahl, Aerospace Corp. TOR-158, 1968"
+    source: ClassVar[str] = (
+        "Dahl, A Solid Friction Model, Aerospace Corp. TOR-0158(3107-18)-1, 1968"
+    )
     memory: ClassVar[bool] = True
 
     def columns(self, s: Signals) -> np.ndarray:
@@ -174,7 +182,7 @@ class TemperatureFriction(Effect):
     equation: ClassVar[str] = "Fv v kappa (T − T0), Fv of `viscous`; T: temperature.<joint>; T0 25"
     signature: ClassVar[str] = "the slope of the residual against speed changes with temperature"
     confused_with: ClassVar = ("drift", "viscous at constant temperature")
-    source: ClassVar[str] = "Bittencourt et al., IEEE ICRA 2010"
+    source: ClassVar[str] = "Bittencourt, Wernholt, Sander-Tavallaey, Brogårdh, IROS 2010"
     needs: ClassVar = ("viscous",)
     implicit: ClassVar[bool] = True
 

@@ -14,7 +14,7 @@ from ident.effects.signals import Signals
 
 
 class EncoderOffset(Correcting):
-    """An encoder whose zero is off."""
+    """An encoder whose zero is off, at a joint whose position is logged."""
 
     kind: ClassVar[str] = "encoder_offset"
     shapes: ClassVar = (Unknown("delta", ("rad", "m"), "true minus logged coordinate"),)
@@ -47,7 +47,7 @@ class GravityTilt(Correcting):
     equation: ClassVar[str] = "g → Rᵀ g, R = Rx(x) Ry(y): the base is turned by R"
     signature: ClassVar[str] = "joints that gravity should not feel show it, with their angle"
     confused_with: ClassVar = ("encoder_offset",)
-    source: ClassVar[str] = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, ch. 6"
+    source: ClassVar[str] = "Featherstone, Rigid Body Dynamics Algorithms, ch. 5"
 
     def correction(self, s: Signals) -> Correction:
         """R = Rx(x) Ry(y)."""
@@ -66,21 +66,23 @@ class Elasticity(Correcting):
     shapes: ClassVar = (
         Unknown("compliance", ("rad/(N m)", "m/N"), "1/K, twist a unit of torque", True),
     )
-    equation: ClassVar[str] = "q = q_logged − τ/K"
-    signature: ClassVar[str] = "the residual follows the second derivative of the torque"
+    equation: ClassVar[str] = (
+        "q = q_logged − load/K; load: rigid-body torque, friction is before it"
+    )
+    signature: ClassVar[str] = "the residual follows the second derivative of the load"
     confused_with: ClassVar = ("delay", "rotor_inertia")
     source: ClassVar[str] = "Spong, ASME J. Dyn. Syst. Meas. Control 109(4), 1987"
     implicit: ClassVar[bool] = True
 
     def correction(self, s: Signals) -> Correction:
-        """q − compliance · τ."""
-        return Correction(dq={self.joints[0]: -s.shape["compliance"] * s.torque[:, 0]})
+        """q − compliance · load."""
+        return Correction(dq={self.joints[0]: -s.shape["compliance"] * s.load[:, 0]})
 
     def bounds(self, s: Signals) -> Bounds:
-        """A twist of up to a tenth of a radian, or of the travel, at the rms torque."""
+        """A twist of up to a tenth of a radian, or of the travel, at the rms load."""
         low, high = s.travel[0]
         most = 0.1 if self.rotational else 0.1 * (high - low)
-        return {"compliance": (0.0, most / max(float(np.sqrt(np.mean(s.torque**2))), 1e-9))}
+        return {"compliance": (0.0, most / max(float(np.sqrt(np.mean(s.load**2))), 1e-9))}
 
 
 class Backlash(Correcting):
@@ -133,8 +135,8 @@ class ClosureCompliance(Correcting):
     kind: ClassVar[str] = "closure_compliance"
     sits: ClassVar[str] = "closure"
     shapes: ClassVar = (Unknown("C", ("m/N", "m/N"), "compliance", nonnegative=True),)
-    equation: ClassVar[str] = "Φ = C λ"
-    signature: ClassVar[str] = "logged dependent joints leave the closure in proportion to λ"
+    equation: ClassVar[str] = "Φ = C λ, in the directions in which λ is a force"
+    signature: ClassVar[str] = "dependent joints leave the closure, and inertias act, as λ changes"
     confused_with: ClassVar = ("geometry",)
     source: ClassVar[str] = "Pashkevich, Chablat, Wenger, Mech. Mach. Theory 44(5), 2009"
     implicit: ClassVar[bool] = True

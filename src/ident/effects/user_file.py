@@ -7,7 +7,8 @@ import inspect
 from collections.abc import Mapping
 from pathlib import Path
 
-from ident.effects.user import UserEffect, said, user_effect
+from ident.effects.user import UserEffect, said
+from ident.effects.user_kind import user_effect
 from ident.errors import MechanismError, one_of
 
 

@@ -1,6 +1,6 @@
 """Data and mechanism as correcting effects make them: positions, torques, gravity, lengths.
 
-    y → y + δy     τ(t) → τ(t + d)     g → Rᵀ g     placements → placements + Δ     q → q + K⁺ [C λ; 0]
+    y → y + δy     τ(t) → τ(t + d)     g → Rᵀ g     placements + Δ     q → q + K⁺ [C λ; 0]
 
 A corrected experiment is one like any other; everything downstream reads it and knows no better.
 """
@@ -23,8 +23,10 @@ from ident.equations.samples import Samples
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.places import moved
 from ident.motion import Experiment
-from ident.motion.place import again
+from ident.motion.place import again, displaced
 
+WIDER = 3.0  # times the rows' cut-off: a filter that passes all that the rows' filter passes
+CALM = 0.4  # of the rows' cut-off, for corrections that vary
 Rates = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -90,11 +92,12 @@ def late(t: np.ndarray, x: np.ndarray, d: float) -> np.ndarray:
 
 
 def _rates(e: Experiment, dq: np.ndarray | float, cutoff: float | None) -> Rates:
-    """δy, δẏ, δÿ (n,) of a correction, without what the rows' filter would take out."""
+    """δy, δẏ, δÿ (n,) of a correction, without what is far above the rows' cut-off."""
     n = len(e)
     if np.ndim(dq) == 0:
         return np.full(n, float(dq)), np.zeros(n), np.zeros(n)
-    taps = Decimator.of(cutoff, e.rate).taps
+    wide = WIDER * cutoff if cutoff and WIDER * cutoff < 0.5 * e.rate else None
+    taps = Decimator.of(wide, e.rate).taps
     x = np.asarray(dq, dtype=float)
     if taps is not None:
         half = len(taps) // 2
@@ -108,15 +111,13 @@ def _opened(
 ) -> Experiment:
     """q + K⁺ [C λ; 0], with the rates that come with it; exact to first order in C."""
     assert e.pinv is not None
-    mine = [
-        i for i, each in enumerate(mechanism.kinematics.multipliers) if each.startswith(f"{name}.")
-    ]
+    names = zip(mechanism.kinematics.multipliers, mechanism.kinematics.units, strict=True)
+    mine = [i for i, (each, unit) in enumerate(names) if each.startswith(f"{name}.") and unit == "N"]
     gap = C * whole.multipliers()[:, mine]
     step = np.einsum("nij,nj->ni", e.pinv[:, :, mine], gap)
     rates = [_rates(e, step[:, i], cutoff) for i in range(step.shape[1])]
     dq, dv, da = (np.stack(each, axis=1) for each in zip(*rates, strict=True))
-    q = e.q + dq if e.q.shape == dq.shape else e.q
-    return replace(e, q=q, v=e.v + dv, a=e.a + da)
+    return displaced(mechanism, e, (dq, dv, da))
 
 
 def shapes_of(effect: Correcting, point: Point) -> Mapping[str, float]:

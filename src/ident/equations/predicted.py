@@ -20,29 +20,27 @@ CHUNK = 4096
 
 def predicted(s: Samples, joints: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
     """(torque, load), both (n, joints) [N m | N]; zero at passive joints."""
-    key = ("predicted", joints)
+    return _of_part(s, joints, *forces(s))
+
+
+def forces(s: Samples) -> tuple[np.ndarray, np.ndarray]:
+    """Generalised forces (n, nv): rigid bodies less wrenches; effects that ask for nothing."""
+    key = ("forces",)
     if key not in s.memo:
-        n = len(s.e)
-        torque, load = np.zeros((n, len(joints))), np.zeros((n, len(joints)))
+        n, nv = len(s.e), s.mechanism.model.nv
+        found = np.empty((2, n, nv))
         for start in range(0, n, CHUNK):
             part = slice(start, min(start + CHUNK, n))
-            torque[part], load[part] = _of_part(s.generalised(part), joints)
-        s.memo[key] = np.stack([torque, load])
-    torque, load = s.memo[key]
-    return torque[s.part], load[s.part]
+            found[:, part] = _forces(s.generalised(part))
+        s.memo[key] = found
+    rigid, others = s.memo[key]
+    return rigid[s.part], others[s.part]
 
 
 def predicted_multipliers(s: Samples) -> np.ndarray:
     """λ (n, m) [N | N m]."""
-    key = ("multipliers",)
-    if key not in s.memo:
-        n, m = len(s.e), len(s.mechanism.kinematics.multipliers)
-        found = np.zeros((n, m))
-        for start in range(0, n, CHUNK):
-            part = slice(start, min(start + CHUNK, n))
-            found[part] = _multipliers(s.generalised(part), sum(_forces(s.generalised(part))))
-        s.memo[key] = found
-    return s.memo[key][s.part]
+    rigid, others = forces(s)
+    return _multipliers(s.generalised(s.part), rigid + others)
 
 
 def _forces(s: Samples) -> list[np.ndarray]:
@@ -67,8 +65,10 @@ def _multipliers(s: Samples, f: np.ndarray) -> np.ndarray:
     return -np.einsum("nij,ni->nj", e.pinv[s.part][:, :, :m], f - s.measured(others))
 
 
-def _of_part(s: Samples, joints: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-    rigid, others = _forces(s)
+def _of_part(
+    bare: Samples, joints: tuple[str, ...], rigid: np.ndarray, others: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    s = bare.generalised(bare.part)
     torque, load = np.zeros((len(s), len(joints))), np.zeros((len(s), len(joints)))
     e, mechanism = s.e, s.mechanism
     surplus = tuple(name for name in mechanism.driven if name not in e.independent)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -117,23 +118,37 @@ class Table:
         found = []
         cutoff = self.motion.band.cutoff
         for number, scene in enumerate(self.scenes):
-            e = scene.e
-            every = max(1, int(e.rate / (FINE * cutoff))) if cutoff else 1
-            thin = np.arange(0, len(e), every)
-            with_it = scene.mechanism + effect
-            bare = Seen(with_it, e, scene.seen.memo)
+            thin = self.thin[number]
+            bare = Seen(scene.mechanism + effect, thin.e, thin.memo)
             h = step_of(effect, bare, self.point, name)
             sides = []
             for sign in (1, -1):
                 value = {**others, full: others[full] + sign * h}
                 seen = corrected(bare, self.point.with_values(value), cutoff, only=effect)
-                s = reduced(seen.mechanism, seen.e, thin, self.point, seen.memo)
+                s = reduced(seen.mechanism, seen.e, slice(None), self.point, seen.memo)
                 sides.append(unbalanced(s, self.point))
             S = -(sides[0] - sides[1]) / (2 * h)
-            if every > 1:
-                S = CubicSpline(e.t[thin], S)(e.t)
+            S = self.refined(number, S)
             found.append(self.filtered(number, S))
         return np.concatenate(found)
+
+    @cached_property
+    def thin(self) -> tuple[Seen, ...]:
+        """The experiments thinned as far as what is smooth allows."""
+        return tuple(
+            Seen(scene.mechanism, scene.e.thinned(self.every(number)))
+            for number, scene in enumerate(self.scenes)
+        )
+
+    def every(self, number: int) -> int:
+        """Of how many samples one is enough for what is smooth, given the rows' filter."""
+        cutoff = self.motion.band.cutoff
+        return max(1, int(self.scenes[number].e.rate / (FINE * cutoff))) if cutoff else 1
+
+    def refined(self, number: int, x: np.ndarray) -> np.ndarray:
+        """A smooth series of thinned samples at the experiment's full rate."""
+        t, every = self.scenes[number].e.t, self.every(number)
+        return x if every == 1 else CubicSpline(t[::every], x)(t)
 
     def samples(self, number: int) -> Samples:
         """All samples of one experiment."""

@@ -63,7 +63,7 @@ def changes(trial: Trial) -> list[Change]:
         for change in _hypotheses(trial, take, gain):
             result = trial.refit(trial.arrangement(change.take, change.gain))
             own = np.array([each in change.joints for each in trial.own])
-            if _better(now, result, own):
+            if _better(change.kind, now, result, own):
                 before, after = (
                     _rms(r.relative[own] if own.any() else r.relative) for r in (now, result)
                 )
@@ -82,17 +82,18 @@ def _rms(x: np.ndarray) -> float:
     return float(np.sqrt(np.mean(x**2)))
 
 
-def _better(now: Result, then: Result, own: np.ndarray) -> bool:
+def _better(kind: str, now: Result, then: Result, own: np.ndarray) -> bool:
     """Whether all joints together, or the joints concerned alone, do clearly better.
 
     Joints that a missing effect spoils hide what becomes of the others in the sum; then those
-    concerned must have been useless, and no other may become worse.
+    concerned must have been poor, and no other may become worse. A gain is told by the
+    rows of the other joints alone, so where these are spoilt it is not told.
     """
     if not (then.relative[own] < JOINT * now.relative[own]).all():
         return False
     if then.score < CLEAR * now.score:
         return True
-    if not own.any() or (then.relative[~own] > WORSE * now.relative[~own]).any():
+    if kind == "scale" or not own.any() or (then.relative[~own] > WORSE * now.relative[~own]).any():
         return False
     before, after = now.relative[own], then.relative[own]
     return bool((before > POOR).all() and (after < CLEAR * before).all())

@@ -30,6 +30,11 @@ class Check:
     remedy: str = ""
     unit: str = ""
 
+    def __post_init__(self) -> None:  # NumPy's own numbers are no JSON
+        object.__setattr__(self, "number", float(self.number))
+        object.__setattr__(self, "threshold", float(self.threshold))
+        object.__setattr__(self, "bad", bool(self.bad))
+
     @property
     def where(self) -> str:
         """The channels in one string."""

@@ -111,7 +111,7 @@ def _shifted(trial: Trial, at: np.ndarray) -> np.ndarray:
     return c
 
 
-Profile = tuple[int, float, float]  # the best shift's place, d [s], S″ over 2 S
+Profile = tuple[int, float, float]  # the best shift's place, d [s], S″/2 over the joint's own S
 
 
 def _best(trial: Trial, gram: list[np.ndarray], at: np.ndarray, j: int | slice) -> Profile:
@@ -124,11 +124,14 @@ def _best(trial: Trial, gram: list[np.ndarray], at: np.ndarray, j: int | slice) 
         left[i] = _left(gram, _shifted(trial, other)).sum()
     best = int(np.clip(left.argmin(), 1, len(nodes) - 2))
     x = nodes[best - 1 : best + 2] - nodes[best]
-    bend, slope, least_ = np.polyfit(x, left[best - 1 : best + 2], 2)
+    bend, slope, _ = np.polyfit(x, left[best - 1 : best + 2], 2)
     if bend <= 0:
         return int(left.argmin()), float(nodes[left.argmin()]), 0.0
     d = float(np.clip(-slope / (2 * bend), x[0], x[2]))
-    bottom = max(least_ + slope * d + bend * d**2, 1e-9 * left.max(), 1e-300)
+    other = at.copy()
+    other[j] = int(left.argmin())
+    noise = _left(gram, _shifted(trial, other))  # of its own rows: others may have faults of theirs
+    bottom = max(float(noise.sum() if isinstance(j, slice) else noise[trial.own.index(j)]), 1e-300)
     return int(left.argmin()), float(nodes[best] + d), float(bend / bottom)
 
 

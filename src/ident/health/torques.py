@@ -91,7 +91,7 @@ def negative(fit: Fit) -> list[Check]:
     """Friction and rotor inertia below zero: a sign, or another effect that is missing."""
     found = []
     for each in fit.effects:
-        for value, unknown in zip(each.parameters, each.effect.unknowns, strict=True):
+        for value, unknown in zip(each.parameters, each.effect.unknowns, strict=False):
             if not (each.effect.kind in SIGNED and unknown.nonnegative and value.stderr):
                 continue
             ratio = value.value / value.stderr

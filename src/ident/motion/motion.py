@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -60,6 +61,17 @@ class Experiment:
     def rate(self) -> float:
         """Samples a second [Hz]."""
         return (len(self.t) - 1) / float(self.t[-1] - self.t[0])
+
+    def thinned(self, every: int) -> Experiment:
+        """One sample of `every`, for what is smooth."""
+        if every == 1:
+            return self
+        cut: dict[str, Any] = {
+            each.name: value[::every]
+            for each in fields(self)
+            if each.name != "still" and isinstance(value := getattr(self, each.name), np.ndarray)
+        }
+        return replace(self, **cut, extra={name: x[::every] for name, x in self.extra.items()})
 
     def segments(self) -> Iterator[slice]:
         """Runs of usable samples; nothing is filtered or differentiated across their ends."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.errors import MotionError
 from ident.mechanism.mechanism import Mechanism
-from ident.motion.close import Closer, pseudo_inverse
+from ident.motion.close import Closer, integrate, pseudo_inverse
 from ident.motion.motion import Experiment
 
 SINGULAR = 50.0  # times the log's median ‖K⁺‖: beyond, a sample is near a singular position
@@ -68,16 +68,37 @@ def _placed(
     mechanism: Mechanism, base: Experiment, closer: Closer, q: np.ndarray, known: np.ndarray
 ) -> Experiment:
     """The experiment at the configurations q (n, nq), from the coordinates (3, n, d)."""
-    y, yd, ydd = known
+    v, a = closer.rates(q, *known[1:])
     names = tuple(joint.name for joint in closer.joints)
-    v, a = closer.rates(q, yd, ydd)
+    return _stated(mechanism, base, q, v, a, dict(zip(names, known[0].T, strict=True)))
+
+
+def displaced(
+    mechanism: Mechanism, e: Experiment, step: tuple[np.ndarray, np.ndarray, np.ndarray]
+) -> Experiment:
+    """An experiment whose mechanism is elsewhere by (δq, δv, δa), each (n, nv)."""
+    q = integrate(mechanism.model, e.q, step[0])
+    logged = {joint.name: e.y[:, i] for i, joint in enumerate(mechanism.joints)}
+    found = _stated(mechanism, e, q, e.v + step[1], e.a + step[2], logged)
+    return reduced(mechanism, found, e.independent)[0]
+
+
+def _stated(
+    mechanism: Mechanism,
+    base: Experiment,
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    logged: Mapping[str, np.ndarray],
+) -> Experiment:
+    """The experiment at a state, with whole turns of closures' own joints as `logged` has them."""
     rows = Closer(mechanism, tuple(joint.name for joint in mechanism.joints)).coordinates(q, v)
     value = rows.value.copy()
     for i, joint in enumerate(mechanism.joints):
         if joint.rotational and not joint.in_tree:
             value[:, i] = np.unwrap(value[:, i])
-            if joint.name in names:  # its whole turns are the log's
-                off = value[:, i] - y[:, names.index(joint.name)]
+            if joint.name in logged:  # its whole turns are the log's
+                off = value[:, i] - logged[joint.name]
                 value[:, i] -= 2 * np.pi * np.round(off / (2 * np.pi))
     rates = np.einsum("njk,nk->nj", rows.rate, v)
     accelerations = np.einsum("njk,nk->nj", rows.rate, a) + rows.drift

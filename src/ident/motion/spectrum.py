@@ -9,6 +9,7 @@ POWER = 0.999  # share of the velocities' power that is the motion's
 CLEAN = 1e-3  # share of noise below which a channel is taken as it is
 VISIBLE = 200.0  # times the mean power of noise; real noise (quantised, jittering) is not white
 ROWS_OVER_MOTION = 5.0  # cut-off of the rows' filter over the motion's bandwidth
+ROWS_OVER_MOTION_LEAST = 2.0  # the same where accelerations are noisy
 SMOOTH_OVER_MOTION = 10.0  # resolution of smoothing over the motion's bandwidth
 
 
@@ -57,3 +58,13 @@ def motion_bandwidth(q: np.ndarray, dt: float) -> float:
     if total[-1] <= 0:
         return 0.0
     return float(f[min(np.searchsorted(total, POWER * total[-1]), n // 2)])
+
+
+def acceleration_size(q: np.ndarray, dt: float, below: float) -> float:
+    """rms of the second derivative of q (n,) below a frequency [Hz]."""
+    n = len(q)
+    window = np.hanning(n)
+    x = (q - np.polyval(np.polyfit(np.arange(n), q, 1), np.arange(n))) * window
+    f = np.fft.rfftfreq(n, dt)
+    power = 2 * np.abs(np.fft.rfft(x)) ** 2 * (2 * np.pi * f) ** 4
+    return float(np.sqrt(power[f <= below].sum() / n / (window**2).sum()))

@@ -1,0 +1,123 @@
+"""`diagnose` and `grow`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ident.cli.arguments import (
+    Absolute,
+    AllowCode,
+    Basis,
+    Cutoff,
+    LogPaths,
+    MechanismPath,
+    Spacing,
+    With,
+    cutoff_of,
+    mechanism_of,
+    motion_of,
+    output_folder,
+)
+from ident.cli.console import notes, progress, progress_and_results, result
+from ident.diagnose import diagnose as diagnose_
+from ident.diagnose import grow as grow_
+from ident.diagnose.grow import Step
+from ident.diagnose.ladder import head, rung
+from ident.diagnose.output import refuse_own
+from ident.fit import identify
+
+Seed = Annotated[
+    int, typer.Option(metavar="N", min=0, help="Of the noise in the clean logs to compare with.")
+]
+
+
+def diagnose(
+    mechanism: MechanismPath,
+    logs: LogPaths,
+    with_: With = None,
+    basis: Basis = None,
+    spacing: Spacing = None,
+    cutoff: Cutoff = "auto",
+    absolute: Absolute = False,
+    allow_code: AllowCode = False,
+    seed: Seed = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Write diagnosis.json and report.html into this folder, and suggestion.py where "
+            "an expression is suggested.",
+        ),
+    ] = None,
+) -> None:
+    """Where the model fails, and which effect is missing.
+
+    Every effect of the library at every place is judged by errors held out in time. The verdict is
+    missing, nothing or unexplained; the exit status is 0 for each of them.
+    """
+    model = mechanism_of(
+        mechanism, with_, allow_code=allow_code, basis=basis, spacing=spacing, absolute=absolute
+    )
+    output_folder(out)
+    with progress() as told:
+        motion = motion_of(model, logs, cutoff_of(cutoff), told)
+        fit = identify(model, motion, progress=told)
+        found = diagnose_(fit, seed=seed, progress=told)
+        text = str(found)
+    result(text)
+    notes(fit.warnings)
+    if out is not None:
+        notes([f"wrote {path}" for path in found.write(out)])
+
+
+def grow(
+    mechanism: MechanismPath,
+    logs: LogPaths,
+    with_: With = None,
+    validate: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="LOG", help="Show errors on this log too; nothing is fitted to it."),
+    ] = None,
+    basis: Basis = None,
+    spacing: Spacing = None,
+    cutoff: Cutoff = "auto",
+    absolute: Absolute = False,
+    allow_code: AllowCode = False,
+    seed: Seed = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Write the grown mechanism into this folder, with the last fit, diagnosis and "
+            "report. Refused for the mechanism's own folder.",
+        ),
+    ] = None,
+) -> None:
+    """Add the best effect, refit, and repeat until none is missing.
+
+    Prints the ladder of held-out errors while it runs, then the diagnosis of the last model.
+    """
+    model = mechanism_of(
+        mechanism, with_, allow_code=allow_code, basis=basis, spacing=spacing, absolute=absolute
+    )
+    if out is not None:
+        refuse_own(model, out)
+    output_folder(out)
+    with progress_and_results() as (told, shown):
+        motion = motion_of(model, logs, cutoff_of(cutoff), told)
+        other = motion_of(model, validate, motion.band.cutoff, told) if validate else None
+
+        def reached(step: Step) -> None:
+            if step.added is None:
+                shown(head(motion.independent))
+            shown(rung(step, motion.independent))
+
+        history = grow_(model, motion, validate=other, seed=seed, progress=told, step=reached)
+        text = str(history.diagnosis)
+    result(f"\n{text}")
+    notes(history.fit.warnings)
+    if out is not None:
+        notes([f"wrote {path}" for path in history.write(out)])

@@ -1,0 +1,198 @@
+"""Motions that could be logged next: the present one wider, faster, slower, in strokes, one by one.
+
+    y = c + h m(w t)        m: three sines of unrelated frequencies, or strokes of constant speed
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from ident.log import Log
+from ident.mechanism.mechanism import Joint, Mechanism
+from ident.motion import Motion
+
+SAMPLES = 600  # a log, or a third of that where a trial has several
+WAVES = ((1.0, 0.62, 0.3), (1.73, 0.3, 1.1), (2.91, 0.16, 2.3))  # frequency, share, phase
+APART = 0.137  # by which the frequencies of one joint differ from the next one's
+SWINGS = 4  # of the slowest joint
+MOST = 14  # of the fastest
+LONGEST = 0.2  # s a sample
+CORNER = 8.0  # steepness of a stroke's ends
+SPEEDS = (0.05, 0.15, 0.5)  # of strokes, as shares of the top speed
+MARGIN = 0.05  # of the way between two limits that is kept free
+AWAKE = {True: (0.5, 1.0), False: (0.05, 0.1)}  # rotational: half range, speed of a joint at rest
+WIDER = 1.2  # times the present range or speed, from which a motion is another one
+
+
+@dataclass(frozen=True)
+class Move:
+    """What one independent joint does: from `low` to `high` [rad | m], at up to `speed` [… / s]."""
+
+    joint: Joint
+    low: float
+    high: float
+    speed: float
+
+    @property
+    def half(self) -> float:
+        """Half of its range [rad | m]."""
+        return 0.5 * (self.high - self.low)
+
+    def wide(self, low: float, high: float) -> Move:
+        """The same over another range."""
+        return replace(self, low=low, high=high)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A motion that could be logged.
+
+    Attributes:
+        kind: `same`, `faster`, `speeds`, `turn`, `limits`, `wider`, `strokes`, `alone` or `awake`.
+        moves: of every independent joint; about: the joints that move otherwise than now.
+        shares: of the speed, one log each.
+    """
+
+    kind: str
+    moves: tuple[Move, ...]
+    about: tuple[str, ...]
+    shares: tuple[float, ...] = (1.0,)
+
+    @property
+    def logs(self) -> list[Log]:
+        """q, v and a of the independent joints, one log a speed."""
+        n = SAMPLES if len(self.shares) == 1 else SAMPLES // 2
+        return [_log(self, share, n, f"trial {i}") for i, share in enumerate(self.shares)]
+
+
+def present(mechanism: Mechanism, motion: Motion) -> tuple[Move, ...]:
+    """What the independent joints do in a motion."""
+    found = []
+    for name in motion.independent:
+        at = mechanism.joint_index[name]
+        y = np.concatenate([e.y[e.usable, at] for e in motion.experiments])
+        top = max(np.quantile(np.abs(e.yd[e.usable, at]), 0.99) for e in motion.experiments)
+        still = max(e.still[at] for e in motion.experiments)
+        speed = float(top) if top > still else 0.0
+        found.append(Move(mechanism.joint(name), float(y.min()), float(y.max()), speed))
+    return tuple(found)
+
+
+def trials(now: tuple[Move, ...], about: Sequence[str]) -> Iterator[Trial]:
+    """The simplest first; `about` are the joints that are to move otherwise."""
+    moving = tuple(move for move in now if move.speed > 0)
+    mine = tuple(m.joint.name for m in moving if m.joint.name in about) or tuple(
+        m.joint.name for m in moving
+    )
+    yield Trial("same", now, mine)
+    factor = min([2.0, *(0.9 * m.joint.velocity / m.speed for m in moving)])
+    quick = tuple(replace(m, speed=factor * m.speed) for m in now)
+    if factor > WIDER:
+        yield Trial("faster", quick, mine)
+        yield Trial("speeds", quick, mine, (0.25, 1.0))
+    for moves in (now, quick) if factor > WIDER else (now,):
+        for kind, widen in (("turn", _turn), ("limits", _limits), ("wider", _double)):
+            other = tuple(widen(m) if m.joint.name in mine else m for m in moves)
+            changed = tuple(m.joint.name for m, o in zip(now, other, strict=True) if m.low != o.low)
+            if changed:
+                yield Trial(kind, other, changed)
+    yield Trial("strokes", now, mine, SPEEDS)
+    if len(moving) > 1:
+        for name in mine:
+            alone = tuple(m if m.joint.name == name else replace(m, speed=0.0) for m in now)
+            yield Trial("alone", alone, (name,))
+    asleep = tuple(m.joint.name for m in now if not m.speed)
+    if asleep:
+        yield Trial("awake", tuple(_awake(m) for m in now), asleep)
+
+
+def _turn(m: Move) -> Move:
+    """A full turn about the middle of the present range, where nothing forbids it."""
+    middle = 0.5 * (m.low + m.high)
+    low, high = middle - np.pi, middle + np.pi
+    free = m.joint.rotational and m.joint.upper - m.joint.lower >= 2 * np.pi - 1e-6
+    return m.wide(low, high) if free and np.pi > WIDER * m.half else m
+
+
+def _limits(m: Move) -> Move:
+    """From one limit nearly to the other, where that is less than a turn."""
+    low, high = m.joint.lower, m.joint.upper
+    margin = MARGIN * (high - low)
+    if not np.isfinite(margin) or (m.joint.rotational and high - low >= 2 * np.pi - 1e-6):
+        return m
+    wide = 0.5 * (high - low) - margin > WIDER * m.half
+    return m.wide(low + margin, high - margin) if wide else m
+
+
+def _double(m: Move) -> Move:
+    """Twice the range, as far as the limits allow."""
+    low, high = m.low - m.half, m.high + m.half
+    margin = MARGIN * (m.joint.upper - m.joint.lower)
+    if np.isfinite(margin):
+        low, high = max(low, m.joint.lower + margin), min(high, m.joint.upper - margin)
+    return m.wide(low, high) if high - low > WIDER * (m.high - m.low) else m
+
+
+def _awake(m: Move) -> Move:
+    """A joint at rest, moved a little within its limits."""
+    if m.speed:
+        return m
+    half, speed = AWAKE[m.joint.rotational]
+    low, high = max(m.low - half, m.joint.lower), min(m.high + half, m.joint.upper)
+    return Move(m.joint, low, high, min(speed, 0.9 * m.joint.velocity))
+
+
+def _log(trial: Trial, share: float, n: int, name: str) -> Log:
+    """The trial's motion at a share of its speeds."""
+    strokes = trial.kind == "strokes"
+    moving = [m for m in trial.moves if m.speed > 0 and m.half > 0]
+    pace = [share * m.speed / m.half for m in moving]  # [1/s] at which the phases run
+    swings = SWINGS / 2 if strokes else SWINGS
+    T = min(2 * np.pi * swings / min(pace), 2 * np.pi * MOST / max(pace)) if pace else 1.0
+    T = min(T, LONGEST * n)
+    t = np.linspace(0.0, T, n)
+    columns = {}
+    for i, m in enumerate(trial.moves):
+        y, yd, ydd = np.full(n, 0.5 * (m.low + m.high)), np.zeros(n), np.zeros(n)
+        if m in moving:
+            shape = _strokes if strokes else _sines
+            y, yd, ydd = shape(m, share * m.speed, t, 1 + APART * i)
+        for channel, x in (("q", y), ("v", yd), ("a", ydd)):
+            columns[f"{channel}.{m.joint.name}"] = x
+    return Log.from_arrays(name, t, columns)
+
+
+def _sines(m: Move, speed: float, t: np.ndarray, pitch: float) -> tuple[np.ndarray, ...]:
+    """y, ẏ, ÿ (n,) between low and high, at up to `speed`."""
+    fine = np.linspace(0.0, 60.0, 6001)
+    shape, slope, _ = _waves(fine, pitch)
+    low, high = shape.min(), shape.max()
+    h = (m.high - m.low) / (high - low)
+    w = speed / (h * np.abs(slope).max())
+    m0, m1, m2 = _waves(w * t, pitch)
+    return m.low + h * (m0 - low), h * w * m1, h * w**2 * m2
+
+
+def _waves(x: np.ndarray, pitch: float) -> tuple[np.ndarray, ...]:
+    parts = [(f * pitch, a, f * pitch * x + p) for f, a, p in WAVES]
+    return (
+        sum((a * np.sin(z) for _, a, z in parts), np.zeros_like(x)),
+        sum((a * f * np.cos(z) for f, a, z in parts), np.zeros_like(x)),
+        sum((-a * f**2 * np.sin(z) for f, a, z in parts), np.zeros_like(x)),
+    )
+
+
+def _strokes(m: Move, speed: float, t: np.ndarray, pitch: float) -> tuple[np.ndarray, ...]:
+    """y, ẏ, ÿ (n,) to and fro at constant speed, rounded at the ends."""
+    w = pitch * speed * np.pi / (2 * m.half)
+    fine = np.linspace(0.0, 2 * np.pi, 4001)
+    way = cumulative_trapezoid(np.tanh(CORNER * np.sin(fine)), fine, initial=0.0)
+    h = (m.high - m.low) / way.max()
+    shape = np.tanh(CORNER * np.sin(w * t))
+    bend = CORNER * np.cos(w * t) * (1 - shape**2)
+    y = m.low + h * np.interp(np.mod(w * t, 2 * np.pi), fine, way)
+    return y, h * w * shape, h * w**2 * bend

@@ -1,0 +1,55 @@
+"""Diagnoses of small planted logs, made once, for the tests of what is said and written of them."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import ident
+from ident import Diagnosis, History, Noise
+from identification import Planted, motion_log, plant, robot
+
+NOISE = (Noise("tau", 0.02, relative=True), Noise("q", 1e-5))
+FRICTION = {"viscous.elbow.Fv": 0.3, "coulomb.elbow.Fc": 0.6}
+
+
+@cache
+def planted(name: str = "arm") -> Planted:
+    """A log of a robot with friction in its joints."""
+    friction = ["viscous", "coulomb"] if name == "arm" else ["coulomb:rocker"]
+    mechanism = robot(name)
+    for effect in friction:
+        mechanism = mechanism.with_effect(effect)
+    values = FRICTION if name == "arm" else {"coulomb.rocker.Fc": 0.5}
+    return plant(mechanism, motion_log(name, 100.0, 12.0), values, noise=NOISE, seed=3)
+
+
+@cache
+def clean() -> Diagnosis:
+    """Of the model that made the log."""
+    return ident.diagnose(planted().fit(cutoff="auto"))
+
+
+@cache
+def lacking() -> Diagnosis:
+    """Of a model without the elbow's dry friction."""
+    case = planted()
+    return ident.diagnose(
+        case.fit(mechanism=case.mechanism.without("coulomb:elbow"), cutoff="auto")
+    )
+
+
+@cache
+def loop() -> Diagnosis:
+    """Of a closed loop without its friction."""
+    case = planted("four_bar")
+    return ident.diagnose(
+        case.fit(mechanism=case.mechanism.without("coulomb:rocker"), cutoff="auto")
+    )
+
+
+@cache
+def grown() -> History:
+    """From the model without the elbow's dry friction."""
+    case = planted()
+    bare = case.mechanism.without("coulomb:elbow")
+    return ident.grow(bare, ident.complete(bare, case.log))

@@ -1,0 +1,176 @@
+"""diagnosis.json, report.html, suggestion.py and the grown folder: the contract, whole or not."""
+
+from __future__ import annotations
+
+import html
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnosed import clean, grown, lacking, loop, planted
+from test_words import SUGGESTION
+
+import ident
+from helpers import ROBOTS
+from ident import Diagnosis, IdentError
+from ident.diagnose.output import plain
+
+NUMBER, NUMBER_OR_NONE = (int, float), (int, float, type(None))
+NAME = {"effect": str, "joints": [str]}
+CONTRACT: dict[str, Any] = {
+    "schema": str,
+    "verdict": str,
+    "where": [
+        {
+            "joint": str,
+            "rms": NUMBER,
+            "relative": NUMBER_OR_NONE,
+            "share": NUMBER,
+            "depends_on": [str],
+            "worst": [[NUMBER]],
+            "white": bool,
+        }
+    ],
+    "candidates": [
+        {
+            **NAME,
+            "error_before": NUMBER_OR_NONE,
+            "error_after": NUMBER_OR_NONE,
+            "fall": NUMBER,
+            "p_value": NUMBER,
+            "visible": NUMBER,
+            "rivals": [NAME],
+            "parameters": [
+                {"name": str, "value": NUMBER, "stderr": NUMBER_OR_NONE, "unit": str},
+            ],
+        }
+    ],
+    "invisible": [{**NAME, "why": str}],
+    "next_experiment": str,
+    "text": str,
+}
+
+
+def check(content: Any, shape: Any, place: str = "") -> None:
+    """Every key of the contract is there with its type; further keys are allowed."""
+    if isinstance(shape, dict):
+        assert isinstance(content, dict), place
+        for key, inner in shape.items():
+            assert key in content, f"{place}.{key}"
+            check(content[key], inner, f"{place}.{key}")
+    elif isinstance(shape, list):
+        assert isinstance(content, list), place
+        for i, each in enumerate(content):
+            check(each, shape[0], f"{place}[{i}]")
+    else:
+        assert isinstance(content, shape), f"{place}: {content!r}"
+
+
+def refuse(constant: str) -> None:
+    raise AssertionError(f"{constant} is no JSON")
+
+
+@pytest.mark.parametrize("make", [clean, lacking, loop], ids=lambda f: f.__name__)
+def test_diagnosis_json_keeps_the_contract(make, tmp_path):
+    d = make()
+    paths = d.write(tmp_path / "out")
+    assert {path.name for path in paths} == {"diagnosis.json", "report.html"}
+    raw = (tmp_path / "out/diagnosis.json").read_text(encoding="utf-8")
+    data = json.loads(raw, parse_constant=refuse)
+    assert data == d.json()
+    assert data["schema"] == "ident.diagnosis/1"
+    check(data, CONTRACT)
+    if d.best is None:
+        assert data["best"] is None
+    else:
+        check(data["best"], NAME)
+        first = data["candidates"][0]
+        assert data["best"] == {key: first[key] for key in ("effect", "joints")}
+        assert first["error_after"] < first["error_before"]
+    assert data["verdict"] in ("missing", "nothing", "unexplained")
+    assert sum(each["share"] for each in data["where"]) == pytest.approx(1)
+    assert all(each["floor"] > 0 for each in data["where"])
+    assert data["text"] == d.text
+
+
+def test_numbers_that_are_not_finite_are_null():
+    content = {"a": math.nan, "b": [math.inf, 1.0, np.float64(-np.inf)], "c": (np.int64(3), True)}
+    assert plain(content) == {"a": None, "b": [None, 1.0, None], "c": [3, True]}
+
+
+def hostile(d: Diagnosis) -> Diagnosis:
+    """With a mechanism and logs whose names are markup."""
+    fit = d.fit
+    name = "<script>alert(1)</script>"
+    experiments = [replace(e, name=f"{name}.csv") for e in fit.motion.experiments]
+    motion = replace(fit.motion, experiments=tuple(experiments))
+    mechanism = replace(fit.mechanism, name=name)
+    text = f"{d.text}\n\n{name}"
+    return replace(d, fit=replace(fit, mechanism=mechanism, motion=motion), text=text)
+
+
+@pytest.mark.parametrize("make", [clean, lacking], ids=lambda f: f.__name__)
+def test_the_report_is_one_file_with_everything_escaped(make, tmp_path):
+    d = hostile(replace(make(), verdict=make().verdict))
+    d.write(tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<script" not in page
+    assert html.escape("<script>alert(1)</script>") in page
+    for outside in ("http://", "https://"):
+        links = page.replace("http://www.w3.org/", "").replace("http://purl.org/", "")
+        links = links.replace("http://creativecommons.org/", "").replace(
+            "https://matplotlib.org/", ""
+        )
+        assert outside not in links
+    for heading in ("Where the model fails", "Health of the data", "Invisible in this data"):
+        assert f"<h2>{heading}</h2>" in page
+    assert page.count("<svg") >= 2
+    if d.verdict == "missing":
+        assert f"{d.best.label} alone, all else taken off" in page
+
+
+def test_a_suggestion_is_a_file_that_works(tmp_path):
+    d = replace(lacking(), verdict="unexplained", suggestion=SUGGESTION)
+    d.write(tmp_path)
+    own = ident.read_user_effect(tmp_path / "suggestion.py", "suggested", allow_code=True)
+    case = planted()
+    fit = ident.identify(case.mechanism + own(SUGGESTION.joints), d.fit.motion)
+    assert fit["suggested.elbow,yaw.c1"].unit is not None
+    assert "suggested" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_pictures():
+    d = lacking()
+    (axis,) = d.plot().axes
+    named = [text.get_text() for text in axis.get_yticklabels()]
+    assert named[: 1 + len(d.rivals)] == [d.best.label, *(each.label for each in d.rivals)]
+
+
+def test_a_grown_folder_is_a_mechanism_again(tmp_path):
+    history = grown()
+    paths = history.write(tmp_path / "grown")
+    assert {path.name for path in paths} >= {
+        "mechanism.toml", "arm.urdf", "fit.json", "multipliers.csv", "diagnosis.json", "report.html",
+    }  # fmt: skip
+    again = ident.load(tmp_path / "grown")
+    assert [e.label for e in again.effects] == [e.label for e in history.mechanism.effects]
+    assert all(not effect.values for effect in again.effects)  # found, not known
+    assert again.unknown == history.mechanism.unknown
+    motion = ident.complete(again, planted().log)
+    fit = ident.identify(again, motion)
+    for joint, error in history.fit.held_out.items():
+        assert fit.held_out[joint].rms == pytest.approx(error.rms, rel=0.1)
+    saved = ident.read_fit(tmp_path / "grown/fit.json", again)
+    assert [e.label for e in saved.mechanism.effects] == [e.label for e in again.effects]
+    data = json.loads((tmp_path / "grown/diagnosis.json").read_text(encoding="utf-8"))
+    assert data["verdict"] == history.diagnosis.verdict
+
+
+def test_the_mechanism_s_own_folder_is_refused():
+    before = {path: path.read_bytes() for path in (ROBOTS / "arm").iterdir()}
+    with pytest.raises(IdentError, match=r"holds mechanism\.toml of the mechanism itself"):
+        grown().write(ROBOTS / "arm")
+    assert {path: path.read_bytes() for path in (ROBOTS / "arm").iterdir()} == before

@@ -1,0 +1,192 @@
+"""What a diagnosis says: each verdict, its reasons, and nothing that it does not know."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from diagnosed import clean, grown, lacking, loop
+
+import ident
+from ident import Health
+from ident.diagnose.hidden import Invisible
+from ident.diagnose.phrases import closure, listed, some, sure
+from ident.diagnose.suggest import Suggestion
+from ident.diagnose.support import Unsupported
+from ident.diagnose.tables import WIDTH
+from ident.diagnose.words import text_of
+from ident.health import Check
+
+SUGGESTION = Suggestion("elbow", ("elbow", "yaw"), ("s.q[1]**2",), (0.31,), 0.8)
+
+
+def bad(name: str, channel: str) -> Check:
+    return Check(name, (channel,), 1.0, 0.5, True, "is turned", "turn it")
+
+
+def test_what_is_missing_is_named_with_its_joint_value_and_certainty():
+    d = lacking()
+    assert d.verdict == "missing"
+    assert "coulomb:elbow" in [d.best.label, *(each.label for each in d.rivals)]
+    text = d.text
+    best = d.candidates[0]
+    for words in (
+        "fails in elbow",
+        f"{d.best.label} (",
+        best.effect.signature,
+        f"ident add MECHANISM {d.best.label}",
+        "How sure: ",
+        f"closes {closure(best.evidence)} of the gap",
+        "N m",
+    ):
+        assert words in text
+    value = best.parameters[0]
+    assert f"{value.name.rpartition('.')[2]} = " in text
+    for rival in d.rivals:
+        assert rival.label in text
+
+
+def test_it_says_where_nothing_but_noise_is_left():
+    assert "nothing but noise is left" in lacking().text
+    assert "the residual" in lacking().text
+
+
+def test_a_clean_log_gets_no_name():
+    d = clean()
+    assert d.verdict == "nothing"
+    assert d.text.startswith("Nothing is missing that this data could show")
+    assert "How small an effect could still hide" in d.text
+    assert "Missing is" not in d.text
+    for joint, floor in d.floor.items():
+        assert f"{joint} " in d.text
+        assert f"{floor:.2g}" in d.text
+
+
+def test_what_nothing_explains_gets_no_name_either():
+    d = replace(lacking(), verdict="unexplained", suggestion=None)
+    text = text_of(d, "")
+    assert "nothing in the library explains it, so no name is given" in text
+    assert "Missing is" not in text
+    assert "ident add" not in text
+    assert f"{len(d.choice.evidence)} effects were tried" in text
+    assert d.candidates[0].effect.label in text
+    assert "No short expression" in text
+
+
+def test_a_suggestion_is_a_description_and_says_how_to_use_it():
+    text = text_of(replace(lacking(), verdict="unexplained", suggestion=SUGGESTION), "")
+    assert "--with suggestion.py:suggested:elbow,yaw --allow-code" in text
+    assert "s.q[1] is the position of yaw" in text
+    assert "+0.31 s.q[1]**2" in text
+    assert "not yet a cause" in text
+
+
+def test_health_comes_first():
+    d = replace(clean(), health=Health((bad("sign", "tau.elbow"),)))
+    assert text_of(d, "").startswith("Before anything: the data themselves look wrong. tau.elbow: ")
+    assert "Before anything" not in clean().text
+
+
+def test_rivals_in_a_loop_are_a_matter_of_leverage():
+    d = loop()
+    first, second = (ident.effect("coulomb", joint) for joint in ("rocker", "crank"))
+    best = replace(d.candidates[0], effect=first, rivals=(second,), fit=d.candidates[0].fit)
+    if d.candidates[0].effect.label != first.label:
+        pytest.skip("the loop's friction has another name here")
+    text = text_of(replace(d, verdict="missing", candidates=(best,)), "")
+    assert "could as well be coulomb:crank" in text
+    assert "leverage" in text
+    assert "no proof of the cause" in text
+    assert "against the signals of rocker" in text
+
+
+def test_rivals_at_one_joint_are_no_matter_of_leverage():
+    d = lacking()
+    best = replace(d.candidates[0], rivals=(ident.effect("drag", "elbow"),))
+    text = text_of(replace(d, candidates=(best,)), "")
+    assert "leverage" not in text
+    assert "at the same place" in text
+
+
+def test_invisible_effects_are_grouped():
+    absorbed = [
+        Invisible(ident.effect("rotor_inertia", joint), f"absorbed: same columns as {link}.Lzz")
+        for joint, link in (("yaw", "turret"), ("elbow", "forearm"))
+    ]
+    payload = [
+        Invisible(ident.effect("payload", link), "absorbed: same columns as a.m, b.m, c.m")
+        for link in ("a", "b", "c", "d", "e", "f")
+    ]
+    tilt = [Invisible(ident.effect("gravity_tilt"), "no torque changes with it: as it is")]
+    text = text_of(replace(clean(), invisible=(*absorbed, *payload, *tilt)), "")
+    assert "rotor_inertia of yaw (turret.Lzz) and elbow (forearm.Lzz)" in text
+    assert "payload of a, b, c, d and 2 more" in text
+    assert "Of gravity_tilt: no torque changes with it" in text
+    assert "says nothing about" not in text_of(replace(clean(), invisible=()), "")
+
+
+def test_effects_that_the_data_do_not_support():
+    drift, spring = ident.effect("drift", "yaw"), ident.effect("spring", "elbow")
+    found = (Unsupported(drift, "it is not", False), Unsupported(spring, "it is negative", True))
+    text = text_of(replace(clean(), unsupported=found), "")
+    assert "drift:yaw is not supported by this data: it is not." in text
+    assert "mechanism.without('drift:yaw')" in text
+    assert "spring:elbow cannot be as it is: it is negative." in text
+
+
+def test_the_next_experiment_comes_last():
+    assert text_of(clean(), "turn it further").endswith("Next experiment: turn it further")
+
+
+@pytest.mark.parametrize("make", [clean, lacking, loop], ids=lambda f: f.__name__)
+def test_the_printed_summary_fits_and_has_all(make):
+    d = make()
+    printed = str(d)
+    assert max(map(len, printed.splitlines())) <= WIDTH
+    assert d.verdict in printed
+    for joint in d.fit.motion.independent:
+        assert joint in printed
+    for each in d.candidates:
+        assert each.effect.label in printed
+    flat = " ".join(printed.split())
+    assert all(" ".join(part.split()) in flat for part in d.text.split("\n\n"))
+    assert "<pre>" in d._repr_html_()
+
+
+def test_a_ladder_prints_and_draws():
+    history = grown()
+    lines = str(history).splitlines()
+    assert lines[2].startswith("as given")
+    assert any(line.startswith(f"+ {history.added[0].label}") for line in lines)
+    assert max(map(len, lines)) <= WIDTH
+    head, *rows = history.table()
+    assert head == ["effect", "yaw", "shoulder", "elbow", "wrist", "fall", "rivals"]
+    assert len(rows) == len(history.steps)
+    (axis,) = history.plot().axes
+    assert [line.get_label() for line in axis.lines] == head[1:5]
+    assert [text.get_text() for text in axis.get_xticklabels()] == [row[0] for row in rows]
+
+
+def test_joints_with_long_names_are_numbered():
+    from ident.diagnose.ladder import head, rung
+
+    joints = [f"a_rather_long_name_of_joint_{i}" for i in range(6)]
+    first, *more = head(joints).splitlines()
+    assert "[1] a_rather_long_name_of_joint_0" in first
+    assert more[-1].split() == ["effect", *(f"[{i}]" for i in range(1, 7)), "fall"]
+    step = grown().steps[0]
+    errors = {name: step.errors["yaw"] for name in joints}
+    line = rung(replace(step, errors=errors), joints)
+    assert len(line) == len(more[-1]) - 2 - 7  # a first rung has no fall
+
+
+def test_small_pieces():
+    assert listed([]) == "none"
+    assert listed(["a", "b", "c"], "or") == "a, b or c"
+    assert some(["a", "b", "c", "d", "e"], 2) == "a, b and 3 more"
+    assert [sure(z) for z in (20, 5, 3, 2.1)] == [
+        "beyond doubt",
+        "very sure",
+        "sure",
+        "fairly sure",
+    ]

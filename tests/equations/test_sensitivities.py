@@ -1,0 +1,119 @@
+"""Columns of shape parameters: slopes of E c, and of what a correction changes in the equations."""
+
+import numpy as np
+import pytest
+
+import ident
+from ident.effects import KINDS, Correcting
+from ident.equations.columns import Columns
+from ident.equations.point import Point
+from ident.equations.scene import Scene
+from ident.equations.terms import terms
+from identification import motion_log, plant, robot
+
+
+def scene_of(mechanism, log, values):
+    """The scene of a log at the working point `values`, and the unknowns there (k,)."""
+    (e,) = ident.complete(mechanism, log, cutoff=None).experiments
+    columns = Columns.of(mechanism)
+    pi = np.array([values[name] for name in mechanism.bodies.names])
+    names = [name for effect in mechanism.effects for name in effect.names]
+    point = Point(pi, {name: values[name] for name in names})
+    return Scene.of(mechanism, columns, e, point), np.array([values[n] for n in columns.names])
+
+
+# --- of columns --------------------------------------------------------------------------------
+
+
+SLOPES = {  # ∂(E c)/∂s by hand, of the signals of the joint and the values c, s
+    "stribeck:elbow": (
+        {"Fs": 0.8, "vs": 0.3}, "vs",
+        lambda s: 0.8 * np.sign(s.v) * np.exp(-((s.v / 0.3) ** 2)) * 2 * s.v**2 / 0.3**3,
+    ),
+    "end_stop:elbow": (
+        {"k": 20.0, "q1": 1.2, "side": 1.0}, "q1", lambda s: np.where(s.q > 1.2, -20.0, 0.0),
+    ),
+    "ripple:elbow": (
+        {"A": 0.5, "B": 0.3, "N": 8.0}, "N",
+        lambda s: s.q * (0.5 * np.cos(8 * s.q) - 0.3 * np.sin(8 * s.q)),
+    ),
+    "hysteresis:elbow": ({"sigma": 5.0, "z0": 0.1}, "z0", None),
+}  # fmt: skip
+
+
+def test_every_kind_with_columns_and_shapes_is_here():
+    shaped = {k for k, kind in KINDS.items() if kind.shapes and not issubclass(kind, Correcting)}
+    assert {text.split(":")[0] for text in SLOPES} == shaped
+
+
+@pytest.mark.parametrize("text", SLOPES)
+def test_a_shapes_column_is_the_slope_of_the_torque(text):
+    given, name, formula = SLOPES[text]
+    mechanism = robot("arm") + ident.effect(*text.split(":"))
+    (effect,) = mechanism.effects
+    true = {full: given[p.name] for full, p in zip(effect.names, effect.parameters, strict=True)}
+    case = plant(mechanism, motion_log("arm", 100.0), true)
+    scene, x = scene_of(mechanism, case.log, case.values)
+    found = terms(scene, slice(None))
+    place = scene.columns.index[f"{text.replace(':', '.')}.{name}"]
+    row = mechanism.joint("elbow").index
+    s = scene.samples(slice(None)).signals(("elbow",))
+    if formula is not None:
+        slope = formula(s)[:, 0]
+    else:  # by a far smaller step than the equations take
+        shape = {p.name: given[p.name] for p in effect.shapes}
+        h = 1e-6 * given[name]
+        beside = [scene.samples(slice(None)).columns(effect, {**shape, name: given[name] + d})
+                  for d in (h, -h)]  # fmt: skip
+        slope = (beside[0] - beside[1])[:, 0, 0] * given["sigma"] / (2 * h)
+    S = found.A[:, row, place]
+    smooth = np.abs(s.v[:, 0]) > s.still[0]
+    assert np.linalg.norm((S - slope)[smooth]) < 0.05 * np.linalg.norm(slope[smooth])
+    others = np.delete(np.arange(mechanism.model.nv), row)
+    assert not found.A[:, others, place].any()
+    off = np.einsum("ndk,k->nd", found.A, x) - found.b  # S s₀ stands on both sides
+    assert np.abs(off).max() < 1e-9 * np.abs(found.b).max()
+
+
+# --- of corrections ----------------------------------------------------------------------------
+
+CORRECTED = {  # where the equations are linearised, and how far from it the log was made
+    ("arm", "encoder_offset:elbow"): {"delta": (0.02, 1e-3)},
+    ("four_bar", "encoder_offset:crank"): {"delta": (0.02, 1e-3)},
+    ("arm", "gravity_tilt"): {"x": (0.03, 1e-3), "y": (-0.02, 1e-3)},
+    ("arm", "delay:elbow"): {"d": (0.005, 5e-4)},
+    ("arm", "elasticity:elbow"): {"compliance": (1e-3, 2e-5)},
+    ("four_bar", "elasticity:crank"): {"compliance": (1e-3, 2e-5)},
+    ("arm", "backlash:shoulder"): {"width": (0.01, 1e-4)},
+    ("arm", "geometry:elbow.x"): {"Delta": (0.01, 1e-3)},
+    ("five_bar", "geometry:tip.a.x"): {"Delta": (0.01, 1e-4)},
+    ("slider_crank", "closure_compliance:ball"): {"C": (2e-5, 1e-6)},
+}
+
+
+def test_every_correcting_kind_is_here():
+    every = {k for k, kind in KINDS.items() if issubclass(kind, Correcting)}
+    assert {text.split(":")[0] for _, text in CORRECTED} == every
+
+
+@pytest.mark.parametrize(("name", "text"), CORRECTED, ids=lambda x: x)
+def test_a_corrections_column_is_how_a_log_made_beside_it_differs(name, text):
+    """A x = b at s₀ of a log that was simulated at s₁: what is left is S (s₁ − s₀)."""
+    kind, _, site = text.partition(":")
+    mechanism = robot(name) + ident.effect(kind, site)
+    (effect,) = mechanism.effects
+    near, true = {}, {}
+    for full, parameter in zip(effect.names, effect.parameters, strict=True):
+        at, step = CORRECTED[name, text][parameter.name]
+        near[full], true[full] = at, at + step
+    case = plant(mechanism, motion_log(name, 200.0), true)
+    scene, x = scene_of(mechanism, case.log, {**case.values, **near})
+    found = terms(scene, slice(None))
+    usable = scene.e.usable
+    left = found.b - np.einsum("ndk,k->nd", found.A, x)
+    moved = x.copy()
+    for full, value in true.items():
+        moved[scene.columns.index[full]] = value
+    explained = found.b - np.einsum("ndk,k->nd", found.A, moved)
+    assert np.linalg.norm(left[usable]) > 0
+    assert np.linalg.norm(explained[usable]) < 0.05 * np.linalg.norm(left[usable])
