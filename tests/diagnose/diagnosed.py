@@ -6,21 +6,23 @@ from functools import cache
 
 import ident
 from ident import Diagnosis, History, Noise
+from ident.diagnose.suggest import Suggestion
 from identification import Planted, motion_log, plant, robot
 
 NOISE = (Noise("tau", 0.02, relative=True), Noise("q", 1e-5))
+SUGGESTION = Suggestion("elbow", ("elbow", "yaw"), ("s.q[1]**2",), (0.31,), 0.8)
 FRICTION = {"viscous.elbow.Fv": 0.3, "coulomb.elbow.Fc": 0.6}
 
 
 @cache
 def planted(name: str = "arm") -> Planted:
     """A log of a robot with friction in its joints."""
-    friction = ["viscous", "coulomb"] if name == "arm" else ["coulomb:rocker"]
+    friction = ["viscous", "coulomb"] if name == "arm" else ["viscous:rocker"]
     mechanism = robot(name)
     for effect in friction:
         mechanism = mechanism.with_effect(effect)
-    values = FRICTION if name == "arm" else {"coulomb.rocker.Fc": 0.5}
-    return plant(mechanism, motion_log(name, 100.0, 12.0), values, noise=NOISE, seed=3)
+    values = FRICTION if name == "arm" else {"viscous.rocker.Fv": 0.2}
+    return plant(mechanism, motion_log(name, 100.0, 8.0), values, noise=NOISE, seed=3)
 
 
 @cache
@@ -32,19 +34,17 @@ def clean() -> Diagnosis:
 @cache
 def lacking() -> Diagnosis:
     """Of a model without the elbow's dry friction."""
-    case = planted()
-    return ident.diagnose(
-        case.fit(mechanism=case.mechanism.without("coulomb:elbow"), cutoff="auto")
-    )
+    return _without("coulomb:elbow", planted())
 
 
 @cache
 def loop() -> Diagnosis:
     """Of a closed loop without its friction."""
-    case = planted("four_bar")
-    return ident.diagnose(
-        case.fit(mechanism=case.mechanism.without("coulomb:rocker"), cutoff="auto")
-    )
+    return _without("viscous:rocker", planted("four_bar"))
+
+
+def _without(effect: str, case: Planted) -> Diagnosis:
+    return ident.diagnose(case.fit(mechanism=case.mechanism.without(effect), cutoff="auto"))
 
 
 @cache

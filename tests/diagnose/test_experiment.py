@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 
 import ident
 from helpers import ROBOTS
@@ -15,10 +17,11 @@ from ident import Log, Mechanism, Noise
 from ident.diagnose import Diagnosis, diagnose
 from ident.diagnose.experiment import next_experiment, propose
 from ident.diagnose.propose import attempts, contenders, proposal, questions
+from ident.diagnose.trials import present, trials
 
 # presliding refitted at a negative reach overflows on its way; that is not tested here
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
-NOISE = (Noise("tau", 0.08, True), Noise("q", 1e-5))
+NOISE = (Noise("tau", 0.05, True), Noise("q", 1e-5))
 
 
 def sines(moves: dict[str, tuple[float, float, float]], seconds: float, rate: float = 200.0) -> Log:
@@ -83,9 +86,8 @@ def test_the_full_turn_names_the_joint(four_bar: Mechanism, narrow: Diagnosis) -
     found = propose(narrow)
     assert found is not None
     (log,) = found.trial.logs
-    T = 6.0 * found.longer
     (speed,) = found.speeds
-    wide = sines({"crank": (1.2, np.pi, speed / np.pi)}, T)
+    wide = sines({"crank": (1.2, np.pi, speed / np.pi)}, found.seconds)
     assert log.columns["q.crank"].max() - log.columns["q.crank"].min() > 5.0
     hidden = four_bar.with_effect("coulomb:rocker", {"Fc": 0.03})
     d = diagnosed(four_bar, hidden, wide)
@@ -105,3 +107,52 @@ def test_no_motion_of_a_parallelogram(parallelogram: Mechanism) -> None:
     assert "open the loop at pin" in text
     where = questions(contenders(d))[0]
     assert proposal(d, attempts(d, contenders(d)), where) is None
+
+
+@pytest.fixture(scope="module")
+def arm() -> Mechanism:
+    return ident.load(ROBOTS / "arm")
+
+
+def test_viscous_or_drag_asks_for_other_speeds(arm: Mechanism) -> None:
+    hidden = arm.with_effect("viscous:elbow", {"Fv": 0.05})
+    moves = {"yaw": (0, 0.8, 0.9), "shoulder": (-0.5, 0.4, 1.1), "elbow": (0.9, 0.5, 1.5)}
+    d = diagnosed(arm, hidden, sines({**moves, "wrist": (0.2, 0.6, 1.3)}, 6.0))
+    assert {"viscous:elbow", "drag:elbow"} <= {e.label for e in (d.best, *d.rivals)}
+    found = propose(d)
+    assert found is not None
+    assert found.joints == ("elbow",)
+    assert found.trial.kind in ("faster", "speeds", "strokes")
+    if found.trial.kind != "strokes":
+        (speed,) = found.speeds
+        now = present(arm, d.fit.motion)[2].speed
+        assert speed == pytest.approx(2 * now)
+    assert "elbow" in next_experiment(d)
+
+
+def test_trials_keep_limits(arm: Mechanism) -> None:
+    log = sines({"yaw": (0, 0.8, 1.5), "shoulder": (0, 0.8, 1.5), "elbow": (0, 0.8, 1.5),
+                 "wrist": (0, 0.8, 1.5)}, 6.0)  # fmt: skip
+    now = present(arm, ident.complete(arm, log, torques=False))
+    kinds = set()
+    for trial in trials(now, arm.driven):
+        kinds.add(trial.kind)
+        for made in trial.logs:
+            for m in trial.moves:
+                q, v, a = (made.columns[f"{c}.{m.joint.name}"] for c in "qva")
+                assert q.min() >= m.joint.lower
+                assert q.max() <= m.joint.upper
+                assert np.abs(v).max() <= m.joint.velocity
+                assert np.allclose(q[-1] - q[0], trapezoid(v, made.t), atol=0.02)
+                assert np.allclose(v[-1] - v[0], trapezoid(a, made.t), atol=0.1)
+    assert kinds >= {"same", "faster", "limits", "strokes", "alone"}
+    assert "turn" not in kinds
+
+
+def test_it_never_raises(narrow: Diagnosis) -> None:
+    text = next_experiment(replace(narrow, choice=None))  # type: ignore[arg-type]
+    assert text.startswith("No experiment")
+    for verdict in ("nothing", "unexplained"):
+        text = next_experiment(replace(narrow, verdict=verdict))
+        assert text.endswith(".")
+        assert "could not be" not in text

@@ -111,7 +111,7 @@ def grow(
         other = motion_of(model, validate, motion.band.cutoff, told) if validate else None
 
         def reached(step: Step) -> None:
-            if step.added is None:
+            if step.added is None and not step.removed:
                 shown(head(motion.independent))
             shown(rung(step, motion.independent))
 

@@ -32,7 +32,7 @@ APART = 2.0  # standard errors of paired blocks within which two candidates are 
 SIMPLER = 1.0  # within which the one with fewer numbers is preferred
 ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same part
 USUAL = ("viscous", "coulomb")
-USUAL_BEHIND = 0.03  # of the gap, by which they may be behind one curve that resembles their sum
+USUAL_BEHIND = 0.1  # of the gap, by which they may be behind one curve that resembles their sum
 PARTNERS = 6  # credible candidates of a joint that are tried together
 
 
@@ -136,8 +136,10 @@ def _rivals(best: Evidence, credible: Sequence[Evidence], same: _Same) -> list[E
     for each in credible:
         if each is best or _behind(each, best) >= APART or not same(each, best):
             continue
-        if each.closure < 0.8 * min(best.closure, CLOSES) or _nested(best, each):
+        if each.closure < 0.8 * min(best.closure, CLOSES):
             continue
+        if _nested(best, each) and _behind(best, each) < SIMPLER:
+            continue  # what it has beyond the best is not seen
         found.append(each)
     return found
 
@@ -145,23 +147,27 @@ def _rivals(best: Evidence, credible: Sequence[Evidence], same: _Same) -> list[E
 def _usual(
     table: Table, screen: Screen, null: Null, threshold: float, best: Evidence,
     weighed: Sequence[Evidence],
-) -> tuple[Evidence, Evidence] | None:  # fmt: skip
-    """Viscous and Coulomb friction of the same joint, if together they do about as well or better.
+) -> tuple[Evidence, Evidence | None] | None:  # fmt: skip
+    """Viscous or Coulomb friction of the same joint, or both, if they do about as well.
 
-    While both are missing, one curve that resembles their sum is a better fit than either.
+    Real friction is a little curved, and while both are missing, one curve that resembles their sum
+    is a better fit than either. What remains beside them can be named afterwards.
     """
     joint = best.candidate.effect.joints[:1]
-    pair = [
+    usual = [
         each for each in weighed
         if each.candidate.effect.kind in USUAL and each.candidate.effect.joints == joint
     ]  # fmt: skip
-    if len(pair) < len(USUAL) or not any(each.credible for each in pair):
+    enough = best.closure - USUAL_BEHIND
+    usual.sort(key=lambda each: (not each.credible, -each.gain))
+    if not usual or not usual[0].credible:
         return None
-    pair.sort(key=lambda each: (not each.credible, -each.gain))
-    both = together(table, screen, null, threshold, [each.candidate for each in pair])
-    if both.closure < max(CLOSES, best.closure - USUAL_BEHIND):
+    if usual[0].closure >= enough:
+        return usual[0], None
+    if len(usual) < len(USUAL):
         return None
-    return pair[0], pair[1]
+    both = together(table, screen, null, threshold, [each.candidate for each in usual])
+    return (usual[0], usual[1]) if both.closure >= enough else None
 
 
 def _partner(

@@ -66,7 +66,7 @@ def _unexplained(d: Diagnosis) -> list[str]:
     said = [
         "Something is missing, and nothing in the library explains it, so no name is given. "
         f"{len(d.choice.evidence)} effects were tried at their places, each with everything "
-        f"refitted; a name needs {100 * CLOSES:.0f} % of the gap."
+        f"refitted; a name takes {100 * CLOSES:.0f} % of the gap (less for usual friction)."
         + (f" The best: {'; '.join(tried)}." if tried else "")
     ]
     if (s := d.suggestion) is not None:

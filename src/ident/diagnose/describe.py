@@ -25,10 +25,12 @@ def described(trial: Trial, now: Sequence[Move]) -> str:
         trial: the motion.
         now: what the same joints did in the present log.
     """
+    others = any(m.speed and m.joint.name not in trial.about for m in trial.moves)
+    rest = ", the other joints as now" if others and trial.kind != "alone" else ""
     before = {m.joint.name: m for m in now}
     moves = [m for m in trial.moves if m.joint.name in trial.about]
     if len(moves) == 1:
-        return _one(trial, moves[0], before[moves[0].joint.name])
+        return _one(trial, moves[0], before[moves[0].joint.name]) + rest
     spans = [f"{m.joint.name} {_span(m)}" for m in moves]
     if trial.kind == "turn":
         spans = [m.joint.name for m in moves]
@@ -37,9 +39,8 @@ def described(trial: Trial, now: Sequence[Move]) -> str:
     if len({m.joint.unit for m in moves}) > 1:
         speeds, unit = [f"{m.speed:.2g} {m.joint.unit}" for m in moves], ""
     shares = ", ".join(f"{share:g}" for share in trial.shares)
-    slash = "/s" if unit else " a second"
-    return TOP[trial.kind].format(", ".join(spans), f"{', '.join(speeds)} {unit}".rstrip() + slash,
-                                  shares=shares)  # fmt: skip
+    top = f"{', '.join(speeds)} {unit}".rstrip() + ("/s" if unit else " a second")
+    return TOP[trial.kind].format(", ".join(spans), top, shares=shares) + rest
 
 
 def _one(trial: Trial, m: Move, old: Move) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from ident.diagnose.advice import unexplained, unseen, without_motion
 from ident.diagnose.diagnosis import Diagnosis
@@ -64,28 +65,28 @@ def _between(d: Diagnosis, rivals: Sequence[Candidate], tried: Sequence[Attempt]
     for pairs in questions(rivals):
         found = proposal(d, tried, pairs)
         if found:
-            return " ".join([*parts, _proposed(d, found)])
+            if parts:  # the place stays open, and what to do about it is said already
+                kinds = _proposed(d, replace(found, alike=()))
+                return f"{parts[0]} Of which kind it is, a motion tells in part. {kinds}"
+            return _proposed(d, found)
         if not parts:
             parts.append(_no_motion(d, tried, pairs))
     return " ".join(parts)
 
 
 def _proposed(d: Diagnosis, p: Proposal) -> str:
-    words = p.words[:1].upper() + p.words[1:]
     now = f" (in a motion like this one: {p.now:.2g})" if p.now < p.separation / 2 else ""
     rivals = _list([each.label for each in p.apart])
     text = (
-        f"{words}: {rivals} then differ by at least {p.separation:.2g} standard errors in a log "
+        f"{p.words}: {rivals} then differ by at least {p.separation:.2g} standard errors in a log "
         f"as long as this one{now}"
     )
-    if p.longer > 1:
-        seconds = p.longer * sum(float(e.t[-1] - e.t[0]) for e in d.fit.motion.experiments)
-        text += f"; to be sure, log about {float(f'{seconds:.2g}'):g} s of it"
+    text += f"; log about {float(f'{p.seconds:.2g}'):g} s of it to be sure"
     if p.alike:
         effects = [effect for pair in p.alike for effect in pair]
         labels = _list(list(dict.fromkeys(effect.label for effect in effects)))
         text += f". Not all of {labels} differ in it; for those, {without_motion(d, effects)}"
-    return f"{text}."
+    return f"{text[:1].upper()}{text[1:]}."
 
 
 def _no_motion(d: Diagnosis, tried: Sequence[Attempt], pairs: Sequence[Pair]) -> str:

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from ident.diagnose.diagnose import judge, told_of
 from ident.diagnose.diagnosis import Diagnosis
 from ident.diagnose.explanation import errors_of, explain
-from ident.diagnose.ladder import ladder_rows, ladder_text, plot_ladder
+from ident.diagnose.ladder import ladder_rows, ladder_text, plot_ladder, rung
 from ident.diagnose.output import write_history
 from ident.diagnose.support import unsupported
 from ident.effects import Effect
@@ -46,6 +46,11 @@ class Step:
     fit: Fit
     fall: float
     errors: dict[str, Error]
+
+    def __str__(self) -> str:
+        return rung(self, list(self.errors))
+
+    __repr__ = __str__
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,13 +37,13 @@ def rung(step: Step, joints: Sequence[str]) -> str:
     """One rung: what was added, errors, the fall of the held-out weighted sum of squares."""
     numbered = len(_row("", joints, "")) > WIDTH
     width = [0 if numbered else len(joint) for joint in joints]
-    lines = [_row(_added(step), _cells(step.errors, joints), _fall(step), width)]
+    lines = [_row(_changed(step), _cells(step.errors, joints), _fall(step), width)]
     for log, errors in step.fit.validation.items():
         name = log if len(log) <= NAME - 4 else f"…{log[-(NAME - 5) :]}"
         lines.append(_row(f"  on {name}", _cells(errors, joints), "", width))
     if step.rivals:
         lines += wrapped(f"    or {labels(step.rivals, 'or')}: not to be told apart", "      ")
-    if step.removed:
+    if step.removed and (step.added is not None or len(step.removed) > 1):
         lines += wrapped(f"    without {labels(step.removed)}: superfluous now", "      ")
     return "\n".join(lines)
 
@@ -54,8 +54,13 @@ def _row(first: str, cells: Sequence[str], last: str, least: Sequence[int] = ())
     return GAP.join([first.ljust(NAME), *middle, last.rjust(FALL)]).rstrip()
 
 
-def _added(step: Step) -> str:
-    return START if step.added is None else f"+ {step.added.label}"
+def _changed(step: Step) -> str:
+    """What this rung has that the one before had not, or the reverse."""
+    if step.added is not None:
+        return f"+ {step.added.label}"
+    if len(step.removed) == 1:
+        return f"− {step.removed[0].label}"
+    return f"− {len(step.removed)} effects" if step.removed else START
 
 
 def _fall(step: Step) -> str:
@@ -86,9 +91,11 @@ def ladder_rows(history: History) -> list[list[str]]:
     rows = [["effect", *joints, "fall", "rivals"]]
     for step in history.steps:
         rivals = labels(step.rivals, "or") if step.rivals else ""
-        removed = "".join(f" − {effect.label}" for effect in step.removed)
+        removed = ""
+        if step.added is not None or len(step.removed) > 1:
+            removed = "".join(f" − {effect.label}" for effect in step.removed)
         cells = _cells(step.errors, joints)
-        rows.append([f"{_added(step)}{removed}", *cells, _fall(step), rivals])
+        rows.append([f"{_changed(step)}{removed}", *cells, _fall(step), rivals])
     return rows
 
 
@@ -112,7 +119,7 @@ def plot_ladder(history: History) -> Figure:
         y = [100 * each for each in relative if each is not None]
         axis.plot(places, y, "o-", ms=4, color=f"C{i % 10}", label=joint)
     axis.set_yscale("log")
-    axis.set_xticks(places, [_added(step) for step in history.steps], rotation=30, ha="right")
+    axis.set_xticks(places, [_changed(step) for step in history.steps], rotation=30, ha="right")
     axis.set_ylabel("held-out error of the torque [%]")
     axis.grid(alpha=0.3, which="both")
     if axis.lines:

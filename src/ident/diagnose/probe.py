@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ident.diagnose.allowed import allowed
 from ident.diagnose.diagnosis import Diagnosis
 from ident.diagnose.quiet import quiet
 from ident.diagnose.screen import Screen, orthonormal
@@ -23,13 +24,11 @@ from ident.equations.samples import reduced as in_independent
 from ident.equations.terms import unbalanced
 from ident.errors import IdentError
 from ident.fit.table import Table
-from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment, Motion, complete
 from ident.motion.place import reduced
 
 SMALL = 1e-3  # share of a joint's torque that is never trusted
 WORSE = 10.0  # times the present log's largest ‖K⁺‖: nearer no trial goes to a singular position
-SLACK = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +49,7 @@ class Probe:
             motion = complete(fit.mechanism, trial.logs, cutoff=None, torques=False)
             runs = [_loaded(d, _with_extra(e, fit.motion)) for e in motion.experiments]
             motion = replace(motion, experiments=tuple(runs), independent=fit.motion.independent)
-            if not _allowed(fit.mechanism, fit.motion, motion):
+            if not allowed(fit.mechanism, fit.motion, motion):
                 return None
             table = Table.of(fit.mechanism, fit.columns, motion, fit.point)
             use = quiet(table)
@@ -138,31 +137,6 @@ def _loaded(d: Diagnosis, e: Experiment) -> Experiment:
 def _size(e: Experiment) -> np.ndarray:
     assert e.pinv is not None
     return np.linalg.norm(e.pinv[e.usable], axis=(1, 2))
-
-
-def _allowed(mechanism: Mechanism, now: Motion, then: Motion) -> bool:
-    """Whether a motion keeps all limits that the present one keeps."""
-    for i, joint in enumerate(mechanism.joints):
-        for series, low, high in (
-            ("y", joint.lower, joint.upper),
-            ("yd", -joint.velocity, joint.velocity),
-        ):
-            before, after = (_extent(m, series, i) for m in (now, then))
-            slack = SLACK * (1 + abs(after[0]) + abs(after[1]))
-            if before[0] >= low and after[0] < low - slack:
-                return False
-            if before[1] <= high and after[1] > high + slack:
-                return False
-    for i, name in enumerate(mechanism.driven):
-        before, after = (max(map(abs, _extent(m, "tau", i))) for m in (now, then))
-        if before <= (most := mechanism.joint(name).effort) and after > most > 0:
-            return False
-    return True
-
-
-def _extent(motion: Motion, series: str, i: int) -> tuple[float, float]:
-    x = np.concatenate([getattr(e, series)[e.usable, i] for e in motion.experiments])
-    return float(x.min()), float(x.max())
 
 
 def _noise(d: Diagnosis, table: Table) -> np.ndarray:

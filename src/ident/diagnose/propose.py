@@ -11,8 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-import numpy as np
-
 from ident.diagnose.describe import described
 from ident.diagnose.diagnosis import Diagnosis
 from ident.diagnose.probe import Probe
@@ -44,6 +42,7 @@ class Proposal:
         separation: of the two rivals told apart that stay most alike, in standard errors of a log
             as long as the present one; now: of the same two in a motion like the present one.
         apart: rivals that it tells apart; alike: pairs that it does not.
+        seconds: how long a log of it should be to be nearly sure.
         words: what to do.
     """
 
@@ -55,12 +54,8 @@ class Proposal:
     now: float
     apart: tuple[Effect, ...]
     alike: tuple[tuple[Effect, Effect], ...]
+    seconds: float
     words: str
-
-    @property
-    def longer(self) -> int:
-        """How many times as long as the present one the log should be to be nearly sure."""
-        return max(1, int(np.ceil((SURE / self.separation) ** 2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +138,7 @@ def proposal(d: Diagnosis, tried: Sequence[Attempt], pairs: Sequence[Pair]) -> P
         return None
     worst = min(told, key=best.separation)
     like = next((each.separation(worst) for each in tried if each.trial.kind == "same"), 0.0)
+    length = sum(float(e.t[-1] - e.t[0]) for e in d.fit.motion.experiments)
     moves = [m for m in best.trial.moves if m.joint.name in best.trial.about]
     effects = {each.effect.label: each.effect for pair in told for each in pair}
     return Proposal(
@@ -154,5 +150,6 @@ def proposal(d: Diagnosis, tried: Sequence[Attempt], pairs: Sequence[Pair]) -> P
         now=like,
         apart=tuple(effects.values()),
         alike=tuple((a.effect, b.effect) for a, b in pairs if best.separation((a, b)) < SOME),
+        seconds=max(best.trial.seconds, length * max(1.0, (SURE / best.separation(worst)) ** 2)),
         words=described(best.trial, present(d.fit.mechanism, d.fit.motion)),
     )

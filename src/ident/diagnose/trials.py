@@ -1,6 +1,5 @@
 """Motions that could be logged next: the present one wider, faster, slower, in strokes, one by one.
-
-    y = c + h m(w t)        m: three sines of unrelated frequencies, or strokes of constant speed
+The independent joints' ranges and speeds; the curves between are in `waves`.
 """
 
 from __future__ import annotations
@@ -9,19 +8,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
+from ident.diagnose.waves import Series, sines, strokes
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion import Motion
 
 SAMPLES = 600  # a log, or a third of that where a trial has several
-WAVES = ((1.0, 0.62, 0.3), (1.73, 0.3, 1.1), (2.91, 0.16, 2.3))  # frequency, share, phase
 APART = 0.137  # by which the frequencies of one joint differ from the next one's
 SWINGS = 4  # of the slowest joint
+CYCLES = 3  # there and back, in a log worth the name
 MOST = 14  # of the fastest
 LONGEST = 0.2  # s a sample
-CORNER = 8.0  # steepness of a stroke's ends
 SPEEDS = (0.05, 0.15, 0.5)  # of strokes, as shares of the top speed
 MARGIN = 0.05  # of the way between two limits that is kept free
 AWAKE = {True: (0.5, 1.0), False: (0.05, 0.1)}  # rotational: half range, speed of a joint at rest
@@ -67,6 +65,16 @@ class Trial:
         """q, v and a of the independent joints, one log a speed."""
         n = SAMPLES if len(self.shares) == 1 else SAMPLES // 2
         return [_log(self, share, n, f"trial {i}") for i, share in enumerate(self.shares)]
+
+    @property
+    def seconds(self) -> float:
+        """In which the slowest joint goes there and back often enough at each speed [s]."""
+        once = max((2 * np.pi * m.half / m.speed for m in self.moves if m.speed), default=0.0)
+        return (
+            (1 if self.kind == "strokes" else CYCLES)
+            * once
+            * sum(1 / share for share in self.shares)
+        )
 
 
 def present(mechanism: Mechanism, motion: Motion) -> tuple[Move, ...]:
@@ -148,51 +156,18 @@ def _awake(m: Move) -> Move:
 
 def _log(trial: Trial, share: float, n: int, name: str) -> Log:
     """The trial's motion at a share of its speeds."""
-    strokes = trial.kind == "strokes"
+    curve = strokes if trial.kind == "strokes" else sines
     moving = [m for m in trial.moves if m.speed > 0 and m.half > 0]
     pace = [share * m.speed / m.half for m in moving]  # [1/s] at which the phases run
-    swings = SWINGS / 2 if strokes else SWINGS
+    swings = SWINGS / 2 if curve is strokes else SWINGS
     T = min(2 * np.pi * swings / min(pace), 2 * np.pi * MOST / max(pace)) if pace else 1.0
     T = min(T, LONGEST * n)
     t = np.linspace(0.0, T, n)
     columns = {}
     for i, m in enumerate(trial.moves):
-        y, yd, ydd = np.full(n, 0.5 * (m.low + m.high)), np.zeros(n), np.zeros(n)
+        found: Series = np.full(n, 0.5 * (m.low + m.high)), np.zeros(n), np.zeros(n)
         if m in moving:
-            shape = _strokes if strokes else _sines
-            y, yd, ydd = shape(m, share * m.speed, t, 1 + APART * i)
-        for channel, x in (("q", y), ("v", yd), ("a", ydd)):
+            found = curve(m.low, m.high, share * m.speed, t, 1 + APART * i)
+        for channel, x in zip("qva", found, strict=True):
             columns[f"{channel}.{m.joint.name}"] = x
     return Log.from_arrays(name, t, columns)
-
-
-def _sines(m: Move, speed: float, t: np.ndarray, pitch: float) -> tuple[np.ndarray, ...]:
-    """y, ẏ, ÿ (n,) between low and high, at up to `speed`."""
-    fine = np.linspace(0.0, 60.0, 6001)
-    shape, slope, _ = _waves(fine, pitch)
-    low, high = shape.min(), shape.max()
-    h = (m.high - m.low) / (high - low)
-    w = speed / (h * np.abs(slope).max())
-    m0, m1, m2 = _waves(w * t, pitch)
-    return m.low + h * (m0 - low), h * w * m1, h * w**2 * m2
-
-
-def _waves(x: np.ndarray, pitch: float) -> tuple[np.ndarray, ...]:
-    parts = [(f * pitch, a, f * pitch * x + p) for f, a, p in WAVES]
-    return (
-        sum((a * np.sin(z) for _, a, z in parts), np.zeros_like(x)),
-        sum((a * f * np.cos(z) for f, a, z in parts), np.zeros_like(x)),
-        sum((-a * f**2 * np.sin(z) for f, a, z in parts), np.zeros_like(x)),
-    )
-
-
-def _strokes(m: Move, speed: float, t: np.ndarray, pitch: float) -> tuple[np.ndarray, ...]:
-    """y, ẏ, ÿ (n,) to and fro at constant speed, rounded at the ends."""
-    w = pitch * speed * np.pi / (2 * m.half)
-    fine = np.linspace(0.0, 2 * np.pi, 4001)
-    way = cumulative_trapezoid(np.tanh(CORNER * np.sin(fine)), fine, initial=0.0)
-    h = (m.high - m.low) / way.max()
-    shape = np.tanh(CORNER * np.sin(w * t))
-    bend = CORNER * np.cos(w * t) * (1 - shape**2)
-    y = m.low + h * np.interp(np.mod(w * t, 2 * np.pi), fine, way)
-    return y, h * w * shape, h * w**2 * bend

@@ -84,9 +84,8 @@ def table() -> str:
             _names(effect.shapes),
             *said["sits on"],
         ]
-        rows.append(
-            "| " + " | ".join(cell.replace("|", "\\|").replace("<", "\\<") for cell in cells) + " |"
-        )
+        safe = (cell.replace("|", "\\|").replace("<", "\\<") for cell in cells)
+        rows.append(f"| {' | '.join(safe)} |")
     return "\n".join(rows)
 
 

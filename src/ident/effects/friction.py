@@ -56,6 +56,7 @@ class Coulomb(Dry):
     equation: ClassVar[str] = "Fc sign(v); a sample at standstill does not inform it"
     signature: ClassVar[str] = "the residual against speed is a step at zero: two level bands"
     confused_with: ClassVar = ("stribeck", "hysteresis", "load_friction", "delay")
+    nested_in: ClassVar = ("stribeck", "hysteresis")  # their limits for large vs, small z0
     source: ClassVar[str] = ARMSTRONG
 
     def columns(self, s: Signals) -> np.ndarray:
@@ -154,7 +155,7 @@ class Hysteresis(Effect):
         z0, n = s.shape["z0"], len(s.q)
         z = np.zeros_like(s.q)
         for j in range(s.q.shape[1]):
-            way = np.sign(np.diff(s.q[:, j]))
+            way = np.sign(np.diff(s.q[:, j], append=s.q[-1:, j]))[: max(n - 1, 1)]
             turns = np.flatnonzero(np.diff(way)) + 1  # z is one exponential between two reversals
             for a, b in pairwise([0, *turns, n - 1]):
                 goal = z0 * way[a]

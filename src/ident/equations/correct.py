@@ -111,8 +111,9 @@ def _opened(
 ) -> Experiment:
     """q + K⁺ [C λ; 0], with the rates that come with it; exact to first order in C."""
     assert e.pinv is not None
-    names = zip(mechanism.kinematics.multipliers, mechanism.kinematics.units, strict=True)
-    mine = [i for i, (each, unit) in enumerate(names) if each.startswith(f"{name}.") and unit == "N"]
+    known = zip(mechanism.kinematics.multipliers, mechanism.kinematics.units, strict=True)
+    forces = [each if unit == "N" else "" for each, unit in known]
+    mine = [i for i, each in enumerate(forces) if each.startswith(f"{name}.")]
     gap = C * whole.multipliers()[:, mine]
     step = np.einsum("nij,nj->ni", e.pinv[:, :, mine], gap)
     rates = [_rates(e, step[:, i], cutoff) for i in range(step.shape[1])]

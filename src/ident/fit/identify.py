@@ -11,6 +11,7 @@ from ident.fit.accumulate import accumulate, coordinates
 from ident.fit.banded import Band, banded, cells_of
 from ident.fit.caveats import basis_bias, share_at_rest, warnings_of
 from ident.fit.covariance import covariance
+from ident.fit.descend import beyond
 from ident.fit.estimate import estimate, totals
 from ident.fit.fit import Fit
 from ident.fit.plausible import plausible
@@ -80,6 +81,10 @@ def identify(
         said = basis_bias(mechanism, columns, found, free)
     else:
         found = estimate(factors, prior, torque, sensible)
+        if (out := beyond(mechanism, columns, motion, point, found)).any():
+            found = estimate(
+                factors, prior, torque, sensible, sigma=found.sigma, held=found.held | out
+            )
         cov = covariance(cells, found)
         if progress:
             progress("held-out errors", 0.9)

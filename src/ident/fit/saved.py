@@ -174,8 +174,8 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism) -> Saved:
         if label not in {known.label for known in grown.effects}:
             if kind not in KINDS:
                 raise FitError(
-                    f"{path}: effect '{label}' is none of the library: {one_of(kind, KINDS)}; if it "
-                    "is one of your own, give a mechanism whose mechanism.toml has it"
+                    f"{path}: effect '{label}' is none of the library: {one_of(kind, KINDS)}; if "
+                    "it is one of your own, give a mechanism whose mechanism.toml has it"
                 )
             grown = grown + create_effect(kind, effect["joint"], effect.get("settings"))
         values |= {str(entry["name"]): entry["value"] for entry in effect["parameters"]}

@@ -81,7 +81,7 @@ def _quiet_cutoff(signals: Signals, name: str, motion: float) -> float:
         x, step = signals.even(f"{channel}.{name}")
         j = 2 - k
         noise = noise_level(x) * (2 * np.pi) ** j * np.sqrt(2 * step / (2 * j + 1))
-        best = max(best, (QUIET * size / max(noise, 1e-300)) ** (2 / (2 * j + 1)))
+        best = max(best, (QUIET * size / max(noise, 1e-12 * size, 1e-300)) ** (2 / (2 * j + 1)))
     return float(max(best, lowest))
 
 

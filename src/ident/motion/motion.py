@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.log import Log
 from ident.motion.clock import runs
 
 
@@ -103,6 +104,7 @@ class Motion:
         band: what the spectra say, over all logs.
         closure_error: largest |Φ| left [m | rad].
         notes: what was repaired, derived or left out, in words.
+        logs: as they were read, under ident's column names.
     """
 
     experiments: tuple[Experiment, ...]
@@ -110,6 +112,7 @@ class Motion:
     band: Band
     closure_error: float
     notes: tuple[str, ...] = ()
+    logs: tuple[Log, ...] = ()
 
     @property
     def samples(self) -> int:

@@ -34,7 +34,7 @@ def through_closures(
     mechanism: Mechanism, base: Experiment, names: tuple[str, ...], known: np.ndarray
 ) -> Experiment:
     """The experiment completed from the coordinates (3, n, d) of some joints."""
-    y, yd, ydd = known
+    y = known[0]
     closer = Closer(mechanism, names, np.maximum(y.std(axis=0), 1e-9))
     q = closer.follow(y, base.t)
     return _placed(mechanism, base, closer, q, known)

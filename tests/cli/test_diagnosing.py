@@ -1,0 +1,162 @@
+"""`diagnose` and `grow` as commands: what they print, what they write, what they refuse."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tomllib
+from pathlib import Path
+
+import pytest
+from test_outputs import failing, snapshot
+
+import ident as api
+from identification import motion_log, plant, robot
+
+NOISE = (api.Noise("tau", 0.02, relative=True), api.Noise("q", 1e-5))
+FRICTION = ("viscous", "coulomb")
+LACKING = ("viscous", "coulomb:yaw", "coulomb:shoulder", "coulomb:wrist")
+
+
+@pytest.fixture(scope="module")
+def arm_folder(tmp_path_factory, robots: Path) -> Path:
+    """The arm's folder with a log of it that has friction in every joint."""
+    folder = tmp_path_factory.mktemp("logged") / "arm"
+    folder.mkdir()
+    for name in ("arm.urdf", "mechanism.toml"):
+        shutil.copy(robots / "arm" / name, folder)
+    mechanism = robot("arm")
+    for effect in FRICTION:
+        mechanism = mechanism.with_effect(effect)
+    values = {"viscous.elbow.Fv": 0.3, "coulomb.elbow.Fc": 0.6}
+    case = plant(mechanism, motion_log("arm", 100.0, 8.0), values, noise=NOISE, seed=3)
+    case.log.write(folder / "run.csv")
+    return folder
+
+
+def given(*effects: str) -> list[str]:
+    return [word for effect in effects for word in ("--with", effect)]
+
+
+def test_diagnose_names_what_is_missing_and_writes_it(arm_folder, tmp_path, done):
+    out = tmp_path / "out"
+    before = snapshot(arm_folder)
+    outcome = done("diagnose", arm_folder, arm_folder / "run.csv", *given(*LACKING), "--out", out)
+    assert snapshot(arm_folder) == before
+    assert ": missing: " in outcome.out.splitlines()[0]
+    assert "where it fails" in outcome.out
+    data = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
+    assert data["verdict"] == "missing"
+    best = data["candidates"][0]
+    named = [data["best"], *best["rivals"]]
+    assert {"effect": "coulomb", "joints": ["elbow"]} in named
+    assert data["logs"] == ["run.csv"]
+    assert {path.name for path in out.iterdir()} == {"diagnosis.json", "report.html"}
+    assert f"note: wrote {out / 'report.html'}" in outcome.err.replace("\n", " ")
+
+
+def test_diagnose_of_a_whole_model_is_no_failure(arm_folder, done):
+    outcome = done("diagnose", arm_folder, arm_folder / "run.csv", *given(*FRICTION))
+    assert "nothing is missing" in outcome.out.splitlines()[0]
+
+
+def test_the_seed_makes_it_reproducible(arm_folder, done):
+    words = ("diagnose", arm_folder, arm_folder / "run.csv", *given(*FRICTION), "--seed", "5")
+    assert done(*words).out == done(*words).out
+
+
+def test_grow_prints_the_ladder_and_writes_a_mechanism(arm_folder, tmp_path, done):
+    out, log = tmp_path / "grown", arm_folder / "run.csv"
+    before = snapshot(arm_folder)
+    words = given(*LACKING)
+    outcome = done("grow", arm_folder, log, *words, "--validate", log, "--out", out)
+    assert snapshot(arm_folder) == before
+    lines = outcome.out.splitlines()
+    assert lines[1].split() == ["effect", "yaw", "shoulder", "elbow", "wrist", "fall"]
+    assert lines[2].startswith("as given")
+    assert lines[3].startswith("  on run.csv")
+    rungs = [line for line in lines if line.startswith("+ ")]
+    assert rungs
+    assert ":elbow" in rungs[0]
+    files = {path.name for path in out.iterdir()}
+    assert files >= {
+        "mechanism.toml", "arm.urdf", "fit.json", "multipliers.csv", "diagnosis.json",
+        "report.html",
+    }  # fmt: skip
+    tables = tomllib.loads((out / "mechanism.toml").read_text(encoding="utf-8"))["effect"]
+    assert all(set(table) == {"kind", "joint"} for table in tables)  # nothing is filled in
+    assert (out / "arm.urdf").read_bytes() == (arm_folder / "arm.urdf").read_bytes()
+    done("identify", out, log)
+    done("compare", out, log, "--fit", out / "fit.json")
+
+
+def test_grow_where_nothing_is_missing_has_one_rung(arm_folder, done):
+    outcome = done("grow", arm_folder, arm_folder / "run.csv", *given(*FRICTION))
+    assert outcome.out.splitlines()[2].startswith("as given")
+    assert "nothing is missing" in outcome.out
+    assert not [line for line in outcome.out.splitlines() if line.startswith("+ ")]
+
+
+OWN = """import casadi as ca
+
+
+def bump(s):
+    return {"A": ca.exp(-((s.q) ** 2))}
+"""
+
+
+def test_grow_takes_own_effects_along(arm_folder, tmp_path, done):
+    (tmp_path / "mine.py").write_text(OWN)
+    out = tmp_path / "grown"
+    effects = given(*FRICTION, f"{tmp_path / 'mine.py'}:bump:elbow")
+    log = arm_folder / "run.csv"
+    done("grow", arm_folder, log, *effects, "--allow-code", "--out", out)
+    assert (out / "mine.py").read_text() == OWN
+    (tmp_path / "mine.py").unlink()
+    done("check", out, "--allow-code")
+
+
+@pytest.mark.parametrize("command", ["diagnose", "grow"])
+@pytest.mark.parametrize(
+    ("effect", "words"),
+    [
+        (("viscus:elbow",), ("viscus", "did you mean 'viscous'?")),
+        (("viscous:elbwo",), ("elbwo", "did you mean 'elbow'?")),
+        (("coulomb:yaw", "coulomb:yaw"), ("has the effect 'coulomb:yaw' already",)),
+        (("mine.py:bump:elbow",), ("mine.py", "--allow-code")),
+    ],
+)
+def test_effects_that_cannot_be(command, effect, words, arm_folder, refused):
+    refused(words, command, arm_folder, arm_folder / "run.csv", *given(*effect))
+
+
+@pytest.mark.parametrize("command", ["diagnose", "grow"])
+def test_inputs_that_cannot_be(command, arm_folder, tmp_path, refused, ident):
+    log = arm_folder / "run.csv"
+    refused(("none.csv",), command, arm_folder, tmp_path / "none.csv")
+    refused(("no_such",), command, tmp_path / "no_such", log)
+    refused(("--cutoff fast",), command, arm_folder, log, "--cutoff", "fast")
+    (tmp_path / "file").touch()
+    out = tmp_path / "file" / "out"
+    refused(("cannot be written",), command, arm_folder, log, "--out", out)
+    assert ident(command, arm_folder).status == 2
+    assert ident(command, arm_folder, log, "--seed", "-1").status == 2
+
+
+@pytest.mark.parametrize("own", ["folder", "toml", "urdf"])
+def test_grow_never_replaces_the_mechanism_it_started_from(own, arm_folder, refused):
+    given_as = {"folder": "", "toml": "mechanism.toml", "urdf": "arm.urdf"}[own]
+    before = snapshot(arm_folder)
+    log = arm_folder / "run.csv"
+    words = ("of the mechanism itself", "ident add")
+    refused(words, "grow", arm_folder / given_as, log, "--out", arm_folder)
+    assert snapshot(arm_folder) == before
+
+
+def test_a_full_disk_leaves_nothing_half_written(arm_folder, tmp_path, monkeypatch, ident):
+    out = tmp_path / "out"
+    failing(monkeypatch, "replace", "report.html", OSError)
+    outcome = ident("diagnose", arm_folder, arm_folder / "run.csv", *given(*FRICTION), "--out", out)
+    assert outcome.status == 1
+    assert "No space left on device" in outcome.err.splitlines()[-1]
+    assert not out.exists()
