@@ -83,12 +83,12 @@ LOOP = {
     "crank_rocker": effects(
         "coulomb:crank", "coulomb:coupler", "coulomb:rocker", "coulomb:closure.pin",
         "viscous:crank", "viscous:rocker", "viscous:closure.pin", "stribeck:rocker",
-        "drag:coupler", "spring:rocker", "spring:closure.pin", "hysteresis:crank",
+        "drag:coupler", "hysteresis:crank",
         "end_stop:rocker", "ripple:crank", "drift:crank", "delay:crank", "torque_offset:crank",
     ),
     "crank_rocker_15": effects(
         "coulomb:rocker", "coulomb:closure.pin", "viscous:coupler", "viscous:crank",
-        "spring:rocker", "drift:crank",
+        "drift:crank",
     ),
     "five_bar": effects(
         "coulomb:left", "coulomb:left_elbow", "coulomb:closure.tip", "viscous:right",
@@ -155,7 +155,11 @@ INVISIBLE = {
         "encoder_offset:elbow",
     ),
     "arm6": effects("rotor_inertia:joint_1", "encoder_offset:joint_1", "payload:link_6"),
-    "crank_rocker": effects("torque_gain:crank", "rotor_inertia:crank"),
+    # a spring of a one-degree-of-freedom loop is one more potential beside gravity's
+    "crank_rocker": effects(
+        "torque_gain:crank", "rotor_inertia:crank", "spring:rocker", "spring:closure.pin",
+    ),
+    "crank_rocker_15": effects("spring:rocker"),
     "slider_crank": effects("torque_gain:theta"),
     "parallelogram": effects("torque_gain:crank"),
 }  # fmt: skip

@@ -257,12 +257,6 @@ def test_plots_that_cannot_be_drawn(name, slider, tmp_path, done, refused):
     refused(words, "compare", slider, log, "--fit", fit, "--plot", plot)
 
 
-def test_nothing_is_unknown(slider, change, refused):
-    change(slider / "mechanism.toml", '["rod.Ixx", "rod.Iyy", "rod.Izz"]', "[]")
-    words = ("slider_crank", "nothing is unknown", "[parameters]", "effect")
-    refused(words, "identify", slider, slider / "run.csv")
-
-
 def test_a_system_error_is_one_line(tmp_path, refused):
     refused(("name too long",), "check", tmp_path / ("x" * 300))
 

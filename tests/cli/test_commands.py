@@ -179,7 +179,7 @@ def test_the_report_needs_no_network(fitted):
     assert "rod.Ixx" in report
 
 
-def test_the_identified_folder_is_a_mechanism(fitted, done, refused):
+def test_the_identified_folder_is_a_mechanism(fitted, done):
     slider, out = fitted
     folder, log = out / "identified", slider / "run.csv"
     assert "nothing is unknown" in done("check", folder).out
@@ -190,7 +190,10 @@ def test_the_identified_folder_is_a_mechanism(fitted, done, refused):
     assert np.allclose(simulated[:, tau], measured[:, 4], atol=1e-9)
     outcome = done("identify", folder, log, "--with", "coulomb:theta")
     assert abs(number(outcome.out, "coulomb.theta.Fc")) < 1e-9
-    refused(("nothing is unknown",), "identify", folder, log)
+    outcome = done("identify", folder, log)
+    assert "nothing is unknown: these are the errors of the model as it is" in outcome.err
+    assert "rank" not in outcome.out
+    assert "nothing is missing" in done("diagnose", folder, log).out
     urdf = api.load(out / "identified.urdf")
     assert np.allclose(urdf.prior, api.load(folder).prior)
 

@@ -176,6 +176,15 @@ def test_add_refuses_what_is_there(slider, refused, done):
     assert snapshot(slider) == before
 
 
+def test_add_frees_what_is_known(slider, done, change):
+    toml = slider / "mechanism.toml"
+    tables = '[[effect]]\nkind = "viscous"\njoint = "{}"\nFv = 0.8\n\n'
+    change(toml, "[joints]", f"{tables.format('theta')}{tables.format('s')}[joints]")
+    assert "added viscous:theta" in done("add", slider, "viscous:theta").out
+    effects = {effect.label: effect.values for effect in api.load(slider).effects}
+    assert effects == {"viscous:s": {"Fv": 0.8}, "viscous:theta": {}}
+
+
 def test_add_to_a_bare_urdf_makes_a_mechanism(arm, done, refused):
     outcome = done("add", arm, "coulomb:elbow")
     assert "mechanism.toml: added coulomb:elbow" in outcome.out

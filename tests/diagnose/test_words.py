@@ -125,7 +125,7 @@ def test_effects_that_the_data_do_not_support():
     drift, spring = ident.effect("drift", "yaw"), ident.effect("spring", "elbow")
     found = (Unsupported(drift, "it is not", False), Unsupported(spring, "it is negative", True))
     text = text_of(replace(clean(), unsupported=found), "")
-    assert "drift:yaw is not supported by this data: it is not." in text
+    assert "not supported by this data: drift:yaw: it is not. Leave it out" in text
     assert "mechanism.without('drift:yaw')" in text
     assert "spring:elbow cannot be as it is: it is negative." in text
 

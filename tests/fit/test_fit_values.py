@@ -235,11 +235,33 @@ def test_the_covariance_is_symmetric_and_positive():
     assert np.linalg.eigvalsh(cov / np.outer(scale, scale)).min() > -1e-9
 
 
-def test_nothing_unknown_is_refused():
-    mechanism = replace(robot("arm"), unknown=())
-    motion = ident.complete(mechanism, plant(robot("arm"), motion_log("arm")).log)
-    with pytest.raises(FitError, match="nothing is unknown"):
-        ident.identify(mechanism, motion)
+@pytest.mark.parametrize("name", ["arm", "four_bar", "slider_crank"])
+def test_nothing_unknown_is_the_model_as_it_is(name, tmp_path):
+    mechanism = replace(robot(name), unknown=())
+    motion = ident.complete(mechanism, plant(robot(name), motion_log(name, 100.0)).log)
+    fit = ident.identify(mechanism, motion, validate=motion)
+    assert fit.rank == len(fit.columns) == 0
+    assert any("nothing is unknown" in note for note in fit.warnings)
+    (prediction,) = fit.predict()
+    left = prediction.residual[prediction.usable]
+    for u, joint in enumerate(motion.independent):
+        assert fit.unfiltered[joint].rms == pytest.approx(np.sqrt(np.mean(left[:, u] ** 2)))
+        assert fit.train[joint].rms > 1e-4
+        for errors in (fit.held_out, *fit.validation.values()):
+            assert errors[joint].rms == pytest.approx(fit.train[joint].rms, rel=1e-12)
+    fit.write(tmp_path)
+    saved = ident.read_fit(tmp_path, mechanism)
+    assert ident.compare(fit, saved).errors["fit 1"][joint].rms == pytest.approx(
+        fit.train[joint].rms, rel=1e-6
+    )
+
+
+def test_nothing_unknown_with_a_time_basis():
+    mechanism = replace(robot("four_bar"), unknown=(), multipliers=ident.Multipliers("cubic", 0.05))
+    motion = ident.complete(mechanism, plant(robot("four_bar"), motion_log("four_bar")).log)
+    fit = ident.identify(mechanism, motion)
+    assert fit.rank == 0
+    assert all(np.isfinite(error.rms) for error in fit.held_out.values())
 
 
 def test_effects_alone_can_be_identified():

@@ -48,7 +48,7 @@ def add(
     """
     before = mechanism_of(mechanism, allow_code=allow_code)
     after = grown(before, effect, allow_code=allow_code)
-    new = after.effects[len(before.effects) :]
+    new = [each for each in after.effects if each not in before.effects]
     path = add_effects(before, new)
     result(f"{path}: added {', '.join(each.label for each in new)}")
 

@@ -32,7 +32,9 @@ APART = 2.0  # standard errors of paired blocks within which two candidates are 
 SIMPLER = 1.0  # within which the one with fewer numbers is preferred
 ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same part
 USUAL = ("viscous", "coulomb")
-USUAL_BEHIND = 0.1  # of the gap, by which they may be behind one curve that resembles their sum
+USUAL_LEAVES = 2.0  # times what a curve that resembles their sum leaves of the gap, at most
+LITTLE = 0.02  # of the gap, which is no reason to prefer a curve
+SEEN = 0.1  # share of a richer effect's columns that must be its own for the data to judge them
 PARTNERS = 6  # credible candidates of a joint that are tried together
 
 
@@ -55,9 +57,9 @@ class Choice:
 
 
 def choose(
-    table: Table, screen: Screen, null: Null, threshold: float, candidates: Sequence[Candidate]
+    table: Table, screen: Screen, null: Null, threshold: np.ndarray, candidates: Sequence[Candidate]
 ) -> Choice:
-    """The choice among judged candidates; `threshold` is the largest fall of clean logs."""
+    """The choice among judged candidates; `threshold` (d,) is the largest fall of clean logs."""
     weighed = [evidence(table, screen, null, threshold, each) for each in candidates]
     weighed.sort(key=lambda each: -each.gain)
     credible = [each for each in weighed if each.credible]
@@ -109,6 +111,13 @@ class _Same:
             self.known[id(each)] = x / max(float(np.linalg.norm(x)), 1e-300)
         return self.known[id(each)]
 
+    def shows(self, large: Evidence, small: Evidence) -> bool:
+        """Whether the data could see what one has beyond the other: ‖(I − P) C̃‖ > SEEN ‖C‖."""
+        C, own = large.candidate.columns, self.screen.projected(small.candidate.columns)
+        X = self.screen.projected(C / np.linalg.norm(C, axis=0))
+        Q = np.linalg.qr(own)[0]
+        return bool(np.linalg.norm(X - Q @ (Q.T @ X)) > SEEN * np.sqrt(X.shape[1]))
+
     def __call__(self, a: Evidence, b: Evidence) -> bool:
         return bool(set(a.mends) & set(b.mends)) and float(self.part(a) @ self.part(b)) > ALIKE
 
@@ -138,14 +147,14 @@ def _rivals(best: Evidence, credible: Sequence[Evidence], same: _Same) -> list[E
             continue
         if each.closure < 0.8 * min(best.closure, CLOSES):
             continue
-        if _nested(best, each) and _behind(best, each) < SIMPLER:
-            continue  # what it has beyond the best is not seen
+        if _nested(best, each) and _behind(best, each) < SIMPLER and same.shows(each, best):
+            continue  # what it has beyond the best would be seen, and is not
         found.append(each)
     return found
 
 
 def _usual(
-    table: Table, screen: Screen, null: Null, threshold: float, best: Evidence,
+    table: Table, screen: Screen, null: Null, threshold: np.ndarray, best: Evidence,
     weighed: Sequence[Evidence],
 ) -> tuple[Evidence, Evidence | None] | None:  # fmt: skip
     """Viscous or Coulomb friction of the same joint, or both, if they do about as well.
@@ -158,7 +167,7 @@ def _usual(
         each for each in weighed
         if each.candidate.effect.kind in USUAL and each.candidate.effect.joints == joint
     ]  # fmt: skip
-    enough = best.closure - USUAL_BEHIND
+    enough = 1 - (USUAL_LEAVES * (1 - best.closure) + LITTLE)
     usual.sort(key=lambda each: (not each.credible, -each.gain))
     if not usual or not usual[0].credible:
         return None
@@ -171,7 +180,7 @@ def _usual(
 
 
 def _partner(
-    table: Table, screen: Screen, null: Null, threshold: float, best: Evidence,
+    table: Table, screen: Screen, null: Null, threshold: np.ndarray, best: Evidence,
     credible: Sequence[Evidence],
 ) -> Evidence | None:  # fmt: skip
     """A second effect on the same joint with which the first closes the gap."""

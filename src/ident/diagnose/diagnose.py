@@ -8,7 +8,7 @@ import numpy as np
 
 from ident.diagnose.choose import Choice, choose, without_name
 from ident.diagnose.diagnosis import Diagnosis
-from ident.diagnose.evidence import CLOSES, MATERIAL, Evidence, torque_squares
+from ident.diagnose.evidence import CLOSES, Evidence, torque_squares
 from ident.diagnose.experiment import next_experiment
 from ident.diagnose.explanation import Explanation, explain
 from ident.diagnose.hidden import Invisible, invisible, outright
@@ -30,7 +30,8 @@ from ident.residual import periods, residual_of, where
 SHOWN = 3  # candidates that are refitted though nothing speaks for them
 REFITTED = 8  # at most
 MOSTLY, CLEARLY = 0.7, 0.2  # of the gap, that an expression closes, and more than a name does
-STRUCTURE = 1.25  # times the noise floor, from which a residual is no noise
+REST = 0.005  # share of the torque below which what is left over does not matter
+STRUCTURE = 1.25  # times the largest of clean logs, from which a residual is no noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,7 @@ class Judged:
     clean: Null
     search: Search
     absorbed: tuple[Invisible, ...]
-    threshold: float
+    threshold: np.ndarray
     choice: Choice
 
 
@@ -59,7 +60,7 @@ def judge(fit: Fit, *, seed: int = 0, progress: Told | None = None) -> Judged:
     given = {each.effect.label for each in absorbed}
     wanted = [each for each in wanted if each.label not in given]
     found = search(table, screen, wanted, clean.R, told)
-    threshold = float(found.null.max(initial=0.0))
+    threshold = found.null.max(axis=1, initial=0.0)
     chosen = choose(table, screen, clean, threshold, found.candidates)
     judged = Judged(fit, table, screen, clean, found, absorbed, threshold, chosen)
     return replace(judged, choice=without_name(chosen)) if _beaten(judged) else judged
@@ -164,7 +165,7 @@ def structure(table: Table, screen: Screen, clean: Null) -> np.ndarray:
     squares = screen.loss.sum(axis=0) / np.maximum(screen.rows, 1)
     torque = torque_squares(table, screen) / np.maximum(screen.rows, 1)
     excess = np.sqrt(np.maximum(squares - clean.floor**2, 0.0))
-    return (np.sqrt(squares) > STRUCTURE * clean.floor) & (excess > MATERIAL * np.sqrt(torque))
+    return (np.sqrt(squares) > STRUCTURE * clean.ceiling) & (excess > REST * np.sqrt(torque))
 
 
 def _worst(table: Table, screen: Screen, clean: Null) -> int:

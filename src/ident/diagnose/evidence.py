@@ -19,14 +19,15 @@ from ident.diagnose.search import Candidate
 from ident.fit.table import Table
 
 SURE = 2.0  # standard errors of the blocks' gain
-BEYOND = 1.5  # times the largest fall that clean logs show
+BEYOND = 1.2  # times the largest fall that clean logs show
+RARE = 3.0  # both, for effects that noise in positions is taken for and few machines have
 CLOSES = 0.65  # share of the gap that one effect must close by itself
 COMMON = 0.15  # or an effect that every machine has, if it is surer
 SURER = 2.5
 TOGETHER = 0.75  # or two effects together, of which neither does alone
-MATERIAL = 0.005  # share of a joint's torque below which an effect does not matter
+MATERIAL = 0.003  # share of a joint's torque below which an effect does not matter
 LEAST = 0.03  # share of a residual by which it must exceed noise for a gap to be spoken of
-HIDDEN = 0.01  # visible share below which the data cannot speak of an effect
+HIDDEN = 0.02  # visible share below which the data cannot speak of an effect
 MINE = 0.1  # share of a candidate's fall that makes a coordinate one that it mends
 
 
@@ -58,10 +59,11 @@ class Evidence:
     @property
     def credible(self) -> bool:
         """Whether it is there at all: sure, beyond clean logs, material, visible, sensible."""
+        rare = self.candidate.effect.rare
         return (
-            self.z > SURE
+            self.z > (RARE if rare else SURE)
             and self.gain > 0
-            and self.beyond > BEYOND
+            and self.beyond > (RARE if rare else BEYOND)
             and self.size > MATERIAL
             and self.candidate.judged.visible > HIDDEN
             and self.sensible
@@ -69,14 +71,14 @@ class Evidence:
 
 
 def evidence(
-    table: Table, screen: Screen, null: Null, threshold: float, candidate: Candidate,
+    table: Table, screen: Screen, null: Null, threshold: np.ndarray, candidate: Candidate,
     judged: Judgement | None = None,
 ) -> Evidence:  # fmt: skip
     """Weighs a candidate, or with `judged` a group of which it is the first.
 
     Args:
         table, screen, null: the model's rows, and clean logs'.
-        threshold: the largest in-sample fall that clean logs show over all candidates.
+        threshold: (d,) the largest in-sample fall that clean logs show, by coordinate.
         candidate: to be weighed.
         judged: what the group would do.
     """
@@ -98,8 +100,8 @@ def evidence(
         p=float(stats.t.sf(z, len(D) - 1)),
         closure=float(np.clip((rms0 - rms1) / gap, 0.0, 1.0)[mends].max(initial=0.0)),
         size=float(np.sqrt(max(judged.fall, 0.0) / max(torque, 1e-300))),
-        beyond=float(judged.fall / max(threshold, 1e-300)),
-        sensible=_sensible(candidate),
+        beyond=float(judged.fall / max(threshold[candidate.coordinate], 1e-300)),
+        sensible=_sensible(table, candidate),
         mends=tuple(int(u) for u in mends),
     )
 
@@ -127,11 +129,12 @@ def torque_squares(table: Table, screen: Screen) -> np.ndarray:
     return np.bincount(screen.coordinate, tau**2, screen.d)
 
 
-def _sensible(candidate: Candidate) -> bool:
-    """Whether no parameter that cannot be negative is."""
+def _sensible(table: Table, candidate: Candidate) -> bool:
+    """Whether no parameter that cannot be negative is; what is known already is added."""
     effect, theta = candidate.effect, candidate.judged.theta
-    values = theta[: len(effect.unknowns)] if effect.unknowns else theta
     names = effect.unknowns or effect.searched
+    own = next((e.values for e in table.mechanism.effects if e.label == effect.label), {})
+    values = theta[: len(names)] + [own.get(each.name, 0.0) for each in names]
     for unknown, value in zip(names, values, strict=False):
         if unknown.nonnegative and value < 0:
             return len(names) > 1 and _minor(effect.arity, values, value)
@@ -144,7 +147,7 @@ def _minor(arity: int, values: np.ndarray, value: float) -> bool:
 
 
 def together(
-    table: Table, screen: Screen, null: Null, threshold: float, group: Sequence[Candidate]
+    table: Table, screen: Screen, null: Null, threshold: np.ndarray, group: Sequence[Candidate]
 ) -> Evidence:
     """Several candidates at once."""
     judged = screen.judge(np.column_stack([each.columns for each in group]))

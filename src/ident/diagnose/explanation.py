@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from ident.diagnose.evidence import Evidence
-from ident.effects import Effect
+from ident.effects import Correcting, Effect
 from ident.equations.point import Point
 from ident.fit import Fit, identify
 from ident.fit.score import Error
@@ -26,6 +27,7 @@ class Explanation:
         before, after: held-out errors by joint, without it and with it.
         fall: of the held-out weighted sum of squares, as a share.
         rivals: effects that this data cannot tell from it.
+        known: values that the model before gave it, by full name: then it has changed.
     """
 
     effect: Effect
@@ -36,6 +38,7 @@ class Explanation:
     after: dict[str, Error]
     fall: float
     rivals: tuple[Effect, ...] = ()
+    known: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def error_before(self) -> float | None:
@@ -66,6 +69,7 @@ class Explanation:
             "visible": self.evidence.candidate.judged.visible,
             "credible": self.evidence.credible,
             "rivals": [name_of(each) for each in self.rivals],
+            "known": dict(self.known),
             "parameters": [
                 {"name": v.name, "value": v.value, "stderr": v.stderr, "unit": v.unit}
                 for v in self.parameters
@@ -81,25 +85,36 @@ def name_of(effect: Effect) -> dict[str, Any]:
 def explain(fit: Fit, found: Evidence, rivals: tuple[Effect, ...] = ()) -> Explanation:
     """The refit with a candidate; searched shapes set out from where they were found."""
     effect = found.candidate.effect
+    before = known_of(fit, effect) if isinstance(effect, Correcting) else {}
     stem = effect.names[len(effect.unknowns) :]
     shapes = {
-        full: found.candidate.shape[shape.name]
+        full: found.candidate.shape[shape.name] + before.get(full, 0.0)
         for full, shape in zip(stem, effect.shapes, strict=True)
         if shape.name in found.candidate.shape
     }
     start = Point(fit.point.pi, {**fit.point.values, **shapes})
     refit = identify(fit.mechanism + effect, fit.motion, start=start)
-    before, after = errors_of(fit), errors_of(refit)
+    old, new = errors_of(fit), errors_of(refit)
     return Explanation(
         effect=effect,
         evidence=found,
         joint=fit.motion.independent[found.candidate.coordinate],
         fit=refit,
-        before=before,
-        after=after,
-        fall=fall_of(fit, before, after),
+        before=old,
+        after=new,
+        fall=fall_of(fit, old, new),
         rivals=rivals,
+        known=known_of(fit, effect),
     )
+
+
+def known_of(fit: Fit, effect: Effect) -> dict[str, float]:
+    """By full name, the values of an effect that the model has with known values; else none."""
+    own = next((e for e in fit.mechanism.effects if e.label == effect.label), None)
+    if own is None:
+        return {}
+    names = zip(own.names, own.parameters, strict=True)
+    return {full: own.values[each.name] for full, each in names}
 
 
 def errors_of(fit: Fit) -> dict[str, Error]:

@@ -13,6 +13,7 @@ from ident.diagnose.phrases import (
     labels,
     listed,
     numbers,
+    some,
     sure,
     what,
 )
@@ -38,6 +39,8 @@ def missing(d: Diagnosis) -> list[str]:
         )
     else:
         first = f"Missing is {name}."
+    if best.known:
+        first = f"{first} The model has it, as {known(best)}: that must have changed."
     said = [
         f"{first} Its torque: {effect.equation}. With {effect.label} in the model and everything "
         f"refitted, {numbers(best.parameters)}; {_falls(d, best)}.",
@@ -54,6 +57,16 @@ def missing(d: Diagnosis) -> list[str]:
         "in Python `mechanism + diagnosis.best`."
     )
     return said + _left(d, best)
+
+
+def known(best: Explanation) -> str:
+    """`Fc = 0.3 N m`, as the model has it so far."""
+    return some(
+        [
+            f"{v.name.rpartition('.')[2]} = {best.known[v.name]:.4g} {v.unit}".removesuffix(" 1")
+            for v in best.parameters
+        ]
+    )
 
 
 def _falls(d: Diagnosis, best: Explanation) -> str:

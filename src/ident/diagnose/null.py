@@ -30,11 +30,13 @@ class Null:
 
     Attributes:
         R: (M, replicas) projected, in the screen's rows.
-        floor: (d,) rms of a held-out residual of nothing but noise [weighted].
+        floor, ceiling: (d,) rms of a held-out residual of nothing but noise [weighted]: the
+            median and the largest.
     """
 
     R: np.ndarray
     floor: np.ndarray
+    ceiling: np.ndarray
 
 
 def null(table: Table, screen: Screen, seed: int = 0, told: Told | None = None) -> Null:
@@ -52,7 +54,8 @@ def null(table: Table, screen: Screen, seed: int = 0, told: Told | None = None) 
     R = screen.projected(screen.taken(np.stack(found, axis=-1)))
     LR = screen.left_out(R)
     squares = np.stack([screen.sums(x**2).sum(axis=0) for x in LR.T])
-    return Null(R, np.sqrt(np.median(squares, axis=0) / np.maximum(screen.rows, 1)))
+    rms = np.sqrt(squares / np.maximum(screen.rows, 1))
+    return Null(R, np.median(rms, axis=0), rms.max(axis=0))
 
 
 def _torques(table: Table, number: int) -> np.ndarray:

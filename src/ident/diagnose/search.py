@@ -48,7 +48,8 @@ class Search:
 
     Attributes:
         candidates: in the library's order.
-        null: (residuals,) largest in-sample fall over all candidates and starts.
+        null: (d, residuals) largest in-sample fall over all candidates and starts, by the
+            coordinate that a candidate mends.
         failed: candidates that could not be judged, with the reason.
     """
 
@@ -73,7 +74,7 @@ def search(
         progress: called with (what is being done, share done).
     """
     found, failed = [], []
-    null = np.zeros(nulls.shape[1])
+    null = np.zeros((screen.d, nulls.shape[1]))
     for i, effect in enumerate(effects):
         if progress:
             progress(f"judging {effect.label}", i / len(effects))
@@ -83,7 +84,8 @@ def search(
             failed.append((effect, str(error)))
             continue
         found.append(candidate)
-        null = np.maximum(null, falls)
+        at = candidate.coordinate
+        null[at] = np.maximum(null[at], falls)
     return Search(tuple(found), null, tuple(failed))
 
 

@@ -14,7 +14,9 @@ from ident.motion import Motion
 
 
 def candidates(mechanism: Mechanism, motion: Motion) -> list[Effect]:
-    """All effects that could be missing, in the library's order."""
+    """All effects that could be missing, in the library's order; then known ones, which could have
+    changed.
+    """
     present = {effect.label for effect in mechanism.effects}
     found = []
     for kind, cls in KINDS.items():
@@ -22,7 +24,7 @@ def candidates(mechanism: Mechanism, motion: Motion) -> list[Effect]:
             effect = create(kind, joints)
             if effect.label not in present:
                 found.append((mechanism + effect).effects[-1])
-    return found
+    return found + [effect.freed for effect in mechanism.effects if effect.known]
 
 
 def _sites(

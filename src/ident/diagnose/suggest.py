@@ -93,7 +93,7 @@ class Suggestion:
 
 
 def suggest(
-    table: Table, screen: Screen, null: Null, threshold: float, coordinate: int
+    table: Table, screen: Screen, null: Null, threshold: np.ndarray, coordinate: int
 ) -> Suggestion | None:
     """A sparse expression for the residual of one independent coordinate; None if none holds."""
     joint = table.motion.independent[coordinate]

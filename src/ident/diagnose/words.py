@@ -139,12 +139,15 @@ def _carriers(why: str) -> str:
 
 
 def _unsupported(d: Diagnosis) -> list[str]:
-    return [
-        (
-            f"In the model, {each.effect.label} cannot be as it is: {each.why}."
-            if each.absurd
-            else f"In the model, {each.effect.label} is not supported by this data: {each.why}. "
-            f"Leave it out (`mechanism.without('{each.effect.label}')`) unless you know better."
-        )
-        for each in d.unsupported
-    ]
+    absurd = [each for each in d.unsupported if each.absurd]
+    idle = [each for each in d.unsupported if not each.absurd]
+    said = [f"In the model, {each.effect.label} cannot be as it is: {each.why}." for each in absurd]
+    if idle:
+        names = "; ".join(f"{each.effect.label}: {each.why}" for each in idle)
+        how = f"`mechanism.without('{idle[0].effect.label}')`"
+        if d.verdict == "nothing":
+            advice = f"Leave it out ({how}) unless you know better."
+        else:
+            advice = f"That may change with what is missing; what stays idle then can go ({how})."
+        said.append(f"In the model, and not supported by this data: {names}. {advice}")
+    return said

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -62,6 +62,7 @@ class Effect(ABC):
     source: ClassVar[str]
     needs: ClassVar[tuple[str, ...]] = ()  # kinds that must be at the same joints
     common: ClassVar[bool] = False  # every machine has it, to some extent
+    rare: ClassVar[bool] = False  # few have it, and noise resembles it: more evidence is asked for
     implicit: ClassVar[bool] = False  # its columns depend on what the present model predicts
     memory: ClassVar[bool] = False  # its columns depend on the past, not on the sample alone
 
@@ -135,6 +136,20 @@ class Effect(ABC):
     def searched(self) -> tuple[Unknown, ...]:
         """Shape parameters that are not known, to be found by an outer search."""
         return tuple(shape for shape in self.shapes if shape.name not in self.values)
+
+    @property
+    def known(self) -> bool:
+        """Whether all its parameters are given."""
+        return all(each.name in self.values for each in self.parameters)
+
+    @property
+    def freed(self) -> Effect:
+        """A known effect whose size has changed: unknowns open, shapes as they are; a correction,
+        which has no unknowns, has its shapes open.
+        """
+        open_ = self.unknowns or self.shapes
+        kept = {n: x for n, x in self.values.items() if n not in {each.name for each in open_}}
+        return replace(self, values=kept)
 
     @property
     def local(self) -> bool:

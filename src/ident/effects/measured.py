@@ -62,6 +62,7 @@ class Elasticity(Correcting):
     """A drive that twists under load: the joint lags behind the motor's encoder."""
 
     kind: ClassVar[str] = "elasticity"
+    rare: ClassVar[bool] = True
     sits: ClassVar[str] = "driven"
     shapes: ClassVar = (
         Unknown("compliance", ("rad/(N m)", "m/N"), "1/K, twist a unit of torque", True),
@@ -89,6 +90,7 @@ class Backlash(Correcting):
     """Play between motor and joint."""
 
     kind: ClassVar[str] = "backlash"
+    rare: ClassVar[bool] = True
     sits: ClassVar[str] = "driven"
     shapes: ClassVar = (Unknown("width", ("rad", "m"), "of the play", nonnegative=True),)
     equation: ClassVar[str] = "q = q_logged − width/2 · sign(load)"
@@ -113,6 +115,7 @@ class Geometry(Correcting):
     """A length that differs from the URDF's."""
 
     kind: ClassVar[str] = "geometry"
+    rare: ClassVar[bool] = True
     sits: ClassVar[str] = "place"
     shapes: ClassVar = (Unknown("Delta", ("m", "m"), "displacement along the axis"),)
     equation: ClassVar[str] = "place <joint>.<x|y|z> or <closure>.<a|b>.<x|y|z> moved by Delta"
@@ -133,6 +136,7 @@ class ClosureCompliance(Correcting):
     """A closure that yields under its force."""
 
     kind: ClassVar[str] = "closure_compliance"
+    rare: ClassVar[bool] = True
     sits: ClassVar[str] = "closure"
     shapes: ClassVar = (Unknown("C", ("m/N", "m/N"), "compliance", nonnegative=True),)
     equation: ClassVar[str] = "Φ = C λ, in the directions in which λ is a force"

@@ -18,7 +18,7 @@ class Payload(Effect):
     kind: ClassVar[str] = "payload"
     sits: ClassVar[str] = "link"
     unknowns: ClassVar = tuple(
-        Unknown(word, (unit, unit), meaning, nonnegative=word == "m")
+        Unknown(word, (unit, unit), meaning)  # a load that is put down has a negative mass
         for word, unit, meaning in zip(
             WORDS,
             ("kg", *["kg m"] * 3, *["kg m²"] * 6),

@@ -75,13 +75,25 @@ def warnings_of(
             f"{100 * rest:.3g} % of the equations are at standstill, where dry friction is open; "
             "they count in the errors but not in the fit"
         )
-    if found.held.any():
-        names = [columns.names[i] for i in np.flatnonzero(found.held)]
+    if not len(columns):
         said.append(
-            f"with a residual of this size this motion cannot tell {', '.join(names[:8])}"
-            + (f" and {len(names) - 8} more" if len(names) > 8 else "")
-            + ": held at the prior; move more joints, faster or farther, or see what is missing"
+            "nothing is unknown: these are the errors of the model as it is; to identify, give "
+            "[parameters] unknown in mechanism.toml or add an effect"
         )
+    rigid = np.arange(len(columns)) < len(columns.rigid)
+    shapes = np.isin(np.arange(len(columns)), columns.shapes)
+    for held, where in (
+        (found.held & rigid, "held at the prior"),
+        (found.held & shapes, "left where the search ended"),
+        (found.held & ~rigid & ~shapes, "held at zero"),
+    ):
+        names = [columns.names[i] for i in np.flatnonzero(held)]
+        if names:
+            said.append(
+                f"with a residual of this size this motion cannot tell {', '.join(names[:8])}"
+                + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+                + f": {where}; move more joints, faster or farther, or see what is missing"
+            )
     said += _lost_to_the_filter(motion) + _half_known(mechanism)
     absorbed = absorbed_by(columns, found.base)
     for effect, places in columns.effects:

@@ -42,17 +42,13 @@ def identify(
         progress: called with (what is being done, share done).
 
     Returns:
-        The fit; `print(fit)` is its summary.
+        The fit; `print(fit)` is its summary. Of a mechanism in which nothing is unknown, the errors
+        of the model as it is.
 
     Raises:
-        FitError: if there is nothing to identify, or no equations to do it with.
+        FitError: if it is given no motion, or there are no equations to identify with.
     """
     columns = Columns.of(mechanism)
-    if not len(columns):
-        raise FitError(
-            f"{mechanism.name}: nothing is unknown; give [parameters] unknown in mechanism.toml or "
-            "add an effect"
-        )
     if not isinstance(motion, Motion):
         raise FitError(
             f"identify needs a motion, given: {type(motion).__name__}; write "

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.effects import KINDS
+from ident.effects import KINDS, Effect
 from ident.effects import create as create_effect
 from ident.equations.columns import Columns
 from ident.equations.point import Point
@@ -171,7 +171,10 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism) -> Saved:
     grown = mechanism
     for effect in data["effects"]:
         kind, label = effect["kind"], ":".join(filter(None, (effect["kind"], effect["joint"])))
-        if label not in {known.label for known in grown.effects}:
+        own = next((known for known in grown.effects if known.label == label), None)
+        if own is not None and own.known:
+            grown = _freed(grown, own, effect["parameters"])
+        if own is None:
             if kind not in KINDS:
                 raise FitError(
                     f"{path}: effect '{label}' is none of the library: {one_of(kind, KINDS)}; if "
@@ -209,6 +212,18 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism) -> Saved:
     return Saved(
         str(path), grown, columns, x, point.at(grown, columns, x), _cutoff(data), _read_errors(data)
     )
+
+
+def _freed(mechanism: Mechanism, own: Effect, told: list[dict[str, Any]]) -> Mechanism:
+    """The mechanism without known values of an effect that the fit found to be others."""
+    names = dict(zip(own.names, (each.name for each in own.parameters), strict=True))
+    other = {
+        names[each["name"]]
+        for each in told
+        if each["name"] in names and each["value"] != own.values[names[each["name"]]]
+    }
+    kept = {name: value for name, value in own.values.items() if name not in other}
+    return mechanism + replace(own, values=kept) if other else mechanism
 
 
 def _cutoff(data: dict[str, Any]) -> float | str | None:

@@ -94,7 +94,8 @@ def summary(fit: Fit) -> str:
     left = [value.name for value in fit.parameters if not value.identifiable]
     rest = f"; {len(left)} unknowns are not identifiable by themselves" if left else ""
     condition = f"condition number {fit.condition_number:.3g}"
-    lines += ["", f"rank {fit.rank} of {len(fit.columns)} unknowns, {condition}{rest}"]
+    if len(fit.columns):
+        lines += ["", f"rank {fit.rank} of {len(fit.columns)} unknowns, {condition}{rest}"]
     return "\n".join(lines)
 
 

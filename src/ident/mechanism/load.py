@@ -225,7 +225,10 @@ def _with_effects(mechanism: Mechanism, settings: Settings, allow_code: bool) ->
     for i, table in enumerate(settings.effects):
         where = f"{settings.where}: effect {i + 1}"
         try:
-            mechanism = mechanism + _effect(table, where, settings.folder, allow_code)
+            effect = _effect(table, where, settings.folder, allow_code)
+            if effect.label in {own.label for own in mechanism.effects}:
+                raise MechanismError(f"has the effect '{effect.label}' already")
+            mechanism = mechanism + effect
         except MechanismError as error:
             message = str(error)
             raise MechanismError(message if where in message else f"{where}: {message}") from None

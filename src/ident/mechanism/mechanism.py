@@ -182,7 +182,7 @@ class Mechanism:
         """This mechanism with the effect(s) that `kind:joint[,joint]` or `kind` names.
 
         `kind` alone stands for every driven joint that does not have it yet, or for the whole
-        mechanism, where the effect has no joint.
+        mechanism, where the effect has no joint. One that it has with known values is unknown then.
 
         Raises:
             MechanismError: for a kind or joint that is not there, or an effect it has already.
@@ -220,9 +220,15 @@ class Mechanism:
         if not isinstance(effect, Effect):
             return NotImplemented
         rotational = self._sits(effect)
-        if effect.label in {known.label for known in self.effects}:
+        new = replace(effect, rotational=rotational)
+        labels = [own.label for own in self.effects]
+        if effect.label not in labels:
+            return replace(self, effects=(*self.effects, new))
+        at = labels.index(effect.label)
+        if effect.known or not self.effects[at].known:
             raise MechanismError(f"{self.name}: has the effect '{effect.label}' already")
-        return replace(self, effects=(*self.effects, replace(effect, rotational=rotational)))
+        # what was known is known no more
+        return replace(self, effects=(*self.effects[:at], new, *self.effects[at + 1 :]))
 
     def _sits(self, effect: Effect) -> bool:
         """Whether what an effect sits on turns; refuses what it cannot sit on."""

@@ -69,6 +69,8 @@ def document_of(mechanism: Mechanism) -> tomlkit.TOMLDocument:
 def add_effects(mechanism: Mechanism, effects: Sequence[Effect]) -> Path:
     """Append effects to the mechanism.toml; a bare URDF gets one beside it.
 
+    One that was there with known values is replaced.
+
     Returns:
         The file written.
 
@@ -88,6 +90,10 @@ def add_effects(mechanism: Mechanism, effects: Sequence[Effect]) -> Path:
         for each in present:
             tables.append(tomlkit.item({**each}))
         document["effect"] = tables
+    new = {effect.label for effect in effects}
+    for i in reversed(range(len(tables))):
+        if i < len(mechanism.effects) and mechanism.effects[i].label in new:
+            del tables[i]
     for effect in effects:
         file = own_file(effect)
         beside = None if file is None else Path(os.path.relpath(file, path.parent)).as_posix()

@@ -1,0 +1,126 @@
+"""A mechanism in which everything is known: what a new log shows is what has changed."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from tempfile import mkdtemp
+
+import numpy as np
+import pytest
+from diagnosed import planted
+
+import ident
+from ident import Diagnosis, Log, Mechanism, MechanismError, Noise
+from identification import motion_log
+
+WORDS = ("m", "mx", "my", "mz", "Lxx", "Lxy", "Lyy", "Lxz", "Lyz", "Lzz")
+VALUES = (0.5, 0.04, 0.005, 0.01, 1e-3, 0.0, 4e-3, 0.0, 0.0, 4e-3)
+LOAD = {f"payload.hand.{word}": value for word, value in zip(WORDS, VALUES, strict=True)}
+
+
+@cache
+def identified() -> Mechanism:
+    """What `ident identify --out` writes: all is known."""
+    folder = mkdtemp()
+    planted().fit(cutoff="auto").write(folder)
+    return ident.load(f"{folder}/identified")
+
+
+def known() -> dict[str, float]:
+    """Values of all its effects."""
+    effects = identified().effects
+    return {n: e.values[p.name] for e in effects for n, p in zip(e.names, e.parameters, strict=True)}
+
+
+@cache
+def log(new: str = "", **values: float) -> Log:
+    """A log of the identified machine after something has changed."""
+    free = identified()
+    if new:
+        free = free.with_effect(new)
+    noise = [Noise("tau", 0.01, relative=True)]
+    told = {**known(), **{name.replace("_", "."): value for name, value in values.items()}}
+    told |= LOAD if new.startswith("payload") else {}
+    return ident.simulate(free, motion_log("arm", 100.0, 8.0), values=told, noise=noise, seed=5)[0]
+
+
+def diagnosed(*given: object, **values: float) -> Diagnosis:
+    mechanism = identified()
+    motion = ident.complete(mechanism, log(*given, **values))
+    return ident.diagnose(ident.identify(mechanism, motion))
+
+
+def test_nothing_has_changed():
+    d = diagnosed()
+    assert d.verdict == "nothing"
+    assert d.fit.rank == 0
+
+
+def test_a_payload_picked_up():
+    d = diagnosed("payload:hand")
+    assert d.best is not None
+    assert d.best.label == "payload:hand"
+    for name, value in LOAD.items():
+        found = d.candidates[0].fit[name]
+        assert abs(found.value - value) < 4 * found.stderr + 1e-4
+
+
+@pytest.mark.parametrize("value", [0.9, 0.3], ids=["more", "less"])
+def test_a_friction_that_changed(value, tmp_path):
+    before = known()["coulomb.elbow.Fc"]
+    d = diagnosed("coulomb:elbow", coulomb_elbow_Fc=value)
+    assert d.best is not None
+    assert d.best.label == "coulomb:elbow"
+    assert d.rivals == ()
+    first = d.candidates[0]
+    assert first.known == {"coulomb.elbow.Fc": before}
+    assert first.parameters[0].value == pytest.approx(value, rel=0.02)
+    assert f"The model has it, as Fc = {before:.4g} N m: that must have changed." in d.text
+    assert json.loads(json.dumps(d.json()))["candidates"][0]["known"] == first.known
+    labels = [effect.label for effect in (d.fit.mechanism + d.best).effects]
+    assert labels == [effect.label for effect in d.fit.mechanism.effects]
+
+
+def test_a_model_grows_where_it_has_changed(tmp_path):
+    mechanism = identified()
+    motion = ident.complete(mechanism, log("coulomb:elbow", coulomb_elbow_Fc=0.9))
+    history = ident.grow(mechanism, motion)
+    assert [effect.label for effect in history.added] == ["coulomb:elbow"]
+    history.write(tmp_path / "grown")
+    grown = {effect.label: effect.values for effect in ident.load(tmp_path / "grown").effects}
+    assert grown.pop("coulomb:elbow") == {}
+    assert all(grown.values())
+    saved = ident.read_fit(tmp_path / "grown/fit.json", mechanism)
+    assert saved.point.values["coulomb.elbow.Fc"] == pytest.approx(0.9, rel=0.02)
+    errors = ident.compare(saved, motion=motion).errors
+    (mine,) = errors.values()
+    assert mine["elbow"].rms == pytest.approx(history.fit.train["elbow"].rms, rel=1e-6)
+
+
+def test_a_correction_that_changed():
+    mechanism = ident.load(planted().mechanism.urdf.parent)
+    mechanism = mechanism.with_effect("encoder_offset:shoulder", {"delta": 0.02})
+    values = {"encoder_offset.shoulder.delta": 0.05}
+    mechanism = replace(mechanism, unknown=())
+    moved = motion_log("arm", 100.0, 8.0)
+    noise = [Noise("tau", 0.01, relative=True)]
+    true = mechanism + mechanism.effects[0].freed
+    made = ident.simulate(true, moved, values=values, noise=noise, seed=5)[0]
+    d = ident.diagnose(ident.identify(mechanism, ident.complete(mechanism, made)))
+    assert d.best is not None
+    first = d.candidates[0]
+    assert "encoder_offset:shoulder" in {d.best.label, *(e.label for e in d.rivals)}
+    offset = next(e for e in d.candidates if e.effect.label == "encoder_offset:shoulder")
+    assert offset.parameters[0].value == pytest.approx(0.05, abs=2e-3)
+    assert np.isfinite(first.fall)
+
+
+def test_only_what_is_known_is_freed():
+    mechanism = identified()
+    free = mechanism.with_effect("coulomb:elbow")
+    with pytest.raises(MechanismError, match="'coulomb:elbow' already"):
+        free.with_effect("coulomb:elbow")
+    with pytest.raises(MechanismError, match="'coulomb:elbow' already"):
+        mechanism.with_effect("coulomb:elbow", {"Fc": 0.1})
