@@ -131,7 +131,7 @@ QUARTER = {
         "coupling:joint_5,joint_6", "coulomb:joint_2", "viscous:joint_4", "spring:joint_6",
         "load_friction:joint_3", "encoder_offset:joint_3",
     ),
-    "crank_rocker": effects("coulomb:rocker", "spring:rocker"),
+    "crank_rocker": effects("coulomb:rocker", "viscous:rocker"),
     "five_bar": effects("coulomb:left_elbow", "viscous:right"),
 }  # fmt: skip
 TWO = {
@@ -146,7 +146,7 @@ TWO = {
         "coulomb:joint_3 + ripple:joint_3", "end_stop:joint_1 + torque_offset:joint_4",
         "load_friction:joint_2 + spring:joint_6",
     ),
-    "crank_rocker": effects("coulomb:rocker + spring:crank"),
+    "crank_rocker": effects("coulomb:rocker + ripple:crank"),
     "five_bar": effects("coulomb:left_elbow + viscous:right", "spring:left + coulomb:right"),
 }  # fmt: skip
 INVISIBLE = {

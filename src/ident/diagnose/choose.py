@@ -1,8 +1,8 @@
 """Which effect is missing, which rivals it has, and whether that explains enough.
 
-A candidate that closes two thirds of the gap on its joint by itself is a name. One that does not, but
-does with another credible one on the same joint, is the first of two. Friction, rotor inertia and
-offsets, which every machine has, may close less: others beside them are no surprise. What else
+A candidate that closes two thirds of the gap on its joint by itself is a name. One that does not,
+but does with another credible one on the same joint, is the first of two. Friction, rotor inertia
+and offsets, which every machine has, may close less: others beside them are no surprise. What else
 closes little is a sign of something else, and no name.
 """
 
@@ -190,9 +190,7 @@ def _partner(
     ][:PARTNERS]  # fmt: skip
     found = []
     for other in others:
-        both = together(
-            table, screen, null, threshold, [best.candidate, other.candidate]
-        )
+        both = together(table, screen, null, threshold, [best.candidate, other.candidate])
         gained = zscore(both.difference - np.maximum(best.difference, other.difference))
         if both.closure >= TOGETHER and gained > APART:
             found.append((both.closure, other))

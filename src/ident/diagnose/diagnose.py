@@ -67,7 +67,7 @@ def judge(fit: Fit, *, seed: int = 0, progress: Told | None = None) -> Judged:
 
 
 def _beaten(judged: Judged) -> bool:
-    """Whether an expression of the signals explains nearly all of what the name explains in part."""
+    """Whether an expression of the signals explains far more than the name does."""
     best = judged.choice.best
     if best is None or judged.choice.partner is not None or best.closure >= CLOSES:
         return False

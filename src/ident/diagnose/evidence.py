@@ -1,8 +1,8 @@
 """What speaks for a candidate: held-out gain, more than clean logs show, share of the gap closed.
 
-    z = mean(D) / (std(D)/√B),  D_B = Σ e₀² − Σ e₁² in block B, or the logarithm of their ratio
-    gain = Σ D / Σ e₀²
-    closure = (rms₀ − rms₁) / (rms₀ − floor)        on the joint where it closes most
+z = mean(D) / (std(D)/√B),  D_B = Σ e₀² − Σ e₁² in block B, or the logarithm of their ratio
+gain = Σ D / Σ e₀²
+closure = (rms₀ − rms₁) / (rms₀ − floor)        on the joint where it closes most
 """
 
 from __future__ import annotations

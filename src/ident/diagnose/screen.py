@@ -90,7 +90,7 @@ class Screen:
         held: np.ndarray,
     ) -> Screen:
         A = table.A[row, coordinate][:, ~held] * weight[coordinate][:, None]
-        b = (table.b[row, coordinate] - table.A[row, coordinate][:, held] @ _stay(table, held))
+        b = table.b[row, coordinate] - table.A[row, coordinate][:, held] @ _stay(table, held)
         b = b * weight[coordinate]
         Q = orthonormal(A)
         G = [Q[i:j].T @ Q[i:j] for i, j in zip(edges[:-1], edges[1:], strict=True)]
@@ -163,11 +163,9 @@ class Screen:
             loss, theta / np.where(size > 0, size, 1.0), float(r @ r - after @ after), visible, by
         )
 
-    def falls(
-        self, x: np.ndarray, felt: np.ndarray, u: int, R: np.ndarray
-    ) -> np.ndarray:
-        """In-sample falls (groups, residuals) of groups of u neighbouring columns x (N, c, u·groups)
-        of the table against projected residuals R (M, residuals).
+    def falls(self, x: np.ndarray, felt: np.ndarray, u: int, R: np.ndarray) -> np.ndarray:
+        """In-sample falls (groups, residuals) of groups of u neighbouring columns of the table,
+        x (N, c, u·groups), against projected residuals R (M, residuals).
 
         X̃ᵀX̃ = XᵀX − (QᵀX)ᵀ(QᵀX),  X̃ᵀR = XᵀR: only the rows in which X is not zero are touched.
         """

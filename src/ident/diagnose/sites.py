@@ -12,7 +12,6 @@ from ident.mechanism.places import places
 from ident.motion import Motion
 
 
-
 def candidates(mechanism: Mechanism, motion: Motion) -> list[Effect]:
     """All effects that could be missing, in the library's order; then known ones, which could have
     changed.

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.diagnose.evidence import CLOSES, SURE, Evidence, evidence, zscore
+from ident.diagnose.evidence import BEYOND, CLOSES, SURE, Evidence, evidence, zscore
 from ident.diagnose.null import Null
 from ident.diagnose.screen import Screen
 from ident.diagnose.search import Candidate
@@ -100,8 +100,9 @@ def suggest(
     terms = list(library(table, joint))
     X = np.column_stack([_column(table, screen, joint, term) for term in terms])
     size = np.linalg.norm(X, axis=0)
-    X, terms = X[:, size > 0] / size[size > 0], [t for t, s in zip(terms, size, strict=True) if s > 0]
-    scale = size[size > 0]
+    felt = np.flatnonzero(size > 0)
+    terms, scale = [terms[i] for i in felt], size[felt]
+    X = X[:, felt] / scale
     chosen: list[int] = []
     found: Evidence | None = None
     while len(chosen) < MOST:
@@ -114,7 +115,7 @@ def suggest(
         chosen.append(tried)
         bare = Candidate(create("torque_offset", joint), {}, judged, X[:, chosen], coordinate)
         found = evidence(table, screen, null, threshold, bare)
-    if found is None or found.closure < CLOSES or found.beyond < 1.5:
+    if found is None or found.closure < CLOSES or found.beyond < BEYOND:
         return None
     joints = tuple(dict.fromkeys([joint, *(j for i in chosen for j in terms[i].joints)]))
     names = [_renamed(terms[i], joints) for i in chosen]
@@ -186,5 +187,3 @@ def _renamed(term: Term, joints: tuple[str, ...]) -> str:
     if len(term.joints) < 2:
         return term.text
     return term.text.replace("[1]", f"[{joints.index(term.joints[1])}]")
-
-

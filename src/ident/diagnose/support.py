@@ -1,6 +1,6 @@
 """Effects of the model that the data do not support, or whose values cannot be.
 
-    D_B = Σ e²(without) − Σ e²(with) in block B, everything else refitted
+D_B = Σ e²(without) − Σ e²(with) in block B, everything else refitted
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ def unsupported(fit: Fit, table: Table, screen: Screen) -> tuple[Unsupported, ..
         held[mine] = True
         without = Screen.same_rows(screen, table, held)
         D = (without.loss - screen.loss).sum(axis=1)
-        size = (D.sum() / max(torque_squares(table, screen).sum(), 1e-300)) ** 0.5 if D.sum() > 0 else 0.0
+        torque = max(float(torque_squares(table, screen).sum()), 1e-300)
+        size = float(max(D.sum(), 0.0) / torque) ** 0.5
         z = sureness(without.loss, screen.loss)
         if z < SURE or D.sum() <= 0:
             why = f"without it the held-out error is no larger (z = {z:.1f})"

@@ -207,9 +207,7 @@ def _experiment(
 def _noise(mechanism: Mechanism, signals: Signals, names: tuple[str, ...]) -> dict[str, float]:
     wanted = [f"{channel}.{name}" for name in names for channel in "qva"]
     wanted += [f"tau.{name}" for name in mechanism.driven]
-    return {
-        name: noise_level(signals.even(name)[0]) for name in wanted if name in signals.columns
-    }
+    return {name: noise_level(signals.even(name)[0]) for name in wanted if name in signals.columns}
 
 
 def _without_ends(signals: Signals, ends: float) -> np.ndarray:
