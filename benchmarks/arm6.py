@@ -44,7 +44,9 @@ def mechanism() -> ident.Mechanism:
         return ident.load(path).with_effect("viscous").with_effect("coulomb")
 
 
-def log(model: ident.Mechanism, samples: int, hidden: str | None = HIDDEN, seed: int = 0) -> ident.Log:
+def log(
+    model: ident.Mechanism, samples: int, hidden: str | None = HIDDEN, seed: int = 0
+) -> ident.Log:
     """Positions with encoder noise and torques with 1 % of noise, of a rich motion."""
     rng = np.random.default_rng(seed)
     t = np.arange(samples) / RATE

@@ -1,143 +1,158 @@
-"""The DFKI double pendulum: what joint 1's unexplained torque depends on, log by log and across logs.
+"""The DFKI double pendulum: on what joint 1's unexplained torque depends, in and across logs.
 
     python benchmarks/dfki.py
 
-The logs are not in this repository: they are looked for in $IDENT_DATA, or ../shared/data beside the
-checkout (dfki_double_pendulum/*.csv). docs/dfki.md is the account in words.
+The logs are looked for in $IDENT_DATA, or ../shared/data beside the checkout
+(dfki_double_pendulum/*.csv). docs/dfki.md is the account in words.
 """
 
 import os
-import re
 import sys
 import tempfile
 from collections.abc import Sequence
+from functools import cache
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
-from scipy.signal import butter, csd, sosfiltfilt, welch
+from scipy.signal import butter, csd, sosfiltfilt
 
 import ident
 
-ROOT = Path(__file__).resolve().parents[1]
-DATA = Path(os.environ.get("IDENT_DATA", ROOT.parent / "shared" / "data")) / "dfki_double_pendulum"
-LOGS = {"A0": ("A0_swingup_11", "A0_swingup_12", "A0_swingup_13"),
-        "C1": ("C1_swingup_154220", "C1_swingup_154548")}  # fmt: skip
-BOTH = [(design, log) for design, logs in LOGS.items() for log in logs]
-TEACH = ("A0_swingup_11", *LOGS["C1"])  # in 12 and 13 joint 1 has no torque: nothing to learn from
-CUTOFFS = ("auto", 12.0, 8.0, 6.0)
-COLUMNS = {"q": "pos", "v": "vel", "tau": "tau"}
-JOINTS = ("Joint1", "Joint2")
-EACH = ("torque_gain", "delay", "elasticity", "backlash", "hysteresis", "stribeck", "load_friction",
-        "drag", "cable", "spring", "ripple", "torque_offset", "drift", "encoder_offset")  # fmt: skip
-CANDIDATES = [f"{kind}:{joint}" for kind in EACH for joint in JOINTS]
+SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
+DATA = Path(os.environ.get("IDENT_DATA", SHARED)) / "dfki_double_pendulum"
+A0, C1 = ["A0_11", "A0_12", "A0_13"], ["C1_154220", "C1_154548"]  # A0_swingup_11.csv, ...
+CUTOFFS: tuple[float | str, ...] = ("auto", 12.0, 8.0, 6.0)
+TEACH = {A0[0]: A0[1:], C1[0]: C1[1:], C1[1]: C1[:1]}  # 12 and 13 teach nothing of joint 1
+OUT = ("viscous", "coulomb", "rotor_inertia", "temperature_friction", "end_stop", "coupling")
+CANDIDATES = [f"{name}:Joint{j}" for name, kind in ident.effects.items() for j in (1, 2)
+              if name not in OUT and kind.sits in ("joint", "driven")]  # fmt: skip
 CANDIDATES += ["coupling:Joint1,Joint2", "gravity_tilt"]
+Given = tuple[ident.Mechanism, ident.Motion]
 
 
-def pendulum(design: str, folder: Path) -> ident.Mechanism:
+@cache
+def pendulum(design: str) -> ident.Mechanism:
     """Rigid bodies, viscous and Coulomb friction, rotor inertia; C1's URDF is made from A0's."""
     urdf = (DATA / "double_pendulum_A0.urdf").read_text()
     if design == "C1":
         lines = (DATA / "C1_model_1.0.yml").read_text().split("\n")
-        p = {key: float(x) for key, x in (line.split(":") for line in lines if ":" in line)}
-        urdf = urdf.replace('xyz="0.0522 0 -0.3"', f'xyz="0.0522 0 {-p["l1"]}"')
-        for k, side in ((1, -1), (2, 1)):  # link 2's frame is turned over
-            inertia = p[f"I{k}"] - p[f"m{k}"] * p[f"r{k}"] ** 2
-            head, tail = urdf.split(f'<link\n    name="Link{k}">', 1)
-            tail = re.sub('xyz="[^"]*"', f'xyz="0 0 {side * p[f"r{k}"]}"', tail, count=1)
-            tail = re.sub(r'mass\s+value="[^"]*"', f'mass value="{p[f"m{k}"]}"', tail, count=1)
-            for axis in "xyz":
-                tail = re.sub(f'i{axis}{axis}="[^"]*"', f'i{axis}{axis}="{inertia}"', tail, count=1)
-            urdf = f'{head}<link\n    name="Link{k}">{tail}'
-    (folder / "pendulum.urdf").write_text(urdf)
-    columns = [f'"{a}.Joint{j}" = {{ column = "{b}_meas{j}" }}'
-               for a, b in COLUMNS.items() for j in (1, 2)]  # fmt: skip
-    toml = ['urdf = "pendulum.urdf"', "[log]", 't = { column = "time" }', *columns]
-    (folder / "mechanism.toml").write_text("\n".join(toml))
-    mechanism = ident.load(folder)
-    for kind in ("viscous", "coulomb", "rotor_inertia"):
-        mechanism = mechanism.with_effect(kind)
-    return mechanism
+        p = {key: float(x) for key, x in (line.split(":") for line in lines if line)}
+        I1, I2 = (p[f"I{k}"] - p[f"m{k}"] * p[f"r{k}"] ** 2 for k in "12")
+        old = ("0.0522 0 -0.3", "-0.27401315789473685", "0.16634950840469392", "0.608", "0.6306")
+        new = (f"0.0522 0 {-p['l1']}", -p["r1"], p["r2"], p["m1"], p["m2"])
+        for a, b in zip((*old, "0.05472", "0.02522"), (*new, I1, I2), strict=True):
+            urdf = urdf.replace(a, str(b))
+    toml = 'urdf = "pendulum.urdf"\n[log]\nt = { column = "time" }\n'
+    for (ours, theirs), j in product((("q", "pos"), ("v", "vel"), ("tau", "tau")), (1, 2)):
+        toml += f'"{ours}.Joint{j}" = {{ column = "{theirs}_meas{j}" }}\n'
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "pendulum.urdf").write_text(urdf)
+        (Path(folder) / "mechanism.toml").write_text(toml)
+        model = ident.load(folder)
+    return model.with_effect("viscous").with_effect("coulomb").with_effect("rotor_inertia")
 
 
 def main() -> None:
-    if not (DATA / f"{LOGS['A0'][0]}.csv").is_file():
+    if not DATA.is_dir():
         print(f"no measurements at {DATA}; set IDENT_DATA to the folder of dfki_double_pendulum")
         sys.exit(0)
-    with tempfile.TemporaryDirectory() as made:
-        models = {}
-        for design in LOGS:
-            (folder := Path(made) / design).mkdir()
-            models[design] = pendulum(design, folder)
-        diagnosed(models)
-        spectra(models)
-        across(models)
-        play(models)
+    for account in (diagnosed, spectra, across, played):
+        account()
 
 
-def diagnosed(models: dict[str, ident.Mechanism]) -> None:
+def given(logs: Sequence[str], cutoff: float | str, play: float | None = None) -> Given:
+    model, names = pendulum(logs[0][:2]), [f"{log.replace('_', '_swingup_')}.csv" for log in logs]
+    read = [ident.read_log(DATA / name, model.columns) for name in names]
+    read = read if play is None else [without_play(log, play) for log in read]
+    return model, ident.complete(model, read, cutoff=cutoff)
+
+
+def diagnosed() -> None:
     """Error of joint 1 by cut-off, what `diagnose` says, and on what the residual depends."""
-    rows = [["log", "cut-off", "N m", "of the torque", "verdict", "depends on; stands out"]]
-    for design, logs in [(d, [log]) for d, log in BOTH] + [(d, list(x)) for d, x in LOGS.items()]:
-        for cutoff in CUTOFFS:
-            motion = complete(models[design], [ident.read_log(DATA / f"{log}.csv",
-                              models[design].columns) for log in logs], cutoff)  # fmt: skip
-            found = ident.diagnose(fit := ident.identify(models[design], motion))
-            error = fit.train["Joint1"]
-            where = next(each for each in found.where if each.joint == "Joint1")
-            named = [found.best, *found.rivals] if found.best else []
-            said = " ".join([found.verdict, " or ".join(effect.label for effect in named)])
-            seen = [f"{each.signal} {each.r2:.2f}" for each in where.depends_on]
-            seen += [str(each) for each in where.stands_out]
-            name = logs[0] if len(logs) == 1 else f"{design}, all"
-            hz = f"{motion.band.cutoff:.3g} Hz"
-            cells = [f"{error.rms:.3f}", f"{100 * (error.relative or np.nan):.0f} %"]
-            rows.append([name, hz, *cells, said, "; ".join(seen)])
+    rows = [["joint 1 of", "below", "N m", "of torque", "verdict", "R² with; stands out"]]
+    for logs, cutoff in product([*([log] for log in A0 + C1), A0, C1], CUTOFFS):
+        found = ident.diagnose(fit := ident.identify(*given(logs, cutoff)))
+        where = next(each for each in found.where if each.joint == "Joint1")
+        seen = [f"{x.signal} {x.r2:.2f}" for x in where.depends_on] + [*map(str, where.stands_out)]
+        named = " or ".join(effect.label for effect in (found.best, *found.rivals) if effect)
+        row = ["+".join(logs), f"{fit.motion.band.cutoff:.3g} Hz"]
+        row += [f"{where.rms:.3f}", f"{100 * (where.relative or np.nan):.0f} %"]
+        rows.append([*row, f"{found.verdict} {named}", "; ".join(seen)])
     show(rows)
 
 
-def spectra(models: dict[str, ident.Mechanism]) -> None:
-    """Predicted to measured torque of joint 1; parameters of one log at 8 Hz, signals unfiltered."""
+def spectra() -> None:
+    """Predicted against measured torque of joint 1, with parameters fitted below 8 Hz."""
     hz = (1, 2, 3, 4, 6, 8, 12, 20)
-    rows = [["log", "", *(f"{f} Hz" for f in hz)]]
-    for design, logs in LOGS.items():
-        for log in logs:
-            learnt = logs[0] if design == "A0" else log
-            fit = ident.identify(models[design], motion_of(models[design], learnt, 8.0))
-            found = ident.compare(fit, motion=motion_of(models[design], log, 30.0))
-            (trace,) = found.residuals[0].traces
-            rate = found.residuals[0].rate
-            m, p = trace.measured[:, 0], trace.predicted[:, 0]
-            f, Smm = welch(m, rate, nperseg=int(rate))
-            Spp, Spm = welch(p, rate, nperseg=int(rate))[1], csd(p, m, rate, nperseg=int(rate))[1]
-            at = [int(np.argmin(abs(f - x))) for x in hz]
-            coherence = abs(Spm) ** 2 / (Smm * Spp)
-            rows.append([log, "coherence", *(f"{coherence[i]:.2f}" for i in at)])
-            rows.append(["", "measured/predicted", *(f"{np.sqrt(Smm / Spp)[i]:.2f}" for i in at)])
+    rows = [["joint 1 of", "", *(f"{f} Hz" for f in hz)]]
+    for log in A0 + C1:
+        fit = ident.identify(*given([A0[0] if log in A0 else log], 8.0))
+        residual = ident.residual_of(fit, motion=given([log], 30.0)[1])
+        n, (trace,) = int(residual.rate), residual.traces  # windows of a second
+        m, p = trace.measured[:, 0], trace.predicted[:, 0]
+        mm, pp, pm = (csd(a, b, n, nperseg=n)[1] for a, b in ((m, m), (p, p), (p, m)))
+        alike, size = abs(pm) ** 2 / abs(mm * pp), abs(mm / pp) ** 0.5
+        rows.append([log, "coherence", *(f"{alike[f]:.2f}" for f in hz)])
+        rows.append(["", "measured/predicted", *(f"{size[f]:.2f}" for f in hz)])
     show(rows)
 
 
-def across(models: dict[str, ident.Mechanism]) -> None:
-    """Every candidate fitted on one log: change of joint 1's rms there and on the others [%]."""
+def across() -> None:
+    """Each candidate fitted on one log: its change of joint 1's rms on others [%], its value."""
     for cutoff in (12.0, 8.0):
-        pairs = [(a, b) for a in TEACH for b in LOGS[a[:2]] if a != b]
-        rows = [[f"{cutoff:g} Hz, on", *(a[-6:] for a in TEACH)]]
-        rows[0] += [f"{a[-6:]} to {b[-6:]}" for a, b in pairs]
-        rows[0] += [f"value of {a[-6:]}" for a in TEACH]
-        table: dict[str, list[list[str]]] = {label: [[], [], []] for label in CANDIDATES}
-        for log in TEACH:
-            model = models[log[:2]]
-            motion = motion_of(model, log, cutoff)
-            others = [ident.read_log(DATA / f"{b}.csv", model.columns) for a, b in pairs if a == log]
-            tested = complete(model, others, cutoff)
+        head, rows = [f"below {cutoff:g} Hz"], {label: [label] for label in CANDIDATES}
+        for log, others in TEACH.items():
+            (model, motion), (_, tested) = given([log], cutoff), given(others, cutoff)
             plain = ident.identify(model, motion, validate=tested)
-            for label, (own, cross, values) in table.items():
-                with_it = model.with_effect(label)
-                fit = ident.identify(with_it, motion, validate=tested, start=plain.point)
-                own.append(change(fit.train["Joint1"].rms, plain.train["Joint1"].rms))
-                for name, errors in (fit.validation or {}).items():
-                    before = (plain.validation or {})[name]["Joint1"].rms
-                    cross.append(change(errors["Joint1"].rms, before))
-                found = fit.effects[-1].parameters
-                values.append(", ".join(f"{v.value:.2g}" for v in found[:1]))
-        show([*rows, *([label, *a, *b, *c] for label, (a, b, c) in table.items())])
+            head += [*(f"{log} to {x}" for x in others), "value"]
+            for label in CANDIDATES:
+                fit = ident.identify(model.with_effect(label), motion, validate=tested)
+                for name, error in fit.validation.items():
+                    ratio = error["Joint1"].rms / plain.validation[name]["Joint1"].rms
+                    rows[label].append(f"{100 * (ratio - 1):+.0f}")
+                rows[label].append(f"{fit.effects[-1].parameters[0].value:.2g}")
+        show([head, *rows.values()])
+
+
+def played() -> None:
+    """Joint 1's rms once play of a width is taken out of the positions of both logs."""
+    rows = [["joint 1, rms [N m]", *(f"{w} mrad" for w in range(6))]]
+    for hz, log in product((12.0, 8.0), TEACH):
+        for other in (log, *TEACH[log]):
+            rows.append([f"{log} to {other}, {hz:g} Hz"])
+            for w in np.arange(6) / 1000:
+                fit = ident.identify(*given([log], hz, w), validate=given([other], hz, w)[1])
+                rows[-1] += [f"{x['Joint1'].rms:.3f}" for x in fit.validation.values()]
+    show(rows)
+
+
+def without_play(log: ident.Log, width: float) -> ident.Log:
+    """The link ahead of the encoder by half the play; 46 ms at each reversal are bridged."""
+    u, n, last = np.arange(log.t[0], log.t[-1], 0.002), np.arange(21), 0
+    x = np.interp(u, log.t, log.columns["q.Joint1"])
+    v = np.gradient(sosfiltfilt(butter(2, 10, fs=500, output="sos"), x), 0.002)
+    link, half = x.copy(), 0 * x
+    for k in map(int, np.flatnonzero((v[:-1] * v[1:] < 0) & (abs(np.diff(v)) > 0.003))):
+        i, j = k - 3, k + 20
+        if last + 20 < i and j + 21 < len(u):
+            left, right = np.polyfit(n - 20, x[i - 20 : i + 1], 2), np.polyfit(n, x[j : j + 21], 2)
+            side, ends = np.sign(x[j + 15] - x[j]) * width / 2, np.c_[left, right]
+            link[i : j + 1] = CubicHermiteSpline([i, j], ends[2], ends[1])(np.arange(i, j + 1))
+            half[last:i], half[i:j], half[j:] = -side, side * np.linspace(-1, 1, j - i), side
+            last = j
+    moved = log.columns["q.Joint1"] + np.interp(log.t, u, link + half - x)
+    kept = {name: y for name, y in log.columns.items() if not name.startswith("v.")}
+    return ident.Log.from_arrays(log.name, log.t, {**kept, "q.Joint1": moved})
+
+
+def show(rows: list[list[str]]) -> None:
+    width = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    print()
+    for row in rows:
+        print("  ".join(cell.ljust(w) for cell, w in zip(row, width, strict=True)).rstrip())
+
+
+if __name__ == "__main__":
+    main()

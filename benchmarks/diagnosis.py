@@ -2,8 +2,8 @@
 
     python benchmarks/diagnosis.py [samples]
 
-Rigid bodies with viscous and Coulomb friction known to be there, all 72 parameters unknown; the
-coupling of joints 5 and 6 is hidden. One process, BLAS on one thread.
+Rigid bodies with viscous and Coulomb friction known to be there, all 72 parameters unknown; once
+the coupling of joints 5 and 6 is hidden, once nothing. One process, BLAS on one thread.
 """
 
 import os
@@ -45,8 +45,14 @@ class Clock:
 
 def main() -> None:
     samples = int(sys.argv[1]) if sys.argv[1:] else 10_000
+    print(f"{platform.machine()}, Python {platform.python_version()}, one process, one BLAS thread")
     model = arm6.mechanism()
-    log = arm6.log(model, samples)
+    good = [one(model, samples, hidden) for hidden in (arm6.HIDDEN, None)]
+    sys.exit(0 if all(good) else 1)
+
+
+def one(model: ident.Mechanism, samples: int, hidden: str | None) -> bool:
+    log = arm6.log(model, samples, hidden)
     times = {}
     start = time.perf_counter()
     motion = ident.complete(model, log)
@@ -57,9 +63,11 @@ def main() -> None:
     diagnosis = ident.diagnose(fit, progress=clock)
     times["diagnose"] = time.perf_counter() - start
     clock("", 1.0)
-    print(f"{platform.machine()}, Python {platform.python_version()}, one process, one BLAS thread")
     tried = len(diagnosis.choice.evidence)
     cutoff = motion.band.cutoff or 0.0
+    rivals = ", ".join(effect.label for effect in diagnosis.rivals) or "none"
+    print(f"\nhidden: {hidden or 'nothing'}")
+    print(f"found: {diagnosis.verdict}, {diagnosis.best or 'no name'}, rivals: {rivals}")
     print(
         f"{samples} samples, filter at {cutoff:.3g} Hz, {fit.rows} rows a joint, "
         f"{len(fit.columns)} unknowns, {tried} candidates judged, "
@@ -69,12 +77,10 @@ def main() -> None:
         print(f"  {name:<40} {seconds:7.2f} s")
     for name, seconds in sorted(clock.spent.items(), key=lambda pair: -pair[1]):
         print(f"    {name:<38} {seconds:7.2f} s  {100 * seconds / times['diagnose']:3.0f} %")
-    rivals = ", ".join(effect.label for effect in diagnosis.rivals) or "none"
-    print(f"{diagnosis.verdict}: {diagnosis.best} (rivals: {rivals})")
     total = sum(times.values())
     print(f"in all {total:.1f} s; target {TARGET:.0f} s: {'met' if total <= TARGET else 'MISSED'}")
-    if diagnosis.best is None or diagnosis.best.label != arm6.HIDDEN or total > TARGET:
-        sys.exit(1)
+    right = diagnosis.best is not None and diagnosis.best.label == hidden
+    return total <= TARGET and (right or (hidden is None and diagnosis.verdict == "nothing"))
 
 
 if __name__ == "__main__":

@@ -31,7 +31,9 @@ def identified() -> Mechanism:
 def known() -> dict[str, float]:
     """Values of all its effects."""
     effects = identified().effects
-    return {n: e.values[p.name] for e in effects for n, p in zip(e.names, e.parameters, strict=True)}
+    return {
+        n: e.values[p.name] for e in effects for n, p in zip(e.names, e.parameters, strict=True)
+    }
 
 
 @cache

@@ -7,7 +7,7 @@ import pytest
 
 import ident
 from helpers import J, tree_urdf, write_mechanism
-from ident import FitError, Log, Noise
+from ident import Log, Noise
 from ident.equations.regressor import regressor
 from ident.fit.covariance import covariance
 from identification import close, motion_log, plant, robot

@@ -17,7 +17,9 @@ from ident.diagnose.evidence import (
     CLOSES,
     COMMON,
     SURER,
+    SUREST,
     TOGETHER,
+    TRACE,
     Evidence,
     evidence,
     together,
@@ -86,8 +88,9 @@ def without_name(choice: Choice) -> Choice:
 
 def _enough(found: Evidence) -> bool:
     """Whether it explains enough of the gap to be a name by itself."""
-    if found.candidate.effect.common and found.z > SURER:
-        return found.closure >= COMMON
+    if found.candidate.effect.common:
+        least = TRACE if found.z > SUREST else COMMON if found.z > SURER else CLOSES
+        return found.closure >= least
     return found.closure >= CLOSES
 
 
@@ -127,10 +130,19 @@ def _simplest(first: Evidence, credible: Sequence[Evidence], same: _Same) -> Evi
     equal = [
         each for each in credible
         if each is first
-        or (_behind(each, first) < SIMPLER and same(each, first))
+        or (_behind(each, first) < _apart(each, first) and same(each, first))
         or (_nested(each, first) and _behind(each, first) < APART)
     ]  # fmt: skip
-    return min(equal, key=lambda each: (each.candidate.parameters, -each.gain))
+    return min(equal, key=lambda each: (_rare(each), each.candidate.parameters, -each.gain))
+
+
+def _rare(each: Evidence) -> bool:
+    return each.candidate.effect.rare
+
+
+def _apart(each: Evidence, first: Evidence) -> float:
+    """Standard errors within which one is as good as the first; more if the first is rare."""
+    return APART if _rare(first) and not _rare(each) else SIMPLER
 
 
 def _nested(small: Evidence, large: Evidence) -> bool:

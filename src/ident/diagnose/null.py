@@ -77,7 +77,7 @@ def _log(table: Table, number: int, tau: np.ndarray, random: np.random.Generator
     """The experiment as its own model would have logged it."""
     e = table.scenes[number].e
     columns: dict[str, np.ndarray] = {}
-    for j, name in enumerate(e.logged):
+    for name in e.logged:
         at = table.mechanism.joint_index[name]
         for channel, x in (("q", e.y), ("v", e.yd), ("a", e.ydd)):
             if f"{channel}.{name}" in e.noise:

@@ -11,6 +11,7 @@ Lovell; block downdating: Belsley, Kuh, Welsch, Regression Diagnostics, 1980).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from ident.fit.table import Table
 BLOCKS = 20
 HIDDEN = 1e-4  # share of a column below which a search does not look at it
 RANK = 1e-8  # of the largest singular value of the scaled columns
+NULL = 1e-12  # of the model's largest column: what is smaller is rounding
+NEW = 1e-9  # share of unit columns below which nothing in them is new, and only rounding is left
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +96,7 @@ class Screen:
         b = table.b[row, coordinate] - table.A[row, coordinate][:, held] @ _stay(table, held)
         b = b * weight[coordinate]
         Q = orthonormal(A)
-        G = [Q[i:j].T @ Q[i:j] for i, j in zip(edges[:-1], edges[1:], strict=True)]
+        G = [Q[i:j].T @ Q[i:j] for i, j in pairwise(edges)]
         inverse = np.linalg.pinv(np.eye(Q.shape[1]) - np.array(G), rcond=1e-10, hermitian=True)
         r = b - Q @ (Q.T @ b)
         bare = cls(row, coordinate, edges, weight, Q, r, r, inverse, table.b.shape[1])
@@ -144,12 +147,13 @@ class Screen:
         C = C / np.where(size > 0, size, 1.0)
         X = self.projected(C)
         X = X - self.Q @ (self.Q.T @ X)  # twice: what is left may be tiny
-        visible = float(np.linalg.norm(X) / max(np.linalg.norm(C), 1e-300))
+        visible = float(np.linalg.norm(X) / max(float(np.linalg.norm(C)), 1e-300))
         LX, Lr = self.left_out(X), self.Lr
         U, s, Vt = np.linalg.svd(X, full_matrices=False)
-        good = s > 1e-9 * max(s.max(initial=0.0), 1e-300)
+        good = s > NEW * max(s.max(initial=0.0), 1.0)
         theta = Vt[good].T @ ((U[:, good].T @ r) / s[good])
-        after = r - X @ theta
+        X, LX = U[:, good], LX @ Vt[good].T / s[good]  # what is new, and no more
+        after = r - X @ (X.T @ r)
         by = np.bincount(self.coordinate, r**2 - after**2, self.d)
         loss = np.zeros((len(self.edges) - 1, self.d))
         XX, Xr = X.T @ X, X.T @ r
@@ -206,8 +210,9 @@ def blocks_of(table: Table) -> np.ndarray:
 def orthonormal(A: np.ndarray) -> np.ndarray:
     """A basis (M, rank) of the columns' span."""
     size = np.linalg.norm(A, axis=0)
-    A = A[:, size > 0] / size[size > 0]
-    if not A.shape[1]:
+    seen = size > NULL * size.max(initial=0.0)
+    A = A[:, seen] / size[seen]
+    if not A.size:
         return np.zeros((len(A), 0))
     Q, R = np.linalg.qr(A)
     U, s, _ = np.linalg.svd(R)

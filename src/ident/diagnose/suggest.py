@@ -156,7 +156,7 @@ def library(table: Table, joint: str) -> Iterator[Term]:
     for factors in (still, {"s.v[0]": lambda s: s.v[:, 0]}, time):
         for (a, f), (b, g) in ((x, y) for x in factors.items() for y in one.items()):
             if a != b:
-                yield Term(f"{a}*{b}", (joint,), lambda s, f=f, g=g: f(s) * g(s))
+                yield Term(f"{a}*{b}", (joint,), _product(f, g))
     yield Term("s.t", (joint,), time["s.t"])
     for other in (j.name for j in table.mechanism.joints if j.name != joint):
         both = (joint, other)
@@ -164,7 +164,7 @@ def library(table: Table, joint: str) -> Iterator[Term]:
             yield Term(text, both, value)
         for a, f in (("s.q[0]", lambda s: s.q[:, 0]), ("s.v[0]", lambda s: s.v[:, 0])):
             for b, g in (("s.q[1]", lambda s: s.q[:, 1]), ("s.v[1]", lambda s: s.v[:, 1])):
-                yield Term(f"{a}*{b}", both, lambda s, f=f, g=g: f(s) * g(s))
+                yield Term(f"{a}*{b}", both, _product(f, g))
 
 
 def _shapes(i: int) -> Iterator[tuple[str, Column]]:
@@ -178,8 +178,17 @@ def _shapes(i: int) -> Iterator[tuple[str, Column]]:
     yield f"s.a[{i}]", lambda s: s.a[:, i]
     yield f"ca.sign(s.v[{i}])", lambda s: direction(s.v[:, i], s.still[i])
     for k in (1, 2, 3, 4):
-        yield f"ca.sin({k}*s.q[{i}])", lambda s, k=k: np.sin(k * s.q[:, i])
-        yield f"ca.cos({k}*s.q[{i}])", lambda s, k=k: np.cos(k * s.q[:, i])
+        yield f"ca.sin({k}*s.q[{i}])", _wave(np.sin, k, i)
+        yield f"ca.cos({k}*s.q[{i}])", _wave(np.cos, k, i)
+
+
+def _product(f: Column, g: Column) -> Column:
+    return lambda s: f(s) * g(s)
+
+
+def _wave(f: Callable[[np.ndarray], np.ndarray], k: int, i: int) -> Column:
+    """f(k q) of the i-th joint."""
+    return lambda s: f(k * s.q[:, i])
 
 
 def _renamed(term: Term, joints: tuple[str, ...]) -> str:

@@ -83,7 +83,8 @@ def _trial(mechanism: Mechanism, motion: Motion, point: Point, first: Estimate) 
     """The least error with the shapes where they are, and the point at which it is."""
     fixed = replace(mechanism, effects=tuple(_fixed(e, point) for e in mechanism.effects))
     columns = Columns.of(fixed)
-    held = first.held[[Columns.of(mechanism).index[name] for name in columns.names]]
+    index = Columns.of(mechanism).index
+    held = first.held[[index[name] for name in columns.names]]
     for _ in range(PASSES if any(effect.implicit for effect in mechanism.effects) else 1):
         cells = accumulate(fixed, columns, motion, None, point)
         factors = totals(cells, len(columns), coordinates(mechanism, motion))

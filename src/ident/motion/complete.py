@@ -89,8 +89,8 @@ def complete(
     for i, signals in enumerate(measured):
         still = standstill(mechanism, signals, experiments[i], names, band)
         experiments[i] = replace(experiments[i], still=still)
-    said = tuple(dict.fromkeys(notes))
-    return Motion(tuple(experiments), independent, band, worst, said, tuple(read))
+    noted = tuple(dict.fromkeys(notes))
+    return Motion(tuple(experiments), independent, band, worst, noted, tuple(read))
 
 
 def _distinct(logs: list[Log]) -> list[Log]:

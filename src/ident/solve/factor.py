@@ -57,7 +57,7 @@ class Factor:
         A = np.asarray(A, dtype=float)
         if A.ndim != 2:
             raise FitError(f"A has shape {A.shape}; valid: two dimensions, (rows, unknowns)")
-        return cls.empty(A.shape[1]).updated(A, b)
+        return cls._absorbed(np.zeros((A.shape[1] + 1,) * 2, order="F"), 0, A, b)
 
     @classmethod
     def merge(cls, factors: Iterable[Factor]) -> Factor:
@@ -83,18 +83,22 @@ class Factor:
         Time is 2 rows (k+1)² flops, memory beyond A and b a few hundred rows. Raises `FitError`
         where the shapes do not fit or a number is not finite.
         """
-        A, b = np.asarray(A, dtype=float), np.asarray(b, dtype=float)
-        if A.ndim != 2 or A.shape[1] != self.k or b.shape != A.shape[:1]:
-            raise FitError(f"A {A.shape} and b {b.shape}; valid: (rows, {self.k}) and (rows,)")
-        triangle = np.asfortranarray(self._triangle())
+        return self._absorbed(np.asfortranarray(self._triangle()), self.rows, A, b)
+
+    @classmethod
+    def _absorbed(cls, triangle: Array, rows: int, A: ArrayLike, b: ArrayLike) -> Factor:
+        """The factor of a triangle, which is overwritten, with further equations."""
+        A, b, k = np.asarray(A, dtype=float), np.asarray(b, dtype=float), len(triangle) - 1
+        if A.ndim != 2 or A.shape[1] != k or b.shape != A.shape[:1]:
+            raise FitError(f"A {A.shape} and b {b.shape}; valid: (rows, {k}) and (rows,)")
         for start in range(0, len(b), _PIECE):
             part = slice(start, start + _PIECE)
-            piece = np.empty((len(b[part]), self.k + 1), order="F")
+            piece = np.empty((len(b[part]), k + 1), order="F")
             piece[:, :-1], piece[:, -1] = A[part], b[part]
             triangle, *_ = lapack.dtpqrt(
-                0, min(_PANEL, self.k + 1), triangle, piece, overwrite_a=1, overwrite_b=1
+                0, min(_PANEL, k + 1), triangle, piece, overwrite_a=1, overwrite_b=1
             )
-        return Factor._of_triangle(triangle, self.rows + len(b))
+        return cls._of_triangle(triangle, rows + len(b))
 
     def __add__(self, other: Factor) -> Factor:
         """The factor of both blocks of equations."""

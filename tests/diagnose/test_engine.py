@@ -1,0 +1,254 @@
+"""Every piece of a diagnosis on small planted logs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import ident
+from ident import Diagnosis, Mechanism, Motion, Noise
+from ident.diagnose.choose import choose, without_name
+from ident.diagnose.diagnose import judge
+from ident.diagnose.null import Null, null
+from ident.diagnose.quiet import GUARD, quiet
+from ident.diagnose.screen import Screen, blocks_of
+from ident.effects import Effect
+from ident.fit.table import Table
+from identification import Planted, motion_log, plant, robot
+
+NOISE = (Noise("tau", 0.01, relative=True), Noise("q", 1e-5))
+ELBOW = {"viscous.elbow.Fv": 0.4, "coulomb.elbow.Fc": 0.5}
+TWO = {"viscous.shoulder.Fv": 1.0, "coulomb.elbow.Fc": 0.5}
+ONE = {
+    "coulomb:elbow": {"coulomb.elbow.Fc": 0.5},
+    "viscous:shoulder": {"viscous.shoulder.Fv": 1.0},
+    "drag:wrist": {"drag.wrist.Fd": 0.05},
+    "torque_offset:wrist": {"torque_offset.wrist.c": 0.3},
+    "coupling:elbow,wrist": {
+        f"coupling.elbow,wrist.{name}": x for name, x in (("Im", 0.02), ("Fvm", 0.2), ("Fcm", 0.2))
+    },
+}
+
+
+def planted(
+    effects: Sequence[str | Effect] = (), values: Mapping[str, float] | None = None, seed: int = 0,
+    name: str = "arm",
+) -> Planted:  # fmt: skip
+    """A log of a robot with these effects."""
+    mechanism = robot(name)
+    for effect in effects:
+        mechanism = mechanism.with_effect(effect) if isinstance(effect, str) else mechanism + effect
+    return plant(mechanism, motion_log(name, 100.0, 8.0), values, noise=NOISE, seed=seed)
+
+
+def logged(case: Planted, mechanism: Mechanism) -> Motion:
+    return ident.complete(mechanism, case.log)
+
+
+def diagnosed(case: Planted, *present: str) -> Diagnosis:
+    """By a model with none of the log's effects but these."""
+    mechanism = robot("arm")
+    for effect in present:
+        mechanism = mechanism.with_effect(effect)
+    return ident.diagnose(ident.identify(mechanism, logged(case, mechanism)))
+
+
+@cache
+def clean(seed: int = 0) -> Diagnosis:
+    return diagnosed(planted(seed=seed))
+
+
+def table_of(case: Planted) -> tuple[Table, Screen]:
+    fit = case.fit(cutoff="auto")
+    table = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
+    return table, Screen.of(table, quiet(table), fit.estimate.sigma, fit.estimate.held)
+
+
+# --- rows and noise ----------------------------------------------------------------------------
+
+
+def test_rows_at_reversals_are_left_out():
+    table, _ = table_of(planted())
+    told, e = quiet(table), table.scenes[0].e
+    for u in range(4):  # of a tree each row feels its own joint alone
+        turns = np.flatnonzero(np.diff(np.sign(e.yd[:, u])))
+        away = np.abs(table.t[:, None] - e.t[turns]).min(axis=1)
+        assert told[away > 4 * GUARD, u].all()
+        assert not told[away < 0.3 * GUARD, u].any()
+        assert 0.5 <= told[:, u].mean() < 1
+
+
+def test_in_a_loop_a_row_feels_all_joints_that_move_with_it():
+    """Not those that turn back because they have no leverage there: their friction is not felt."""
+    t = np.arange(800) / 100
+    crank = [0.4 * np.sin(3 * t), 1.2 * np.cos(3 * t), -3.6 * np.sin(3 * t)]
+    columns = {f"{c}.crank": x for c, x in zip("qva", crank, strict=True)}
+    case = plant(robot("four_bar"), ident.Log.from_arrays("to and fro", t, columns), noise=NOISE)
+    table, _ = table_of(case)
+    told, e = quiet(table), table.scenes[0].e
+    assert e.leverage is not None
+    felt = 0
+    for name in ("crank", "coupler", "rocker"):
+        j = table.mechanism.joint_index[name]
+        lever = np.abs(e.leverage[:, j, 0])
+        for at in np.flatnonzero(np.diff(np.sign(e.yd[:, j]))):
+            if lever[at] > 0.2 * lever.max():
+                felt += 1
+                assert not told[np.abs(table.t - e.t[at]) < 0.01].any()
+    assert felt > 3
+
+
+def test_a_screen_s_blocks_are_stretches_of_time():
+    table, screen = table_of(planted())
+    block = blocks_of(table)
+    assert (np.diff(block) >= 0).all()
+    for i, j in zip(screen.edges[:-1], screen.edges[1:], strict=True):
+        assert len(set(block[screen.row[i:j]])) == 1
+    assert screen.loss.sum() > screen.r @ screen.r  # held out is worse than fitted
+    np.testing.assert_allclose(screen.Q.T @ screen.Q, np.eye(screen.Q.shape[1]), atol=1e-12)
+    assert np.abs(screen.Q.T @ screen.r).max() < 1e-9 * np.linalg.norm(screen.r)
+
+
+@pytest.mark.parametrize("name", ["arm", "four_bar"])
+def test_the_noise_floor_is_that_of_the_true_noise(name):
+    """Of logs in which nothing is missing, the residual's own size, averaged over seeds."""
+    ratios = []
+    for seed in range(6):
+        table, screen = table_of(planted(name=name, seed=seed))
+        clean_ones = null(table, screen, seed)
+        assert isinstance(clean_ones, Null)
+        true = np.sqrt(screen.loss.sum(axis=0) / screen.rows)
+        ratios.append(clean_ones.floor / true)
+    np.testing.assert_allclose(np.exp(np.mean(np.log(ratios), axis=0)), 1.0, atol=0.15)
+
+
+def test_the_noise_floor_is_reproducible():
+    table, screen = table_of(planted())
+    first, again, other = (null(table, screen, seed) for seed in (0, 0, 1))
+    np.testing.assert_array_equal(first.R, again.R)
+    assert not np.array_equal(first.R, other.R)
+
+
+# --- names -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("label", ONE)
+def test_one_missing_effect_is_named_at_its_joint(label):
+    d = diagnosed(planted([label], ONE[label]))
+    assert d.verdict == "missing"
+    assert d.best is not None
+    assert d.best.label == label
+    for value in d.candidates[0].parameters:
+        assert value.stderr is not None
+        assert abs(value.value - ONE[label][value.name]) < max(4 * value.stderr, 1e-3)
+    concerned = label.partition(":")[2].split(",")
+    for joint in concerned:
+        assert d.candidates[0].after[joint].rms < 1.3 * d.floor[joint]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_nothing_is_named_where_nothing_is_missing(seed):
+    d = clean(seed)
+    assert d.verdict == "nothing"
+    assert d.best is None
+    assert d.rivals == ()
+    assert d.suggestion is None
+
+
+def test_two_effects_at_one_joint():
+    case = planted(["viscous:elbow", "coulomb:elbow"], ELBOW)
+    d = diagnosed(case)
+    assert d.best is not None
+    assert d.best.label in ("viscous:elbow", "coulomb:elbow")
+    history = ident.grow(robot("arm"), logged(case, robot("arm")))
+    assert {effect.label for effect in history.added} == {"viscous:elbow", "coulomb:elbow"}
+    assert history.diagnosis.verdict == "nothing"
+    for name, value in ELBOW.items():
+        assert history.fit[name].value == pytest.approx(value, rel=0.05)
+
+
+def test_growing_stops_when_both_are_found():
+    case = planted(["viscous:shoulder", "coulomb:elbow"], TWO)
+    told = []
+    history = ident.grow(robot("arm"), logged(case, robot("arm")), step=told.append)
+    assert [effect.label for effect in history.added] == ["viscous:shoulder", "coulomb:elbow"]
+    assert len(history.steps) == len(told) == 3
+    assert history.diagnosis.verdict == "nothing"
+    sizes = [sum(e.rms**2 for e in step.errors.values()) for step in history.steps]
+    assert sizes[0] > sizes[1] > sizes[2]
+
+
+# --- what is hidden, and what should go --------------------------------------------------------
+
+
+def test_what_a_link_s_inertia_absorbs_is_invisible():
+    hidden = {each.effect.label: each.why for each in clean().invisible}
+    assert hidden["rotor_inertia:yaw"] == "absorbed: same columns as turret.Lzz"
+    assert hidden["payload:hand"].startswith("absorbed: same columns as hand's own parameters")
+    assert "coulomb:elbow" not in hidden
+    tried = {each.candidate.effect.label for each in clean().choice.evidence}
+    assert "rotor_inertia:elbow" in tried - set(hidden)
+
+
+def test_an_effect_that_is_not_there_is_unsupported():
+    d = diagnosed(planted(), "coulomb:wrist")
+    (idle,) = d.unsupported
+    assert idle.effect.label == "coulomb:wrist"
+    assert not idle.absurd
+    assert "held-out error is no larger" in idle.why
+    assert "mechanism.without('coulomb:wrist')" in d.text
+
+
+def test_an_effect_that_is_there_is_supported():
+    d = diagnosed(planted(["coulomb:elbow"], ONE["coulomb:elbow"]), "coulomb:elbow")
+    assert d.unsupported == ()
+
+
+def test_negative_friction_is_absurd():
+    case = planted(["coulomb:wrist"], {"coulomb.wrist.Fc": -0.3})
+    (absurd,) = diagnosed(case, "coulomb:wrist").unsupported
+    assert absurd.effect.label == "coulomb:wrist"
+    assert absurd.absurd
+    assert "coulomb.wrist.Fc is negative beyond its error" in absurd.why
+
+
+# --- outside the library -----------------------------------------------------------------------
+
+
+def test_what_is_outside_the_library_is_unexplained_with_an_expression():
+    odd = ident.user_effect("odd", lambda s: {"A": ca.sin(3 * s.q) * ca.sign(s.v)})
+    d = diagnosed(planted([odd(("elbow",))], {"odd.elbow.A": 0.6}))
+    assert d.verdict == "unexplained"
+    assert d.best is None
+    assert d.suggestion is not None
+    assert d.suggestion.joint == "elbow"
+    assert set(d.suggestion.terms[0].split("*", 1)) == {"ca.sign(s.v[0])", "ca.sin(3*s.q[0])"}
+    assert d.suggestion.values[0] == pytest.approx(0.6, rel=0.05)
+
+
+def test_a_name_that_an_expression_beats_is_withdrawn():
+    """Dry friction that differs over the turn: Coulomb explains a part, two terms all of it."""
+    odd = ident.user_effect("odd", lambda s: {"A": ca.sin(2 * s.q) ** 2 * ca.sign(s.v)})
+    case = planted([odd(("elbow",))], {"odd.elbow.A": 0.8})
+    judged = judge(ident.identify(robot("arm"), logged(case, robot("arm"))))
+    before = choose(
+        judged.table, judged.screen, judged.clean, judged.threshold, judged.search.candidates
+    )
+    assert before.best is not None
+    assert before.best.closure < 0.65
+    assert judged.choice.best is None
+    assert judged.choice.rivals == ()
+    assert len(judged.choice.evidence) == len(before.evidence)
+
+
+def test_evidence_stays_where_the_name_goes():
+    choice = clean().choice
+    bare = without_name(choice)
+    assert bare.best is None
+    assert bare.partner is None
+    assert bare.evidence is choice.evidence
+    assert bare.credible is choice.credible
