@@ -2,15 +2,11 @@
 
     python benchmarks/dfki.py
 
-The logs are looked for in $IDENT_DATA, or ../shared/data beside the checkout
-(dfki_double_pendulum/*.csv). docs/dfki.md is the account in words.
+The logs are looked for in $IDENT_DATA, or ../shared/data beside the checkout (see docs/dfki.md).
 """
 
 import os
-import sys
 import tempfile
-from collections.abc import Sequence
-from functools import cache
 from itertools import product
 from pathlib import Path
 
@@ -20,8 +16,7 @@ from scipy.signal import butter, csd, sosfiltfilt
 
 import ident
 
-SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
-DATA = Path(os.environ.get("IDENT_DATA", SHARED)) / "dfki_double_pendulum"
+DATA = Path(os.environ.get("IDENT_DATA", Path(__file__).resolve().parents[2] / "shared/data"))
 A0, C1 = ["A0_11", "A0_12", "A0_13"], ["C1_154220", "C1_154548"]  # A0_swingup_11.csv, ...
 CUTOFFS: tuple[float | str, ...] = ("auto", 12.0, 8.0, 6.0)
 TEACH = {A0[0]: A0[1:], C1[0]: C1[1:], C1[1]: C1[:1]}  # 12 and 13 teach nothing of joint 1
@@ -29,57 +24,52 @@ OUT = ("viscous", "coulomb", "rotor_inertia", "temperature_friction", "end_stop"
 CANDIDATES = [f"{name}:Joint{j}" for name, kind in ident.effects.items() for j in (1, 2)
               if name not in OUT and kind.sits in ("joint", "driven")]  # fmt: skip
 CANDIDATES += ["coupling:Joint1,Joint2", "gravity_tilt"]
-Given = tuple[ident.Mechanism, ident.Motion]
+NAMES = (("q", "pos"), ("v", "vel"), ("tau", "tau"))
+COLUMNS = {f"{a}.Joint{j}": ident.Column(f"{b}_meas{j}") for a, b in NAMES for j in (1, 2)}
+COLUMNS["t"] = ident.Column("time")
 
 
-@cache
 def pendulum(design: str) -> ident.Mechanism:
     """Rigid bodies, viscous and Coulomb friction, rotor inertia; C1's URDF is made from A0's."""
-    urdf = (DATA / "double_pendulum_A0.urdf").read_text()
+    urdf = (DATA / "dfki_double_pendulum/double_pendulum_A0.urdf").read_text()
     if design == "C1":
-        lines = (DATA / "C1_model_1.0.yml").read_text().split("\n")
+        lines = (DATA / "dfki_double_pendulum/C1_model_1.0.yml").read_text().split("\n")
         p = {key: float(x) for key, x in (line.split(":") for line in lines if line)}
         I1, I2 = (p[f"I{k}"] - p[f"m{k}"] * p[f"r{k}"] ** 2 for k in "12")
         old = ("0.0522 0 -0.3", "-0.27401315789473685", "0.16634950840469392", "0.608", "0.6306")
         new = (f"0.0522 0 {-p['l1']}", -p["r1"], p["r2"], p["m1"], p["m2"])
         for a, b in zip((*old, "0.05472", "0.02522"), (*new, I1, I2), strict=True):
             urdf = urdf.replace(a, str(b))
-    toml = 'urdf = "pendulum.urdf"\n[log]\nt = { column = "time" }\n'
-    for (ours, theirs), j in product((("q", "pos"), ("v", "vel"), ("tau", "tau")), (1, 2)):
-        toml += f'"{ours}.Joint{j}" = {{ column = "{theirs}_meas{j}" }}\n'
     with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / "pendulum.urdf").write_text(urdf)
-        (Path(folder) / "mechanism.toml").write_text(toml)
-        model = ident.load(folder)
+        (urdf_file := Path(folder) / "pendulum.urdf").write_text(urdf)
+        model = ident.load(urdf_file)
     return model.with_effect("viscous").with_effect("coulomb").with_effect("rotor_inertia")
 
 
 def main() -> None:
-    if not DATA.is_dir():
-        print(f"no measurements at {DATA}; set IDENT_DATA to the folder of dfki_double_pendulum")
-        sys.exit(0)
+    if not (DATA / "dfki_double_pendulum").is_dir():
+        print(f"no dfki_double_pendulum in {DATA}; set IDENT_DATA to the folder that holds it")
+        return
     for account in (diagnosed, spectra, across, played):
         account()
 
 
-def given(logs: Sequence[str], cutoff: float | str, play: float | None = None) -> Given:
-    model, names = pendulum(logs[0][:2]), [f"{log.replace('_', '_swingup_')}.csv" for log in logs]
-    read = [ident.read_log(DATA / name, model.columns) for name in names]
-    read = read if play is None else [without_play(log, play) for log in read]
-    return model, ident.complete(model, read, cutoff=cutoff)
+def given(logs: list[str], cutoff: float | str, play: float = -1.0) -> tuple:
+    files = [DATA / f"dfki_double_pendulum/{log.replace('_', '_swingup_')}.csv" for log in logs]
+    read = [without_play(ident.read_log(file, COLUMNS), play) for file in files]
+    return (model := pendulum(logs[0][:2])), ident.complete(model, read, cutoff=cutoff)
 
 
 def diagnosed() -> None:
     """Error of joint 1 by cut-off, what `diagnose` says, and on what the residual depends."""
-    rows = [["joint 1 of", "below", "N m", "of torque", "verdict", "R² with; stands out"]]
+    rows = [["joint 1 of", "below", "N m", "of torque", "verdict", "depends on; stands out"]]
     for logs, cutoff in product([*([log] for log in A0 + C1), A0, C1], CUTOFFS):
         found = ident.diagnose(fit := ident.identify(*given(logs, cutoff)))
-        where = next(each for each in found.where if each.joint == "Joint1")
-        seen = [f"{x.signal} {x.r2:.2f}" for x in where.depends_on] + [*map(str, where.stands_out)]
+        (where,) = (each for each in found.where if each.joint == "Joint1")
         named = " or ".join(effect.label for effect in (found.best, *found.rivals) if effect)
-        row = ["+".join(logs), f"{fit.motion.band.cutoff:.3g} Hz"]
-        row += [f"{where.rms:.3f}", f"{100 * (where.relative or np.nan):.0f} %"]
-        rows.append([*row, f"{found.verdict} {named}", "; ".join(seen)])
+        row = ["+".join(logs), f"{fit.motion.band.cutoff:.3g} Hz", f"{where.rms:.3f}"]
+        row += [f"{where.relative or np.nan:.0%}", f"{found.verdict} {named}"]
+        rows.append([*row, "; ".join(map(str, (*where.depends_on, *where.stands_out)))])
     show(rows)
 
 
@@ -100,18 +90,19 @@ def spectra() -> None:
 
 
 def across() -> None:
-    """Each candidate fitted on one log: its change of joint 1's rms on others [%], its value."""
+    """Each candidate fitted on one log: its change of joint 1's rms on others, its value."""
     for cutoff in (12.0, 8.0):
         head, rows = [f"below {cutoff:g} Hz"], {label: [label] for label in CANDIDATES}
         for log, others in TEACH.items():
             (model, motion), (_, tested) = given([log], cutoff), given(others, cutoff)
-            plain = ident.identify(model, motion, validate=tested)
+            plain = ident.identify(model, motion, validate=tested).validation
             head += [*(f"{log} to {x}" for x in others), "value"]
             for label in CANDIDATES:
                 fit = ident.identify(model.with_effect(label), motion, validate=tested)
                 for name, error in fit.validation.items():
-                    ratio = error["Joint1"].rms / plain.validation[name]["Joint1"].rms
-                    rows[label].append(f"{100 * (ratio - 1):+.0f}")
+                    rows[label].append(
+                        f"{error['Joint1'].rms / plain[name]['Joint1'].rms - 1:+.0%}"
+                    )
                 rows[label].append(f"{fit.effects[-1].parameters[0].value:.2g}")
         show([head, *rows.values()])
 
@@ -130,6 +121,8 @@ def played() -> None:
 
 def without_play(log: ident.Log, width: float) -> ident.Log:
     """The link ahead of the encoder by half the play; 46 ms at each reversal are bridged."""
+    if width < 0:  # as logged
+        return log
     u, n, last = np.arange(log.t[0], log.t[-1], 0.002), np.arange(21), 0
     x = np.interp(u, log.t, log.columns["q.Joint1"])
     v = np.gradient(sosfiltfilt(butter(2, 10, fs=500, output="sos"), x), 0.002)
@@ -149,8 +142,7 @@ def without_play(log: ident.Log, width: float) -> ident.Log:
 
 def show(rows: list[list[str]]) -> None:
     width = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    print()
-    for row in rows:
+    for row in [[""] * len(width), *rows]:
         print("  ".join(cell.ljust(w) for cell, w in zip(row, width, strict=True)).rstrip())
 
 

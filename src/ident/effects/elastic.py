@@ -128,9 +128,9 @@ class Ripple(Effect):
         return np.stack([np.sin(angle), np.cos(angle)], axis=-1)
 
     def bounds(self, s: Signals) -> Bounds:
-        """From a wave and a half in the travel to what the samples still resolve."""
+        """From one wave in the travel to what the samples still resolve."""
         low, high = s.travel[0]
-        lowest = 2 * np.pi * 1.5 / max(high - low, 1e-9)
+        lowest = 2 * np.pi / max(high - low, 1e-9)
         step = float(np.quantile(np.abs(np.diff(s.q[:, 0])), 0.9)) if len(s.q) > 1 else 0.0
         finest = np.pi / (4 * max(step, 1e-9))
         return {"N": (lowest, min(max(finest, 2 * lowest), 64 * lowest))}
@@ -138,5 +138,5 @@ class Ripple(Effect):
     def starts(self, s: Signals) -> list[Shape]:
         """Steps of a third of what two waves must differ by over the travel to be told apart."""
         low, high = self.bounds(s)["N"]
-        step = 2 * low / 1.5 / 3
+        step = 2 * low / 3
         return [{"N": float(N)} for N in np.arange(low, min(high, low + 96 * step), step)]
