@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ident.diagnose.evidence import CLOSES, MATERIAL
+from ident.diagnose.evidence import BEYOND, CLOSES, MATERIAL, SURE
 from ident.diagnose.missing import missing
 from ident.diagnose.phrases import closure, error_text, listed, signal, some
 from ident.residual.periods import CHANCE
@@ -48,6 +48,13 @@ def _nothing(d: Diagnosis) -> list[str]:
             f" What the plots still show in {'; '.join(more)} is too small to matter, or no more "
             "than logs without any effect show."
         )
+    slight = [
+        f"{e.candidate.effect.label} ({100 * e.size:.2g} % of the torque)"
+        for e in d.choice.evidence
+        if e.z > SURE and e.beyond > BEYOND and e.sensible and e.closure >= CLOSES
+    ]
+    if slight:
+        said += f" Seen, but too small to matter: {', '.join(slight[:3])}."
     return [
         said,
         "How small an effect could still hide: below "
@@ -61,7 +68,7 @@ def _unexplained(d: Diagnosis) -> list[str]:
         f"{each.effect.label} closes {closure(each.evidence)} of the gap between residual and "
         f"noise ({each.joint}: {error_text(each.before[each.joint])} → "
         f"{error_text(each.after[each.joint])})"
-        for each in d.candidates[:TRIED]
+        for each in [c for c in d.candidates if c.evidence.sensible][:TRIED]
     ]
     said = [
         "Something is missing, and nothing in the library explains it, so no name is given. "

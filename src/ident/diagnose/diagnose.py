@@ -18,12 +18,13 @@ from ident.diagnose.screen import Screen
 from ident.diagnose.search import Search, search
 from ident.diagnose.sites import candidates
 from ident.diagnose.suggest import Suggestion, suggest
-from ident.diagnose.support import unsupported
+from ident.diagnose.support import CERTAIN, unsupported
 from ident.diagnose.words import text_of
 from ident.errors import FitError, IdentError
 from ident.fit import Fit
 from ident.fit.table import Table
 from ident.health import health
+from ident.health.remainder import free
 from ident.progress import Told
 from ident.residual import periods, residual_of, where
 
@@ -63,7 +64,23 @@ def judge(fit: Fit, *, seed: int = 0, progress: Told | None = None) -> Judged:
     threshold = found.null.max(axis=1, initial=0.0)
     chosen = choose(table, screen, clean, threshold, found.candidates)
     judged = Judged(fit, table, screen, clean, found, absorbed, threshold, chosen)
-    return replace(judged, choice=without_name(chosen)) if _beaten(judged) else judged
+    no_name = _collapsed(fit) or _beaten(judged)
+    return replace(judged, choice=without_name(chosen)) if no_name else judged
+
+
+def _collapsed(fit: Fit) -> bool:
+    """Whether parameters have shrunk to explain a torque that is hardly there.
+
+    A joint that swings freely asks for no inertia at all, noise in accelerations helps, and what
+    then seems missing stands for what was lost. Its sign is friction that comes out negative.
+    """
+    negative = any(
+        value.stderr and value.value < -CERTAIN * value.stderr
+        for each in fit.effects
+        for value, parameter in zip(each.parameters, each.effect.parameters, strict=True)
+        if parameter.nonnegative
+    )
+    return negative and bool(free(fit))
 
 
 def _beaten(judged: Judged) -> bool:

@@ -44,7 +44,7 @@ class Evidence:
         closure: of the gap, the largest over the coordinates `mends`.
         size: rms of what it explains, as a share of the torque there.
         beyond: its in-sample fall over the largest that clean logs show.
-        sensible: whether what cannot be negative is not.
+        sensible: whether no value is one that such an effect cannot have.
     """
 
     candidate: Candidate
@@ -132,11 +132,13 @@ def torque_squares(table: Table, screen: Screen) -> np.ndarray:
 
 
 def _sensible(table: Table, candidate: Candidate) -> bool:
-    """Whether no parameter that cannot be negative is; what is known already is added."""
+    """Whether no parameter is negative or large that cannot be; what is known already is added."""
     effect, theta = candidate.effect, candidate.judged.theta
     names = effect.unknowns or effect.searched
     own = next((e.values for e in table.mechanism.effects if e.label == effect.label), {})
     values = theta[: len(names)] + [own.get(each.name, 0.0) for each in names]
+    if any(abs(v) > each.largest for each, v in zip(names, values, strict=False)):
+        return False
     for unknown, value in zip(names, values, strict=False):
         if unknown.nonnegative and value < 0:
             return len(names) > 1 and _minor(effect.arity, values, value)

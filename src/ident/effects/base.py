@@ -25,6 +25,7 @@ class Unknown:
     Attributes:
         nonnegative: whether a negative value makes no physical sense.
         discrete: of a shape parameter, whether it takes a few values only and has no slope.
+        largest: size beyond which a value is no such thing any more.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Unknown:
     meaning: str
     nonnegative: bool = False
     discrete: bool = False
+    largest: float = np.inf
 
 
 Bounds = Mapping[str, tuple[float, float]]

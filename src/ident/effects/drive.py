@@ -56,7 +56,7 @@ class TorqueGain(Effect):
 
     kind: ClassVar[str] = "torque_gain"
     sits: ClassVar[str] = "driven"
-    unknowns: ClassVar = (Unknown("g", ("1", "1"), "share of the torque"),)
+    unknowns: ClassVar = (Unknown("g", ("1", "1"), "share of the torque", largest=0.5),)
     equation: ClassVar[str] = "g τ, with the torque τ that the model predicts"
     signature: ClassVar[str] = "the residual against the joint's own torque is a straight line"
     confused_with: ClassVar = ("all inertias at once, where one joint alone shows them", "viscous")
