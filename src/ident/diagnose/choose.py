@@ -37,6 +37,7 @@ USUAL = ("viscous", "coulomb")
 USUAL_LEAVES = 2.0  # times what a curve that resembles their sum leaves of the gap, at most
 LITTLE = 0.02  # of the gap, which is no reason to prefer a curve
 SEEN = 0.1  # share of a richer effect's columns that must be its own for the data to judge them
+TOGETHER_MOST = 3  # effects of one joint that may be needed together
 PARTNERS = 6  # credible candidates of a joint that are tried together
 
 
@@ -200,10 +201,18 @@ def _partner(
         each for each in credible
         if each is not best and set(each.mends) & set(best.mends)
     ][:PARTNERS]  # fmt: skip
-    found = []
-    for other in others:
-        both = together(table, screen, null, threshold, [best.candidate, other.candidate])
-        gained = zscore(both.difference - np.maximum(best.difference, other.difference))
-        if both.closure >= TOGETHER and gained > APART:
-            found.append((both.closure, other))
-    return max(found, key=lambda pair: pair[0])[1] if found else None
+    group, partner = [best], None
+    while others and len(group) < TOGETHER_MOST:
+        tried = [
+            (together(table, screen, null, threshold, [e.candidate for e in (*group, o)]), o)
+            for o in others
+        ]
+        both, other = max(tried, key=lambda pair: pair[0].closure)
+        if zscore(both.difference - np.maximum(best.difference, other.difference)) <= APART:
+            return None
+        partner = partner or other
+        if both.closure >= TOGETHER:
+            return partner
+        group.append(other)
+        others = [each for each in others if each is not other]
+    return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ident.diagnose.evidence import BEYOND, CLOSES, MATERIAL, SURE
+from ident.diagnose.evidence import BEYOND, CLOSES, REST, SURE
 from ident.diagnose.missing import missing
 from ident.diagnose.phrases import closure, error_text, listed, signal, some
 from ident.residual.periods import CHANCE
@@ -26,7 +26,7 @@ def _nothing(d: Diagnosis) -> list[str]:
         f"{name} {e.rms:.2g} beside {d.floor[name]:.2g} {e.unit}" for name, e in errors.items()
     ]
     least = [
-        f"{MATERIAL * e.rms / e.relative:.2g} {e.unit} in {name}"
+        f"{REST * e.rms / e.relative:.2g} {e.unit} in {name}"
         for name, e in errors.items()
         if e.relative
     ]
@@ -58,7 +58,7 @@ def _nothing(d: Diagnosis) -> list[str]:
     return [
         said,
         "How small an effect could still hide: below "
-        f"{100 * MATERIAL:g} % of a joint's torque nothing is reported ({some(least, 8)}), nor "
+        f"{100 * REST:g} % of a joint's torque nothing is reported ({some(least, 8)}), nor "
         f"what noise covers. {len(d.choice.evidence)} effects were tried at their places.",
     ]
 

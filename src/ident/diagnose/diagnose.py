@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ident.diagnose.choose import Choice, choose, without_name
 from ident.diagnose.diagnosis import Diagnosis
-from ident.diagnose.evidence import CLOSES, Evidence, torque_squares
+from ident.diagnose.evidence import CLOSES, REST, Evidence, together, torque_squares
 from ident.diagnose.experiment import next_experiment
-from ident.diagnose.explanation import Explanation, explain
+from ident.diagnose.explanation import Explanation, explain, told_apart
 from ident.diagnose.hidden import Invisible, invisible, outright
 from ident.diagnose.null import Null, null
 from ident.diagnose.quiet import quiet
@@ -30,8 +31,8 @@ from ident.residual import periods, residual_of, where
 
 SHOWN = 3  # candidates that are refitted though nothing speaks for them
 REFITTED = 8  # at most
-MOSTLY, CLEARLY = 0.7, 0.2  # of the gap, that an expression closes, and more than a name does
-REST = 0.005  # share of the torque below which what is left over does not matter
+MOSTLY, CLEARLY = 0.7, 0.2  # of the gap, that an expression closes, and more than names do
+ALIKE = 3  # other effects of the same joint that must not do it together
 STRUCTURE = 1.25  # times the largest of clean logs, from which a residual is no noise
 
 
@@ -47,6 +48,7 @@ class Judged:
     absorbed: tuple[Invisible, ...]
     threshold: np.ndarray
     choice: Choice
+    better: Suggestion | None = None
 
 
 def judge(fit: Fit, *, seed: int = 0, progress: Told | None = None) -> Judged:
@@ -64,8 +66,11 @@ def judge(fit: Fit, *, seed: int = 0, progress: Told | None = None) -> Judged:
     threshold = found.null.max(axis=1, initial=0.0)
     chosen = choose(table, screen, clean, threshold, found.candidates)
     judged = Judged(fit, table, screen, clean, found, absorbed, threshold, chosen)
-    no_name = _collapsed(fit) or _beaten(judged)
-    return replace(judged, choice=without_name(chosen)) if no_name else judged
+    if _collapsed(fit):
+        return replace(judged, choice=without_name(chosen))
+    if (better := _beaten(judged)) is not None:
+        return replace(judged, choice=without_name(chosen), better=better)
+    return judged
 
 
 def _collapsed(fit: Fit) -> bool:
@@ -83,14 +88,18 @@ def _collapsed(fit: Fit) -> bool:
     return negative and bool(free(fit))
 
 
-def _beaten(judged: Judged) -> bool:
-    """Whether an expression of the signals explains far more than the name does."""
-    best = judged.choice.best
-    if best is None or judged.choice.partner is not None or best.closure >= CLOSES:
-        return False
-    j = judged
+def _beaten(judged: Judged) -> Suggestion | None:
+    """An expression that explains far more than the name does, and than its like together do."""
+    j, best = judged, judged.choice.best
+    if best is None or j.choice.partner is not None or best.closure >= CLOSES:
+        return None
+    alike = [e for e in j.choice.credible if e is not best and set(e.mends) & set(best.mends)]
+    group = [best.candidate, *(each.candidate for each in alike[:ALIKE])]
+    all_of = together(j.table, j.screen, j.clean, j.threshold, group).closure
     other = suggest(j.table, j.screen, j.clean, j.threshold, best.candidate.coordinate)
-    return other is not None and other.closure > MOSTLY and other.closure > best.closure + CLEARLY
+    if other is None or other.closure < MOSTLY:
+        return None
+    return other if other.closure > max(best.closure, all_of) + CLEARLY else None
 
 
 def diagnose(fit: Fit, *, seed: int = 0, progress: Told | None = None) -> Diagnosis:
@@ -125,14 +134,16 @@ def told_of(judged: Judged, progress: Told | None = None) -> Diagnosis:
     fit, table, screen, clean = judged.fit, judged.table, judged.screen, judged.clean
     chosen = judged.choice
     told("refitting", 0.7)
-    explanations = _explanations(fit, chosen)
+    explanations = told_apart(_explanations(fit, chosen))
+    if chosen.best is not None and not _leads(chosen.best, explanations):
+        chosen = without_name(chosen)  # what cannot be refitted is no name
     residual = residual_of(fit)
-    verdict = _verdict(judged)
+    verdict = _verdict(replace(judged, choice=chosen))
     proposal: Suggestion | None = None
     if verdict == "unexplained":
         told("looking for an expression", 0.8)
         worst = _worst(table, screen, clean)
-        proposal = suggest(table, screen, clean, judged.threshold, worst)
+        proposal = judged.better or suggest(table, screen, clean, judged.threshold, worst)
     told("where it fails", 0.9)
     floor = clean.floor / screen.weight
     bare = Diagnosis(
@@ -146,6 +157,7 @@ def told_of(judged: Judged, progress: Told | None = None) -> Diagnosis:
         invisible=(
             *invisible(fit, table, screen, judged.search.candidates),
             *judged.absorbed,
+            *(Invisible(e, f"could not be judged: {why}") for e, why in judged.search.failed),
         ),
         unsupported=unsupported(fit, table, screen),
         suggestion=proposal,
@@ -192,6 +204,10 @@ def _worst(table: Table, screen: Screen, clean: Null) -> int:
     return int((gap / np.where(torque > 0, torque, np.inf)).argmax())
 
 
+def _leads(best: Evidence, explanations: list[Explanation]) -> bool:
+    return bool(explanations) and explanations[0].effect.label == best.candidate.effect.label
+
+
 def _explanations(fit: Fit, chosen: Choice) -> list[Explanation]:
     """Refits of the best, its rivals, and what else is promising, best first."""
     first: list[Evidence] = [] if chosen.best is None else [chosen.best, *chosen.rivals]
@@ -203,9 +219,6 @@ def _explanations(fit: Fit, chosen: Choice) -> list[Explanation]:
     group = [each.candidate.effect for each in first]
     for each in wanted:
         rivals = tuple(e for e in group if e is not each.candidate.effect) if each in first else ()
-        try:
+        with suppress(IdentError):  # a correction too large for the loops to close, say
             found.append(explain(fit, each, rivals))
-        except IdentError:  # a correction too large for the loops to close, say
-            if each in first:
-                raise
     return found

@@ -20,6 +20,7 @@ from ident.fit.table import Table
 
 SURE = 2.0  # standard errors of the blocks' gain
 BEYOND = 1.2  # times the largest fall that clean logs show
+LIKELY, FAR = 1.2, 4.0  # fewer errors, if it is so far beyond clean logs and closes the gap
 RARE = 3.0  # both, for effects that noise in positions is taken for and few machines have
 CLOSES = 0.65  # share of the gap that one effect must close by itself
 COMMON = 0.15  # or an effect that every machine has, if it is surer
@@ -27,6 +28,7 @@ SURER = 2.5
 TRACE = 0.05  # or even less, if it is surer still
 SUREST = 4.0
 TOGETHER = 0.75  # or two effects together, of which neither does alone
+REST = 0.005  # share of the torque below which what is left over does not matter
 MATERIAL = 0.003  # share of a joint's torque below which an effect does not matter
 LEAST = 0.03  # share of a residual by which it must exceed noise for a gap to be spoken of
 HIDDEN = 0.02  # visible share below which the data cannot speak of an effect
@@ -42,7 +44,7 @@ class Evidence:
         difference: (blocks,) D_B.
         gain, z, p: of the held-out squares.
         closure: of the gap, the largest over the coordinates `mends`.
-        size: rms of what it explains, as a share of the torque there.
+        size: rms of what it explains, as a share of a joint's torque, the largest.
         beyond: its in-sample fall over the largest that clean logs show.
         sensible: whether no value is one that such an effect cannot have.
     """
@@ -62,8 +64,9 @@ class Evidence:
     def credible(self) -> bool:
         """Whether it is there at all: sure, beyond clean logs, material, visible, sensible."""
         rare = self.candidate.effect.rare
+        sure = LIKELY if self.beyond > FAR and self.closure >= CLOSES else SURE
         return (
-            self.z > (RARE if rare else SURE)
+            self.z > (RARE if rare else sure)
             and self.gain > 0
             and self.beyond > (RARE if rare else BEYOND)
             and self.size > MATERIAL
@@ -93,7 +96,8 @@ def evidence(
     rows = np.maximum(screen.rows, 1)
     rms0, rms1 = (np.sqrt(loss.sum(axis=0) / rows) for loss in (before, judged.loss))
     gap = np.maximum(rms0 - null.floor, LEAST * rms0 + 1e-300)
-    torque = torque_squares(table, screen)[mends].sum()
+    torque = torque_squares(table, screen)
+    share = np.sqrt(by / np.where(torque > 0, torque, np.inf))[mends]
     return Evidence(
         candidate=candidate,
         difference=D,
@@ -101,9 +105,9 @@ def evidence(
         z=z,
         p=float(stats.t.sf(z, len(D) - 1)),
         closure=float(np.clip((rms0 - rms1) / gap, 0.0, 1.0)[mends].max(initial=0.0)),
-        size=float(np.sqrt(max(judged.fall, 0.0) / max(torque, 1e-300))),
+        size=float(share.max(initial=0.0)),
         beyond=float(judged.fall / max(threshold[candidate.coordinate], 1e-300)),
-        sensible=_sensible(table, candidate),
+        sensible=bool(share.any()) and _sensible(table, candidate),
         mends=tuple(int(u) for u in mends),
     )
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
-
-import numpy as np
 
 from ident.diagnose.evidence import Evidence
 from ident.effects import Correcting, Effect
@@ -14,6 +12,8 @@ from ident.equations.point import Point
 from ident.fit import Fit, identify
 from ident.fit.score import Error
 from ident.fit.values import Value
+
+WORSE = 1.5  # times the best's held-out error on its joint, from which a rival is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class Explanation:
         joint: the independent joint whose error it lowers most.
         fit: everything refitted with it, on all rows.
         before, after: held-out errors by joint, without it and with it.
-        fall: of the held-out weighted sum of squares, as a share.
+        fall: of the held-out squares weighted by each joint's measured torque, as a share.
         rivals: effects that this data cannot tell from it.
         known: values that the model before gave it, by full name: then it has changed.
     """
@@ -102,7 +102,7 @@ def explain(fit: Fit, found: Evidence, rivals: tuple[Effect, ...] = ()) -> Expla
         fit=refit,
         before=old,
         after=new,
-        fall=fall_of(fit, old, new),
+        fall=fall_of(old, new),
         rivals=rivals,
         known=known_of(fit, effect),
     )
@@ -122,12 +122,29 @@ def errors_of(fit: Fit) -> dict[str, Error]:
     return dict(fit.held_out or fit.train)
 
 
-def fall_of(fit: Fit, before: dict[str, Error], after: dict[str, Error]) -> float:
-    """1 − Σ (rms₁/σ)² / Σ (rms₀/σ)², σ the weights of the fit before."""
-    sigma = fit.estimate.sigma
-    names = fit.motion.independent
-    if len(sigma) != len(names):  # of a time basis, which weighs all rows alike
-        sigma = np.ones(len(names))
-    old = sum((before[name].rms / s) ** 2 for name, s in zip(names, sigma, strict=True))
-    new = sum((after[name].rms / s) ** 2 for name, s in zip(names, sigma, strict=True))
+def told_apart(found: list[Explanation]) -> list[Explanation]:
+    """Without rivals whose refit on all rows is clearly worse: there the data do tell."""
+    worse = {
+        each.effect.label
+        for each in found[1:]
+        if each.after[found[0].joint].rms > WORSE * found[0].after[found[0].joint].rms
+    }
+    if not found or found[0].effect.label in worse:
+        return found
+    return [
+        replace(each, rivals=tuple(r for r in each.rivals if r.label not in worse))
+        if each.effect.label not in worse
+        else replace(each, rivals=())
+        for each in found
+    ]
+
+
+def fall_of(before: dict[str, Error], after: dict[str, Error]) -> float:
+    """1 − Σ (rms₁/rms τ)² / Σ (rms₀/rms τ)² over joints: squares weighted by their torque."""
+    names = [name for name, error in before.items() if error.relative]
+    weight = {
+        name: (before[name].relative or 0.0) / max(before[name].rms, 1e-300) for name in names
+    }
+    old = sum((weight[name] * before[name].rms) ** 2 for name in names)
+    new = sum((weight[name] * after[name].rms) ** 2 for name in names)
     return float(1 - new / old) if old > 0 else 0.0

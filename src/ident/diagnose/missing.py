@@ -81,8 +81,8 @@ def _falls(d: Diagnosis, best: Explanation) -> str:
 def _sureness(d: Diagnosis, best: Explanation) -> str:
     e = best.evidence
     said = [
-        f"How sure: {sure(e.z)}. Stretches of time that were left out of the fit are predicted "
-        f"better with it by {e.z:.1f} standard errors"
+        f"That something is missing here: {sure(e.z)}. Stretches of time that were left out of "
+        f"the fit are predicted better with it by {e.z:.1f} standard errors"
     ]
     if e.beyond > 1:
         times = f"more than {LARGE:.0f}" if e.beyond > LARGE else f"{e.beyond:.1f}"

@@ -161,7 +161,7 @@ def _slopes(
     found = []
     for name in free:
         low, high = bounds[name]
-        h = min(SLOPE * (high - low), 1e-2 * abs(shape[name]) or np.inf)
+        h = max(min(SLOPE * (high - low), 1e-2 * abs(shape[name]) or np.inf), 1e-9)
         beside = [{**shape, name: shape[name] + sign * h} for sign in (1, -1)]
         up, down = (
             screen.taken(table.with_effect(effect, [each])[:, order], felt[order]) @ theta

@@ -149,6 +149,7 @@ def _column(table: Table, screen: Screen, joint: str, term: Term) -> np.ndarray:
 def library(table: Table, joint: str) -> Iterator[Term]:
     """Terms of one joint's signals, and of it and another's."""
     one = dict(_shapes(0))
+    yield Term("1.0", (joint,), lambda s: np.ones(len(s.t)))
     for text, value in one.items():
         yield Term(text, (joint,), value)
     still: dict[str, Column] = {"ca.sign(s.v[0])": lambda s: direction(s.v[:, 0], s.still[0])}

@@ -41,7 +41,7 @@ def unsupported(fit: Fit, table: Table, screen: Screen) -> tuple[Unsupported, ..
         absurd = [
             v.name
             for v, parameter in zip(parameters, effect.parameters, strict=True)
-            if parameter.nonnegative and v.stderr and v.value < -CERTAIN * v.stderr
+            if parameter.nonnegative and v.stderr is not None and v.value < -CERTAIN * v.stderr
         ]
         if absurd:
             found.append(

@@ -67,7 +67,9 @@ class UserEffect(Effect):
         n, compiled = len(s.t), compiled_of(type(self), len(self.joints))
         asked = (s.torque, s.load) if self.implicit else (np.zeros_like(s.q),) * 2
         shape = np.array([s.shape[each.name] for each in self.shapes]).reshape(-1, 1)
-        found = compiled(*(x.T for x in (s.q, s.v, s.a, *asked)), s.t[None], np.tile(shape, n))
+        found = compiled(
+            *(x.T for x in (s.q, s.v, s.a, *asked)), (s.t - s.t[0])[None], np.tile(shape, n)
+        )
         E = np.zeros((*s.q.shape, len(self.unknowns)))
         E[:, 0] = found.full().T
         if not np.isfinite(E).all():

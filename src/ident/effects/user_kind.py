@@ -22,7 +22,8 @@ def user_effect(name: str, function: UserFunction, file: Path | None = None) -> 
 
     Args:
         name: of the kind, as in parameters' names.
-        function: `s -> {unknown: column}`, CasADi expressions of s.q, s.v, s.a, s.tau, s.lam, s.t;
+        function: `s -> {unknown: column}`, CasADi expressions of s.q, s.v, s.a, s.tau, s.lam, s.t
+            (from the log's first sample);
             keyword arguments with defaults (start, lowest, highest) are shapes, to be searched.
         file: where it was read from, if it was.
 
@@ -57,6 +58,7 @@ def user_effect(name: str, function: UserFunction, file: Path | None = None) -> 
     kind.shapes = tuple(Unknown(key, ("?", "?"), "of the function") for key in kind.starting)
     kind.unknowns = tuple(Unknown(key, ("?", "?"), "of the function") for key in named)
     kind.equation = " + ".join(f"{key} ({column})" for key, column in named.items())
+    kind.memory = bool(ca.depends_on(ca.vertcat(*named.values()), inputs[5]))  # t from the start
     kind.implicit = bool(ca.depends_on(ca.vertcat(*named.values()), ca.vertcat(*inputs[3:5])))
     compiled_of(kind, joints)
     return kind

@@ -86,11 +86,19 @@ def _of_part(
         elif name in mechanism.driven:
             torque[:, i] = load[:, i] = e.tau[s.part][:, mechanism.driven.index(name)]
         elif not joint.in_tree:
-            owner = name.removeprefix("closure.").split(".")[0]
+            owners = _closures_of(name)
             names = zip(mechanism.kinematics.multipliers, mechanism.kinematics.units, strict=True)
             mine = [
-                k for k, (n, unit) in enumerate(names) if n.split(".")[0] == owner and unit == "N"
+                k
+                for k, (n, unit) in enumerate(names)
+                if n.rpartition(".")[0] in owners and unit == "N"
             ]
             force = _multipliers(s, rigid + others)[:, mine]
             torque[:, i] = load[:, i] = np.linalg.norm(force, axis=1)
     return torque, load
+
+
+def _closures_of(joint: str) -> set[str]:
+    """Names that the closure of an own joint can have: `closure.<name>[.z|.rz]`, `joint.<name>`."""
+    bare = joint.removeprefix("closure.")
+    return {bare, bare.removesuffix(".z").removesuffix(".rz"), f"joint.{joint}"}

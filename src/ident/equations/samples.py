@@ -135,12 +135,20 @@ class Samples:
         name: str,
     ) -> None:
         """Adds ∂(E(s) c)/∂s (n, r) of one shape parameter, by central differences."""
-        seen = replace(self.signals(effect.joints), shape=shape)
-        low, high = effect.bounds(seen).get(name, (0.0, 1.0))
-        h = min(STEP * (high - low), 1e-2 * abs(shape[name]) or np.inf)
+        h = self.step(effect, shape, name)
         for sign in (1, -1):
             beside = {**shape, name: shape[name] + sign * h}
             self.add_effect(out, effect, sign * c / (2 * h), beside)
+
+    def step(self, effect: Effect, shape: Mapping[str, float], name: str) -> float:
+        """h of a shape's central difference, from its range over the whole experiment."""
+        key = ("range", effect.label, name)
+        if key not in self.memo:
+            whole = replace(self, part=slice(None)).signals(effect.joints)
+            low, high = effect.bounds(replace(whole, shape=shape)).get(name, (0.0, 1.0))
+            self.memo[key] = np.array(high - low)
+        h = min(STEP * float(self.memo[key]), 1e-2 * abs(shape[name]) or np.inf)
+        return max(h, 1e-9)
 
     def generalised(self, part: slice | np.ndarray) -> Samples:
         """Other samples of the same experiment, in generalised coordinates."""

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ident.effects import Correcting, Effect
+from ident.effects import Correcting, Effect, Signals
 from ident.equations.columns import Columns
 from ident.equations.correct import Seen, corrected
 from ident.equations.filter import Decimator
@@ -26,6 +26,7 @@ from ident.equations.terms import unbalanced
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 
+MOST = 20_000  # rows; of more, one in so many is kept: they decide, they are not fitted
 FINE = 16.0  # samples a period of the cut-off at which smooth sensitivities are evaluated
 
 
@@ -64,12 +65,15 @@ class Table:
             for piece in rows(scene, cutoff):
                 parts.append(piece)
                 number.append(np.full(len(piece.t), i))
+        every = max(1, sum(len(part.t) for part in parts) // MOST)
+        kept = [slice(None, None, every)] * len(parts)
         t, sample, A, b, tau, informed = (
-            np.concatenate([getattr(part, name) for part in parts])
+            np.concatenate([getattr(p, name)[k] for p, k in zip(parts, kept, strict=True)])
             for name in ("t", "sample", "A", "b", "tau", "informed")
         )
+        numbers = np.concatenate([n[k] for n, k in zip(number, kept, strict=True)])
         return cls(
-            mechanism, columns, motion, point, scenes, t, np.concatenate(number), sample, A, b,
+            mechanism, columns, motion, point, scenes, t, numbers, sample, A, b,
             tau, informed,
         )  # fmt: skip
 
@@ -156,22 +160,28 @@ class Table:
 
     def starts(self, effect: Effect) -> list[Mapping[str, float]]:
         """Shapes from which a search sets out, known ones at their values."""
-        signals = self.samples(self._longest).signals(effect.joints)
+        signals = self.pooled(effect)
         known = {s.name: effect.values[s.name] for s in effect.shapes if s.name in effect.values}
         found = [{**start, **known} for start in effect.starts(signals)]
         return [dict(x) for x in dict.fromkeys(tuple(sorted(each.items())) for each in found)]
 
     def bounds(self, effect: Effect) -> dict[str, tuple[float, float]]:
         """Of every shape, over all experiments."""
-        found: dict[str, tuple[float, float]] = {}
-        for number in range(len(self.scenes)):
-            shape = {each.name: 0.0 for each in effect.shapes}
-            signals = replace(self.samples(number).signals(effect.joints), shape=shape)
-            for name, (low, high) in effect.bounds(signals).items():
-                before = found.get(name, (low, high))
-                found[name] = min(low, before[0]), max(high, before[1])
-        return found
+        shape = {each.name: 0.0 for each in effect.shapes}
+        return dict(effect.bounds(replace(self.pooled(effect), shape=shape)))
 
-    @property
-    def _longest(self) -> int:
-        return int(np.argmax([len(scene.e) for scene in self.scenes]))
+    def pooled(self, effect: Effect) -> Signals:
+        """What the effect sees in all experiments joined: for ranges, not for time."""
+        each = [self.samples(number).signals(effect.joints) for number in range(len(self.scenes))]
+        if len(each) == 1:
+            return each[0]
+        torque, load = (np.concatenate([getattr(s, x) for s in each]) for x in ("torque", "load"))
+        return replace(
+            each[0],
+            t=np.concatenate([s.t for s in each]),
+            q=np.concatenate([s.q for s in each]),
+            v=np.concatenate([s.v for s in each]),
+            a=np.concatenate([s.a for s in each]),
+            still=np.min([s.still for s in each], axis=0),
+            predicted=lambda: (torque, load),
+        )
