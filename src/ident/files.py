@@ -76,6 +76,8 @@ def check_writable(folder: Path) -> None:
     Raises:
         IdentError: if the folder cannot be made, or no file in it.
     """
+    if folder.is_file():
+        raise IdentError(f"{folder}: is a file; give the name of a folder")
     made: list[Path] = []
     try:
         _make_folder(folder, made)

@@ -12,6 +12,7 @@ from ident.residual.periods import CHANCE
 if TYPE_CHECKING:
     from ident.diagnose.diagnosis import Diagnosis
 
+NEAR = 2.0  # times the noise floor, from which the rows around reversals are spoken of
 TRIED = 3  # candidates that are told of though none explains it
 
 
@@ -34,6 +35,13 @@ def _nothing(d: Diagnosis) -> list[str]:
         f"Nothing is missing that this data could show: what is left is noise. The residual's rms "
         f"beside that of noise alone: {some(beside, 8)}."
     )
+    near = [name for name, e in errors.items() if e.rms > NEAR * d.floor[name]]
+    if near:
+        said += (
+            f" That is so away from velocity reversals. Around them more is left in {some(near)}: "
+            "stick phases, friction at low speed and filters are not to be told apart there; slow "
+            "strokes at constant speed would show which."
+        )
     if d.periods is not None and max(d.periods.rho.values()) < CHANCE:
         said += " The motion repeats, and the residual does not repeat with it."
     more = [
