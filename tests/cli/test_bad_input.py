@@ -206,7 +206,7 @@ IDENTIFY = {
     "effect twice": ("--with viscous:s --with viscous:s", ("viscous:s", "already")),
     "effects everywhere twice": ("--with viscous --with viscous", ("'viscous'", "already")),
     "validated on nothing": ("--validate none.csv", ("none.csv", "no such file")),
-    "out onto a file": ("--out {folder}/run.csv", ("run.csv", "cannot be written")),
+    "out onto a file": ("--out {folder}/run.csv", ("run.csv", "is a file")),
     "out below a file": ("--out {folder}/run.csv/deep/er", ("run.csv", "cannot be written")),
     "out where nobody may write": ("--out /proc/ident", ("/proc", "cannot be written")),
 }

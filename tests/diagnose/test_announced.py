@@ -56,11 +56,12 @@ def test_the_fall_announced_is_the_fall_delivered(name):
     for each in linear:
         new = ident.identify(robot(name).with_effect(each.effect.label), motion)
         squares = [0.0, 0.0]
-        for u, joint in enumerate(motion.independent):
+        for joint in motion.independent:
             for i, (told, fit) in enumerate(((each.before, old), (each.after, new))):
                 assert told[joint].rms == pytest.approx(fit.held_out[joint].rms, rel=1e-6)
                 assert told[joint].relative == pytest.approx(fit.held_out[joint].relative, rel=1e-6)
-                squares[i] += (fit.held_out[joint].rms / old.estimate.sigma[u]) ** 2
+                torque = old.held_out[joint].rms / old.held_out[joint].relative
+                squares[i] += (fit.held_out[joint].rms / torque) ** 2
         assert each.fall == pytest.approx(1 - squares[1] / squares[0], abs=1e-6)
         assert each.json()["error_after"] == each.after[each.joint].relative
 

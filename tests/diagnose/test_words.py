@@ -32,7 +32,7 @@ def test_what_is_missing_is_named_with_its_joint_value_and_certainty():
         f"{d.best.label} (",
         best.effect.signature,
         f"ident add MECHANISM {d.best.label}",
-        "How sure: ",
+        "That something is missing here: ",
         f"closes {closure(best.evidence)} of the gap",
         "N m",
     ):
