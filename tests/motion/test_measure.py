@@ -277,10 +277,11 @@ def test_the_cutoff_is_chosen_given_or_none(robots):
     assert run(robots, "arm", t, columns)[1].band.cutoff is None
     automatic = run(robots, "arm", t, noisy)[1].band
     assert 0.75 <= automatic.motion <= 2.0  # harmonics up to 5 of 4 s: 1.25 Hz
-    assert automatic.cutoff == pytest.approx(2 * automatic.motion)  # accelerations are noisy
+    noisier = automatic.cutoff
+    assert 2 * automatic.motion <= noisier < 4 * automatic.motion  # accelerations are noisy
     quieter = {k: x + rng.normal(scale=1e-5, size=len(t)) for k, x in clean.items()}
     automatic = run(robots, "arm", t, quieter)[1].band
-    assert 2 * automatic.motion < automatic.cutoff <= 5 * automatic.motion
+    assert noisier < automatic.cutoff <= 5 * automatic.motion
     assert run(robots, "arm", t, noisy, cutoff=17.0)[1].band.cutoff == 17.0
     assert run(robots, "arm", t, noisy, cutoff=None)[1].band.cutoff is None
     for wrong in (-1.0, 0.0, 100.0, np.nan, "often"):
