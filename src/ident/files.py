@@ -1,13 +1,15 @@
-"""Files written whole or not at all."""
+"""Files written whole or not at all, and users' Python files run."""
 
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import os
 import secrets
 import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import ModuleType
 from typing import BinaryIO
 
 from ident.errors import IdentError
@@ -68,6 +70,16 @@ def write_all(folder: Path, contents: Mapping[str, bytes]) -> list[Path]:
                 raise _unwritable(error, folder) from None
             raise
     return paths
+
+
+def module_of(file: Path) -> ModuleType:
+    """A user's Python file, run; whatever it raises passes through."""
+    spec = importlib.util.spec_from_file_location(f"user_{file.stem}", file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def check_writable(folder: Path) -> None:

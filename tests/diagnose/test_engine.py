@@ -252,3 +252,37 @@ def test_evidence_stays_where_the_name_goes():
     assert bare.partner is None
     assert bare.evidence is choice.evidence
     assert bare.credible is choice.credible
+
+
+def test_three_effects_at_one_joint_are_found_one_by_one():
+    """No expression of signals takes the name from effects that do it together."""
+    values = {"viscous.elbow.Fv": 0.4, "coulomb.elbow.Fc": 0.5, "torque_offset.elbow.c": 0.4}
+    case = planted(("viscous:elbow", "coulomb:elbow", "torque_offset:elbow"), values)
+    history = ident.grow(robot("arm"), logged(case, robot("arm")))
+    assert {e.label for e in history.added} == {
+        "viscous:elbow", "coulomb:elbow", "torque_offset:elbow"
+    }  # fmt: skip
+    assert history.diagnosis.verdict == "nothing"
+
+
+def test_of_many_rows_one_in_so_many_decides(monkeypatch):
+    case = planted(("coulomb:elbow",), ELBOW)
+    fit = ident.identify(robot("arm"), logged(case, robot("arm")))
+    whole = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
+    monkeypatch.setattr("ident.fit.table.MOST", len(whole.t) // 3)
+    some = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
+    assert len(some.t) < 0.4 * len(whole.t)
+    shared = np.isin(whole.sample, some.sample)
+    np.testing.assert_array_equal(some.A, whole.A[shared])
+    effect = ident.effect("coulomb", "elbow")
+    columns = [table.with_effect(effect, [{}]) for table in (some, whole)]
+    np.testing.assert_allclose(columns[0], columns[1][shared], atol=1e-12)
+    assert ident.diagnose(fit).best.label == "coulomb:elbow"
+
+
+def test_what_was_taken_out_is_no_candidate_again():
+    fit = ident.identify(robot("arm"), logged(planted(("coulomb:elbow",), ELBOW), robot("arm")))
+    best = judge(fit).choice.best
+    other = judge(fit, without={best.candidate.effect.label}).choice
+    assert best.candidate.effect.label == "coulomb:elbow"
+    assert "coulomb:elbow" not in {each.candidate.effect.label for each in other.evidence}

@@ -1,9 +1,9 @@
 """Which effect is missing, which rivals it has, and whether that explains enough.
 
 A candidate that closes two thirds of the gap on its joint by itself is a name. One that does not,
-but does with another credible one on the same joint, is the first of two. Friction, rotor inertia
-and offsets, which every machine has, may close less: others beside them are no surprise. What else
-closes little is a sign of something else, and no name.
+but does with one or two other credible ones on the same joint, is the first of them. Friction,
+rotor inertia and offsets, which every machine has, may close less: others beside them are no
+surprise. What else closes little is a sign of something else, and no name.
 """
 
 from __future__ import annotations
@@ -196,7 +196,7 @@ def _partner(
     table: Table, screen: Screen, null: Null, threshold: np.ndarray, best: Evidence,
     credible: Sequence[Evidence],
 ) -> Evidence | None:  # fmt: skip
-    """A second effect on the same joint with which the first closes the gap."""
+    """The next effect on the same joint with which, and one more at most, the gap is closed."""
     others = [
         each for each in credible
         if each is not best and set(each.mends) & set(best.mends)

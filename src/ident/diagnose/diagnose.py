@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -32,7 +33,6 @@ from ident.residual import periods, residual_of, where
 SHOWN = 3  # candidates that are refitted though nothing speaks for them
 REFITTED = 8  # at most
 MOSTLY, CLEARLY = 0.7, 0.2  # of the gap, that an expression closes, and more than names do
-ALIKE = 3  # other effects of the same joint that must not do it together
 STRUCTURE = 1.25  # times the largest of clean logs, from which a residual is no noise
 
 
@@ -51,14 +51,27 @@ class Judged:
     better: Suggestion | None = None
 
 
-def judge(fit: Fit, *, seed: int = 0, progress: Told | None = None) -> Judged:
-    """Weighs every effect of the library at every place against what clean logs show."""
+def judge(
+    fit: Fit,
+    *,
+    seed: int = 0,
+    without: Collection[str] = (),
+    progress: Told | None = None,
+) -> Judged:
+    """Weighs every effect of the library at every place against what clean logs show.
+
+    Args:
+        fit: of the model as it is.
+        seed: of the clean logs' noise.
+        without: labels of effects that are not candidates.
+        progress: called with (what is being done, share done).
+    """
     told = progress or _silent
     told("rows", 0.0)
     table = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
     screen = Screen.of(table, quiet(table), _weights(fit, table), fit.estimate.held)
     clean = null(table, screen, seed, told)
-    wanted = candidates(fit.mechanism, fit.motion)
+    wanted = [e for e in candidates(fit.mechanism, fit.motion) if e.label not in without]
     absorbed = tuple(x for x in (outright(fit.mechanism, each) for each in wanted) if x)
     given = {each.effect.label for each in absorbed}
     wanted = [each for each in wanted if each.label not in given]
@@ -89,17 +102,35 @@ def _collapsed(fit: Fit) -> bool:
 
 
 def _beaten(judged: Judged) -> Suggestion | None:
-    """An expression that explains far more than the name does, and than its like together do."""
+    """An expression that explains far more than the name does, and than effects do together."""
     j, best = judged, judged.choice.best
     if best is None or j.choice.partner is not None or best.closure >= CLOSES:
         return None
-    alike = [e for e in j.choice.credible if e is not best and set(e.mends) & set(best.mends)]
-    group = [best.candidate, *(each.candidate for each in alike[:ALIKE])]
-    all_of = together(j.table, j.screen, j.clean, j.threshold, group).closure
     other = suggest(j.table, j.screen, j.clean, j.threshold, best.candidate.coordinate)
-    if other is None or other.closure < MOSTLY:
+    if other is None or other.closure < max(MOSTLY, best.closure + CLEARLY):
         return None
-    return other if other.closure > max(best.closure, all_of) + CLEARLY else None
+    return other if other.closure > _by_effects(j, best, len(other.terms)) + CLEARLY else None
+
+
+def _by_effects(j: Judged, best: Evidence, most: int) -> float:
+    """Closure of the best sum of as many effects of the same joint, the name among them.
+
+    An effect that explains nothing by itself may be what the others wait for.
+    """
+    joints = set(best.candidate.effect.joints)
+    pool = [
+        each.candidate for each in j.choice.evidence
+        if each is not best and each.sensible and not each.candidate.effect.rare
+        and set(each.candidate.effect.joints) <= joints and each.candidate.effect.joints
+    ]  # fmt: skip
+    group, closure = [best.candidate], best.closure
+    while pool and len(group) < most:
+        found = [together(j.table, j.screen, j.clean, j.threshold, [*group, x]) for x in pool]
+        closures = [each.closure for each in found]
+        at = int(np.argmax(closures))
+        group.append(pool.pop(at))
+        closure = max(closure, closures[at])
+    return closure
 
 
 def diagnose(fit: Fit, *, seed: int = 0, progress: Told | None = None) -> Diagnosis:
@@ -211,10 +242,9 @@ def _leads(best: Evidence, explanations: list[Explanation]) -> bool:
 def _explanations(fit: Fit, chosen: Choice) -> list[Explanation]:
     """Refits of the best, its rivals, and what else is promising, best first."""
     first: list[Evidence] = [] if chosen.best is None else [chosen.best, *chosen.rivals]
-    rest = [each for each in (*chosen.credible, *chosen.evidence) if each not in first]
-    several = list(dict.fromkeys(map(id, rest)))
-    ordered = first + [next(e for e in rest if id(e) == i) for i in several]
-    wanted = ordered[: max(SHOWN, min(REFITTED, len(first) + 1))]
+    rest = [each for each in chosen.evidence if each not in first]
+    rest.sort(key=lambda each: not each.credible)
+    wanted = [*first, *rest][: max(SHOWN, min(REFITTED, len(first) + 1))]
     found = []
     group = [each.candidate.effect for each in first]
     for each in wanted:

@@ -137,7 +137,7 @@ def grow(
     told(steps[0])
     gone: set[str] = set()
     while True:
-        judged = judge(fit, seed=seed, progress=progress)
+        judged = judge(fit, seed=seed, without=gone, progress=progress)
         idle = [
             each.effect for each in unsupported(fit, judged.table, judged.screen)
             if each.effect.label not in given | gone | _just(steps)
@@ -149,7 +149,7 @@ def grow(
             told(steps[-1])
             continue
         best = judged.choice.best
-        if best is None or best.candidate.effect.label in gone or len(steps) > MOST:
+        if best is None or len(steps) > MOST:
             return History(tuple(steps), told_of(judged, progress))
         rivals = tuple(each.candidate.effect for each in judged.choice.rivals)
         found = explain(fit, best, rivals)

@@ -119,7 +119,7 @@ class Screen:
     def left_out(self, X: np.ndarray) -> np.ndarray:
         """L X (M, k) of projected columns X̃."""
         out = np.empty_like(X)
-        for block, (i, j) in enumerate(zip(self.edges[:-1], self.edges[1:], strict=True)):
+        for block, (i, j) in enumerate(pairwise(self.edges)):
             Q = self.Q[i:j]
             out[i:j] = X[i:j] + Q @ (self.inverse[block] @ (Q.T @ X[i:j]))
         return out
@@ -140,9 +140,9 @@ class Screen:
         """(d,) rows of each coordinate."""
         return np.bincount(self.coordinate, minlength=self.d)
 
-    def judge(self, C: np.ndarray, r: np.ndarray | None = None) -> Judgement:
+    def judge(self, C: np.ndarray) -> Judgement:
         """What further columns C (M, k), not yet projected, would do to the residual."""
-        r = self.r if r is None else r
+        r = self.r
         size = np.linalg.norm(C, axis=0)
         C = C / np.where(size > 0, size, 1.0)
         X = self.projected(C)
@@ -155,17 +155,15 @@ class Screen:
         X, LX = U[:, good], LX @ Vt[good].T / s[good]  # what is new, and no more
         after = r - X @ (X.T @ r)
         by = np.bincount(self.coordinate, r**2 - after**2, self.d)
-        loss = np.zeros((len(self.edges) - 1, self.d))
         XX, Xr = X.T @ X, X.T @ r
         errors = np.empty(len(r))
-        for i, j in zip(self.edges[:-1], self.edges[1:], strict=True):
+        for i, j in pairwise(self.edges):
             S = XX - X[i:j].T @ LX[i:j]
             g = Xr - X[i:j].T @ Lr[i:j]
             errors[i:j] = Lr[i:j] - LX[i:j] @ np.linalg.lstsq(S, g, rcond=1e-10)[0]
-        loss = self.sums(errors**2)
-        return Judgement(
-            loss, theta / np.where(size > 0, size, 1.0), float(r @ r - after @ after), visible, by
-        )
+        theta = theta / np.where(size > 0, size, 1.0)
+        fall = float(r @ r - after @ after)
+        return Judgement(self.sums(errors**2), theta, fall, visible, by)
 
     def falls(self, x: np.ndarray, felt: np.ndarray, u: int, R: np.ndarray) -> np.ndarray:
         """In-sample falls (groups, residuals) of groups of u neighbouring columns of the table,

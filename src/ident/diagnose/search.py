@@ -26,7 +26,6 @@ class Candidate:
         effect, shape: which, and its shape parameters.
         judged: what it would do.
         columns: (M, k) in the screen's rows: its unknowns', then its shapes' sensitivities.
-        tried: (shapes, residuals) in-sample falls of all starts, for the null distribution.
         coordinate: whose error it lowers most.
     """
 

@@ -3,7 +3,7 @@
     residual of joint j ≈ Σ c_i f_i(q, v, a, t)      f_i: products of powers, sines and signs
 
 Terms are added one by one, everything else refitted, as long as the held-out error falls; what
-explains half of the gap is proposed as an effect of one's own.
+explains two thirds of the gap is proposed as an effect of one's own.
 """
 
 from __future__ import annotations

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import inspect
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 from ident.effects.user import UserEffect, said
 from ident.effects.user_kind import user_effect
 from ident.errors import MechanismError, one_of
+from ident.files import module_of
 
 
 def parse_user(text: str) -> tuple[Path, str, tuple[str, ...]] | None:
@@ -53,12 +53,8 @@ def read_user_effect(
         )
     if not file.is_file():
         raise MechanismError(f"{before}effect '{name}': no such file: {file}; check the path")
-    spec = importlib.util.spec_from_file_location(f"effects_{file.stem}", file)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
     try:
-        spec.loader.exec_module(module)
+        module = module_of(file)
     except (Exception, SystemExit) as error:  # it is the user's code
         raise MechanismError(f"{before}{file} fails: {said(error)}; mend it") from None
     functions = _functions(vars(module), module.__name__)

@@ -59,19 +59,20 @@ class Table:
         """The rows of a model at a working point."""
         cutoff = motion.band.cutoff
         scenes = tuple(Scene.of(mechanism, columns, e, point, cutoff) for e in motion.experiments)
+        expected = sum(len(s.e) // Decimator.of(cutoff, s.e.rate).factor for s in scenes)
+        every = max(1, -(-expected // MOST))
         parts: list[Rows] = []
         number: list[np.ndarray] = []
         for i, scene in enumerate(scenes):
             for piece in rows(scene, cutoff):
-                parts.append(piece)
-                number.append(np.full(len(piece.t), i))
-        every = max(1, sum(len(part.t) for part in parts) // MOST)
-        kept = [slice(None, None, every)] * len(parts)
+                some = {name: getattr(piece, name)[::every] for name in Rows.__dataclass_fields__}
+                parts.append(Rows(**some))
+                number.append(np.full(len(parts[-1].t), i))
         t, sample, A, b, tau, informed = (
-            np.concatenate([getattr(p, name)[k] for p, k in zip(parts, kept, strict=True)])
+            np.concatenate([getattr(part, name) for part in parts])
             for name in ("t", "sample", "A", "b", "tau", "informed")
         )
-        numbers = np.concatenate([n[k] for n, k in zip(number, kept, strict=True)])
+        numbers = np.concatenate(number)
         return cls(
             mechanism, columns, motion, point, scenes, t, numbers, sample, A, b,
             tau, informed,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from ident.errors import MechanismError, one_of
+from ident.files import module_of
 from ident.mechanism.closures import (
     KINDS,
     OTHER_KINDS,
@@ -122,12 +122,8 @@ def _function(
         )
     if not file.is_file():
         raise MechanismError(f"{where}: file = '{table['file']}': no such file in {folder}")
-    spec = importlib.util.spec_from_file_location(f"closure_{file.stem}", file)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
     try:
-        spec.loader.exec_module(module)
+        module = module_of(file)
     except (Exception, SystemExit) as error:
         raise MechanismError(f"{where}: {file} fails: {type(error).__name__}: {error}") from None
     if not callable(getattr(module, name, None)):
