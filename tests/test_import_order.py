@@ -8,16 +8,19 @@ import pytest
 BASE = {"errors", "files", "progress"}  # modules that all may use
 ORDER = [
     "log",
+    "solve",
     "effects",
     "mechanism",
     "motion",
-    "solve",
     "equations",
+    "likelihood",
     "fit",
     "residual",
     "health",
     "diagnose",
     "simulate",
+    "excite",
+    "montecarlo",
     "cli",
 ]
 LEAVES = {"log", "solve"}  # these import nothing else

@@ -93,7 +93,7 @@ def explain(fit: Fit, found: Evidence, rivals: tuple[Effect, ...] = ()) -> Expla
         if shape.name in found.candidate.shape
     }
     start = Point(fit.point.pi, {**fit.point.values, **shapes})
-    refit = identify(fit.mechanism + effect, fit.motion, start=start)
+    refit = identify(fit.mechanism + effect, fit.motion, start=start, estimator="least-squares")
     old, new = errors_of(fit), errors_of(refit)
     return Explanation(
         effect=effect,

@@ -19,6 +19,7 @@ from ident.diagnose.ladder import ladder_rows, ladder_text, plot_ladder, rung
 from ident.diagnose.output import write_history
 from ident.diagnose.support import unsupported
 from ident.effects import Effect
+from ident.equations.point import Point
 from ident.fit import Fit, identify
 from ident.fit.score import Error
 from ident.mechanism.mechanism import Mechanism
@@ -130,7 +131,7 @@ def grow(
         progress: called with (what is being done, share done).
         step: called with every rung as it is reached.
     """
-    fit = identify(mechanism, motion, validate=validate, progress=progress)
+    fit = _fitted(mechanism, motion, validate, progress=progress)
     given = {effect.label for effect in mechanism.effects}
     steps = [Step(None, (), (), fit, 0.0, errors_of(fit))]
     told = step or (lambda rung: None)
@@ -155,9 +156,23 @@ def grow(
         found = explain(fit, best, rivals)
         fit = found.fit
         if validate is not None:
-            fit = identify(fit.mechanism, motion, validate=validate, start=fit.point)
+            fit = _fitted(fit.mechanism, motion, validate, start=fit.point)
         steps.append(Step(found.effect, (), rivals, fit, found.fall, errors_of(fit)))
         told(steps[-1])
+
+
+def _fitted(
+    mechanism: Mechanism,
+    motion: Motion,
+    validate: Motion | None,
+    start: Point | None = None,
+    progress: Told | None = None,
+) -> Fit:
+    """Least squares throughout, as the screen that announces an effect's fall."""
+    return identify(
+        mechanism, motion, validate=validate, start=start, estimator="least-squares",
+        progress=progress,
+    )  # fmt: skip
 
 
 def _just(steps: list[Step]) -> set[str]:
@@ -170,4 +185,4 @@ def _without(fit: Fit, idle: list[Effect], validate: Motion | None) -> Fit:
     mechanism = fit.mechanism
     for effect in idle:
         mechanism = mechanism.without(effect.label)
-    return identify(mechanism, fit.motion, validate=validate, start=fit.point)
+    return _fitted(mechanism, fit.motion, validate, start=fit.point)

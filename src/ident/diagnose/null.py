@@ -99,10 +99,11 @@ def _residual(
     log = _log(table, number, tau, random)
     signals = measure(mechanism, log)
     before = [x[:, [mechanism.joint_index[name] for name in e.logged]] for x in (e.y, e.yd, e.ydd)]
-    derived = [derive(signals, name, band)[0] for name in e.logged]
+    spacing = e.smooth.spacing if e.smooth else None
+    derived = derive(signals, e.logged, band, spacing).known
     every = table.every(number)
     off = {
-        name: tuple((derived[j] - [x[:, j] for x in before])[:, ::every])
+        name: tuple((derived[:, :, j] - [x[:, j] for x in before])[:, ::every])
         for j, name in enumerate(e.logged)
     }
     smooth = replace(e, tau=tau).thinned(every)

@@ -89,8 +89,11 @@ def reach(e: Experiment) -> np.ndarray | None:
     return np.abs(e.leverage[e.usable]).max(axis=0, initial=0.0)
 
 
-def rows(scene: Scene, cutoff: float | None) -> Iterator[Rows]:
-    """All rows of an experiment in pieces, filtered at `cutoff` [Hz] and decimated."""
+def rows(scene: Scene, cutoff: float | None, sticking: float = STICKING) -> Iterator[Rows]:
+    """All rows of an experiment in pieces, filtered at `cutoff` [Hz] and decimated.
+
+    A row informs if less than the share `sticking` of it comes from samples that do not.
+    """
     e = scene.e
     decimator, farthest = Decimator.of(cutoff, e.rate), reach(e)
     for segment in e.segments():
@@ -102,7 +105,7 @@ def rows(scene: Scene, cutoff: float | None) -> Iterator[Rows]:
             sample = decimator.centres(part, segment)
             A, b, tau = (decimator.apply(x, inside, sample) for x in (raw.A, raw.b, raw.tau))
             open_ = decimator.apply((~raw.informed).astype(float), inside, sample, absolute=True)
-            yield Rows(e.t[sample], sample, A, b, tau, open_ < STICKING)
+            yield Rows(e.t[sample], sample, A, b, tau, open_ < sticking)
 
 
 def row_supports(mechanism: Mechanism, columns: Columns, e: Experiment) -> list[np.ndarray]:

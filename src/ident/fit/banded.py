@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from ident.equations.point import Point
 from ident.equations.scene import Scene
 from ident.equations.stack import basis_of, stack
 from ident.fit.accumulate import Cell
+from ident.likelihood.step import Run
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.progress import Told
@@ -60,7 +62,7 @@ def banded(
     return found
 
 
-def cells_of(bands: list[Band], columns: Columns, motion: Motion) -> list[Cell]:
+def cells_of(bands: Sequence[Band | Run], columns: Columns, motion: Motion) -> list[Cell]:
     """The factors of the parameters as cells of one coordinate: rows of all joints together."""
     support = np.arange(len(columns))
     cells: list[Cell] = []

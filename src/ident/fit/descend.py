@@ -49,7 +49,7 @@ def descended(mechanism: Mechanism, motion: Motion, point: Point, progress: Told
     columns = Columns.of(mechanism)
     now = _trial(mechanism, motion, point, solved(mechanism, columns, motion, point))
     first = solved(mechanism, columns, motion, now.point)  # a shape without size has no slope
-    bounds = _bounds(mechanism, columns, motion, point)
+    bounds = shape_bounds(mechanism, columns, motion, point)
     same = ROUNDING * float(np.sum((first.factor.column_norms() * first.solution.x) ** 2))
     now = _trial(mechanism, motion, now.point, first)
     for step in range(STEPS):
@@ -137,7 +137,7 @@ def beyond(
     outside = np.zeros(len(columns), dtype=bool)
     if not len(columns.shapes):
         return outside
-    bounds = _bounds(mechanism, columns, motion, point)
+    bounds = shape_bounds(mechanism, columns, motion, point)
     for effect, places in columns.effects:
         for at in places[len(effect.unknowns) :]:
             if at >= 0 and effect.unknowns:
@@ -146,7 +146,7 @@ def beyond(
     return outside
 
 
-def _bounds(
+def shape_bounds(
     mechanism: Mechanism, columns: Columns, motion: Motion, point: Point
 ) -> dict[int, tuple[float, float]]:
     """Of every unknown shape, by its place in x, over all experiments."""

@@ -39,6 +39,11 @@ class Estimate:
     factor: Factor
     held: np.ndarray
 
+    def at(self, x: np.ndarray) -> Estimate:
+        """The same equations and base, with the unknowns at another x (k,)."""
+        beta = x[self.base.independent] + self.base.K @ x[self.base.dependent]
+        return replace(self, solution=replace(self.solution, x=x, beta=beta))
+
 
 def totals(cells: Iterable[Cell], k: int, d: int) -> list[Factor]:
     """One factor a coordinate over all given cells, on all k columns."""

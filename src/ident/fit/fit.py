@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -17,7 +17,9 @@ from ident.equations.point import Point
 from ident.errors import one_of
 from ident.fit.accumulate import Cell
 from ident.fit.banded import Band, multipliers_of
+from ident.fit.binding import Binding
 from ident.fit.estimate import Estimate
+from ident.fit.noisy import Likelihood
 from ident.fit.output import write_fit, write_urdf
 from ident.fit.plots import plot_torques
 from ident.fit.predict import Prediction, predict
@@ -49,6 +51,8 @@ class Fit:
         warnings: what a person should know before trusting the numbers.
         bands: where the multipliers have a time basis, the way back to them.
         point: values of all parameters, known ones and shapes included.
+        binding: of a consistent fit, where it touches its limits and what that costs.
+        likelihood: where the noise of the motion counts, how it was weighed.
     """
 
     mechanism: Mechanism
@@ -63,11 +67,14 @@ class Fit:
     warnings: tuple[str, ...] = ()
     bands: Sequence[Band] = ()
     point: Point = field(kw_only=True)
+    binding: Binding | None = None
+    likelihood: Likelihood | None = None
 
     @cached_property
     def parameters(self) -> tuple[Value, ...]:
         """Unknown dynamic parameters in Γ's order."""
-        return rigid_values(self.mechanism, self.columns, self.estimate, self.covariance)
+        values = rigid_values(self.mechanism, self.columns, self.estimate, self.covariance)
+        return tuple(map(self._marked, values))
 
     @cached_property
     def base_parameters(self) -> tuple[BaseValue, ...]:
@@ -77,7 +84,15 @@ class Fit:
     @cached_property
     def effects(self) -> tuple[EffectValues, ...]:
         """The effects with their parameters."""
-        return effect_values(self.columns, self.estimate, self.covariance, self.point)
+        found = effect_values(self.columns, self.estimate, self.covariance, self.point)
+        return tuple(
+            replace(each, parameters=tuple(map(self._marked, each.parameters))) for each in found
+        )
+
+    def _marked(self, value: Value) -> Value:
+        """With what bounds do to it."""
+        bound = self.binding is not None and value.name in self.binding.at_bound
+        return replace(value, at_bound=True) if bound else value
 
     @property
     def rank(self) -> int:

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.equations.columns import Columns
 from ident.equations.point import Point
-from ident.errors import FitError
-from ident.fit.accumulate import accumulate, coordinates
-from ident.fit.banded import Band, banded, cells_of
-from ident.fit.caveats import basis_bias, share_at_rest, warnings_of
+from ident.errors import FitError, one_of
+from ident.fit.assemble import assemble
+from ident.fit.caveats import basis_bias
+from ident.fit.constrain import constrained
 from ident.fit.covariance import covariance
 from ident.fit.descend import beyond
-from ident.fit.estimate import estimate, totals
+from ident.fit.estimate import Estimate, estimate, totals
 from ident.fit.fit import Fit
-from ident.fit.plausible import plausible
-from ident.fit.sanity import absurdities
-from ident.fit.score import held_out, squares
+from ident.fit.noisy import MATTERS, can_move, one_step, refined, share_of_motion
+from ident.fit.regression import Regression
 from ident.fit.settle import settled
-from ident.fit.values import effect_values
+from ident.mechanism.consistency import Consistency
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.progress import Told
+
+ESTIMATORS = ("auto", "least-squares", "likelihood")
 
 
 def identify(
@@ -30,6 +30,8 @@ def identify(
     *,
     validate: Motion | None = None,
     start: Point | None = None,
+    consistent: bool | Consistency = False,
+    estimator: str = "auto",
     progress: Told | None = None,
 ) -> Fit:
     """Dynamic parameters, effects and multipliers by one least-squares solve.
@@ -39,6 +41,11 @@ def identify(
         motion: from `complete`.
         validate: motion of other logs, on which errors are reported and nothing is fitted.
         start: a working point from which shape parameters are searched; default: a coarse search.
+        consistent: whether every body must be possible and no friction or stiffness negative, with
+            the mechanism's own bounds; or further bounds, as a `Consistency`.
+        estimator: `least-squares` takes the motion as it is; `likelihood` lets the motion move
+            within its noise, until nothing changes; `auto` is least squares, with one step of the
+            likelihood where noise of the motion makes a twentieth of the residual or more.
         progress: called with (what is being done, share done).
 
     Returns:
@@ -46,82 +53,109 @@ def identify(
         of the model as it is.
 
     Raises:
-        FitError: if it is given no motion, or there are no equations to identify with.
+        FitError: if it is given no motion, if there are no equations to identify with, or if the
+            limits of a consistent fit contradict each other.
     """
-    columns = Columns.of(mechanism)
     if not isinstance(motion, Motion):
         raise FitError(
             f"identify needs a motion, given: {type(motion).__name__}; write "
             "ident.identify(mechanism, ident.complete(mechanism, log))"
         )
-    d = coordinates(mechanism, motion)
-    units = [mechanism.joint(name).force_unit for name in motion.independent]
+    if estimator not in ESTIMATORS:
+        raise FitError(f"estimator '{estimator}'; {one_of(estimator, ESTIMATORS)}")
     point = settled(mechanism, motion, start, progress)
-    prior = columns.prior_at(point.values)
-    cells = accumulate(mechanism, columns, motion, progress, point)
-    everything = squares(cells, prior, d)
-    torque = np.sqrt(everything.torque / np.maximum(everything.rows, 1))
-    factors = totals(cells, len(columns), d)
-    size = np.sqrt(
-        sum((f.column_norms() ** 2 / max(f.rows, 1) for f in factors), np.zeros(len(columns)))
-    )
-    sensible = plausible(mechanism, columns, torque, size)
-    bands = _bands(mechanism, columns, motion, progress, point)
-    said: list[str] = []
-    if bands:  # the paper's stack: all rows weigh alike, and the basis' misfit is in the parameters
-        basic = cells_of(bands, columns, motion)
-        found = estimate(totals(basic, len(columns), 1), prior, np.ones(1), sensible)
-        cov = covariance(basic, found)
-        outside = held_out(basic, cells, found, prior, (1, d))
-        free = estimate(factors, prior, torque, sensible)
-        said = basis_bias(mechanism, columns, found, free)
-    else:
-        found = estimate(factors, prior, torque, sensible)
-        if (out := beyond(mechanism, columns, motion, point, found)).any():
-            found = estimate(
-                factors, prior, torque, sensible, sigma=found.sigma, held=found.held | out
-            )
-        cov = covariance(cells, found)
-        if progress:
-            progress("held-out errors", 0.9)
-        outside = held_out(cells, cells, found, prior, (d, d))
-    validation = {}
-    if validate is not None:
-        other = accumulate(mechanism, columns, validate, progress, point)
-        names = validate.independent
-        theirs = [mechanism.joint(name).force_unit for name in names]
-        for number, experiment in enumerate(validate.experiments):
-            mine = [cell for cell in other if cell.experiment == number]
-            validation[experiment.name] = squares(mine, found.solution.x, d).errors(names, theirs)
-    train = squares(cells, found.solution.x, d)
-    errors = train.errors(motion.independent, units)
-    point = point.at(mechanism, columns, found.solution.x)
-    values = effect_values(columns, found, cov, point)
-    said += absurdities(mechanism, errors, values, point.pi)
-    return Fit(
-        mechanism=mechanism,
-        motion=motion,
-        columns=columns,
-        cells=cells,
-        estimate=found,
-        covariance=cov,
-        train=errors,
-        held_out={} if outside is None else outside.errors(motion.independent, units),
-        validation=validation,
-        warnings=(
-            *warnings_of(
-                mechanism, motion, columns, found, sensible, share_at_rest(train, cells), point
-            ),
-            *said,
-        ),
-        bands=bands,
-        point=point,
+    regression = Regression.of(mechanism, motion, point, progress)
+    found = estimated(regression)
+    notes = _bias(regression, found)
+    likelihood = None
+    if estimator == "likelihood":
+        _check_refinable(regression)
+        share = share_of_motion(regression, found)
+        regression, found, likelihood = refined(regression, found, share, progress)
+    elif estimator == "auto" and not regression.bands and len(regression.columns):
+        share = share_of_motion(regression, found)
+        if share.max(initial=0.0) >= MATTERS:
+            better = one_step(regression, found, share, progress)
+            if better is None:
+                notes = [*notes, _unexplained(share)]
+            else:
+                regression, found, likelihood = better
+    cov = covariance(regression.fitting, found)
+    if not isinstance(consistent, Consistency) and not consistent:
+        notes = [*notes, *_ignored(mechanism)]
+        return assemble(
+            regression, found, cov, validate=validate, notes=notes, likelihood=likelihood,
+            progress=progress,
+        )  # fmt: skip
+    asked = consistent if isinstance(consistent, Consistency) else Consistency()
+    held = constrained(regression, found, mechanism.consistency | asked, progress)
+    return assemble(
+        held.regression,
+        held.estimate,
+        cov,
+        validate=validate,
+        outside=held.outside,
+        binding=held.binding,
+        likelihood=likelihood,
+        notes=[*notes, *held.notes],
+        progress=progress,
     )
 
 
-def _bands(
-    mechanism: Mechanism, columns: Columns, motion: Motion, progress: Told | None, point: Point
-) -> list[Band]:
-    if not mechanism.closures or mechanism.multipliers.basis == "free":
+def _unexplained(share: np.ndarray) -> str:
+    """Why the motion's noise was left as it is."""
+    return (
+        f"noise of the motion makes up to {100 * min(float(share.max()), 1.0):.3g} % of the "
+        "residual, but noise does not explain all of it, so the motion was taken as it is "
+        "and parameters may be shrunk; something is missing (ident diagnose), or --refine"
+    )
+
+
+def _check_refinable(r: Regression) -> None:
+    """Refuse a refined fit where there is no likelihood.
+
+    Raises:
+        FitError: saying why, and what to do.
+    """
+    if r.bands:
+        raise FitError(
+            'a refined fit needs free multipliers, given: a time basis; write basis = "free" in '
+            "[multipliers], or --basis free"
+        )
+    if not len(r.columns):
+        raise FitError(f"{r.mechanism.name}: nothing is unknown, so there is nothing to refine")
+    if not can_move(r.motion):
+        clean = ", ".join(e.name for e in r.motion.experiments if e.smooth is None)
+        raise FitError(
+            f"{clean}: taken as logged, so there is no noise in the motion to refine the fit by; "
+            "leave out --refine, or --smoothing none"
+        )
+
+
+def estimated(r: Regression) -> Estimate:
+    """Least squares on the rows; weights, rank and what is held at the prior come from them too."""
+    if (
+        r.bands
+    ):  # the paper's stack: all rows weigh alike, and the basis' misfit is in the parameters
+        ones = np.ones(1)
+        return estimate(totals(r.fitting, len(r.columns), 1), r.prior, ones, r.sensible)
+    found = estimate(r.factors, r.prior, r.torque, r.sensible)
+    if (out := beyond(r.mechanism, r.columns, r.motion, r.point, found)).any():
+        held = found.held | out
+        found = estimate(r.factors, r.prior, r.torque, r.sensible, sigma=found.sigma, held=held)
+    return found
+
+
+def _ignored(mechanism: Mechanism) -> list[str]:
+    """Limits that the mechanism has and nobody asked for."""
+    if mechanism.consistency == Consistency():
         return []
-    return banded(mechanism, columns, motion, progress, point)
+    return ["bounds and total_mass of [parameters] hold in a consistent fit only: --consistent"]
+
+
+def _bias(r: Regression, found: Estimate) -> list[str]:
+    """What a time basis does to the parameters."""
+    if not r.bands:
+        return []
+    free = estimate(r.factors, r.prior, r.torque, r.sensible)
+    return basis_bias(r.mechanism, r.columns, found, free)

@@ -31,6 +31,21 @@ def plausible(
         torque: (d,) rms torque of the independent coordinates [N m | N].
         size: (k,) rms of every unknown's column.
     """
+    m, length = body_scales(mechanism)
+    found = np.stack([m, *[m * length] * 3, *[m * length**2] * 6], axis=1).ravel()
+    largest = float(torque.max(initial=0.0)) or np.inf
+    effects = np.minimum(TORQUE * largest, BOUNDLESS) / np.maximum(
+        size[len(columns.rigid) :], 1 / BOUNDLESS
+    )
+    return np.concatenate([found[columns.rigid], effects])
+
+
+def body_scales(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
+    """Mass [kg] and size [m] of every body, (bodies,): what the URDF says, a mean link's at least.
+
+    The size is the largest of the centre of mass' distance, the radius of gyration, and the mean
+    length of a link.
+    """
     model = mechanism.model
     count = len(mechanism.bodies.links)
     steps = [model.jointPlacements[i].translation for i in range(1, model.njoints)]
@@ -41,7 +56,7 @@ def plausible(
     reach = sum(float(np.linalg.norm(step)) for step in steps)
     bodies = mechanism.prior.reshape(count, COUNT)
     total = float(bodies[:, 0].sum())
-    found = np.empty(len(mechanism.prior))
+    found = np.empty((2, count))
     for i, pi in enumerate(bodies):
         m, moments, L = split(pi)
         length = reach / count
@@ -49,11 +64,5 @@ def plausible(
             length = max(
                 length, float(np.linalg.norm(moments)) / m, np.sqrt(max(np.trace(L), 0) / m)
             )
-        m, length = max(m, total / count) or 100.0, length or 1.0
-        scale = np.array([m] + [m * length] * 3 + [m * length**2] * 6)
-        found[COUNT * i : COUNT * (i + 1)] = scale
-    largest = float(torque.max(initial=0.0)) or np.inf
-    effects = np.minimum(TORQUE * largest, BOUNDLESS) / np.maximum(
-        size[len(columns.rigid) :], 1 / BOUNDLESS
-    )
-    return np.concatenate([found[columns.rigid], effects])
+        found[:, i] = max(m, total / count) or 100.0, length or 1.0
+    return found[0], found[1]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from matplotlib.figure import Figure
 
 from ident.fit.plots import plot_multipliers, plot_torques
-from ident.fit.summary import error_rows, rounded, shortened
+from ident.fit.summary import error_rows, rounded, shortened, shown
 
 if TYPE_CHECKING:
     from ident.fit.fit import Fit
@@ -50,20 +50,20 @@ def report_html(fit: Fit, reactions: Reactions | None = None) -> str:
         ]
     if fit.effects:
         rows = [["effect", "value", "unit"]]
-        rows += [
-            [v.name, rounded(v.value, v.stderr), v.unit] for e in fit.effects for v in e.parameters
-        ]
+        rows += [[v.name, shown(v), v.unit] for e in fit.effects for v in e.parameters]
         parts += ["<h2>Effects</h2>", table_html(rows)]
     own = [value for value in fit.parameters if value.identifiable]
     if own:
         rows = [["parameter", "value", "prior", "unit"]]
-        rows += [[v.name, rounded(v.value, v.stderr), f"{v.prior:.5g}", v.unit] for v in own]
+        rows += [[v.name, shown(v), f"{v.prior:.5g}", v.unit] for v in own]
         parts += ["<h2>Identified parameters</h2>", table_html(rows)]
     combined = [value for value in fit.base_parameters if " " in value.name]
     if combined:
         rows = [["base parameter", "value", "unit"]]
         rows += [[shortened(v.name, 120), rounded(v.value, v.stderr), v.unit] for v in combined]
         parts += ["<h2>Base parameters</h2>", table_html(rows)]
+    if fit.binding is not None:
+        parts.append(f"<p>{text(str(fit.binding))}</p>")
     if fit.mechanism.kinematics.multipliers:
         parts.append("<h2>Multipliers</h2>")
         if reactions is not None:

@@ -64,7 +64,7 @@ def absurdities(
         said.append(
             f"the identified inertia of {', '.join(impossible)} is that of no possible body (its "
             "pseudo-inertia has a negative eigenvalue): torques are right, but a simulator may "
-            "refuse identified.urdf; unknowns that torques do not determine were left at the prior"
+            "refuse identified.urdf; --consistent finds the nearest bodies that are possible"
         )
     return said
 

@@ -88,6 +88,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
         "filter": {"cutoff": band.cutoff, "motion_bandwidth": band.motion, "unit": "Hz"},
         "condition_number": _number(fit.condition_number),
         "rank": fit.rank,
+        **({} if fit.binding is None else {"consistency": fit.binding.json()}),
         "warnings": list(fit.warnings),
     }
 

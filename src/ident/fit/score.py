@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,6 +89,7 @@ def held_out(
     fitted: Estimate,
     prior: np.ndarray,
     coordinates: tuple[int, int],
+    refit: Callable[[Estimate], np.ndarray] | None = None,
 ) -> Squares | None:
     """Errors in each stretch of time of the model fitted to all the others; None for one stretch.
 
@@ -97,6 +98,7 @@ def held_out(
         fitted: whose weights are kept.
         prior: (k,).
         coordinates: how many the fitting and the scoring cells have.
+        refit: what becomes of the estimate from the other stretches, (k,); default: as it is.
     """
     each = stretches(fitting, scoring)
     parted, scored = folds(fitting, each), folds(scoring, each)
@@ -106,10 +108,10 @@ def held_out(
     by_fold = {number: totals(part, k, d) for number, part in parted.items()}
     total = Squares(np.zeros(e), np.zeros(e), np.zeros(e))
     for number, part in scored.items():
-        others = [factors for other, factors in by_fold.items() if other != number]
+        others = [factors for fold, factors in by_fold.items() if fold != number]
         merged = [Factor.merge([factors[u] for factors in others]) for u in range(d)]
         if sum(factor.rows for factor in merged) == 0:
             continue
-        refit = estimate(merged, prior, np.zeros(d), sigma=fitted.sigma, held=fitted.held)
-        total = total + squares(part, refit.solution.x, e)
+        other = estimate(merged, prior, np.zeros(d), sigma=fitted.sigma, held=fitted.held)
+        total = total + squares(part, refit(other) if refit else other.solution.x, e)
     return total

@@ -38,6 +38,23 @@ def describe(mechanism: Mechanism, motion: Motion | None = None) -> str:
     return "\n".join([str(mechanism), *table(rows)])
 
 
+def channels(mechanism: Mechanism, motion: Motion) -> str:
+    """What became of every measured channel of the motion.
+
+    Its estimated white noise, by which it is weighted, and the rms of measured less smoothed: equal
+    where the channels agree with each other, the closures and the resolution of the splines.
+    """
+    units = ("{}", "{}/s", "{}/s²")
+    rows = [["channel", "noise", "residual", "unit", "", "log"]]
+    for e in motion.experiments:
+        for channel in e.channels:
+            letter, joint = channel.column.split(".", 1)
+            unit = units["qva".index(letter)].format(mechanism.joint(joint).unit)
+            left = f"{channel.residual:.3g}" if channel.spacing else "–"
+            rows.append([channel.column, f"{channel.noise:.3g}", left, unit, channel.how, e.name])
+    return "\n".join(["what was measured of the motion", *table(rows)])
+
+
 def excitation(mechanism: Mechanism) -> Motion:
     """A made-up motion around the start in which every degree of freedom moves.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ident.fit.score import Error
+from ident.fit.values import Value
 
 if TYPE_CHECKING:
     from ident.fit.fit import Fit
@@ -23,6 +24,11 @@ def rounded(value: float, stderr: float | None) -> str:
         return f"{value:.9g}"
     digits = int(np.floor(np.log10(abs(value) / stderr))) + 2 if value else 2
     return f"{value:.{int(np.clip(digits, 2, 12))}g} ± {stderr:.2g}"
+
+
+def shown(value: Value) -> str:
+    """A value as tables have it."""
+    return rounded(value.value, value.stderr) + (", at bound" if value.at_bound else "")
 
 
 def table(rows: list[list[str]], indent: str = "  ") -> list[str]:
@@ -78,12 +84,12 @@ def summary(fit: Fit) -> str:
     if fit.effects:
         rows = [["effect", "value", "unit"]]
         for effect in fit.effects:
-            rows += [[v.name, rounded(v.value, v.stderr), v.unit] for v in effect.parameters]
+            rows += [[v.name, shown(v), v.unit] for v in effect.parameters]
         lines += ["", *table(rows)]
     own = [value for value in fit.parameters if value.identifiable]
     if own:
         rows = [["parameter", "value", "prior", "unit"]]
-        rows += [[v.name, rounded(v.value, v.stderr), f"{v.prior:.5g}", v.unit] for v in own]
+        rows += [[v.name, shown(v), f"{v.prior:.5g}", v.unit] for v in own]
         lines += ["", *table(rows)]
     combined = [value for value in fit.base_parameters if " " in value.name]
     if combined:
@@ -96,6 +102,10 @@ def summary(fit: Fit) -> str:
     condition = f"condition number {fit.condition_number:.3g}"
     if len(fit.columns):
         lines += ["", f"rank {fit.rank} of {len(fit.columns)} unknowns, {condition}{rest}"]
+    if fit.likelihood is not None:
+        lines.append(str(fit.likelihood))
+    if fit.binding is not None:
+        lines.append(str(fit.binding))
     return "\n".join(lines)
 
 

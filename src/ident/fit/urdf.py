@@ -9,7 +9,7 @@ from lxml import etree
 
 from ident.errors import FitError
 from ident.fit.sanity import LEAST
-from ident.mechanism.parameters import COUNT, about_origin, split
+from ident.mechanism.parameters import COUNT, about_origin, pseudo_inertia, split
 from ident.mechanism.placing import fixed_parameters
 from ident.mechanism.urdf import read_urdf
 
@@ -39,7 +39,7 @@ def identified_urdf(fit: Fit) -> bytes:
             continue
         body = pi[COUNT * number : COUNT * (number + 1)]
         fixed = fixed_parameters(robot, link)
-        if body[0] - fixed[0] > 0 or not fixed.any():
+        if not fixed.any() or _carries(body, fixed):
             own = body - fixed
         else:  # nothing is left for the link itself: it takes the whole body
             own = body
@@ -48,6 +48,13 @@ def identified_urdf(fit: Fit) -> bytes:
                     links[other].remove(element)
         _set_inertial(links[link], own, mechanism.name)
     return etree.tostring(robot.getroottree(), xml_declaration=True, encoding="utf-8") + b"\n"
+
+
+def _carries(body: np.ndarray, fixed: np.ndarray) -> bool:
+    """Whether what the fixed links leave of a body has mass, and is possible if the body is."""
+    left = body - fixed
+    least = [float(np.linalg.eigvalsh(pseudo_inertia(pi))[0]) for pi in (left, body)]
+    return bool(left[0] > 0 and (least[0] > 0 or least[1] <= 0))
 
 
 def _fixed_links(robot: etree._Element, link: str) -> list[str]:
@@ -67,6 +74,8 @@ def _with_masses(fit: Fit) -> np.ndarray:
     A mass that the data do not determine may be shifted along the directions that no torque feels.
     """
     x, base, columns = fit.estimate.solution.x.copy(), fit.estimate.base, fit.columns
+    if fit.binding is not None:  # possible bodies have masses, however small
+        return columns.dynamic_parameters(fit.mechanism, x)
     for number, link in enumerate(fit.mechanism.bodies.links):
         pi = columns.dynamic_parameters(fit.mechanism, x)
         body = pi[COUNT * number : COUNT * (number + 1)]

@@ -25,6 +25,8 @@ class Value:
         identifiable: whether they do. An unknown that is not stays at its prior, or is the one
             that carries a base parameter given the priors of the others in it.
         prior: the URDF's value, 0 for effects.
+        at_bound: whether a bound holds it where it is. Its standard error is that of the fit
+            without bounds: the value is no farther off, and no longer normally distributed.
     """
 
     name: str
@@ -33,6 +35,7 @@ class Value:
     unit: str
     identifiable: bool
     prior: float
+    at_bound: bool = False
 
 
 @dataclass(frozen=True)

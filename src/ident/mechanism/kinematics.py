@@ -96,6 +96,16 @@ class Kinematics:
     def _own(self) -> ca.Function:
         return self._compile("own", ca.vertcat(*(joint.expression for joint in self.own)))
 
+    @property
+    def closure_function(self) -> ca.Function:
+        """(q, v) → (Φ, J, J̇v) of one sample, for callers that cannot go over many at once."""
+        return self._closure
+
+    @property
+    def own_function(self) -> ca.Function:
+        """(q, v) → (y, W, Ẇv) of one sample."""
+        return self._own
+
     def closure_rows(self, q: np.ndarray, v: np.ndarray | None = None) -> Rows:
         """Φ (n, m), J (n, m, nv) and J̇v (n, m) of q (n, nq), v (n, nv); v = 0 if left out."""
         if not self.closures:

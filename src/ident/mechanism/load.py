@@ -15,6 +15,7 @@ from ident.effects import create as create_effect
 from ident.errors import MechanismError, one_of
 from ident.log import Column
 from ident.mechanism.closures import AnyClosure, Linear
+from ident.mechanism.consistency import read_consistency
 from ident.mechanism.forward import is_rotational
 from ident.mechanism.mechanism import DEGREES, Joint, Mechanism, Multipliers
 from ident.mechanism.model import Tree, build_tree
@@ -65,6 +66,7 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
         urdf=settings.urdf,
         toml=settings.toml,
         notes=tree.notes,
+        consistency=read_consistency(settings.parameters, bodies, f"{where}: [parameters]"),
     )
     mechanism = replace(mechanism, notes=(*tree.notes, *_massless(mechanism)))
     mechanism = with_own_joints(mechanism)
@@ -163,7 +165,7 @@ def _massless(mechanism: Mechanism) -> list[str]:
 
 def _unknown(settings: Settings, bodies: Bodies, auxiliary: tuple[str, ...]) -> tuple[str, ...]:
     where = f"{settings.where}: [parameters]"
-    check_keys(settings.parameters, ("unknown",), where)
+    check_keys(settings.parameters, ("unknown", "bounds", "total_mass"), where)
     patterns = words(settings.parameters, "unknown", where)
     if patterns is None:
         patterns = tuple(link for link in bodies.links if link not in auxiliary)

@@ -16,6 +16,7 @@ from ident.effects import create as create_effect
 from ident.errors import MechanismError, one_of
 from ident.log import Column
 from ident.mechanism.closures import AnyClosure
+from ident.mechanism.consistency import Consistency
 from ident.mechanism.kinematics import Kinematics, rank_of
 from ident.mechanism.parameters import Bodies, dynamic_parameters
 
@@ -83,6 +84,7 @@ class Mechanism:
         columns: this robot's names of log columns.
         urdf: path of the URDF; toml: of its mechanism.toml, if it has one.
         notes: what was understood otherwise than it is written.
+        consistency: bounds on parameters and the total mass, for a consistent fit.
     """
 
     name: str
@@ -100,6 +102,7 @@ class Mechanism:
     urdf: Path = Path()
     toml: Path | None = None
     notes: tuple[str, ...] = ()
+    consistency: Consistency = field(default_factory=Consistency)
 
     @cached_property
     def kinematics(self) -> Kinematics:

@@ -11,8 +11,11 @@ import numpy as np
 from ident.errors import MotionError, one_of
 from ident.log import Log, read_log
 from ident.mechanism.mechanism import Mechanism
+from ident.motion.band import band_of
+from ident.motion.channels import Smoothed, channels_of
 from ident.motion.clock import runs
-from ident.motion.derive import band_of, derive
+from ident.motion.derive import AS_LOGGED, AUTO, derive, smoothed
+from ident.motion.fuse import along, fused, missed, reweighted
 from ident.motion.independent import best_conditioned, independent_joints
 from ident.motion.measure import Signals, measure
 from ident.motion.motion import Band, Experiment, Motion
@@ -29,6 +32,7 @@ def complete(
     *,
     cutoff: float | str | None = "auto",
     torques: bool = True,
+    smoothing: float | str | None = AUTO,
     progress: Told | None = None,
 ) -> Motion:
     """All positions, velocities and accelerations, completed through the closures.
@@ -38,6 +42,8 @@ def complete(
         logs: one log or several (or their paths): separate experiments of the same mechanism.
         cutoff: of the zero-phase filter that the equations will use [Hz]; "auto" chooses it from
             the data, None filters nothing.
+        smoothing: spacing of the knots [s] of the splines that noisy channels are smoothed by;
+            "auto" chooses it from the data; None takes all channels as logged.
         torques: whether every driven joint must have its `tau.` column; else missing ones are zero.
         progress: called with (what is being done, share done).
 
@@ -56,6 +62,7 @@ def complete(
     for signals in measured if torques else []:
         _check_torques(mechanism, signals)
     names = _determining(mechanism, measured)
+    smoothing = _checked_smoothing(smoothing, measured)
     band = band_of(mechanism, measured, names)
     if cutoff != "auto":
         band = replace(band, cutoff=None if cutoff is None else _checked(cutoff, measured))
@@ -76,7 +83,7 @@ def complete(
     for i, signals in enumerate(measured):
         if progress:
             progress(f"completing {signals.log.name}", i / len(measured))
-        experiment, said = _experiment(mechanism, signals, names, band)
+        experiment, said = _experiment(mechanism, signals, names, band, smoothing)
         experiments.append(experiment)
         notes += said
     independent, worst = names, 0.0
@@ -87,7 +94,7 @@ def complete(
             notes += said
             worst = max(worst, error)
     for i, signals in enumerate(measured):
-        still = standstill(mechanism, signals, experiments[i], names, band)
+        still = standstill(mechanism, signals, experiments[i], names)
         experiments[i] = replace(experiments[i], still=still)
     noted = tuple(dict.fromkeys(notes))
     return Motion(tuple(experiments), independent, band, worst, noted, tuple(read))
@@ -167,41 +174,90 @@ def _determining(mechanism: Mechanism, measured: list[Signals]) -> tuple[str, ..
     return names
 
 
+def _checked_smoothing(spacing: float | str | None, measured: list[Signals]) -> float | str | None:
+    if spacing is None or spacing == AUTO:
+        return spacing
+    finest = max(signals.dt for signals in measured)
+    longest = min(float(signals.t[-1] - signals.t[0]) for signals in measured) / 2
+    try:
+        value = float(spacing)
+    except (TypeError, ValueError):
+        raise MotionError(
+            f"smoothing {spacing!r}; valid: knots' spacing [s], 'auto' or none"
+        ) from None
+    if not finest <= value <= longest:
+        raise MotionError(
+            f"smoothing {value:g} s; valid: knots every {finest:.3g} s (one sample) to "
+            f"{longest:.3g} s"
+        )
+    return value
+
+
 def _experiment(
     mechanism: Mechanism,
     signals: Signals,
     names: tuple[str, ...],
     band: Band,
+    smoothing: float | str | None,
 ) -> tuple[Experiment, list[str]]:
     n, log = len(signals.t), signals.log.name
-    known = np.empty((3, n, len(names)))
-    derived: dict[str, list[str]] = {}
-    ends = 0.0
-    for i, name in enumerate(names):
-        known[:, :, i], how, end = derive(signals, name, band)
-        derived.setdefault(how, []).append(name)
-        ends = max(ends, end)
-    notes = [f"{log}: {', '.join(same)}: {how}" for how, same in derived.items() if how]
-    usable = _without_ends(signals, ends)
-    if (lost := int((signals.usable & ~usable).sum())) > 0:
-        notes.append(
-            f"{log}: {lost} samples within {1e3 * ends:.3g} ms of where splines end are left out"
-        )
+    derived = derive(signals, names, band, smoothing)
     tau = np.zeros((n, len(mechanism.driven)))
     for i, name in enumerate(mechanism.driven):
         tau[:, i] = signals.columns.get(f"tau.{name}", 0.0)
     base = Experiment(
         name=log, t=signals.t, q=np.empty(0), v=np.empty(0), a=np.empty(0), y=np.empty(0),
         yd=np.empty(0), ydd=np.empty(0), tau=tau, wrench=None, pinv=None, leverage=None,
-        usable=usable, still=np.empty(0), logged=names, independent=names,
+        usable=_without_ends(signals, derived.ends), still=np.empty(0), logged=names,
+        independent=names,
         extra={k: x for k, x in signals.columns.items() if not k.startswith(("q.", "v.", "a."))},
-        noise=_noise(mechanism, signals, names),
+        noise=_noise(mechanism, signals, names), smooth=derived.smooth,
+        channels=tuple(derived.table),
     )  # fmt: skip
     place = through_closures if mechanism.closures else in_tree
-    experiment = place(mechanism, base, names, known)
+    experiment = place(mechanism, base, names, derived.known)
     if len(names) > mechanism.degrees_of_freedom:
-        notes += disagreements(mechanism, experiment, names, known[0])
+        notes = disagreements(mechanism, experiment, names, derived.known[0])
+        if derived.smooth is not None:
+            experiment = _together(mechanism, signals, experiment, band, smoothing)
+    else:
+        notes = []
+    said: dict[str, list[str]] = {}
+    for channel in experiment.channels:
+        if channel.how != AS_LOGGED:
+            said.setdefault(channel.how, []).append(channel.column)
+    notes = [f"{log}: {', '.join(same)}: {how}" for how, same in said.items()] + notes
+    if (lost := int((signals.usable & ~base.usable).sum())) > 0:
+        notes.append(
+            f"{log}: {lost} samples within {1e3 * derived.ends:.3g} ms of where splines end are "
+            "left out"
+        )
     return replace(experiment, wrench=wrenches(mechanism, signals, experiment)), notes
+
+
+def _together(
+    mechanism: Mechanism,
+    signals: Signals,
+    e: Experiment,
+    band: Band,
+    smoothing: float | str | None,
+) -> Experiment:
+    """More joints logged than needed, with noise: one smooth motion made by all their channels."""
+    order = [name for name in e.logged if name in mechanism.driven] + list(e.logged)
+    names = independent_joints(mechanism, order)
+    channels = channels_of(signals, e.logged)
+    own = [channel for channel in channels if channel.joint in names]
+    e = along(mechanism, e, smoothed(signals, own, names, band, smoothing)[0])
+    smooth = fused(mechanism, e, channels)
+    channels = reweighted(mechanism, along(mechanism, e, smooth), channels)
+    smooth = fused(mechanism, along(mechanism, e, smooth), channels)
+    e = along(mechanism, e, smooth)
+    how = f"spline in {', '.join(names)}, knots {1e3 * smooth.spacing:.3g} ms"
+    table = [
+        Smoothed(c.column, how, c.sigma, float(np.sqrt(np.mean(off**2))), smooth.spacing)
+        for c, off in zip(channels, missed(mechanism, e, channels), strict=True)
+    ]
+    return replace(e, channels=tuple(table))
 
 
 def _noise(mechanism: Mechanism, signals: Signals, names: tuple[str, ...]) -> dict[str, float]:

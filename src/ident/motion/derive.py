@@ -2,151 +2,153 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
 import numpy as np
 
-from ident.errors import MotionError
-from ident.mechanism.mechanism import Mechanism
+from ident.motion.channels import Channel, Smoothed, channels_of
 from ident.motion.clock import runs
 from ident.motion.measure import Signals
 from ident.motion.motion import Band
-from ident.motion.smooth import Channel, filled, fit, interpolate
-from ident.motion.spectrum import (
-    CLEAN,
-    ROWS_OVER_MOTION,
-    ROWS_OVER_MOTION_LEAST,
-    SMOOTH_OVER_MOTION,
-    acceleration_noise_share,
-    acceleration_size,
-    motion_bandwidth,
-    noise_level,
-    noise_share,
-)
+from ident.motion.resolution import finest, resolution
+from ident.motion.smooth import Smooth, filled, fitted, interpolate, residuals, weighted
+from ident.motion.spline import basis_over
 
-QUIET = 0.02  # share of noise in an acceleration that the filter may let pass
 ENDS = 2.0  # knots at either end of a run between which a spline is not to be trusted
+MOST = 0.08  # share of the shortest run that an end may lose
+WHOLE = 1e-4  # share of noise up to which q, v and a are taken as logged, where all three are
+ALONE = 1e-6  # the same for positions alone, which are differentiated
+AUTO = "auto"
+AS_LOGGED = "as logged"
 
 
-def band_of(mechanism: Mechanism, logs: list[Signals], names: tuple[str, ...]) -> Band:
-    """Bandwidth, noise and cut-off that the logs themselves suggest.
+@dataclass(frozen=True, eq=False)
+class Derived:
+    """The motion of some joints on the clock of a log.
 
-    The cut-off is five times the bandwidth of the motion, so that accelerations pass and what lies
-    above (quantisation, ripple, vibration) does not, or less, down to twice, where accelerations
-    would be noisy; where the channels are clean nothing is filtered, as is right for simulated
-    logs.
-
-    Raises:
-        MotionError: if one log is too slow for the filter that the others need.
+    Attributes:
+        known: (3, n, d) coordinates, rates, accelerations of the joints, in their order.
+        ends: time [s] at either end of a run where accelerations are poor: a fitted spline has
+            data on one side only there.
+        smooth: the splines of the joints whose channels are noisy; None where none is.
+        table: what was done to each channel.
     """
-    motion, noise = 0.0, 0.0
-    for signals in logs:
-        for name in names:
-            q, dt = signals.even(f"q.{name}")
-            motion = max(motion, motion_bandwidth(q, dt))
-            if f"a.{name}" in signals.columns:
-                noise = max(noise, noise_share(signals.even(f"a.{name}")[0]))
-            elif f"v.{name}" in signals.columns:
-                noise = max(noise, noise_share(np.diff(signals.even(f"v.{name}")[0])))
-            else:
-                noise = max(noise, acceleration_noise_share(q, dt))
-        for name in mechanism.driven:
-            if f"tau.{name}" in signals.columns:
-                noise = max(noise, noise_share(signals.even(f"tau.{name}")[0]))
-    cutoff = min(
-        [ROWS_OVER_MOTION * motion]
-        + [_quiet_cutoff(signals, name, motion) for signals in logs for name in names]
-    )
-    slow = [signals for signals in logs if cutoff >= 0.25 / signals.dt]
-    filtered = noise > CLEAN and cutoff > 0.0 and len(slow) < len(logs)
-    if filtered and slow:
-        raise MotionError(
-            f"{slow[0].log.name}: at {1 / slow[0].dt:.4g} Hz it is too slow for the filter at "
-            f"{cutoff:.3g} Hz that the other logs need; leave it out, or give a cut-off"
-        )
-    return Band(motion, noise, cutoff if filtered else None)
+
+    known: np.ndarray
+    ends: float
+    smooth: Smooth | None
+    table: list[Smoothed] = field(default_factory=list)
 
 
-def _quiet_cutoff(signals: Signals, name: str, motion: float) -> float:
-    """Cut-off [Hz] below which the acceleration of a logged joint holds little noise.
+def derive(
+    signals: Signals, names: Sequence[str], band: Band, spacing: float | str | None = AUTO
+) -> Derived:
+    """Coordinates, rates and accelerations of logged joints.
 
-    White noise σ of the k-th derivative, seen in the acceleration below f, with j = 2 − k:
-    σ_a² = σ² 2 dt (2π)^(2j) f^(2j+1) / (2j+1)      ≤ (QUIET · its rms)²
+    Clean channels, as simulations have them, are taken as they are; what is missing beside them is
+    interpolated. The others are smoothed. Every run between gaps has splines of its own; inside
+    gaps a coordinate goes straight from one side to the other, for the closures to be followed.
+
+    Args:
+        signals: the log; names: the joints.
+        band: what the spectra say.
+        spacing: of the knots [s]; "auto": from the data; None: as logged, nothing is smoothed.
     """
-    q, dt = signals.even(f"q.{name}")
-    size = acceleration_size(q, dt, motion)
-    lowest = ROWS_OVER_MOTION_LEAST * motion
-    best = 0.0
-    for k, channel in enumerate("qva"):
-        if f"{channel}.{name}" not in signals.columns:
-            continue
-        x, step = signals.even(f"{channel}.{name}")
-        j = 2 - k
-        noise = noise_level(x) * (2 * np.pi) ** j * np.sqrt(2 * step / (2 * j + 1))
-        best = max(best, (QUIET * size / max(noise, 1e-12 * size, 1e-300)) ** (2 / (2 * j + 1)))
-    return float(max(best, lowest))
+    channels = channels_of(signals, names)
+    noisy = [
+        name
+        for name in names
+        if spacing is not None and not _as_logged(channels, name, band, signals.exact)
+    ]
+    known, ends = np.zeros((3, len(signals.t), len(names))), 0.0
+    table: dict[str, Smoothed] = {}
+    for i, name in enumerate(names):
+        if name not in noisy:
+            mine = [channel for channel in channels if channel.joint == name]
+            known[:, :, i], end, said = _taken(signals, mine, band)
+            ends = max(ends, end)
+            table |= {each.column: each for each in said}
+    smooth = None
+    if noisy:
+        mine = [channel for channel in channels if channel.joint in noisy]
+        smooth, said = smoothed(signals, mine, tuple(noisy), band, spacing)
+        at = [list(names).index(name) for name in noisy]
+        for run, spline in smooth.runs:
+            known[:, run, at] = spline.at(signals.t[run])
+        table |= {each.column: each for each in said}
+        accelerations = {channel.joint for channel in mine if channel.order == 2}
+        shortest = min(float(t[-1] - t[0]) for t in (signals.t[run] for run, _ in smooth.runs))
+        lost = min(ENDS * smooth.spacing, MOST * shortest)
+        ends = max(ends, 0.0 if accelerations >= set(noisy) else lost)
+    t, gap = signals.t, ~signals.usable
+    for i in range(len(names)):
+        known[0, gap, i] = np.interp(t[gap], t[~gap], known[0, ~gap, i])
+    return Derived(known, ends, smooth, [table[channel.column] for channel in channels])
 
 
-def speed_noise(signals: Signals, name: str, band: Band) -> float:
-    """Standard deviation of the noise left in the rate of a logged joint [rad/s | m/s]."""
-    if f"v.{name}" in signals.columns:
-        return noise_level(signals.even(f"v.{name}")[0])
-    # white noise in q below the smoothing's cut-off f: σ_v² = σ_q² · 2 f dt · (2π f)² / 3
-    q, dt = signals.even(f"q.{name}")
-    f = 1 / (2 * _spacing(dt, band, 1))
-    return float(noise_level(q) * np.sqrt(2 * f * dt / 3) * 2 * np.pi * f)
+def smoothed(
+    signals: Signals,
+    channels: Sequence[Channel],
+    names: tuple[str, ...],
+    band: Band,
+    spacing: float | str | None,
+) -> tuple[Smooth, list[Smoothed]]:
+    """One spline a run through all channels of the joints, and what it left of each."""
+    t, found = signals.t, runs(signals.usable)
+    longest = max(found, key=lambda run: run.stop - run.start)
+    if spacing == AUTO or spacing is None:
+        h = resolution(channels, t[longest], band)
+    else:
+        h = float(spacing)
+    channels = weighted(
+        fitted(basis_over(t[longest][0], t[longest][-1], h),
+               [channel.within(t[longest]) for channel in channels], names),
+        [channel.within(t[longest]) for channel in channels], names, channels,
+    )  # fmt: skip
+    smooth = Smooth.of(channels, names, [(run, t[run]) for run in found], h)
+    squares, counts = np.zeros(len(channels)), np.zeros(len(channels))
+    for run, spline in smooth.runs:
+        inside = [channel.within(t[run]) for channel in channels]
+        for k, off in enumerate(residuals(spline, inside, names)):
+            squares[k] += off @ off
+            counts[k] += len(off)
+    rms = np.sqrt(squares / np.maximum(counts, 1))
+    how = f"spline, knots {1e3 * h:.3g} ms"
+    return smooth, [
+        Smoothed(channel.column, how, channel.sigma, float(off), h)
+        for channel, off in zip(channels, rms, strict=True)
+    ]
 
 
-def _spacing(dt: float, band: Band, channels: int) -> float:
-    """Knots [s] that resolve twice the rows' cut-off, where there is one."""
-    wanted = ROWS_OVER_MOTION / (2.0 * SMOOTH_OVER_MOTION * band.cutoff) if band.cutoff else 0.0
-    return max(wanted, (1.0 if channels > 1 else 2.0) * dt)
+def _as_logged(channels: Sequence[Channel], name: str, band: Band, exact: bool) -> bool:
+    """Whether a joint's channels are clean, and enough to be taken as they are."""
+    mine = [channel for channel in channels if channel.joint == name]
+    worst = max(channel.noise for channel in mine)
+    if len(mine) == 3 and exact:
+        return worst <= WHOLE
+    return worst <= ALONE and len(mine) == 1 and band.cutoff is None
 
 
-def derive(signals: Signals, name: str, band: Band) -> tuple[np.ndarray, str, float]:
-    """Coordinate, rate and acceleration (3, n) of a logged joint, how they were had, and ends.
-
-    Ends [s] are where a fitted spline has data on one side only and its accelerations are poor.
-
-    Every run between gaps has a spline of its own. Inside gaps the coordinate goes straight from
-    one side to the other, for the closures to be followed; those samples take no part.
-    """
-    present = [c for c in ("q", "v", "a") if f"{c}.{name}" in signals.columns]
-    columns = [f"{c}.{name}" for c in present]
-    whole = present == ["q", "v", "a"] and signals.exact
-    channels, steps, clean = [], [], True
-    for order, column in zip(("qva".index(c) for c in present), columns, strict=True):
-        at, x = signals.log.series(column)
-        even, step = signals.even(column)
-        sigma, spread = noise_level(even), float(np.std(x))
-        clean &= sigma <= CLEAN * 1e-3 * spread
-        steps.append(step)
-        channels.append((order, at, x, max(sigma, 1e-9 * spread, 1e-300)))
-    t, spacing = signals.t, _spacing(min(steps), band, len(channels))
-    through = clean and present == ["q"] and band.cutoff is None
-    found = np.zeros((3, len(t)))
+def _taken(
+    signals: Signals, channels: Sequence[Channel], band: Band
+) -> tuple[np.ndarray, float, list[Smoothed]]:
+    """A joint's q, v and a (3, n) without smoothing, what its ends lose [s], and what was done."""
+    found, t = np.zeros((3, len(signals.t))), signals.t
+    has = [channel.order for channel in channels]
+    ends = 0.0
     for run in runs(signals.usable):
-        inside = [_within(channel, t[run], signals.dt) for channel in channels]
-        if whole:  # as logged, but for a few empty cells
-            found[:, run] = [filled(at, x, t[run]) for _, at, x, _ in inside]
-        elif through:
-            found[:, run] = interpolate(inside[0][1], inside[0][2], t[run])
+        inside = [channel.within(t[run]) for channel in channels]
+        if has == [0, 1, 2]:
+            found[:, run] = [filled(channel.t, channel.x, t[run]) for channel in inside]
+        elif has == [0]:
+            found[:, run] = interpolate(inside[0].t, inside[0].x, t[run])
         else:
-            found[:, run] = fit(inside, spacing, t[run])
-    gap = ~signals.usable
-    found[0, gap] = np.interp(t[gap], t[~gap], found[0, ~gap])
-    if whole:
-        return found, "", 0.0
-    if through:
-        return found, "v and a by quintic interpolation of q", 0.0
-    missing = " and ".join(c for c in ("v", "a") if c not in present) or "all three"
-    how = (
-        f"{missing} from a quintic spline through {' and '.join(present)}, "
-        f"knots {1e3 * spacing:.3g} ms"
-    )
-    return found, how, 0.0 if "a" in present else ENDS * spacing
-
-
-def _within(channel: Channel, t: np.ndarray, dt: float) -> Channel:
-    """A channel's samples of one run."""
-    order, at, x, sigma = channel
-    inside = (at > t[0] - 0.75 * dt) & (at < t[-1] + 0.75 * dt)
-    return order, at[inside], x[inside], sigma
+            h = finest(Band(0.0, 0.0, None), inside)
+            basis = basis_over(t[run][0], t[run][-1], h)
+            found[:, run] = fitted(basis, inside, (channels[0].joint,)).at(t[run])[:, :, 0]
+            ends = 0.0 if 2 in has else ENDS * h
+    missing = " and ".join("qva"[k] for k in range(3) if k not in has)
+    had = " and ".join("qva"[k] for k in has)
+    how = f"{missing} by quintic interpolation of {had}" if missing else AS_LOGGED
+    return found, ends, [Smoothed(c.column, how, c.sigma, 0.0) for c in channels]

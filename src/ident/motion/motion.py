@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from ident.log import Log
+from ident.motion.channels import Smoothed
 from ident.motion.clock import runs
+from ident.motion.smooth import Smooth
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +36,8 @@ class Experiment:
         logged: names of the joints from whose coordinates the motion was completed.
         independent: names of the joints to which `leverage` refers.
         noise: standard deviation of white noise in the logged channels, by column.
+        smooth: the splines behind the motion; None where the log was taken as it is.
+        channels: what was done to each channel of the motion.
     """
 
     name: str
@@ -54,6 +58,8 @@ class Experiment:
     logged: tuple[str, ...] = ()
     independent: tuple[str, ...] = ()
     noise: Mapping[str, float] = field(default_factory=dict)
+    smooth: Smooth | None = None
+    channels: tuple[Smoothed, ...] = ()
 
     def __len__(self) -> int:
         return len(self.t)
@@ -65,14 +71,16 @@ class Experiment:
 
     def thinned(self, every: int) -> Experiment:
         """One sample of `every`, for what is smooth."""
-        if every == 1:
-            return self
+        return self if every == 1 else self.at_samples(slice(None, None, every))
+
+    def at_samples(self, index: slice | np.ndarray) -> Experiment:
+        """Some samples only."""
         cut: dict[str, Any] = {
-            each.name: value[::every]
+            each.name: value[index]
             for each in fields(self)
             if each.name != "still" and isinstance(value := getattr(self, each.name), np.ndarray)
         }
-        return replace(self, **cut, extra={name: x[::every] for name, x in self.extra.items()})
+        return replace(self, **cut, extra={name: x[index] for name, x in self.extra.items()})
 
     def segments(self) -> Iterator[slice]:
         """Runs of usable samples; nothing is filtered or differentiated across their ends."""

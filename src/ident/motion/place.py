@@ -64,6 +64,20 @@ def again(
     return reduced(mechanism, found, e.independent)[0]
 
 
+def at_coordinates(
+    mechanism: Mechanism, e: Experiment, names: tuple[str, ...], known: np.ndarray
+) -> Experiment:
+    """An experiment whose joints `names`, which determine the motion, are at other coordinates
+    (3, n, d) near their own.
+    """
+    if not mechanism.closures:
+        return in_tree(mechanism, e, names, known)
+    closer = Closer(mechanism, names)
+    q, left = closer.newton(e.q, known[0])
+    found = _placed(mechanism, e, closer, q, known)
+    return replace(found, usable=e.usable & (left < 1e-6))
+
+
 def _placed(
     mechanism: Mechanism, base: Experiment, closer: Closer, q: np.ndarray, known: np.ndarray
 ) -> Experiment:

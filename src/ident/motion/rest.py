@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ident.mechanism.mechanism import Mechanism
-from ident.motion.derive import speed_noise
 from ident.motion.measure import Signals
-from ident.motion.motion import Band, Experiment
+from ident.motion.motion import Experiment
+from ident.motion.spectrum import noise_level
 
 STILL = 0.004  # share of a joint's top speed below which it counts as standing still
 NOISE = 4.0  # or so many times the noise of speeds, where that is more
@@ -16,7 +16,7 @@ LOOKED_AT = 500  # samples from which the closures' leverage is taken
 
 
 def standstill(
-    mechanism: Mechanism, signals: Signals, e: Experiment, names: tuple[str, ...], band: Band
+    mechanism: Mechanism, signals: Signals, e: Experiment, names: tuple[str, ...]
 ) -> np.ndarray:
     """(J,) speeds below which joints stand still; one that moves by noise alone never moves.
 
@@ -25,7 +25,7 @@ def standstill(
     """
     top = np.abs(e.yd[e.usable]).max(axis=0, initial=0.0)
     at = [mechanism.joint_index[name] for name in names]
-    noise = np.array([NOISE * speed_noise(signals, name, band) for name in names])
+    noise = np.array([NOISE * speed_noise(signals, e, name) for name in names])
     if e.leverage is None:
         reached = np.zeros(len(top))
         reached[at] = noise
@@ -35,3 +35,18 @@ def standstill(
         reached = np.sqrt((gain**2).mean(axis=0) @ noise**2)
     speed = np.maximum(STILL * top, reached)
     return np.maximum(np.where(speed < HARDLY * top, speed, 1.01 * top), 1e-9)
+
+
+def speed_noise(signals: Signals, e: Experiment, name: str) -> float:
+    """Standard deviation of the noise left in the rate of a logged joint [rad/s | m/s].
+
+    Splines with knots every h pass what lies below f = 1/(2 h). Of white noise in v that is the
+    share 2 f dt of its power, of noise in q: σ_v² = σ_q² · 2 f dt · (2π f)² / 3.
+    """
+    if f"v.{name}" in signals.columns:
+        v, dt = signals.even(f"v.{name}")
+        share = min(1.0, dt / e.smooth.spacing) if e.smooth and name in e.smooth.names else 1.0
+        return float(noise_level(v) * np.sqrt(share))
+    q, dt = signals.even(f"q.{name}")
+    f = 1 / (2 * (e.smooth.spacing if e.smooth else 2 * dt))
+    return float(noise_level(q) * np.sqrt(2 * f * dt / 3) * 2 * np.pi * f)

@@ -1,19 +1,25 @@
-"""Position, velocity and acceleration of one coordinate from what was measured of it.
+"""One smooth motion fitted to everything that was measured of it.
 
-One quintic B-spline y(t) is fitted to positions (and velocities, where logged), each weighted by
-its noise; v and a are its derivatives, so the three belong together. Time stamps may jitter and
-channels may have rates of their own: the spline is fitted where the samples are.
+    min_c Σ_k |x_k − u^(k)(t_k)|² / σ_k²,     u(t) = B(t) c
+
+over the channels k = 0, 1, 2 (position, velocity, acceleration) of each joint, each weighted by its
+noise. Time stamps may jitter and channels may have rates of their own: the spline is fitted where
+the samples are.
 """
 
 from __future__ import annotations
 
-import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
-from scipy.linalg import solveh_banded
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
-DEGREE = 5
-BRIDGE = 1e-12  # weight of smoothness, which decides only where a few samples are missing
-Channel = tuple[int, np.ndarray, np.ndarray, float]  # derivative's order, t, x, noise
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from ident.motion.channels import Channel
+from ident.motion.spline import DEGREE, WIDTH, Rows, Spline, basis_over, evaluated, solved
+from ident.solve.basis import Basis
+
+INCONSISTENT = 1.3  # times its noise: a channel that misses the others by more weighs less
 
 
 def interpolate(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -27,56 +33,116 @@ def filled(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
     return x if len(t) == len(at) else make_interp_spline(t, x, k=DEGREE)(at)
 
 
-def fit(channels: list[Channel], spacing: float, at: np.ndarray) -> np.ndarray:
-    """Value, first and second derivative (3, n_at) of the least-squares spline.
+def fitted(basis: Basis, channels: Sequence[Channel], names: Sequence[str]) -> Spline:
+    """The spline of the joints `names`, each from its own channels."""
+    parts = []
+    for name in names:
+        rows = []
+        for channel in channels:
+            if channel.joint == name:
+                t = np.clip(channel.t, basis.t0, basis.t_end)
+                first, B = basis.window(t, channel.order)
+                rows.append(Rows(first, B[:, :, None] / channel.sigma, channel.x / channel.sigma))
+        parts.append(solved(basis, rows, 1))
+    if len(parts) == 1:
+        return parts[0]
+    d, count = len(parts), basis.count
+    U = np.zeros((count, d, WIDTH, d))
+    for i, part in enumerate(parts):
+        U[:, i, :, i] = part.U[:, :, 0]
+    c = np.concatenate([part.c for part in parts], axis=1)
+    return Spline(basis, c, np.repeat(parts[0].first, d), U.reshape(-1, WIDTH, d))
+
+
+def residuals(
+    spline: Spline, channels: Sequence[Channel], names: Sequence[str]
+) -> list[np.ndarray]:
+    """Measured minus smoothed (n_k,) of each channel."""
+    found = []
+    for channel in channels:
+        i = list(names).index(channel.joint)
+        u = evaluated(spline.basis, spline.c[:, [i]], channel.t)
+        found.append(channel.x - u[channel.order, :, 0])
+    return found
+
+
+def weighted(
+    spline: Spline,
+    seen: Sequence[Channel],
+    names: Sequence[str],
+    channels: Sequence[Channel],
+) -> list[Channel]:
+    """The channels with the noise that residuals show, where that is more than they had.
+
+    A velocity that a controller has filtered is smooth, but late: its samples agree with each other
+    and not with the positions.
 
     Args:
-        channels: (order of the derivative, t (n,), x (n,), standard deviation of its noise).
-        spacing: of the knots [s].
-        at: times (n_at,) [s].
+        spline: fitted to `seen`, the channels' samples in one run, of the joints `names`.
+        channels: the same in all runs.
     """
-    start = min(t[0] for _, t, _, _ in channels)
-    stop = max(t[-1] for _, t, _, _ in channels)
-    intervals = max(1, int(np.ceil((stop - start) / spacing)))
-    h = (stop - start) / intervals
-    knots = start + h * np.arange(-DEGREE, intervals + DEGREE + 1)
-    count = intervals + DEGREE
-    normal = np.zeros((DEGREE + 1, count))  # lower bands of Σ BᵀB / σ²
-    right = np.zeros(count)
-    for order, t, x, sigma in channels:
-        first, B = _design(t, start, h, intervals, order)
-        B = B / sigma
-        for i in range(DEGREE + 1):
-            right += np.bincount(first + i, B[:, i] * (x / sigma), count)
-            for k in range(DEGREE + 1 - i):
-                normal[k] += np.bincount(first + i, B[:, i] * B[:, i + k], count)
-    normal += BRIDGE * normal[0].max() * _roughness(count)
-    spline = BSpline(knots, solveh_banded(normal, right, lower=True), DEGREE)
-    return np.stack([spline(at, nu) for nu in range(3)])
+    n, m = sum(len(channel.x) for channel in seen), spline.c.size
+    spare = np.sqrt(n / max(n - m, 1))
+    found = []
+    for channel, off in zip(channels, residuals(spline, seen, names), strict=True):
+        rms = float(np.sqrt(np.mean(off**2))) * spare
+        found.append(channel.with_noise(rms) if rms > INCONSISTENT * channel.sigma else channel)
+    return found
 
 
-def _roughness(count: int) -> np.ndarray:
-    """Lower bands of DᵀD, D the third differences of the coefficients: what fills a few missing."""
-    D = np.array([-1.0, 3.0, -3.0, 1.0])
-    bands = np.zeros((DEGREE + 1, count))
-    for k in range(len(D)):
-        for i in range(len(D) - k):
-            bands[k, i : count - len(D) + 1 + i] += D[i] * D[i + k]
-    return bands
+@dataclass(frozen=True, eq=False)
+class Smooth:
+    """The smooth motion of an experiment in its independent coordinates.
 
+    Attributes:
+        names: the joints whose coordinates are splines; spacing: of their knots [s].
+        runs: the samples of each run, and its spline.
+        channels: what they were fitted to, of these joints and of others that depend on them.
+    """
 
-def _design(
-    t: np.ndarray, start: float, h: float, intervals: int, order: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """First basis function (n,) and the values (n, 6) of those that reach t, or a derivative's."""
-    x = (t - start) / h
-    first = np.clip(np.floor(x).astype(int), 0, intervals - 1)
-    local = x - first
-    # on its interval each basis function is a polynomial in the local time; all intervals are alike
-    unit = np.eye(2 * DEGREE + 1)
-    knots = np.arange(-DEGREE, DEGREE + 2, dtype=float)
-    values = np.empty((len(t), DEGREE + 1))
-    for k in range(DEGREE + 1):
-        basis = BSpline(knots, unit[k, : DEGREE + 1], DEGREE)
-        values[:, k] = basis(local, order) / h**order
-    return first, values
+    names: tuple[str, ...]
+    spacing: float
+    runs: tuple[tuple[slice, Spline], ...]
+    channels: tuple[Channel, ...]
+
+    @classmethod
+    def of(
+        cls,
+        channels: Sequence[Channel],
+        names: tuple[str, ...],
+        runs: Sequence[tuple[slice, np.ndarray]],
+        spacing: float,
+    ) -> Smooth:
+        """Splines of all runs (samples, times (n,)), each joint's from its own channels."""
+        bases = [basis_over(t[0], t[-1], spacing) for _, t in runs]
+        return cls._on(channels, names, runs, bases, spacing)
+
+    def finer(self, t: Sequence[np.ndarray], times: int) -> Smooth:
+        """Splines with `times` knots for one, fitted to the own channels; t: (n,) of each run."""
+        bases = [
+            Basis.with_count(b.t0, b.t_end, times * (b.count - DEGREE) + DEGREE, DEGREE)
+            for b in (spline.basis for _, spline in self.runs)
+        ]
+        runs = [(run, each) for (run, _), each in zip(self.runs, t, strict=True)]
+        fine = self._on(self.own, self.names, runs, bases, self.spacing / times)
+        return replace(fine, channels=self.channels)
+
+    @classmethod
+    def _on(
+        cls,
+        channels: Sequence[Channel],
+        names: tuple[str, ...],
+        runs: Sequence[tuple[slice, np.ndarray]],
+        bases: Sequence[Basis],
+        spacing: float,
+    ) -> Smooth:
+        splines = tuple(
+            (run, fitted(basis, [channel.within(t) for channel in channels], names))
+            for (run, t), basis in zip(runs, bases, strict=True)
+        )
+        return cls(names, spacing, splines, tuple(channels))
+
+    @property
+    def own(self) -> tuple[Channel, ...]:
+        """The channels of its own joints."""
+        return tuple(channel for channel in self.channels if channel.joint in self.names)

@@ -40,20 +40,26 @@ def acceleration_noise_share(q: np.ndarray, dt: float) -> float:
     return float(np.sqrt(6.0)) * noise_level(q) / dt**2 / spread if spread > 0 else 0.0
 
 
-def motion_bandwidth(q: np.ndarray, dt: float) -> float:
-    """Frequency [Hz] below which 99.9 % of the power of the rate of q (n,) lies.
+def motion_bandwidth(x: np.ndarray, dt: float, order: int = 0) -> float:
+    """Frequency [Hz] below which 99.9 % of the power of the velocity lies.
 
     The noise's own share, measured in the upper half of the spectrum, is taken off first: what
     does not stand out of it by VISIBLE cannot be told from it.
+
+    Args:
+        x: (n,) position, velocity or acceleration; dt: its step [s]; order: which, 0, 1 or 2.
     """
-    v = np.diff(q) / dt
-    n = len(v)
+    x = np.diff(x) / dt if order == 0 else x
+    n = len(x)
     window = np.hanning(n)
     f = np.fft.rfftfreq(n, dt)
-    power = np.abs(np.fft.rfft((v - v.mean()) * window)) ** 2
-    shape = (2 * np.sin(np.pi * f * dt)) ** 2  # of white noise in q after the difference
+    power = np.abs(np.fft.rfft((x - x.mean()) * window)) ** 2
+    # of white noise in the channel: differenced, as it is, or integrated
+    shape = (2 * np.sin(np.pi * f * dt)) ** 2 if order == 0 else np.ones(len(f))
     noise = np.median(power[n // 4 :] / shape[n // 4 :]) / np.log(2) * shape
     power = np.where(power > VISIBLE * noise, power - noise, 0.0)
+    if order == 2:
+        power = power / np.maximum(2 * np.pi * f, 2 * np.pi * f[1]) ** 2
     total = np.cumsum(power)
     if total[-1] <= 0:
         return 0.0

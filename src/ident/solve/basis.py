@@ -68,10 +68,11 @@ class Basis:
         steps = np.arange(self.count, dtype=float) - (self.degree - 1) / 2
         return np.asarray(self.t0 + steps * self.spacing)
 
-    def window(self, t: ArrayLike) -> tuple[NDArray[np.intp], Array]:
-        """The functions that are nonzero at times `t` (n,) [s].
+    def window(self, t: ArrayLike, order: int = 0) -> tuple[NDArray[np.intp], Array]:
+        """The functions that are nonzero at times `t` (n,) [s], or their derivatives of an order.
 
-        Returns first (n,) and values (n, degree + 1), b_{first + r}(t) = values[:, r], of sum 1.
+        Returns first (n,) and values (n, degree + 1), b_{first + r}(t) = values[:, r], of sum 1
+        (order 0) or 0.
         Raises `FitError` for a time outside the span.
         """
         position = (np.asarray(t, dtype=float) - self.t0) / self.spacing
@@ -84,11 +85,13 @@ class Basis:
         u = (position - first)[:, None]
         # de Boor's recursion on unit knots: b_r^p = ((p-r+u) b_{r-1}^{p-1} + (1-u+r) b_r^{p-1}) / p
         values = np.ones((len(u), 1))
-        for p in range(1, self.degree + 1):
+        for p in range(1, self.degree - order + 1):
             r, edge = np.arange(p), np.zeros((len(u), p + 1))
             edge[:, 1:] += (p - 1 - r + u) * values
             edge[:, :-1] += (1 - u + r) * values
             values = edge / p
+        for _ in range(order):  # d/dt b_r^p = (b_{r-1}^{p-1} − b_r^{p-1}) / spacing
+            values = np.diff(values, axis=1, prepend=0.0, append=0.0) / -self.spacing
         return first, values
 
     def evaluate(self, a: ArrayLike, t: ArrayLike) -> Array:

@@ -1,0 +1,109 @@
+"""What is regressed: the rows of a motion at a working point, and what is known beforehand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ident.equations.columns import Columns
+from ident.equations.point import Point
+from ident.fit.accumulate import Cell, accumulate, coordinates
+from ident.fit.banded import Band, banded, cells_of
+from ident.fit.estimate import totals
+from ident.fit.plausible import plausible
+from ident.fit.score import Squares, squares
+from ident.likelihood.step import Run
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Motion
+from ident.progress import Told
+from ident.solve.factor import Factor
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """The equations of a mechanism and a motion at a point, as triangular factors.
+
+    Attributes:
+        mechanism, motion, point: what is fitted to what, and where what is not linear is evaluated.
+        columns: the k unknowns.
+        cells: of the d independent coordinates, in which errors count.
+        bands: where the multipliers have a time basis, the paper's stack.
+        runs: where the motion's noise counts, rows whitened by it.
+    """
+
+    mechanism: Mechanism
+    motion: Motion
+    point: Point
+    columns: Columns
+    cells: Sequence[Cell]
+    bands: Sequence[Band] = ()
+    runs: Sequence[Run] = ()
+
+    @classmethod
+    def of(
+        cls, mechanism: Mechanism, motion: Motion, point: Point, progress: Told | None = None
+    ) -> Regression:
+        """The rows, seen once and absorbed into factors."""
+        columns = Columns.of(mechanism)
+        cells = accumulate(mechanism, columns, motion, progress, point)
+        basis = mechanism.closures and mechanism.multipliers.basis != "free"
+        bands = banded(mechanism, columns, motion, progress, point) if basis else []
+        return cls(mechanism, motion, point, columns, cells, tuple(bands))
+
+    @property
+    def d(self) -> int:
+        """Independent coordinates."""
+        return coordinates(self.mechanism, self.motion)
+
+    @cached_property
+    def prior(self) -> np.ndarray:
+        """(k,) the URDF's values; 0 for effects; shapes where they are."""
+        return self.columns.prior_at(self.point.values)
+
+    @cached_property
+    def factors(self) -> list[Factor]:
+        """One a coordinate, of all rows on all k columns."""
+        return totals(self.cells, len(self.columns), self.d)
+
+    @cached_property
+    def at_rest(self) -> list[Factor]:
+        """One a coordinate, of the rows at standstill, which count but do not inform."""
+        rest = [replace(cell, factor=cell.rest) for cell in self.cells]
+        return totals(rest, len(self.columns), self.d)
+
+    @cached_property
+    def fitting(self) -> Sequence[Cell]:
+        """From which parameters are estimated: the cells, or what is left of larger stacks."""
+        stacks: list[Band | Run] = [*self.bands, *self.runs]
+        return cells_of(stacks, self.columns, self.motion) if stacks else self.cells
+
+    @property
+    def stacked(self) -> bool:
+        """Whether parameters are estimated from rows of all coordinates together."""
+        return bool(self.bands or self.runs)
+
+    @cached_property
+    def torque(self) -> np.ndarray:
+        """(d,) rms of the measured torque [N m | N]."""
+        everything = self.squares(self.prior)
+        return np.asarray(np.sqrt(everything.torque / np.maximum(everything.rows, 1)))
+
+    @cached_property
+    def sensible(self) -> np.ndarray:
+        """(k,) largest plausible distance of each unknown from its prior."""
+        size = np.zeros(len(self.columns))
+        for factor in self.factors:
+            size = size + factor.column_norms() ** 2 / max(factor.rows, 1)
+        return plausible(self.mechanism, self.columns, self.torque, np.sqrt(size))
+
+    def squares(self, x: np.ndarray) -> Squares:
+        """What x (k,) leaves in all rows."""
+        return squares(self.cells, x, self.d)
+
+    @property
+    def units(self) -> list[str]:
+        """Of the torque of every independent coordinate."""
+        return [self.mechanism.joint(name).force_unit for name in self.motion.independent]

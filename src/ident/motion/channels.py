@@ -1,0 +1,89 @@
+"""The measured channels of the joints' motion, with the noise that the data show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.motion.measure import Signals
+from ident.motion.spectrum import noise_level
+
+ORDERS = "qva"
+ROUNDING = 1e-9  # of its spread, or of 1 rad or m: no channel is trusted better
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """What was logged of one derivative of one joint's coordinate.
+
+    Attributes:
+        joint: its name; order: 0 position, 1 velocity, 2 acceleration.
+        t, x: (n,) as logged; sigma: its noise; spread: its standard deviation.
+    """
+
+    joint: str
+    order: int
+    t: np.ndarray
+    x: np.ndarray
+    sigma: float
+    spread: float
+
+    @property
+    def column(self) -> str:
+        """Its name in the log."""
+        return f"{ORDERS[self.order]}.{self.joint}"
+
+    @property
+    def noise(self) -> float:
+        """Its noise as a share of its spread; 0 for a constant."""
+        return self.sigma / self.spread if self.spread > 0 else 0.0
+
+    def within(self, t: np.ndarray) -> Channel:
+        """Its samples in a run of the clock t (n,)."""
+        margin = 0.75 * (t[1] - t[0]) if len(t) > 1 else 0.0
+        a, b = np.searchsorted(self.t, (t[0] - margin, t[-1] + margin))
+        return Channel(self.joint, self.order, self.t[a:b], self.x[a:b], self.sigma, self.spread)
+
+    def with_noise(self, sigma: float) -> Channel:
+        """The channel with another noise."""
+        return Channel(self.joint, self.order, self.t, self.x, sigma, self.spread)
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """What smoothing did to a channel.
+
+    Attributes:
+        column: of the log; how: in words.
+        noise: its estimated white noise, by which it was weighted.
+        residual: rms of measured minus smoothed; 0 where it was taken as logged.
+        spacing: of the knots [s]; 0 where there are none.
+    """
+
+    column: str
+    how: str
+    noise: float
+    residual: float
+    spacing: float = 0.0
+
+
+def channels_of(signals: Signals, names: Sequence[str]) -> list[Channel]:
+    """All motion channels that a log has of some joints."""
+    found = []
+    for name in names:
+        for order, letter in enumerate(ORDERS):
+            column = f"{letter}.{name}"
+            if column not in signals.columns:
+                continue
+            t, x = signals.log.series(column)
+            sigma, spread = noise_level(signals.even(column)[0]), float(np.std(x))
+            sigma = max(sigma, ROUNDING * (spread or 1.0))
+            found.append(Channel(name, order, t, x, sigma, spread))
+    return found
+
+
+def periods(channels: Sequence[Channel]) -> float:
+    """The shortest median step among the channels [s]."""
+    return min(float(np.median(np.diff(channel.t))) for channel in channels)
