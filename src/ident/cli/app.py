@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 import ident
-from ident.cli import diagnosing, identifying, modelling
+from ident.cli import diagnosing, exciting, identifying, modelling, montecarlo, simulating
 from ident.cli.console import fail
 from ident.errors import IdentError
 
@@ -31,7 +31,9 @@ for command in (
     diagnosing.grow,
     modelling.add,
     modelling.effects,
-    modelling.simulate,
+    simulating.simulate,
+    exciting.excite,
+    montecarlo.montecarlo,
 ):
     app.command()(command)
 

@@ -47,6 +47,14 @@ Cutoff = Annotated[
     str,
     typer.Option(metavar="HZ", help="Cut-off of the zero-phase filter: a number, auto or none."),
 ]
+Smoothing = Annotated[
+    str,
+    typer.Option(
+        metavar="S",
+        help="Knots of the smooth motion: their distance in seconds, auto, or none for the log's "
+        "positions, velocities and accelerations as they are.",
+    ),
+]
 Basis = Annotated[
     str | None,
     typer.Option(
@@ -135,10 +143,12 @@ def motion_of(
     cutoff: float | str | None,
     told: Told | None = None,
     torques: bool = True,
+    smoothing: str = "auto",
 ) -> Motion:
     """The completed motion of some logs."""
     logs = logs_of(paths, mechanism)
-    return complete(mechanism, logs, cutoff=cutoff, torques=torques, progress=told)
+    knots = None if smoothing.lower() == "none" else smoothing
+    return complete(mechanism, logs, cutoff=cutoff, torques=torques, smoothing=knots, progress=told)
 
 
 def cutoff_of(text: str) -> float | str | None:
@@ -156,4 +166,23 @@ def cutoff_of(text: str) -> float | str | None:
     except ValueError:
         raise IdentError(
             f"--cutoff {text}: is no frequency; valid: a number of Hz, auto or none"
+        ) from None
+
+
+def bound_of(text: str) -> tuple[str, tuple[float, float]]:
+    """`rod.m=0.4:0.6` as a name and two values; one that is left out is no bound.
+
+    Raises:
+        IdentError: for anything else.
+    """
+    name, _, pair = text.partition("=")
+    low, colon, high = pair.partition(":")
+    try:
+        if not name or not colon or not (low or high):
+            raise ValueError
+        return name, (float(low or "-inf"), float(high or "inf"))
+    except ValueError:
+        raise IdentError(
+            f"--bound {text}: is no bound; write NAME=LOW:HIGH, such as rod.m=0.4:0.6, or one of "
+            "the two, rod.m=0.4:"
         ) from None

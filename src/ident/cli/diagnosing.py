@@ -14,6 +14,7 @@ from ident.cli.arguments import (
     Cutoff,
     LogPaths,
     MechanismPath,
+    Smoothing,
     Spacing,
     With,
     cutoff_of,
@@ -41,6 +42,7 @@ def diagnose(
     basis: Basis = None,
     spacing: Spacing = None,
     cutoff: Cutoff = "auto",
+    smoothing: Smoothing = "auto",
     absolute: Absolute = False,
     allow_code: AllowCode = False,
     seed: Seed = 0,
@@ -63,8 +65,8 @@ def diagnose(
     )
     output_folder(out)
     with progress() as told:
-        motion = motion_of(model, logs, cutoff_of(cutoff), told)
-        fit = identify(model, motion, progress=told)
+        motion = motion_of(model, logs, cutoff_of(cutoff), told, smoothing=smoothing)
+        fit = identify(model, motion, estimator="least-squares", progress=told)
         found = diagnose_(fit, seed=seed, progress=told)
         text = str(found)
     result(text)
@@ -84,6 +86,7 @@ def grow(
     basis: Basis = None,
     spacing: Spacing = None,
     cutoff: Cutoff = "auto",
+    smoothing: Smoothing = "auto",
     absolute: Absolute = False,
     allow_code: AllowCode = False,
     seed: Seed = 0,
@@ -107,8 +110,10 @@ def grow(
         refuse_own(model, out)
     output_folder(out)
     with progress_and_results() as (told, shown):
-        motion = motion_of(model, logs, cutoff_of(cutoff), told)
-        other = motion_of(model, validate, motion.band.cutoff, told) if validate else None
+        motion = motion_of(model, logs, cutoff_of(cutoff), told, smoothing=smoothing)
+        other = None
+        if validate:
+            other = motion_of(model, validate, motion.band.cutoff, told, smoothing=smoothing)
 
         def reached(step: Step) -> None:
             if step.added is None and not step.removed:

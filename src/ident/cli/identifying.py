@@ -15,8 +15,10 @@ from ident.cli.arguments import (
     LogPaths,
     MechanismPath,
     Out,
+    Smoothing,
     Spacing,
     With,
+    bound_of,
     cutoff_of,
     mechanism_of,
     motion_of,
@@ -24,14 +26,22 @@ from ident.cli.arguments import (
     output_folder,
 )
 from ident.cli.console import notes, progress, result
+from ident.errors import IdentError
+from ident.errors import IdentError
+from ident.fit import Fit
 from ident.fit import identify as identify_
 from ident.fit.output import write_fit
 from ident.fit.reactions import compare_multipliers
 from ident.fit.saved import read_fit
-from ident.fit.structure import describe, structure
+from ident.fit.structure import channels, describe, structure
 from ident.fit.summary import summary
 from ident.log import read_log
+from ident.mechanism import Consistency
 from ident.residual import compare as compare_
+from ident.simulate import replay
+from ident.simulate.replay import WINDOW
+
+ADVICE = 4  # sentences on what another motion would tell
 
 
 def check(
@@ -42,19 +52,22 @@ def check(
     ] = None,
     with_: With = None,
     cutoff: Cutoff = "auto",
+    smoothing: Smoothing = "auto",
     absolute: Absolute = False,
     allow_code: AllowCode = False,
 ) -> None:
     """What was understood, and what could be identified.
 
-    Joints, closures, degrees of freedom; of logs their columns and gaps; base parameters.
+    Joints, closures, degrees of freedom; of logs their columns, gaps and noise, and what smoothing
+    left of each channel; base parameters.
     """
     model = mechanism_of(mechanism, with_, allow_code=allow_code, absolute=absolute)
     motion = None
     with progress() as told:
         if logs:
-            motion = motion_of(model, logs, cutoff_of(cutoff), told, torques=False)
-        parts = [describe(model, motion), motion, structure(model, motion)]
+            motion = motion_of(model, logs, cutoff_of(cutoff), told, False, smoothing)
+        seen = channels(model, motion) if motion is not None else None
+        parts = [describe(model, motion), motion, seen, structure(model, motion)]
     result("\n\n".join(str(part) for part in parts if part is not None))
 
 
@@ -69,12 +82,39 @@ def identify(
     basis: Basis = None,
     spacing: Spacing = None,
     cutoff: Cutoff = "auto",
+    smoothing: Smoothing = "auto",
     absolute: Absolute = False,
     allow_code: AllowCode = False,
     reactions: Annotated[
         Path | None,
         typer.Option(metavar="LOG", help="Known reactions to compare the multipliers with."),
     ] = None,
+    consistent: Annotated[
+        bool,
+        typer.Option(
+            "--consistent",
+            help="Possible bodies, no negative friction or stiffness, bounds of [parameters].",
+        ),
+    ] = False,
+    bound: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=LOW:HIGH",
+            help="Keep a parameter between two values, either of which may be left out; "
+            "implies --consistent.",
+        ),
+    ] = None,
+    total_mass: Annotated[
+        float | None,
+        typer.Option(metavar="KG", help="Mass of all moving bodies; implies --consistent."),
+    ] = None,
+    refine: Annotated[
+        bool,
+        typer.Option(
+            "--refine",
+            help="Let the motion move within its noise until torques and channels agree best.",
+        ),
+    ] = False,
     out: Out = None,
 ) -> None:
     """Parameters, effects and multipliers from logs.
@@ -84,22 +124,38 @@ def identify(
     model = mechanism_of(
         mechanism, with_, allow_code=allow_code, basis=basis, spacing=spacing, absolute=absolute
     )
+    limits = Consistency(dict(map(bound_of, bound or ())), total_mass)
+    asked = limits if bound or total_mass is not None else consistent
     output_folder(out)
     with progress() as told:
-        motion = motion_of(model, logs, cutoff_of(cutoff), told)
+        motion = motion_of(model, logs, cutoff_of(cutoff), told, smoothing=smoothing)
         other = None
         if validate:
-            other = motion_of(model, validate, motion.band.cutoff, told)
-        fit = identify_(model, motion, validate=other, progress=told)
+            other = motion_of(model, validate, motion.band.cutoff, told, smoothing=smoothing)
+        fit = identify_(
+            model, motion, validate=other, consistent=asked,
+            estimator="likelihood" if refine else "auto", progress=told,
+        )  # fmt: skip
     result(summary(fit))
     known = None
     if reactions is not None:
         known = compare_multipliers(fit, read_log(reactions))
         result(f"\n{known}")
     notes(fit.warnings)
+    notes(_advice(fit))
     if out is not None:
         for path in write_fit(fit, out, known):
             notes([f"wrote {path}"])
+
+
+def _advice(fit: Fit) -> list[str]:
+    """Which motion would tell what this one does not, where one can be made up."""
+    try:
+        said = list(fit.unexcited.advice)
+    except IdentError:
+        return []
+    more = [f"and {len(said) - ADVICE} more such: fit.unexcited"] if len(said) > ADVICE else []
+    return said[:ADVICE] + more
 
 
 def compare(
@@ -109,6 +165,7 @@ def compare(
         list[Path], typer.Option(metavar="FIT.json", help="A fit; give several to compare them.")
     ],
     cutoff: Cutoff = "fit",
+    smoothing: Smoothing = "auto",
     absolute: Absolute = False,
     allow_code: AllowCode = False,
     plot: Annotated[
@@ -118,6 +175,18 @@ def compare(
         Path | None,
         typer.Option(metavar="DIR", help="Write report.html and compare.json into this folder."),
     ] = None,
+    simulated: Annotated[
+        bool,
+        typer.Option(
+            "--simulate",
+            help="Integrate the motion too, against the measured one; --plot draws that, --out "
+            "adds replay.html and replay.json.",
+        ),
+    ] = False,
+    window: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="Of --simulate, from one restart to the next. Default: 0.5"),
+    ] = None,
 ) -> None:
     """Models against measurement, joint by joint.
 
@@ -125,18 +194,26 @@ def compare(
     of its motion, and on which signals what is left depends.
     """
     model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute)
+    if window is not None and not simulated:
+        raise IdentError("--window: is of --simulate; add that")
     saved = [read_fit(path, model) for path in fit]
     output_file(plot, (".png", ".svg", ".pdf"))
     output_folder(out)
     with progress() as told:
         band = saved[0].cutoff if cutoff == "fit" else cutoff_of(cutoff)
-        motion = motion_of(model, logs, band, told)
+        motion = motion_of(model, logs, band, told, smoothing=smoothing)
         comparison = compare_(*saved, motion=motion, progress=told)
         text = str(comparison)
     result(text)
     notes(motion.notes)
+    again = None
+    if simulated:
+        with progress() as told:
+            again = replay(*saved, motion=motion, window=window or WINDOW, progress=told)
+        result(f"\n{again}")
     if plot is not None:
-        comparison.save(plot)
+        (again or comparison).save(plot)
         notes([f"wrote {plot}"])
     if out is not None:
-        notes([f"wrote {path}" for path in comparison.write(out)])
+        written = comparison.write(out) + (again.write(out) if again else [])
+        notes([f"wrote {path}" for path in written])

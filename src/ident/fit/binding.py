@@ -11,14 +11,12 @@ import numpy as np
 from ident.errors import FitError
 from ident.fit.bodies import VERIFIED, smallest_eigenvalue
 from ident.fit.consistent import Program
-from ident.fit.score import Squares
 from ident.mechanism.consistency import Consistency
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT
 from ident.solve.cone import Point
 
 PUSHED = 0.1  # standard errors of white noise by which a limit must push to count as active
-ROUNDING = 1e-9  # of the torque, below which an error is none
 WORTH = 0.05  # of the error: a rise that asks for an explanation
 
 
@@ -138,14 +136,6 @@ def binding_of(
         rise=rise,
         held_out_rise=held_out_rise,
     )
-
-
-def rise(after: Squares, before: Squares) -> float:
-    """√ of the mean over coordinates of (error with limits / error without)², less 1."""
-    old = np.maximum(before.error, ROUNDING**2 * before.torque)
-    counts = old > 0
-    ratio = np.maximum(after.error, ROUNDING**2 * after.torque)[counts] / old[counts]
-    return float(np.sqrt(ratio.mean()) - 1) if counts.any() else 0.0
 
 
 def impossible_known(mechanism: Mechanism) -> list[str]:

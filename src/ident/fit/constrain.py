@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.fit.assemble import outside_of
-from ident.fit.binding import Binding, binding_of, impossible_known, rise
+from ident.fit.binding import Binding, binding_of, impossible_known
 from ident.fit.consistent import Program
 from ident.fit.descend import shape_bounds
 from ident.fit.estimate import Estimate, estimate, totals
 from ident.fit.regression import Regression
-from ident.fit.score import Squares
+from ident.fit.score import Squares, rise
 from ident.mechanism.consistency import Consistency
 from ident.progress import Told
 from ident.solve.cone import Point

@@ -18,14 +18,18 @@ from ident.errors import one_of
 from ident.fit.accumulate import Cell
 from ident.fit.banded import Band, multipliers_of
 from ident.fit.binding import Binding
-from ident.fit.estimate import Estimate
+from ident.fit.correlation import Correlation
+from ident.fit.essential import Essential, essential
+from ident.fit.estimate import FLOOR, Estimate
 from ident.fit.noisy import Likelihood
 from ident.fit.output import write_fit, write_urdf
 from ident.fit.plots import plot_torques
 from ident.fit.predict import Prediction, predict
 from ident.fit.reach import identifiable_multipliers
+from ident.fit.regression import Regression
 from ident.fit.score import Error, Squares
 from ident.fit.summary import summary
+from ident.fit.unexcited import Unexcited, unexcited
 from ident.fit.values import (
     BaseValue,
     EffectValues,
@@ -93,6 +97,37 @@ class Fit:
         """With what bounds do to it."""
         bound = self.binding is not None and value.name in self.binding.at_bound
         return replace(value, at_bound=True) if bound else value
+
+    @cached_property
+    def regression(self) -> Regression:
+        """The rows that errors are counted in, as factors."""
+        return Regression(
+            self.mechanism, self.motion, self.point, self.columns, self.cells, self.bands
+        )
+
+    @cached_property
+    def worth(self) -> np.ndarray:
+        """(d,) what one row of each coordinate is weighed by in comparisons [N m | N]."""
+        sigma, names = self.estimate.sigma, self.motion.independent
+        if len(sigma) == len(names) and not self.regression.stacked:
+            return sigma
+        rms = np.array([self.train[name].rms for name in names])
+        return np.maximum(rms, FLOOR * self.regression.torque) + 1e-300
+
+    @cached_property
+    def correlation(self) -> Correlation:
+        """Of the errors of the base parameters."""
+        return Correlation.of(self.columns, self.estimate, self.covariance)
+
+    @cached_property
+    def essential(self) -> Essential | None:
+        """The base parameters that the model cannot do without; None for a log too short to say."""
+        return essential(self)
+
+    @cached_property
+    def unexcited(self) -> Unexcited:
+        """What this motion does not tell, why, and which motion would."""
+        return unexcited(self)
 
     @property
     def rank(self) -> int:

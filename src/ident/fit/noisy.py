@@ -6,8 +6,10 @@ shrunk (bias), and instants at which accelerations matter most get too much weig
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -41,14 +43,28 @@ class Likelihood:
             can make.
         sigma: (d,) noise of the torque rows [N m | N].
         steps: Gauss-Newton steps that were made; settled: whether the last one changed nothing.
-        motion: on which torques and measured channels agree best.
+        made: how the motion follows that torques and measured channels agree on best.
     """
 
     share: np.ndarray
     sigma: np.ndarray
     steps: int
     settled: bool
-    motion: Motion
+    made: Callable[[], Motion]
+
+    @cached_property
+    def motion(self) -> Motion:
+        """The motion on which torques and measured channels agree best."""
+        return self.made()
+
+    def described(self) -> dict[str, Any]:
+        """For fit.json."""
+        return {
+            "share": [float(x) for x in self.share],
+            "torque_noise": [float(x) for x in self.sigma],
+            "steps": self.steps,
+            "settled": self.settled,
+        }
 
     def __str__(self) -> str:
         share = 100 * min(float(self.share.max(initial=0.0)), 1.0)
@@ -97,7 +113,7 @@ def one_step(
     runs, now, agreed = _whitened(here, found, sigma)
     if agreed > EXPLAINED:
         return None
-    return here.finished(runs, now, Likelihood(share, sigma, 1, False, r.motion))
+    return here.finished(runs, now, share, sigma, 1, False)
 
 
 def refined(
@@ -132,7 +148,7 @@ def refined(
         else:
             runs, now, _ = _whitened(there, found, sigma)
         settled, step, here = _rests(now, there.x), step + 1, there
-    return here.finished(runs, now, Likelihood(share, sigma, step, settled, r.motion))
+    return here.finished(runs, now, share, sigma, step, settled)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,11 +215,22 @@ class _Place:
         """The place of a full step."""
         return _Place.at(self.regression, x, self.moved(runs, x), fine, progress, self.parts)
 
-    def finished(self, runs: Sequence[Sequence[Run]], now: Estimate, done: Likelihood) -> Weighed:
+    def finished(
+        self,
+        runs: Sequence[Sequence[Run]],
+        now: Estimate,
+        share: np.ndarray,
+        sigma: np.ndarray,
+        steps: int,
+        settled: bool,
+    ) -> Weighed:
         """What a step from here gives."""
         r = replace(self.regression, runs=tuple(run for mine in runs for run in mine))
-        motion = replace(r.motion, experiments=self.moved(runs, now.solution.x))
-        return r, now, replace(done, motion=motion)
+
+        def made() -> Motion:
+            return replace(r.motion, experiments=self.moved(runs, now.solution.x))
+
+        return r, now, Likelihood(share, sigma, steps, settled, made)
 
     def halfway(self, other: _Place, fine: Sequence[Smooth], progress: Told | None) -> _Place:
         """The place between this one and another."""

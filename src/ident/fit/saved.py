@@ -19,6 +19,7 @@ from ident.fit.score import Error
 from ident.fit.values import Value
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, about_origin, split
+from ident.motion import Experiment
 
 if TYPE_CHECKING:
     from ident.fit.fit import Fit
@@ -45,6 +46,18 @@ def _errors(errors: Mapping[str, Error]) -> dict[str, Any]:
     return {
         name: {"rms": _number(e.rms), "relative": _number(e.relative), "unit": e.unit}
         for name, e in errors.items()
+    }
+
+
+def _smoothing(e: Experiment) -> dict[str, Any]:
+    """What was done to an experiment's channels, noise and residual in their units."""
+    return {
+        "log": e.name,
+        "knots": e.smooth.spacing if e.smooth else None,
+        "channels": [
+            {"name": c.column, "noise": c.noise, "residual": c.residual, "how": c.how}
+            for c in e.channels
+        ],
     }
 
 
@@ -85,10 +98,14 @@ def fit_json(fit: Fit) -> dict[str, Any]:
             "unfiltered": _errors(fit.unfiltered),
             "validation": {log: _errors(errors) for log, errors in fit.validation.items()},
         },
+        "smoothing": [_smoothing(e) for e in fit.motion.experiments],
+        "likelihood": None if fit.likelihood is None else fit.likelihood.described(),
         "filter": {"cutoff": band.cutoff, "motion_bandwidth": band.motion, "unit": "Hz"},
         "condition_number": _number(fit.condition_number),
         "rank": fit.rank,
         **({} if fit.binding is None else {"consistency": fit.binding.json()}),
+        **({} if fit.essential is None else {"essential": fit.essential.json()}),
+        "correlated": [list(pair) for pair in fit.correlation.pairs()],
         "warnings": list(fit.warnings),
     }
 

@@ -12,6 +12,7 @@ from ident.fit.estimate import Estimate, estimate, totals
 from ident.solve.factor import Factor
 
 FOLDS = 10
+ROUNDING = 1e-9  # of the torque, below which an error is none
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,19 @@ def squares(cells: Sequence[Cell], x: np.ndarray, d: int) -> Squares:
             rows[cell.coordinate] += factor.rows
         torque[cell.coordinate] += cell.tau
     return Squares(error, torque, rows)
+
+
+def rises(after: Squares, before: Squares) -> np.ndarray:
+    """Of the error, as a share, of every coordinate that has one."""
+    old = np.maximum(before.error, ROUNDING**2 * before.torque)
+    new = np.maximum(after.error, ROUNDING**2 * after.torque)
+    return np.asarray(np.sqrt(new[old > 0] / old[old > 0]) - 1)
+
+
+def rise(after: Squares, before: Squares) -> float:
+    """Of the error, as a share: √ of the mean over coordinates of (after / before)², less 1."""
+    each = rises(after, before)
+    return float(np.sqrt(np.mean((1 + each) ** 2)) - 1) if len(each) else 0.0
 
 
 def stretches(*sets: Sequence[Cell]) -> int:

@@ -104,6 +104,9 @@ def summary(fit: Fit) -> str:
         lines += ["", f"rank {fit.rank} of {len(fit.columns)} unknowns, {condition}{rest}"]
     if fit.likelihood is not None:
         lines.append(str(fit.likelihood))
+    if fit.essential is not None:
+        lines.append(fit.essential.line)
+    lines += fit.correlation.notes()
     if fit.binding is not None:
         lines.append(str(fit.binding))
     return "\n".join(lines)

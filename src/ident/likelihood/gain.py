@@ -19,7 +19,7 @@ from ident.equations.samples import reduced
 from ident.equations.terms import told_by, unbalanced
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment
-from ident.motion.place import at_coordinates, in_tree
+from ident.motion.place import at_coordinates, at_rates
 from ident.motion.place import reduced as with_leverage
 
 STEP = 1e-6  # of the spread of a coordinate or its derivative
@@ -65,8 +65,8 @@ def _beside(
             series = moved[order][:, given.index(name)]
             step = STEP * (float(np.std(series)) or 1.0)
             series += step
-            if not mechanism.closures:
-                yield i, order, step, in_tree(mechanism, e, given, moved)
+            if order or not mechanism.closures:
+                yield i, order, step, at_rates(mechanism, e, given, moved)
                 continue
             there = at_coordinates(mechanism, e, given, moved)
             yield i, order, step, with_leverage(mechanism, there, e.independent)[0]

@@ -16,7 +16,7 @@ from ident.likelihood.collocate import Torques, joined, reach, weighed
 from ident.likelihood.gain import gain
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment
-from ident.motion.channels import Channel
+from ident.motion.fuse import through_motion
 from ident.motion.smooth import Smooth, fitted
 from ident.motion.spline import Spline
 from ident.solve.basis import Basis
@@ -168,14 +168,8 @@ def _coefficients(
     basis: Basis, e: Experiment, segment: slice, names: tuple[str, ...], mechanism: Mechanism
 ) -> np.ndarray:
     """Of the experiment's motion (count, coordinates), which is a coarser spline or the same."""
-    t = e.t[segment]
-    channels = []
-    for name in names:
-        at = mechanism.joint_index[name]
-        for order, y in enumerate((e.y, e.yd, e.ydd)):
-            x = y[segment, at]
-            channels.append(Channel(name, order, t, x, float(np.std(x)) or 1.0, 1.0))
-    return fitted(basis, channels, names).c
+    inside = [channel.within(e.t[segment]) for channel in through_motion(mechanism, e, names)]
+    return fitted(basis, inside, names).c
 
 
 def _between(t: np.ndarray, at: np.ndarray, G: np.ndarray) -> np.ndarray:

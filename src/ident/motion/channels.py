@@ -11,6 +11,8 @@ from ident.motion.measure import Signals
 from ident.motion.spectrum import noise_level
 
 ORDERS = "qva"
+GRAINS = 20  # changes of a signal from which its step can be told
+MOST = 1000.0  # steps between two samples beyond which multiples are no sign of anything
 ROUNDING = 1e-9  # of its spread, or of 1 rad or m: no channel is trusted better
 
 
@@ -79,9 +81,20 @@ def channels_of(signals: Signals, names: Sequence[str]) -> list[Channel]:
                 continue
             t, x = signals.log.series(column)
             sigma, spread = noise_level(signals.even(column)[0]), float(np.std(x))
-            sigma = max(sigma, ROUNDING * (spread or 1.0))
+            sigma = max(sigma, grain(x) / np.sqrt(12.0), ROUNDING * (spread or 1.0))
             found.append(Channel(name, order, t, x, sigma, spread))
     return found
+
+
+def grain(x: np.ndarray) -> float:
+    """The step of a signal (n,) that only takes multiples of one; 0 for others."""
+    steps = np.abs(np.diff(x))
+    steps = steps[steps > 0]
+    if len(steps) < GRAINS:
+        return 0.0
+    least = float(steps.min())
+    off = steps / least
+    return least if (np.abs(off - np.round(off)) < 0.01 * off).all() and off.max() < MOST else 0.0
 
 
 def periods(channels: Sequence[Channel]) -> float:

@@ -26,6 +26,7 @@ CLOSED = 1e-11  # [m | rad] largest equation left by Newton
 OPEN = 1e-10  # [m | rad] largest equation at which a configuration counts as closed
 STEPS = 12
 FARTHEST = 1000.0  # [rad | m] from the start to the sample nearest to it; beyond, a unit is wrong
+BENT = 0.2  # share of a step by which it may differ from what the tangents at its ends foretell
 LEAP = 20.0  # [rad | m] from one sample to the next
 
 
@@ -149,8 +150,9 @@ class Closer:
     def _bridge(self, q: np.ndarray, target: np.ndarray, t: np.ndarray, a: int, b: int) -> None:
         """Sets q[b] from q[a]; goes over the samples between them where that is too far."""
         found, gap = self.newton(q[a : a + 1], target[b : b + 1])
-        moved = np.abs(target[b] - target[a]).max()
-        if gap[0] < OPEN and _distance(self.mechanism.model, q[a], found[0]) < 0.2 + 3 * moved:
+        moved = target[b] - target[a]
+        near = _distance(self.mechanism.model, q[a], found[0]) < 0.2 + 3 * np.abs(moved).max()
+        if gap[0] < OPEN and near and self._straight(q[a], found[0], moved):
             q[b] = found[0]
         elif abs(b - a) > 1:
             middle = (a + b) // 2
@@ -158,6 +160,19 @@ class Closer:
             self._bridge(q, target, t, middle, b)
         else:
             q[b] = self._travel(q[a], target[a], target[b], t[b], LEAP)
+
+    def _straight(self, q: np.ndarray, there: np.ndarray, moved: np.ndarray) -> bool:
+        """Whether the tangents at both ends lead from one configuration to the other.
+
+        Newton may land on another branch where a singular position is near; there the step between
+        the two is not the one that K⁺ [0; δy] foretells.
+        """
+        _, K = self._residual(np.stack([q, there]), np.stack([moved, moved]))
+        m = K.shape[1] - len(moved)
+        step = pseudo_inverse(K)[:, :, m:] @ (moved / self.scale)
+        foretold = 0.5 * (step[0] + step[1])
+        gone = pin.difference(self.mechanism.model, q, there)
+        return bool(np.abs(gone - foretold).max() < 0.02 + BENT * np.abs(gone).max())
 
     def _travel(
         self, q: np.ndarray, y: np.ndarray, goal: np.ndarray, t: float, farthest: float

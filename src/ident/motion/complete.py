@@ -15,7 +15,7 @@ from ident.motion.band import band_of
 from ident.motion.channels import Smoothed, channels_of
 from ident.motion.clock import runs
 from ident.motion.derive import AS_LOGGED, AUTO, derive, smoothed
-from ident.motion.fuse import along, fused, missed, reweighted
+from ident.motion.fuse import along, fused, missed, reweighted, through_motion
 from ident.motion.independent import best_conditioned, independent_joints
 from ident.motion.measure import Signals, measure
 from ident.motion.motion import Band, Experiment, Motion
@@ -243,11 +243,10 @@ def _together(
     smoothing: float | str | None,
 ) -> Experiment:
     """More joints logged than needed, with noise: one smooth motion made by all their channels."""
-    order = [name for name in e.logged if name in mechanism.driven] + list(e.logged)
-    names = independent_joints(mechanism, order)
+    names = best_conditioned(mechanism, e.q)
     channels = channels_of(signals, e.logged)
-    own = [channel for channel in channels if channel.joint in names]
-    e = along(mechanism, e, smoothed(signals, own, names, band, smoothing)[0])
+    through = through_motion(mechanism, e, names)
+    e = along(mechanism, e, smoothed(signals, through, names, band, smoothing)[0])
     smooth = fused(mechanism, e, channels)
     channels = reweighted(mechanism, along(mechanism, e, smooth), channels)
     smooth = fused(mechanism, along(mechanism, e, smooth), channels)

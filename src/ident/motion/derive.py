@@ -101,11 +101,12 @@ def smoothed(
         h = resolution(channels, t[longest], band)
     else:
         h = float(spacing)
-    channels = weighted(
-        fitted(basis_over(t[longest][0], t[longest][-1], h),
-               [channel.within(t[longest]) for channel in channels], names),
-        [channel.within(t[longest]) for channel in channels], names, channels,
-    )  # fmt: skip
+    seen = [channel.within(t[longest]) for channel in channels]
+    noise = {
+        channel.column: channel.sigma
+        for channel in weighted(basis_over(t[longest][0], t[longest][-1], h), seen, names)
+    }
+    channels = [channel.with_noise(noise[channel.column]) for channel in channels]
     smooth = Smooth.of(channels, names, [(run, t[run]) for run in found], h)
     squares, counts = np.zeros(len(channels)), np.zeros(len(channels))
     for run, spline in smooth.runs:

@@ -21,8 +21,8 @@ from ident.motion.place import at_coordinates, reduced
 from ident.motion.smooth import INCONSISTENT, Smooth
 from ident.motion.spline import WIDTH, Rows, Spline, solved
 
-STEPS = 4
-SETTLED = 1e-3  # of a channel's noise: a smaller step changes nothing
+STEPS = 6
+SETTLED = 1e-7  # of a joint's motion: a smaller step changes nothing
 
 
 def along(mechanism: Mechanism, e: Experiment, smooth: Smooth) -> Experiment:
@@ -41,10 +41,22 @@ def along(mechanism: Mechanism, e: Experiment, smooth: Smooth) -> Experiment:
 def finer(mechanism: Mechanism, e: Experiment, times: int) -> Smooth:
     """The splines of an experiment with so many knots for one, of which its own motion is one."""
     assert e.smooth is not None
-    own = e.smooth.finer([e.t[run] for run, _ in e.smooth.runs], times)
-    if len(e.smooth.own) == len(e.smooth.channels):
-        return own
-    return fused(mechanism, along(mechanism, e, own), e.smooth.channels)
+    t = [e.t[run] for run, _ in e.smooth.runs]
+    if len(e.logged) == mechanism.degrees_of_freedom:
+        return e.smooth.finer(t, times)
+    through = replace(e.smooth, channels=tuple(through_motion(mechanism, e, e.smooth.names)))
+    return fused(mechanism, along(mechanism, e, through.finer(t, times)), e.smooth.channels)
+
+
+def through_motion(mechanism: Mechanism, e: Experiment, names: tuple[str, ...]) -> list[Channel]:
+    """The motion of some joints itself, as channels."""
+    found = []
+    for name in names:
+        at = mechanism.joint_index[name]
+        for order, y in enumerate((e.y, e.yd, e.ydd)):
+            spread = float(np.std(y[:, at])) or 1.0
+            found.append(Channel(name, order, e.t, y[:, at], spread, spread))
+    return found
 
 
 def fused(mechanism: Mechanism, e: Experiment, channels: Sequence[Channel]) -> Smooth:
@@ -57,8 +69,6 @@ def fused(mechanism: Mechanism, e: Experiment, channels: Sequence[Channel]) -> S
     """
     assert e.smooth is not None
     names = e.smooth.names
-    positions = {c.joint: c.sigma for c in channels if c.order == 0}
-    noise = np.array([positions[name] for name in names])
     for _ in range(STEPS):
         e = reduced(mechanism, e, names)[0]
         smooth = e.smooth
@@ -77,8 +87,9 @@ def fused(mechanism: Mechanism, e: Experiment, channels: Sequence[Channel]) -> S
             ]
             spline = solved(before.basis, rows, len(names))
             found.append((run, spline))
-            moved = np.abs(spline.at(e.t[run])[0] - before.at(e.t[run])[0]).max(axis=0)
-            step = max(step, float((moved / noise).max()))
+            now = spline.at(e.t[run])[0]
+            moved = np.abs(now - before.at(e.t[run])[0]).max(axis=0)
+            step = max(step, float((moved / (now.std(axis=0) + 1e-12)).max()))
         e = along(mechanism, e, replace(smooth, runs=tuple(found), channels=tuple(channels)))
         if step < SETTLED:
             break

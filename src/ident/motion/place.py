@@ -78,6 +78,15 @@ def at_coordinates(
     return replace(found, usable=e.usable & (left < 1e-6))
 
 
+def at_rates(
+    mechanism: Mechanism, e: Experiment, names: tuple[str, ...], known: np.ndarray
+) -> Experiment:
+    """An experiment where it is, but at other rates and accelerations, (1:3) of known (3, n, d)."""
+    if not mechanism.closures:
+        return in_tree(mechanism, e, names, known)
+    return _placed(mechanism, e, Closer(mechanism, names), e.q, known)
+
+
 def _placed(
     mechanism: Mechanism, base: Experiment, closer: Closer, q: np.ndarray, known: np.ndarray
 ) -> Experiment:

@@ -19,6 +19,7 @@ from ident.motion.channels import Channel
 from ident.motion.spline import DEGREE, WIDTH, Rows, Spline, basis_over, evaluated, solved
 from ident.solve.basis import Basis
 
+DOUBLINGS = 12
 INCONSISTENT = 1.3  # times its noise: a channel that misses the others by more weighs less
 
 
@@ -66,28 +67,41 @@ def residuals(
     return found
 
 
-def weighted(
-    spline: Spline,
-    seen: Sequence[Channel],
-    names: Sequence[str],
-    channels: Sequence[Channel],
-) -> list[Channel]:
+def weighted(basis: Basis, channels: Sequence[Channel], names: Sequence[str]) -> list[Channel]:
     """The channels with the noise that residuals show, where that is more than they had.
 
-    A velocity that a controller has filtered is smooth, but late: its samples agree with each other
-    and not with the positions.
+    Positions are believed. A velocity that a controller has filtered is smooth, but late: where
+    positions are missed by more than their noise, rates and accelerations weigh less until they
+    are not.
 
     Args:
-        spline: fitted to `seen`, the channels' samples in one run, of the joints `names`.
-        channels: the same in all runs.
+        basis: over one run; channels: their samples in it; names: the joints.
     """
-    n, m = sum(len(channel.x) for channel in seen), spline.c.size
-    spare = np.sqrt(n / max(n - m, 1))
-    found = []
-    for channel, off in zip(channels, residuals(spline, seen, names), strict=True):
-        rms = float(np.sqrt(np.mean(off**2))) * spare
-        found.append(channel.with_noise(rms) if rms > INCONSISTENT * channel.sigma else channel)
-    return found
+    return [each for name in names for each in _agreeing(basis, channels, name)]
+
+
+def _agreeing(basis: Basis, channels: Sequence[Channel], name: str) -> list[Channel]:
+    mine = [channel for channel in channels if channel.joint == name]
+    before = mine
+    for _ in range(DOUBLINGS):
+        rms = _rms(basis, mine, name)
+        late = [c.order == 0 and r > INCONSISTENT * c.sigma for c, r in zip(mine, rms, strict=True)]
+        if not any(late) or len(mine) == 1:
+            break
+        mine = [c if c.order == 0 else c.with_noise(2 * c.sigma) for c in mine]
+    rms = _rms(basis, mine, name)
+    return [
+        old.with_noise(max(old.sigma, r)) if r > INCONSISTENT * old.sigma else old
+        for old, r in zip(before, rms, strict=True)
+    ]
+
+
+def _rms(basis: Basis, channels: Sequence[Channel], name: str) -> list[float]:
+    """Of the residuals of one joint's channels, as if coefficients cost nothing."""
+    n = sum(len(channel.x) for channel in channels)
+    spare = np.sqrt(n / max(n - basis.count, 1))
+    left = residuals(fitted(basis, channels, (name,)), channels, (name,))
+    return [spare * float(np.sqrt(np.mean(off**2))) for off in left]
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,45 +2,21 @@
 
 from __future__ import annotations
 
-import fnmatch
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 
-from ident.effects import Effect
 from ident.effects.drive import Delay
 from ident.equations.correct import late
-from ident.equations.point import Point
-from ident.errors import MechanismError, MotionError, one_of
+from ident.errors import MotionError
 from ident.fit.predict import Prediction, predict
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import CENTROIDAL, DYNAMIC, about_origin, split
 from ident.motion import Experiment, Motion, complete
-
-CHANNELS = ("q", "v", "a", "tau")
-
-
-@dataclass(frozen=True)
-class Noise:
-    """White noise on the columns that a pattern names.
-
-    Attributes:
-        channel: `q`, `v`, `a`, `tau`, or a column's name (`tau.elbow`, wildcards allowed).
-        level: standard deviation in the column's unit, or its share of the column's own.
-        relative: whether `level` is a share.
-    """
-
-    channel: str
-    level: float
-    relative: bool = False
-
-    def matches(self, column: str) -> bool:
-        """Whether a column gets this noise."""
-        pattern = f"{self.channel}.*" if self.channel in CHANNELS else self.channel
-        return fnmatch.fnmatchcase(column, pattern)
+from ident.simulate.noise import CHANNELS, Noise, check_channels, noisy
+from ident.simulate.values import point_of
 
 
 def simulate(
@@ -76,21 +52,11 @@ def simulate(
         MechanismError: for names that are not there, or an effect's unknown without a value.
         MotionError: if the motion cannot be completed, or drives a coordinate that has no drive.
     """
-    for column in columns:
-        if column not in CHANNELS:
-            raise MotionError(f"columns: '{column}'; {one_of(column, CHANNELS)}")
+    check_channels(columns)
     completed = complete(mechanism, motion, torques=False)
     _check_driven(mechanism, completed)
-    given = dict(values or {})
-    parameters = _parameters(mechanism, given, pi)
-    point = Point(parameters, {})
-    for effect in mechanism.effects:
-        point = point.with_values(_effect_values(effect, given))
-    if given:
-        name = next(iter(given))
-        valid = [*mechanism.bodies.names, *(n for e in mechanism.effects for n in e.names)]
-        raise MechanismError(f"{mechanism.name}: no parameter '{name}'; {one_of(name, valid)}")
-    e = _one_run(completed)
+    point = point_of(mechanism, values, pi)
+    e = one_run(completed)
     completed = replace(completed, experiments=(e,))
     (prediction,) = predict(mechanism, completed, point)
     if joints is None:
@@ -102,12 +68,12 @@ def simulate(
             channel = f"tau.{effect.joints[0]}"
             found[channel] = late(e.t, found[channel], d)
     extra = {name: x for name, x in e.extra.items() if not name.startswith("tau.")}
-    noisy = _noisy(found, noise, np.random.default_rng(seed))
-    made = Log.from_arrays(motion.name, e.t, {**noisy, **extra})
+    found = noisy(found, noise, np.random.default_rng(seed))
+    made = Log.from_arrays(motion.name, e.t, {**found, **extra})
     return replace(made, repairs=(*made.repairs, *completed.notes)), prediction
 
 
-def _one_run(motion: Motion) -> Experiment:
+def one_run(motion: Motion) -> Experiment:
     """The experiment between the ends that its splines lose.
 
     Raises:
@@ -137,35 +103,6 @@ def _check_driven(mechanism: Mechanism, motion: Motion) -> None:
             )
 
 
-def _parameters(mechanism: Mechanism, given: dict[str, float], pi: np.ndarray | None) -> np.ndarray:
-    parameters = (mechanism.prior if pi is None else pi).copy()
-    for i, name in enumerate(mechanism.bodies.names):
-        if name in given:
-            parameters[i] = given.pop(name)
-    for link in mechanism.bodies.links:  # moments about the centre of mass, as a URDF has them
-        at = mechanism.bodies.columns(link)
-        shift = about_origin(*split(parameters[at])[:2])
-        for k, word in enumerate(DYNAMIC):
-            name = f"{link}.{CENTROIDAL.get(word)}"
-            if word in CENTROIDAL and name in given:
-                row, column = ("xyz".index(letter) for letter in word[1:])
-                parameters[at.start + k] = given.pop(name) + shift[row, column]
-    return parameters
-
-
-def _effect_values(effect: Effect, given: dict[str, float]) -> dict[str, float]:
-    values = {}
-    for name, unknown in zip(effect.names, effect.parameters, strict=True):
-        value = given.pop(name, effect.values.get(unknown.name))
-        if value is None:
-            raise MechanismError(
-                f"effect '{effect.label}': give {name} a value to simulate it: --set {name}=…, or "
-                f"{unknown.name} = … in its [[effect]]"
-            )
-        values[name] = float(value)
-    return values
-
-
 def _columns(
     mechanism: Mechanism,
     motion: Motion,
@@ -191,20 +128,4 @@ def _columns(
         torque -= e.leverage[:, mechanism.joint_index[name]] * tau[:, None]
     for i, name in enumerate(motion.independent):
         found[f"tau.{name}"] = torque[:, i]
-    return found
-
-
-def _noisy(
-    columns: Mapping[str, np.ndarray], noise: Sequence[Noise], random: np.random.Generator
-) -> dict[str, np.ndarray]:
-    for each in noise:
-        if not any(each.matches(name) for name in columns):
-            raise MotionError(f"noise: no column '{each.channel}'; {one_of(each.channel, columns)}")
-    found = {}
-    for name, x in columns.items():
-        for each in noise:
-            if each.matches(name):
-                sigma = each.level * (float(np.std(x)) if each.relative else 1.0)
-                x = x + sigma * random.standard_normal(len(x))
-        found[name] = x
     return found

@@ -1,0 +1,116 @@
+"""`montecarlo`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ident.cli.arguments import AllowCode, MechanismPath, With, mechanism_of, output_folder
+from ident.cli.console import notes, progress, result
+from ident.errors import IdentError
+from ident.montecarlo import Estimator, monte_carlo, paper
+from ident.montecarlo.noise import USUAL
+
+
+def montecarlo(
+    mechanism: MechanismPath,
+    log: Annotated[
+        Path, typer.Argument(metavar="LOG", help="Without noise, best of a simulation.")
+    ],
+    snr: Annotated[
+        str, typer.Option(metavar="LIST", help="Signal-to-noise ratios of every channel, in dB.")
+    ] = "60,50,40,30",
+    runs: Annotated[int, typer.Option(metavar="N", help="Draws of the noise at each.")] = 100,
+    estimator: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="paper, default, least-squares, likelihood or consistent; may be repeated. "
+            "Default: paper and default.",
+        ),
+    ] = None,
+    spacing: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            help="Of the paper's hats. Default: the mechanism's time basis, else 5 samples.",
+        ),
+    ] = None,
+    truth: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE",
+            help="A true value, as rod.Ixx=0.004. Default: that of the log as it is.",
+        ),
+    ] = None,
+    reactions: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="LOG", help="The true multipliers. Default: those of the log as it is."
+        ),
+    ] = None,
+    wrench: Annotated[
+        bool, typer.Option("--wrench", help="Noise on external wrenches too.")
+    ] = False,
+    seed: Annotated[int, typer.Option(metavar="N", help="Of the noise.")] = 0,
+    jobs: Annotated[
+        int | None, typer.Option(metavar="N", help="Processes. Default: one a core.")
+    ] = None,
+    with_: With = None,
+    allow_code: AllowCode = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Write table, all runs, picture and report there."),
+    ] = None,
+) -> None:
+    """Identify the same log with ever new noise: bias, spread, honesty of the standard errors.
+
+    Estimators meet the same noise and stand side by side, the paper's method among them.
+    """
+    output_folder(out)
+    model = mechanism_of(mechanism, with_, allow_code=allow_code)
+    with progress() as told:
+        found = monte_carlo(
+            model,
+            log,
+            snr=_ratios(snr),
+            runs=runs,
+            estimators=_estimators(estimator or ["paper", "default"], spacing),
+            truth=dict(_value(text) for text in truth or ()),
+            reactions=reactions,
+            channels=(*USUAL, "wrench") if wrench else USUAL,
+            seed=seed,
+            jobs=jobs,
+            progress=told,
+        )
+    result(found)
+    if out is not None:
+        notes(f"wrote {path}" for path in found.write(out))
+
+
+def _ratios(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise IdentError(f"--snr {text}: write numbers of dB with commas, as 60,40,30") from None
+
+
+def _estimators(names: list[str], spacing: float | None) -> list[str | Estimator]:
+    """By name, the paper's with its spacing."""
+    if spacing is not None and "paper" not in names:
+        raise IdentError(
+            f"--spacing {spacing:g}: is of the paper's hats; add --estimator paper, or leave it out"
+        )
+    return [paper(spacing) if name == "paper" else name for name in names]
+
+
+def _value(text: str) -> tuple[str, float]:
+    name, equals, value = text.rpartition("=")
+    try:
+        if not equals or not name:
+            raise ValueError
+        return name.strip(), float(value)
+    except ValueError:
+        raise IdentError(f"--truth {text}: write NAME=NUMBER, as rod.Ixx=0.004") from None

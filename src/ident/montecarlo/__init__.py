@@ -1,0 +1,7 @@
+"""Monte Carlo: what noise of a log does to parameters, estimator beside estimator."""
+
+from ident.montecarlo.estimators import ESTIMATORS, Estimator, paper
+from ident.montecarlo.montecarlo import MonteCarlo
+from ident.montecarlo.run import monte_carlo
+
+__all__ = ["ESTIMATORS", "Estimator", "MonteCarlo", "monte_carlo", "paper"]

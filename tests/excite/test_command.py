@@ -1,0 +1,76 @@
+"""`ident excite` through its entry point: what it writes is taken by `check` and `simulate`."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from helpers import ROBOTS
+from ident.cli.app import main
+
+QUICK = ("--duration", "8", "--periods", "2", "--harmonics", "2", "--rate", "50", "--tries", "1")
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """A command's status, output and error text."""
+    monkeypatch.chdir(tmp_path)
+
+    def ran(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["ident", *map(str, words)])
+        try:
+            main()
+            status = 0
+        except SystemExit as stop:
+            status = int(stop.code or 0)
+        said = capsys.readouterr()
+        return status, said.out, said.err
+
+    return ran
+
+
+def test_excite_check_simulate_identify(run, tmp_path):
+    arm = ROBOTS / "arm"
+    limits = ("--speed", "yaw=1", "--speed", "wrist=2", "--range", "elbow=-1:1.5", "--torque", "40")
+    more = ("--noise", "yaw=0.1", "--reserve", "30%", "--acceleration", "9", "--plot", "x.png")
+    status, out, err = run("excite", arm, *QUICK, *limits, *more, "--out", "x.csv")
+    assert status == 0, err
+    assert "identifies 22 base parameters of 40 unknowns" in out
+    assert "wrote x.csv" in err
+    assert (tmp_path / "x.png").stat().st_size > 1000
+    status, out, err = run("check", arm, "x.csv")
+    assert status == 0, err
+    assert "this motion identifies 22 base parameters" in out
+    assert run("simulate", arm, "x.csv", "--noise", "tau=1%", "--out", "made.csv")[0] == 0
+    status, out, err = run("identify", arm, "made.csv")
+    assert status == 0, err
+    assert "rank 22 of 40 unknowns" in out
+
+
+def test_separate_from_the_command(run):
+    words = ("--separate", "coulomb:crank", "coulomb:rocker", *QUICK)
+    status, out, err = run("excite", ROBOTS / "four_bar", *words)
+    assert status == 0, err
+    assert "coulomb:crank and coulomb:rocker: cosine 0." in out
+
+
+WRONG = {
+    "--speed fast": ("--speed", "fast"),
+    "give one number for all drives": ("--speed", "1", "--speed", "2"),
+    "--noise 3": ("--noise", "3"),
+    "--range elbow": ("--range", "elbow"),
+    "--reserve much": ("--reserve", "much"),
+    "no joint 'elbwo'": ("--range", "elbwo=0:1"),
+    "unknown suffix": ("--out", "x.txt"),
+    "the limits leave no motion": ("--torque", "1"),
+}
+
+
+@pytest.mark.parametrize(("said", "words"), WRONG.items(), ids=WRONG)
+def test_wrong_words_are_one_line(run, said, words):
+    status, out, err = run("excite", ROBOTS / "arm", *QUICK, *words)
+    assert (status, out) == (1, "")
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert said in err

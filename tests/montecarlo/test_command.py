@@ -1,0 +1,68 @@
+"""`ident montecarlo` from its words to its files, and one line for bad input."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from ident.cli.app import main
+
+ROBOT = Path(__file__).resolve().parents[2] / "robots" / "slider_crank"
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Exit status, standard output and standard error of `ident montecarlo` on the slider-crank."""
+
+    def command(*words: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(
+            sys, "argv", ["ident", "montecarlo", str(ROBOT), str(ROBOT / "run.csv"), *words]
+        )
+        try:
+            main()
+            status = 0
+        except SystemExit as stop:
+            status = int(stop.code or 0)
+        said = capsys.readouterr()
+        return status, said.out, said.err
+
+    return command
+
+
+def test_table_and_files(run, tmp_path):
+    status, out, err = run(
+        "--snr", "60,50", "--runs", "1", "--estimator", "paper", "--estimator", "least-squares",
+        "--spacing", "0.01", "--truth", "rod.Ixx=0.004", "--jobs", "1",
+        "--out", str(tmp_path / "o"),
+    )  # fmt: skip
+    assert status == 0, err
+    assert "1 run at 60, 50 dB each, seed 0" in out
+    assert "as given: rod.Ixx" in out
+    assert sorted(path.suffix for path in (tmp_path / "o").iterdir()) == [
+        ".csv", ".csv", ".html", ".json", ".png",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--snr", "forty"], "--snr forty: write numbers of dB"),
+        (["--snr", "40,inf"], "SNR inf"),
+        (["--runs", "0"], "runs 0; valid: a whole number, 1 or more"),
+        (["--estimator", "defualt"], "did you mean 'default'"),
+        (["--truth", "rod.Ixx"], "write NAME=NUMBER"),
+        (["--estimator", "default", "--spacing", "0.01"], "add --estimator paper"),
+        (["--spacing", "0"], "valid: above 0"),
+        (["--wrench", "--jobs", "0"], "jobs 0"),
+        (["--reactions", "nowhere.csv"], "nowhere.csv"),
+    ],
+)
+def test_bad_input_is_one_line(run, words, said):
+    status, out, err = run(*words)
+    assert status == 1
+    assert out == ""
+    assert err.startswith("error: ")
+    assert said in err
+    assert err.count("\n") == 1
