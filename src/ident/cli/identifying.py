@@ -27,7 +27,6 @@ from ident.cli.arguments import (
 )
 from ident.cli.console import notes, progress, result
 from ident.errors import IdentError
-from ident.errors import IdentError
 from ident.fit import Fit
 from ident.fit import identify as identify_
 from ident.fit.output import write_fit

@@ -70,7 +70,9 @@ class Correlation:
     def notes(self) -> list[str]:
         """A note where parameters are known only together."""
         strong = self.pairs()
-        return strong and [
+        if not strong:
+            return []
+        return [
             f"known only together (correlation of errors): {'; '.join(map(_pair, strong[:4]))}"
             + (f" and {len(strong) - 4} more pairs" if len(strong) > 4 else "")
             + ": their sum or difference is known better than each"

@@ -206,7 +206,7 @@ def _swing(mechanism: Mechanism, motion: Motion, joint: str) -> tuple[Motion, fl
     some = slice(run.start, run.stop, every)
     t = e.t[some] - e.t[run.start]
     for size in AMPLITUDES:
-        columns = {}
+        columns: dict[str, np.ndarray] = {}
         for name in motion.independent:
             at = mechanism.joint_index[name]
             q, v, a = (getattr(e, x)[some, at].copy() for x in ("y", "yd", "ydd"))
