@@ -1,12 +1,12 @@
-"""Do 95 % intervals hold the truth in 92 to 98 % of logs? Noise of many kinds, robots of many kinds.
+"""Do 95 % intervals hold the truth in 92 to 98 % of logs? With noise and robots of many kinds.
 
     python benchmarks/coverage.py [runs] [case …]
 
 A case is named <robot>/<noise>; without names all are run. The truth is planted, a log made and
 identified as by default, `runs` times. Printed: the share of intervals (value ± 1.96 standard
-errors) that hold the truth, for effects and bodies, and of the worst parameter; the bias in standard
-deviations of the estimates, median and worst over parameters; and the standard errors that were
-said over the standard deviation that was seen, median.
+errors) that hold the truth, for effects and bodies, and of the worst parameter; the bias in
+standard deviations of the estimates, median and worst over parameters; and the standard errors that
+were said over the standard deviation that was seen, median.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from scipy.signal import lfilter
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
-import ident
-from identification import motion_log, plant, robot
+import ident  # noqa: E402
+from identification import motion_log, plant, robot  # noqa: E402
 
 RATE, SECONDS, BURN = 250.0, 12.0, 4000
 Columns = dict[str, np.ndarray]
@@ -37,7 +37,7 @@ def correlated(rng: np.random.Generator, n: int, rho: float) -> np.ndarray:
 
 
 def on_torques(rho: float, level: float = 0.01, positions: float = 0.0) -> Noise:
-    """Torques with a share of noise whose correlation falls by `rho` a sample; q with white noise."""
+    """Torques with a share of noise of autoregression `rho` a sample; q with white noise [rad]."""
 
     def noisy(rng: np.random.Generator, clean: Columns) -> Columns:
         found = {}

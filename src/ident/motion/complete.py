@@ -12,17 +12,14 @@ from ident.errors import MotionError, one_of
 from ident.log import Log, read_log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.band import band_of
-from ident.motion.channels import Smoothed, channels_of
-from ident.motion.clock import runs
-from ident.motion.derive import AS_LOGGED, AUTO, derive, smoothed
-from ident.motion.fuse import along, fused, missed, reweighted, through_motion
+from ident.motion.derive import AUTO
+from ident.motion.experiment import experiment_of
 from ident.motion.independent import best_conditioned, independent_joints
 from ident.motion.measure import Signals, measure
-from ident.motion.motion import Band, Experiment, Motion
-from ident.motion.place import disagreements, in_tree, reduced, through_closures
+from ident.motion.motion import Experiment, Motion
+from ident.motion.place import reduced
 from ident.motion.rest import standstill
-from ident.motion.spectrum import CLEAN, noise_level
-from ident.motion.wrench import wrenches
+from ident.motion.spectrum import CLEAN
 from ident.progress import Told
 
 
@@ -83,7 +80,7 @@ def complete(
     for i, signals in enumerate(measured):
         if progress:
             progress(f"completing {signals.log.name}", i / len(measured))
-        experiment, said = _experiment(mechanism, signals, names, band, smoothing)
+        experiment, said = experiment_of(mechanism, signals, names, band, smoothing)
         experiments.append(experiment)
         notes += said
     independent, worst = names, 0.0
@@ -191,84 +188,3 @@ def _checked_smoothing(spacing: float | str | None, measured: list[Signals]) -> 
             f"{longest:.3g} s"
         )
     return value
-
-
-def _experiment(
-    mechanism: Mechanism,
-    signals: Signals,
-    names: tuple[str, ...],
-    band: Band,
-    smoothing: float | str | None,
-) -> tuple[Experiment, list[str]]:
-    n, log = len(signals.t), signals.log.name
-    derived = derive(signals, names, band, smoothing)
-    tau = np.zeros((n, len(mechanism.driven)))
-    for i, name in enumerate(mechanism.driven):
-        tau[:, i] = signals.columns.get(f"tau.{name}", 0.0)
-    base = Experiment(
-        name=log, t=signals.t, q=np.empty(0), v=np.empty(0), a=np.empty(0), y=np.empty(0),
-        yd=np.empty(0), ydd=np.empty(0), tau=tau, wrench=None, pinv=None, leverage=None,
-        usable=_without_ends(signals, derived.ends), still=np.empty(0), logged=names,
-        independent=names,
-        extra={k: x for k, x in signals.columns.items() if not k.startswith(("q.", "v.", "a."))},
-        noise=_noise(mechanism, signals, names), smooth=derived.smooth,
-        channels=tuple(derived.table),
-    )  # fmt: skip
-    place = through_closures if mechanism.closures else in_tree
-    experiment = place(mechanism, base, names, derived.known)
-    if len(names) > mechanism.degrees_of_freedom:
-        notes = disagreements(mechanism, experiment, names, derived.known[0])
-        if derived.smooth is not None:
-            experiment = _together(mechanism, signals, experiment, band, smoothing)
-    else:
-        notes = []
-    said: dict[str, list[str]] = {}
-    for channel in experiment.channels:
-        if channel.how != AS_LOGGED:
-            said.setdefault(channel.how, []).append(channel.column)
-    notes = [f"{log}: {', '.join(same)}: {how}" for how, same in said.items()] + notes
-    if (lost := int((signals.usable & ~base.usable).sum())) > 0:
-        notes.append(
-            f"{log}: {lost} samples within {1e3 * derived.ends:.3g} ms of where splines end are "
-            "left out"
-        )
-    return replace(experiment, wrench=wrenches(mechanism, signals, experiment)), notes
-
-
-def _together(
-    mechanism: Mechanism,
-    signals: Signals,
-    e: Experiment,
-    band: Band,
-    smoothing: float | str | None,
-) -> Experiment:
-    """More joints logged than needed, with noise: one smooth motion made by all their channels."""
-    names = best_conditioned(mechanism, e.q)
-    channels = channels_of(signals, e.logged)
-    through = through_motion(mechanism, e, names)
-    e = along(mechanism, e, smoothed(signals, through, names, band, smoothing)[0])
-    smooth = fused(mechanism, e, channels)
-    channels = reweighted(mechanism, along(mechanism, e, smooth), channels)
-    smooth = fused(mechanism, along(mechanism, e, smooth), channels)
-    e = along(mechanism, e, smooth)
-    how = f"spline in {', '.join(names)}, knots {1e3 * smooth.spacing:.3g} ms"
-    table = [
-        Smoothed(c.column, how, c.sigma, float(np.sqrt(np.mean(off**2))), smooth.spacing)
-        for c, off in zip(channels, missed(mechanism, e, channels), strict=True)
-    ]
-    return replace(e, channels=tuple(table))
-
-
-def _noise(mechanism: Mechanism, signals: Signals, names: tuple[str, ...]) -> dict[str, float]:
-    wanted = [f"{channel}.{name}" for name in names for channel in "qva"]
-    wanted += [f"tau.{name}" for name in mechanism.driven]
-    return {name: noise_level(signals.even(name)[0]) for name in wanted if name in signals.columns}
-
-
-def _without_ends(signals: Signals, ends: float) -> np.ndarray:
-    """Usable samples (n,) that are `ends` [s] away from both ends of their run, if any are."""
-    usable = signals.usable.copy()
-    for run in runs(signals.usable):
-        t = signals.t[run]
-        usable[run] = (t >= t[0] + ends) & (t <= t[-1] - ends)
-    return usable if usable.any() else signals.usable
