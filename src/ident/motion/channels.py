@@ -11,6 +11,7 @@ from ident.motion.measure import Signals
 from ident.motion.spectrum import noise_level
 
 ORDERS = "qva"
+SHARPEST = 1e-3  # noise of a derivative over that of what it derives, a log's length
 GRAINS = 20  # changes of a signal from which its step can be told
 MOST = 1000.0  # steps between two samples beyond which multiples are no sign of anything
 ROUNDING = 1e-9  # of its spread, or of 1 rad or m: no channel is trusted better
@@ -80,8 +81,12 @@ def channels_of(signals: Signals, names: Sequence[str]) -> list[Channel]:
             if column not in signals.columns:
                 continue
             t, x = signals.log.series(column)
-            sigma, spread = noise_level(signals.even(column)[0]), float(np.std(x))
-            sigma = max(sigma, grain(x) / np.sqrt(12.0), ROUNDING * (spread or 1.0))
+            spread = float(np.std(x))
+            sigma = max(noise_level(signals.even(column)[0]), float(grain(x) / np.sqrt(12.0)))
+            sigma = max(sigma, ROUNDING * (spread or 1.0))
+            if found and found[-1].joint == name:  # beside noisy positions no rate is exact
+                before = found[-1]
+                sigma = max(sigma, SHARPEST * before.sigma / float(np.ptp(t)))
             found.append(Channel(name, order, t, x, sigma, spread))
     return found
 
@@ -94,7 +99,9 @@ def grain(x: np.ndarray) -> float:
         return 0.0
     least = float(steps.min())
     off = steps / least
-    return least if (np.abs(off - np.round(off)) < 0.01 * off).all() and off.max() < MOST else 0.0
+    whole = np.round(off)
+    multiples = (np.abs(off - whole) < 0.01 * off).all() and off.max() < MOST
+    return least if multiples and np.ptp(whole) > 0 else 0.0  # a ramp has one step only
 
 
 def periods(channels: Sequence[Channel]) -> float:
