@@ -176,7 +176,10 @@ class Fit:
 
     @cached_property
     def multipliers(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """λ(t) of each experiment: (t (n,), λ (n, m)); NaN where a multiplier is not determined."""
+        """λ(t) of each experiment: (t (n,), λ (n, m)); NaN where a multiplier is not determined.
+
+        Where torques and motion were weighed together, on the motion that both agree with.
+        """
         determined = identifiable_multipliers(self.mechanism, self.motion)
         if self.bands:
             x, m = self.estimate.solution.x, len(determined)
@@ -187,7 +190,7 @@ class Fit:
             ]
         return [
             (p.t, np.where(determined & p.usable[:, None], p.multipliers, np.nan))
-            for p in self.predict()
+            for p in self.predict(self.likelihood.motion if self.likelihood else None)
         ]
 
     @cached_property

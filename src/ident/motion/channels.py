@@ -74,7 +74,7 @@ class Smoothed:
 
 def channels_of(signals: Signals, names: Sequence[str]) -> list[Channel]:
     """All motion channels that a log has of some joints."""
-    found = []
+    found: list[Channel] = []
     for name in names:
         for order, letter in enumerate(ORDERS):
             column = f"{letter}.{name}"

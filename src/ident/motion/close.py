@@ -39,6 +39,16 @@ def pseudo_inverse(K: np.ndarray) -> np.ndarray:
         return np.linalg.pinv(K)
 
 
+def _step(K: np.ndarray, off: np.ndarray) -> np.ndarray:
+    """K⁺ off (n, nv) of stacked K (n, m + d, nv)."""
+    if K.shape[1] == K.shape[2]:
+        try:
+            return np.asarray(np.linalg.solve(K, off[:, :, None])[:, :, 0])
+        except np.linalg.LinAlgError:
+            pass
+    return np.einsum("nij,nj->ni", pseudo_inverse(K), off)
+
+
 class Closer:
     """Reaches configurations at which Φ = 0 and the joints `names` have given coordinates.
 
@@ -85,7 +95,7 @@ class Closer:
         model, m = self.mechanism.model, len(self.mechanism.kinematics.multipliers)
         for _ in range(STEPS):
             off, K = self._residual(q, target)
-            step = np.einsum("nij,nj->ni", pseudo_inverse(K), off)
+            step = _step(K, off)
             largest = np.abs(step).max(axis=1, keepdims=True)
             q = integrate(model, q, step * np.minimum(1.0, 0.5 / (largest + 1e-300)))
             if largest.max() < CLOSED:

@@ -179,7 +179,10 @@ def disagreements(
             f"{experiment.name}: q.{name} differs from what the closures and the other joints give "
             f"by {rms:.3g} {joint.unit} rms, {np.abs(off).max():.3g} at most"
         )
-        if rms > CONTRADICTION * spread:
+        # noise of this column is no contradiction, nor is any part of its spread a motion
+        noise = min(experiment.noise.get(f"q.{name}", 0.0), spread)
+        own = float(np.sqrt(spread**2 - noise**2))
+        if rms > CONTRADICTION * own + 1.5 * noise:
             raise MotionError(
                 f"{said}, while it moves by {spread:.3g} rms: the positions contradict the "
                 "closures; check sign, unit and zero of this column and the closures' frames"

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ident.motion.channels import Channel
-from ident.motion.spline import DEGREE, WIDTH, Rows, Spline, basis_over, evaluated, solved
+from ident.motion.spline import DEGREE, WIDTH, Rows, Spline, basis_over, derivative, solved
 from ident.solve.basis import Basis
 
 DOUBLINGS = 12
@@ -62,8 +62,8 @@ def residuals(
     found = []
     for channel in channels:
         i = list(names).index(channel.joint)
-        u = evaluated(spline.basis, spline.c[:, [i]], channel.t)
-        found.append(channel.x - u[channel.order, :, 0])
+        u = derivative(spline.basis, spline.c[:, [i]], channel.t, channel.order)
+        found.append(channel.x - u[:, 0])
     return found
 
 

@@ -59,12 +59,15 @@ def basis_over(start: float, stop: float, spacing: float) -> Basis:
 
 def evaluated(basis: Basis, c: np.ndarray, t: np.ndarray) -> np.ndarray:
     """u, u̇, ü (3, n, d) of coefficients c (count, d) at times t (n,); beyond the ends, theirs."""
-    t = np.clip(t, basis.t0, basis.t_end)
-    found = np.zeros((3, len(t), c.shape[1]))
-    for order in range(3):
-        first, B = basis.window(t, order)
-        for r in range(WIDTH):
-            found[order] += B[:, r, None] * c[first + r]
+    return np.stack([derivative(basis, c, t, order) for order in range(3)])
+
+
+def derivative(basis: Basis, c: np.ndarray, t: np.ndarray, order: int) -> np.ndarray:
+    """One of them (n, d), of an order."""
+    first, B = basis.window(np.clip(t, basis.t0, basis.t_end), order)
+    found = np.zeros((len(t), c.shape[1]))
+    for r in range(WIDTH):
+        found += B[:, r, None] * c[first + r]
     return found
 
 

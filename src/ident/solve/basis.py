@@ -8,6 +8,7 @@ open simply because functions reach over them: no knot is repeated, all interval
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from ident.errors import FitError
 from ident.solve.factor import Array
 
+_KEPT = 4  # windows
+_SHORT = 20000  # times of which windows are kept
 _ROUND = 1e-9  # of a spacing: times this far outside the span are rounding, not extrapolation
 
 
@@ -74,8 +77,25 @@ class Basis:
         Returns first (n,) and values (n, degree + 1), b_{first + r}(t) = values[:, r], of sum 1
         (order 0) or 0.
         Raises `FitError` for a time outside the span.
+
+        Channels share their times, and fits are iterated: what was asked last is kept.
         """
-        position = (np.asarray(t, dtype=float) - self.t0) / self.spacing
+        t = np.asarray(t, dtype=float)
+        for known, at, found in self._last:
+            if known == order and np.array_equal(at, t):
+                return found
+        found = self._window(t, order)
+        if len(t) <= _SHORT:
+            self._last.append((order, t, found))
+            del self._last[:-_KEPT]
+        return found
+
+    @cached_property
+    def _last(self) -> list[tuple[int, Array, tuple[NDArray[np.intp], Array]]]:
+        return []
+
+    def _window(self, t: Array, order: int) -> tuple[NDArray[np.intp], Array]:
+        position = (t - self.t0) / self.spacing
         intervals = self.count - self.degree
         if not ((position >= -_ROUND) & (position <= intervals + _ROUND)).all():
             raise FitError(
