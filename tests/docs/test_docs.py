@@ -83,6 +83,7 @@ def test_the_pages_have_what_is_tested_here():
         "montecarlo.md",
         "python.md",
         "simulation.md",
+        "statistics.md",
     ]
     assert {words[0] for _, words in ALL} >= {"check", "identify", "compare", "simulate"}
     assert len([page for page, _ in ALL if page in ROBOTS]) >= len(ROBOTS)

@@ -116,6 +116,33 @@ def test_more_joints_than_needed_are_smoothed_together(robots):
     assert together < 0.85 * np.std(alone.experiments[0].y[:, at] - clean.columns["q.theta"])
 
 
+@pytest.mark.parametrize("name", ["four_bar", "five_bar"])
+def test_positions_of_all_joints_are_better_than_those_of_the_drives(name, robots):
+    mechanism = ident.load(robots / name)
+    t = np.arange(0.0, 10.0, 1 / RATE)
+    centre = {"left": 2.2, "right": 0.94, "crank": 0.5}
+    drives = {
+        f"q.{joint}": centre[joint] + 0.4 * moving(t, seed=i)[0]
+        for i, joint in enumerate(mechanism.driven)
+    }
+    drives |= {f"tau.{joint}": np.sin(t) for joint in mechanism.driven}
+    (true,) = ident.complete(mechanism, ident.Log.from_arrays("exact", t, drives)).experiments
+    random, sigma = np.random.default_rng(0), 1e-3
+    q = {
+        f"q.{joint.name}": true.y[:, i] + sigma * random.standard_normal(len(t))
+        for i, joint in enumerate(mechanism.joints)
+        if joint.in_tree
+    }
+    torques = {k: x for k, x in drives.items() if k.startswith("tau.")}
+    errors = []
+    for columns in (q, {k: x for k, x in q.items() if k in drives}):
+        log = ident.Log.from_arrays("noisy", t, {**columns, **torques})
+        (e,) = ident.complete(mechanism, log).experiments
+        errors.append(np.sqrt(np.mean((e.ydd - true.ydd)[e.usable] ** 2)))
+    assert errors[0] < 1.1 * errors[1]
+    assert errors[0] < 0.2 * np.std(true.ydd)
+
+
 def test_as_logged_if_asked_or_clean(crank):
     log, true = log_of((1e-3, 1e-2, 0.1))
     (e,) = ident.complete(crank, log, smoothing=None).experiments

@@ -23,12 +23,12 @@ def result(text: object) -> None:
 def notes(said: Iterable[str]) -> None:
     """What a person should know, one line each, to standard error."""
     for line in dict.fromkeys(said):
-        errors.print(f"note: {line}", markup=False)
+        errors.print(f"note: {line}", markup=False, emoji=False)
 
 
 def fail(why: object) -> NoReturn:
     """The one line that bad input gets; ends the command with status 1."""
-    errors.print(f"error: {' '.join(str(why).split())}", markup=False)
+    errors.print(f"error: {' '.join(str(why).split())}", markup=False, emoji=False)
     sys.exit(1)
 
 

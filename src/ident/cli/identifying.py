@@ -208,7 +208,9 @@ def compare(
     again = None
     if simulated:
         with progress() as told:
-            again = replay(*saved, motion=motion, window=window or WINDOW, progress=told)
+            again = replay(
+                *saved, motion=motion, window=WINDOW if window is None else window, progress=told
+            )
         result(f"\n{again}")
     if plot is not None:
         (again or comparison).save(plot)

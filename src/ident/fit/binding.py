@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ident.errors import FitError
-from ident.fit.bodies import VERIFIED, smallest_eigenvalue
+from ident.fit.bodies import MARGIN, VERIFIED, smallest_eigenvalue
 from ident.fit.consistent import Program
 from ident.mechanism.consistency import Consistency
 from ident.mechanism.mechanism import Mechanism
@@ -109,7 +109,7 @@ def binding_of(
         for i, link in enumerate(links)
         if link in asking
     }
-    least = VERIFIED * program.margin - 1e-9
+    least = VERIFIED * MARGIN - 1e-9
     if broken := [link for link, smallest in seen.items() if not smallest >= least]:
         raise FitError(f"no consistent fit was found: {', '.join(broken)} is no possible body")
     pushing = [

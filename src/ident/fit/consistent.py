@@ -24,23 +24,21 @@ import numpy as np
 
 from ident.equations.columns import Columns
 from ident.errors import FitError
-from ident.fit.bodies import MARGIN, VERIFIED, basis, unit_ball
+from ident.fit.bodies import basis, unit_ball
 from ident.fit.estimate import FLOOR, Estimate
 from ident.fit.limits import limits_of
 from ident.fit.regression import Regression
+from ident.fit.within import concerned, nearest_within, restricted
 from ident.mechanism.consistency import Consistency
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT
-from ident.solve.cone import Limit, Point, conflict, nearest, smat, svec
-from ident.solve.factor import Factor
+from ident.solve.cone import Limit, Point, conflict, smat, svec
 
 PULL = 0.01  # ρ: bodies' own sizes in which the prior counts as one standard deviation
 STILL = 0.1  # rows that all rows of a coordinate at standstill count as
-TIGHTER = 4  # times that a limit which the solver missed is tightened
 BALL = 0.05  # of the prior's ball in S, so that a flat prior can become a little less flat
 EFFECT = 1e-4  # of a plausible size: an effect that bodies can replace gives way to them
 UNFELT = 1e9  # plausible size of an unknown that no data feel
-EXACT = 1e-7  # of a limit's scale, how well what is no body is kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +50,6 @@ class Program:
         limits: what must hold.
         prior: (k,); anchor: (k,) the nearest to it within the limits; scale: (k,) plausible sizes.
         W: (rows, k) the metric; ‖W (x − a)‖ is the distance from the anchor.
-        margin: which bodies keep: MARGIN, or none where what is known of one leaves none.
         still: (d, k, k) triangles of the rows at standstill, in units of the error there.
         trusted: (d,) whether that is the error of least squares, else of the anchor.
     """
@@ -63,7 +60,6 @@ class Program:
     anchor: np.ndarray
     scale: np.ndarray
     W: np.ndarray
-    margin: float
     still: np.ndarray
     trusted: np.ndarray
 
@@ -83,20 +79,16 @@ class Program:
         mechanism, columns, prior = r.mechanism, r.columns, r.prior
         scale = r.sensible
         scale = np.where(scale < UNFELT, scale, 1.0)  # of a column of zeros any size will do
-        for margin in (MARGIN, 0.0):
-            limits = limits_of(mechanism, columns, asked, scale, shapes, margin)
-            against = conflict(limits, scale)
-            if not against:
-                break
-        else:
+        limits = limits_of(mechanism, columns, asked, scale, shapes)
+        if against := conflict(limits, scale):
             raise FitError(_contradiction([limit.name for limit in against]))
         anchor = prior.copy()
-        if (free := _concerned(limits, prior)).any():
+        if (free := concerned(limits, prior)).any():
             W = _metric(mechanism, columns, scale, 1.0, None)[:, free]
-            near = _restricted(limits, np.where(free, 0.0, prior), free)
-            anchor[free] = _nearest(W, W @ prior[free], near, W, None).x
+            near = restricted(limits, np.where(free, 0.0, prior), free)
+            anchor[free] = nearest_within(W, W @ prior[free], near, W, None).x
         W = _metric(mechanism, columns, scale, BALL, anchor)
-        return cls(columns, limits, prior, anchor, scale, W, margin, *_still(r, x, anchor))
+        return cls(columns, limits, prior, anchor, scale, W, *_still(r, x, anchor))
 
     def at(self, prior: np.ndarray) -> Program:
         """With shapes, which stay where they are if no data move them, at another place."""
@@ -116,8 +108,8 @@ class Program:
         b = np.concatenate([data @ x_u, *still, PULL * (W @ self.anchor)])
         free = self._felt(found)
         fixed = np.where(free, 0.0, self.anchor)
-        limits = _restricted(self.limits, fixed, free)
-        part = _nearest(A[:, free], b - A @ fixed, limits, W[:, free], self.anchor[free])
+        limits = restricted(self.limits, fixed, free)
+        part = nearest_within(A[:, free], b - A @ fixed, limits, W[:, free], self.anchor[free])
         x = self.anchor.copy()
         x[free] = part.x
         return replace(part, x=x)
@@ -151,27 +143,6 @@ class Program:
         return np.asarray(own.R @ B / noise(found))
 
 
-def _concerned(limits: Sequence[Limit], x: np.ndarray) -> np.ndarray:
-    """(k,) unknowns in limits that x breaks, and all that hang together with them by others."""
-    found = np.zeros(len(x), dtype=bool)
-    for limit in limits:
-        if room(limit, x) < 0:
-            found |= limit.G.any(axis=0)
-    for _ in limits:
-        before = found
-        for limit in limits:
-            if limit.G[:, found].any():
-                found = found | limit.G.any(axis=0)
-        if (found == before).all():
-            break
-    return found
-
-
-def _restricted(limits: Sequence[Limit], fixed: np.ndarray, free: np.ndarray) -> list[Limit]:
-    """The limits on some unknowns, with the others at their value in `fixed` (k,)."""
-    return [replace(limit, G=limit.G[:, free], h=limit.value(fixed)) for limit in limits]
-
-
 def _still(r: Regression, x: np.ndarray, anchor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A_0 (d, k, k), a triangle a coordinate, and whether x is better there than the anchor."""
     rows, trusted = np.zeros((r.d, len(x), len(x))), np.ones(r.d, dtype=bool)
@@ -191,63 +162,6 @@ def noise(found: Estimate) -> float:
     left = found.factor.residual_norm(found.solution.x)
     terms = np.linalg.norm(found.factor.column_norms() * found.solution.x)
     return float(max(left, FLOOR * terms) / np.sqrt(rows)) or 1.0
-
-
-def room(limit: Limit, x: np.ndarray) -> float:
-    """How far x is inside a limit, below zero where it is not; looked at without the solver.
-
-    A body must keep half of its margin, all else may be off by 1e-7 of its scale.
-    """
-    return limit.room(x) + (VERIFIED * MARGIN if limit.kind == "psd" else EXACT)
-
-
-def _nearest(
-    A: np.ndarray, b: np.ndarray, limits: Sequence[Limit], W: np.ndarray, inner: np.ndarray | None
-) -> Point:
-    """argmin ‖A x − b‖² within the limits, counted in units of the metric W, and verified.
-
-    Where the solver's x misses a limit by its own tolerance, that limit is tightened; what is left
-    after that is moved towards a point within, `inner`, where it ends at worst: limits are convex.
-
-    Raises:
-        FitError: if that does not help, naming the limits that x breaks.
-    """
-    unit = 1 / np.linalg.norm(W, axis=0)
-    factor = Factor.of(A * unit, b)
-    strict = [replace(limit, G=limit.G * unit) for limit in limits]
-    for _ in range(TIGHTER):
-        found = nearest(factor.R, factor.d, strict)
-        x = _touching(limits, found.x * unit)
-        if _holds(limits, x):
-            return replace(found, x=x)
-        strict = [_tightened(tight, limit, x) for tight, limit in zip(strict, limits, strict=True)]
-    for share in 2.0 ** np.arange(-20, 1) if inner is not None else ():
-        if _holds(limits, moved := x + share * (inner - x)):
-            return replace(found, x=moved)
-    broken = [limit.name for limit in limits if room(limit, x) < 0]
-    raise FitError(f"no consistent fit was found: the solver's result breaks {', '.join(broken)}")
-
-
-def _touching(limits: Sequence[Limit], x: np.ndarray) -> np.ndarray:
-    """x, exactly at the bounds that it touches."""
-    x = x.copy()
-    for limit in limits:
-        at = np.flatnonzero(limit.G[0])
-        if limit.kind != "psd" and len(at) == 1 and abs(limit.value(x)[0]) < EXACT:
-            x[at] = -limit.h[0] / limit.G[0, at] + 0.0  # no -0.0
-    return x
-
-
-def _tightened(tight: Limit, limit: Limit, x: np.ndarray) -> Limit:
-    """What x breaks, with ten times as much room as x lacks."""
-    lacking = -10 * min(room(limit, x), 0.0)
-    if limit.kind == "psd":
-        return replace(tight, h=tight.h - lacking * svec(np.eye(4)))
-    return replace(tight, h=tight.h - lacking) if limit.kind == "nonnegative" else tight
-
-
-def _holds(limits: Sequence[Limit], x: np.ndarray) -> bool:
-    return all(room(limit, x) >= 0 for limit in limits)
 
 
 def _metric(
@@ -277,8 +191,8 @@ def _metric(
 def _contradiction(names: Sequence[str]) -> str:
     if len(names) == 1:
         return (
-            f"{names[0]}: impossible with what is known of it; make more of it unknown, or correct "
-            "what the URDF says"
+            f"{names[0]}: impossible with what is known of it, or flat to a millionth of its size; "
+            "make more of it unknown, or correct what the URDF says"
         )
     return (
         f"these limits contradict each other: {'; '.join(names)}; each can hold without one of the "

@@ -8,14 +8,14 @@ witnesses. Blocks of time nearly are: the delete-one-block jackknife
 
 is the CR3 estimate of Bell and McCaffrey (Survey Methodology 28(2), 2002), with Bartlett weights
 w_l = 1 − l/(L + 1) for blocks that are still alike; L follows from how alike they are (Andrews,
-Econometrica 59(3), 1991, eq. 6.2 and 6.4). A window cuts off what lasts longer, so the variance of
-every parameter is averaged with the one that a first-order autoregression of its own δ_b has in the
-long run,
+Econometrica 59(3), 1991, eq. 6.2 and 6.4). A window cuts off what lasts longer. Where a parameter's
+neighbouring δ_b are clearly alike, its variance is averaged with what a first-order autoregression
+has in the long run, which errs on the other side (prewhitening: Andrews, Monahan, Econometrica
+60(4), 1992):
 
     Σ_b (δ_b − ρ δ_{b−1})² / (1 − ρ)²
 
-(prewhitening: Andrews, Monahan, Econometrica 60(4), 1992), which errs on the other side. It is a
-variance from few squares: ν of them, if those of equal blocks are counted as one each
+It is a variance from few squares: ν of them, if those of equal blocks are counted as one each
 (Satterthwaite). Its t-distribution is ν/(ν − 2) times as wide, and that is what is returned: value
 ± 2 standard errors covers the truth in 95 of 100 logs.
 """
@@ -29,6 +29,7 @@ import numpy as np
 from ident.fit.accumulate import Cell
 from ident.fit.estimate import Estimate
 
+ALIKE = 1.3  # standard errors of no correlation beyond which neighbouring blocks are alike
 LASTING = 0.8  # the most by which a block is believed to resemble the one before
 FEWEST_SQUARES = 3.0  # ν below which the t-distribution's width means nothing
 
@@ -62,7 +63,7 @@ def covariance(cells: Sequence[Cell], estimate: Estimate) -> np.ndarray:
     nu = np.maximum(shares.sum(axis=0) ** 2 / np.maximum(squares, tiny), FEWEST_SQUARES)
     wider = np.sqrt(nu / (nu - 2)) / norm
     window = np.maximum(np.diag(total), tiny)
-    wider = wider * np.sqrt(0.5 + 0.5 * _lasting(keys, deltas) / window)
+    wider = wider * np.sqrt(0.5 + 0.5 * _lasting(keys, deltas, window) / window)
     found = (count - 1) / count * total * np.outer(wider, wider)
     # what only one block tells has no spread between blocks; white residuals are the least there is
     inverse = np.linalg.pinv(H, rcond=1e-13, hermitian=True) / norm[:, None]
@@ -107,13 +108,15 @@ def _pairs(keys: list[tuple[int, int]], lag: int) -> tuple[list[int], list[int]]
     return first, [i + lag for i in first]
 
 
-def _lasting(keys: list[tuple[int, int]], deltas: np.ndarray) -> np.ndarray:
-    """(n_ind,) Σ δ² in the long run, if each parameter's δ_b are a first-order autoregression."""
+def _lasting(keys: list[tuple[int, int]], deltas: np.ndarray, window: np.ndarray) -> np.ndarray:
+    """(n_ind,) Σ δ² in the long run, of first-order autoregressions; the window's if not alike."""
     one, other = _pairs(keys, 1)
     size = np.maximum((deltas**2).sum(axis=0), np.finfo(float).tiny)
-    rho = np.clip((deltas[one] * deltas[other]).sum(axis=0) / size, 0.0, LASTING)
+    seen = (deltas[one] * deltas[other]).sum(axis=0) / size
+    rho = np.clip(seen, 0.0, LASTING)
     new = ((deltas[other] - rho * deltas[one]) ** 2).sum(axis=0)
-    return np.asarray(len(keys) / max(len(one), 1) * new / (1 - rho) ** 2)
+    long = len(keys) / max(len(one), 1) * new / (1 - rho) ** 2
+    return np.where(seen > ALIKE / np.sqrt(len(keys)), long, window)
 
 
 def _lags(keys: list[tuple[int, int]], deltas: np.ndarray) -> int:

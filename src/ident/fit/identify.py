@@ -65,6 +65,7 @@ def identify(
         raise FitError(f"estimator '{estimator}'; {one_of(estimator, ESTIMATORS)}")
     point = settled(mechanism, motion, start, progress)
     regression = Regression.of(mechanism, motion, point, progress)
+    _check_scale(regression)
     found = estimated(regression)
     notes = _bias(regression, found)
     likelihood = None
@@ -81,6 +82,9 @@ def identify(
             else:
                 regression, found, likelihood = better
     cov = covariance(regression.fitting, found)
+    if likelihood is not None:
+        cov = likelihood.covariance(cov, found)
+        notes = [*notes, *likelihood.notes]
     if not isinstance(consistent, Consistency) and not consistent:
         notes = [*notes, *_ignored(mechanism)]
         return assemble(
@@ -109,6 +113,23 @@ def _unexplained(share: np.ndarray) -> str:
         "residual, but noise does not explain all of it, so the motion was taken as it is "
         "and parameters may be shrunk; something is missing (ident diagnose), or --refine"
     )
+
+
+def _check_scale(r: Regression) -> None:
+    """Refuse equations of which all right sides are zero.
+
+    Raises:
+        FitError: saying why, and what to do.
+    """
+    if (
+        len(r.columns)
+        and all(f.rhs_norm() == 0 for f in r.factors)
+        and any(f.rows for f in r.factors)
+    ):
+        raise FitError(
+            "every torque is zero and no body is known, so parameters are free up to a common "
+            "factor; log a motion that is driven, or give what is known ([parameters] unknown)"
+        )
 
 
 def _check_refinable(r: Regression) -> None:

@@ -24,7 +24,6 @@ def limits_of(
     asked: Consistency,
     scale: np.ndarray,
     shapes: Mapping[int, tuple[float, float]],
-    margin: float = MARGIN,
 ) -> list[Limit]:
     """Possible bodies, effects that cannot be negative, shapes within reach, bounds, total mass.
 
@@ -33,12 +32,11 @@ def limits_of(
         asked: bounds and total mass.
         scale: (k,) size of every unknown, from `plausible`.
         shapes: by place in x, the range in which a shape's column means something.
-        margin: of every body's smallest eigenvalue.
 
     Raises:
         FitError: for a bound on what is no unknown, or is no linear function of the unknowns.
     """
-    found = [*_bodies(mechanism, columns, margin)]
+    found = _bodies(mechanism, columns)
     for effect, places in columns.effects:
         for name, unknown, at in zip(effect.names, effect.parameters, places, strict=True):
             if at >= 0 and unknown.nonnegative:
@@ -85,8 +83,8 @@ def _between(
     return found
 
 
-def _bodies(mechanism: Mechanism, columns: Columns, margin: float) -> list[Limit]:
-    """P ⪰ margin · B of every body with unknowns, and of every body with its payload."""
+def _bodies(mechanism: Mechanism, columns: Columns) -> list[Limit]:
+    """P ⪰ MARGIN · B of every body with unknowns, and of every body with its payload."""
     own = {int(column): i for i, column in enumerate(columns.rigid)}
     payloads = {
         effect.joints[0]: (effect, places)
@@ -96,7 +94,7 @@ def _bodies(mechanism: Mechanism, columns: Columns, margin: float) -> list[Limit
     found = []
     for number, link in enumerate(mechanism.bodies.links):
         S = basis(unit_ball(mechanism, number))
-        G, h = np.zeros((COUNT, len(columns))), -margin * svec(np.eye(4))
+        G, h = np.zeros((COUNT, len(columns))), -MARGIN * svec(np.eye(4))
         for j in range(COUNT):
             column = COUNT * number + j
             if column in own:

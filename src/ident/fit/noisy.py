@@ -23,9 +23,10 @@ from ident.motion.fuse import finer
 from ident.progress import Told
 
 MATTERS = 0.05  # share of a coordinate's squared residual that is the motion's noise
-FINER = 2  # knots of the likelihood for one of smoothing: torques tell more of the motion
+FINER = 4  # knots of the likelihood for one of smoothing: torques tell more of the motion
 EXPLAINED = 1.5  # squared residual over squared noise at which noise explains the residual
 STEPS = 12
+RAISED = 1.05  # times the sensors' noise from which noise does not explain the residual
 HALVES = 5  # of a step that does not lower the loss
 ROUNDING = 1e-6
 SETTLED = 0.05  # of a standard error: a smaller step is the last
@@ -40,6 +41,7 @@ class Likelihood:
             can make.
         sigma: (d,) noise of the torque rows [N m | N].
         steps: Gauss-Newton steps that were made; settled: whether the last one changed nothing.
+        raised: sigma over the noise of the torque sensors: 1 where noise explains the residual.
         made: how the motion follows that torques and measured channels agree on best.
     """
 
@@ -47,6 +49,7 @@ class Likelihood:
     sigma: np.ndarray
     steps: int
     settled: bool
+    raised: float
     made: Callable[[], Motion]
 
     @cached_property
@@ -61,7 +64,37 @@ class Likelihood:
             "torque_noise": [float(x) for x in self.sigma],
             "steps": self.steps,
             "settled": self.settled,
+            "raised": self.raised,
         }
+
+    @property
+    def notes(self) -> list[str]:
+        """What to know before trusting it."""
+        found = []
+        if self.raised > RAISED:
+            found.append(
+                f"the torques' noise had to be taken {self.raised:.3g} times as large as the "
+                "sensors' to explain the residual: the model lacks something that the motion was "
+                "bent to hide, and standard errors do not know of it (ident diagnose)"
+            )
+        if self.steps > 1 and not self.settled:
+            found.append(
+                f"the refined fit did not converge in {self.steps} steps; parameters still move by "
+                "more than a twentieth of their standard errors"
+            )
+        return found
+
+    def covariance(self, cov: np.ndarray, now: Estimate) -> np.ndarray:
+        """That of the base parameters (n_ind, n_ind), from the blocks' `cov`.
+
+        Rows are whitened by noise that explains them, so (RᵀR)⁻¹ is a second witness, which does
+        not hang on the few blocks of time that hold most of the information: the mean of both.
+        """
+        if self.raised > RAISED:
+            return cov
+        rows = max(now.factor.rows - now.base.rank, 1)
+        size = max(1.0, now.factor.residual_norm(now.solution.x) ** 2 / rows)
+        return 0.5 * (cov + size * now.solution.C)
 
     def __str__(self) -> str:
         share = 100 * min(float(self.share.max(initial=0.0)), 1.0)
@@ -160,10 +193,12 @@ def _finished(
     """What a step from here gives."""
     r = replace(here.regression, runs=tuple(run for mine in runs for run in mine))
 
+    raised = float((sigma / here.noise()[0]).max())
+
     def made() -> Motion:
         return replace(r.motion, experiments=here.moved(runs, now.solution.x))
 
-    return r, now, Likelihood(share, sigma, steps, settled, made)
+    return r, now, Likelihood(share, sigma, steps, settled, raised, made)
 
 
 def _rests(now: Estimate, before: np.ndarray) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ident.equations.columns import Columns
 from ident.equations.point import Point
+from ident.errors import FitError
 from ident.fit.accumulate import Cell, accumulate, coordinates
 from ident.fit.banded import Band, banded, cells_of
 from ident.fit.estimate import totals
@@ -51,6 +52,14 @@ class Regression:
         cells = accumulate(mechanism, columns, motion, progress, point)
         basis = mechanism.closures and mechanism.multipliers.basis != "free"
         bands = banded(mechanism, columns, motion, progress, point) if basis else []
+        if bands and not any(f.rows for band in bands for f in band.elimination.factors):
+            cut = motion.band.cutoff
+            raise FitError(
+                f"{mechanism.name}: "
+                + (f"filtered at {cut:.3g} Hz, " if cut else "")
+                + "there are no more rows than coefficients of the multipliers in their time basis;"
+                " give --basis free, a larger --spacing or a higher --cutoff"
+            )
         return cls(mechanism, motion, point, columns, cells, tuple(bands))
 
     @property

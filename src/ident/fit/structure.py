@@ -41,7 +41,7 @@ def describe(mechanism: Mechanism, motion: Motion | None = None) -> str:
 def channels(mechanism: Mechanism, motion: Motion) -> str:
     """What became of every measured channel of the motion.
 
-    Its estimated white noise, by which it is weighted, and the rms of measured less smoothed: equal
+    Its estimated white noise, and the rms of measured less smoothed: equal
     where the channels agree with each other, the closures and the resolution of the splines.
     """
     units = ("{}", "{}/s", "{}/s²")
@@ -52,7 +52,8 @@ def channels(mechanism: Mechanism, motion: Motion) -> str:
             unit = units["qva".index(letter)].format(mechanism.joint(joint).unit)
             left = f"{channel.residual:.3g}" if channel.spacing else "–"
             rows.append([channel.column, f"{channel.noise:.3g}", left, unit, channel.how, e.name])
-    return "\n".join(["what was measured of the motion", *table(rows)])
+    title = "what was measured of the motion: its white noise, and measured less smoothed (rms)"
+    return "\n".join([title, *table(rows)])
 
 
 def excitation(mechanism: Mechanism) -> Motion:

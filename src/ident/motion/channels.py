@@ -60,7 +60,7 @@ class Smoothed:
 
     Attributes:
         column: of the log; how: in words.
-        noise: its estimated white noise, by which it was weighted.
+        noise: its estimated white noise; a channel that the others contradict weighs less.
         residual: rms of measured minus smoothed; 0 where it was taken as logged.
         spacing: of the knots [s]; 0 where there are none.
     """
@@ -98,9 +98,11 @@ def grain(x: np.ndarray) -> float:
     if len(steps) < GRAINS:
         return 0.0
     least = float(steps.min())
+    if least * MOST < float(steps.max()):
+        return 0.0
     off = steps / least
     whole = np.round(off)
-    multiples = (np.abs(off - whole) < 0.01 * off).all() and off.max() < MOST
+    multiples = (np.abs(off - whole) < 0.01 * off).all()
     return least if multiples and np.ptp(whole) > 0 else 0.0  # a ramp has one step only
 
 

@@ -106,6 +106,7 @@ def smoothed(
         channel.column: channel.sigma
         for channel in weighted(basis_over(t[longest][0], t[longest][-1], h), seen, names)
     }
+    white = [channel.sigma for channel in channels]
     channels = [channel.with_noise(noise[channel.column]) for channel in channels]
     smooth = Smooth.of(channels, names, [(run, t[run]) for run in found], h)
     squares, counts = np.zeros(len(channels)), np.zeros(len(channels))
@@ -117,8 +118,8 @@ def smoothed(
     rms = np.sqrt(squares / np.maximum(counts, 1))
     how = f"spline, knots {1e3 * h:.3g} ms"
     return smooth, [
-        Smoothed(channel.column, how, channel.sigma, float(off), h)
-        for channel, off in zip(channels, rms, strict=True)
+        Smoothed(channel.column, how, sigma, float(off), h)
+        for channel, sigma, off in zip(channels, white, rms, strict=True)
     ]
 
 

@@ -18,6 +18,8 @@ from ident.motion.place import disagreements, in_tree, through_closures
 from ident.motion.spectrum import noise_level
 from ident.motion.wrench import wrenches
 
+TWICE = 2.0  # times a channel's noise: what smoothing leaves beyond that is no noise
+
 
 def experiment_of(
     mechanism: Mechanism,
@@ -53,7 +55,7 @@ def experiment_of(
     if len(names) > mechanism.degrees_of_freedom:
         notes = disagreements(mechanism, experiment, names, derived.known[0])
         if derived.smooth is not None:
-            experiment = _together(mechanism, signals, experiment, band, smoothing)
+            experiment = _together(mechanism, signals, experiment, band)
     else:
         notes = []
     said: dict[str, list[str]] = {}
@@ -61,6 +63,14 @@ def experiment_of(
         if channel.how != AS_LOGGED:
             said.setdefault(channel.how, []).append(channel.column)
     notes = [f"{log}: {', '.join(same)}: {how}" for how, same in said.items()] + notes
+    why = "the knots are too far apart (--smoothing)"
+    if len(experiment.channels) > 1:
+        why = f"it contradicts other channels, or {why}"
+    notes += [
+        f"{log}: smoothing leaves {c.residual / c.noise:.3g} times the noise of {c.column}: {why}"
+        for c in experiment.channels
+        if c.spacing and c.residual > TWICE * c.noise
+    ]
     if (lost := int((signals.usable & ~base.usable).sum())) > 0:
         notes.append(
             f"{log}: {lost} samples within {1e3 * derived.ends:.3g} ms of where splines end are "
@@ -74,21 +84,25 @@ def _together(
     signals: Signals,
     e: Experiment,
     band: Band,
-    smoothing: float | str | None,
 ) -> Experiment:
-    """More joints logged than needed, with noise: one smooth motion made by all their channels."""
+    """More joints logged than needed, with noise: one smooth motion made by all their channels.
+
+    Its knots are those that the channels of single joints asked for.
+    """
+    assert e.smooth is not None
     names = best_conditioned(mechanism, e.q)
     channels = channels_of(signals, e.logged)
     through = through_motion(mechanism, e, names)
-    e = along(mechanism, e, smoothed(signals, through, names, band, smoothing)[0])
+    e = along(mechanism, e, smoothed(signals, through, names, band, e.smooth.spacing)[0])
     smooth = fused(mechanism, e, channels)
+    white = [channel.sigma for channel in channels]
     channels = reweighted(mechanism, along(mechanism, e, smooth), channels)
     smooth = fused(mechanism, along(mechanism, e, smooth), channels)
     e = along(mechanism, e, smooth)
     how = f"spline in {', '.join(names)}, knots {1e3 * smooth.spacing:.3g} ms"
     table = [
-        Smoothed(c.column, how, c.sigma, float(np.sqrt(np.mean(off**2))), smooth.spacing)
-        for c, off in zip(channels, missed(mechanism, e, channels), strict=True)
+        Smoothed(c.column, how, sigma, float(np.sqrt(np.mean(off**2))), smooth.spacing)
+        for c, sigma, off in zip(channels, white, missed(mechanism, e, channels), strict=True)
     ]
     return replace(e, channels=tuple(table))
 

@@ -21,6 +21,7 @@ from ident.motion.place import at_coordinates, reduced
 from ident.motion.smooth import INCONSISTENT, Smooth
 from ident.motion.spline import WIDTH, Rows, Spline, solved
 
+SAMPLES = 1.5  # from one knot to the next, at least
 STEPS = 6
 SETTLED = 1e-7  # of a joint's motion: a smaller step changes nothing
 
@@ -39,9 +40,13 @@ def along(mechanism: Mechanism, e: Experiment, smooth: Smooth) -> Experiment:
 
 
 def finer(mechanism: Mechanism, e: Experiment, times: int) -> Smooth:
-    """The splines of an experiment with so many knots for one, of which its own motion is one."""
+    """The splines of an experiment with so many knots for one, of which its own motion is one.
+
+    Fewer where samples are too far apart for that.
+    """
     assert e.smooth is not None
     t = [e.t[run] for run, _ in e.smooth.runs]
+    times = max(1, min(times, int(e.smooth.spacing * e.rate / SAMPLES)))
     if len(e.logged) == mechanism.degrees_of_freedom:
         return e.smooth.finer(t, times)
     through = replace(e.smooth, channels=tuple(through_motion(mechanism, e, e.smooth.names)))
@@ -75,10 +80,11 @@ def fused(mechanism: Mechanism, e: Experiment, channels: Sequence[Channel]) -> S
         assert smooth is not None
         L = e.leverage
         assert L is not None
-        Ld = np.gradient(L, e.t, axis=0)
-        rates = [L, Ld, np.gradient(Ld, e.t, axis=0)]
+        rates = [L, np.zeros_like(L), np.zeros_like(L)]
         found, step = [], 0.0
         for run, before in smooth.runs:
+            for order in (1, 2):
+                rates[order][run] = np.gradient(rates[order - 1][run], e.t[run], axis=0)
             rows = [
                 _rows(
                     before, channel.within(e.t[run]), e, rates, mechanism.joint_index[channel.joint]

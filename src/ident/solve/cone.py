@@ -132,8 +132,8 @@ def shortfall(limits: Sequence[Limit], scale: Array) -> float:
 def conflict(limits: Sequence[Limit], scale: Array) -> list[Limit]:
     """A set of limits that cannot hold together, though without any one of them the rest can.
 
-    Empty if all can hold. Of several such sets the one whose limits come first. Source: the deletion filter, J. W. Chinneck, E. W. Dravnieks, ORSA J.
-    Comput. 3(2), 1991.
+    Empty if all can hold. Of several such sets the one whose limits come first. Source: the
+    deletion filter, J. W. Chinneck, E. W. Dravnieks, ORSA J. Comput. 3(2), 1991.
     """
     if shortfall(limits, scale) <= POSSIBLE:
         return []
