@@ -110,3 +110,16 @@ def ours(lead):
     if kind in effects:
         return f"{effects[kind][0]}.joint_{joint}.{effects[kind][1]}"
     return f"link_{joint}.{kind.replace('I', 'L')}"
+
+
+@pytest.mark.parametrize("effects", [(), ("viscous", "coulomb")])
+def test_a_consistent_fit_is_possible_and_predicts_no_worse(motion, effects):
+    """Without limits all six bodies are impossible; with them the held-out error does not rise."""
+    mechanism, moved = motion
+    for effect in effects:
+        mechanism = mechanism.with_effect(effect)
+    fit = ident.identify(mechanism, moved, consistent=True)
+    assert min(fit.binding.eigenvalues.values()) > 0
+    assert len(fit.binding.eigenvalues) == 6
+    assert fit.binding.held_out_rise < 0.05
+    assert not any("no possible body" in note for note in fit.warnings if "identified" in note)

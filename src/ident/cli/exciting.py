@@ -76,7 +76,7 @@ def excite(
         typer.Option(metavar="FILE", help="Write the motion, a .csv, .parquet or .npz."),
     ] = None,
 ) -> None:
-    """A periodic motion of the drives that tells most, inside all limits.
+    """A periodic motion that tells most, inside all limits.
 
     What it uses of the limits, and the standard errors to be expected of a log of it.
     """

@@ -65,8 +65,9 @@ def montecarlo(
         typer.Option(metavar="DIR", help="Write table, all runs, picture and report there."),
     ] = None,
 ) -> None:
-    """Identify the same log with ever new noise: bias, spread, honesty of the standard errors.
+    """What noise makes of the estimates: bias and spread.
 
+    The same log is identified with ever new noise, which shows whether standard errors are honest.
     Estimators meet the same noise and stand side by side, the paper's method among them.
     """
     output_folder(out)
