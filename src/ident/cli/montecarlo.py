@@ -89,6 +89,8 @@ def montecarlo(
     result(found)
     if out is not None:
         notes(f"wrote {path}" for path in found.write(out))
+    if found.samples.is_empty():
+        raise IdentError(f"every run ended in an error, the first: {found.failures['error'][0]}")
 
 
 def _ratios(text: str) -> list[float]:
