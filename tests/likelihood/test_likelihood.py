@@ -16,7 +16,6 @@ from ident.likelihood.gain import gain
 from ident.likelihood.step import STICKING, linear, rows_cutoff
 from ident.motion.fuse import along, finer
 from ident.motion.smooth import Smooth
-from ident.motion.spline import Spline
 
 TRUTH = {"rod.Ixx": 4e-3, "rod.Iyy": 4e-4, "rod.Izz": 4e-3}  # kg m²
 
@@ -70,7 +69,7 @@ def test_rows_are_linear_about_the_motion(crank, snr):
 
     ((segment, spline),), (c,) = fine.runs, part.c
     step = 1e-7 * np.random.default_rng(0).standard_normal(c.shape)
-    moved = Spline(spline.basis, c + step, spline.first, spline.U)
+    moved = replace(spline, c=c + step)
     there = along(mechanism, e, Smooth(fine.names, fine.spacing, ((segment, moved),), ()))
     torques = part.torques[0]
     reached = step[torques.first[:, None] + np.arange(torques.L.shape[1])]

@@ -89,8 +89,10 @@ def test_a_velocity_that_is_late_weighs_less(crank):
     late = dict(log.columns)
     late["v.crank"] = np.interp(log.t - 0.05, log.t, late["v.crank"])
     motion = ident.complete(crank, ident.Log.from_arrays("late.csv", log.t, late))
-    noise = {channel.column: channel.noise for channel in motion.experiments[0].channels}
-    assert noise["v.crank"] > 0.02  # of 1e-3: what it misses the positions by
+    left = {channel.column: channel.residual for channel in motion.experiments[0].channels}
+    assert left["v.crank"] > 0.02  # of 1e-3: what it misses the positions by
+    assert left["q.crank"] < 2e-3
+    assert any("times the noise of v.crank: it contradicts" in note for note in motion.notes)
     assert off(crank, motion, true)[0] < 0.02
 
 

@@ -23,7 +23,7 @@ from ident.motion.fuse import finer
 from ident.progress import Told
 
 MATTERS = 0.05  # share of a coordinate's squared residual that is the motion's noise
-FINER = 4  # knots of the likelihood for one of smoothing: torques tell more of the motion
+FINER = 3  # knots of the likelihood for one of smoothing: torques tell more of the motion
 EXPLAINED = 1.5  # squared residual over squared noise at which noise explains the residual
 STEPS = 12
 RAISED = 1.05  # times the sensors' noise from which noise does not explain the residual

@@ -62,7 +62,8 @@ class Vicinity:
             for e, part in zip(self.experiments, self.parts, strict=True)
         ]
         least = np.sqrt(np.mean(made, axis=0))
-        return np.clip(least, 1e-3 * largest, largest), largest
+        least = np.maximum(least, 1e-3 * largest)
+        return least, np.maximum(largest, least)  # a motion that has moved leaves less than noise
 
     def loss(self, sigma: np.ndarray) -> float:
         """Of all experiments."""

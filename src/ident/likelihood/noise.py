@@ -17,6 +17,7 @@ from ident.motion import Experiment
 from ident.motion.spline import WIDTH, Spline
 
 LOOKED_AT = 60  # samples of an experiment
+LONGEST = 2000  # functions of a run that are looked at
 
 
 def motion_noise(
@@ -24,7 +25,11 @@ def motion_noise(
 ) -> np.ndarray:
     """(d,) variance of r that noise of the smooth motion makes, over an experiment."""
     assert e.smooth is not None
-    usable = np.flatnonzero(e.usable)
+    near = np.zeros(len(e), dtype=bool)
+    for run, spline in e.smooth.runs:
+        last = spline.basis.t0 + (LONGEST - WIDTH) * spline.basis.spacing
+        near[run] = e.t[run] < last
+    usable = np.flatnonzero(e.usable & near)
     chosen = usable[:: max(1, len(usable) // LOOKED_AT)]
     some = e.at_samples(chosen)
     G = gain(mechanism, some, e.smooth.names, point, cutoff)
@@ -52,11 +57,14 @@ def torque_noise(mechanism: Mechanism, e: Experiment, cutoff: float | None) -> n
 
 def _spread(spline: Spline, t: np.ndarray) -> np.ndarray:
     """P (n, d, 3, d, 3) of u, u̇, ü at times t (n,)."""
-    basis, d = spline.basis, spline.c.shape[1]
-    size = basis.count * d
-    row = np.repeat(np.arange(len(spline.first)), WIDTH * d)
-    column = (spline.first[:, None] * d + np.arange(WIDTH * d)).ravel()
-    U = sp.csr_matrix((spline.U.ravel(), (row, column)), shape=(size, size))
+    basis, (count, d) = spline.basis, spline.c.shape
+    size = min(count, LONGEST) * d  # N's leading block is that of U
+    first = spline.first[:size]
+    row = np.repeat(np.arange(size), WIDTH * d)
+    column = (first[:, None] * d + np.arange(WIDTH * d)).ravel()
+    inside = column < size
+    entries = spline.leading(size).ravel()[inside]
+    U = sp.csr_matrix((entries, (row[inside], column[inside])), shape=(size, size))
     factor = splu((U.T @ U).tocsc())
     t = np.clip(t, basis.t0, basis.t_end)
     B = np.zeros((len(t), d, 3, size))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment
 from ident.motion.fuse import through_motion
 from ident.motion.smooth import Smooth, fitted
-from ident.motion.spline import Spline
 from ident.solve.basis import Basis
 from ident.solve.eliminate import Elimination, eliminate
 
@@ -92,7 +91,7 @@ class Linear:
     def between(self, other: Linear) -> Smooth:
         """The motion halfway to another one."""
         found = tuple(
-            (segment, Spline(spline.basis, 0.5 * (a + b), spline.first, spline.U))
+            (segment, replace(spline, c=0.5 * (a + b)))
             for (segment, spline), a, b in zip(self.fine.runs, self.c, other.c, strict=True)
         )
         return Smooth(self.fine.names, self.fine.spacing, found, self.fine.channels)
@@ -105,7 +104,7 @@ class Linear:
             if segment.start in by_segment:
                 step = by_segment[segment.start].elimination.back_substitute(x)
                 c = spline.c + step
-            found.append((segment, Spline(spline.basis, c, spline.first, spline.U)))
+            found.append((segment, replace(spline, c=c)))
         return Smooth(self.fine.names, self.fine.spacing, tuple(found), self.fine.channels)
 
 

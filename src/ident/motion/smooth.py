@@ -16,7 +16,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ident.motion.channels import Channel
-from ident.motion.spline import DEGREE, WIDTH, Rows, Spline, basis_over, derivative, solved
+from ident.motion.spline import DEGREE, Rows, Spline, basis_over, derivative, solved
 from ident.solve.basis import Basis
 
 DOUBLINGS = 12
@@ -45,14 +45,8 @@ def fitted(basis: Basis, channels: Sequence[Channel], names: Sequence[str]) -> S
                 first, B = basis.window(t, channel.order)
                 rows.append(Rows(first, B[:, :, None] / channel.sigma, channel.x / channel.sigma))
         parts.append(solved(basis, rows, 1))
-    if len(parts) == 1:
-        return parts[0]
-    d, count = len(parts), basis.count
-    U = np.zeros((count, d, WIDTH, d))
-    for i, part in enumerate(parts):
-        U[:, i, :, i] = part.U[:, :, 0]
     c = np.concatenate([part.c for part in parts], axis=1)
-    return Spline(basis, c, np.repeat(parts[0].first, d), U.reshape(-1, WIDTH, d))
+    return Spline(basis, c, tuple(part.roots[0] for part in parts))
 
 
 def residuals(

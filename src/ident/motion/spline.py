@@ -7,6 +7,7 @@ u(t) = B(t) c,    u̇ = Ḃ c,    ü = B̈ c        so that the three belong tog
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,17 +39,41 @@ class Spline:
     Attributes:
         basis: quintic B-splines over the run.
         c: (count, d) coefficients ĉ.
-        first, U: (count · d,), (count · d, WIDTH, d): the rows of U.
+        roots: U of each coordinate alone, (count, WIDTH, 1), or one of all, (count · d, WIDTH, d).
     """
 
     basis: Basis
     c: np.ndarray
-    first: NDArray[np.intp]
-    U: np.ndarray
+    roots: tuple[np.ndarray, ...]
 
     def at(self, t: np.ndarray) -> np.ndarray:
         """u, u̇, ü (3, n, d) at times t (n,) of the run [s]."""
         return evaluated(self.basis, self.c, t)
+
+    @property
+    def first(self) -> NDArray[np.intp]:
+        """(count · d,) the first function that each row of U reaches."""
+        count, d = self.c.shape
+        return np.minimum(np.arange(count * d) // d, count - WIDTH)
+
+    @cached_property
+    def U(self) -> np.ndarray:
+        """(count · d, WIDTH, d) rows of U."""
+        if len(self.roots) == 1:
+            return self.roots[0]
+        count, d = self.c.shape
+        whole = np.zeros((count, d, WIDTH, d))
+        for i, root in enumerate(self.roots):
+            whole[:, i, :, i] = root[:, :, 0]
+        return whole.reshape(-1, WIDTH, d)
+
+    def leading(self, rows: int) -> np.ndarray:
+        """The first rows of U (rows, WIDTH, d), a multiple of d."""
+        d = self.c.shape[1]
+        if len(self.roots) == 1:
+            return self.roots[0][:rows]
+        few = tuple(root[: rows // d] for root in self.roots)
+        return Spline(self.basis, self.c[: rows // d], few).U
 
 
 def basis_over(start: float, stop: float, spacing: float) -> Basis:
@@ -95,7 +120,7 @@ def solved(basis: Basis, rows: list[Rows], d: int) -> Spline:
     for k in range(band):  # lower[k, a] = L[a + k, a] = U[a, a + k]
         inside = column + k < band
         U[row[inside], (column + k)[inside]] = lower[k, inside]
-    return Spline(basis, c, first, U.reshape(-1, WIDTH, d))
+    return Spline(basis, c, (U.reshape(-1, WIDTH, d),))
 
 
 def _roughness(count: int) -> np.ndarray:
