@@ -1,6 +1,7 @@
 """Where the project and the shared measurements are."""
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -27,3 +28,21 @@ def shared_data(root: Path) -> Path:
     if not place.is_dir():
         pytest.skip(f"no measurements at {place}; set IDENT_DATA to the folder of shared data")
     return place
+
+
+@pytest.fixture
+def spoken(monkeypatch, capsys):
+    """`spoken(*words)`: exit status, standard output and standard error of `ident WORDS`."""
+    from ident.cli.app import main
+
+    def run(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["ident", *map(str, words)])
+        status = 0
+        try:
+            main()
+        except SystemExit as stop:
+            status = int(stop.code or 0)
+        said = capsys.readouterr()
+        return status, said.out, said.err
+
+    return run

@@ -2,32 +2,18 @@
 
 from __future__ import annotations
 
-import sys
-
 import pytest
 
 from helpers import ROBOTS
-from ident.cli.app import main
 
 QUICK = ("--duration", "8", "--periods", "2", "--harmonics", "2", "--rate", "50", "--tries", "1")
 
 
 @pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """A command's status, output and error text."""
+def run(spoken, monkeypatch, tmp_path):
+    """A command in an empty folder: status, output and error text."""
     monkeypatch.chdir(tmp_path)
-
-    def ran(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["ident", *map(str, words)])
-        try:
-            main()
-            status = 0
-        except SystemExit as stop:
-            status = int(stop.code or 0)
-        said = capsys.readouterr()
-        return status, said.out, said.err
-
-    return ran
+    return spoken
 
 
 def test_excite_check_simulate_identify(run, tmp_path):

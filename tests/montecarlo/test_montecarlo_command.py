@@ -2,33 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
-
-from ident.cli.app import main
 
 ROBOT = Path(__file__).resolve().parents[2] / "robots" / "slider_crank"
 
 
 @pytest.fixture
-def run(monkeypatch, capsys):
-    """Exit status, standard output and standard error of `ident montecarlo` on the slider-crank."""
-
-    def command(*words: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(
-            sys, "argv", ["ident", "montecarlo", str(ROBOT), str(ROBOT / "run.csv"), *words]
-        )
-        try:
-            main()
-            status = 0
-        except SystemExit as stop:
-            status = int(stop.code or 0)
-        said = capsys.readouterr()
-        return status, said.out, said.err
-
-    return command
+def run(spoken):
+    """Status, output and error text of `ident montecarlo` on the slider-crank."""
+    return lambda *words: spoken("montecarlo", ROBOT, ROBOT / "run.csv", *words)
 
 
 def test_table_and_files(run, tmp_path):

@@ -79,8 +79,9 @@ class Likelihood:
             )
         if self.steps > 1 and not self.settled:
             found.append(
-                f"the refined fit did not converge in {self.steps} steps; parameters still move by "
-                "more than a twentieth of their standard errors"
+                f"the refined fit stopped after {self.steps} steps before it converged: the last "
+                "one moved some parameter by more than a twentieth of its standard error, and "
+                f"{'no step lowers the loss' if self.steps < STEPS else 'more are not made'}"
             )
         return found
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import io
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from ident.errors import FitError
+from ident.files import write_all
 from ident.fit.predict import Prediction
 
 if TYPE_CHECKING:
@@ -71,3 +75,18 @@ def plot_multipliers(
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
     axes[-1].set_xlabel("t [s]")
     return figure
+
+
+def save_figure(figure: Figure, path: str | Path) -> None:
+    """A figure as .png, .svg or .pdf, whole or not at all.
+
+    Raises:
+        FitError: for another suffix.
+    """
+    path = Path(path)
+    kind = path.suffix.lower().removeprefix(".")
+    if kind not in ("png", "svg", "pdf"):
+        raise FitError(f"{path}: give a name that ends in .png, .svg or .pdf")
+    stream = io.BytesIO()
+    figure.savefig(stream, format=kind, dpi=150)
+    write_all(path.parent, {path.name: stream.getvalue()})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,6 +13,7 @@ from matplotlib.figure import Figure
 from ident.errors import FitError, one_of
 from ident.files import write_all
 from ident.fit.fit import Fit
+from ident.fit.plots import save_figure
 from ident.fit.predict import Prediction, predict
 from ident.fit.saved import Saved
 from ident.fit.score import Error
@@ -111,12 +111,7 @@ class Comparison:
         Raises:
             FitError: for another suffix.
         """
-        kind = path.suffix.lower().removeprefix(".")
-        if kind not in ("png", "svg", "pdf"):
-            raise FitError(f"{path}: give a name that ends in .png, .svg or .pdf")
-        stream = io.BytesIO()
-        self.plot().savefig(stream, format=kind, dpi=150)
-        write_all(path.parent, {path.name: stream.getvalue()})
+        save_figure(self.plot(), path)
 
     def write(self, folder: str | Path) -> list[Path]:
         """report.html, with all pictures in it, and compare.json.

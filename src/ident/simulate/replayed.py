@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from ident.errors import FitError
 from ident.files import write_all
+from ident.fit.plots import save_figure
 from ident.fit.score import Error
 from ident.fit.summary import percent, table
 from ident.simulate.replay_report import plot_replay, replay_html, replay_json
@@ -144,13 +143,7 @@ class Replay:
         Raises:
             FitError: for another suffix.
         """
-        path = Path(path)
-        kind = path.suffix.lower().removeprefix(".")
-        if kind not in ("png", "svg", "pdf"):
-            raise FitError(f"{path}: give a name that ends in .png, .svg or .pdf")
-        stream = io.BytesIO()
-        self.plot().savefig(stream, format=kind, dpi=150)
-        write_all(path.parent, {path.name: stream.getvalue()})
+        save_figure(self.plot(), path)
 
     def write(self, folder: str | Path) -> list[Path]:
         """replay.html, with all pictures in it, and replay.json.
