@@ -5,8 +5,11 @@ from pathlib import Path
 
 import pytest
 
-BASE = {"errors", "files", "progress"}  # modules that all may use
+BASE = {"errors", "files", "progress", "tables"}  # modules that all may use
 ORDER = [
+    "chart",
+    "page",
+    "view",
     "log",
     "solve",
     "effects",
@@ -14,16 +17,19 @@ ORDER = [
     "motion",
     "equations",
     "likelihood",
-    "fit",
     "residual",
+    "fit",
+    "compare",
     "health",
     "diagnose",
     "simulate",
     "excite",
     "montecarlo",
+    "demo",
+    "explore",
     "cli",
 ]
-LEAVES = {"log", "solve"}  # these import nothing else
+LEAVES = {"chart", "log", "solve", "view"}  # these import nothing else
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "ident"
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import ident as api
+from pages import read_page, reading
 
 VIEWS = {"fit.json", "multipliers.csv", "identified.urdf", "report.html"}
 
@@ -173,10 +174,8 @@ def test_multipliers_csv(fitted, robots):
 
 def test_the_report_needs_no_network(fitted):
     _, out = fitted
-    report = (out / "report.html").read_text(encoding="utf-8")
-    assert "<script" not in report
-    assert "src=" not in report
-    assert "rod.Ixx" in report
+    page = read_page(out / "report.html")
+    assert "rod.Ixx" in reading(page)
 
 
 def test_the_identified_folder_is_a_mechanism(fitted, done):
@@ -237,7 +236,7 @@ def test_compare_takes_the_sum_apart_and_writes_a_report(fitted, tmp_path, done)
         assert words in outcome.out
     assert max(len(line) for line in outcome.out.splitlines() if str(out) not in line) <= 100
     assert sorted(file.name for file in report.iterdir()) == ["compare.json", "report.html"]
-    assert "src=" not in (report / "report.html").read_text()
+    assert "closure forces" in reading(read_page(report / "report.html"))
     told = json.loads((report / "compare.json").read_text())
     (model,) = told["models"].values()
     assert model["where"][0]["joint"] == "theta"

@@ -11,8 +11,8 @@ from helpers import ROBOTS
 from ident.effects import KINDS
 from ident.effects.describe import example, facts
 from ident.errors import MechanismError, MotionError
-from ident.fit.predict import predict
 from ident.mechanism.write import add_effects
+from ident.residual.predict import predict
 from identification import motion_log, plant, robot
 
 SITES = {

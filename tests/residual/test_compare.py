@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 import ident
 from ident import FitError, Noise
 from identification import motion_log, plant, robot
+from pages import charts, read_page, titles
 
 NOISE = [Noise("tau", 0.02, relative=True)]
 
@@ -41,8 +42,8 @@ def test_the_pictures(compared):
     assert len(comparison.plot().axes) == 2 * d
     assert len(comparison.plot_parts().axes) == 2 * d
     figure = comparison.plot_maps()
-    assert isinstance(figure, Figure)
-    labels = [axis.get_xlabel().split()[0] for axis in figure.axes]
+    assert isinstance(figure.figure, Figure)
+    labels = [panel.x.split()[0] for panel in figure.panels]
     assert labels[:5] == ["t", "q", "v", "a", "load"]
     assert len(labels) in (2 * 5, 2 * 6)
     with pytest.raises(FitError, match="no residual of joint 'x'; valid"):
@@ -52,8 +53,9 @@ def test_the_pictures(compared):
 def test_the_files(compared, tmp_path):
     _, comparison = compared
     assert [path.name for path in comparison.write(tmp_path)] == ["report.html", "compare.json"]
-    page = (tmp_path / "report.html").read_text()
-    assert page.count("<svg") == 2 + len(comparison.units)
+    page = read_page(tmp_path / "report.html")
+    assert len(charts(page)) == 2 + len(comparison.units)
+    assert "Residual maps" in titles(page)
     told = json.loads((tmp_path / "compare.json").read_text())
     assert list(told["models"]) == ["fit 1", "fit 2"]
     entry = told["models"]["fit 1"]["where"][0]

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from matplotlib.figure import Figure
-
+from ident.chart import Chart
 from ident.diagnose.choose import Choice
 from ident.diagnose.explanation import Explanation
 from ident.diagnose.hidden import Invisible
@@ -75,7 +74,7 @@ class Diagnosis:
         """
         return write_diagnosis(self, folder)
 
-    def plot(self) -> Figure:
+    def plot(self) -> Chart:
         """Held-out fall of the best candidates, those that cannot be told from the best in grey."""
         return plot_candidates(self)
 

@@ -10,8 +10,8 @@ from ident.diagnose.evidence import Evidence
 from ident.effects import Correcting, Effect
 from ident.equations.point import Point
 from ident.fit import Fit, identify
-from ident.fit.score import Error
 from ident.fit.values import Value
+from ident.residual.error import Error
 
 WORSE = 1.5  # times the best's held-out error on its joint, from which a rival is none
 

@@ -10,21 +10,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
+from ident.chart import Chart
 from ident.diagnose.diagnose import judge, told_of
 from ident.diagnose.diagnosis import Diagnosis
 from ident.diagnose.explanation import errors_of, explain
-from ident.diagnose.ladder import ladder_rows, ladder_text, plot_ladder, rung
+from ident.diagnose.ladder import ladder_rows, ladder_text, rung
 from ident.diagnose.output import write_history
+from ident.diagnose.plots import plot_ladder
 from ident.diagnose.support import unsupported
 from ident.effects import Effect
 from ident.equations.point import Point
 from ident.fit import Fit, identify
-from ident.fit.score import Error
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.progress import Told
+from ident.residual.error import Error
 
 MOST = 40  # effects added, lest two take turns for ever
 
@@ -91,7 +91,7 @@ class History:
         """The ladder as cells: effect, held-out error a joint, fall, rivals; the head first."""
         return ladder_rows(self)
 
-    def plot(self) -> Figure:
+    def plot(self) -> Chart:
         """Held-out error of every joint, rung by rung."""
         return plot_ladder(self)
 

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.diagnose.explanation import name_of
-from ident.diagnose.ladder import history_html
-from ident.diagnose.report import diagnosis_html
+from ident.diagnose.report import diagnosis_html, history_html
 from ident.errors import IdentError
 from ident.files import write_all
 from ident.fit.output import multipliers_csv

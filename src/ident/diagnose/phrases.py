@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 from ident.diagnose.evidence import Evidence
 from ident.effects import Effect
 from ident.effects.describe import facts
-from ident.fit.score import Error
-from ident.fit.summary import percent, rounded
 from ident.fit.values import Value
 from ident.residual import Failure
+from ident.residual.error import Error
+from ident.tables import percent, rounded
 
 if TYPE_CHECKING:
     from ident.diagnose.diagnosis import Diagnosis

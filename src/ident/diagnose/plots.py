@@ -5,54 +5,56 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
+from ident.chart import RESIDUAL, Bars, Chart, Level, Line, Panel, Points
+from ident.chart.palette import FAINT, MEASURED, Colour
 from ident.diagnose.evidence import Evidence
 from ident.diagnose.explanation import Explanation
+from ident.diagnose.ladder import changed
 from ident.residual import Residual
 
 if TYPE_CHECKING:
     from ident.diagnose.diagnosis import Diagnosis
+    from ident.diagnose.grow import History
 
 BARS = 12
-POINTS = 6000
-BEST, RIVAL, CREDIBLE, OTHER = "C0", "0.55", "C1", "0.85"
+LOGS = 4  # whose residuals are drawn below each other
+KINDS: dict[str, Colour] = {
+    "named": 0,
+    "not to be told from it": MEASURED,
+    "seen, but no explanation": 1,
+    "does not hold up": FAINT,
+}
 
 
-def plot_candidates(d: Diagnosis) -> Figure:
+def plot_candidates(d: Diagnosis) -> Chart:
     """Held-out fall of the best candidates ± standard error; grey: not to be told from the best."""
     first = [] if d.choice.best is None else [d.choice.best, *d.choice.rivals]
     shown = [*first, *(e for e in d.choice.evidence if not any(e is each for each in first))]
     shown = shown[: max(BARS, len(first))]
-    figure = Figure(figsize=(9, 1.3 + 0.32 * max(len(shown), 1)), layout="constrained")
-    axis = figure.subplots()
-    for i, each in enumerate(shown):
-        fall, error = fall_of(each)
-        color = BEST if each is d.choice.best else RIVAL if each in first else OTHER
-        if color == OTHER and each.credible:
-            color = CREDIBLE
-        axis.barh(i, 100 * fall, xerr=100 * error, color=color, ecolor="0.3", capsize=2)
-    axis.set_yticks(range(len(shown)), [each.candidate.effect.label for each in shown])
-    axis.invert_yaxis()
-    axis.axvline(0, color="k", lw=0.8)
-    axis.grid(axis="x", alpha=0.3)
-    axis.set_xlabel("fall of the weighted sum of squares, held out, away from reversals [%]")
-    kinds = {
-        BEST: "named",
-        RIVAL: "not to be told from it",
-        CREDIBLE: "seen, but no explanation",
-        OTHER: "does not hold up",
-    }
-    used = {patch.get_facecolor() for patch in axis.patches}
-    handles = [Patch(color=color, label=word) for color, word in kinds.items()]
-    figure.legend(
-        handles=[handle for handle in handles if handle.get_facecolor() in used],
-        loc="outside upper center",
-        ncols=4,
-        fontsize="small",
+    kinds = [_kind(d, each, first) for each in shown]
+    falls = 100 * np.array([fall_of(each) for each in shown]).reshape(-1, 2)
+    bars = []
+    for kind, colour in KINDS.items():
+        at = np.array([i for i, own in enumerate(kinds) if own == kind], dtype=int)
+        if len(at):
+            bars.append(Bars(at.astype(float), falls[at, 0], falls[at, 1], kind, colour))
+    panel = Panel(
+        (*bars, Level(0, upright=True)),
+        "fall of the weighted sum of squares, held out, away from reversals [%]",
+        y_names=tuple(each.candidate.effect.label for each in shown),
+        height=0.5 + 0.32 * max(len(shown), 1),
     )
-    return figure
+    return Chart("How far each candidate lowers the held-out error", ((panel,),))
+
+
+def _kind(d: Diagnosis, each: Evidence, first: list[Evidence]) -> str:
+    named, rival, credible, other = KINDS
+    if each is d.choice.best:
+        return named
+    if any(each is one for one in first):
+        return rival
+    return credible if each.credible else other
 
 
 def fall_of(e: Evidence) -> tuple[float, float]:
@@ -64,7 +66,7 @@ def fall_of(e: Evidence) -> tuple[float, float]:
     return e.gain, abs(e.gain / total) * error
 
 
-def plot_added(before: Residual, after: Residual, best: Explanation) -> Figure | None:
+def plot_added(before: Residual, after: Residual, best: Explanation) -> Chart | None:
     """What the model leaves against what the effect explains of it, everything refitted.
 
     The line has slope 1: an effect that is there lies along it, with no bend and no loops.
@@ -74,17 +76,47 @@ def plot_added(before: Residual, after: Residual, best: Explanation) -> Figure |
     pairs = list(zip(before.traces, after.traces, strict=False))
     if any(len(a) != len(b) for a, b in pairs):
         return None
-    r = [a.residual[:, u] for a, _ in pairs]
-    part = [a.residual[:, u] - b.residual[:, u] for a, b in pairs]
-    figure = Figure(figsize=(6, 4.2), layout="constrained")
-    axis = figure.subplots()
-    for i, (x, y) in enumerate(zip(part, r, strict=True)):
-        step = max(1, len(x) * len(pairs) // POINTS)
-        axis.plot(x[::step], y[::step], ".", ms=3, alpha=0.6, color=f"C{i % 10}", rasterized=True)
-    ends = np.array([min(x.min() for x in part), max(x.max() for x in part)])
-    axis.plot(ends, ends, color="k", lw=1.2)
-    axis.grid(alpha=0.3)
-    unit = before.units[u]
-    axis.set_xlabel(f"what {best.effect.label} explains that nothing else does [{unit}]")
-    axis.set_ylabel(f"residual of {best.joint} without it [{unit}]")
-    return figure
+    clouds = [
+        Points(a.residual[:, u] - b.residual[:, u], a.residual[:, u], colour=i)
+        for i, (a, b) in enumerate(pairs)
+    ]
+    unit, label = before.units[u], best.effect.label
+    panel = Panel(
+        (*clouds, Level(diagonal=True)),
+        f"what {label} explains that nothing else does [{unit}]",
+        f"residual of {best.joint} without it [{unit}]",
+        height=4.0,
+    )
+    words = f"Residual of {best.joint} against what {label} explains of it"
+    return Chart(words, ((panel,),), width=6.5)
+
+
+def plot_before_after(before: Residual, after: Residual, best: Explanation) -> Chart:
+    """The residual of its joint over time, without it and with it, log below log."""
+    u, unit = before.joints.index(best.joint), before.units[before.joints.index(best.joint)]
+    rows = []
+    for a, b in list(zip(before.traces, after.traces, strict=False))[:LOGS]:
+        lines = (
+            Line(a.t, a.residual[:, u], "as it is", RESIDUAL, 1.0),
+            Line(b.t, b.residual[:, u], f"with {best.effect.label}", 0, 1.0),
+        )
+        title = a.name if len(before.traces) > 1 else ""
+        rows.append((Panel((Level(), *lines), "t [s]", f"{best.joint} [{unit}]", title),))
+    words = f"Residual of {best.joint} over time, as it is and with {best.effect.label}"
+    return Chart(words, tuple(rows), shared_x=True, timed=True)
+
+
+def plot_ladder(history: History) -> Chart:
+    """Held-out error of every joint against the rungs."""
+    at = np.arange(len(history.steps), dtype=float)
+    lines = []
+    for i, joint in enumerate(history.fit.motion.independent):
+        relative = [step.errors[joint].relative for step in history.steps]
+        if all(each is not None for each in relative):  # else no torque to be relative to
+            y = np.array([100 * each for each in relative if each is not None])
+            lines.append(Line(at, y, joint, i, 1.6, dotted=True))
+    panel = Panel(
+        tuple(lines), "", "held-out error [%]", logarithmic=True, height=3.6,
+        x_names=tuple(changed(step) for step in history.steps),
+    )  # fmt: skip
+    return Chart("Held-out error of every joint, rung by rung", ((panel,),))

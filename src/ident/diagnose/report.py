@@ -1,17 +1,16 @@
-"""report.html of a diagnosis: one file that opens without a network."""
+"""report.html of a diagnosis and of a grown model."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from ident.diagnose.explanation import Explanation
 from ident.diagnose.hidden import Invisible
-from ident.diagnose.phrases import failing, numbers
-from ident.diagnose.plots import plot_added, plot_candidates
+from ident.diagnose.phrases import labels, numbers, what
+from ident.diagnose.plots import plot_added, plot_before_after, plot_candidates, plot_ladder
 from ident.diagnose.support import Unsupported
 from ident.diagnose.tables import (
-    TIE,
     candidate_rows,
     error_matrix,
     mark,
@@ -19,107 +18,129 @@ from ident.diagnose.tables import (
     verdict_line,
     where_rows,
 )
-from ident.fit.report import figure_html, page, table_html, text
-from ident.residual import Residual, residual_of
+from ident.fit.report import found, misfit
+from ident.motion.report import made_of, understood
+from ident.page import Choice, Option, Page, Section, code, headed, items, paragraph, table
+from ident.page.page import Block
+from ident.residual import residual_of
 from ident.residual.plots import plot_maps
+from ident.tables import percent
 
 if TYPE_CHECKING:
     from ident.diagnose.diagnosis import Diagnosis
+    from ident.diagnose.grow import History
 
-CODE = re.compile(r"`([^`]*)`")
-JOINTS = 3  # whose maps are drawn
+MOST = 8  # candidates whose residuals are drawn
 TITLES = {
     "missing": "What is missing",
     "nothing": "What adding an effect would do",
     "unexplained": "What comes nearest",
 }
 MARKS = "* named; = this data cannot tell it from the one named."
+ADDED = (
+    "Each point is a row of the fit. What is really this effect lies along the line; a bend or a "
+    "loop is something else."
+)
 
 
 def diagnosis_html(d: Diagnosis) -> bytes:
     """The page of a diagnosis."""
-    title = f"{d.fit.mechanism.name}: diagnosis"
-    return page(title, [f"<h1>{text(title)}</h1>", *diagnosis_parts(d)]).encode()
+    sections = (*diagnosed(d), *_basis(d))
+    return Page(f"{d.fit.mechanism.name}: diagnosis", _capital(verdict_line(d)), sections).html()
 
 
-def diagnosis_parts(d: Diagnosis) -> list[str]:
-    """Verdict, where it fails, candidates, what is invisible or unsupported, the data's health."""
-    parts = [f"<p><strong>{text(_capital(verdict_line(d)))}.</strong></p>"]
-    parts += [f"<p>{_code(text(paragraph))}</p>" for paragraph in d.text.split("\n\n")]
-    residuals = _residuals(d)
-    parts += ["<h2>Where the model fails</h2>", table_html(where_rows(d)), *_maps(d, residuals)]
-    if d.candidates:
-        parts += _candidates(d, residuals)
+def history_html(history: History) -> bytes:
+    """The page of a grown model: the ladder, the last diagnosis, the last fit."""
+    d, added = history.diagnosis, [effect.label for effect in history.added]
+    ladder = Section(
+        "The error falls",
+        (
+            paragraph(f"Added: {', '.join(added) or 'nothing'}."),
+            plot_ladder(history),
+            table(history.table(), "Held-out error, rung by rung", tied=False),
+        ),
+    )
+    title = f"{history.mechanism.name}: grown model"
+    return Page(title, _capital(verdict_line(d)), (ladder, *diagnosed(d), *_basis(d))).html()
+
+
+def _basis(d: Diagnosis) -> tuple[Section, ...]:
+    """The fit that was diagnosed, and what it was made of."""
+    mechanism, motion = d.fit.mechanism, d.fit.motion
+    return (
+        *misfit(d.fit),
+        *found(d.fit),
+        understood(mechanism, motion),
+        made_of(mechanism, motion),
+    )
+
+
+def diagnosed(d: Diagnosis) -> tuple[Section, ...]:
+    """Verdict, candidates, what is invisible or unsupported, the data's health."""
+    words = tuple(paragraph(each) for each in d.text.split("\n\n"))
+    where = table(where_rows(d), "Joint by joint: held-out error, and what noise would leave")
+    suggestion: tuple[Block, ...] = ()
     if d.suggestion is not None:
-        parts += [
-            "<h2>Suggested expression</h2>",
-            f"<p>{text(str(d.suggestion))}</p><pre>{text(d.suggestion.code)}</pre>",
-        ]
-    if d.invisible:
-        parts += ["<h2>Invisible in this data</h2>", _reasons(d.invisible)]
-    if d.unsupported:
-        parts += ["<h2>In the model, but not supported</h2>", _reasons(d.unsupported)]
-    return [*parts, "<h2>Health of the data</h2>", f"<pre>{text(str(d.health))}</pre>"]
+        suggestion = (paragraph(str(d.suggestion)), code(d.suggestion.code))
+    return (
+        Section("Where it fails", (where,)),
+        Section(TITLES[d.verdict], _candidates(d)),
+        Section("In words", words),
+        Section("Suggested expression", suggestion),
+        Section("Invisible in this data", _reasons(d.invisible)),
+        Section("In the model, but not supported", _reasons(d.unsupported)),
+        Section("Health of the data", (code(str(d.health)),)),
+    )
 
 
 def _capital(words: str) -> str:
-    return words[:1].upper() + words[1:]
+    return f"{words[:1].upper()}{words[1:]}."
 
 
-def _code(words: str) -> str:
-    """What stands between backticks, as code."""
-    return CODE.sub(r"<code>\1</code>", words)
-
-
-def _reasons(found: Sequence[Invisible | Unsupported]) -> str:
+def _reasons(hidden: Sequence[Invisible | Unsupported]) -> tuple[Block, ...]:
     """Effects with what is to be said of them, one line each."""
-    items = [f"<li>{text(each.effect.label)}: {text(each.why)}</li>" for each in found]
-    return f"<ul>{''.join(items)}</ul>"
+    return (items(f"{each.effect.label}: {each.why}" for each in hidden),) if hidden else ()
 
 
-def _residuals(d: Diagnosis) -> dict[str, Residual]:
-    """As it is, and with the first candidate, where one is worth a look."""
-    found = {"as it is": residual_of(d.fit, name="as it is")}
-    if d.verdict != "nothing" and d.candidates:
-        best = d.candidates[0]
-        name = f"with {best.effect.label}"
-        found[name] = residual_of(best.fit, name=name)
-    return found
-
-
-def _maps(d: Diagnosis, residuals: dict[str, Residual]) -> list[str]:
-    joints = [each.joint for each in failing(d)[:JOINTS]] or [d.where[0].joint]
-    return [
-        figure_html(plot_maps(residuals, joint), f"residual of {joint} against its signals")
-        for joint in joints
-    ]
-
-
-def _candidates(d: Diagnosis, residuals: dict[str, Residual]) -> list[str]:
+def _candidates(d: Diagnosis) -> tuple[Block, ...]:
+    """All of them beside each other; each by itself, before and after; the table of all joints."""
+    if not d.candidates:
+        return ()
     head, *rows = candidate_rows(d)
     shown = [[*head, "parameters"]]
     shown += [
-        [*(cell.replace(" ", TIE) for cell in row), tied(numbers(each.parameters))]
-        for row, each in zip(rows, d.candidates, strict=True)
+        [*row, tied(numbers(each.parameters))] for row, each in zip(rows, d.candidates, strict=True)
     ]
-    parts = [
-        f"<h2>{TITLES[d.verdict]}</h2>",
-        table_html(shown),
-        figure_html(plot_candidates(d), "held-out fall of every candidate"),
+    marked = any(mark(d, i).strip() for i in range(len(d.candidates)))
+    options = tuple(_option(d, i, each) for i, each in enumerate(d.candidates[:MOST]))
+    return (
+        *((paragraph(MARKS),) if marked else ()),
+        plot_candidates(d),
+        table(shown, "Candidates, refitted; errors are held out in time"),
+        headed("Its residual before and after"),
+        Choice("Which candidate", options),
+        table(error_matrix(d), "Held-out error of every joint, with each of them"),
+    )
+
+
+def _option(d: Diagnosis, i: int, each: Explanation) -> Option:
+    """What one candidate would do."""
+    before, after = d.fit.residual, residual_of(each.fit)
+    label = each.effect.label
+    both = {"as it is": before, f"with {label}": after}
+    said = [
+        what(each.effect),
+        f"held-out error of {each.joint}: {percent(each.error_before)} → "
+        f"{percent(each.error_after)}; noise alone would leave {d.floor[each.joint]:.2g} "
+        f"{before.units[before.joints.index(each.joint)]}",
+        numbers(each.parameters),
     ]
-    if any(mark(d, i).strip() for i in range(len(d.candidates))):
-        parts.insert(2, f"<p>{MARKS}</p>")
-    before, *after = residuals.values()
-    if after and (figure := plot_added(before, after[0], d.candidates[0])) is not None:
-        label = d.candidates[0].effect.label
-        parts += [
-            f"<h3>{text(label)} alone, all else taken off</h3>",
-            "<p>Each point is a row of the fit. What is really this effect lies along the line; "
-            "a bend or a loop is something else.</p>",
-            figure_html(figure, f"residual against what {label} explains"),
-        ]
-    return [
-        *parts,
-        "<h3>Held-out error of every joint, with each of them</h3>",
-        table_html(error_matrix(d)),
-    ]
+    if each.rivals:
+        said.append(f"not to be told from it by this data: {labels(each.rivals, 'or')}")
+    charts = (plot_before_after(before, after, each), plot_maps(both, each.joint))
+    added = plot_added(before, after, each)
+    last: tuple[Block, ...] = ()
+    if added is not None:
+        last = (headed(f"{label} alone, all else taken off"), paragraph(ADDED), added)
+    name = f"{mark(d, i)} {label}".strip()
+    return Option(name, (headed(f"With {label}"), items(said), *charts, *last))

@@ -190,8 +190,10 @@ class Screen:
 
 
 def _stay(table: Table, held: np.ndarray) -> np.ndarray:
-    """Values at which held unknowns stay: rigid ones at the prior, effects at nothing."""
-    return table.columns.prior[held]
+    """Values at which held unknowns stay: bodies' at the prior, effects' at nothing, shapes' where
+    they are.
+    """
+    return table.columns.prior_at(table.point.values)[held]
 
 
 def blocks_of(table: Table) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from ident.diagnose.explanation import Explanation
 from ident.diagnose.phrases import closure, labels, numbers
-from ident.fit.summary import percent, table
+from ident.tables import percent, table
 
 if TYPE_CHECKING:
     from ident.diagnose.diagnosis import Diagnosis

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from ident.diagnose.claims import claim
 from ident.diagnose.hidden import Invisible
 from ident.diagnose.phrases import failing, listed, signal, some
-from ident.fit.summary import percent
 from ident.residual import Failure
 from ident.residual.periods import CHANCE
+from ident.tables import percent
 
 if TYPE_CHECKING:
     from ident.diagnose.diagnosis import Diagnosis

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.figure import Figure
 
+from ident.chart import Chart
 from ident.excite.criterion import Separation
 from ident.excite.plots import plot_excitation
 from ident.excite.words import said
@@ -95,7 +95,7 @@ class Excitation:
         """Write the log to a .csv, .parquet or .npz, whole or not at all."""
         self.log.write(path)
 
-    def plot(self) -> Figure:
+    def plot(self) -> Chart:
         """Position, speed, acceleration and torque of every drive in one period, with limits."""
         return plot_excitation(self)
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
+
+from ident.chart import RESIDUAL, Chart, Level, Line, Panel
+from ident.chart.marks import Mark
 
 if TYPE_CHECKING:
     from ident.excite.excitation import Excitation
@@ -14,26 +16,22 @@ CHANNELS = (("q", "position"), ("v", "speed"), ("a", "acceleration"), ("tau", "t
 NEAR = 2.0  # times what is reached: a limit farther away is not drawn
 
 
-def plot_excitation(x: Excitation) -> Figure:
+def plot_excitation(x: Excitation) -> Chart:
     """One row a drive, one column a quantity, one period; limits dashed."""
-    t = x.log.t
-    one = t <= x.period
-    drives = [name.removeprefix("tau.") for name in x.log.columns if name.startswith("tau.")]
-    figure = Figure(figsize=(13, 0.8 + 1.9 * len(drives)), layout="constrained")
-    axes = figure.subplots(len(drives), 4, sharex=True, squeeze=False)
-    for row, name in zip(axes, drives, strict=True):
-        for axis, (channel, kind) in zip(row, CHANNELS, strict=True):
+    one = x.log.t <= x.period
+    t = x.log.t[one]
+    rows: list[tuple[Panel, ...]] = []
+    for name in (c.removeprefix("tau.") for c in x.log.columns if c.startswith("tau.")):
+        row = []
+        for channel, kind in CHANNELS:
             use = x.use(name, kind)
             y = x.log.columns[f"{channel}.{name}"][one]
-            axis.plot(t[one], y, color="C0", lw=1.2)
-            size = float(np.abs(y).max())
-            for limit in (use.lower, use.upper):
-                if np.isfinite(limit) and abs(limit) < NEAR * size:
-                    axis.axhline(limit, color="C3", lw=0.8, ls="--")
-            axis.set_ylabel(f"{name} [{use.unit}]" if channel == "q" else f"[{use.unit}]")
-            axis.grid(alpha=0.3)
-    for axis, (_, kind) in zip(axes[0], CHANNELS, strict=True):
-        axis.set_title(kind)
-    for axis in axes[-1]:
-        axis.set_xlabel("t [s]")
-    return figure
+            near = NEAR * float(np.abs(y).max())
+            limits = [b for b in (use.lower, use.upper) if np.isfinite(b) and abs(b) < near]
+            marks: list[Mark] = [Line(t, y)]
+            marks += [Level(b, dashed=True, colour=RESIDUAL) for b in limits]
+            label = f"{name} [{use.unit}]" if channel == "q" else f"[{use.unit}]"
+            row.append(Panel(tuple(marks), "t [s]", label, kind if not rows else "", height=1.9))
+        rows.append(tuple(row))
+    words = "One period of the motion: position, speed, acceleration and torque of every drive"
+    return Chart(words, tuple(rows), shared_x=True, width=13, timed=True)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.fit.summary import shortened, table
+from ident.tables import shortened, table
 
 if TYPE_CHECKING:
     from ident.excite.excitation import Excitation, Use

@@ -14,10 +14,11 @@ from ident.fit.fit import Fit
 from ident.fit.noisy import Likelihood
 from ident.fit.regression import Regression
 from ident.fit.sanity import absurdities
-from ident.fit.score import Error, Squares, held_out, squares
+from ident.fit.score import held_out, squares
 from ident.fit.values import effect_values
 from ident.motion import Motion
 from ident.progress import Told
+from ident.residual.error import Error, Squares
 
 Refit = Callable[[Estimate], np.ndarray]  # of least squares on a part of the data: x (k,)
 

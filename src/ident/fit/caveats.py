@@ -13,11 +13,11 @@ from ident.fit.accumulate import Cell
 from ident.fit.estimate import Estimate
 from ident.fit.naming import absorbed_by
 from ident.fit.reach import identifiable_multipliers, resting_on_priors
-from ident.fit.score import Squares
 from ident.fit.values import rigid_values
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, DYNAMIC
 from ident.motion import Motion
+from ident.residual.error import Squares
 
 BIASED = 1e-4  # share of a parameter that a time basis may move unmentioned
 POOR = 1e3  # condition number above which the motion excites some base parameter poorly

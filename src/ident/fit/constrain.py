@@ -12,9 +12,10 @@ from ident.fit.consistent import Program
 from ident.fit.descend import shape_bounds
 from ident.fit.estimate import Estimate, estimate, totals
 from ident.fit.regression import Regression
-from ident.fit.score import Squares, rise
+from ident.fit.score import rise
 from ident.mechanism.consistency import Consistency
 from ident.progress import Told
+from ident.residual.error import Squares
 from ident.solve.cone import Point
 
 PASSES = 6  # over what the equations are not linear in

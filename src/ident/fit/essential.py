@@ -18,9 +18,10 @@ from scipy.linalg import lapack
 
 from ident.fit.accumulate import Cell
 from ident.fit.estimate import Estimate, totals
-from ident.fit.score import Error, Squares, folds, rises, stretches
-from ident.fit.summary import percent, table
+from ident.fit.score import folds, rises, stretches
+from ident.residual.error import Error, Squares
 from ident.solve.factor import Factor
+from ident.tables import percent, table
 
 if TYPE_CHECKING:
     from ident.fit.fit import Fit

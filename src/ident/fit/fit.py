@@ -9,12 +9,12 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
+from ident.chart import Chart
 from ident.effects import Effect
 from ident.equations.columns import Columns
 from ident.equations.point import Point
-from ident.errors import one_of
+from ident.errors import FitError, one_of
 from ident.fit.accumulate import Cell
 from ident.fit.banded import Band, multipliers_of
 from ident.fit.binding import Binding
@@ -23,11 +23,9 @@ from ident.fit.essential import Essential, essential
 from ident.fit.estimate import FLOOR, Estimate
 from ident.fit.noisy import Likelihood
 from ident.fit.output import write_fit, write_urdf
-from ident.fit.plots import plot_torques
-from ident.fit.predict import Prediction, predict
+from ident.fit.plots import plot_multipliers, plot_parameters
 from ident.fit.reach import identifiable_multipliers
 from ident.fit.regression import Regression
-from ident.fit.score import Error, Squares
 from ident.fit.summary import summary
 from ident.fit.unexcited import Unexcited, unexcited
 from ident.fit.values import (
@@ -40,6 +38,12 @@ from ident.fit.values import (
 )
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
+from ident.residual import Residual, residual_of
+from ident.residual.error import Error, Squares
+from ident.residual.plots import plot_maps, plot_parts, plot_predictions
+from ident.residual.predict import Prediction, predict
+
+LONG = 40  # characters of a name that tells where each effect is
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +134,15 @@ class Fit:
         return unexcited(self)
 
     @property
+    def name(self) -> str:
+        """In comparisons: the effects in it, or only their kinds where these are many."""
+        effects = self.mechanism.effects
+        labels = ", ".join(effect.label for effect in effects)
+        if len(labels) > LONG:
+            labels = ", ".join(dict.fromkeys(effect.kind for effect in effects))
+        return f"fit with {labels}" if labels else "fit 1"
+
+    @property
     def rank(self) -> int:
         """Number of base parameters."""
         return self.estimate.base.rank
@@ -164,10 +177,53 @@ class Fit:
             return combined[name]
         raise KeyError(f"no parameter '{name}'; {one_of(name, own)}")
 
-    def plot(self, experiment: int = 0) -> Figure:
-        """Measured and predicted torque of every independent joint."""
+    def plot(self, experiment: int = 0) -> Chart:
+        """Measured and predicted torque of every independent joint, and what is left."""
         units = [self.mechanism.joint(name).force_unit for name in self.motion.independent]
-        return plot_torques(self.predict()[experiment], units)
+        return plot_predictions({self.name: self.predict()}, units, experiment)
+
+    def plot_parts(self, experiment: int = 0) -> Chart:
+        """The sum taken apart: rigid bodies, effects and what is left, per joint."""
+        return plot_parts({self.name: self.residual}, experiment)
+
+    def plot_maps(self, joint: str | None = None) -> Chart:
+        """A joint's residual against t, q, v, a and load; by default where the model fails most.
+
+        Raises:
+            FitError: if the joint is not an independent one.
+        """
+        joint = self.residual.where[0].joint if joint is None else joint
+        if joint not in self.residual.joints:
+            raise FitError(f"no residual of joint '{joint}'; {one_of(joint, self.residual.joints)}")
+        return plot_maps({self.name: self.residual}, joint)
+
+    def plot_parameters(self) -> Chart:
+        """Identified parameters and effects with their 95 % intervals, beside the prior.
+
+        Raises:
+            FitError: if there are none.
+        """
+        own = [value for effect in self.effects for value in effect.parameters]
+        chart = plot_parameters([*own, *(v for v in self.parameters if v.identifiable)])
+        if chart is None:
+            raise FitError(f"{self.mechanism.name}: nothing was identified by itself")
+        return chart
+
+    def plot_multipliers(self, experiment: int = 0) -> Chart:
+        """λ(t), the reaction forces of the closures.
+
+        Raises:
+            FitError: of a mechanism without closures.
+        """
+        t, values = self.multipliers[experiment]
+        if not values.shape[1]:
+            raise FitError(f"{self.mechanism.name}: has no closures, so no multipliers")
+        return plot_multipliers(self.mechanism, t, values)
+
+    @cached_property
+    def residual(self) -> Residual:
+        """What is left at the rows of the regression, its parts, and where the model fails."""
+        return residual_of(self)
 
     def predict(self, motion: Motion | None = None) -> list[Prediction]:
         """Torques, the sum taken apart and multipliers, for the fitted motion or another one."""

@@ -42,7 +42,7 @@ def write_fit(fit: Fit, folder: str | Path, reactions: Reactions | None = None) 
         "fit.json": json.dumps(fit_json(fit), indent=1, ensure_ascii=False).encode() + b"\n",
         "multipliers.csv": multipliers_csv(fit),
         "identified.urdf": urdf,
-        "report.html": report_html(fit, reactions).encode(),
+        "report.html": report_html(fit, reactions),
     }
     known = [
         (effect, {u.name: float(v) for u, v in zip(effect.parameters, values, strict=True)})

@@ -1,57 +1,19 @@
-"""Pictures of a fit, drawn by Matplotlib; the same functions serve Jupyter and the report."""
+"""Pictures of a fit: torques, multipliers, parameters; the same serve Jupyter and the report."""
 
 from __future__ import annotations
 
-import io
-from pathlib import Path
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from ident.errors import FitError
-from ident.files import write_all
-from ident.fit.predict import Prediction
+from ident.chart import MEASURED, PRIOR, Chart, Dots, Line, Panel
+from ident.fit.values import Value
 
 if TYPE_CHECKING:
     from ident.mechanism.mechanism import Mechanism
 
-POINTS = 4000  # a curve's; more would not be seen
-
-
-def _thin(n: int) -> slice:
-    return slice(None, None, max(1, n // POINTS))
-
-
-def plot_torques(prediction: Prediction, units: list[str]) -> Figure:
-    """Measured and predicted torque of every independent joint, with what is left."""
-    d = len(prediction.joints)
-    figure = Figure(figsize=(9, 1.2 + 2.1 * d), layout="constrained")
-    axes = figure.subplots(d, 1, sharex=True, squeeze=False)[:, 0]
-    some = _thin(len(prediction.t))
-    t = prediction.t[some]
-    usable = prediction.usable[some]
-    for i, (axis, joint) in enumerate(zip(axes, prediction.joints, strict=True)):
-        axis.plot(t, prediction.measured[some, i], color="0.6", lw=2.5, label="measured")
-        axis.plot(
-            t,
-            np.where(usable, prediction.predicted[some, i], np.nan),
-            color="C0",
-            lw=1.0,
-            label="predicted",
-        )
-        axis.plot(
-            t,
-            np.where(usable, prediction.residual[some, i], np.nan),
-            color="C3",
-            lw=0.7,
-            label="difference",
-        )
-        axis.set_ylabel(f"{joint} [{units[i]}]")
-        axis.grid(alpha=0.3)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
-    axes[-1].set_xlabel("t [s]")
-    return figure
+MOST = 60  # parameters in one picture
 
 
 def plot_multipliers(
@@ -59,34 +21,35 @@ def plot_multipliers(
     t: np.ndarray,
     values: np.ndarray,
     reference: tuple[np.ndarray, np.ndarray] | None = None,
-) -> Figure:
+) -> Chart:
     """λ(t) (n, m), beside known reactions (t, (n, m)) where there are any."""
     names, units = mechanism.kinematics.multipliers, mechanism.kinematics.units
-    shown = [i for i in range(len(names)) if np.isfinite(values[:, i]).any()]
-    figure = Figure(figsize=(9, 1.2 + 1.8 * max(len(shown), 1)), layout="constrained")
-    axes = figure.subplots(max(len(shown), 1), 1, sharex=True, squeeze=False)[:, 0]
-    for axis, i in zip(axes, shown, strict=False):
-        some = _thin(len(t))
+    rows = []
+    for i, (name, unit) in enumerate(zip(names, units, strict=True)):
+        if not np.isfinite(values[:, i]).any():
+            continue
+        lines = []
         if reference is not None:
-            axis.plot(reference[0], reference[1][:, i], color="0.6", lw=2.5, label="simulated")
-        axis.plot(t[some], values[some, i], color="C0", lw=1.0, label="identified")
-        axis.set_ylabel(f"{names[i]} [{units[i]}]")
-        axis.grid(alpha=0.3)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
-    axes[-1].set_xlabel("t [s]")
-    return figure
+            lines.append(Line(reference[0], reference[1][:, i], "known", MEASURED, 2.4))
+        lines.append(Line(t, values[:, i], "identified", 0))
+        rows.append((Panel(tuple(lines), "t [s]", f"{name} [{unit}]", height=1.8),))
+    words = "Multipliers λ over time, the reaction forces of the closures"
+    return Chart(words, tuple(rows), shared_x=True, timed=True)
 
 
-def save_figure(figure: Figure, path: str | Path) -> None:
-    """A figure as .png, .svg or .pdf, whole or not at all.
+def plot_parameters(values: Sequence[Value]) -> Chart | None:
+    """Values ± 1.96 standard errors beside the prior, a panel a unit; None where there are none."""
+    shown = [v for v in values if v.stderr is not None and np.isfinite(v.stderr)][:MOST]
+    units = list(dict.fromkeys(v.unit for v in shown))
+    rows = [(_of_unit(unit, [v for v in shown if v.unit == unit]),) for unit in units]
+    words = "Identified values with their 95 % intervals, beside what was assumed before"
+    return Chart(words, tuple(rows)) if rows else None
 
-    Raises:
-        FitError: for another suffix.
-    """
-    path = Path(path)
-    kind = path.suffix.lower().removeprefix(".")
-    if kind not in ("png", "svg", "pdf"):
-        raise FitError(f"{path}: give a name that ends in .png, .svg or .pdf")
-    stream = io.BytesIO()
-    figure.savefig(stream, format=kind, dpi=150)
-    write_all(path.parent, {path.name: stream.getvalue()})
+
+def _of_unit(unit: str, values: Sequence[Value]) -> Panel:
+    at, none = np.arange(len(values), dtype=float), np.zeros(len(values))
+    prior, found = (np.array([getattr(v, key) for v in values]) for key in ("prior", "value"))
+    reach = np.array([1.96 * (v.stderr or 0.0) for v in values])
+    marks = (Dots(at, prior, none, "prior", PRIOR), Dots(at, found, reach, "identified", 0))
+    names = tuple(v.name for v in values)
+    return Panel(marks, f"[{unit}]", y_names=names, height=0.7 + 0.22 * len(values))

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
+from ident.chart import Chart
 from ident.errors import FitError, one_of
 from ident.fit.plots import plot_multipliers
-from ident.fit.summary import table
 from ident.log import Log
+from ident.tables import table
 
 if TYPE_CHECKING:
     from ident.fit.fit import Fit
@@ -45,7 +45,7 @@ class Reactions:
             rows.append([name, f"{size:.4g} {unit}", f"{rms:.3g} {unit}", f"{worst:.3g} {unit}"])
         return "\n".join(["multipliers against known reactions", *table(rows)])
 
-    def plot(self) -> Figure:
+    def plot(self) -> Chart:
         """λ(t) identified over λ(t) known."""
         t, values = self.fit.multipliers[0]
         return plot_multipliers(self.fit.mechanism, t, values, (self.t, self.known))

@@ -15,11 +15,12 @@ from ident.fit.accumulate import Cell, accumulate, coordinates
 from ident.fit.banded import Band, banded, cells_of
 from ident.fit.estimate import totals
 from ident.fit.plausible import plausible
-from ident.fit.score import Squares, squares
+from ident.fit.score import squares
 from ident.likelihood.step import Run
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.progress import Told
+from ident.residual.error import Squares
 from ident.solve.factor import Factor
 
 

@@ -1,107 +1,111 @@
-"""report.html: one file that opens without a network."""
+"""report.html of a fit, and its sections for other reports."""
 
 from __future__ import annotations
 
-import html
-import io
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from matplotlib.figure import Figure
-
-from ident.fit.plots import plot_multipliers, plot_torques
-from ident.fit.summary import error_rows, rounded, shortened, shown
+from ident.fit.plots import plot_multipliers, plot_parameters
+from ident.fit.summary import shown
+from ident.motion.report import made_of, understood
+from ident.page import Page, Section, code, headed, items, paragraph, table
+from ident.page.page import Block
+from ident.residual import report
+from ident.tables import percent, rounded, shortened
 
 if TYPE_CHECKING:
     from ident.fit.fit import Fit
     from ident.fit.reactions import Reactions
 
-LAMBDA = "multipliers over time"
-STYLE = """
-:root { color-scheme: light dark; }
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
-table { border-collapse: collapse; margin: 0.5rem 0 1.5rem; }
-th, td { padding: 0.15rem 0.8rem; text-align: right; border-bottom: 1px solid #8884; }
-th:first-child, td:first-child { text-align: left; }
-pre { white-space: pre-wrap; }
-figure { margin: 0; background: white; } figure svg { max-width: 100%; height: auto; }
-"""
+LAMBDA = "The reaction forces that the closures need for this motion; they rest on the model."
 
 
-def report_html(fit: Fit, reactions: Reactions | None = None) -> str:
-    """The report of a fit: errors, measured against predicted, parameters, multipliers, notes."""
-    joints = [fit.mechanism.joint(name).force_unit for name in fit.motion.independent]
+def report_html(fit: Fit, reactions: Reactions | None = None) -> bytes:
+    """The report of a fit."""
+    sections = (
+        *misfit(fit),
+        *found(fit, reactions),
+        understood(fit.mechanism, fit.motion),
+        made_of(fit.mechanism, fit.motion),
+    )
+    return Page(f"{fit.mechanism.name}: identification", headline(fit), sections).html()
+
+
+def headline(fit: Fit) -> str:
+    """How well it predicts, in one line."""
+    errors = fit.held_out or fit.train
+    known = {name: e.relative for name, e in errors.items() if e.relative is not None}
+    if not known:
+        return "No torque was measured that could be compared."
+    best, worst = min(known, key=lambda n: known[n]), max(known, key=lambda n: known[n])
+    what = "held out" if fit.held_out else "in the data that were fitted"
+    if best == worst:
+        return f"The predicted torque of {best} is off by {percent(known[best])}, {what}."
+    return (
+        f"The predicted torque is off by {percent(known[best])} ({best}) to "
+        f"{percent(known[worst])} ({worst}), {what}."
+    )
+
+
+def misfit(fit: Fit) -> tuple[Section, ...]:
+    """Warnings, errors, measured against predicted, where it fails, the sum taken apart."""
     errors = {"train": fit.train, "held out": fit.held_out, **fit.validation}
-    if fit.motion.band.cutoff:
+    cut = fit.motion.band.cutoff
+    words = ""
+    if cut:
         errors["unfiltered"] = fit.unfiltered
-    parts = [
-        f"<h1>{text(fit.mechanism.name)}</h1>",
-        f"<pre>{text(fit.motion.summary)}</pre>",
-        "<h2>Error of the predicted torque</h2>",
-        table_html(error_rows(errors)),
-        "<h2>Measured and predicted</h2>",
-    ]
-    for prediction in fit.predict():
-        parts += [
-            f"<h3>{text(prediction.name)}</h3>",
-            figure_html(
-                plot_torques(prediction, joints), "measured and predicted torque of every joint"
-            ),
-        ]
-    if fit.effects:
-        rows = [["effect", "value", "unit"]]
-        rows += [[v.name, shown(v), v.unit] for e in fit.effects for v in e.parameters]
-        parts += ["<h2>Effects</h2>", table_html(rows)]
+        words = f"Below {cut:.3g} Hz, where the fit was made; unfiltered: with all noise in it."
+    units = [fit.mechanism.joint(name).force_unit for name in fit.motion.independent]
+    residuals = {fit.name: fit.residual}
+    said = [each for each in fit.warnings if each not in fit.motion.notes]  # those stand elsewhere
+    return (
+        Section("Warnings", (items(said),) if said else ()),
+        report.errors(errors, words),
+        report.torques({fit.name: fit.predict()}, units),
+        report.maps(residuals),
+        report.parts(residuals),
+    )
+
+
+def found(fit: Fit, reactions: Reactions | None = None) -> tuple[Section, ...]:
+    """Parameters and multipliers."""
+    return (
+        Section("Parameters", _parameters(fit)),
+        Section("Multipliers", _lambda(fit, reactions)),
+    )
+
+
+def _parameters(fit: Fit) -> tuple[Block, ...]:
+    blocks: list[Block] = []
+    effects = [value for effect in fit.effects for value in effect.parameters]
     own = [value for value in fit.parameters if value.identifiable]
+    if (chart := plot_parameters([*effects, *own])) is not None:
+        blocks.append(chart)
+    if effects:
+        rows = [["effect", "value", "unit"], *([v.name, shown(v), v.unit] for v in effects)]
+        blocks.append(table(rows, "Effects"))
     if own:
         rows = [["parameter", "value", "prior", "unit"]]
         rows += [[v.name, shown(v), f"{v.prior:.5g}", v.unit] for v in own]
-        parts += ["<h2>Identified parameters</h2>", table_html(rows)]
+        blocks.append(table(rows, "Identified parameters"))
     combined = [value for value in fit.base_parameters if " " in value.name]
     if combined:
         rows = [["base parameter", "value", "unit"]]
         rows += [[shortened(v.name, 120), rounded(v.value, v.stderr), v.unit] for v in combined]
-        parts += ["<h2>Base parameters</h2>", table_html(rows)]
+        blocks.append(table(rows, "Combinations that only together can be identified"))
     if fit.binding is not None:
-        parts.append(f"<p>{text(str(fit.binding))}</p>")
-    if fit.mechanism.kinematics.multipliers:
-        parts.append("<h2>Multipliers</h2>")
-        if reactions is not None:
-            parts += [f"<pre>{text(str(reactions))}</pre>", figure_html(reactions.plot(), LAMBDA)]
-        for t, values in fit.multipliers[1 if reactions else 0 :]:
-            parts.append(figure_html(plot_multipliers(fit.mechanism, t, values), LAMBDA))
-    if fit.warnings:
-        items = "".join(f"<li>{text(warning)}</li>" for warning in fit.warnings)
-        parts += ["<h2>Notes</h2>", f"<ul>{items}</ul>"]
-    return page(f"{fit.mechanism.name}: identification", parts)
+        blocks.append(paragraph(str(fit.binding)))
+    return tuple(blocks)
 
 
-def page(title: str, parts: Sequence[str]) -> str:
-    """A self-contained page of these pieces of HTML."""
-    return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{text(title)}</title>'
-        f"<style>{STYLE}</style></head><body>\n" + "\n".join(parts) + "\n</body></html>\n"
-    )
-
-
-def text(words: str) -> str:
-    """Words that may hold any character."""
-    return html.escape(words)
-
-
-def table_html(rows: list[list[str]]) -> str:
-    """A table whose first row is its head."""
-    head = "".join(f"<th>{text(cell)}</th>" for cell in rows[0])
-    body = "".join(
-        "<tr>" + "".join(f"<td>{text(cell)}</td>" for cell in row) + "</tr>" for row in rows[1:]
-    )
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-
-
-def figure_html(figure: Figure, label: str) -> str:
-    """A picture inside the page, with words for who cannot see it."""
-    stream = io.StringIO()
-    figure.savefig(stream, format="svg", metadata={"Date": None})
-    drawing = stream.getvalue()
-    drawing = drawing[drawing.index("<svg") :]
-    return f'<figure role="img" aria-label="{text(label)}">{drawing}</figure>'
+def _lambda(fit: Fit, reactions: Reactions | None) -> tuple[Block, ...]:
+    if not fit.mechanism.kinematics.multipliers:
+        return ()
+    blocks: list[Block] = [paragraph(LAMBDA)]
+    if reactions is not None:
+        blocks += [headed("Against known reactions"), code(str(reactions)), reactions.plot()]
+    names = [e.name for e in fit.motion.experiments]
+    t = [each for each, _ in fit.multipliers]
+    if reactions is None or len(t) > 1:
+        draw = [plot_multipliers(fit.mechanism, *each) for each in fit.multipliers]
+        blocks.append(report.by_log(names, lambda i: draw[i]))
+    return tuple(blocks)

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ident.fit.score import Error
 from ident.fit.values import EffectValues
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import pseudo_inertia
+from ident.residual.error import Error
 
 CERTAIN = 3.0  # standard errors below zero at which a negative coefficient is no accident
 LEAST = 1e-9  # kg below which a body with first moments cannot be written in a URDF

@@ -15,11 +15,11 @@ from ident.effects import create as create_effect
 from ident.equations.columns import Columns
 from ident.equations.point import Point
 from ident.errors import FitError, MechanismError, one_of
-from ident.fit.score import Error
 from ident.fit.values import Value
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, about_origin, split
-from ident.motion import Experiment
+from ident.motion import Experiment, Motion
+from ident.residual.error import Error
 
 if TYPE_CHECKING:
     from ident.fit.fit import Fit
@@ -135,6 +135,11 @@ class Saved:
     def dynamic_parameters(self) -> np.ndarray:
         """All bodies' ten parameters (10 · bodies,), in Γ's order."""
         return self.point.pi
+
+    @property
+    def motion(self) -> Motion | None:
+        """None: a file does not hold what it was fitted to."""
+        return None
 
 
 def read_fit(path: str | Path, mechanism: Mechanism) -> Saved:

@@ -3,48 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from ident.fit.accumulate import Cell
 from ident.fit.estimate import Estimate, estimate, totals
+from ident.residual.error import Squares
 from ident.solve.factor import Factor
 
 FOLDS = 10
 ROUNDING = 1e-9  # of the torque, below which an error is none
-
-
-@dataclass(frozen=True)
-class Error:
-    """Of one joint: rms [N m | N], relative ‖τ − τ̂‖/‖τ‖ (None where nothing was measured)."""
-
-    rms: float
-    relative: float | None
-    unit: str
-
-
-@dataclass(frozen=True, eq=False)
-class Squares:
-    """Sums of squares a coordinate (d,): of the error, of the measured torque; and rows."""
-
-    error: np.ndarray
-    torque: np.ndarray
-    rows: np.ndarray
-
-    def __add__(self, other: Squares) -> Squares:
-        return Squares(self.error + other.error, self.torque + other.torque, self.rows + other.rows)
-
-    def errors(self, names: Sequence[str], units: Sequence[str]) -> dict[str, Error]:
-        """By joint."""
-        found = {}
-        for u, (name, unit) in enumerate(zip(names, units, strict=True)):
-            rms = float(np.sqrt(self.error[u] / max(self.rows[u], 1)))
-            relative = (
-                float(np.sqrt(self.error[u] / self.torque[u])) if self.torque[u] > 0 else None
-            )
-            found[name] = Error(rms, relative, unit)
-        return found
 
 
 def squares(cells: Sequence[Cell], x: np.ndarray, d: int) -> Squares:

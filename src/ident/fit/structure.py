@@ -10,12 +10,12 @@ from ident.fit.accumulate import accumulate, coordinates
 from ident.fit.estimate import estimate, totals
 from ident.fit.naming import absorbed_by, base_names
 from ident.fit.settle import initial
-from ident.fit.summary import table
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.motion.close import Closer
 from ident.motion.independent import best_conditioned, independent_joints
+from ident.tables import table
 
 
 def describe(mechanism: Mechanism, motion: Motion | None = None) -> str:

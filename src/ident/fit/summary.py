@@ -2,68 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.fit.score import Error
 from ident.fit.values import Value
+from ident.residual.error import error_rows
+from ident.tables import rounded, shortened, table
 
 if TYPE_CHECKING:
     from ident.fit.fit import Fit
 
 
-def rounded(value: float, stderr: float | None) -> str:
-    """A value with the digits that its standard error justifies: `0.2003 ± 0.0004`."""
-    if stderr is None:
-        return f"{value:.5g}"
-    if not np.isfinite(stderr):
-        return f"{value:.5g} ± ?"
-    if stderr == 0:
-        return f"{value:.9g}"
-    digits = int(np.floor(np.log10(abs(value) / stderr))) + 2 if value else 2
-    return f"{value:.{int(np.clip(digits, 2, 12))}g} ± {stderr:.2g}"
-
-
 def shown(value: Value) -> str:
     """A value as tables have it."""
     return rounded(value.value, value.stderr) + (", at bound" if value.at_bound else "")
-
-
-def table(rows: list[list[str]], indent: str = "  ") -> list[str]:
-    """Columns of text, the first aligned left and the others right."""
-    if not rows:
-        return []
-    width = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return [
-        indent
-        + "  ".join(
-            cell.ljust(width[i]) if i == 0 else cell.rjust(width[i]) for i, cell in enumerate(row)
-        ).rstrip()
-        for row in rows
-    ]
-
-
-def percent(relative: float | None) -> str:
-    """A relative error, or a dash where nothing was measured."""
-    return "–" if relative is None else f"{100 * relative:.3g} %"
-
-
-def error_rows(named: Mapping[str, Mapping[str, Error]]) -> list[list[str]]:
-    """One row a joint, two columns (rms, relative) a set of errors."""
-    titles = [title for title in named if named[title]]
-    joints = list(dict.fromkeys(joint for title in titles for joint in named[title]))
-    rows = [["joint", *(cell for title in titles for cell in (title, ""))]]
-    for joint in joints:
-        row = [joint]
-        for title in titles:
-            error = named[title].get(joint)
-            row += ["", ""] if error is None else [
-                f"{error.rms:.3g} {error.unit}", percent(error.relative)
-            ]  # fmt: skip
-        rows.append(row)
-    return rows
 
 
 def summary(fit: Fit) -> str:
@@ -123,12 +76,3 @@ def _multipliers(fit: Fit) -> list[str]:
         size = [f"{np.sqrt(np.mean(x**2)):.4g}", f"{np.abs(x).max():.4g}"] if len(x) else ["–", "–"]
         rows.append([name, *size, unit])
     return ["", *table(rows)]
-
-
-def shortened(name: str, most: int = 72) -> str:
-    """A long combination with its tail counted."""
-    if len(name) <= most:
-        return name
-    cut = max(name.rfind(" + ", 0, most), name.rfind(" - ", 0, most))
-    rest = name[cut:].count(" + ") + name[cut:].count(" - ")
-    return f"{name[:cut]} + … ({rest} more)"

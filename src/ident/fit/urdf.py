@@ -9,17 +9,20 @@ from lxml import etree
 
 from ident.errors import FitError
 from ident.fit.sanity import LEAST
-from ident.mechanism.parameters import COUNT, about_origin, pseudo_inertia, split
+from ident.mechanism.inertial import inertial_changes
+from ident.mechanism.parameters import COUNT, pseudo_inertia
 from ident.mechanism.placing import fixed_parameters
-from ident.mechanism.urdf import read_urdf
+from ident.mechanism.spans import Change, ascii_bytes, changed, removal, spans_of
+from ident.mechanism.urdf import parse_urdf, urdf_bytes
 
 if TYPE_CHECKING:
     from ident.fit.fit import Fit
 
 
 def identified_urdf(fit: Fit) -> bytes:
-    """The URDF's text with new `<inertial>` elements for the links of identified bodies.
+    """The URDF's text with new `<inertial>` numbers for the links of identified bodies.
 
+    Every other byte is the user's: comments, meshes, transmissions, indentation, ends of lines.
     A body is its own link and those fixed to it; these keep their inertias, and the body's own link
     carries the rest. Pinocchio gives the same torques for it as the fit does.
 
@@ -28,12 +31,14 @@ def identified_urdf(fit: Fit) -> bytes:
     """
     mechanism = fit.mechanism
     pi = _with_masses(fit)
-    robot = read_urdf(mechanism.urdf)
+    where = str(mechanism.urdf)
+    data = urdf_bytes(mechanism.urdf)
+    robot = parse_urdf(data, where)
+    text, encoding = ascii_bytes(data)
+    spans = spans_of(robot, text, where)
     links = {link.get("name"): link for link in robot.findall("link")}
-    parents = {joint.find("parent").get("link") for joint in robot.findall("joint")}
-    if "world" in parents and "world" not in links:  # Pinocchio insists that it be declared
-        robot.insert(0, etree.Element("link", name="world"))
     unknown = {name.rsplit(".", 1)[0] for name in mechanism.unknown}
+    changes: list[Change] = []
     for number, link in enumerate(mechanism.bodies.links):
         if link not in unknown:
             continue
@@ -45,9 +50,10 @@ def identified_urdf(fit: Fit) -> bytes:
             own = body
             for other in _fixed_links(robot, link):
                 for element in links[other].findall("inertial"):
-                    links[other].remove(element)
-        _set_inertial(links[link], own, mechanism.name)
-    return etree.tostring(robot.getroottree(), xml_declaration=True, encoding="utf-8") + b"\n"
+                    changes.append(removal(text, spans[element]))
+        changes += inertial_changes(text, spans, links[link], own)
+    text = changed(text, changes)
+    return text if encoding is None else text.decode().encode(encoding)
 
 
 def _carries(body: np.ndarray, fixed: np.ndarray) -> bool:
@@ -91,22 +97,3 @@ def _with_masses(fit: Fit) -> np.ndarray:
         x[at] += 1.0
         x[base.independent] -= column
     return columns.dynamic_parameters(fit.mechanism, x)
-
-
-def _set_inertial(link: etree._Element, pi: np.ndarray, name: str) -> None:
-    m, moments, L = split(pi)
-    inertial = link.find("inertial")
-    if inertial is None:
-        if not np.any(pi):
-            return
-        inertial = etree.SubElement(link, "inertial")
-    for tag in ("origin", "mass", "inertia"):
-        if inertial.find(tag) is None:
-            etree.SubElement(inertial, tag)
-    centre = moments / m if m else np.zeros(3)
-    inertia = L - about_origin(m, moments)
-    inertial.find("origin").set("xyz", " ".join(repr(float(x)) for x in centre))
-    inertial.find("origin").set("rpy", "0 0 0")
-    inertial.find("mass").set("value", repr(float(m)))
-    for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
-        inertial.find("inertia").set("i" + "xyz"[i] + "xyz"[j], repr(float(inertia[i, j])))

@@ -6,8 +6,8 @@ import html
 from dataclasses import dataclass
 from typing import Any
 
-from ident.fit.summary import table
 from ident.health.check import Check
+from ident.tables import table
 
 
 @dataclass(frozen=True)

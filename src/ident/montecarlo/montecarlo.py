@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from matplotlib.figure import Figure
 
+from ident.chart import Chart
 from ident.errors import FitError, one_of
 from ident.fit import Fit
 from ident.montecarlo.plots import plot_spread, plot_typical
@@ -131,7 +131,7 @@ class MonteCarlo:
         if snr not in self.snr:
             raise FitError(f"SNR {snr:g} dB; valid: {', '.join(f'{x:g}' for x in self.snr)}")
 
-    def plot(self, parameters: Sequence[str] | None = None) -> Figure:
+    def plot(self, parameters: Sequence[str] | None = None) -> Chart:
         """Box plots over SNR, estimators side by side: parameters and errors of the multipliers.
 
         Args:
@@ -145,7 +145,7 @@ class MonteCarlo:
                 raise FitError(f"parameter '{name}'; {one_of(name, self.parameters)}")
         return plot_spread(self, parameters)
 
-    def plot_multipliers(self, snr: float | None = None) -> Figure:
+    def plot_multipliers(self, snr: float | None = None) -> Chart:
         """λ(t) of each estimator's typical run over the true one (Figs. 5 and 9).
 
         Args:

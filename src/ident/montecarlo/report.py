@@ -9,12 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import polars as pl
-from matplotlib.figure import Figure
 
+from ident.chart import Chart
+from ident.chart.still import image
 from ident.errors import FitError
 from ident.files import write_all
-from ident.fit.report import figure_html, page, table_html, text
 from ident.montecarlo.words import multiplier_rows, notes, parameter_rows
+from ident.motion import complete
+from ident.motion.report import made_of, understood
+from ident.page import Page, Section, items, table
+from ident.page.page import Block
 
 if TYPE_CHECKING:
     from ident.montecarlo.montecarlo import MonteCarlo
@@ -32,8 +36,8 @@ def write_monte_carlo(x: MonteCarlo, folder: str | Path) -> list[Path]:
         "montecarlo.json": (json.dumps(as_json(x), indent=1, ensure_ascii=False) + "\n").encode(),
         "runs.csv": _csv(x.samples),
         "multiplier_errors.csv": _csv(x.errors),
-        "montecarlo.png": _png(x.plot()),
-        "report.html": _html(x).encode(),
+        "montecarlo.png": image(x.plot().figure, "png"),
+        "report.html": _html(x),
     }
     return write_all(Path(folder), files)
 
@@ -70,41 +74,35 @@ def _csv(frame: pl.DataFrame) -> bytes:
     return stream.getvalue()
 
 
-def _png(figure: Figure) -> bytes:
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=150)
-    return stream.getvalue()
-
-
-def _html(x: MonteCarlo) -> str:
+def _html(x: MonteCarlo) -> bytes:
     plan = x.plan
     said = [
         f"{x.runs} runs at each SNR, seed {plan.seed}; noise on {', '.join(plan.columns)}",
         *(f"truth of {words}" for words in plan.truth.words),
         *(f"{each.name}: {each.words}" for each in plan.estimators if each.words),
     ]
-    parts = [
-        f"<h1>{text(plan.mechanism.name)} on {text(plan.log.name)}: Monte Carlo</h1>",
-        f"<ul>{''.join(f'<li>{text(line)}</li>' for line in said)}</ul>",
-        figure_html(x.plot(), "values and errors of all runs over signal-to-noise ratio"),
-        "<h2>Parameters</h2>",
-        table_html(parameter_rows(x)),
-    ]
+    forces: tuple[Block, ...] = ()
     if rows := multiplier_rows(x):
-        parts += ["<h2>Multipliers: rms error, mean over runs</h2>", table_html(rows)]
-        parts += _typical(x)
-    if lost := notes(x):
-        items = "".join(f"<li>{text(note)}</li>" for note in lost)
-        parts += ["<h2>Notes</h2>", f"<ul>{items}</ul>"]
-    return page(f"{plan.mechanism.name}: Monte Carlo", parts)
+        forces = (table(rows, "rms error, mean over runs"), *_typical(x))
+    lost = notes(x)
+    made = plan.mechanism, complete(plan.mechanism, [plan.log])
+    sections = (
+        Section("What noise does", (items(said), x.plot())),
+        Section("Parameters", (table(parameter_rows(x), "Bias and spread of all runs"),)),
+        Section("Multipliers", forces),
+        Section("Warnings", (items(lost),) if lost else ()),
+        understood(*made),
+        made_of(*made),
+    )
+    line = f"{x.runs} runs at each of {', '.join(f'{snr:g}' for snr in x.snr)} dB"
+    return Page(f"{plan.mechanism.name} on {plan.log.name}: Monte Carlo", line, sections).html()
 
 
-def _typical(x: MonteCarlo) -> list[str]:
+def _typical(x: MonteCarlo) -> tuple[Chart, ...]:
     """The picture of typical multipliers at the lowest SNR at which every estimator has one."""
     for snr in reversed(x.snr):
         try:
-            figure = x.plot_multipliers(snr)
+            return (x.plot_multipliers(snr),)
         except FitError:  # every run of an estimator failed there, as the notes say
             continue
-        return [figure_html(figure, f"multipliers of typical runs at {snr:g} dB")]
-    return []
+    return ()

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
-from ident.fit.summary import shortened, table
 from ident.montecarlo.statistics import FORCE
+from ident.tables import shortened, table
 
 if TYPE_CHECKING:
     from ident.montecarlo.montecarlo import MonteCarlo

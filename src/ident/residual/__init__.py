@@ -1,6 +1,5 @@
 """Where a model fails: what it leaves unexplained, and on what that depends."""
 
-from ident.residual.compare import Comparison, compare
 from ident.residual.failure import Dependence, Failure
 from ident.residual.gather import residual_of
 from ident.residual.periods import Periods, periods
@@ -8,13 +7,11 @@ from ident.residual.residual import Residual, Trace
 from ident.residual.where import where
 
 __all__ = [
-    "Comparison",
     "Dependence",
     "Failure",
     "Periods",
     "Residual",
     "Trace",
-    "compare",
     "periods",
     "residual_of",
     "where",

@@ -18,18 +18,16 @@ from ident.equations.samples import Samples
 from ident.equations.scene import Scene
 from ident.equations.terms import told_by
 from ident.errors import FitError
-from ident.fit.fit import Fit
-from ident.fit.predict import NOTHING, generalised
-from ident.fit.saved import Saved
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment, Motion
+from ident.residual.model import Model
+from ident.residual.predict import NOTHING, generalised
 from ident.residual.residual import CLOSURES, DRIVES, RIGID, WRENCHES, Residual, Trace
 
 CHUNK = 4096  # samples whose regressor is in memory at once
-LONG = 40  # characters of a name that tells where each effect is
 
 
-def residual_of(model: Fit | Saved, motion: Motion | None = None, *, name: str = "") -> Residual:
+def residual_of(model: Model, motion: Motion | None = None, *, name: str = "") -> Residual:
     """What a model leaves unexplained, and the parts of what it explains.
 
     Args:
@@ -42,9 +40,9 @@ def residual_of(model: Fit | Saved, motion: Motion | None = None, *, name: str =
             long enough for its filter.
     """
     if motion is None:
-        if not isinstance(model, Fit):
-            raise FitError("a fit read from a file has no motion; give motion=ident.complete(…)")
         motion = model.motion
+    if motion is None:
+        raise FitError("a fit read from a file has no motion; give motion=ident.complete(…)")
     mechanism = model.mechanism
     traces = [trace_of(mechanism, model.point, motion, e) for e in motion.experiments]
     if not any(len(trace) for trace in traces):
@@ -55,7 +53,7 @@ def residual_of(model: Fit | Saved, motion: Motion | None = None, *, name: str =
         )
     joints = [mechanism.joint(each) for each in motion.independent]
     return Residual(
-        name=name or _name(model),
+        name=name or model.name,
         model=model,
         motion=motion,
         joints=motion.independent,
@@ -64,16 +62,6 @@ def residual_of(model: Fit | Saved, motion: Motion | None = None, *, name: str =
         signals=tuple(joint.name for joint in mechanism.joints),
         traces=tuple(trace for trace in traces if len(trace)),
     )
-
-
-def _name(model: Fit | Saved) -> str:
-    if isinstance(model, Saved):
-        return model.name
-    effects = model.mechanism.effects
-    labels = ", ".join(effect.label for effect in effects)
-    if len(labels) > LONG:
-        labels = ", ".join(dict.fromkeys(effect.kind for effect in effects))
-    return f"fit with {labels}" if labels else "fit 1"
 
 
 def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: Experiment) -> Trace:

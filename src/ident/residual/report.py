@@ -1,88 +1,69 @@
-"""report.html and compare.json of a comparison."""
+"""Sections of a report on what models predict and leave."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping, Sequence
 
-import numpy as np
-
-from ident.fit.report import figure_html, page, table_html, text
-from ident.fit.score import Error
-from ident.fit.summary import error_rows
+from ident.chart import Chart
+from ident.page import Choice, Option, Section, code, items, paragraph, table
+from ident.page.page import Block
+from ident.residual.error import Error, error_rows
+from ident.residual.plots import plot_maps, plot_parts, plot_predictions
+from ident.residual.predict import Prediction
 from ident.residual.residual import Residual
-from ident.residual.tables import parts_table, where_text
+from ident.residual.tables import failure_lines, parts_table
 
-if TYPE_CHECKING:
-    from ident.residual.compare import Comparison
+LOGS = 12  # whose curves are in a report
+MAPS = (
+    "Each dot is a row of the fit; the dark line is the mean. A model that lacks nothing leaves a "
+    "flat band. What the residual depends on most is framed."
+)
 
-SCHEMA = "ident.compare/1"
+
+def errors(named: Mapping[str, Mapping[str, Error]], words: str = "") -> Section:
+    """The error of the predicted torque, by joint."""
+    said = (paragraph(words),) if words else ()
+    rows = error_rows(named)
+    shown = table(rows, "Error of the predicted torque: rms, and relative to the measured torque")
+    return Section("Error of the predicted torque", (*said, shown))
 
 
-def comparison_html(comparison: Comparison) -> bytes:
-    """One file that opens without a network."""
-    residuals = comparison.residuals
-    parts = ["<h1>Model against measurement</h1>"]
-    parts += ["<h2>Error of the predicted torque</h2>", table_html(error_rows(comparison.errors))]
-    for name, errors in comparison.fitted.items():
-        if any(errors.values()):
-            parts += [f"<h3>{text(name)} as it was fitted</h3>", table_html(error_rows(errors))]
-    for name, residual in residuals.items():
-        parts.append(f"<h2>{text(name)}</h2>")
-        lines = "\n".join([*parts_table(residual, ""), "", *where_text(residual)]).strip()
-        parts.append(f"<pre>{text(lines)}</pre>")
+def torques(predictions: Mapping[str, list[Prediction]], units: Sequence[str]) -> Section:
+    """Measured against predicted, per joint, log by log."""
+    names = [p.name for p in next(iter(predictions.values()))]
+    return Section(
+        "Measured against predicted",
+        (by_log(names, lambda i: plot_predictions(predictions, units, i)),),
+    )
+
+
+def by_log(names: Sequence[str], draw: Callable[[int], Chart]) -> Block:
+    """A chart, or of several logs a choice between theirs."""
+    if len(names) == 1:
+        return draw(0)
+    options = tuple(Option(name, (draw(i),)) for i, name in enumerate(names[:LOGS]))
+    return Choice("Which log", options)
+
+
+def maps(residuals: Mapping[str, Residual]) -> Section:
+    """Where the last model fails: a choice between joints, the worst first, with their maps."""
+    last = list(residuals.values())[-1]
+    options = []
+    for failure in last.where:
+        blocks = (items(failure_lines(failure, len(last.traces) > 1)),)
+        options.append(Option(failure.joint, (*blocks, plot_maps(residuals, failure.joint))))
+    choice = Choice("Of which joint", tuple(options))
+    return Section("Residual maps", (paragraph(MAPS), choice))
+
+
+def parts(residuals: Mapping[str, Residual]) -> Section:
+    """The sum taken apart: rigid bodies, effects, closure forces."""
     first = next(iter(residuals.values()))
-    for number, trace in enumerate(first.traces):
-        parts += [
-            f"<h2>{text(trace.name)}</h2>",
-            figure_html(comparison.plot(number), "measured and predicted torque of every joint"),
-            figure_html(comparison.plot_parts(number), "parts of the predicted torque"),
-        ]
-    parts.append("<h2>Residual against signals</h2>")
-    for joint in first.joints:
-        parts += [
-            f"<h3>{text(joint)}</h3>",
-            figure_html(comparison.plot_maps(joint), f"residual of {joint} against its signals"),
-        ]
-    return page("model against measurement", parts).encode()
-
-
-def comparison_json(comparison: Comparison) -> bytes:
-    """The same as data."""
-    models = {
-        name: {
-            "error": _errors(residual.errors),
-            "fitted": {k: _errors(errors) for k, errors in comparison.fitted[name].items()},
-            "parts": _parts(residual.parts, residual),
-            "own_row": _parts(residual.own, residual),
-            "where": [failure.json for failure in residual.where],
-        }
-        for name, residual in comparison.residuals.items()
-    }
-    first = next(iter(comparison.residuals.values()))
-    content = {
-        "schema": SCHEMA,
-        "logs": [trace.name for trace in first.traces],
-        "cutoff": first.motion.band.cutoff,
-        "rows": first.rows,
-        "models": models,
-    }
-    return json.dumps(content, indent=1, ensure_ascii=False).encode() + b"\n"
-
-
-def _errors(errors: Mapping[str, Error]) -> dict[str, Any]:
-    return {
-        joint: {"rms": e.rms, "relative": e.relative, "unit": e.unit} for joint, e in errors.items()
-    }
-
-
-def _parts(parts: Mapping[str, np.ndarray], residual: Residual) -> dict[str, Any]:
-    """rms by part, then joint; null where a joint has no row of its own."""
-    return {
-        name: {
-            joint: None if np.isnan(x) else float(x)
-            for joint, x in zip(residual.joints, values, strict=True)
-        }
-        for name, values in parts.items()
-    }
+    blocks: list[Block] = []
+    for name, residual in residuals.items():
+        lines = "\n".join(parts_table(residual, "")).strip()
+        blocks += [paragraph(name)] if len(residuals) > 1 else []
+        blocks.append(code(lines))
+    names = [trace.name for trace in first.traces]
+    blocks.append(by_log(names, lambda i: plot_parts(residuals, i)))
+    return Section("The sum taken apart", tuple(blocks))

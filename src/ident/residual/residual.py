@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.fit.fit import Fit
-from ident.fit.saved import Saved
-from ident.fit.score import Error, Squares
 from ident.motion import Motion
+from ident.residual.error import Error, Squares
+from ident.residual.model import Model
 
 if TYPE_CHECKING:
     from ident.residual.failure import Failure
@@ -103,7 +102,7 @@ class Residual:
     """
 
     name: str
-    model: Fit | Saved
+    model: Model
     motion: Motion
     joints: tuple[str, ...]
     units: tuple[str, ...]

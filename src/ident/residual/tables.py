@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.fit.summary import error_rows, percent, table
+from ident.residual.error import error_rows
 from ident.residual.residual import CLOSURES, DRIVES, RIGID, WRENCHES, Residual
+from ident.tables import percent, table
 
 if TYPE_CHECKING:
     from ident.residual.failure import Failure
@@ -136,12 +137,22 @@ def where_text(residual: Residual, indent: str = "  ") -> list[str]:
 
 def failure_text(failure: Failure, several: bool) -> list[str]:
     """Of one joint: how much, on what it depends, in which regimes and when."""
+    first, *told = _told(failure, several)
+    return [first[1], *(line for head, text in told for line in _wrapped(head, text))]
+
+
+def failure_lines(failure: Failure, several: bool) -> list[str]:
+    """The same, a sentence a line."""
+    return [" ".join(each).strip() for each in _told(failure, several)]
+
+
+def _told(failure: Failure, several: bool) -> list[tuple[str, str]]:
     white = "indistinguishable from noise" if failure.white else "has structure"
     first = (
         f"{failure.joint}: {failure.rms:.3g} {failure.unit} ({percent(failure.relative)}), "
         f"{100 * failure.share:.0f} % of the misfit; {white}"
     )
-    told: list[tuple[str, str]] = []
+    told = [("", first)]
     if failure.depends_on:
         told.append(("depends on", "; ".join(str(each) for each in failure.depends_on)))
     elif not failure.white:
@@ -154,7 +165,7 @@ def failure_text(failure: Failure, several: bool) -> list[str]:
             for each in failure.worst[:WINDOWS]
         ]
         told.append(("worst in", ", ".join(windows)))
-    return [first, *(line for head, text in told for line in _wrapped(head, text))]
+    return told
 
 
 def _wrapped(head: str, text: str) -> list[str]:

@@ -12,13 +12,13 @@ from scipy.interpolate import interp1d
 from ident.equations.point import Point
 from ident.equations.scene import Scene, check_needs
 from ident.errors import MotionError
-from ident.fit.predict import NOTHING
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment, Motion, complete
 from ident.motion.independent import best_conditioned
 from ident.motion.spectrum import noise_share
 from ident.progress import Told
+from ident.residual.predict import NOTHING
 from ident.simulate.drives import Drive, Still, Torques
 from ident.simulate.dynamics import Dynamics
 from ident.simulate.instant import Actuator, Surroundings

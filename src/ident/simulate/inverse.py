@@ -11,10 +11,10 @@ import numpy as np
 from ident.effects.drive import Delay
 from ident.equations.correct import late
 from ident.errors import MotionError
-from ident.fit.predict import Prediction, predict
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment, Motion, complete
+from ident.residual.predict import Prediction, predict
 from ident.simulate.noise import CHANNELS, Noise, check_channels, noisy
 from ident.simulate.values import point_of
 

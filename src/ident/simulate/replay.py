@@ -20,11 +20,11 @@ from ident.equations.samples import Samples
 from ident.equations.scene import Scene
 from ident.errors import FitError, MotionError
 from ident.fit.fit import Fit
-from ident.fit.predict import NOTHING
 from ident.fit.saved import Saved
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment, Motion
 from ident.progress import Told
+from ident.residual.predict import NOTHING
 from ident.simulate.drives import Series
 from ident.simulate.dynamics import Dynamics
 from ident.simulate.integrate import rough, surroundings

@@ -6,9 +6,10 @@ import json
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from ident.fit.report import figure_html, page, table_html, text
+from ident.chart import MEASURED, Chart, Level, Line, Panel
+from ident.page import Page, Section, items, paragraph, table
+from ident.residual.report import by_log
 
 if TYPE_CHECKING:
     from ident.simulate.replayed import Replay, Replayed
@@ -16,41 +17,36 @@ if TYPE_CHECKING:
 SCHEMA = "ident.replay/1"
 
 
-def plot_replay(replay: Replay, experiment: int) -> Figure:
+def plot_replay(replay: Replay, experiment: int) -> Chart:
     """Measured and simulated coordinates over time, each joint's difference below."""
     first = next(iter(replay.runs.values()))[experiment]
-    rows = 2 * len(first.joints)
-    figure = Figure(figsize=(9, 1.2 + 1.4 * rows), layout="constrained")
-    axes = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+    rows = []
     for j, (joint, unit) in enumerate(zip(first.joints, first.units, strict=True)):
-        above, below = axes[2 * j], axes[2 * j + 1]
-        above.plot(first.t, first.measured[:, j], color="0.6", lw=2.5, label="measured")
+        above = [Line(first.t, first.measured[:, j], "measured", MEASURED, 2.4)]
+        below = []
         for i, (name, logs) in enumerate(replay.runs.items()):
             run, label = logs[experiment], "simulated" if len(replay.runs) == 1 else name
-            above.plot(run.t, run.simulated[:, j], color=f"C{i}", lw=1.0, label=label)
-            below.plot(run.t, run.simulated[:, j] - run.measured[:, j], color=f"C{i}", lw=0.8)
-        above.set_ylabel(f"{joint} [{unit}]")
-        below.set_ylabel(f"difference [{unit}]")
-        above.grid(alpha=0.3)
-        below.grid(alpha=0.3)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
-    axes[-1].set_xlabel("t [s]")
-    return figure
+            above.append(Line(run.t, run.simulated[:, j], label, i))
+            below.append(Line(run.t, run.simulated[:, j] - run.measured[:, j], "", i, 0.8))
+        rows.append((Panel(tuple(above), "t [s]", f"{joint} [{unit}]", height=1.8),))
+        rows.append((Panel((Level(), *below), "t [s]", f"difference [{unit}]", height=1.4),))
+    words = f"Measured and simulated coordinate of every joint over time, {first.name}"
+    return Chart(words, tuple(rows), shared_x=True, timed=True)
 
 
 def replay_html(replay: Replay) -> bytes:
     """One file that opens without a network."""
-    parts = ["<h1>Simulated against measured motion</h1>", table_html(replay.rows())]
-    parts.append(
-        f"<p>Restarted from the measured state every {replay.window:g} s; relative to the way "
-        "from there.</p>"
+    words = (
+        f"Restarted from the measured state every {replay.window:g} s; relative to the way from "
+        "there."
     )
-    for number, run in enumerate(next(iter(replay.runs.values()))):
-        label = "measured and simulated coordinate of every joint"
-        parts += [f"<h2>{text(run.name)}</h2>", figure_html(replay.plot(number), label)]
-    if replay.notes:
-        parts.append(f"<pre>{text(chr(10).join(replay.notes))}</pre>")
-    return page("simulated against measured motion", parts).encode()
+    logs = [run.name for run in next(iter(replay.runs.values()))]
+    sections = (
+        Section("Error of the motion", (paragraph(words), table(replay.rows(), "By joint"))),
+        Section("Measured against simulated", (by_log(logs, replay.plot),)),
+        Section("Warnings", (items(replay.notes),) if replay.notes else ()),
+    )
+    return Page("Simulated against measured motion", ", ".join(replay.runs), sections).html()
 
 
 def replay_json(replay: Replay) -> bytes:

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
+from ident.chart import Chart
 from ident.files import write_all
-from ident.fit.plots import save_figure
-from ident.fit.score import Error
-from ident.fit.summary import percent, table
+from ident.residual.error import Error
 from ident.simulate.replay_report import plot_replay, replay_html, replay_json
+from ident.tables import percent, table
 
 LEAVES = 0.05  # of a joint's travel: farther away, the simulation has left the measurement
 
@@ -133,7 +132,7 @@ class Replay:
     def _repr_html_(self) -> str:
         return f"<pre>{html.escape(str(self))}</pre>"
 
-    def plot(self, experiment: int = 0) -> Figure:
+    def plot(self, experiment: int = 0) -> Chart:
         """Measured and simulated coordinate of every logged joint, with differences below."""
         return plot_replay(self, experiment)
 
@@ -143,7 +142,7 @@ class Replay:
         Raises:
             FitError: for another suffix.
         """
-        save_figure(self.plot(), path)
+        self.plot().save(path)
 
     def write(self, folder: str | Path) -> list[Path]:
         """replay.html, with all pictures in it, and replay.json.

@@ -8,24 +8,22 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
+from ident.chart import Chart
+from ident.compare.report import comparison_html, comparison_json
 from ident.errors import FitError, one_of
 from ident.files import write_all
 from ident.fit.fit import Fit
-from ident.fit.plots import save_figure
-from ident.fit.predict import Prediction, predict
 from ident.fit.saved import Saved
-from ident.fit.score import Error
-from ident.fit.summary import error_rows, table
 from ident.motion import Motion
 from ident.progress import Told
+from ident.residual.error import Error, error_rows
 from ident.residual.failure import Failure
 from ident.residual.gather import residual_of
 from ident.residual.plots import plot_maps, plot_parts, plot_predictions
-from ident.residual.report import comparison_html, comparison_json
+from ident.residual.predict import Prediction, predict
 from ident.residual.residual import Residual
 from ident.residual.tables import errors_text, parts_table, where_text
+from ident.tables import table
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +63,22 @@ class Comparison:
         return next(iter(self.residuals.values())).units
 
     @property
+    def headline(self) -> str:
+        """The models, and how far the error falls from the first to the last, in one line."""
+        first, *_, last = (*self.residuals.values(), *self.residuals.values())
+        names = " and ".join(self.residuals)
+        if first is last:
+            return f"{names} on {', '.join(trace.name for trace in first.traces)}"
+        falls = {j: 1 - last.errors[j].rms / e.rms for j, e in first.errors.items() if e.rms > 0}
+        if not falls:
+            return names
+        best, worst = max(falls, key=lambda j: falls[j]), min(falls, key=lambda j: falls[j])
+        return (
+            f"From {first.name} to {last.name} the error changes by {-100 * falls[best]:+.3g} % "
+            f"({best}) to {-100 * falls[worst]:+.3g} % ({worst})."
+        )
+
+    @property
     def summary(self) -> str:
         """Errors on this motion, those of the fits, and how far the error falls."""
         lines = errors_text(self.residuals)
@@ -85,15 +99,15 @@ class Comparison:
     def _repr_html_(self) -> str:
         return f"<pre>{html.escape(str(self))}</pre>"
 
-    def plot(self, experiment: int = 0) -> Figure:
+    def plot(self, experiment: int = 0) -> Chart:
         """Measured torque and every model's prediction, with residuals below, per joint."""
         return plot_predictions(self.predictions, self.units, experiment)
 
-    def plot_parts(self, experiment: int = 0) -> Figure:
+    def plot_parts(self, experiment: int = 0) -> Chart:
         """Rigid bodies, each kind of effect and the residual over time, per joint and model."""
         return plot_parts(self.residuals, experiment)
 
-    def plot_maps(self, joint: str | None = None) -> Figure:
+    def plot_maps(self, joint: str | None = None) -> Chart:
         """A joint's residual against t, q, v, a and load; by default the last model's worst joint.
 
         Raises:
@@ -106,12 +120,12 @@ class Comparison:
         return plot_maps(self.residuals, joint)
 
     def save(self, path: Path) -> None:
-        """The plot of the first experiment as .png, .svg or .pdf, whole or not at all.
+        """The plot of the first experiment as .png, .svg, .pdf or .html, whole or not at all.
 
         Raises:
-            FitError: for another suffix.
+            IdentError: for another suffix.
         """
-        save_figure(self.plot(), path)
+        self.plot().save(path)
 
     def write(self, folder: str | Path) -> list[Path]:
         """report.html, with all pictures in it, and compare.json.

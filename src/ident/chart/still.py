@@ -1,0 +1,147 @@
+"""Charts drawn by Matplotlib."""
+
+from __future__ import annotations
+
+import io
+from functools import singledispatch
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ident.chart.chart import Chart, Panel
+from ident.chart.marks import Bars, Boxes, Dots, Level, Line, Mark, Points
+from ident.chart.palette import colour
+
+POINTS = 2000  # buckets of a line; more would not be seen
+CLOUD = 6000  # points of a cloud
+SHORT = 6  # characters of names that stand upright beside each other
+LABEL = 34  # characters of a name in a legend
+
+
+def figure_of(chart: Chart) -> Figure:
+    """The chart as a figure that belongs to no window."""
+    rows, columns = len(chart.rows), max(map(len, chart.rows))
+    heights = [max(panel.height for panel in row) for row in chart.rows]
+    figure = Figure(figsize=(chart.width, 0.9 + sum(heights)), layout="constrained")
+    grid = figure.subplots(
+        rows, columns, squeeze=False, height_ratios=heights,
+        sharex=chart.shared_x, sharey="row" if chart.shared_y else False,
+    )  # fmt: skip
+    for axes, panels in zip(grid, chart.thinned(POINTS).rows, strict=True):
+        for axis, panel in zip(axes, panels, strict=False):
+            _panel(axis, panel)
+            if chart.shared_x:
+                axis.margins(x=0)
+                axis.label_outer(remove_inner_ticks=False)
+        for axis in axes[len(panels) :]:
+            axis.set_axis_off()
+    handles: dict[str, Any] = {}
+    for axis in grid.flat:
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+            handles.setdefault(label, handle)
+    if handles:
+        names = [each if len(each) <= LABEL else f"{each[:LABEL]}…" for each in handles]
+        figure.legend(
+            list(handles.values()), names, loc="outside upper center", ncols=min(len(names), 5),
+            fontsize="small", frameon=False,
+        )  # fmt: skip
+    return figure
+
+
+def image(figure: Figure, kind: str) -> bytes:
+    """A figure as the bytes of a png, svg or pdf."""
+    stream = io.BytesIO()
+    metadata = {"Date": None} if kind == "svg" else None
+    figure.savefig(stream, format=kind, dpi=130, metadata=metadata)
+    return stream.getvalue()
+
+
+def _panel(axis: Axes, panel: Panel) -> None:
+    for mark in panel.marks:
+        _draw(mark, axis)
+    axis.grid(alpha=0.25)
+    for edge in ("top", "right"):
+        axis.spines[edge].set_visible(False)
+    if panel.logarithmic:
+        axis.set_yscale("log")
+    if panel.x_names:
+        tilt: dict[str, Any] = (
+            {"rotation": 25, "ha": "right"} if max(map(len, panel.x_names)) > 6 else {}
+        )
+        axis.set_xticks(range(len(panel.x_names)), panel.x_names, **tilt)
+    if panel.y_names:
+        axis.set_yticks(range(len(panel.y_names)), panel.y_names)
+        axis.set_ylim(len(panel.y_names) - 0.5, -0.5)
+    axis.set_xlabel(panel.x)
+    axis.set_ylabel(panel.y)
+    if panel.title:
+        axis.set_title(panel.title, fontsize="small")
+    if panel.marked:
+        for spine in axis.spines.values():
+            spine.set(visible=True, color=colour("residual"), linewidth=1.8)
+        axis.title.set_color(colour("residual"))
+
+
+@singledispatch
+def _draw(mark: Mark, axis: Axes) -> None:
+    raise NotImplementedError(mark)
+
+
+@_draw.register
+def _(mark: Line, axis: Axes) -> None:
+    style = "o-" if mark.dotted else "-"
+    axis.plot(
+        mark.x, mark.y, style, ms=4, color=colour(mark.colour), lw=mark.width,
+        label=mark.label or None,
+    )  # fmt: skip
+
+
+@_draw.register
+def _(mark: Points, axis: Axes) -> None:
+    some = slice(None, None, max(1, len(mark.x) // CLOUD))
+    axis.scatter(
+        mark.x[some], mark.y[some], s=3, color=colour(mark.colour), alpha=0.45, lw=0,
+        rasterized=True, label=mark.label or None,
+    )  # fmt: skip
+
+
+@_draw.register
+def _(mark: Bars, axis: Axes) -> None:
+    axis.barh(
+        mark.at, mark.values, xerr=mark.errors if np.any(mark.errors) else None, height=0.7,
+        color=colour(mark.colour), ecolor="0.3", capsize=2, label=mark.label or None,
+    )  # fmt: skip
+
+
+@_draw.register
+def _(mark: Dots, axis: Axes) -> None:
+    axis.errorbar(
+        mark.values, mark.at, xerr=mark.errors if np.any(mark.errors) else None, fmt="o", ms=4,
+        color=colour(mark.colour), capsize=3, lw=1.2, label=mark.label or None,
+    )  # fmt: skip
+
+
+@_draw.register
+def _(mark: Boxes, axis: Axes) -> None:
+    c = colour(mark.colour)
+    low, q1, middle, q3, high = mark.quantiles.T
+    half = mark.width / 2
+    axis.vlines(mark.at, low, high, color=c, lw=1.0)
+    axis.bar(
+        mark.at, q3 - q1, bottom=q1, width=mark.width, color=c, alpha=0.6, label=mark.label or None
+    )
+    axis.hlines(middle, mark.at - half, mark.at + half, color="black", lw=1.2)
+
+
+@_draw.register
+def _(mark: Level, axis: Axes) -> None:
+    style = "--" if mark.dashed else "-"
+    c, label = colour(mark.colour), mark.label or None
+    if mark.diagonal:
+        axis.axline((0, 0), slope=1, color=c, lw=1.2, ls=style, label=label)
+    elif mark.upright:
+        axis.axvline(mark.value, color=c, lw=1.0, ls=style, label=label)
+    else:
+        axis.axhline(mark.value, color=c, lw=1.0, ls=style, label=label)

@@ -1,0 +1,5 @@
+"""Several models on one motion."""
+
+from ident.compare.compare import Comparison, compare
+
+__all__ = ["Comparison", "compare"]

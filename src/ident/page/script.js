@@ -1,0 +1,101 @@
+"use strict"
+// Charts are drawn when they come into view, move together along time, and listen to keys.
+const figures = [...document.querySelectorAll("figure.chart")]
+const ranges = new Map() // of figures whose panels share one x axis
+const documents = []
+let moving = false
+
+const shade = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim()
+
+function paint(drawn) {
+  const ink = shade("--soft")
+  for (const model of drawn._all_models.values()) {
+    if ("major_label_text_color" in model) {
+      model.setv({major_label_text_color: ink, axis_label_text_color: ink, axis_line_color: ink,
+                  major_tick_line_color: ink, minor_tick_line_color: ink})
+    } else if ("label_text_color" in model) model.setv({label_text_color: ink})
+  }
+}
+
+function together(figure, range) {
+  ranges.set(figure, {range, whole: [range.start, range.end]})
+  if (!("timed" in figure.dataset)) return
+  const tell = () => {
+    if (moving) return
+    moving = true
+    for (const [other, {range: its}] of ranges) {
+      if (other !== figure && "timed" in other.dataset) its.setv({start: range.start, end: range.end})
+    }
+    moving = false
+  }
+  range.properties.start.change.connect(tell)
+  range.properties.end.change.connect(tell)
+}
+
+async function draw(figure) {
+  if (figure.dataset.drawn) return
+  figure.dataset.drawn = "yes"
+  const number = figure.dataset.chart
+  const item = JSON.parse(document.getElementById(`data-${number}`).textContent)
+  const views = await Bokeh.embed.embed_item(item, `chart-${number}`)
+  const drawn = [...views][0].model.document
+  documents.push(drawn)
+  paint(drawn)
+  const shared = drawn.get_model_by_name("shared")
+  if (shared) together(figure, shared)
+}
+
+function move(figure, how) {
+  const known = ranges.get(figure)
+  if (!known) return
+  const {range, whole} = known
+  const middle = (range.start + range.end) / 2, half = (range.end - range.start) / 2
+  const at = {
+    nearer: [middle - half / 2, middle + half / 2], farther: [middle - 2 * half, middle + 2 * half],
+    earlier: [range.start - half / 2, range.end - half / 2],
+    later: [range.start + half / 2, range.end + half / 2], all: whole,
+  }[how]
+  range.setv({start: at[0], end: at[1]})
+}
+
+const KEYS = {"+": "nearer", "=": "nearer", "-": "farther", ArrowLeft: "earlier",
+              ArrowRight: "later", "0": "all"}
+for (const figure of figures) {
+  for (const button of figure.querySelectorAll("button[data-do]")) {
+    button.addEventListener("click", () => move(figure, button.dataset.do))
+  }
+  figure.addEventListener("keydown", (event) => {
+    if (event.target !== figure || !(event.key in KEYS) || event.ctrlKey || event.metaKey) return
+    event.preventDefault()
+    move(figure, KEYS[event.key])
+  })
+}
+
+const visible = (figure) => figure.offsetParent !== null
+for (const choice of document.querySelectorAll(".choice")) {
+  const buttons = [...choice.querySelectorAll(":scope > .buttons > button")]
+  for (const button of buttons) {
+    button.addEventListener("click", () => {
+      for (const other of buttons) {
+        other.setAttribute("aria-pressed", String(other === button))
+        document.getElementById(other.getAttribute("aria-controls")).hidden = other !== button
+      }
+      const shown = document.getElementById(button.getAttribute("aria-controls"))
+      shown.querySelectorAll("figure.chart").forEach((figure) => { if (visible(figure)) draw(figure) })
+    })
+  }
+}
+
+const near = new IntersectionObserver((seen) => {
+  for (const entry of seen) if (entry.isIntersecting && visible(entry.target)) draw(entry.target)
+}, {rootMargin: "600px"})
+figures.forEach((figure) => near.observe(figure))
+addEventListener("beforeprint", () => figures.filter(visible).forEach(draw))
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => documents.forEach(paint))
+// what is far down is drawn when there is nothing else to do, so that it can be printed
+const idle = globalThis.requestIdleCallback ?? ((work) => setTimeout(work, 300))
+const rest = () => {
+  const next = figures.find((figure) => !figure.dataset.drawn && visible(figure))
+  if (next) draw(next).then(() => idle(rest))
+}
+if (figures.length) idle(rest)

@@ -1,0 +1,105 @@
+"""Charts: thinned without losing a peak, drawn still and live, saved whole or not at all."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from ident.chart import RESIDUAL, Bars, Boxes, Chart, Dots, Level, Line, Panel, Points
+from ident.chart.chart import extremes
+from ident.chart.palette import ROLES, SERIES
+from ident.errors import IdentError
+
+T = np.linspace(0.0, 10.0, 50_001)
+AT = np.arange(3.0)
+EVERY = Panel(
+    (
+        Line(T, np.sin(T), "line"),
+        Points(T, np.cos(T), "points", 1),
+        Bars(AT, AT, 0.1 * AT, "bars", 2),
+        Dots(AT, AT, 0.1 * AT, "dots", 3),
+        Boxes(AT, np.sort(np.random.default_rng(0).normal(size=(3, 5)), axis=1), 0.5, "boxes", 4),
+        Level(0.5),
+        Level(0.5, upright=True, dashed=True, colour=RESIDUAL),
+        Level(diagonal=True),
+    ),
+    "x [m]",
+    "y <b>[N]</b>",
+    title="</script><script>alert(1)</script>",
+    marked=True,
+)
+CHART = Chart("Every mark, </script> too", ((EVERY, EVERY), (EVERY,)))
+
+
+def test_extremes_keep_every_peak():
+    y = np.sin(T)
+    y[[7, 40_000]] = 5.0, -7.0
+    thin = extremes(Line(T, y), 100)
+    assert len(thin.y) == len(thin.x) == 200
+    assert (thin.y.max(), thin.y.min()) == (5.0, -7.0)
+    assert (np.diff(thin.x) >= 0).all()
+
+
+def test_a_gap_stays_a_gap():
+    y = np.ones_like(T)
+    y[20_000:30_000] = np.nan
+    thin = extremes(Line(T, y), 100)
+    assert np.isnan(thin.y[(thin.x > 4.2) & (thin.x < 5.8)]).all()
+    assert (thin.y[thin.x < 3.8] == 1).all()
+
+
+def test_short_lines_stay_as_they_are():
+    line = Line(T[:150], T[:150])
+    assert extremes(line, 100) is line
+
+
+def test_every_mark_is_drawn_still_and_live():
+    assert isinstance(CHART.figure, Figure)
+    assert len(CHART.axes) == 4  # the last of them empty
+    assert CHART._repr_png_().startswith(b"\x89PNG")
+    item = CHART.live().json
+    assert json.loads(json.dumps(item))["root_id"]
+
+
+def test_words_cannot_leave_their_place():
+    page = CHART.live().html()
+    assert "</script><script>alert" not in page
+    assert CHART.words in page.replace("&lt;", "<").replace("&gt;", ">")
+
+
+@pytest.mark.parametrize("kind", ["png", "svg", "pdf", "html"])
+def test_saving(kind, tmp_path):
+    CHART.save(tmp_path / f"x.{kind}")
+    assert (tmp_path / f"x.{kind}").stat().st_size > 1000
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_another_suffix_is_refused(tmp_path):
+    with pytest.raises(IdentError, match=r"\.png, \.svg, \.pdf or \.html"):
+        CHART.save(tmp_path / "x.bmp")
+    assert not list(tmp_path.iterdir())
+
+
+def test_names_of_rows_run_downwards():
+    names = ("first", "second", "third")
+    panel = replace(EVERY, marks=(Bars(AT, AT, 0 * AT),), y_names=names)
+    (axis,) = Chart("rows", ((panel,),)).axes
+    assert [label.get_text() for label in axis.get_yticklabels()] == list(names)
+    low, high = axis.get_ylim()
+    assert low > high
+
+
+def luminance(c):
+    x = np.array([int(c[i : i + 2], 16) / 255 for i in (1, 3, 5)])
+    x = np.where(x <= 0.03928, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
+    return float(x @ [0.2126, 0.7152, 0.0722])
+
+
+@pytest.mark.parametrize("colour", [*SERIES, ROLES["residual"], ROLES["measured"]])
+@pytest.mark.parametrize("paper", ["#ffffff", "#14171c"])
+def test_colours_are_legible_on_both_papers(colour, paper):
+    """WCAG 2.1, 1.4.11: 3 to 1 for what is not text."""
+    light, dark = sorted((luminance(colour), luminance(paper)), reverse=True)
+    assert (light + 0.05) / (dark + 0.05) >= 3.0

@@ -1,0 +1,204 @@
+"""Reports opened in a real browser: drawn, zoomed, clicked, in both colours, without a network."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import ident
+from ident.chart import MEASURED, Chart, Line, Panel
+from ident.page import Page, Section
+from identification import motion_log, plant, robot
+from pages import titles
+
+PATIENCE = 60_000  # ms, on a busy machine
+DRAWN = "figure.chart[data-drawn] canvas"
+N = 100_000
+
+
+@pytest.fixture
+def opened(browser):
+    """`opened(path, scheme)`: the page, and what its console complained of or fetched."""
+    contexts = []
+
+    def open_(path, scheme="light"):
+        context = browser.new_context(
+            viewport={"width": 1280, "height": 900}, color_scheme=scheme, offline=True
+        )
+        contexts.append(context)
+        page, wrong = context.new_page(), []
+        page.set_default_timeout(PATIENCE)
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("console", lambda m: wrong.append(m.text) if m.type in ("error", "warning") else 0)
+        page.on("request", lambda r: None if r.url.startswith(("file:", "data:", "blob:"))
+                else wrong.append(r.url))  # fmt: skip
+        page.goto(path.as_uri())
+        page.locator(DRAWN).first.wait_for()
+        return page, wrong
+
+    yield open_
+    for context in contexts:
+        context.close()
+
+
+@pytest.fixture(scope="module")
+def diagnosed(tmp_path_factory):
+    mechanism = robot("four_bar")
+    case = plant(mechanism.with_effect("viscous:crank"), motion_log("four_bar", 100.0), seed=1)
+    motion = ident.complete(mechanism, case.log)
+    fit = ident.identify(mechanism, motion, estimator="least-squares")
+    folder = tmp_path_factory.mktemp("diagnosed")
+    found = ident.diagnose(fit)
+    found.write(folder)
+    return found, folder / "report.html"
+
+
+def drawn(page, figure):
+    """Whether anything but one colour is in a figure's picture."""
+    figure.scroll_into_view_if_needed()
+    figure.locator("canvas").first.wait_for()
+    return len(set(figure.screenshot()[100:])) > 50
+
+
+def test_the_pictures_are_there_and_nothing_complains(opened, diagnosed):
+    page, wrong = opened(diagnosed[1])
+    figures = page.locator("figure.chart:visible")
+    assert figures.count() >= 5
+    for i in range(figures.count()):
+        assert drawn(page, figures.nth(i))
+    assert not wrong
+
+
+def test_a_click_on_a_candidate_shows_its_residual(opened, diagnosed):
+    found, path = diagnosed
+    page, wrong = opened(path)
+    group = page.get_by_role("group", name="Which candidate")
+    buttons = group.get_by_role("button")
+    assert buttons.count() == min(len(found.candidates), 8) > 1
+    second = found.candidates[1].effect.label
+    heading = page.get_by_role("heading", name=f"With {second}", exact=True)
+    assert not heading.is_visible()
+    buttons.nth(1).focus()
+    page.keyboard.press("Enter")  # as with the mouse
+    heading.wait_for()
+    assert buttons.nth(1).get_attribute("aria-pressed") == "true"
+    assert buttons.nth(0).get_attribute("aria-pressed") == "false"
+    shown = page.locator(".option:visible").filter(has=heading).locator("figure.chart")
+    assert "as it is and with" in (shown.first.locator("figcaption").text_content() or "")
+    assert drawn(page, shown.first)
+    assert not wrong
+
+
+def start(page, number):
+    """Where the x axis of a chart begins, as its script knows it."""
+    return page.evaluate(
+        "n => { const f = document.querySelector(`figure[data-chart='${n}']`);"
+        " const r = ranges.get(f).range; return [r.start, r.end] }", number
+    )  # fmt: skip
+
+
+def test_keys_and_buttons_zoom_all_charts_of_time(opened, diagnosed):
+    page, wrong = opened(diagnosed[1])
+    timed = page.locator("figure.chart[data-timed]:visible")
+    first = timed.first
+    first.scroll_into_view_if_needed()
+    number = first.get_attribute("data-chart")
+    page.wait_for_function("n => ranges.has(document.querySelector(`figure[data-chart='${n}']`))",
+                           arg=number)  # fmt: skip
+    whole = start(page, number)
+    first.focus()
+    page.keyboard.press("+")
+    nearer = start(page, number)
+    assert nearer[1] - nearer[0] == pytest.approx((whole[1] - whole[0]) / 2)
+    first.get_by_role("button", name="To the right").click()
+    assert start(page, number)[0] > nearer[0]
+    page.wait_for_function("() => ranges.size > 1")
+    every = page.evaluate(
+        "() => [...ranges].filter(([f]) => 'timed' in f.dataset).map(([f, r]) => r.range.start)"
+    )
+    assert len(every) > 1
+    page.keyboard.press("Tab")
+    first.focus()
+    page.keyboard.press("0")
+    assert start(page, number) == whole
+    assert not wrong
+
+
+def test_light_and_dark_and_print(opened, diagnosed):
+    papers = []
+    for scheme in ("light", "dark"):
+        page, _ = opened(diagnosed[1], scheme)
+        papers.append(page.evaluate("getComputedStyle(document.body).backgroundColor"))
+    assert papers[0] == "rgb(255, 255, 255)"
+    assert papers[1] != papers[0]
+    page.emulate_media(media="print")
+    assert not page.locator("nav").is_visible()
+    assert page.locator("h1").is_visible()
+
+
+def test_what_a_screen_reader_finds(opened, diagnosed):
+    page, _ = opened(diagnosed[1])
+    assert page.get_by_role("main").count() == 1
+    assert page.get_by_role("navigation", name="Sections").count() == 1
+    for link in page.get_by_role("navigation").get_by_role("link").all():
+        place = link.get_attribute("href")
+        assert place
+        assert page.locator(place).count() == 1
+    for figure in page.locator("figure.chart").all():
+        assert re.search(r"\w+ \w+", figure.get_attribute("aria-label") or "")
+    for each in page.locator("table").all():
+        assert each.locator("caption").count() == 1
+        assert each.locator("th[scope=col]").count() > 0
+    assert page.evaluate("document.documentElement.lang") == "en"
+    unnamed = "() => [...document.querySelectorAll('button')].filter(b => !b.textContent.trim())"
+    assert page.evaluate(f"({unnamed})().filter(b => !b.closest('.canvas')).length") == 0
+
+
+def test_a_hundred_thousand_samples_keep_every_peak(opened, tmp_path):
+    """One sample sticks out: it is seen from afar, and alone when one comes close."""
+    t = np.linspace(0, 100, N)
+    rng = np.random.default_rng(0)
+    rows = []
+    for joint in range(7):
+        y = np.sin((joint + 1) * t) + 0.1 * rng.normal(size=N)
+        y[61_803] = 9.0
+        lines = (Line(t, y, "measured", MEASURED), Line(t, np.sin((joint + 1) * t), "predicted"))
+        rows.append((Panel(lines, "t [s]", f"joint {joint} [N m]"),))
+    chart = Chart("Seven joints", tuple(rows), shared_x=True, timed=True)
+    path = tmp_path / "long.html"
+    path.write_bytes(Page("Long", "100,000 samples", (Section("Time", (chart,)),)).html())
+    page, wrong = opened(path)
+    page.wait_for_function("() => ranges.size === 1")
+    seen = """() => { const d = documents[0]; return [...d._all_models.values()]
+        .filter(m => m.type === 'ColumnDataSource' && m.name !== 'all samples' && m.data.y)
+        .map(m => [m.data.y.length, Math.max(...m.data.y)]) }"""
+    lengths, tops = zip(*page.evaluate(seen), strict=True)
+    assert max(lengths) <= 6100
+    assert max(tops) == 9.0
+    spent = page.evaluate("""async () => {
+        const r = ranges.get(figures[0]).range
+        const frame = () => new Promise(done => requestAnimationFrame(done))
+        const times = []
+        for (let i = 0; i < 20; i++) {
+            const before = performance.now()
+            r.setv({start: 60 + 0.01 * i, end: 64 - 0.01 * i})
+            await frame(); await frame()
+            times.push(performance.now() - before)
+        }
+        return times.sort((a, b) => a - b)[10]
+    }""")
+    lengths, tops = zip(*page.evaluate(seen), strict=True)
+    assert max(lengths) <= 6100
+    assert tops.count(9.0) == 7
+    assert spent < 5000  # ms a frame; a stutter on any machine
+    assert not wrong
+
+
+def test_titles_are_in_the_order_of_reading(diagnosed):
+    from pages import read_page
+
+    found = titles(read_page(diagnosed[1]))
+    assert found[0] == "Where it fails"
+    assert found[-1] == "How to reproduce"
