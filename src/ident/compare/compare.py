@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+
+from markupsafe import Markup
 
 from ident.chart import Chart
 from ident.compare.report import comparison_html, comparison_json
@@ -15,6 +16,8 @@ from ident.files import write_all
 from ident.fit.fit import Fit
 from ident.fit.saved import Saved
 from ident.motion import Motion
+from ident.page import Shown, folded, items, strong
+from ident.page import table as html_table
 from ident.progress import Told
 from ident.residual.error import Error, error_rows
 from ident.residual.failure import Failure
@@ -22,12 +25,12 @@ from ident.residual.gather import residual_of
 from ident.residual.plots import plot_maps, plot_parts, plot_predictions
 from ident.residual.predict import Prediction, predict
 from ident.residual.residual import Residual
-from ident.residual.tables import errors_text, parts_table, where_text
+from ident.residual.tables import errors_text, failure_lines, parts_table, where_text
 from ident.tables import table
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class Comparison(Shown):
     """One or several models on the same motion. Made by `ident.compare`.
 
     Attributes:
@@ -96,8 +99,13 @@ class Comparison:
 
     __repr__ = __str__
 
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(str(self))}</pre>"
+    def _blocks(self) -> tuple[Markup, ...]:
+        rows = error_rows({name: each.errors for name, each in self.residuals.items()})
+        where = [
+            folded(f"Where {name} fails", *(items(failure_lines(f, True)) for f in each.where))
+            for name, each in self.residuals.items()
+        ]
+        return strong(self.headline), html_table(rows, "Error of the predicted torque"), *where
 
     def plot(self, experiment: int = 0) -> Chart:
         """Measured torque and every model's prediction, with residuals below, per joint."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from markupsafe import Markup
 
 from ident.chart import Chart
 from ident.diagnose.choose import Choice
@@ -15,15 +16,16 @@ from ident.diagnose.output import diagnosis_json, write_diagnosis
 from ident.diagnose.plots import plot_candidates
 from ident.diagnose.suggest import Suggestion
 from ident.diagnose.support import Unsupported
-from ident.diagnose.tables import summary
+from ident.diagnose.tables import candidate_rows, summary, verdict_line, where_rows
 from ident.effects import Effect
 from ident.fit import Fit
 from ident.health import Health
+from ident.page import Shown, folded, paragraph, strong, table
 from ident.residual import Failure, Periods
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosis(Shown):
     """Where a model fails and which effects would explain it. Made by `ident.diagnose`.
 
     Attributes:
@@ -83,5 +85,9 @@ class Diagnosis:
 
     __repr__ = __str__
 
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(str(self))}</pre>"
+    def _blocks(self) -> tuple[Markup, ...]:
+        blocks = [strong(verdict_line(self)), table(where_rows(self), "Where the model fails")]
+        if self.candidates:
+            blocks.append(table(candidate_rows(self), "What adding an effect would do, held out"))
+        words = (paragraph(each) for each in self.text.split("\n\n"))
+        return *blocks, folded("In words", *words)

@@ -5,10 +5,11 @@ After every addition the model is cut back: an effect that the new one has made 
 
 from __future__ import annotations
 
-import html
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+
+from markupsafe import Markup
 
 from ident.chart import Chart
 from ident.diagnose.diagnose import judge, told_of
@@ -18,11 +19,13 @@ from ident.diagnose.ladder import ladder_rows, ladder_text, rung
 from ident.diagnose.output import write_history
 from ident.diagnose.plots import plot_ladder
 from ident.diagnose.support import unsupported
+from ident.diagnose.tables import verdict_line
 from ident.effects import Effect
 from ident.equations.point import Point
 from ident.fit import Fit, identify
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
+from ident.page import Shown, strong, table
 from ident.progress import Told
 from ident.residual.error import Error
 
@@ -55,7 +58,7 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class History:
+class History(Shown):
     """How a model grew. Made by `ident.grow`.
 
     Attributes:
@@ -108,8 +111,9 @@ class History:
 
     __repr__ = __str__
 
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(str(self))}</pre>"
+    def _blocks(self) -> tuple[Markup, ...]:
+        rows = table(self.table(), "Held-out error, rung by rung", tied=False)
+        return strong(verdict_line(self.diagnosis)), rows
 
 
 def grow(

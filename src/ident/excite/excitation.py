@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from ident.excite.criterion import Separation
 from ident.excite.plots import plot_excitation
 from ident.excite.words import said
 from ident.log import Log
+from ident.page import Shown
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Expected:
 
 
 @dataclass(frozen=True, eq=False)
-class Excitation:
+class Excitation(Shown):
     """A periodic motion of the drives.
 
     Attributes:
@@ -103,6 +103,3 @@ class Excitation:
         return said(self)
 
     __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(str(self))}</pre>"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,12 +9,13 @@ import numpy as np
 
 from ident.equations.columns import Columns
 from ident.fit.estimate import Estimate
+from ident.page import Shown
 
 STRONG = 0.95  # |r| at which two parameters are known only together
 
 
 @dataclass(frozen=True, eq=False)
-class Correlation:
+class Correlation(Shown):
     """Correlation of the errors of base parameters; `print` shows the strong ones.
 
     Attributes:
@@ -63,9 +63,6 @@ class Correlation:
         return "\n".join(["known only together:", *(f"  {_pair(pair)}" for pair in strong)])
 
     __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(str(self))}</pre>"
 
     def notes(self) -> list[str]:
         """A note where parameters are known only together."""

@@ -8,7 +8,6 @@ essential parameters: a shorter model, that often predicts better.
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -19,6 +18,7 @@ from scipy.linalg import lapack
 from ident.fit.accumulate import Cell
 from ident.fit.estimate import Estimate, totals
 from ident.fit.score import folds, rises, stretches
+from ident.page import Shown
 from ident.residual.error import Error, Squares
 from ident.solve.factor import Factor
 from ident.tables import percent, table
@@ -45,7 +45,7 @@ class Dropped:
 
 
 @dataclass(frozen=True)
-class Essential:
+class Essential(Shown):
     """The essential base parameters of a fit.
 
     Attributes:
@@ -107,9 +107,6 @@ class Essential:
         return "\n".join([*lines, "", *table(rows), "", "held out", *table(errors)])
 
     __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(str(self))}</pre>"
 
 
 def essential(fit: Fit, loss: float = LOSS) -> Essential | None:

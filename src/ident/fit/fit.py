@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from markupsafe import Markup
 
 from ident.chart import Chart
 from ident.effects import Effect
@@ -26,6 +26,7 @@ from ident.fit.output import write_fit, write_urdf
 from ident.fit.plots import plot_multipliers, plot_parameters
 from ident.fit.reach import identifiable_multipliers
 from ident.fit.regression import Regression
+from ident.fit.report import shown_blocks
 from ident.fit.summary import summary
 from ident.fit.unexcited import Unexcited, unexcited
 from ident.fit.values import (
@@ -38,6 +39,7 @@ from ident.fit.values import (
 )
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
+from ident.page import Shown
 from ident.residual import Residual, residual_of
 from ident.residual.error import Error, Squares
 from ident.residual.plots import plot_maps, plot_parts, plot_predictions
@@ -47,7 +49,7 @@ LONG = 40  # characters of a name that tells where each effect is
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(Shown):
     """What identification found, and what it rests on. Made by `ident.identify`.
 
     Attributes:
@@ -280,5 +282,5 @@ class Fit:
 
     __repr__ = __str__
 
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(str(self))}</pre>"
+    def _blocks(self) -> tuple[Markup, ...]:
+        return shown_blocks(self)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from markupsafe import Markup
+
 from ident.fit.plots import plot_multipliers, plot_parameters
 from ident.fit.summary import shown
 from ident.motion.report import made_of, understood
-from ident.page import Page, Section, code, headed, items, paragraph, table
+from ident.page import Page, Section, code, folded, headed, items, paragraph, strong, table
 from ident.page.page import Block
 from ident.residual import report
 from ident.tables import percent, rounded, shortened
@@ -46,20 +48,32 @@ def headline(fit: Fit) -> str:
     )
 
 
-def misfit(fit: Fit) -> tuple[Section, ...]:
-    """Warnings, errors, measured against predicted, where it fails, the sum taken apart."""
+def shown_blocks(fit: Fit) -> tuple[Markup, ...]:
+    """What Jupyter shows of a fit: errors, effects, parameters, warnings."""
+    said = [strong(headline(fit)), *_errors(fit).blocks, *_parameters(fit)]
+    if fit.warnings:
+        said.append(folded(f"{len(fit.warnings)} notes", items(fit.warnings)))
+    return tuple(block for block in said if isinstance(block, Markup))
+
+
+def _errors(fit: Fit) -> Section:
     errors = {"train": fit.train, "held out": fit.held_out, **fit.validation}
     cut = fit.motion.band.cutoff
-    words = ""
-    if cut:
-        errors["unfiltered"] = fit.unfiltered
-        words = f"Below {cut:.3g} Hz, where the fit was made; unfiltered: with all noise in it."
+    if not cut:
+        return report.errors(errors)
+    errors["unfiltered"] = fit.unfiltered
+    words = f"Below {cut:.3g} Hz, where the fit was made; unfiltered: with all noise in it."
+    return report.errors(errors, words)
+
+
+def misfit(fit: Fit) -> tuple[Section, ...]:
+    """Warnings, errors, measured against predicted, where it fails, the sum taken apart."""
     units = [fit.mechanism.joint(name).force_unit for name in fit.motion.independent]
     residuals = {fit.name: fit.residual}
     said = [each for each in fit.warnings if each not in fit.motion.notes]  # those stand elsewhere
     return (
         Section("Warnings", (items(said),) if said else ()),
-        report.errors(errors, words),
+        _errors(fit),
         report.torques({fit.name: fit.predict()}, units),
         report.maps(residuals),
         report.parts(residuals),

@@ -11,7 +11,6 @@ and the joints whose swing narrows an unknown most are named.
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -28,6 +27,7 @@ from ident.fit.structure import excitation
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
+from ident.page import Shown
 from ident.solve.factor import Factor
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ class Lost:
 
 
 @dataclass(frozen=True)
-class Unexcited:
+class Unexcited(Shown):
     """What a fit's motion does not tell.
 
     Attributes:
@@ -115,9 +115,6 @@ class Unexcited:
         return "\n".join([*lines, *self.advice])
 
     __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(str(self))}</pre>"
 
 
 def unexcited(fit: Fit) -> Unexcited:

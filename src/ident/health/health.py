@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
 from typing import Any
 
 from ident.health.check import Check
+from ident.page import Shown
 from ident.tables import table
 
 
 @dataclass(frozen=True)
-class Health:
+class Health(Shown):
     """The health of the logged data. Made by `ident.health`.
 
     Attributes:
@@ -52,6 +52,3 @@ class Health:
         return "\n".join([title, *table(rows), *said])
 
     __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(str(self))}</pre>"

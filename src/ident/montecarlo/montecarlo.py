@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
+from markupsafe import Markup
 
 from ident.chart import Chart
 from ident.errors import FitError, one_of
@@ -25,11 +25,12 @@ from ident.montecarlo.statistics import (
     of_parameters,
     samples_of,
 )
-from ident.montecarlo.words import said
+from ident.montecarlo.words import multiplier_rows, parameter_rows, said
+from ident.page import Shown, strong, table
 
 
 @dataclass(frozen=True, eq=False)
-class MonteCarlo:
+class MonteCarlo(Shown):
     """Made by `ident.monte_carlo`.
 
     Attributes:
@@ -165,5 +166,10 @@ class MonteCarlo:
 
     __repr__ = __str__
 
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(str(self))}</pre>"
+    def _blocks(self) -> tuple[Markup, ...]:
+        forces = multiplier_rows(self)
+        return (
+            strong(f"{self.plan.mechanism.name}: {self.runs} runs at each signal-to-noise ratio"),
+            table(parameter_rows(self), "Bias and spread of all runs"),
+            *((table(forces, "Multipliers: rms error, mean over runs"),) if forces else ()),
+        )

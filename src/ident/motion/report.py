@@ -30,20 +30,11 @@ def understood(mechanism: Mechanism, motion: Motion) -> Section:
         "What was understood",
         (
             definitions(said),
-            table(_logs(motion), "Logs"),
+            table(motion.rows, "Logs"),
             table(_joints(mechanism, motion), "Joints, and how far this motion takes them"),
             *((headed("Repaired, derived or left out"), items(notes)) if notes else ()),
         ),
     )
-
-
-def _logs(motion: Motion) -> list[list[str]]:
-    rows = [["log", "samples", "duration", "rate", "left out"]]
-    for e in motion.experiments:
-        out = int(len(e) - e.usable.sum())
-        time = f"{e.t[-1] - e.t[0]:.4g} s"
-        rows.append([e.name, str(len(e)), time, f"{e.rate:.4g} Hz", str(out) if out else "–"])
-    return rows
 
 
 def _joints(mechanism: Mechanism, motion: Motion) -> list[list[str]]:

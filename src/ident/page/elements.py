@@ -19,6 +19,17 @@ def paragraph(words: str, kind: str = "") -> Markup:
     return Markup('<p class="{}">{}</p>').format(kind, inside) if kind else _in("p", inside)
 
 
+def strong(words: str) -> Markup:
+    """A paragraph that is to be read first."""
+    return _in("p", _in("strong", escape(words)))
+
+
+def folded(title: str, *blocks: Markup) -> Markup:
+    """Blocks under a title that opens them."""
+    frame = Markup("<details><summary>{}</summary>{}</details>")
+    return frame.format(title, Markup("\n").join(blocks)) if blocks else Markup("")
+
+
 def code(words: str) -> Markup:
     """Words as they are, line by line."""
     return _in("pre", escape(words))

@@ -5,7 +5,6 @@ residual = measured − predicted        predicted = Σ parts
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ident.motion import Motion
+from ident.page import Shown
 from ident.residual.error import Error, Squares
 from ident.residual.model import Model
 
@@ -89,7 +89,7 @@ class Trace:
 
 
 @dataclass(frozen=True, eq=False)
-class Residual:
+class Residual(Shown):
     """A model's residual on a motion. Made by `residual_of`.
 
     Attributes:
@@ -177,9 +177,6 @@ class Residual:
         return "\n".join([headline(self), *parts_table(self), "", *where_text(self)])
 
     __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(str(self))}</pre>"
 
 
 def _rms(pieces: list[np.ndarray]) -> np.ndarray:

@@ -43,7 +43,8 @@ def noisy(
     """
     for each in noise:
         if not any(each.matches(name) for name in columns):
-            raise MotionError(f"noise: no column '{each.channel}'; {one_of(each.channel, columns)}")
+            valid = {name.partition(".")[0] for name in columns} | set(columns)
+            raise MotionError(f"noise: no column '{each.channel}'; {one_of(each.channel, valid)}")
     found = {}
     for name, x in columns.items():
         for each in noise:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 
 from ident.chart import Chart
 from ident.files import write_all
+from ident.page import Shown
 from ident.residual.error import Error
 from ident.simulate.replay_report import plot_replay, replay_html, replay_json
 from ident.tables import percent, table
@@ -82,7 +82,7 @@ class Replayed:
 
 
 @dataclass(frozen=True, eq=False)
-class Replay:
+class Replay(Shown):
     """Models' simulated motion against the measured one. Made by `ident.replay`.
 
     Attributes:
@@ -128,9 +128,6 @@ class Replay:
         return "\n".join([head, *table(self.rows()), *(f"  note: {x}" for x in self.notes)])
 
     __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(str(self))}</pre>"
 
     def plot(self, experiment: int = 0) -> Chart:
         """Measured and simulated coordinate of every logged joint, with differences below."""

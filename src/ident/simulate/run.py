@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -17,6 +16,7 @@ from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import complete
 from ident.motion.independent import independent_joints
+from ident.page import Shown
 from ident.simulate.instant import STICK
 from ident.simulate.trace import Trace, Transition
 
@@ -24,7 +24,7 @@ SHOWN = 12  # transitions that are printed
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class Run(Shown):
     """An integrated motion with n samples. Made by `ident.integrate`.
 
     Attributes:
@@ -81,9 +81,6 @@ class Run:
         return "\n".join([self.summary, *shown, *([f"  … {more} more"] if more > 0 else [])])
 
     __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(str(self))}</pre>"
 
 
 def run_of(mechanism: Mechanism, trace: Trace, log: Log, names: Sequence[str]) -> Run:

@@ -1,0 +1,34 @@
+"""How nouns show themselves in Jupyter: the pieces that reports are made of, without the page."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable
+from importlib import resources
+
+from markupsafe import Markup
+
+from ident.chart import Chart
+from ident.chart.still import image
+from ident.page.elements import code
+
+STYLE = resources.files("ident.page").joinpath("shown.css").read_text(encoding="utf-8")
+
+
+class Shown:
+    """A noun that Jupyter shows as tables; by default as it prints itself."""
+
+    def _blocks(self) -> Iterable[Markup | Chart]:
+        return (code(str(self)),)
+
+    def _repr_html_(self) -> str:
+        inside = Markup("\n").join(_still(block) for block in self._blocks())
+        frame = Markup('<style>{}</style><div class="ident">{}</div>')
+        return str(frame.format(Markup(STYLE), inside))
+
+
+def _still(block: Markup | Chart) -> Markup:
+    if isinstance(block, Markup):
+        return block
+    data = base64.b64encode(image(block.figure, "png")).decode()
+    return Markup('<img alt="{}" src="data:image/png;base64,{}">').format(block.words, data)

@@ -1,0 +1,84 @@
+"""What Jupyter shows of every noun: tables of its own, whatever names it is given."""
+
+from dataclasses import replace
+
+import pytest
+from lxml import html
+
+import ident
+from ident import Log
+from identification import motion_log, plant, robot
+
+NASTY = '<script>alert("x")</script>'
+
+
+@pytest.fixture(scope="module")
+def nouns():
+    mechanism = robot("four_bar")
+    case = plant(mechanism.with_effect("viscous:crank"), motion_log("four_bar", 100.0), seed=1)
+    log = Log.from_arrays(NASTY, case.log.t, dict(case.log.columns))
+    mechanism = replace(mechanism, name=NASTY)
+    motion = ident.complete(mechanism, log)
+    fit = ident.identify(mechanism, motion, estimator="least-squares")
+    diagnosis = ident.diagnose(fit)
+    better = ident.identify(mechanism.with_effect("viscous:crank"), motion)
+    return {
+        "log": log,
+        "mechanism": mechanism,
+        "motion": motion,
+        "fit": fit,
+        "residual": ident.residual_of(fit),
+        "comparison": ident.compare(fit, better),
+        "diagnosis": diagnosis,
+        "history": ident.grow(mechanism, motion),
+        "health": diagnosis.health,
+        "essential": fit.essential,
+        "correlation": fit.correlation,
+        "unexcited": fit.unexcited,
+    }
+
+
+TABLES = ("log", "mechanism", "motion", "fit", "comparison", "diagnosis", "history")
+
+
+def test_every_noun_shows_itself_and_nothing_runs(nouns):
+    for name, noun in nouns.items():
+        shown = noun._repr_html_()
+        tree = html.fragment_fromstring(shown, create_parent=True)
+        assert not list(tree.iter("script")), name
+        assert tree.text_content().strip(), name
+        assert bool(list(tree.iter("table"))) == (name in TABLES), name
+
+
+def test_charts_show_themselves_as_pictures(nouns):
+    fit, diagnosis = nouns["fit"], nouns["diagnosis"]
+    charts = [fit.plot(), fit.plot_parts(), fit.plot_maps(), fit.plot_multipliers()]
+    charts += [diagnosis.plot(), nouns["comparison"].plot(), nouns["history"].plot()]
+    for chart in charts:
+        assert chart._repr_png_().startswith(b"\x89PNG")
+        assert len(chart.words) > 20
+
+
+def test_a_live_chart_stands_in_a_frame_of_its_own(nouns):
+    shown = nouns["fit"].plot().live()._repr_html_()
+    assert shown.startswith("<iframe srcdoc=")
+    (frame,) = html.fragment_fromstring(shown, create_parent=True)
+    assert "Bokeh" in frame.get("srcdoc")
+
+
+def test_what_is_not_there_cannot_be_drawn():
+    case = plant(robot("arm"), motion_log("arm", 100.0, 4.0), seed=1)
+    with pytest.raises(ident.FitError, match="has no closures"):
+        case.fit().plot_multipliers()
+
+
+def test_parameters_are_drawn_unit_by_unit(nouns):
+    fit = nouns["fit"]
+    values = {v.name: v for v in fit.parameters if v.identifiable}
+    drawn = [name for panel in fit.plot_parameters().panels for name in panel.y_names]
+    assert sorted(drawn) == sorted(values)
+    for panel in fit.plot_parameters().panels:
+        assert {f"[{values[name].unit}]" for name in panel.y_names} == {panel.x}
+        prior, found = panel.marks
+        assert list(prior.values) == [values[name].prior for name in panel.y_names]
+        assert list(found.errors) == [1.96 * values[name].stderr for name in panel.y_names]
