@@ -59,7 +59,7 @@ def test_every_mark_is_drawn_still_and_live():
     assert isinstance(CHART.figure, Figure)
     assert len(CHART.axes) == 4  # the last of them empty
     assert CHART._repr_png_().startswith(b"\x89PNG")
-    item = CHART.live().json
+    item = CHART.live().item()
     assert json.loads(json.dumps(item))["root_id"]
 
 
@@ -103,3 +103,19 @@ def test_colours_are_legible_on_both_papers(colour, paper):
     """WCAG 2.1, 1.4.11: 3 to 1 for what is not text."""
     light, dark = sorted((luminance(colour), luminance(paper)), reverse=True)
     assert (light + 0.05) / (dark + 0.05) >= 3.0
+
+
+def test_bokeh_reads_what_is_said_of_its_objects():
+    """Bokeh's own models are the judge of names and values of all attributes."""
+    from bokeh.document import Document
+    from bokeh.embed import json_item
+    from bokeh.plotting import figure as Panel_
+
+    for chart in (CHART, replace(CHART, shared_x=True, shared_y=True, timed=True)):
+        first, second = chart.live().layout, chart.live().layout
+        document = Document()
+        document.add_root(first)
+        document.add_root(second)  # no two objects have one id
+        document.validate()
+        assert sum(isinstance(each, Panel_) for each in document.models) == 6
+        assert json_item(chart.live().layout)["root_id"]

@@ -1,4 +1,4 @@
-"""One mark in one Bokeh plot. A glyph's tags hold the label that the legend gathers."""
+"""One mark as Bokeh's objects."""
 
 from __future__ import annotations
 
@@ -8,83 +8,102 @@ from typing import Any
 import numpy as np
 
 from ident.chart.marks import Bars, Boxes, Dots, Level, Line, Mark, Points
+from ident.chart.objects import Maker, Thing, constant, field
 from ident.chart.palette import colour
 
 GREY = "#767c86"  # text and axes, legible on white and on black
 CLOUD = 4000  # points of a cloud
+SEGMENT = {"x0": field("x0"), "x1": field("x1"), "y0": field("y0"), "y1": field("y1")}
 
 
 @singledispatch
-def draw(mark: Mark, plot: Any) -> Any:
-    """Draws a mark; returns its data source."""
+def glyphs(mark: Mark, make: Maker) -> list[Thing]:
+    """What draws a mark; of a line, the line itself first."""
     raise NotImplementedError(mark)
 
 
-def _tagged(renderer: Any, label: str) -> Any:
-    renderer.tags = [label] if label else []
-    renderer.name = label
-    return renderer
+def _xy(x: np.ndarray, y: np.ndarray) -> dict[str, np.ndarray]:
+    return {"x": x.astype(np.float64), "y": y.astype(np.float32)}
 
 
-@draw.register
-def _(mark: Line, plot: Any) -> Any:
-    data = {"x": mark.x, "y": mark.y.astype(np.float32)}
-    c = colour(mark.colour)
-    line = _tagged(plot.line("x", "y", source=data, color=c, line_width=mark.width), mark.label)
-    if mark.dotted:
-        source = line.data_source
-        _tagged(plot.scatter("x", "y", source=source, size=6, color=c), mark.label)
-    return line.data_source
+def _dots(make: Maker, source: Thing, label: str, c: str, size: float, alpha: float = 1) -> Thing:
+    return make.drawn(
+        "Scatter", source, label, x=field("x"), y=field("y"), size=constant(size),
+        line_color=constant(None), fill_color=constant(c), fill_alpha=constant(alpha),
+    )  # fmt: skip
 
 
-@draw.register
-def _(mark: Points, plot: Any) -> Any:
+@glyphs.register
+def _(mark: Line, make: Maker) -> list[Thing]:
+    source, c = make.source(_xy(mark.x, mark.y)), colour(mark.colour)
+    line = make.drawn(
+        "Line", source, mark.label, x=field("x"), y=field("y"), line_color=c,
+        line_width=mark.width,
+    )  # fmt: skip
+    if not mark.dotted:
+        return [line]
+    return [line, _dots(make, make.source(_xy(mark.x, mark.y)), mark.label, c, 6)]
+
+
+@glyphs.register
+def _(mark: Points, make: Maker) -> list[Thing]:
     some = slice(None, None, max(1, len(mark.x) // CLOUD))
-    data = {"x": mark.x[some].astype(np.float32), "y": mark.y[some].astype(np.float32)}
+    x, y = (each[some].astype(np.float32) for each in (mark.x, mark.y))
+    source = make.source({"x": x, "y": y})
+    return [_dots(make, source, mark.label, colour(mark.colour), 3, 0.45)]
+
+
+@glyphs.register
+def _(mark: Bars, make: Maker) -> list[Thing]:
+    c, source = colour(mark.colour), make.source({"x": mark.values, "y": mark.at})
+    bars = make.drawn(
+        "HBar", source, mark.label, y=field("y"), right=field("x"),
+        height=constant(0.7), line_color=constant(None), fill_color=constant(c),
+    )  # fmt: skip
+    return [bars, _whiskers(mark, make, GREY)]
+
+
+@glyphs.register
+def _(mark: Dots, make: Maker) -> list[Thing]:
     c = colour(mark.colour)
-    return _tagged(plot.scatter("x", "y", source=data, size=3, color=c, alpha=0.45), mark.label)
+    source = make.source({"x": mark.values, "y": mark.at})
+    return [_whiskers(mark, make, c), _dots(make, source, mark.label, c, 7)]
 
 
-@draw.register
-def _(mark: Bars, plot: Any) -> Any:
-    c = colour(mark.colour)
-    _tagged(plot.hbar(y=mark.at, right=mark.values, height=0.7, color=c), mark.label)
-    return _whiskers(mark, plot, GREY)
-
-
-@draw.register
-def _(mark: Dots, plot: Any) -> Any:
-    c = colour(mark.colour)
-    _tagged(plot.scatter(mark.values, mark.at, size=7, color=c), mark.label)
-    return _whiskers(mark, plot, c)
-
-
-def _whiskers(mark: Bars | Dots, plot: Any, c: str) -> Any:
+def _whiskers(mark: Bars | Dots, make: Maker, c: str) -> Thing:
     low, high = mark.values - mark.errors, mark.values + mark.errors
-    return plot.segment(x0=low, x1=high, y0=mark.at, y1=mark.at, color=c, line_width=1.5)
+    return _segments(make, c, 1.5, x0=low, x1=high, y0=mark.at, y1=mark.at)
 
 
-@draw.register
-def _(mark: Boxes, plot: Any) -> Any:
+def _segments(make: Maker, c: str, width: float, **ends: np.ndarray) -> Thing:
+    source = make.source(ends)
+    looks = {"line_color": constant(c), "line_width": constant(width)}
+    return make.drawn("Segment", source, "", **SEGMENT, **looks)
+
+
+@glyphs.register
+def _(mark: Boxes, make: Maker) -> list[Thing]:
     c, half = colour(mark.colour), mark.width / 2
     low, q1, middle, q3, high = mark.quantiles.T
-    plot.segment(x0=mark.at, x1=mark.at, y0=low, y1=high, color=c)
-    box = plot.vbar(x=mark.at, bottom=q1, top=q3, width=mark.width, color=c, alpha=0.6)
-    plot.segment(x0=mark.at - half, x1=mark.at + half, y0=middle, y1=middle, color=c, line_width=2)
-    return _tagged(box, mark.label)
+    box = make.drawn(
+        "VBar", make.source({"x": mark.at, "low": q1, "high": q3}), mark.label, x=field("x"),
+        bottom=field("low"), top=field("high"), width=constant(mark.width),
+        line_color=constant(c), fill_color=constant(c), fill_alpha=constant(0.6),
+    )  # fmt: skip
+    return [
+        _segments(make, c, 1.0, x0=mark.at, x1=mark.at, y0=low, y1=high),
+        box,
+        _segments(make, c, 2.0, x0=mark.at - half, x1=mark.at + half, y0=middle, y1=middle),
+    ]
 
 
-@draw.register
-def _(mark: Level, plot: Any) -> Any:
-    from bokeh.models.annotations import Slope, Span
-
+@glyphs.register
+def _(mark: Level, make: Maker) -> list[Thing]:
     style: dict[str, Any] = {
         "line_color": colour(mark.colour),
         "line_dash": "dashed" if mark.dashed else "solid",
     }
     if mark.diagonal:
-        line: Any = Slope(gradient=1, y_intercept=0, **style)
-    else:
-        line = Span(location=mark.value, dimension="height" if mark.upright else "width", **style)
-    plot.add_layout(line)
-    return line
+        return [make("Slope", gradient=1, y_intercept=0, **style)]
+    side = "height" if mark.upright else "width"
+    return [make("Span", location=mark.value, dimension=side, **style)]

@@ -160,7 +160,7 @@ def _choice(choice: Choice, charts: list[Chart]) -> Markup:
 
 def _data(number: int, chart: Chart) -> Markup:
     """What Bokeh draws, as data that no browser runs."""
-    item = json.dumps(chart.live().json).replace("<", "\\u003c")
+    item = json.dumps(chart.live().item(f"c{number}")).replace("<", "\\u003c")
     return Markup(f'<script type="application/json" id="data-{number}">{item}</script>\n')
 
 

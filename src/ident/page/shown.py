@@ -9,7 +9,6 @@ from importlib import resources
 from markupsafe import Markup
 
 from ident.chart import Chart
-from ident.chart.still import image
 from ident.page.elements import code
 
 STYLE = resources.files("ident.page").joinpath("shown.css").read_text(encoding="utf-8")
@@ -30,5 +29,5 @@ class Shown:
 def _still(block: Markup | Chart) -> Markup:
     if isinstance(block, Markup):
         return block
-    data = base64.b64encode(image(block.figure, "png")).decode()
+    data = base64.b64encode(block._repr_png_()).decode()
     return Markup('<img alt="{}" src="data:image/png;base64,{}">').format(block.words, data)
