@@ -38,12 +38,15 @@ from ident.fit.values import (
     rigid_values,
 )
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.shown import view_of
+from ident.mechanism.track import Track
 from ident.motion import Motion
 from ident.page import Shown
 from ident.residual import Residual, residual_of
 from ident.residual.error import Error, Squares
 from ident.residual.plots import plot_maps, plot_parts, plot_predictions
 from ident.residual.predict import Prediction, predict
+from ident.view import View
 
 LONG = 40  # characters of a name that tells where each effect is
 
@@ -180,12 +183,20 @@ class Fit(Shown):
         raise KeyError(f"no parameter '{name}'; {one_of(name, own)}")
 
     def plot(self, experiment: int = 0) -> Chart:
-        """Measured and predicted torque of every independent joint, and what is left."""
+        """Measured and predicted torque of every independent joint, and what is left.
+
+        Args:
+            experiment: its number, from 0.
+        """
         units = [self.mechanism.joint(name).force_unit for name in self.motion.independent]
         return plot_predictions({self.name: self.predict()}, units, experiment)
 
     def plot_parts(self, experiment: int = 0) -> Chart:
-        """The sum taken apart: rigid bodies, effects and what is left, per joint."""
+        """The sum taken apart: rigid bodies, effects and what is left, per joint.
+
+        Args:
+            experiment: its number, from 0.
+        """
         return plot_parts({self.name: self.residual}, experiment)
 
     def plot_maps(self, joint: str | None = None) -> Chart:
@@ -214,6 +225,9 @@ class Fit(Shown):
     def plot_multipliers(self, experiment: int = 0) -> Chart:
         """λ(t), the reaction forces of the closures.
 
+        Args:
+            experiment: its number, from 0.
+
         Raises:
             FitError: of a mechanism without closures.
         """
@@ -221,6 +235,11 @@ class Fit(Shown):
         if not values.shape[1]:
             raise FitError(f"{self.mechanism.name}: has no closures, so no multipliers")
         return plot_multipliers(self.mechanism, t, values)
+
+    def view(self) -> View:
+        """The mechanism in 3-D: reaction forces as arrows, joints coloured by their residual."""
+        pairs = zip(self.motion.experiments, self.predict(), strict=True)
+        return view_of(self.mechanism, [Track.of(e, p) for e, p in pairs])
 
     @cached_property
     def residual(self) -> Residual:
@@ -274,7 +293,7 @@ class Fit(Shown):
         return write_fit(self, folder)
 
     def write_urdf(self, path: str | Path) -> Path:
-        """The URDF with the identified inertias, all else unchanged."""
+        """The URDF with the identified inertias into `path`, which is returned; else unchanged."""
         return write_urdf(self, path)
 
     def __str__(self) -> str:

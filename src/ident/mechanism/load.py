@@ -21,15 +21,26 @@ from ident.mechanism.mechanism import DEGREES, Joint, Mechanism, Multipliers
 from ident.mechanism.model import Tree, build_tree
 from ident.mechanism.parameters import Bodies
 from ident.mechanism.read_closure import read_closure
-from ident.mechanism.settings import Settings, check_keys, number, read_settings, text, words
-from ident.mechanism.urdf import read_urdf
+from ident.mechanism.settings import (
+    GRAVITY,
+    Settings,
+    check_keys,
+    number,
+    read_settings,
+    text,
+    with_source,
+    words,
+)
+from ident.mechanism.urdf import parse_urdf, read_source
 
 
 def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
     """The mechanism of a folder with a mechanism.toml, of such a file, or of a bare URDF.
 
+    In a URDF's place may stand a MuJoCo model (`.xml`) or an SDF, with the loops it has.
+
     Args:
-        path: folder, `mechanism.toml` or `.urdf`.
+        path: folder, `mechanism.toml`, `.urdf`, `.xml` or `.sdf`.
         allow_code: whether closures of kind `function` and effects of one's own may run the Python
             files they name.
 
@@ -38,7 +49,15 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
     """
     settings = read_settings(Path(path))
     where = settings.where
-    tree = build_tree(read_urdf(settings.urdf), settings.gravity, str(settings.urdf))
+    source = read_source(settings.urdf)
+    settings = with_source(settings, source)
+    urdf = str(settings.urdf)
+    tree = build_tree(parse_urdf(source.urdf, urdf), settings.gravity or GRAVITY, urdf)
+    tree = replace(
+        tree,
+        auxiliary=(*tree.auxiliary, *source.auxiliary),
+        notes=(*source.notes, *tree.notes),
+    )
     joints = _tree_joints(tree)
     names = [joint.name for joint in joints]
     check_keys(settings.joints, ("passive", "start"), f"{where}: [joints]")
@@ -108,11 +127,10 @@ def _closures(
 ) -> tuple[AnyClosure, ...]:
     found: list[AnyClosure] = []
     rotational = {joint.name: joint.rotational for joint in joints}
-    for i, table in enumerate(settings.closures):
-        closure = read_closure(
-            table, f"{settings.where}: closure {i + 1}", tree.model, rotational, settings.folder,
-            allow_code,
-        )  # fmt: skip
+    places = [f"{settings.urdf}: loop {i + 1}" for i in range(len(settings.beside))]
+    places += [f"{settings.where}: closure {i + 1}" for i in range(len(settings.closures))]
+    for table, where in zip((*settings.beside, *settings.closures), places, strict=True):
+        closure = read_closure(table, where, tree.model, rotational, settings.folder, allow_code)
         if closure.name in {other.name for other in found}:
             raise MechanismError(f"{settings.where}: two closures are named '{closure.name}'")
         found.append(closure)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
+from markupsafe import Markup
 
 from ident.effects import KINDS, Effect, parse
 from ident.effects import create as create_effect
@@ -19,6 +20,10 @@ from ident.mechanism.closures import AnyClosure
 from ident.mechanism.consistency import Consistency
 from ident.mechanism.kinematics import Kinematics, rank_of
 from ident.mechanism.parameters import Bodies, dynamic_parameters
+from ident.page import Shown, definitions, folded, items, strong, table
+
+if TYPE_CHECKING:
+    from ident.view import View
 
 
 @dataclass(frozen=True)
@@ -68,7 +73,7 @@ DEGREES = {"free": -1, "linear": 1, "cubic": 3, "quintic": 5}
 
 
 @dataclass(frozen=True, eq=False)
-class Mechanism:
+class Mechanism(Shown):
     """What is known of a machine before the log is looked at. `mechanism + effect` is a new one.
 
     Attributes:
@@ -81,6 +86,7 @@ class Mechanism:
         start: (nq,) near where the loops are assembled.
         unknown: names of the dynamic parameters to identify.
         effects: beyond rigid bodies.
+        multipliers: the time basis of the closures' forces.
         columns: this robot's names of log columns.
         urdf: path of the URDF; toml: of its mechanism.toml, if it has one.
         notes: what was understood otherwise than it is written.
@@ -187,6 +193,10 @@ class Mechanism:
         `kind` alone stands for every driven joint that does not have it yet, or for the whole
         mechanism, where the effect has no joint. One that it has with known values is unknown then.
 
+        Args:
+            text: names it.
+            values: parameters that are known, by short name.
+
         Raises:
             MechanismError: for a kind or joint that is not there, or an effect it has already.
         """
@@ -210,6 +220,9 @@ class Mechanism:
 
     def without(self, label: str) -> Mechanism:
         """This mechanism without one of its effects, named as `kind:joint`.
+
+        Args:
+            label: of the effect.
 
         Raises:
             MechanismError: if it has no such effect.
@@ -267,6 +280,15 @@ class Mechanism:
         other.__dict__["kinematics"] = self.kinematics  # compiled functions of q alone
         return other
 
+    def view(self) -> View:
+        """The mechanism in 3-D, as it is assembled: a recording in a notebook, `.serve()` a page.
+
+        Loops that do not close are shown as they start, with a note of what is left open.
+        """
+        from ident.mechanism.shown import view_of  # it looks at mechanisms, so it knows this file
+
+        return view_of(self)
+
     def _freedom(self) -> str:
         try:
             return f"of rank {self.rank}, {self.degrees_of_freedom} degrees of freedom"
@@ -287,5 +309,18 @@ class Mechanism:
 
     __repr__ = __str__
 
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(str(self))}</pre>"
+    def _blocks(self) -> tuple[Markup, ...]:
+        said = {
+            "Coordinates": str(self.model.nv),
+            "Closures": f"{len(self.kinematics.multipliers)} equations {self._freedom()}"
+            if self.closures else "",
+            "Closed by": ", ".join(f"{each.name} ({each.kind})" for each in self.closures),
+            "Effects": ", ".join(each.label for each in self.effects) or "none",
+            "Unknown": f"{len(self.unknown)} of {len(self.bodies.names)} dynamic parameters",
+        }  # fmt: skip
+        rows = [["joint", "", "lower", "upper", "unit"]]
+        for joint in self.joints:
+            state = "driven" if joint.name in self.driven else "passive"
+            rows.append([joint.name, state, f"{joint.lower:.4g}", f"{joint.upper:.4g}", joint.unit])
+        notes = folded("Notes", items(self.notes)) if self.notes else Markup("")
+        return strong(f"Mechanism {self.name}"), definitions(said), table(rows, "Joints"), notes

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
-from ident.mechanism.parameters import COUNT
+from ident.mechanism.parameters import COUNT, about_origin, join
 from ident.mechanism.urdf import numbers
 
 
@@ -38,7 +38,9 @@ def own_parameters(link: etree._Element) -> np.ndarray:
     R = place.rotation
     about_centre = R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T
     m = numbers(mass, "value", "0", 1, "")[0]
-    return pin.Inertia(m, place.translation, about_centre).toDynamicParameters()
+    moments = m * place.translation
+    # not by pin.Inertia, which refuses the tensors of impossible bodies; files have them
+    return join(m, moments, about_centre + about_origin(m, moments))
 
 
 def _placement(origin: etree._Element | None) -> pin.SE3:

@@ -5,25 +5,30 @@ from __future__ import annotations
 import codecs
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ident.errors import MechanismError, one_of
+from ident.errors import MechanismError, near, not_there, one_of
+from ident.mechanism.document import Source
 
 TOP = ("urdf", "gravity", "joints", "closure", "parameters", "multipliers", "log", "effect")
 GRAVITY = (0.0, 0.0, -9.81)
 HUGE = 1e30
+FORMATS = (".urdf", ".xml", ".mjcf", ".sdf", ".world")
 
 
 @dataclass(frozen=True)
 class Settings:
-    """The sections of a mechanism.toml, with the place each error message names."""
+    """The sections of a mechanism.toml, with the place each error message names.
+
+    `beside` are closures that the URDF's place holds itself, as MuJoCo models and SDFs may.
+    """
 
     where: str
     folder: Path
     urdf: Path
-    gravity: tuple[float, float, float] = GRAVITY
+    gravity: tuple[float, float, float] | None = None  # [m/s²], where it is given
     joints: Mapping[str, Any] = field(default_factory=dict)
     closures: tuple[Mapping[str, Any], ...] = ()
     parameters: Mapping[str, Any] = field(default_factory=dict)
@@ -31,10 +36,25 @@ class Settings:
     log: Mapping[str, Any] = field(default_factory=dict)
     effects: tuple[Mapping[str, Any], ...] = ()
     toml: Path | None = None
+    beside: tuple[Mapping[str, Any], ...] = ()
+
+
+def with_source(settings: Settings, source: Source) -> Settings:
+    """The settings, and where they are silent what the mechanism's own file says."""
+    given = settings.joints
+    joints = {**({"passive": list(source.passive)} if source.passive else {}), **given}
+    if source.start and isinstance(given.get("start", {}), dict):
+        joints["start"] = {**source.start, **given.get("start", {})}
+    return replace(
+        settings,
+        joints=joints,
+        beside=source.closures,
+        gravity=settings.gravity or source.gravity or GRAVITY,
+    )
 
 
 def read_settings(path: Path) -> Settings:
-    """Settings of a folder, a mechanism.toml or a bare URDF.
+    """Settings of a folder, a mechanism.toml or a bare URDF, MuJoCo model or SDF.
 
     Raises:
         MechanismError: naming the file, the key and what would be valid.
@@ -47,11 +67,16 @@ def read_settings(path: Path) -> Settings:
             )
         path = inside
     if not path.exists():
-        raise MechanismError(f"{path}: no such file; give a folder, a mechanism.toml or a .urdf")
-    if path.suffix.lower() in (".urdf", ".xml"):
+        raise MechanismError(
+            f"{path}: {not_there(path)}; give a folder, a mechanism.toml or a .urdf"
+        )
+    if path.suffix.lower() in FORMATS:
         return Settings(str(path), path.parent, path)
     if path.suffix.lower() != ".toml":
-        raise MechanismError(f"{path}: is no mechanism; give a folder, a mechanism.toml or a .urdf")
+        raise MechanismError(
+            f"{path}: is no mechanism; give a folder, a mechanism.toml, a .urdf, an .xml of "
+            "MuJoCo or an .sdf"
+        )
     try:
         raw = path.read_bytes().removeprefix(codecs.BOM_UTF8)
         data = tomllib.loads(raw.decode())
@@ -79,7 +104,7 @@ def _settings(data: dict[str, Any], path: Path) -> Settings:
     urdf = path.parent / text(data, "urdf", where)
     if not urdf.is_file():
         raise MechanismError(f"{where}: urdf = '{data['urdf']}': no such file in {path.parent}")
-    gravity = vector(data, "gravity", where, 3, GRAVITY)
+    gravity = vector(data, "gravity", where, 3, None) if "gravity" in data else None
     for key in ("joints", "parameters", "multipliers", "log"):
         if not isinstance(data.get(key, {}), dict):
             raise MechanismError(f"{where}: [{key}] must be a table, given: {data[key]!r}")
@@ -91,7 +116,7 @@ def _settings(data: dict[str, Any], path: Path) -> Settings:
         where=where,
         folder=path.parent,
         urdf=urdf,
-        gravity=(gravity[0], gravity[1], gravity[2]),
+        gravity=None if gravity is None else (gravity[0], gravity[1], gravity[2]),
         joints=data.get("joints", {}),
         closures=tuple(data.get("closure", [])),
         parameters=data.get("parameters", {}),
@@ -112,7 +137,8 @@ def check_keys(table: Mapping[str, Any], valid: tuple[str, ...], where: str) -> 
 def text(table: Mapping[str, Any], key: str, where: str) -> str:
     """A string that must be there."""
     if key not in table:
-        raise MechanismError(f"{where}: has no key '{key}'; write {key} = \"…\"")
+        instead = f" ('{meant}' instead?)" if (meant := near(key, table)) else ""
+        raise MechanismError(f"{where}: has no key '{key}'{instead}; write {key} = \"…\"")
     if not isinstance(table[key], str) or not table[key]:
         raise MechanismError(f"{where}: {key} = {table[key]!r}; a text in quotes is expected")
     return str(table[key])

@@ -1,37 +1,29 @@
-"""A URDF read safely, checked, and each fault named with its line.
-
-XML from strangers may carry entity bombs and references to other files, so a document type is
-refused before anything is expanded. `yourdfpy` validates what the checks here leave.
-"""
+"""A mechanism's file as a URDF: its own text, or what is written from a MuJoCo model or an SDF."""
 
 from __future__ import annotations
 
-import copy
-import io
-import logging
-import math
-import re
-from collections import Counter
 from pathlib import Path
 
-import yourdfpy
 from lxml import etree
 
-from ident.errors import MechanismError, one_of
+from ident.errors import MechanismError
+from ident.mechanism.check_urdf import numbers, parse_urdf, parse_xml
+from ident.mechanism.document import Source
+from ident.mechanism.mjcf import read_mjcf
+from ident.mechanism.sdf import read_sdf
+
+__all__ = ["LARGEST", "numbers", "parse_urdf", "read_source", "read_urdf", "urdf_bytes"]
 
 LARGEST = 50_000_000  # bytes
-TYPES = ("fixed", "revolute", "continuous", "prismatic", "planar")
-FLOATING = (
-    "an orientation cannot be written as one column a coordinate; state it as three prismatic and "
-    "three revolute joints with massless links between them"
-)
+READERS = {"mujoco": read_mjcf, "mujocoinclude": read_mjcf, "sdf": read_sdf}
 
 
-def read_urdf(path: Path) -> etree._Element:
-    """The checked `<robot>` element of a URDF file, comments kept.
+def read_source(path: Path) -> Source:
+    """What a file says: of a MuJoCo model or an SDF its bodies, joints and loops.
 
     Raises:
-        MechanismError: naming file, line, what is wrong and what would be valid.
+        MechanismError: if it cannot be read, is larger than any URDF, or says what has no
+            counterpart here.
     """
     try:
         data = path.read_bytes()
@@ -39,207 +31,31 @@ def read_urdf(path: Path) -> etree._Element:
         raise MechanismError(f"{path}: cannot be read: {error.strerror}") from None
     if len(data) > LARGEST:
         raise MechanismError(f"{path}: {len(data)} bytes; a URDF has at most {LARGEST}")
-    return parse_urdf(data, str(path))
+    return source_of(data, path)
 
 
-def parse_urdf(data: bytes, where: str) -> etree._Element:
-    """As `read_urdf`, from the file's bytes; `where` names it in messages."""
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False)
-    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
-        raise MechanismError(
-            f"{where}: has a document type or entities, which are refused; remove <!DOCTYPE …>"
-        )
-    try:
-        robot = etree.fromstring(data, parser)
-    except (etree.XMLSyntaxError, ValueError) as error:
-        text = str(error).replace("\n", " ") or "empty file"
-        text = text.partition(" (<string>")[0]
-        raise MechanismError(
-            f"{where}: is no well-formed XML: {text}; mend or export it again"
-        ) from None
-    if robot.getroottree().docinfo.internalDTD is not None:
-        raise MechanismError(f"{where}: has a document type, which is refused; remove it")
-    if robot.tag != "robot":
-        raise MechanismError(
-            f"{where}:{robot.sourceline}: the root element is <{robot.tag}>; a URDF's is <robot>"
-        )
-    if not robot.get("name"):
-        robot.set("name", "robot")
-    _check_names(robot, where)
-    _check_tree(robot, where)
-    for joint in robot.findall("joint"):
-        _check_joint(joint, where)
-    for link in robot.findall("link"):
-        _check_inertial(link, where)
-    _check_with_yourdfpy(robot, where)
-    return robot
+def source_of(data: bytes, path: Path) -> Source:
+    """As `read_source`, of the file's content."""
+    if path.suffix.lower() == ".urdf":
+        return Source(data)
+    root = parse_xml(data, str(path))
+    reader = READERS.get(str(root.tag))
+    return Source(data) if reader is None else reader(path, data)
 
 
-def _check_names(robot: etree._Element, where: str) -> None:
-    for tag in ("link", "joint"):
-        elements = robot.findall(tag)
-        for element in elements:
-            if not element.get("name"):
-                raise MechanismError(
-                    f'{where}:{element.sourceline}: a <{tag}> has no name; write name="…"'
-                )
-        seen: dict[str, int] = {}
-        for element in elements:
-            name = element.get("name")
-            if name in seen:
-                raise MechanismError(
-                    f"{where}:{element.sourceline}: a second {tag} is named '{name}', the first is "
-                    f"in line {seen[name]}; names must differ"
-                )
-            seen[name] = element.sourceline
-    if not robot.findall("link"):
-        raise MechanismError(f"{where}: has no <link>; a mechanism needs at least two and a joint")
+def urdf_bytes(path: Path) -> bytes:
+    """The URDF's text: the file's own, unchecked, or one written from another format.
+
+    Raises:
+        MechanismError: as `read_source`.
+    """
+    return read_source(path).urdf
 
 
-def _check_tree(robot: etree._Element, where: str) -> None:
-    links = [link.get("name") for link in robot.findall("link")]
-    parents: dict[str, list[str]] = {}
-    child_of: Counter[str] = Counter()
-    for joint in robot.findall("joint"):
-        ends = {}
-        for end in ("parent", "child"):
-            element = joint.find(end)
-            name = None if element is None else element.get("link")
-            line = joint.sourceline
-            if not name:
-                raise MechanismError(
-                    f"{where}:{line}: joint '{joint.get('name')}' has no <{end} link=…>"
-                )
-            if name not in links and not (end == "parent" and name == "world"):
-                raise MechanismError(
-                    f"{where}:{line}: joint '{joint.get('name')}' has the {end} '{name}', "
-                    f"which is no link; {one_of(name, links)}"
-                )
-            ends[end] = name
-        child_of[ends["child"]] += 1
-        if child_of[ends["child"]] > 1:
-            raise MechanismError(
-                f"{where}:{joint.sourceline}: link '{ends['child']}' is the child of two joints; "
-                "a URDF is a tree: close the loop by a [[closure]] in mechanism.toml"
-            )
-        parents.setdefault(ends["parent"], []).append(ends["child"])
-    roots = [name for name in dict.fromkeys([*parents, *links]) if child_of[name] == 0]
-    if parents and not any(name in parents for name in roots):
-        raise MechanismError(
-            f"{where}: every joint's parent is another joint's child, so the links form a ring; "
-            "one link must be the ground, and the loop closed by a [[closure]]"
-        )
-    reached, front = set(roots[:1]), roots[:1]
-    while front:
-        front = [child for link in front for child in parents.get(link, []) if child not in reached]
-        reached.update(front)
-    lost = [name for name in links if name not in reached]
-    if lost:
-        raise MechanismError(
-            f"{where}: no joint leads from the root '{roots[0]}' to link '{lost[0]}'"
-            + (f" and {len(lost) - 1} more" if len(lost) > 1 else "")
-            + "; connect it by a joint (type fixed, if it does not move) or remove it"
-        )
+def read_urdf(path: Path) -> etree._Element:
+    """The checked `<robot>` element of a mechanism's file, comments kept.
 
-
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # as C++ reads it, too
-HUGE = 1e30  # beyond, products overflow; only limits may be as large
-
-
-def numbers(element: etree._Element, key: str, default: str, count: int, where: str) -> list[float]:
-    """The `count` finite numbers of an attribute, or an error that shows its text."""
-    text = element.get(key, default)
-    values = [float(word) for word in text.split() if NUMBER.fullmatch(word)]
-    most = HUGE if element.tag != "limit" else math.inf
-    good = len(values) == len(text.split()) and all(abs(value) < most for value in values)
-    if len(values) != count or not good:
-        need = "a finite number" if count == 1 else f"{count} finite numbers"
-        raise MechanismError(
-            f'{where}:{element.sourceline}: <{element.tag} {key}="{text}">: {need} expected'
-        )
-    return values
-
-
-def _check_joint(joint: etree._Element, where: str) -> None:
-    name, kind, line = joint.get("name"), joint.get("type") or "", joint.sourceline
-    if kind == "floating":
-        raise MechanismError(f"{where}:{line}: joint '{name}' is of type floating: {FLOATING}")
-    if kind not in TYPES:
-        raise MechanismError(
-            f"{where}:{line}: joint '{name}' is of type '{kind}'; {one_of(kind, TYPES)}"
-        )
-    for origin in joint.findall("origin"):
-        numbers(origin, "xyz", "0 0 0", 3, where)
-        numbers(origin, "rpy", "0 0 0", 3, where)
-    axis = joint.find("axis")
-    if kind != "fixed" and axis is not None:
-        length = math.hypot(*numbers(axis, "xyz", "1 0 0", 3, where))
-        if length < 1e-9:
-            raise MechanismError(
-                f"{where}:{axis.sourceline}: joint '{name}' has the axis 0 0 0; give a direction"
-            )
-    limit = joint.find("limit")
-    if limit is not None:
-        for key in ("effort", "velocity"):
-            numbers(limit, key, "0", 1, where)
-        lower = numbers(limit, "lower", "0", 1, where)[0]
-        upper = numbers(limit, "upper", "0", 1, where)[0]
-        if lower > upper:
-            raise MechanismError(
-                f"{where}:{limit.sourceline}: joint '{name}' has lower {lower:g} above upper "
-                f"{upper:g}; swap them"
-            )
-    mimic = joint.find("mimic")
-    if mimic is not None:
-        numbers(mimic, "multiplier", "1", 1, where)
-        numbers(mimic, "offset", "0", 1, where)
-        if kind not in ("revolute", "continuous", "prismatic"):
-            raise MechanismError(f"{where}:{line}: joint '{name}' of type {kind} cannot mimic")
-
-
-def _check_inertial(link: etree._Element, where: str) -> None:
-    inertial = link.find("inertial")
-    if inertial is None:
-        return
-    name = link.get("name")
-    mass, inertia = inertial.find("mass"), inertial.find("inertia")
-    for element, tag in ((mass, "mass"), (inertia, "inertia")):
-        if element is None:
-            raise MechanismError(
-                f"{where}:{inertial.sourceline}: the <inertial> of link '{name}' has no <{tag}>"
-            )
-    for origin in inertial.findall("origin"):
-        numbers(origin, "xyz", "0 0 0", 3, where)
-        numbers(origin, "rpy", "0 0 0", 3, where)
-    for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"):
-        numbers(inertia, key, "0" if key in ("ixy", "ixz", "iyz") else "", 1, where)
-    value = numbers(mass, "value", "", 1, where)[0]
-    if value < 0:
-        raise MechanismError(
-            f"{where}:{mass.sourceline}: link '{name}' has the mass {value:g} kg; it must be ≥ 0"
-        )
-
-
-def _check_with_yourdfpy(robot: etree._Element, where: str) -> None:
-    logger = logging.getLogger("yourdfpy")
-    level = logger.level
-    logger.setLevel(logging.CRITICAL)
-    try:
-        bare = copy.deepcopy(
-            robot
-        )  # shapes are not used here: their faults are not the mechanism's
-        etree.strip_elements(bare, "visual", "collision", with_tail=False)
-        checked = yourdfpy.URDF.load(
-            io.BytesIO(etree.tostring(bare)), build_scene_graph=False, load_meshes=False
-        )
-        checked.validate()
-        faults = [e for e in checked.errors if "limit" not in str(e)]
-    except Exception as error:
-        message = " ".join(str(error).split())
-        raise MechanismError(
-            f"{where}: is no valid URDF: {message or type(error).__name__}"
-        ) from None
-    finally:
-        logger.setLevel(level)
-    if faults:
-        raise MechanismError(f"{where}: is no valid URDF: {' '.join(str(faults[0]).split())}")
+    Raises:
+        MechanismError: naming file, line, what is wrong and what would be valid.
+    """
+    return parse_urdf(urdf_bytes(path), str(path))

@@ -15,7 +15,10 @@ import tomlkit
 from ident.effects import Effect, UserEffect
 from ident.errors import MechanismError
 from ident.files import write_all
+from ident.mechanism.document import Source
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.settings import Settings, with_source
+from ident.mechanism.urdf import read_source, source_of
 
 
 def effect_table(
@@ -112,17 +115,23 @@ def folder_files(
 
     Args:
         mechanism: whose mechanism.toml is taken over.
-        urdf: the URDF's content.
+        urdf: the URDF's content, or that of the file in its place.
         effects: with the values that are known of each.
         unknown: for [parameters]; None leaves it as it is.
     """
     document = document_of(mechanism)
-    document["urdf"] = mechanism.urdf.name
+    source = read_source(mechanism.urdf)
+    urdf_name = mechanism.urdf.name
+    if source.format != "urdf":  # what the file says of loops is said in mechanism.toml from now on
+        urdf = source_of(urdf, mechanism.urdf).urdf
+        urdf_name = mechanism.urdf.with_suffix(".urdf").name
+        _spell_out(document, mechanism, source)
+    document["urdf"] = urdf_name
     if unknown is not None:
         document["parameters"] = {"unknown": list(unknown)}
     if "effect" in document:
         del document["effect"]
-    files = {mechanism.urdf.name: urdf}
+    files = {urdf_name: urdf}
     for closure in document.get("closure", []):
         if closure.get("kind") == "function" and mechanism.toml is not None:
             file = mechanism.toml.parent / str(closure["file"])
@@ -136,6 +145,31 @@ def folder_files(
         document["effect"] = tables
     files["mechanism.toml"] = tomlkit.dumps(document).encode()
     return files
+
+
+def _spell_out(document: tomlkit.TOMLDocument, mechanism: Mechanism, source: Source) -> None:
+    """Everything that a MuJoCo model or an SDF says beside its bodies and joints."""
+    settings = with_source(Settings("", Path(), Path(), joints=document.get("joints", {})), source)
+    if "gravity" not in document:
+        document["gravity"] = list(settings.gravity or ())
+    joints = tomlkit.table()
+    for key, value in settings.joints.items():
+        if isinstance(value, dict):
+            inline = tomlkit.inline_table()
+            inline.update(value)
+            joints[key] = inline
+        else:
+            joints[key] = value
+    if settings.joints:
+        document["joints"] = joints
+    asked = [link for link in mechanism.bodies.links if link not in source.auxiliary]
+    if source.auxiliary and "unknown" not in document.get("parameters", {}):
+        document.setdefault("parameters", tomlkit.table())["unknown"] = asked
+    tables = tomlkit.aot()
+    for table in (*source.closures, *document.pop("closure", [])):
+        tables.append(tomlkit.item({**table}))
+    if len(tables):
+        document["closure"] = tables
 
 
 def _copied(files: dict[str, bytes], file: Path, owner: str) -> str:

@@ -94,7 +94,7 @@ def complete(
         still = standstill(mechanism, signals, experiments[i], names)
         experiments[i] = replace(experiments[i], still=still)
     noted = tuple(dict.fromkeys(notes))
-    return Motion(tuple(experiments), independent, band, worst, noted, tuple(read))
+    return Motion(tuple(experiments), independent, band, worst, noted, tuple(read), mechanism)
 
 
 def _distinct(logs: list[Log]) -> list[Log]:

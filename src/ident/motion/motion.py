@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
+from ident.errors import MotionError
 from ident.log import Log
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.shown import view_of
+from ident.mechanism.track import Track
 from ident.motion.channels import Smoothed
 from ident.motion.clock import runs
 from ident.motion.smooth import Smooth
+from ident.page import Shown, definitions, folded, items, strong, table
+from ident.view import View
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +109,7 @@ class Band:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Motion(Shown):
     """Experiments of one mechanism, completed through its closures.
 
     Attributes:
@@ -113,6 +119,7 @@ class Motion:
         closure_error: largest |Φ| left [m | rad].
         notes: what was repaired, derived or left out, in words.
         logs: as they were read, under ident's column names.
+        mechanism: that moves; None where a motion was made up without one.
     """
 
     experiments: tuple[Experiment, ...]
@@ -121,14 +128,37 @@ class Motion:
     closure_error: float
     notes: tuple[str, ...] = ()
     logs: tuple[Log, ...] = ()
+    mechanism: Mechanism | None = None
 
     @property
     def samples(self) -> int:
         """Over all experiments."""
         return sum(len(experiment) for experiment in self.experiments)
 
+    def view(self) -> View:
+        """The mechanism moving in 3-D: a recording in a notebook, `.serve()` a page with controls.
+
+        Raises:
+            MotionError: for a motion that was made up without a mechanism.
+        """
+        if self.mechanism is None:
+            raise MotionError(
+                "this motion knows no mechanism to show; one of ident.complete(mechanism, log) does"
+            )
+        return view_of(self.mechanism, [Track(e.name, e.t, e.q) for e in self.experiments])
+
     def __str__(self) -> str:
         return "\n".join([self.summary, *(f"  note: {note}" for note in self.notes)])
+
+    @property
+    def rows(self) -> list[list[str]]:
+        """The logs as a table: name, samples, duration, rate, samples left out; the head first."""
+        rows = [["log", "samples", "duration", "rate", "left out"]]
+        for e in self.experiments:
+            out = int(len(e) - e.usable.sum())
+            time = f"{e.t[-1] - e.t[0]:.4g} s"
+            rows.append([e.name, str(len(e)), time, f"{e.rate:.4g} Hz", str(out) if out else "–"])
+        return rows
 
     @property
     def summary(self) -> str:
@@ -147,5 +177,14 @@ class Motion:
 
     __repr__ = __str__
 
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(str(self))}</pre>"
+    def _blocks(self) -> tuple[Markup, ...]:
+        cut = "none" if self.band.cutoff is None else f"{self.band.cutoff:.3g} Hz"
+        said = {
+            "Compared in": ", ".join(self.independent),
+            "Bandwidth of the motion": f"{self.band.motion:.3g} Hz",
+            "Zero-phase filter": cut,
+            "Closure error": f"{self.closure_error:.2g}" if self.closure_error > 0 else "",
+        }
+        notes = folded("Repaired, derived or left out", items(self.notes)) if self.notes else ""
+        title = f"Motion of {self.samples} samples"
+        return strong(title), table(self.rows, "Logs"), definitions(said), Markup(notes)

@@ -1,0 +1,203 @@
+"""A stage drawn into viser's scene, and moved to a moment of a film."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ident.view.camera import ANGLE, Camera
+from ident.view.colours import ENDS, MOMENTS, UNKNOWN, body_colour, mapped
+from ident.view.rotation import wxyz
+from ident.view.scales import Scales
+from ident.view.shapes import Colour, Shape, arrow, box, cylinder, sphere, turned_to
+from ident.view.stage import Film, Loads, Pivot, Stage
+
+DISC = 0.022  # radius of a joint's disc over the mechanism's size
+BAR = 0.15  # length of a sliding joint's bar over the size
+BALL = 0.012  # radius of a closure's mark over the size
+THICK = 0.012  # radius of an arrow's head over the size
+LEAST = 1e-9  # an arrow of no length would have no inverse
+SLIM = 0.2  # share of the longest arrow below which an arrow gets slimmer too
+SEE_THROUGH = 0.5  # opacity of bodies, in which joints and closures would be hidden
+
+
+@dataclass(eq=False)
+class Drawn:
+    """Handles of what moves; the one thing here that changes, as viser's scene does."""
+
+    stage: Stage
+    scales: Scales
+    bodies: list[Any] = field(default_factory=list)
+    meshes: list[Any] = field(default_factory=list)
+    pivots: list[Any] = field(default_factory=list)
+    names: list[Any] = field(default_factory=list)
+    ends: list[tuple[Any, Any]] = field(default_factory=list)
+    gaps: Any = None
+    forces: list[Any] = field(default_factory=list)
+    moments: list[Any] = field(default_factory=list)
+    title: Any = None
+
+    def show(self, film: Film, k: int) -> None:
+        """Move everything to moment k of a film."""
+        for i, body in enumerate(self.bodies):
+            body.position, body.wxyz = film.position[k, i], film.wxyz[k, i]
+        for (a, b), ends in zip(self.ends, film.ends[k], strict=True):
+            a.position, b.position = ends
+        if self.gaps is not None:
+            self.gaps.points = film.ends[k].astype(np.float32)
+        if film.misfit is not None and self.scales.misfit > 0:
+            colours = mapped(film.misfit[k] / self.scales.misfit)
+            for pivot, colour in zip(self.pivots, colours, strict=True):
+                if tuple(pivot.color) != tuple(colour):
+                    pivot.color = tuple(int(part) for part in colour)
+        elif film.misfit is None:
+            for pivot in self.pivots:
+                pivot.color = UNKNOWN
+        _point(self.forces, film.loads, "force", k, self.scales.force, self.scales.length)
+        _point(self.moments, film.loads, "moment", k, self.scales.moment, self.scales.length)
+        if self.title is not None:
+            self.title.text = f"{film.name}   {film.t[k]:.3f} s"
+
+
+def draw(scene: Any, stage: Stage, scales: Scales, camera: Camera, loads: Loads | None) -> Drawn:
+    """Put a stage into a scene, not yet at any moment.
+
+    Args:
+        scene: viser's.
+        stage: what to draw; scales: for reactions and residuals; camera: for the grid's place.
+        loads: any of the films', for the number of arrows.
+    """
+    drawn, size = Drawn(stage, scales), stage.size
+    scene.set_up_direction(tuple(float(part) for part in stage.up))
+    _light(scene, stage, camera)
+    _ground(scene, stage, camera)
+    for i, body in enumerate(stage.bodies):
+        node = f"/bodies/{i} {_plain(body.name)}"
+        drawn.bodies.append(scene.add_frame(node, show_axes=False))
+        for j, shape in enumerate(body.shapes):
+            colour = shape.colour or body_colour(i)
+            mesh = _mesh(scene, f"{node}/{j}", shape, colour, opacity=SEE_THROUGH)
+            drawn.meshes.append(mesh)
+    for i, pivot in enumerate(stage.pivots):
+        node = f"{drawn.bodies[pivot.body].name}/joint {i} {_plain(pivot.name)}"
+        mark = _mark(pivot, size).moved(pivot.R, pivot.p)
+        drawn.pivots.append(_mesh(scene, node, mark, UNKNOWN))
+        drawn.names.append(
+            scene.add_label(
+                f"{node}/name", pivot.name, position=pivot.p, visible=False,
+                font_screen_scale=0.8, anchor="bottom-left",
+            )
+        )  # fmt: skip
+    for i, tie in enumerate(stage.ties):
+        node, ball = f"/closures/{i} {_plain(tie.name)}", sphere(BALL * size)
+        a, b = (
+            _mesh(scene, f"{node}/{end}", ball, colour)
+            for end, colour in zip("ab", ENDS, strict=True)
+        )
+        drawn.ends.append((a, b))
+        drawn.names.append(
+            scene.add_label(
+                f"{node}/a/name", tie.name, visible=False, font_screen_scale=0.8,
+                anchor="top-left",
+            )
+        )  # fmt: skip
+    if stage.ties:
+        drawn.gaps = scene.add_line_segments(
+            "/closures/gaps", np.zeros((len(stage.ties), 2, 3), np.float32), colors=(40, 40, 40),
+            thickness=0.3 * BALL * size,
+        )  # fmt: skip
+    if loads is not None and scales.force > 0:
+        drawn.forces = _arrows(scene, "/forces", loads, ENDS, size)
+    if loads is not None and scales.moment > 0:
+        drawn.moments = _arrows(scene, "/moments", loads, MOMENTS, size)
+    return drawn
+
+
+def aim(page: Any, camera: Camera, up: np.ndarray) -> None:
+    """Where a page looks from when it opens."""
+    page.initial_camera.position = camera.position
+    page.initial_camera.look_at = camera.target
+    page.initial_camera.up = up
+    page.initial_camera.fov = float(ANGLE)
+    distance = float(np.linalg.norm(camera.position - camera.target))
+    page.initial_camera.near = 0.01 * distance
+    page.initial_camera.far = 100.0 * distance
+
+
+def _plain(name: str) -> str:
+    """A name in which the scene's tree sees no branch."""
+    return re.sub(r"[^\w .+\-]", "_", name)[:60]
+
+
+def _mesh(
+    scene: Any,
+    node: str,
+    shape: Shape,
+    colour: Colour,
+    opacity: float | None = None,
+    shadow: bool = True,
+) -> Any:
+    return scene.add_mesh_simple(
+        node, shape.vertices, shape.faces, color=colour, flat_shading=shape.flat, side="double",
+        opacity=opacity, cast_shadow=shadow,
+    )  # fmt: skip
+
+
+def _mark(pivot: Pivot, size: float) -> Shape:
+    if pivot.rotational:
+        return cylinder(DISC * size, 1.6 * DISC * size)
+    return box((0.5 * DISC * size, 0.5 * DISC * size, BAR * size))
+
+
+def _light(scene: Any, stage: Stage, camera: Camera) -> None:
+    """Even light: under viser's own, colours that mean something go white."""
+    scene.configure_environment_map(None)
+    scene.configure_default_lights(enabled=False)
+    scene.add_light_ambient("/light/all round", intensity=1.7)
+    towards = camera.position - camera.target
+    right = np.cross(stage.up, towards)
+    over = np.linalg.norm(towards) * stage.up
+    key = camera.target + 0.5 * towards + 0.9 * right + 1.2 * over
+    scene.add_light_directional("/light/key", intensity=1.9, position=key, cast_shadow=True)
+
+
+def _ground(scene: Any, stage: Stage, camera: Camera) -> None:
+    corners = camera.box
+    lowest = min(float(corner @ stage.up) for corner in corners)
+    middle = camera.target + (lowest - camera.target @ stage.up - 0.02 * camera.size) * stage.up
+    R = turned_to(stage.up)
+    cell = float(10.0 ** np.floor(np.log10(max(camera.size, 1e-6) / 3.0)))
+    width = cell * np.ceil(1.6 * camera.size / cell)
+    scene.add_grid(
+        "/ground", width=width, height=width, cell_size=cell, section_size=5 * cell,
+        cell_color=(215, 218, 224), section_color=(185, 190, 200), fade_distance=20 * camera.size,
+        position=middle, wxyz=wxyz(R),
+    )  # fmt: skip
+
+
+def _arrows(scene: Any, node: str, loads: Loads, colours: Any, size: float) -> list[Any]:
+    radius, shape = THICK * size, arrow()
+    slim = replace(shape, vertices=shape.vertices * [radius, radius, 1.0])
+    return [
+        _mesh(scene, f"{node}/{i} {_plain(name)}", slim, colours[int(second)], shadow=False)
+        for i, (name, second) in enumerate(zip(loads.names, loads.second, strict=True))
+    ]
+
+
+def _point(
+    arrows: list[Any], loads: Loads | None, what: str, k: int, largest: float, length: float
+) -> None:
+    """Arrows as long as the loads are large; slimmer where they are short, gone where unknown."""
+    if loads is None:
+        for each in arrows:
+            each.scale = (LEAST, LEAST, LEAST)
+        return
+    vectors = np.nan_to_num(getattr(loads, what)[k])
+    for each, vector, at in zip(arrows, vectors, loads.at[k], strict=True) if arrows else ():
+        reach = length * float(np.linalg.norm(vector)) / largest
+        slim = min(max(reach / (SLIM * length), LEAST), 1.0)
+        each.position, each.wxyz = np.nan_to_num(at), wxyz(turned_to(vector))
+        each.scale = (slim, slim, max(reach, LEAST))

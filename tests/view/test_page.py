@@ -1,0 +1,220 @@
+"""The page in a real browser, drawn in software; the server, its port, and its end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import ident
+from ident.mechanism.shown import view_of
+from ident.mechanism.track import Track
+from ident.view.colours import BODIES, ENDS
+
+
+@pytest.fixture(scope="module")
+def five_bar(robots):
+    mechanism = ident.load(robots / "five_bar")
+    log = ident.read_log(robots / "five_bar" / "run.csv")
+    first = {name: x[:501] for name, x in log.columns.items()}
+    return mechanism, ident.complete(
+        mechanism, ident.Log.from_arrays("two seconds", log.t[:501], first)
+    )
+
+
+def test_a_recording_plays_without_a_network(five_bar, look, tmp_path):
+    mechanism, motion = five_bar
+    e = motion.experiments[0]
+    forces = np.tile([8.0, 0.0, 0.0], (len(e.t), 1))
+    view = view_of(mechanism, [Track(e.name, e.t, e.q, forces)])
+    path = view.write(tmp_path / "five_bar.html")
+    k = int(np.argmin(np.abs(e.t - 1.0)))
+    tip = tip_of(mechanism, e.q[k])
+    length = view.setting.scales.length
+
+    def there(seen) -> bool:
+        """Both arrows point from the tip, where a pinhole camera sees it."""
+        return all(
+            seen.near(colour) > 50
+            and np.linalg.norm(
+                np.median(seen.like(colour), axis=0)
+                - pixel(
+                    view.setting.camera, seen.drawing, tip + length * np.array([0.6 * sign, 0, 0])
+                )
+            )
+            < 25
+            for colour, sign in zip(ENDS, (1, -1), strict=True)
+        )
+
+    def seek(page) -> None:
+        page.locator("input").first.wait_for()
+        page.keyboard.press("Space")
+        page.locator("input").first.fill("1.0")
+
+    seen = look(path.as_uri(), there, seek)
+    assert seen.faults == []
+    assert seen.fetched <= {"file", "data", "blob"}
+    assert there(seen)
+    for colour in BODIES[:4]:
+        assert seen.near(colour) > 150, colour
+    assert "reaction forces λ, up to 8 N" in seen.words
+
+
+def tip_of(mechanism: ident.Mechanism, q: np.ndarray) -> np.ndarray:
+    """Where Pinocchio has the tip of the left arm (3,) [m]."""
+    model = pin.buildModelFromUrdf(str(mechanism.urdf))
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    return data.oMf[model.getFrameId("left_distal")].act(np.array([0.28, 0.0, 0.006]))
+
+
+def pixel(camera, drawing, point) -> np.ndarray:
+    """Where a pinhole camera with 35° from top to bottom sees a point, x and y."""
+    x0, y0, width, height = drawing
+    away = camera.position - camera.target
+    away /= np.linalg.norm(away)
+    right = np.cross([0.0, 0.0, 1.0], away)
+    right /= np.linalg.norm(right)
+    from_camera = point - camera.position
+    scale = height / 2 / np.tan(np.radians(35.0 / 2)) / -(from_camera @ away)
+    across, upward = from_camera @ right, from_camera @ np.cross(away, right)
+    return np.array([x0 + width / 2 + scale * across, y0 + height / 2 - scale * upward])
+
+
+def test_a_mechanism_alone_stands_still(robots, look, tmp_path):
+    path = ident.load(robots / "arm").view().write(tmp_path / "arm.html")
+    seen = look(path.as_uri(), lambda seen: seen.near(BODIES[1]) > 150)
+    assert seen.faults == []
+    assert seen.near(BODIES[1]) > 150
+
+
+def test_the_live_page_plays(five_bar, look):
+    with five_bar[1].view().serve() as page:
+        seen = look(page.address, lambda seen: seen.near(BODIES[2]) > 150 and "Pause" in seen.words)
+    assert seen.faults == []
+    assert seen.fetched <= {"http", "data", "blob", "127.0.0.1"}
+    assert seen.near(BODIES[2]) > 150
+    assert "Speed" in seen.words
+
+
+def test_the_controls_do_what_they_say(five_bar, look):
+    mechanism, motion = five_bar
+    e = motion.experiments[0]
+    forces = np.tile([8.0, 0.0, 0.0], (len(e.t), 1))
+    second = Track("second", e.t[:101] + 5.0, e.q[100:201], forces[:101])
+    view = view_of(mechanism, [Track("first", e.t, e.q, forces), second])
+    told = {}
+
+    def play(page) -> None:
+        page.get_by_role("button", name="Pause").click()
+        page.get_by_role("button", name="Play").wait_for()
+        page.get_by_role("combobox", name="Log").click()
+        page.get_by_role("option", name="2. second").click()
+        page.get_by_role("combobox", name="Speed").click()
+        page.get_by_role("option", name="0.25×").click()
+        page.get_by_label("Reactions").uncheck()
+        page.get_by_label("Names").check()
+        page.get_by_label("See through bodies").uncheck()
+        page.wait_for_timeout(1000)
+        told.update(film=live._film.name, time=live._time, speed=live._speed, on=live._playing)
+
+    with view.serve() as live:
+        seen = look(live.address, lambda seen: seen.near(ENDS[0]) < 40, play)
+    assert seen.faults == []
+    assert told == {"film": "second", "time": 5.0, "speed": 0.25, "on": False}
+    assert seen.near(ENDS[0]) < 40  # the arrows are gone, a closure's ball is left
+
+
+def test_it_is_served_on_this_machine_alone(five_bar):
+    with five_bar[1].view().serve() as page:
+        assert urllib.request.urlopen(page.address, timeout=10).status == 200
+        table = Path("/proc/net/tcp")
+        if not table.exists():
+            pytest.skip("only Linux tells which addresses are listened on")
+        rows = [line.split() for line in table.read_text().splitlines()[1:]]
+        listening = [row[1] for row in rows if row[3] == "0A"]
+        ours = [each for each in listening if each.endswith(f":{page.port:04X}")]
+        assert ours == [f"0100007F:{page.port:04X}"]
+        assert page._page.request_share_url() is None
+    with socket.socket() as probe:
+        assert probe.connect_ex(("127.0.0.1", page.port)) != 0
+    assert "ended" in repr(page)
+
+
+def test_a_port_that_is_taken_is_refused(five_bar):
+    view = five_bar[1].view()
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        with pytest.raises(ident.IdentError, match=rf"port {port}: is taken .*; give another"):
+            view.serve(port)
+    with pytest.raises(ident.IdentError, match="valid: 1 to 65535"):
+        view.serve(99999)
+
+
+def test_a_notebook_gets_a_frame_with_the_recording(five_bar):
+    shown = five_bar[0].view()._repr_html_()
+    assert shown.startswith("<iframe srcdoc=")
+    assert shown.count('"') == shown.split("srcdoc=")[0].count('"') + 10  # nothing leaks out
+    assert "five_bar in 3-D" in shown
+
+
+def test_written_whole_or_not_at_all(five_bar, tmp_path, monkeypatch):
+    view = five_bar[0].view()
+    with pytest.raises(ident.IdentError, match=r"valid: .html"):
+        view.write(tmp_path / "view.png")
+    (tmp_path / "file").touch()
+    with pytest.raises(ident.IdentError, match="name a folder"):
+        view.write(tmp_path / "file" / "view.html")
+    assert [each.name for each in tmp_path.iterdir()] == ["file"]
+
+
+def test_the_command_writes_a_recording(spoken, robots, tmp_path):
+    out = tmp_path / "view.html"
+    status, said, err = spoken("view", robots / "four_bar", "--out", out)
+    assert (status, err) == (0, "")
+    assert str(out) in said
+    assert out.stat().st_size > 500_000
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("--out", "view.png"), "valid: .html, .htm"),
+        (("--fit", "fit.json"), "give a LOG too"),
+        (("--port", "70000"), "valid: 1 to 65535"),
+    ],
+)
+def test_the_command_refuses(spoken, robots, words, expected):
+    status, said, err = spoken("view", robots / "four_bar", *words)
+    assert status == 1
+    assert said == ""
+    assert err.startswith("error: ")
+    assert expected in err
+    assert len(err.splitlines()) == 1
+
+
+def test_the_command_serves_until_it_is_interrupted(root, robots):
+    command = [sys.executable, "-m", "ident", "view", str(robots / "four_bar")]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=root,
+        env={**os.environ, "PYTHONPATH": str(root / "src")},
+    ) as run:  # fmt: skip
+        address = run.stdout.readline().split()[0]
+        assert urllib.request.urlopen(address, timeout=10).status == 200
+        time.sleep(0.2)
+        run.send_signal(signal.SIGINT)
+        rest, err = run.communicate(timeout=30)
+    assert run.returncode == 0
+    assert rest == ""
+    assert err == ""

@@ -1,0 +1,45 @@
+"""Frames and running averages against their definitions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ident.view import frames, running_rms
+
+
+@pytest.mark.parametrize(("n", "most", "expected"), [(5000, 600, 301), (5000, 100, 100)])
+def test_frames_are_even_and_keep_both_ends(n, most, expected):
+    t = np.linspace(2.0, 12.0, n)
+    found = frames(t, 30.0, most)
+    assert len(found) == expected
+    assert found[0] == 0
+    assert found[-1] == n - 1
+    step = 10.0 / (expected - 1)
+    np.testing.assert_allclose(np.diff(t[found]), step, atol=10.0 / (n - 1))
+
+
+def test_a_short_motion_keeps_what_it_has():
+    t = np.linspace(0.0, 0.5, 80)
+    np.testing.assert_array_equal(frames(t, 30.0, 600, 150), np.arange(80))
+    np.testing.assert_array_equal(frames(np.zeros(1), 30.0, 600, 150), [0])
+
+
+def test_gaps_in_time_repeat_no_sample():
+    t = np.concatenate([np.linspace(0, 1, 50), np.linspace(9, 10, 50)])
+    found = frames(t, 30.0, 90)
+    assert (np.diff(found) > 0).all()
+
+
+def test_running_rms_is_the_rms_around_each_sample():
+    random = np.random.default_rng(0)
+    t = np.sort(random.uniform(0, 3, 200))
+    x = random.normal(size=(200, 2))
+    x[20:80, 0] = np.nan
+    found = running_rms(t, x, 0.3)
+    for k in range(0, 200, 7):
+        near = x[np.abs(t - t[k]) <= 0.15]
+        for i in range(2):
+            known = near[np.isfinite(near[:, i]), i]
+            expected = np.sqrt(np.mean(known**2)) if len(known) else np.nan
+            np.testing.assert_allclose(found[k, i], expected, rtol=1e-9)
