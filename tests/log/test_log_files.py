@@ -209,7 +209,9 @@ def test_paths_that_are_refused(tmp_path: Path, refused: Callable[..., str]) -> 
     refused(tmp_path / "none" / "run.csv", ("no such file", "no folder"))
     refused(tmp_path / "folder.csv", ("folder", "name one file", ".npz"))
     refused(tmp_path / "run.txt", ("'.txt'", "valid: .csv, .parquet, .npz"))
-    refused(tmp_path / "run", ("''", "valid: .csv, .parquet, .npz"))
+    refused(tmp_path / "run", ("no such file", "did you mean 'run.csv'"))
+    (tmp_path / "bare").write_text("")
+    refused(tmp_path / "bare", ("''", "valid: .csv, .parquet, .npz"))
     refused(tmp_path / "run.csv" / "run.csv", ("cannot be read", "Not a directory"))
 
 

@@ -14,7 +14,7 @@ from ident.effects import KINDS, Effect
 from ident.effects import create as create_effect
 from ident.equations.columns import Columns
 from ident.equations.point import Point
-from ident.errors import FitError, MechanismError, one_of
+from ident.errors import FitError, MechanismError, not_there, one_of
 from ident.fit.values import Value
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, about_origin, split
@@ -145,6 +145,10 @@ class Saved:
 def read_fit(path: str | Path, mechanism: Mechanism) -> Saved:
     """The model that a fit.json describes, for a mechanism that it was made with.
 
+    Args:
+        path: of the fit.json, or of the folder that holds it.
+        mechanism: with its links and joints; effects may differ.
+
     Raises:
         FitError: if the file is no fit.json or speaks of links, joints or effects that the
             mechanism does not have.
@@ -154,6 +158,8 @@ def read_fit(path: str | Path, mechanism: Mechanism) -> Saved:
         path = path / "fit.json"
     try:
         data = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
+    except FileNotFoundError:
+        raise FitError(f"{path}: {not_there(path)}; give a fit.json of ident identify") from None
     except OSError as error:
         raise FitError(
             f"{path}: cannot be read ({error.strerror}); give a fit.json of ident identify"

@@ -2,37 +2,51 @@
 
 from __future__ import annotations
 
-import html
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import ArrayLike
 
 from ident.errors import LogError, one_of
 from ident.log.cells import Array
 from ident.log.clock import with_clock
-from ident.log.columns import Column
+from ident.log.columns import Column, renamed
+from ident.log.frames import frame_table, pandas_frame, polars_frame
 from ident.log.table import Table, check_name, refuse_infinite, with_empty_noted
 from ident.log.write import write_table
+from ident.page import Shown, definitions, strong, table
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import polars as pl
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Log:
+class Log(Shown):
     """One recorded experiment: named time series in SI units on one clock.
 
-    Made by `read_log` or `Log.from_arrays`, which check and repair. Its arrays are read-only.
-    Raises LogError where arrays are not 1-D of one length, or `t` does not increase.
+    Made by `read_log`, `Log.from_arrays` or `Log.from_frame`, which check and repair. Its arrays
+    are read-only. Raises LogError where arrays are not 1-D of one length, or `t` does not increase.
+
+    Attributes:
+        name: of the file, as "run.csv".
+        columns: all but t, each (n_samples,); NaN where a cell is empty.
+        t: (n_samples,) [s], strictly increasing, finite.
+        repairs: what was changed, how often, where first, in words.
+        sha256: of the file's bytes; "" if made in memory.
     """
 
-    name: str  # file name, e.g. "run.csv"
-    columns: Mapping[str, Array]  # all but t, each (n_samples,); NaN where a cell is empty
-    t: Array  # (n_samples,) [s], strictly increasing, finite
-    repairs: tuple[str, ...] = ()  # in words: what was changed, how often, where first
-    sha256: str = ""  # of the file's bytes; "" if made in memory
+    name: str
+    columns: Mapping[str, Array]
+    t: Array
+    repairs: tuple[str, ...] = ()
+    sha256: str = ""
 
     def __post_init__(self) -> None:
         t = _read_only(self.t, self.name, "t")
@@ -54,9 +68,9 @@ class Log:
 
     @classmethod
     def from_arrays(cls, name: str, t: ArrayLike, columns: Mapping[str, ArrayLike]) -> Log:
-        """A log from memory: `t` (n_samples,) [s] and columns (n_samples,), checked as a file is.
+        """A log from memory: `t` (n_samples,) [s] and `columns` (n_samples,), checked as a file is.
 
-        Raises LogError where `read_log` would.
+        `name` stands for it in messages and results. Raises LogError where `read_log` would.
         """
         if "t" in columns:
             raise LogError(f"{name}: 't' is among the columns; valid: t as the argument alone")
@@ -64,6 +78,37 @@ class Log:
             check_name(name, key)
         arrays = {key: _read_only(x, name, key) for key, x in {"t": t, **columns}.items()}
         return cls._checked(name, Table(name, arrays))
+
+    @classmethod
+    def from_frame(
+        cls, frame: Any, name: str = "frame", columns: Mapping[str, Column] | None = None
+    ) -> Log:
+        """A log from a polars or pandas data frame, checked and repaired as a file is.
+
+        Args:
+            frame: a row a sample, columns named as a file's. A pandas index that is named `t`, or
+                holds times, is `t`.
+            name: what messages and tables call it.
+            columns: ident's names to the frame's columns, as `read_log` takes them.
+
+        Raises:
+            LogError: where `read_log` would, and for anything but a data frame.
+        """
+        mapping = columns or {}
+        table = frame_table(name, frame, {source.column for source in mapping.values()})
+        return cls._checked(name, renamed(table, mapping), mapping.get("t"))
+
+    def polars(self) -> pl.DataFrame:
+        """`t` and all columns (n_samples,) as a polars data frame; null where a cell is empty."""
+        return polars_frame({"t": self.t, **self.columns})
+
+    def pandas(self) -> pd.DataFrame:
+        """All columns (n_samples,) as a pandas data frame over `t`; NaN where a cell is empty.
+
+        Raises:
+            LogError: if pandas is not installed.
+        """
+        return pandas_frame(self.t, self.columns)
 
     @classmethod
     def _checked(
@@ -109,7 +154,7 @@ class Log:
         return [(float(self.t[i]), float(self.t[i + 1])) for i in before]
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write to .csv, .parquet or .npz, whole or not at all; read again, it is bit for bit this.
+        """Write to `path`, a .csv, .parquet or .npz, whole or not at all; read again it is this.
 
         Column `t` comes first, then the others as stored. Raises LogError for another suffix and
         where the file cannot be written.
@@ -145,12 +190,14 @@ class Log:
         rows = [f"  {key:<8} {value}" for key, value in self._facts().items()]
         return "\n".join([f"Log {self.name!r}", *rows])
 
-    def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><th>{key}</th><td>{html.escape(value)}</td></tr>"
-            for key, value in self._facts().items()
-        )
-        return f"<table><caption>Log {html.escape(self.name)}</caption>{rows}</table>"
+    def _blocks(self) -> tuple[Markup, ...]:
+        facts = {key: value for key, value in self._facts().items() if key != "columns"}
+        rows = [["column", "samples", "from", "to", "rms"]]
+        for name in self.columns:
+            _, x = self.series(name)
+            size = (x.min(), x.max(), np.sqrt(np.mean(x**2))) if len(x) else ()
+            rows.append([name, str(len(x)), *([f"{each:.4g}" for each in size] or ["–"] * 3)])
+        return strong(f"Log {self.name}"), definitions(facts), table(rows, "Columns")
 
 
 def _read_only(x: ArrayLike, log: str, column: str) -> Array:

@@ -1,4 +1,4 @@
-"""A file to a Log: the one place where its path, suffix and readability are asked about."""
+"""A file or bag to a Log: the one place where its path, suffix and readability are asked about."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from ident.errors import LogError, one_of
+from ident.log.bag import SUFFIXES, bag_digest, is_bag, read_bag
 from ident.log.binary_files import read_npz, read_parquet
 from ident.log.columns import Column, renamed
 from ident.log.csv_file import read_csv
@@ -22,31 +23,82 @@ READERS: dict[str, Callable[[BinaryIO, str], Table]] = {
 }
 
 
-def read_log(path: str | os.PathLike[str], columns: Mapping[str, Column] | None = None) -> Log:
-    """Read one recorded experiment from a .csv, .parquet or .npz file.
+def read_log(
+    path: str | os.PathLike[str],
+    columns: Mapping[str, Column] | None = None,
+    *,
+    topic: str | None = None,
+) -> Log:
+    """Read one recorded experiment from a .csv, .parquet or .npz file, or from a ROS 2 bag.
 
-    `columns` maps ident's names to the file's columns (mechanism.toml's [log]), for example
-    `{"t": Column("stamp_ms", 0.001)}`: value = scale * file + offset. Columns that are not mapped
-    keep their own name. Empty cells are NaN, booleans 1 and 0; columns of text are left out;
-    of repeated time stamps the first is kept. What was changed is said in `Log.repairs`.
+    Columns that are not mapped keep their own name. Empty cells are NaN, booleans 1 and 0; columns
+    of text are left out; of repeated time stamps the first is kept. What was changed is said in
+    `Log.repairs`.
 
-    Raises LogError, one line: what, where in the file, and what would be valid.
+    Args:
+        path: of the file, or of a bag: its folder, or one .mcap or .db3 file. `bag#/joint_states`
+            names a topic too.
+        columns: ident's names to the file's columns (mechanism.toml's [log]), for example
+            `{"t": Column("stamp_ms", 0.001)}`: value = scale * file + offset.
+        topic: of a bag, where it has several of `sensor_msgs/JointState`. Several are merged, with
+            commas between; a topic of `geometry_msgs/WrenchStamped` adds its wrench.
+
+    Returns:
+        The log, its times in s and its columns in SI units.
+
+    Raises:
+        LogError: one line: what, where in the file, and what would be valid.
     """
-    path = Path(path)
+    path, topics = _split(Path(path), topic)
     mapping = columns or {}
-    table, sha256 = _read(path)
+    table, sha256 = _read(path, topics)
     table = renamed(table, mapping)
-    return Log._checked(path.name, table, mapping.get("t"), sha256)
+    name = (path.name or path.resolve().name) + (f"#{','.join(topics)}" if topics else "")
+    return Log._checked(name, table, mapping.get("t"), sha256)
 
 
-def _read(path: Path) -> tuple[Table, str]:
+def _split(path: Path, topic: str | None) -> tuple[Path, list[str]]:
+    """The path without its `#topic`, and the topics."""
+    before, mark, behind = str(path).partition("#")
+    if mark and not path.exists() and Path(before).exists():
+        if topic is not None:
+            raise LogError(
+                f"{path}: names a topic, and topic = {topic!r} is given; give one of them"
+            )
+        path, topic = Path(before), behind
+    topics = [each.strip() for each in (topic or "").split(",")]
+    if topic is not None and not all(topics):
+        raise LogError(f"{path}: topic '{topic}'; name one, such as {path}#/joint_states")
+    return path, [each for each in topics if each]
+
+
+def _read(path: Path, topics: list[str]) -> tuple[Table, str]:
     valid = ", ".join(READERS)
-    if path.is_dir():
-        raise LogError(f"{path}: a folder; name one file in it, with a suffix of {valid}")
+    bag = is_bag(path)
+    if topics and not bag:
+        raise LogError(f"{path}: is no ROS 2 bag, so it has no topic '{topics[0]}'")
+    if path.is_dir() and not bag:
+        raise LogError(
+            f"{path}: a folder; name one file in it, with a suffix of {valid}, or a ROS 2 "
+            "bag, which has a metadata.yaml"
+        )
     reader = READERS.get(path.suffix.lower())
-    if reader is None:
-        raise LogError(f"{path}: unknown suffix {path.suffix!r}; valid: {valid}")
+    if path.suffix.lower() == ".bag":
+        raise LogError(
+            f"{path}: a ROS 1 bag; make a ROS 2 bag of it: rosbags-convert --src {path} "
+            f"--dst {path.stem}"
+        )
+    if not path.exists() and not path.suffix:
+        raise LogError(f"{path}: no such file; {_nearby(path)}")
+    if reader is None and not bag:
+        raise LogError(
+            f"{path}: unknown suffix {path.suffix!r}; valid: {valid}, and {', '.join(SUFFIXES)} or "
+            "the folder of a ROS 2 bag"
+        )
     try:
+        if bag:
+            return read_bag(path, topics), bag_digest(path)
+        assert reader is not None
         with path.open("rb") as stream:
             sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
             stream.seek(0)
@@ -61,7 +113,8 @@ def _read(path: Path) -> tuple[Table, str]:
 def _nearby(path: Path) -> str:
     """Which logs are in the folder, where one was named that is not there."""
     try:
-        logs = [file.name for file in path.parent.iterdir() if file.suffix.lower() in READERS]
+        files = [*path.parent.iterdir()]
+        logs = [f.name for f in files if f.suffix.lower() in READERS or is_bag(f)]
     except OSError:
         return f"there is no folder {str(path.parent)!r}; valid: the path of a log"
     return f"in that folder: {one_of(path.name, logs)}"
