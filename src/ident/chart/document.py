@@ -17,7 +17,7 @@ from ident.chart.glyphs import GREY, glyphs
 from ident.chart.marks import Level, Line
 from ident.chart.objects import Maker, Thing, encoded, mapping
 
-POINTS = 1500  # buckets of a line in view
+POINTS = 1000  # buckets of a line in view
 LEGEND = 28  # pixels of the line above the first panel
 ALL = "all samples"  # name of the sources that hold them
 TOGETHER = "for (const other of others) other.visible = cb_obj.visible"

@@ -3,7 +3,9 @@
 const figures = [...document.querySelectorAll("figure.chart")]
 const ranges = new Map() // of figures whose panels share one x axis
 const documents = []
+const seen = new Set() // figures in view or nearly so
 let moving = false
+let span = null // of time, that all charts of time show
 
 const shade = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim()
 
@@ -17,16 +19,24 @@ function paint(drawn) {
   }
 }
 
+const timed = (figure) => "timed" in figure.dataset
+
+function follow(figure) { // those out of view follow when they come into it
+  const known = ranges.get(figure)
+  if (!known || !span || !timed(figure)) return
+  moving = true
+  known.range.setv(span)
+  moving = false
+}
+
 function together(figure, range) {
   ranges.set(figure, {range, whole: [range.start, range.end]})
-  if (!("timed" in figure.dataset)) return
+  if (!timed(figure)) return
+  if (span) range.setv(span)
   const tell = () => {
     if (moving) return
-    moving = true
-    for (const [other, {range: its}] of ranges) {
-      if (other !== figure && "timed" in other.dataset) its.setv({start: range.start, end: range.end})
-    }
-    moving = false
+    span = {start: range.start, end: range.end}
+    for (const other of seen) if (other !== figure) follow(other)
   }
   range.properties.start.change.connect(tell)
   range.properties.end.change.connect(tell)
@@ -86,9 +96,14 @@ for (const choice of document.querySelectorAll(".choice")) {
   }
 }
 
-const near = new IntersectionObserver((seen) => {
-  for (const entry of seen) if (entry.isIntersecting && visible(entry.target)) draw(entry.target)
-}, {rootMargin: "600px"})
+const near = new IntersectionObserver((entries) => {
+  for (const {isIntersecting, target} of entries) {
+    if (!isIntersecting) { seen.delete(target); continue }
+    seen.add(target)
+    if (visible(target)) draw(target)
+    follow(target)
+  }
+}, {rootMargin: "400px"})
 figures.forEach((figure) => near.observe(figure))
 addEventListener("beforeprint", () => figures.filter(visible).forEach(draw))
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => documents.forEach(paint))
