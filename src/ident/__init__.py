@@ -6,90 +6,49 @@ fit = ident.identify(mechanism, motion)
 print(fit)
 """
 
-from importlib.metadata import PackageNotFoundError, version
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING
 
-from ident.diagnose import Diagnosis, History, diagnose, grow
-from ident.effects import KINDS as effects
-from ident.effects import Effect, read_user_effect, user_effect
-from ident.effects import create as effect
-from ident.errors import FitError, IdentError, LogError, MechanismError, MotionError
-from ident.excite import Excitation, Limits, excite
-from ident.fit import Fit, identify
-from ident.fit.output import write_fit
-from ident.fit.saved import Saved, read_fit
-from ident.health import Health, health
-from ident.log import Column, Log, read_log
-from ident.mechanism import Consistency, Mechanism, Multipliers, load
-from ident.mechanism.absolute import absolute
-from ident.montecarlo import MonteCarlo, monte_carlo
-from ident.motion import Motion, complete
-from ident.residual import Comparison, Residual, compare, residual_of, where
-from ident.simulate import (
-    PD,
-    ComputedTorque,
-    Noise,
-    Replay,
-    Run,
-    Torques,
-    integrate,
-    replay,
-    simulate,
-)
+if TYPE_CHECKING:
+    from ident.public import *  # noqa: F403
+    from ident.public import __all__ as __all__
 
-try:
-    __version__ = version("ident")
-except PackageNotFoundError:  # run from a checkout that is not installed
-    __version__ = "0"
+    __version__: str
 
-__all__ = [
-    "PD",
-    "Column",
-    "Comparison",
-    "ComputedTorque",
-    "Consistency",
-    "Diagnosis",
-    "Effect",
-    "Excitation",
-    "Fit",
-    "FitError",
-    "Health",
-    "History",
-    "IdentError",
-    "Limits",
-    "Log",
-    "LogError",
-    "Mechanism",
-    "MechanismError",
-    "MonteCarlo",
-    "Motion",
-    "MotionError",
-    "Multipliers",
-    "Noise",
-    "Replay",
-    "Residual",
-    "Run",
-    "Saved",
-    "Torques",
-    "absolute",
-    "compare",
-    "complete",
-    "diagnose",
-    "effect",
-    "effects",
-    "excite",
-    "grow",
-    "health",
-    "identify",
-    "integrate",
-    "load",
-    "monte_carlo",
-    "read_fit",
-    "read_log",
-    "read_user_effect",
-    "replay",
-    "residual_of",
-    "simulate",
-    "user_effect",
-    "where",
-    "write_fit",
-]
+VERBS = frozenset(("compare", "diagnose", "effects", "excite", "explore", "health", "simulate"))
+
+
+class _Ident(ModuleType):
+    """Names are imported when the first of them is used, so that `ident --help` need not wait."""
+
+    def __getattr__(self, name: str) -> object:
+        if name == "__version__":
+            return _version()
+        if name.startswith("__") and name != "__all__":
+            raise AttributeError(name)
+        public = import_module("ident.public")
+        if name != "__all__" and name not in public.__all__:
+            raise AttributeError(f"module 'ident' has no attribute '{name}'")
+        return getattr(public, name)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """A verb is never hidden by the package of the same name, which importing that would do."""
+        if not (name in VERBS and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *import_module("ident.public").__all__, "__version__"})
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("ident")
+    except PackageNotFoundError:  # run from a checkout that is not installed
+        return "0"
+
+
+sys.modules[__name__].__class__ = _Ident

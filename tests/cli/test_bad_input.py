@@ -180,7 +180,7 @@ def test_the_fit_of_another_mechanism(slider, pendulum, tmp_path, done, refused)
 
 
 def test_a_fit_that_is_not_there(slider, refused):
-    words = ("none.json", "No such file")
+    words = ("none.json", "no such file")
     refused(words, "compare", slider, slider / "run.csv", "--fit", "none.json")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import shlex
 import sys
 import traceback
 from typing import Annotated
@@ -11,31 +12,20 @@ from typing import Annotated
 import typer
 
 import ident
-from ident.cli import diagnosing, exciting, identifying, modelling, montecarlo, simulating
 from ident.cli.console import fail
+from ident.cli.late import HELP, Commands
 from ident.errors import IdentError
+from ident.page import running
 
 app = typer.Typer(
     name="ident",
+    cls=Commands,
     help="Find out what is true of a mechanism from logged data.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings=HELP,
 )
-for command in (
-    identifying.check,
-    identifying.identify,
-    identifying.compare,
-    diagnosing.diagnose,
-    diagnosing.grow,
-    modelling.add,
-    modelling.effects,
-    simulating.simulate,
-    exciting.excite,
-    montecarlo.montecarlo,
-):
-    app.command()(command)
 
 
 def _version(wanted: bool) -> None:
@@ -58,6 +48,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):  # a terminal that cannot show ² gets an escape
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+    running.set(shlex.join(["ident", *sys.argv[1:]]))  # for reports
     try:
         app()
     except IdentError as error:

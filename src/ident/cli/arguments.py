@@ -9,32 +9,46 @@ from typing import Annotated
 
 import typer
 
-from ident.effects import parse_user, read_user_effect
+from ident.effects import KINDS, parse_user, read_user_effect
 from ident.errors import IdentError
 from ident.files import check_writable
 from ident.log import Log, read_log
 from ident.mechanism import Mechanism, Multipliers, load, multipliers
 from ident.mechanism.absolute import absolute as in_absolute
+from ident.mechanism.mechanism import DEGREES
 from ident.motion import Motion, complete
 from ident.progress import Told
 
 MechanismPath = Annotated[
     Path,
     typer.Argument(
-        metavar="MECHANISM", help="A folder with a mechanism.toml, such a file, or a .urdf."
+        metavar="MECHANISM",
+        help="A folder with a mechanism.toml, such a file, or a .urdf, MuJoCo's .xml or an .sdf.",
     ),
 ]
 LogPaths = Annotated[
     list[Path],
     typer.Argument(
-        metavar="LOG", help="Recorded experiments, one or several: .csv, .parquet or .npz."
+        metavar="LOG",
+        help="Recorded experiments, one or several: .csv, .parquet, .npz, ROS 2 bag or .mcap.",
     ),
 ]
+
+
+def kinds_beginning(incomplete: str) -> list[tuple[str, str]]:
+    """Kinds of effects for the Tab key, each with what it is.
+
+    No joints: a colon parts words in bash.
+    """
+    return [(kind, each.equation) for kind, each in KINDS.items() if kind.startswith(incomplete)]
+
+
 With = Annotated[
     list[str] | None,
     typer.Option(
         "--with",
         metavar="EFFECT",
+        autocompletion=kinds_beginning,
         help="Add an effect, as viscous:elbow, viscous for all driven joints, or one of your own, "
         "file.py:function:elbow.",
     ),
@@ -58,7 +72,9 @@ Smoothing = Annotated[
 Basis = Annotated[
     str | None,
     typer.Option(
-        metavar="NAME", help="Time basis of the multipliers: free, linear, cubic or quintic."
+        metavar="NAME",
+        autocompletion=lambda incomplete: [b for b in DEGREES if b.startswith(incomplete)],
+        help="Time basis of the multipliers: free, linear, cubic or quintic.",
     ),
 ]
 Spacing = Annotated[

@@ -103,7 +103,7 @@ def excite(
         found.write(out)
         notes([f"wrote {out}"])
     if plot is not None:
-        found.plot().savefig(plot)
+        found.plot().save(plot)
         notes([f"wrote {plot}"])
 
 

@@ -26,6 +26,7 @@ from ident.cli.arguments import (
     output_folder,
 )
 from ident.cli.console import notes, progress, result
+from ident.compare import compare as compare_
 from ident.errors import IdentError
 from ident.fit import Fit
 from ident.fit import identify as identify_
@@ -36,7 +37,6 @@ from ident.fit.structure import channels, describe, structure
 from ident.fit.summary import summary
 from ident.log import read_log
 from ident.mechanism import Consistency
-from ident.residual import compare as compare_
 from ident.simulate import replay
 from ident.simulate.replay import WINDOW
 

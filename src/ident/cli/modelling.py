@@ -10,6 +10,7 @@ from ident.cli.arguments import (
     AllowCode,
     MechanismPath,
     grown,
+    kinds_beginning,
     mechanism_of,
 )
 from ident.cli.console import result
@@ -24,6 +25,7 @@ def add(
         str,
         typer.Argument(
             metavar="EFFECT",
+            autocompletion=kinds_beginning,
             help="As viscous:elbow, viscous for all driven joints, or file.py:function:elbow.",
         ),
     ],
@@ -42,7 +44,12 @@ def add(
 
 def effects(
     kind: Annotated[
-        str | None, typer.Argument(metavar="KIND", help="One of them, as viscous; else all.")
+        str | None,
+        typer.Argument(
+            metavar="KIND",
+            autocompletion=kinds_beginning,
+            help="One of them, as viscous; else all.",
+        ),
     ] = None,
 ) -> None:
     """The library of effects.

@@ -108,11 +108,19 @@ class Comparison(Shown):
         return strong(self.headline), html_table(rows, "Error of the predicted torque"), *where
 
     def plot(self, experiment: int = 0) -> Chart:
-        """Measured torque and every model's prediction, with residuals below, per joint."""
+        """Measured torque and every model's prediction, with residuals below, per joint.
+
+        Args:
+            experiment: its number, from 0.
+        """
         return plot_predictions(self.predictions, self.units, experiment)
 
     def plot_parts(self, experiment: int = 0) -> Chart:
-        """Rigid bodies, each kind of effect and the residual over time, per joint and model."""
+        """Rigid bodies, each kind of effect and the residual over time, per joint and model.
+
+        Args:
+            experiment: its number, from 0.
+        """
         return plot_parts(self.residuals, experiment)
 
     def plot_maps(self, joint: str | None = None) -> Chart:
@@ -129,6 +137,9 @@ class Comparison(Shown):
 
     def save(self, path: Path) -> None:
         """The plot of the first experiment as .png, .svg, .pdf or .html, whole or not at all.
+
+        Args:
+            path: of the file, whose suffix decides.
 
         Raises:
             IdentError: for another suffix.

@@ -131,7 +131,7 @@ class Effect(ABC):
         return ()
 
     def setting(self, name: str) -> float:
-        """A setting's value, or its default."""
+        """Value of the setting `name`, or its default."""
         return float(self.values.get(name, self.settings[name]))
 
     @property
@@ -165,18 +165,26 @@ class Effect(ABC):
 
     @abstractmethod
     def columns(self, s: Signals) -> np.ndarray:
-        """E (n, arity, unknowns): the torque each joint must supply per unit of each unknown."""
+        """E (n, arity, unknowns): the torque each joint must supply per unit of each unknown.
+
+        Args:
+            s: signals of its joints, in their order, with the values of its shapes.
+        """
 
     def informed(self, s: Signals) -> np.ndarray:
         """(n, arity), false where a sample says nothing about this effect's torque on a joint."""
         return np.ones(s.q.shape, dtype=bool)
 
     def bounds(self, s: Signals) -> Bounds:
-        """Within which values of each shape parameter these data could tell it."""
+        """Within which values of each shape parameter the signals `s` could tell it."""
         return {}
 
     def starts(self, s: Signals) -> list[Shape]:
-        """Shapes from which the outer search sets out, close enough that one leads to the best."""
+        """Shapes from which the outer search sets out, close enough that one leads to the best.
+
+        Args:
+            s: signals of its joints, of all experiments.
+        """
         return [{}]
 
     def __str__(self) -> str:

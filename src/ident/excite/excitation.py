@@ -88,11 +88,11 @@ class Excitation(Shown):
     notes: tuple[str, ...] = ()
 
     def use(self, joint: str, kind: str) -> Use:
-        """What the motion makes of one limit."""
+        """What the motion makes of one limit: of `joint`, its `kind` (range, speed …)."""
         return next(each for each in self.uses if (each.joint, each.kind) == (joint, kind))
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write the log to a .csv, .parquet or .npz, whole or not at all."""
+        """Write the log to `path`, a .csv, .parquet or .npz, whole or not at all."""
         self.log.write(path)
 
     def plot(self) -> Chart:

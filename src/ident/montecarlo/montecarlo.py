@@ -55,7 +55,14 @@ class MonteCarlo(Shown):
     def of(
         cls, plan: Plan, snr: tuple[float, ...], runs: int, outcomes: Sequence[Outcome]
     ) -> MonteCarlo:
-        """From the outcomes of all runs."""
+        """From the outcomes of all runs.
+
+        Args:
+            plan: what was run.
+            snr: signal-to-noise ratios [dB].
+            runs: at each of them.
+            outcomes: of all estimators, runs and ratios.
+        """
         return cls(
             plan,
             snr,
@@ -96,6 +103,11 @@ class MonteCarlo(Shown):
     def fit(self, estimator: str, snr: float, run: int) -> Fit:
         """The fit of one run, made again.
 
+        Args:
+            estimator: its name.
+            snr: one of `snr` [dB].
+            run: its number, from 0.
+
         Raises:
             FitError: for an estimator, SNR or run that there is not; else what that run ended in.
         """
@@ -109,6 +121,10 @@ class MonteCarlo(Shown):
         """The run whose rms error of the multipliers is closest to the average (Figs. 5 and 9).
 
         Of a mechanism without multipliers, that whose parameters are off as much as on average.
+
+        Args:
+            estimator: its name.
+            snr: one of `snr` [dB].
 
         Raises:
             FitError: for an estimator or SNR that there is not, or if all runs failed.
@@ -158,7 +174,14 @@ class MonteCarlo(Shown):
         return plot_typical(self, self.snr[-1] if snr is None else snr)
 
     def write(self, folder: str | Path) -> list[Path]:
-        """montecarlo.json, runs.csv, multiplier_errors.csv, montecarlo.png and report.html."""
+        """montecarlo.json, runs.csv, multiplier_errors.csv, montecarlo.png and report.html.
+
+        Args:
+            folder: made where there is none.
+
+        Returns:
+            The files written, all of them or none.
+        """
         return write_monte_carlo(self, folder)
 
     def __str__(self) -> str:

@@ -151,7 +151,7 @@ class Residual(Shown):
         return (len(t) - 1) / float(t[-1] - t[0]) if len(t) > 1 else 1.0
 
     def signal(self, name: str) -> tuple[list[np.ndarray], str]:
-        """A signal as `depends_on` names it, (n,) of each trace, and its unit."""
+        """The signal `name` (as `depends_on` has it), (n,) of each trace, and its unit."""
         kind, _, joint = name.partition(".")
         if kind == "t":
             return [trace.t for trace in self.traces], "s"

@@ -25,7 +25,7 @@ ROUNDING = 1e-9  # of the torque: below, nothing is left
 
 
 def where(residual: Residual) -> tuple[Failure, ...]:
-    """Where the model fails: one entry a joint, the largest share first."""
+    """Where the model of a `residual` fails: one entry a joint, the largest share first."""
     weights = _weights(residual)
     squares = np.array([residual.errors[j].rms for j in residual.joints]) ** 2 * weights
     shares = squares / squares.sum() if squares.sum() > 0 else np.zeros(len(squares))

@@ -40,7 +40,13 @@ class Torques:
     log: AnyLog
 
     def actuator(self, mechanism: Mechanism, plant: Plant, e: Experiment) -> Actuator:
-        """Of the completed log."""
+        """Of the completed log.
+
+        Args:
+            mechanism: whose drives it acts on.
+            plant: its inertias as they are at the start.
+            e: the log, completed.
+        """
         return Series(CubicSpline(e.t, e.tau))
 
 
@@ -58,7 +64,13 @@ class PD:
     gains: Gains | None = None
 
     def actuator(self, mechanism: Mechanism, plant: Plant, e: Experiment) -> Actuator:
-        """Of the completed reference."""
+        """Of the completed reference.
+
+        Args:
+            mechanism: whose drives it acts on.
+            plant: its inertias as they are at the start.
+            e: what is followed, completed.
+        """
         w = 2 * np.pi * BANDWIDTH
         if self.gains is None:
             inertia = felt_inertia(plant, e)
@@ -82,7 +94,13 @@ class ComputedTorque:
     gains: Gains | None = None
 
     def actuator(self, mechanism: Mechanism, plant: Plant, e: Experiment) -> Actuator:
-        """Of the completed reference."""
+        """Of the completed reference.
+
+        Args:
+            mechanism: whose drives it acts on.
+            plant: its inertias as they are at the start.
+            e: what is followed, completed.
+        """
         w = 2 * np.pi * BANDWIDTH
         Kp, Kd = _by_joint((w**2, 2 * w) if self.gains is None else self.gains, mechanism)
         return Follower(_reference(mechanism, e), Kp, Kd, computed=True)

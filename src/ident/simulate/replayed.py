@@ -130,11 +130,18 @@ class Replay(Shown):
     __repr__ = __str__
 
     def plot(self, experiment: int = 0) -> Chart:
-        """Measured and simulated coordinate of every logged joint, with differences below."""
+        """Measured and simulated coordinate of every logged joint, with differences below.
+
+        Args:
+            experiment: its number, from 0.
+        """
         return plot_replay(self, experiment)
 
     def save(self, path: str | Path) -> None:
         """The plot of the first experiment as .png, .svg or .pdf, whole or not at all.
+
+        Args:
+            path: of the file, whose suffix decides.
 
         Raises:
             FitError: for another suffix.

@@ -1,0 +1,42 @@
+"""The library of effects, one by one, with a picture of each signature."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ident.effects import KINDS
+from ident.effects.describe import example, facts
+from making.signatures import picture
+
+PICTURES = "signatures"
+
+
+def library(folder: Path) -> str:
+    """A page in Markdown; its pictures are drawn into a folder below.
+
+    Args:
+        folder: of the page.
+    """
+    (folder / PICTURES).mkdir(parents=True, exist_ok=True)
+    parts = [
+        "# The library of effects",
+        "What `ident effects KIND` prints, and what a residual looks like when the effect is "
+        "missing: one motion, simulated with the effect and without, and the difference of the "
+        "torques, with a little noise. [Effects](../effects.md) says how they are used, "
+        "[the method](../method.md) how one that is missing is found.",
+    ]
+    for kind, each in KINDS.items():
+        drawn = picture(kind)
+        drawn.save(folder / PICTURES / f"{kind}.svg")
+        parts.append(f"(effect-{kind})=\n## {kind}")
+        parts.append(f"```{{image}} {PICTURES}/{kind}.svg\n:alt: {drawn.words}\n```")
+        said = [("write", f"`{example(each).call}`")]
+        said += [(h, "; ".join(map(_text, lines))) for h, lines in facts(each).items()]
+        parts.append("\n".join(["| | |", "|---|---|", *(f"| {h} | {text} |" for h, text in said)]))
+    return "\n\n".join(parts) + "\n"
+
+
+def _text(line: str) -> str:
+    for sign in "\\*<|":
+        line = line.replace(sign, f"\\{sign}")
+    return line

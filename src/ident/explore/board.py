@@ -1,0 +1,242 @@
+"""The widget: an exploration on a page, in Jupyter or served.
+
+All heavy work runs in threads, one change at a time; what is shown is set on the event loop. A
+change is shown in stages: errors and ladder, pictures, then what is announced anew.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import panel
+
+from ident.errors import IdentError
+from ident.explore.controls import Controls
+from ident.explore.exploration import Exploration
+from ident.explore.views import drawn
+from ident.progress import Told
+
+T = TypeVar("T")
+Verb = Callable[[Exploration, Told], Exploration]
+PAUSE = 0.1  # s between two looks at what work says of itself
+
+
+class Stale(Exception):
+    """What is being announced is of a model that has been left."""
+
+
+class Board(panel.viewable.Viewer):
+    """Effects with the fall of error that each would bring; a click adds or removes one.
+
+    Attributes:
+        exploration: what has been tried by hand so far.
+        changed: called with the exploration whenever there is a new one.
+    """
+
+    def __init__(self, exploration: Exploration, folder: str | Path | None = None) -> None:
+        super().__init__()
+        self.exploration = exploration
+        self.changed: Callable[[Exploration], None] = lambda found: None
+        self.controls = c = Controls(exploration, folder)
+        self._busy = False
+        self._turn = 0  # of changes, by which work for an earlier one knows that it is late
+        self._drawn = exploration, str(c.view.value), str(c.joint.value)
+        self._wire()
+        c.fill(exploration)
+        c.show(drawn(*self._drawn))
+        c.lock(False, exploration.before is None)
+        c.say(_summary(exploration))
+
+    def __panel__(self) -> Any:
+        return self.controls.layout
+
+    async def toggle(self, label: str, present: bool) -> None:
+        """Adds an effect, or removes it."""
+        if present:
+            await self._change(f"without {label}", lambda e, told: e.without(label, told))
+        else:
+            joint = self._joint_of(label)
+            await self._change(f"with {label}", lambda e, told: _added(e, label, told), joint)
+
+    async def back(self, rung: int) -> None:
+        """To an earlier rung of the ladder."""
+        await self._change("going back", lambda e, told: e.at(rung))
+
+    async def undone(self) -> None:
+        """As before the last change."""
+        await self._change("undoing", lambda e, told: e.undone)
+
+    async def judged(self) -> None:
+        """Diagnoses the present model."""
+        await self._change("judging", lambda e, told: e.judged(told))
+        if self.exploration.now.diagnosis is not None:
+            self.controls.view.value = "Verdict"
+
+    async def saved(self) -> None:
+        """Writes the present model into the folder that is named."""
+        written = str(self.controls.folder.value_input or self.controls.folder.value or "").strip()
+        if self._busy:
+            return
+        if not written:
+            self.controls.say("error: no folder is named; write one to save into", "bad")
+            return
+        folder = Path(written).expanduser()
+        self._lock(True)
+        try:
+            files = await asyncio.to_thread(self.exploration.write, folder)
+            names = ", ".join(str(file.relative_to(folder)) for file in files)
+            self.controls.say(f"saved into {folder.resolve()}: {names}")
+        except Exception as error:
+            self.controls.say(_line(error), "bad")
+        finally:
+            self._lock(False)
+
+    async def redrawn(self) -> None:
+        """What is looked at now, unless it is there already or is left before it is drawn."""
+        wanted = self._wanted()
+        if wanted == self._drawn:
+            return
+        picture = await asyncio.to_thread(drawn, *wanted)
+        if wanted == self._wanted():
+            self._drawn = wanted
+            self.controls.show(picture)
+
+    async def announced(self, wrong: str = "") -> None:
+        """What every effect would do now; given up as soon as the model changes again.
+
+        Args:
+            wrong: what remains to be said when it is done.
+        """
+        mine, turn = self.exploration, self._turn
+
+        def screened(told: Told) -> Exploration:
+            def checked(what: str, share: float) -> None:
+                if self._turn != turn:
+                    raise Stale
+                told(what, share)
+
+            return mine.screened(checked)
+
+        if mine.now.candidates is None:
+            try:
+                found = await self._working("announcing falls", screened)
+            except Stale:
+                return
+            except Exception as error:
+                self.controls.say(_line(error), "bad")
+                return
+            if self._turn != turn:
+                return
+            self._is(found)
+            self._drawn = found, *self._drawn[1:]  # the same model
+        if wrong:
+            self.controls.say(wrong, "bad")
+        else:
+            self.controls.say(_summary(self.exploration))
+
+    async def _change(self, words: str, verb: Verb, joint: str | None = None) -> None:
+        """One change; a click during one does nothing."""
+        if self._busy:
+            return
+        self._lock(True)
+        self._turn += 1
+        before, wrong = self.exploration, ""
+        try:
+            self._is(await self._working(words, lambda told: verb(before, told)))
+            wanted = self.exploration, str(self.controls.view.value), joint or self._wanted()[2]
+            picture = await asyncio.to_thread(drawn, *wanted)
+            self._drawn = wanted
+            self.controls.show(picture)
+            self.controls.joint.value = wanted[2]
+        except Exception as error:  # a page must live on, whatever happened
+            wrong = _line(error)
+        finally:
+            self._lock(False)
+        if wrong:
+            self.controls.say(wrong, "bad")
+        else:
+            await self.redrawn()  # where another view has been asked for meanwhile
+        await self.announced(wrong)
+
+    async def _working(self, words: str, work: Callable[[Told], T]) -> T:
+        """Runs it in a thread, and says how far it is."""
+        heard: tuple[str, float] = words, 0.0
+
+        def told(what: str, share: float) -> None:
+            nonlocal heard
+            heard = f"{words}: {what}", share
+
+        task = asyncio.ensure_future(asyncio.to_thread(work, told))
+        while not task.done():
+            self.controls.say(f"{heard[0]} …", "busy", heard[1])
+            await asyncio.wait([task], timeout=PAUSE)
+        return task.result()
+
+    def _is(self, found: Exploration) -> None:
+        self.exploration = found
+        self.changed(found)
+        self.controls.fill(found)
+
+    def _wanted(self) -> tuple[Exploration, str, str]:
+        return self.exploration, str(self.controls.view.value), str(self.controls.joint.value)
+
+    def _joint_of(self, label: str) -> str | None:
+        """The joint to look at: its own, or else the one whose error an effect lowers most."""
+        found = (x for x in self.exploration.candidates if x.label == label and x.joints)
+        told = next(found, None)
+        if told is None:
+            return None
+        return next((j for j in told.joints if j in told.effect.joints), told.joints[0])
+
+    def _lock(self, busy: bool) -> None:
+        self._busy = busy
+        self.controls.lock(busy, self.exploration.before is None)
+
+    def _wire(self) -> None:
+        c = self.controls
+
+        def calls(verb: Callable[[], Awaitable[None]]) -> Callable[[Any], Awaitable[None]]:
+            async def heard(event: Any) -> None:
+                await verb()
+
+            return heard
+
+        async def effect(event: Any) -> None:
+            await self.toggle(str(event.data["label"]), bool(event.data["present"]))
+
+        async def rung(event: Any) -> None:
+            await self.back(int(event.data["rung"]))
+
+        c.candidates.on_msg(effect)
+        c.ladder.on_msg(rung)
+        c.undo.on_click(calls(self.undone))
+        c.judge.on_click(calls(self.judged))
+        c.save.on_click(calls(self.saved))
+        c.view.param.watch(calls(self.redrawn), "value")
+        c.joint.param.watch(calls(self.redrawn), "value")
+
+
+def _added(e: Exploration, label: str, told: Told) -> Exploration:
+    """With the effect that is announced under this label, whichever it is."""
+    found = next((x.effect for x in e.candidates if x.label == label and not x.present), None)
+    return e.with_effect(label if found is None else found, told)
+
+
+def _summary(e: Exploration) -> str:
+    best = next((x for x in e.candidates if x.sure and not x.present), None)
+    if best is None:
+        return "No effect lowers the error by more than chance would; judge it to be sure."
+    return (
+        f"The largest fall is announced for {best.label}. A fall is no proof of a cause: judge it "
+        "to weigh what speaks for it."
+    )
+
+
+def _line(error: Exception) -> str:
+    words = " ".join(str(error).split())
+    if isinstance(error, IdentError | OSError):
+        return f"error: {words}"
+    return f"error: a fault of ident, not of yours: {type(error).__name__}: {words}"

@@ -1,0 +1,86 @@
+"""The public names, each from where it is defined; `ident` has them all."""
+
+from ident.compare import Comparison, compare
+from ident.diagnose import Diagnosis, History, diagnose, grow
+from ident.effects import KINDS as effects
+from ident.effects import Effect, read_user_effect, user_effect
+from ident.effects import create as effect
+from ident.errors import FitError, IdentError, LogError, MechanismError, MotionError
+from ident.excite import Excitation, Limits, excite
+from ident.explore import Exploration, explore
+from ident.fit import Fit, identify
+from ident.fit.output import write_fit
+from ident.fit.saved import Saved, read_fit
+from ident.health import Health, health
+from ident.log import Column, Log, read_log
+from ident.mechanism import Consistency, Mechanism, Multipliers, load
+from ident.mechanism.absolute import absolute
+from ident.montecarlo import MonteCarlo, monte_carlo
+from ident.motion import Motion, complete
+from ident.residual import Residual, residual_of, where
+from ident.simulate import (
+    PD,
+    ComputedTorque,
+    Noise,
+    Replay,
+    Run,
+    Torques,
+    integrate,
+    replay,
+    simulate,
+)
+
+__all__ = [
+    "PD",
+    "Column",
+    "Comparison",
+    "ComputedTorque",
+    "Consistency",
+    "Diagnosis",
+    "Effect",
+    "Excitation",
+    "Exploration",
+    "Fit",
+    "FitError",
+    "Health",
+    "History",
+    "IdentError",
+    "Limits",
+    "Log",
+    "LogError",
+    "Mechanism",
+    "MechanismError",
+    "MonteCarlo",
+    "Motion",
+    "MotionError",
+    "Multipliers",
+    "Noise",
+    "Replay",
+    "Residual",
+    "Run",
+    "Saved",
+    "Torques",
+    "absolute",
+    "compare",
+    "complete",
+    "diagnose",
+    "effect",
+    "effects",
+    "excite",
+    "explore",
+    "grow",
+    "health",
+    "identify",
+    "integrate",
+    "load",
+    "monte_carlo",
+    "read_fit",
+    "read_log",
+    "read_user_effect",
+    "replay",
+    "residual_of",
+    "simulate",
+    "user_effect",
+    "where",
+    "write_fit",
+]

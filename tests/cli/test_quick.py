@@ -1,0 +1,70 @@
+"""What must be quick is: nothing heavy is imported before a command is run."""
+
+import subprocess
+import sys
+from importlib import import_module
+
+import pytest
+
+import ident
+from ident.cli.app import app
+from ident.cli.late import COMMANDS, command_of
+
+HEAVY = ("casadi", "pinocchio", "scipy", "matplotlib", "polars", "bokeh", "panel", "viser")
+
+
+@pytest.mark.parametrize("words", [("--version",), ("--help",)])
+def test_these_import_nothing_heavy(words):
+    code = (
+        "import sys\n"
+        "from ident.cli.app import app\n"
+        f"try: app({list(words)!r})\n"
+        "except SystemExit: pass\n"
+        f"print('HEAVY', [name for name in {HEAVY!r} if name in sys.modules])"
+    )
+    said = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
+    assert said.splitlines()[-1] == "HEAVY []"
+
+
+def test_the_list_of_commands_says_what_they_say():
+    for name, (_, line) in COMMANDS.items():
+        assert command_of(name).help.splitlines()[0] == line
+
+
+def test_a_verb_is_not_hidden_by_the_package_of_its_name():
+    for name in ("ident.diagnose.choose", "ident.simulate.run"):
+        import_module(name)
+    for name in ident.__all__:
+        assert not isinstance(getattr(ident, name), type(sys)), name
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        ident.nothing  # noqa: B018
+    assert "diagnose" in dir(ident)
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("ident di", {"diagnose"}),
+        ("ident effects st", {"stribeck"}),
+        ("ident add arm cou", {"coulomb", "coupling"}),
+        ("ident diagnose arm run.csv --with vi", {"viscous"}),
+        ("ident identify arm run.csv --basis cu", {"cubic"}),
+        ("ident identify --smo", {"--smoothing"}),
+    ],
+)
+def test_the_tab_key(typed, offered, monkeypatch, capsys):
+    monkeypatch.setenv("_IDENT_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", typed)
+    monkeypatch.setenv("COMP_CWORD", str(len(typed.split()) - 1))
+    with pytest.raises(SystemExit):
+        app(prog_name="ident")
+    assert set(capsys.readouterr().out.split()) == offered
+
+
+def test_completion_can_be_installed(monkeypatch, tmp_path, capsys):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    with pytest.raises(SystemExit):
+        app(["--install-completion", "bash"], prog_name="ident")
+    assert "complete" in "".join(p.read_text() for p in tmp_path.rglob("*.sh"))
