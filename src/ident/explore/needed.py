@@ -22,7 +22,7 @@ def check_panel() -> None:
         import panel  # noqa: F401
     except ImportError:
         raise IdentError(
-            "explore needs Panel, which is not installed: pip install 'ident[explore]'"
+            "explore needs Panel, which is not installed: pip install panel jupyter_bokeh"
         ) from None
 
 

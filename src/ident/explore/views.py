@@ -73,7 +73,7 @@ def depends(rung: Rung, joint: str) -> list[str]:
     """On what a joint's residual depends, in words."""
     failure = next(each for each in rung.fit.residual.where if each.joint == joint)
     if failure.white:
-        return [f"what is left of {joint} is noise"]
+        return [f"what is left of {joint} alone cannot be told from noise in a log of this length"]
     found = [f"the residual of {joint} depends on {each}" for each in failure.depends_on]
     return found or [f"the residual of {joint} depends on no single signal, and is no noise"]
 

@@ -1,0 +1,105 @@
+"""A click on the page of `ident explore`, on a six-joint log of 10,000 samples: where time goes.
+
+    python benchmarks/explore.py [samples]
+
+Rigid bodies alone are given, all 60 parameters unknown; friction and a coupling of two joints are
+in the log. The widget is driven without a browser: what a browser needs to draw comes on top. One
+process, BLAS on one thread; CPU seconds beside wall seconds, which others may share.
+"""
+
+import asyncio
+import dataclasses
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import arm6
+
+import ident
+from ident.explore.board import Board
+from ident.explore.exploration import Exploration
+from ident.explore.views import drawn
+
+TARGET = 2.0  # s from a click to errors, ladder and pictures
+CLICKS = ("viscous:joint_1", "coulomb:joint_1", "viscous:joint_5", "coupling:joint_5,joint_6")
+SEARCHED = "stribeck:joint_3"
+
+
+def clocked(work: Callable[[], object]) -> tuple[object, float, float]:
+    wall, cpu = time.perf_counter(), time.process_time()
+    found = work()
+    return found, time.perf_counter() - wall, time.process_time() - cpu
+
+
+async def click(board: Board, label: str, present: bool) -> list[tuple[float, float]]:
+    """Seconds, wall and CPU, to errors and ladder, to pictures, to what is announced next."""
+    start = time.perf_counter(), time.process_time()
+    seen: dict[str, tuple[float, float]] = {}
+
+    def since() -> tuple[float, float]:
+        return time.perf_counter() - start[0], time.process_time() - start[1]
+
+    def at(name: str) -> Callable[[object], object]:
+        return lambda event: seen.setdefault(name, since())
+
+    c = board.controls
+    watched = [(c.ladder, "rows", "ladder"), (c.shown, "objects", "pictures")]
+    handles = [(w, w.param.watch(at(name), what)) for w, what, name in watched]
+    await board.toggle(label, present)
+    for widget, handle in handles:
+        widget.param.unwatch(handle)
+    return [seen["ladder"], seen["pictures"], since()]
+
+
+def stages(e: Exploration) -> None:
+    """One click, taken apart."""
+    print(f"\n{'one click, taken apart':34s} {'wall':>6} {'CPU':>6}")
+    grown, *times = clocked(lambda: e.with_effect(CLICKS[0]))
+    assert isinstance(grown, Exploration)
+    rows = [("refit, fall delivered", times)]
+    fit = grown.fit
+    rows.append(("torques predicted", clocked(fit.predict)[1:]))
+    rows.append(("residual", clocked(lambda: fit.residual)[1:]))
+    rows.append(("on what it depends", clocked(lambda: fit.residual.where)[1:]))
+    rows.append(("pictures of one joint", clocked(lambda: drawn(grown, "Joint", "joint_1"))[1:]))
+    rows.append(("falls announced", clocked(grown.screened)[1:]))
+    for name, (wall, cpu) in rows:
+        print(f"{name:34s} {wall:6.2f} {cpu:6.2f}")
+
+
+def main() -> None:
+    samples = int(sys.argv[1]) if sys.argv[1:] else 10_000
+    print(f"{platform.machine()}, Python {platform.python_version()}, one process, one BLAS thread")
+    true = arm6.mechanism()
+    log = arm6.log(true, samples)
+    model = dataclasses.replace(true, effects=())
+    motion = ident.complete(model, log)
+    e, wall, cpu = clocked(lambda: Exploration.of(model, motion).screened())
+    assert isinstance(e, Exploration)
+    print(f"before the page is there: {wall:.2f} s ({cpu:.2f} s CPU), {len(e.candidates)} effects")
+    stages(e)
+    board = Board(e)
+
+    async def clicks() -> bool:
+        print(
+            f"\n{'seconds from a click to':34s} {'ladder':>13} {'pictures':>13} {'announced':>13}"
+        )
+        slowest = 0.0
+        for label, present in [*((x, False) for x in CLICKS), (CLICKS[0], True), (SEARCHED, False)]:
+            times = await click(board, label, present)
+            if label != SEARCHED:
+                slowest = max(slowest, times[1][1])
+            said = " ".join(f"{wall:6.2f} {cpu:6.2f}" for wall, cpu in times)
+            print(f"{'−' if present else '+'} {label:32s} {said}")
+        print(f"slowest to pictures, nothing searched: {slowest:.2f} s of CPU; target {TARGET:g} s")
+        return slowest < TARGET
+
+    sys.exit(0 if asyncio.run(clicks()) else 1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,174 @@
+"""`ident explore` started as a process and driven in a real browser."""
+
+from __future__ import annotations
+
+import shutil
+import socket
+
+import pytest
+
+from helpers import ROBOTS
+from ident import load, read_fit
+
+ARM = ROBOTS / "arm"
+HOSTILE = "<img src=x onerror=document.title='taken'>"
+
+
+def settled(page) -> None:
+    """Nothing is worked out any more."""
+    page.locator(".status.done").wait_for()
+    page.locator(".candidates ul:not(.stale)").wait_for()
+
+
+def add(page, label: str) -> None:
+    page.get_by_role("button", name=f"add {label}", exact=True).click()
+    page.get_by_role("button", name=f"remove {label}", exact=True).wait_for()
+    settled(page)
+
+
+def rungs(page) -> list[list[str]]:
+    lines = page.locator(".ladder tbody tr").all()
+    return [[cell.inner_text() for cell in line.locator("th, td").all()] for line in lines]
+
+
+def percent(words: str) -> float:
+    return float(words.removesuffix("%"))
+
+
+def test_the_error_falls_by_hand(serve, visit, tmp_path):
+    served = serve(ARM, ARM / "run.csv")
+    seen = visit(served.address)
+    page = seen.page
+    settled(page)
+    assert page.get_by_role("button", name="Undo").is_disabled()
+    assert "explained better by" in page.locator("section.candidates").inner_text()
+    assert page.locator("canvas").count() > 2
+
+    add(page, "viscous:elbow")
+    ladder = rungs(page)
+    assert [line[0] for line in ladder] == ["as given", "+ viscous:elbow"]
+    announced, delivered = ladder[1][1:3]
+    assert announced == delivered == "12.9 %"
+    assert percent(ladder[1][5]) < 0.5 * percent(ladder[0][5])
+    add(page, "coulomb:elbow")
+    assert percent(rungs(page)[2][5]) < 1
+
+    page.get_by_role("button", name="remove coulomb:elbow", exact=True).click()
+    page.get_by_text("− coulomb:elbow", exact=True).wait_for()
+    settled(page)
+    page.get_by_role("button", name="back to rung 1: + viscous:elbow").click()
+    page.wait_for_function("document.title")
+    page.get_by_text("− coulomb:elbow", exact=True).wait_for(state="detached")
+    settled(page)
+    assert len(rungs(page)) == 2
+    page.get_by_role("button", name="Undo").click()
+    page.get_by_text("− coulomb:elbow", exact=True).wait_for()
+
+    page.reload()  # goes on where it was
+    page.get_by_text("− coulomb:elbow", exact=True).wait_for()
+    settled(page)
+
+    page.get_by_label("Folder to save into").fill(str(tmp_path / "mine"))
+    page.get_by_role("button", name="Save").click()
+    page.get_by_text("saved into").wait_for()
+    mechanism = load(tmp_path / "mine")
+    assert [effect.label for effect in mechanism.effects] == ["viscous:elbow"]
+    assert read_fit(tmp_path / "mine" / "fit.json", mechanism)
+    page.get_by_label("Folder to save into").fill(str(ARM))
+    page.get_by_role("button", name="Save").click()
+    page.get_by_text("name another folder").wait_for()
+    assert page.locator(".status.bad").count() == 1
+
+    assert seen.faults == []
+    assert seen.hosts == {"127.0.0.1"}
+    status, said = served.interrupt()
+    assert status == 0
+    assert "Traceback" not in said
+
+
+def test_keys_are_enough(serve, visit):
+    page = visit(serve(ARM, ARM / "run.csv").address).page
+    settled(page)
+    page.get_by_label("Show only effects").focus()
+    page.keyboard.type("viscous:elbow")
+    page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    page.get_by_role("button", name="remove viscous:elbow", exact=True).wait_for()
+    settled(page)
+    held = page.evaluate(
+        "() => { let e = document.activeElement; while (e?.shadowRoot?.activeElement) "
+        "e = e.shadowRoot.activeElement; return e?.getAttribute('aria-label'); }"
+    )
+    assert held == "remove viscous:elbow"
+    reached = set()
+    for _ in range(40):
+        page.keyboard.press("Tab")
+        reached.add(
+            page.evaluate(
+                "() => { let e = document.activeElement; while (e?.shadowRoot?.activeElement) "
+                "e = e.shadowRoot.activeElement; "
+                "return e?.getAttribute('aria-label') || e?.innerText || e?.tagName; }"
+            )
+        )
+    assert {"Joint", "Ladder", "Verdict"} & reached
+    assert "back to rung 0: as given" in reached
+
+
+def test_names_from_files_are_text(serve, visit, tmp_path):
+    log = tmp_path / f"{HOSTILE}.csv"
+    shutil.copy(ARM / "run.csv", log)
+    seen = visit(serve(ARM, log).address)
+    settled(seen.page)
+    assert HOSTILE in seen.page.locator("h1").inner_text()
+    for view in ("Numbers", "All joints"):
+        seen.page.get_by_text(view, exact=True).click()
+        seen.page.wait_for_timeout(1500)
+    assert seen.page.locator("img").count() == 0
+    assert seen.page.title() != "taken"
+    assert seen.faults == []
+
+
+def test_names_of_joints_are_text(serve, visit, tmp_path):
+    escaped = HOSTILE.replace("<", "&lt;").replace(">", "&gt;")
+    text = (ARM / "arm.urdf").read_text().replace('"elbow"', f'"{escaped}"')
+    (tmp_path / "arm.urdf").write_text(text)
+    toml = (ARM / "mechanism.toml").read_text().replace("elbow =", f'"{HOSTILE}" =')
+    (tmp_path / "mechanism.toml").write_text(toml)
+    log = (ARM / "run.csv").read_text().replace(".elbow", f".{HOSTILE}")
+    (tmp_path / "run.csv").write_text(log)
+    seen = visit(serve(tmp_path, tmp_path / "run.csv").address)
+    settled(seen.page)
+    add(seen.page, f"viscous:{HOSTILE}")
+    for view in ("Numbers", "Ladder", "All joints", "Joint"):
+        seen.page.get_by_text(view, exact=True).last.click()
+        seen.page.wait_for_timeout(1500)
+    assert seen.page.locator("img").count() == 0
+    assert seen.page.title() != "taken"
+    assert seen.faults == []
+
+
+@pytest.mark.parametrize("origin", ["http://example.org", "http://127.0.0.1:1"])
+def test_no_other_site_gets_at_it(serve, origin):
+    address = serve(ARM, ARM / "run.csv").address
+    host = address.removeprefix("http://").removesuffix("/")
+    name, port = host.split(":")
+    request = (
+        f"GET /ws HTTP/1.1\r\nHost: {host}\r\nOrigin: {origin}\r\nUpgrade: websocket\r\n"
+        "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+        "Sec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n\r\n"
+    )
+    with socket.create_connection((name, int(port)), timeout=20) as wire:
+        wire.sendall(request.encode())
+        assert b" 403 " in wire.recv(4096).splitlines()[0]
+
+
+def test_a_port_that_is_taken_is_one_line(spoken):
+    with socket.socket() as held:
+        held.bind(("127.0.0.1", 0))
+        held.listen()
+        port = held.getsockname()[1]
+        status, out, err = spoken("explore", ARM, ARM / "run.csv", "--port", port)
+    assert (status, out) == (1, "")
+    assert len(err.splitlines()) == 1
+    assert f"error: --port {port}: " in err
+    assert "free one" in err
