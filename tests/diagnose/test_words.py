@@ -146,7 +146,7 @@ def test_the_printed_summary_fits_and_has_all(make):
         assert each.effect.label in printed
     flat = " ".join(printed.split())
     assert all(" ".join(part.split()) in flat for part in d.text.split("\n\n"))
-    assert "<pre>" in d._repr_html_()
+    assert "<table>" in d._repr_html_()
 
 
 def test_a_ladder_prints_and_draws():

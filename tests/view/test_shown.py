@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.helpers import J, tree_urdf, write_mechanism
 
 import ident
+from helpers import J, tree_urdf, write_mechanism
 from ident.mechanism.loads import loads_of
 from ident.mechanism.shown import view_of
 from ident.mechanism.track import Track

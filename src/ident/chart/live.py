@@ -6,6 +6,7 @@ import html
 import json
 import secrets
 from dataclasses import dataclass
+from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 from ident.chart.axes import height_of
@@ -62,7 +63,7 @@ class Live:
 
 
 def script() -> str:
-    """Bokeh's own script, inline."""
-    from bokeh.resources import Resources
-
-    return str(Resources(mode="inline", components=["bokeh"]).render())
+    """Bokeh's own script, inline, and nothing that other packages would add to it."""
+    path = resources.files("bokeh").joinpath("server", "static", "js", "bokeh.min.js")
+    text = path.read_text(encoding="utf-8").replace("</script", "<\\/script")
+    return f"<script>{text}</script>"

@@ -34,7 +34,8 @@ def figure_of(chart: Chart) -> Figure:
             _panel(axis, panel)
             if chart.shared_x:
                 axis.margins(x=0)
-                axis.label_outer(remove_inner_ticks=False)
+                if axes is not grid[-1]:
+                    axis.set_xlabel("")
         for axis in axes[len(panels) :]:
             axis.set_axis_off()
     handles: dict[str, Any] = {}

@@ -49,7 +49,7 @@ def explore(
         typer.Option(metavar="DIR", help="The folder that the page proposes for saving."),
     ] = None,
 ) -> None:
-    """Add and remove effects by hand, in a browser, and watch the error fall.
+    """Add effects by hand, in a browser; watch the error fall.
 
     Serves a page on 127.0.0.1 until Ctrl-C. It lists every effect of the library with the fall of
     the held-out error that it would bring; a click adds it and refits everything.

@@ -20,10 +20,7 @@ COMMANDS = {  # in which module of this package, and the first line of its docst
     "effects": ("modelling", "The library of effects."),
     "simulate": ("simulating", "A log of the model itself."),
     "excite": ("exciting", "A periodic motion that tells most, inside all limits."),
-    "explore": (
-        "exploring",
-        "Add and remove effects by hand, in a browser, and watch the error fall.",
-    ),
+    "explore": ("exploring", "Add effects by hand, in a browser; watch the error fall."),
     "montecarlo": ("montecarlo", "What noise makes of the estimates: bias and spread."),
     "view": ("viewing", "The mechanism moving in 3-D, in a browser."),
     "demo": ("demonstrating", "A hidden effect found, step by step, in half a minute."),

@@ -14,7 +14,7 @@ from ident.effects import Effect
 from ident.effects.describe import facts
 from ident.fit import Fit
 from ident.fit.values import BaseValue, Value
-from ident.tables import percent, rounded
+from ident.tables import percent
 
 WIDTH, BAR = 96, 40  # characters
 
@@ -58,7 +58,7 @@ def listed(words: Sequence[str], last: str = "and") -> str:
 
 def valued(value: Value | BaseValue) -> str:
     """`coulomb.elbow.Fc = 0.0501 ± 0.0001 N m`."""
-    return f"{value.name} = {rounded(value.value, value.stderr)} {value.unit}"
+    return str(value).removesuffix(" 1")
 
 
 def described_effect(effect: Effect) -> str:
@@ -95,7 +95,10 @@ def bars(tell: Teller, fits: Mapping[str, Fit]) -> None:
 def sought(made: Puzzle) -> str:
     """The answer in one line."""
     units = dict(zip(made.answer.names, made.answer.units, strict=True))
-    said = [f"{name} = {value:.4g} {units[name]}" for name, value in made.truth.items()]
+    said = [
+        f"{name} = {value:.4g} {units[name]}".removesuffix(" 1")
+        for name, value in made.truth.items()
+    ]
     return f"{described_effect(made.answer)}: {listed(said)}"
 
 

@@ -37,6 +37,10 @@ TITLES = {
     "unexplained": "What comes nearest",
 }
 MARKS = "* named; = this data cannot tell it from the one named."
+FALLS = (
+    "The chart counts all joints, weighed, on rows away from reversals; the table the error of one "
+    "joint on all rows."
+)
 ADDED = (
     "Each point is a row of the fit. What is really this effect lies along the line; a bend or a "
     "loop is something else."
@@ -116,6 +120,7 @@ def _candidates(d: Diagnosis) -> tuple[Block, ...]:
     return (
         *((paragraph(MARKS),) if marked else ()),
         plot_candidates(d),
+        paragraph(FALLS),
         table(shown, "Candidates, refitted; errors are held out in time"),
         headed("Its residual before and after"),
         Choice("Which candidate", options),

@@ -95,7 +95,7 @@ def _figures(d: Diagnosis, each: Explanation) -> list[str]:
         f"{100 * each.fall:.1f} %",
         f"{each.evidence.z:.1f}",
         "–" if d.verdict == "nothing" else closure(each.evidence),  # there is no gap
-        f"{100 * each.evidence.candidate.judged.visible:.2g} %",
+        f"{100 * each.evidence.candidate.judged.visible:.0f} %",
     ]
 
 

@@ -52,7 +52,7 @@ def shown_blocks(fit: Fit) -> tuple[Markup, ...]:
     """What Jupyter shows of a fit: errors, effects, parameters, warnings."""
     said = [strong(headline(fit)), *_errors(fit).blocks, *_parameters(fit)]
     if fit.warnings:
-        said.append(folded(f"{len(fit.warnings)} notes", items(fit.warnings)))
+        said.append(folded(f"Notes: {len(fit.warnings)}", items(fit.warnings)))
     return tuple(block for block in said if isinstance(block, Markup))
 
 

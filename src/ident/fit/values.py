@@ -14,6 +14,7 @@ from ident.fit.estimate import Estimate
 from ident.fit.naming import base_names
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import CENTROIDAL, COUNT, DYNAMIC, about_origin, split, unit_of
+from ident.tables import rounded
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,9 @@ class Value:
     prior: float
     at_bound: bool = False
 
+    def __str__(self) -> str:
+        return f"{self.name} = {rounded(self.value, self.stderr)} {self.unit}"
+
 
 @dataclass(frozen=True)
 class BaseValue:
@@ -46,6 +50,9 @@ class BaseValue:
     value: float
     stderr: float
     unit: str
+
+    def __str__(self) -> str:
+        return f"{self.name} = {rounded(self.value, self.stderr)} {self.unit}"
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,12 @@ its offer to share the page through a server elsewhere is refused.
 from __future__ import annotations
 
 import contextlib
-import io
 import os
 import socket
+from collections.abc import Iterator
 from typing import Any
+
+from rich import get_console
 
 from ident.errors import IdentError
 
@@ -41,7 +43,7 @@ def open_page(title: str, port: int = 0) -> Any:
     port = _free(port)
     # it announces itself on standard output, where only results belong; and a port of the
     # environment would take the place of the one asked for
-    with contextlib.redirect_stdout(io.StringIO()), _without("_VISER_PORT_OVERRIDE"):
+    with _quiet(), _without("_VISER_PORT_OVERRIDE"):
         page = Page(host=HOST, port=port, label=title, verbose=False)
     if page.get_port() != port:  # it takes the next one when somebody was faster
         close_page(page)
@@ -50,9 +52,20 @@ def open_page(title: str, port: int = 0) -> Any:
     return page
 
 
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Without what viser announces through rich, in notebooks too."""
+    console = get_console()
+    before, console.quiet = console.quiet, True
+    try:
+        yield
+    finally:
+        console.quiet = before
+
+
 def close_page(page: Any) -> None:
     """End the server of `open_page`."""
-    with contextlib.redirect_stdout(io.StringIO()):
+    with _quiet():
         page.stop()
 
 
