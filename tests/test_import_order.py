@@ -13,6 +13,7 @@ ORDER = [
     "log",
     "solve",
     "effects",
+    "description",
     "mechanism",
     "motion",
     "equations",

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from lxml import etree
 
+from ident.description.spans import Change, ascii_bytes, changed, removal, spans_of
+from ident.description.urdf import parse_urdf, urdf_bytes
 from ident.errors import FitError
 from ident.fit.sanity import LEAST
 from ident.mechanism.inertial import inertial_changes
 from ident.mechanism.parameters import COUNT, pseudo_inertia
 from ident.mechanism.placing import fixed_parameters
-from ident.mechanism.spans import Change, ascii_bytes, changed, removal, spans_of
-from ident.mechanism.urdf import parse_urdf, urdf_bytes
 
 if TYPE_CHECKING:
     from ident.fit.fit import Fit

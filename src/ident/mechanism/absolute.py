@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
+from ident.description.axes import align_z
 from ident.errors import MechanismError
 from ident.mechanism.closures import Closure, Frame, Linear
-from ident.mechanism.forward import align_z, joint_axis
+from ident.mechanism.forward import joint_axis
 from ident.mechanism.mechanism import Joint, Mechanism
 
 

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from lxml import etree
 
+from ident.description.spans import Change, Span, first_child, set_attributes
+from ident.description.urdf import numbers
 from ident.mechanism.parameters import about_origin, split
-from ident.mechanism.spans import Change, Span, first_child, set_attributes
-from ident.mechanism.urdf import numbers
 
 TERMS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 PLACES = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from ident.description.urdf import parse_urdf, read_source
 from ident.effects import KINDS, Effect, read_user_effect
 from ident.effects import create as create_effect
 from ident.errors import MechanismError, one_of
@@ -31,7 +32,6 @@ from ident.mechanism.settings import (
     with_source,
     words,
 )
-from ident.mechanism.urdf import parse_urdf, read_source
 
 
 def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
+from ident.description.urdf import numbers
 from ident.mechanism.parameters import COUNT, about_origin, join
-from ident.mechanism.urdf import numbers
 
 
 def fixed_parameters(robot: etree._Element, link: str) -> np.ndarray:

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from ident.description.document import Source
 from ident.errors import MechanismError, near, not_there, one_of
-from ident.mechanism.document import Source
 
 TOP = ("urdf", "gravity", "joints", "closure", "parameters", "multipliers", "log", "effect")
 GRAVITY = (0.0, 0.0, -9.81)

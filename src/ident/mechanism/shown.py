@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from ident.description.axes import align_z
 from ident.errors import MechanismError
 from ident.mechanism.closures import KINDS, Closure
-from ident.mechanism.forward import align_z, joint_axis
+from ident.mechanism.forward import joint_axis
 from ident.mechanism.loads import loads_of
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.simple import simple_body, sites

@@ -16,8 +16,8 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
+from ident.description.urdf import numbers, read_urdf
 from ident.errors import MechanismError
-from ident.mechanism.urdf import numbers, read_urdf
 from ident.view import Shape, box, cylinder, sphere
 
 MESHES = (".stl", ".obj", ".ply", ".dae", ".glb", ".gltf", ".off")

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import tomlkit
 
+from ident.description.document import Source
+from ident.description.urdf import read_source, source_of
 from ident.effects import Effect, UserEffect
 from ident.errors import MechanismError
 from ident.files import write_all
-from ident.mechanism.document import Source
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.settings import Settings, with_source
-from ident.mechanism.urdf import read_source, source_of
 
 
 def effect_table(

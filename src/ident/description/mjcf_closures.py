@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import pinocchio as pin
 
+from ident.description.document import place_table
+from ident.description.mjcf_parts import pose_of
 from ident.errors import MechanismError
-from ident.mechanism.document import place_table
-from ident.mechanism.mjcf_parts import pose_of
 
 if TYPE_CHECKING:
     import mujoco

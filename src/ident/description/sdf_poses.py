@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
+from ident.description.check_urdf import HUGE
 from ident.errors import MechanismError, one_of
-from ident.mechanism.check_urdf import HUGE
 
 MODEL = "__model__"
 

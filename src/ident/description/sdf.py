@@ -15,12 +15,19 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
+from ident.description.axes import align_z
+from ident.description.check_urdf import parse_xml
+from ident.description.document import Document, Limits, Shape, Source, place_table
+from ident.description.sdf_model import (
+    axis_of,
+    check_links,
+    mimic_of,
+    model_of,
+    shapes_of,
+    solid_of,
+)
+from ident.description.sdf_poses import Poses, text_of, value_of
 from ident.errors import MechanismError, one_of
-from ident.mechanism.check_urdf import parse_xml
-from ident.mechanism.document import Document, Limits, Shape, Source, place_table
-from ident.mechanism.forward import align_z
-from ident.mechanism.sdf_model import axis_of, check_links, mimic_of, model_of, shapes_of, solid_of
-from ident.mechanism.sdf_poses import Poses, text_of, value_of
 
 TREE = {
     "revolute": "revolute",

@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
+from ident.description.document import Shape, Solid
+from ident.description.sdf_poses import Poses, pose_of, value_of, values_of
 from ident.errors import MechanismError
-from ident.mechanism.document import Shape, Solid
-from ident.mechanism.sdf_poses import Poses, pose_of, value_of, values_of
 
 INERTIA = (("ixx", 0, 0), ("iyy", 1, 1), ("izz", 2, 2), ("ixy", 0, 1), ("ixz", 0, 2), ("iyz", 1, 2))
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from ident.mechanism.document import Shape, words
+from ident.description.document import Shape, words
 
 if TYPE_CHECKING:
     import mujoco

@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
+from ident.description.document import Document, Limits, Solid, Source
+from ident.description.mjcf_closures import closures_of
+from ident.description.mjcf_file import compiled
+from ident.description.mjcf_parts import left_out, pose_of, shapes_of, undriven
 from ident.errors import MechanismError
-from ident.mechanism.document import Document, Limits, Solid, Source
-from ident.mechanism.mjcf_closures import closures_of
-from ident.mechanism.mjcf_file import compiled
-from ident.mechanism.mjcf_parts import left_out, pose_of, shapes_of, undriven
 
 if TYPE_CHECKING:
     import mujoco

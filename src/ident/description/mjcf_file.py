@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ident.description.check_urdf import parse_xml
 from ident.errors import MechanismError
-from ident.mechanism.check_urdf import parse_xml
 
 if TYPE_CHECKING:
     import mujoco

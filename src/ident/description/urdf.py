@@ -6,11 +6,11 @@ from pathlib import Path
 
 from lxml import etree
 
+from ident.description.check_urdf import numbers, parse_urdf, parse_xml
+from ident.description.document import Source
+from ident.description.mjcf import read_mjcf
+from ident.description.sdf import read_sdf
 from ident.errors import MechanismError
-from ident.mechanism.check_urdf import numbers, parse_urdf, parse_xml
-from ident.mechanism.document import Source
-from ident.mechanism.mjcf import read_mjcf
-from ident.mechanism.sdf import read_sdf
 
 __all__ = ["LARGEST", "numbers", "parse_urdf", "read_source", "read_urdf", "urdf_bytes"]
 
