@@ -38,6 +38,10 @@ class _Ident(ModuleType):
         if not (name in VERBS and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 
+    def __reduce__(self) -> tuple[object, tuple[str]]:
+        """By its name, as any module: functions of a notebook that use it go to other processes."""
+        return import_module, (self.__name__,)
+
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *import_module("ident.public").__all__, "__version__"})
 

@@ -111,7 +111,7 @@ def test_bokeh_reads_what_is_said_of_its_objects():
     from bokeh.embed import json_item
     from bokeh.plotting import figure as Panel_
 
-    for chart in (CHART, replace(CHART, shared_x=True, shared_y=True, timed=True)):
+    for chart in (CHART, replace(CHART, shared_x=True, shared_y=True, clock="run.csv")):
         first, second = chart.live().layout, chart.live().layout
         document = Document()
         document.add_root(first)
@@ -119,3 +119,35 @@ def test_bokeh_reads_what_is_said_of_its_objects():
         document.validate()
         assert sum(isinstance(each, Panel_) for each in document.models) == 6
         assert json_item(chart.live().layout)["root_id"]
+
+
+def test_frequent_gaps_leave_the_line_and_its_peaks():
+    y = np.sin(T)
+    y[::90] = np.nan
+    y[12_345] = 7.0
+    thin = extremes(Line(T, y), 100)
+    assert np.isfinite(thin.y).all()
+    assert thin.y.max() == 7.0
+    assert (thin.x[0], thin.x[-1]) == (T[0], T[-1])
+
+
+def test_names_of_a_later_panel_are_in_the_legend():
+    first = Panel((Line(T[:9], T[:9], "measured"),))
+    second = Panel((Line(T[:9], T[:9], "measured"), Line(T[:9], T[:9], "coulomb", 3)))
+    layout = Chart("later", ((first,), (second,)), shared_x=True).live().layout
+    (legend,) = layout.select({"name": None, "orientation": "horizontal", "spacing": 14})
+    assert [item.label.value for item in legend.items] == ["measured", "coulomb"]
+    assert legend.items[1].renderers[0].glyph.line_color == SERIES[3]
+
+
+def test_signs_of_mathematics_are_signs():
+    name = r"$$\foo$$ and $x_1$"
+    panel = Panel((Line(T[:9], T[:9], name),), name, name, name, y_names=(name,))
+    chart = Chart(name, ((panel,),))
+    assert chart._repr_png_().startswith(b"\x89PNG")
+    assert '"PlainText"' in json.dumps(chart.live().item())
+
+
+def test_what_is_no_number_is_no_fault():
+    chart = Chart("nan", ((Panel((Level(float("nan")),)),),))
+    assert "NaN" not in json.dumps(chart.live().item())

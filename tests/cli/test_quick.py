@@ -68,3 +68,15 @@ def test_completion_can_be_installed(monkeypatch, tmp_path, capsys):
     with pytest.raises(SystemExit):
         app(["--install-completion", "bash"], prog_name="ident")
     assert "complete" in "".join(p.read_text() for p in tmp_path.rglob("*.sh"))
+
+
+def test_functions_that_use_the_package_go_to_other_processes():
+    """As those of a notebook do, which are sent with all that they use."""
+    import pickle
+
+    import cloudpickle
+
+    import ident
+
+    assert pickle.loads(pickle.dumps(ident)) is ident
+    assert cloudpickle.loads(cloudpickle.dumps(lambda: ident))() is ident

@@ -101,7 +101,7 @@ def start(page, number):
 
 def test_keys_and_buttons_zoom_all_charts_of_time(opened, diagnosed):
     page, wrong = opened(diagnosed[1])
-    timed = page.locator("figure.chart[data-timed]:visible")
+    timed = page.locator("figure.chart[data-clock]:visible")
     first = timed.first
     first.scroll_into_view_if_needed()
     number = first.get_attribute("data-chart")
@@ -172,7 +172,7 @@ def test_a_hundred_thousand_samples_keep_every_peak(opened, tmp_path):
         y[61_803] = 9.0
         lines = (Line(t, y, "measured", MEASURED), Line(t, np.sin((joint + 1) * t), "predicted"))
         rows.append((Panel(lines, "t [s]", f"joint {joint} [N m]"),))
-    chart = Chart("Seven joints", tuple(rows), shared_x=True, timed=True)
+    chart = Chart("Seven joints", tuple(rows), shared_x=True, clock="long")
     path = tmp_path / "long.html"
     path.write_bytes(Page("Long", "100,000 samples", (Section("Time", (chart,)),)).html())
     page, wrong = opened(path)

@@ -6,7 +6,7 @@ from typing import Any
 
 from ident.chart.chart import Chart, Panel
 from ident.chart.glyphs import GREY
-from ident.chart.objects import Maker, Thing, mapping
+from ident.chart.objects import Maker, Thing, mapping, plain
 from ident.chart.palette import RESIDUAL, colour
 
 PIXELS = 75  # of one inch of a panel's height
@@ -47,7 +47,9 @@ def panel_of(
         if left is not None and chart.shared_y else _y_range(panel, make),
         x_scale=make("LinearScale"),
         y_scale=make("LogScale" if panel.logarithmic else "LinearScale"),
-        title=make("Title", text=panel.title, text_color=alarm if panel.marked else GREY),
+        title=make(
+            "Title", text=plain(panel.title, make), text_color=alarm if panel.marked else GREY
+        ),
         outline_line_color=alarm if panel.marked else None,
         outline_line_width=3 if panel.marked else 1,
         toolbar=make("Toolbar", tools=[tool for tool in tools.values()],
@@ -82,10 +84,12 @@ def _axis(
         formatter = "LogTickFormatter"
     if names:
         ticker = make("FixedTicker", ticks=list(range(len(names))), minor_ticks=[])
-        more["major_label_overrides"] = mapping(dict(enumerate(names)))
+        more["major_label_overrides"] = mapping(
+            {i: plain(name, make) for i, name in enumerate(names)}
+        )
     return make(
         f"{kind}Axis", ticker=ticker, formatter=make(formatter),
-        major_label_policy=make("AllLabels"), axis_label=label, visible=visible,
+        major_label_policy=make("AllLabels"), axis_label=plain(label, make), visible=visible,
         axis_label_text_font_style="normal", axis_label_text_color=GREY,
         major_label_text_color=GREY, major_label_text_font_size=font, axis_line_color=GREY,
         major_tick_line_color=GREY, minor_tick_line_color=GREY, **more,
@@ -98,7 +102,7 @@ def _grid(make: Maker, axis: Thing, dimension: int) -> Thing:
 
 def _tools(make: Maker, along: str) -> dict[str, Thing]:
     """The wheel needs the control key, so that it scrolls the page as it always does."""
-    nan = {"type": "number", "value": "nan"}
+    nan = float("nan")
     box = make(
         "BoxAnnotation", syncable=False, level="overlay", visible=False, left=nan, right=nan,
         top=nan, bottom=nan, left_units="canvas", right_units="canvas", top_units="canvas",

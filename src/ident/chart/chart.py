@@ -56,7 +56,7 @@ class Chart:
         rows: of panels, all of one length.
         shared_x: whether all panels have one x axis, as of time; shared_y: all of a row one y axis.
         width: [inch] of a still picture.
-        timed: whether x is the time of a log, which charts side by side are zoomed along together.
+        clock: the log whose time x is, if any: all charts of one clock are zoomed together.
     """
 
     words: str
@@ -64,7 +64,7 @@ class Chart:
     shared_x: bool = False
     shared_y: bool = False
     width: float = 9.0
-    timed: bool = False
+    clock: str = ""
 
     @property
     def panels(self) -> tuple[Panel, ...]:
@@ -129,11 +129,11 @@ def extremes(line: Line, points: int) -> Line:
     n = len(line.y)
     if n <= 2 * points:
         return line
-    edges = np.linspace(0, n, points + 1).astype(int)[:-1]
+    edges = np.linspace(0, n, points + 1).astype(int)
+    first, last = edges[:-1], edges[1:] - 1
     known = np.isfinite(line.y)
-    low = np.minimum.reduceat(np.where(known, line.y, np.inf), edges)
-    high = np.maximum.reduceat(np.where(known, line.y, -np.inf), edges)
-    some = np.add.reduceat(known, edges) == np.diff([*edges, n])  # a bucket with a gap is a gap
+    low = np.minimum.reduceat(np.where(known, line.y, np.inf), first)
+    high = np.maximum.reduceat(np.where(known, line.y, -np.inf), first)
     y = np.column_stack([low, high])
-    y[~some] = np.nan
-    return replace(line, x=np.repeat(line.x[edges], 2), y=y.ravel())
+    y[np.add.reduceat(known, first) == 0] = np.nan  # only a bucket of gaps is a gap
+    return replace(line, x=np.column_stack([line.x[first], line.x[last]]).ravel(), y=y.ravel())

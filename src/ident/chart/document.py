@@ -100,24 +100,24 @@ def _follow(shared: Thing, long: list[tuple[Thing, str, Thing]], make: Maker) ->
 
 def _one_legend(figures: list[Thing], across: int, make: Maker) -> None:
     """Above the first panel; a click on a name hides it in all panels."""
-    first = figures[0]
+    first = figures[0]["attributes"]
     named: dict[str, list[Thing]] = {}
     for figure in figures:
         for renderer in figure["attributes"]["renderers"]:
             for label in renderer["attributes"]["tags"]:
                 named.setdefault(label, []).append(renderer)
-    own = {each["id"] for each in first["attributes"]["renderers"]}
+    own = {each["id"] for each in first["renderers"]}
     items = []
     for label, (leader, *others) in named.items():
-        if leader["id"] not in own:
-            continue
+        if leader["id"] not in own:  # a legend shows what is in its own panel
+            leader, others = _stand_in(leader, label, make), [leader, *others]
+            first["renderers"].append(leader)
         if others:
             callback = make("CustomJS", args=mapping({"others": others}), code=TOGETHER)
             told = mapping({"change:visible": [callback]})
             leader["attributes"]["js_property_callbacks"] = told
-        items.append(
-            make("LegendItem", label={"type": "value", "value": label}, renderers=[leader])
-        )
+        said = {"type": "value", "value": label}
+        items.append(make("LegendItem", label=said, renderers=[leader]))
     if not items:
         return
     legend = make(
@@ -125,8 +125,16 @@ def _one_legend(figures: list[Thing], across: int, make: Maker) -> None:
         location="top_left", padding=2, margin=2, background_fill_color=None,
         border_line_color=None, label_text_color=GREY,
     )  # fmt: skip
-    first["attributes"]["above"].append(legend)
+    first["above"].append(legend)
     for figure in figures[:across]:  # all panels of the row stay on one line
         figure["attributes"]["height"] += LEGEND
-        if figure is not first:
+        if figure is not figures[0]:
             figure["attributes"]["min_border_top"] = LEGEND
+
+
+def _stand_in(leader: Thing, label: str, make: Maker) -> Thing:
+    """The same looks with nothing to draw."""
+    glyph = leader["attributes"]["glyph"]
+    columns = leader["attributes"]["data_source"]["attributes"]["data"]["entries"]
+    nothing = make.source({name: np.array([np.nan]) for name, _ in columns})
+    return make.drawn(glyph["name"], nothing, label, **glyph["attributes"])

@@ -15,14 +15,14 @@ if (!range.waiting) {
       const n = j - i, step = Math.max(1, Math.floor(n / points)), xs = [], ys = []
       for (let a = i; a < j; a += step) {
         if (step === 1) { xs.push(x[a]); ys.push(y[a]); continue }
-        let least = Infinity, most = -Infinity, whole = true
-        for (let b = a; b < Math.min(a + step, j); b++) {
-          if (!(y[b] === y[b])) { whole = false; break }
+        const end = Math.min(a + step, j)
+        let least = Infinity, most = -Infinity
+        for (let b = a; b < end; b++) { // a gap compares as false
           if (y[b] < least) least = y[b]
           if (y[b] > most) most = y[b]
         }
-        xs.push(x[a], x[a])
-        if (whole) ys.push(least, most); else ys.push(NaN, NaN)
+        xs.push(x[a], x[end - 1])
+        if (most >= least) ys.push(least, most); else ys.push(NaN, NaN)
       }
       source.data = {x: xs, y: ys}
     })

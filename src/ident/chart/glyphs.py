@@ -48,8 +48,7 @@ def _(mark: Line, make: Maker) -> list[Thing]:
 @glyphs.register
 def _(mark: Points, make: Maker) -> list[Thing]:
     some = slice(None, None, max(1, len(mark.x) // CLOUD))
-    x, y = (each[some].astype(np.float32) for each in (mark.x, mark.y))
-    source = make.source({"x": x, "y": y})
+    source = make.source(_xy(mark.x[some], mark.y[some]))
     return [_dots(make, source, mark.label, colour(mark.colour), 3, 0.45)]
 
 

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 Thing = dict[str, Any]
-ARRAYS: dict[Any, str] = {np.float64: "float64", np.float32: "float32"}
 
 
 class Maker:
@@ -48,6 +47,11 @@ def field(column: str) -> Thing:
     return {"type": "field", "field": column}
 
 
+def plain(words: str | None, make: Maker) -> Any:
+    """Words that Bokeh must not read as mathematics, whatever signs are in them."""
+    return make("PlainText", text=words) if words and "$" in words else words
+
+
 def constant(value: Any) -> Thing:
     """One value for all."""
     return {"type": "value", "value": value}
@@ -76,7 +80,8 @@ def encoded(root: Thing) -> Thing:
             return {key: walk(inner) for key, inner in each.items()}
         if isinstance(each, list | tuple):
             return [walk(inner) for inner in each]
-        return each.item() if isinstance(each, np.generic) else each
+        each = each.item() if isinstance(each, np.generic) else each
+        return {"type": "number", "value": "nan"} if each != each else each
 
     found: Thing = walk(root)
     return found

@@ -44,10 +44,12 @@ def figure_of(chart: Chart) -> Figure:
             handles.setdefault(label, handle)
     if handles:
         names = [each if len(each) <= LABEL else f"{each[:LABEL]}…" for each in handles]
-        figure.legend(
+        legend = figure.legend(
             list(handles.values()), names, loc="outside upper center", ncols=min(len(names), 5),
             fontsize="small", frameon=False,
         )  # fmt: skip
+        for text in legend.get_texts():
+            text.set_parse_math(False)
     return figure
 
 
@@ -73,12 +75,12 @@ def _panel(axis: Axes, panel: Panel) -> None:
         )
         axis.set_xticks(range(len(panel.x_names)), panel.x_names, **tilt)
     if panel.y_names:
-        axis.set_yticks(range(len(panel.y_names)), panel.y_names)
+        axis.set_yticks(range(len(panel.y_names)), panel.y_names, parse_math=False)
         axis.set_ylim(len(panel.y_names) - 0.5, -0.5)
-    axis.set_xlabel(panel.x)
-    axis.set_ylabel(panel.y)
+    axis.set_xlabel(panel.x, parse_math=False)
+    axis.set_ylabel(panel.y, parse_math=False)
     if panel.title:
-        axis.set_title(panel.title, fontsize="small")
+        axis.set_title(panel.title, fontsize="small", parse_math=False)
     if panel.marked:
         for spine in axis.spines.values():
             spine.set(visible=True, color=colour("residual"), linewidth=1.8)

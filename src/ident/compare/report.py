@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ident.chart import Chart, Line, Panel
+from ident.fit.reach import identifiable_multipliers
 from ident.motion.report import made_of, understood
-from ident.page import Page, Section, table
+from ident.page import Page, Section, items, table
+from ident.page.page import Block
 from ident.residual import report
 from ident.residual.error import Error, error_rows
-from ident.residual.residual import Residual
+from ident.residual.plots import short, time_label
+from ident.residual.residual import Residual, zero_of
 
 if TYPE_CHECKING:
     from ident.compare.compare import Comparison
@@ -36,11 +41,62 @@ def comparison_html(comparison: Comparison) -> bytes:
         report.torques(comparison.predictions, comparison.units),
         report.maps(residuals),
         report.parts(residuals),
+        Section("Parameters", _parameters(residuals)),
+        Section("Multipliers", _multipliers(comparison)),
+        Section("Warnings", (items(motion.notes),) if motion.notes else ()),
         understood(mechanism, motion),
-        made_of(mechanism, motion),
+        made_of(mechanism, motion, [Path(name) for name in residuals if Path(name).is_file()]),
     )
     title = f"{mechanism.name}: model against measurement"
     return Page(title, comparison.headline, sections).html()
+
+
+def _parameters(residuals: Mapping[str, Residual]) -> tuple[Block, ...]:
+    """Effects' values, then what was unknown of the bodies, model beside model."""
+    models = [residual.model for residual in residuals.values()]
+    values = [dict(model.point.values) for model in models]
+    effects = list(dict.fromkeys(name for own in values for name in own))
+    blocks: list[Block] = []
+    if effects:
+        rows = [["effect", *residuals]]
+        for name in effects:
+            rows.append([name, *(f"{own[name]:.5g}" if name in own else "–" for own in values)])
+        blocks.append(table(rows, "Effects"))
+    mechanism = models[0].mechanism
+    at = {name: i for i, name in enumerate(mechanism.bodies.names)}
+    unknown = [name for name in mechanism.unknown if name in at]
+    if unknown:
+        rows = [["parameter about the joint", "prior", *residuals]]
+        for name in unknown:
+            own = (f"{model.point.pi[at[name]]:.5g}" for model in models)
+            rows.append([name, f"{mechanism.prior[at[name]]:.5g}", *own])
+        blocks.append(table(rows, "What was unknown of the bodies; fit.json has standard errors"))
+    return tuple(blocks)
+
+
+def _multipliers(comparison: Comparison) -> tuple[Block, ...]:
+    """λ of every model, log by log."""
+    first = next(iter(comparison.residuals.values()))
+    kinematics = first.model.mechanism.kinematics
+    if not kinematics.multipliers:
+        return ()
+    known = identifiable_multipliers(first.model.mechanism, first.motion)
+    names = [e.name for e in first.motion.experiments]
+
+    def draw(i: int) -> Chart:
+        rows = []
+        for k in np.flatnonzero(known):
+            label = f"{kinematics.multipliers[k]} [{kinematics.units[k]}]"
+            lines = []
+            for colour, (model, predictions) in enumerate(comparison.predictions.items()):
+                p = predictions[i]
+                zero, y = zero_of(p.t), np.where(p.usable, p.multipliers[:, k], np.nan)
+                lines.append(Line(p.t - zero, y, short(model), colour))
+            rows.append((Panel(tuple(lines), time_label(zero), label, height=1.8),))
+        words = "Multipliers λ over time, the reaction forces of the closures, of every model"
+        return Chart(words, tuple(rows), shared_x=True, clock=names[i])
+
+    return report.by_log(names, draw) if known.any() else ()
 
 
 def comparison_json(comparison: Comparison) -> bytes:

@@ -12,6 +12,7 @@ from ident.diagnose.evidence import Evidence
 from ident.diagnose.explanation import Explanation
 from ident.diagnose.ladder import changed
 from ident.residual import Residual
+from ident.residual.plots import time_label
 
 if TYPE_CHECKING:
     from ident.diagnose.diagnosis import Diagnosis
@@ -96,14 +97,18 @@ def plot_before_after(before: Residual, after: Residual, best: Explanation) -> C
     u, unit = before.joints.index(best.joint), before.units[before.joints.index(best.joint)]
     rows = []
     for a, b in list(zip(before.traces, after.traces, strict=False))[:LOGS]:
+        zero = before.zero(a)
         lines = (
-            Line(a.t, a.residual[:, u], "as it is", RESIDUAL, 1.0),
-            Line(b.t, b.residual[:, u], f"with {best.effect.label}", 0, 1.0),
+            Line(a.t - zero, a.residual[:, u], "as it is", RESIDUAL, 1.0),
+            Line(b.t - zero, b.residual[:, u], f"with {best.effect.label}", 0, 1.0),
         )
         title = a.name if len(before.traces) > 1 else ""
-        rows.append((Panel((Level(), *lines), "t [s]", f"{best.joint} [{unit}]", title),))
+        rows.append((Panel((Level(), *lines), time_label(zero), f"{best.joint} [{unit}]", title),))
     words = f"Residual of {best.joint} over time, as it is and with {best.effect.label}"
-    return Chart(words, tuple(rows), shared_x=True, timed=True)
+    if len(before.traces) > LOGS:
+        words += f"; the first {LOGS} of {len(before.traces)} logs"
+    clock = before.traces[0].name if len(rows) == 1 else ""
+    return Chart(words, tuple(rows), shared_x=True, clock=clock)
 
 
 def plot_ladder(history: History) -> Chart:

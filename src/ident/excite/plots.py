@@ -34,4 +34,4 @@ def plot_excitation(x: Excitation) -> Chart:
             row.append(Panel(tuple(marks), "t [s]", label, kind if not rows else "", height=1.9))
         rows.append(tuple(row))
     words = "One period of the motion: position, speed, acceleration and torque of every drive"
-    return Chart(words, tuple(rows), shared_x=True, width=13, timed=True)
+    return Chart(words, tuple(rows), shared_x=True, width=13, clock=x.log.name)

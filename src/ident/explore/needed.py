@@ -21,9 +21,7 @@ def check_panel() -> None:
     try:
         import panel  # noqa: F401
     except ImportError:
-        raise IdentError(
-            "explore needs Panel, which is not installed: pip install panel jupyter_bokeh"
-        ) from None
+        raise IdentError("explore needs Panel, which is not installed: pip install panel") from None
 
 
 @cache

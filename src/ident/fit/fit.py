@@ -234,7 +234,8 @@ class Fit(Shown):
         t, values = self.multipliers[experiment]
         if not values.shape[1]:
             raise FitError(f"{self.mechanism.name}: has no closures, so no multipliers")
-        return plot_multipliers(self.mechanism, t, values)
+        log = self.motion.experiments[experiment].name
+        return plot_multipliers(self.mechanism, t, values, log=log)
 
     def view(self) -> View:
         """The mechanism in 3-D: reaction forces as arrows, joints coloured by their residual."""

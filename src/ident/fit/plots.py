@@ -9,6 +9,8 @@ import numpy as np
 
 from ident.chart import MEASURED, PRIOR, Chart, Dots, Line, Panel
 from ident.fit.values import Value
+from ident.residual.plots import time_label
+from ident.residual.residual import zero_of
 
 if TYPE_CHECKING:
     from ident.mechanism.mechanism import Mechanism
@@ -21,8 +23,10 @@ def plot_multipliers(
     t: np.ndarray,
     values: np.ndarray,
     reference: tuple[np.ndarray, np.ndarray] | None = None,
+    log: str = "",
 ) -> Chart:
-    """λ(t) (n, m), beside known reactions (t, (n, m)) where there are any."""
+    """λ(t) (n, m) of a log, beside known reactions (t, (n, m)) where there are any."""
+    zero = zero_of(t)
     names, units = mechanism.kinematics.multipliers, mechanism.kinematics.units
     rows = []
     for i, (name, unit) in enumerate(zip(names, units, strict=True)):
@@ -30,19 +34,22 @@ def plot_multipliers(
             continue
         lines = []
         if reference is not None:
-            lines.append(Line(reference[0], reference[1][:, i], "known", MEASURED, 2.4))
-        lines.append(Line(t, values[:, i], "identified", 0))
-        rows.append((Panel(tuple(lines), "t [s]", f"{name} [{unit}]", height=1.8),))
+            lines.append(Line(reference[0] - zero, reference[1][:, i], "known", MEASURED, 2.4))
+        lines.append(Line(t - zero, values[:, i], "identified", 0))
+        rows.append((Panel(tuple(lines), time_label(zero), f"{name} [{unit}]", height=1.8),))
     words = "Multipliers λ over time, the reaction forces of the closures"
-    return Chart(words, tuple(rows), shared_x=True, timed=True)
+    return Chart(words, tuple(rows), shared_x=True, clock=log)
 
 
 def plot_parameters(values: Sequence[Value]) -> Chart | None:
     """Values ± 1.96 standard errors beside the prior, a panel a unit; None where there are none."""
-    shown = [v for v in values if v.stderr is not None and np.isfinite(v.stderr)][:MOST]
+    known = [v for v in values if v.stderr is not None and np.isfinite(v.stderr)]
+    shown = known[:MOST]
     units = list(dict.fromkeys(v.unit for v in shown))
     rows = [(_of_unit(unit, [v for v in shown if v.unit == unit]),) for unit in units]
     words = "Identified values with their 95 % intervals, beside what was assumed before"
+    if len(known) > MOST:
+        words += f"; the first {MOST} of {len(known)}, all are in the tables"
     return Chart(words, tuple(rows)) if rows else None
 
 

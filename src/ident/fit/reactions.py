@@ -48,7 +48,9 @@ class Reactions:
     def plot(self) -> Chart:
         """λ(t) identified over λ(t) known."""
         t, values = self.fit.multipliers[0]
-        return plot_multipliers(self.fit.mechanism, t, values, (self.t, self.known))
+        return plot_multipliers(
+            self.fit.mechanism, t, values, (self.t, self.known), self.fit.motion.experiments[0].name
+        )
 
 
 def compare_multipliers(fit: Fit, reactions: Log) -> Reactions:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
-from ident.fit.plots import plot_multipliers, plot_parameters
+from ident.fit.plots import plot_parameters
 from ident.fit.summary import shown
 from ident.motion.report import made_of, understood
 from ident.page import Page, Section, code, folded, headed, items, paragraph, strong, table
@@ -118,8 +118,6 @@ def _lambda(fit: Fit, reactions: Reactions | None) -> tuple[Block, ...]:
     if reactions is not None:
         blocks += [headed("Against known reactions"), code(str(reactions)), reactions.plot()]
     names = [e.name for e in fit.motion.experiments]
-    t = [each for each, _ in fit.multipliers]
-    if reactions is None or len(t) > 1:
-        draw = [plot_multipliers(fit.mechanism, *each) for each in fit.multipliers]
-        blocks.append(report.by_log(names, lambda i: draw[i]))
+    if reactions is None or len(names) > 1:
+        blocks += report.by_log(names, fit.plot_multipliers)
     return tuple(blocks)

@@ -88,4 +88,4 @@ def plot_typical(x: MonteCarlo, snr: float) -> Chart:
         label = f"{truth.multipliers[i]} [{truth.multiplier_units[i]}]"
         rows.append((Panel(tuple(lines[i]), "t [s]", label),))
     words = f"Multipliers of {x.plan.mechanism.name} at {snr:g} dB: runs of average error"
-    return Chart(words, tuple(rows), shared_x=True, width=10, timed=True)
+    return Chart(words, tuple(rows), shared_x=True, width=10, clock=x.plan.log.name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -50,7 +51,7 @@ def _joints(mechanism: Mechanism, motion: Motion) -> list[list[str]]:
     return rows
 
 
-def made_of(mechanism: Mechanism, motion: Motion) -> Section:
-    """The command, the versions, and hashes of all files that went in."""
+def made_of(mechanism: Mechanism, motion: Motion, more: Sequence[Path] = ()) -> Section:
+    """The command, the versions, and hashes of all files that went in, `more` among them."""
     files = [path for path in (mechanism.urdf, mechanism.toml) if path and path != Path()]
-    return origin(files, [(log.name, log.sha256) for log in motion.logs])
+    return origin([*files, *more], [(log.name, log.sha256) for log in motion.logs])

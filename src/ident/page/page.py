@@ -13,6 +13,7 @@ from markupsafe import Markup
 from ident.chart import Chart
 from ident.chart.live import script
 
+KEYBOARD = ". Keys: plus and minus zoom, arrows move, 0 shows all"
 KEYS = (
     ("nearer", "+", "Zoom in"),
     ("farther", "−", "Zoom out"),
@@ -125,13 +126,14 @@ def _figure(chart: Chart, number: int) -> Markup:
     )
     height = chart.live().height
     return Markup(
-        '<figure class="chart" data-chart="{n}"{timed} tabindex="0" aria-label="{words}. '
-        'Keys: plus and minus zoom, arrows move, 0 shows all.">{tools}'
+        '<figure class="chart" data-chart="{n}"{clock} tabindex="0" aria-label="{words}{keys}">'
+        "{tools}"
         '<div class="canvas" id="chart-{n}" role="img" aria-label="{words}" '
         'style="min-height:{height}px"></div><figcaption>{words}</figcaption></figure>'
     ).format(
         n=number, words=chart.words, height=height,
-        timed=Markup(' data-timed=""') if chart.timed else "",
+        clock=Markup(' data-clock="{}"').format(chart.clock) if chart.clock else "",
+        keys=KEYBOARD if chart.shared_x else "",
         tools=Markup('<div class="tools" role="group" aria-label="Zoom">{}</div>').format(buttons)
         if chart.shared_x else "",
     )  # fmt: skip

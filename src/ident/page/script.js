@@ -5,7 +5,7 @@ const ranges = new Map() // of figures whose panels share one x axis
 const documents = []
 const seen = new Set() // figures in view or nearly so
 let moving = false
-let span = null // of time, that all charts of time show
+const spans = new Map() // of time, by clock, that all charts of it show
 
 const shade = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim()
 
@@ -19,11 +19,11 @@ function paint(drawn) {
   }
 }
 
-const timed = (figure) => "timed" in figure.dataset
+const clock = (figure) => figure.dataset.clock
 
 function follow(figure) { // those out of view follow when they come into it
-  const known = ranges.get(figure)
-  if (!known || !span || !timed(figure)) return
+  const known = ranges.get(figure), span = spans.get(clock(figure))
+  if (!known || !span || !clock(figure)) return
   moving = true
   known.range.setv(span)
   moving = false
@@ -31,12 +31,12 @@ function follow(figure) { // those out of view follow when they come into it
 
 function together(figure, range) {
   ranges.set(figure, {range, whole: [range.start, range.end]})
-  if (!timed(figure)) return
-  if (span) range.setv(span)
+  if (!clock(figure)) return
+  follow(figure)
   const tell = () => {
     if (moving) return
-    span = {start: range.start, end: range.end}
-    for (const other of seen) if (other !== figure) follow(other)
+    spans.set(clock(figure), {start: range.start, end: range.end})
+    for (const other of seen) if (other !== figure && clock(other) === clock(figure)) follow(other)
   }
   range.properties.start.change.connect(tell)
   range.properties.end.change.connect(tell)
@@ -75,7 +75,7 @@ for (const figure of figures) {
     button.addEventListener("click", () => move(figure, button.dataset.do))
   }
   figure.addEventListener("keydown", (event) => {
-    if (event.target !== figure || !(event.key in KEYS) || event.ctrlKey || event.metaKey) return
+    if (event.target !== figure || !(event.key in KEYS) || event.ctrlKey || event.metaKey || event.altKey) return
     event.preventDefault()
     move(figure, KEYS[event.key])
   })
@@ -105,12 +105,15 @@ const near = new IntersectionObserver((entries) => {
   }
 }, {rootMargin: "400px"})
 figures.forEach((figure) => near.observe(figure))
-addEventListener("beforeprint", () => figures.filter(visible).forEach(draw))
+addEventListener("beforeprint", () => {
+  document.querySelectorAll("details").forEach((each) => { each.open = true })
+  figures.filter(visible).forEach(draw)
+})
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => documents.forEach(paint))
 // what is far down is drawn when there is nothing else to do, so that it can be printed
 const idle = globalThis.requestIdleCallback ?? ((work) => setTimeout(work, 300))
 const rest = () => {
   const next = figures.find((figure) => !figure.dataset.drawn && visible(figure))
-  if (next) draw(next).then(() => idle(rest))
+  if (next) draw(next).catch((error) => console.error(error)).finally(() => idle(rest))
 }
 if (figures.length) idle(rest)

@@ -106,6 +106,8 @@ def depends_on(
     sums = _Sums(candidates, fold)
     cross, square = sums.moments(r[:, None])
     total = float(sums.held_out([], cross, square)[0])
+    if not total > 0:  # one stretch of time alone, of which nothing can be held out
+        return Found((), 0.0, 1.0)
     chosen: list[int] = []
     steps: list[Step] = []
     now = total
@@ -119,6 +121,9 @@ def depends_on(
         nothing = sums.held_out(chosen, noise_cross, noise_square)
         rest = [i for i in range(len(candidates)) if i not in chosen]
         after = {i: float(sums.held_out([*chosen, i], cross, square)[0]) for i in rest}
+        after = {i: left for i, left in after.items() if np.isfinite(left)}
+        if not after:
+            return Found(tuple(steps), 0.0, 1.0)
         chance = max(
             float((1 - sums.held_out([*chosen, i], noise_cross, noise_square) / nothing).max())
             for i in rest

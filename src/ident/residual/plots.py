@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -11,7 +11,7 @@ import numpy as np
 from ident.chart import MEASURED, RESIDUAL, Chart, Level, Line, Panel, Points
 from ident.residual.failure import Failure
 from ident.residual.predict import Prediction
-from ident.residual.residual import RIGID, Residual, Trace
+from ident.residual.residual import RIGID, Residual, Trace, zero_of
 
 LABEL = 28  # characters of a name in a picture
 BINS = 30  # of the mean that is drawn through a cloud
@@ -24,21 +24,23 @@ def plot_predictions(
     """Measured torque and every model's prediction, with residuals below, per joint."""
     names = list(predictions)
     one = predictions[names[0]][experiment]
+    zero = zero_of(one.t)
+    t, clock = one.t - zero, time_label(zero)
     rows = []
     for u, joint in enumerate(one.joints):
-        above = [Line(one.t, _only(one, one.measured[:, u]), "measured", MEASURED, 2.2)]
+        above = [Line(t, _only(one, one.measured[:, u]), "measured", MEASURED, 2.2)]
         below = []
         for i, name in enumerate(names):
             p = predictions[name][experiment]
             label = "predicted" if len(names) == 1 else short(name)
-            above.append(Line(one.t, _only(p, p.predicted[:, u]), label, i, 1.1))
+            above.append(Line(t, _only(p, p.predicted[:, u]), label, i, 1.1))
             colour = RESIDUAL if len(names) == 1 else i
             left = "difference" if len(names) == 1 else ""
-            below.append(Line(one.t, _only(p, p.residual[:, u]), left, colour, 0.8))
-        rows.append((Panel(tuple(above), "t [s]", f"{joint} [{units[u]}]"),))
-        rows.append((Panel((Level(), *below), "t [s]", "difference", height=1.5),))
+            below.append(Line(t, _only(p, p.residual[:, u]), left, colour, 0.8))
+        rows.append((Panel(tuple(above), clock, f"{joint} [{units[u]}]"),))
+        rows.append((Panel((Level(), *below), clock, "difference", height=1.5),))
     words = f"Measured and predicted torque of every joint over time, {one.name}"
-    return Chart(words, tuple(rows), shared_x=True, timed=True)
+    return Chart(words, tuple(rows), shared_x=True, clock=one.name)
 
 
 def _only(p: Prediction, x: np.ndarray) -> np.ndarray:
@@ -50,6 +52,31 @@ def plot_parts(residuals: Mapping[str, Residual], experiment: int = 0) -> Chart:
     """Measured torque and the parts that add up to the predicted one: a row a joint, a column a
     model.
     """
+    return _apart(residuals, experiment, _parts, "The sum taken apart: rigid bodies, effects")
+
+
+def plot_own(residuals: Mapping[str, Residual], experiment: int = 0) -> Chart:
+    """Of a mechanism with closures, what acts in each joint's own row of the generalised forces:
+    rigid bodies, effects and closure forces add up to the joint's torque.
+    """
+    return _apart(residuals, experiment, _own, "Each joint by itself: rigid bodies, closure forces")
+
+
+def _parts(trace: Trace) -> tuple[np.ndarray, str, Mapping[str, np.ndarray]]:
+    return trace.measured, "measured", trace.parts
+
+
+def _own(trace: Trace) -> tuple[np.ndarray, str, Mapping[str, np.ndarray]]:
+    total = sum(trace.own.values(), np.zeros_like(trace.measured))
+    return total, "torque of the joint", trace.own
+
+
+def _apart(
+    residuals: Mapping[str, Residual],
+    experiment: int,
+    of: Callable[[Trace], tuple[np.ndarray, str, Mapping[str, np.ndarray]]],
+    words: str,
+) -> Chart:
     first = next(iter(residuals.values()))
     colours: dict[str, int] = {}
     rows = []
@@ -57,25 +84,24 @@ def plot_parts(residuals: Mapping[str, Residual], experiment: int = 0) -> Chart:
         row: list[Panel] = []
         for name, residual in residuals.items():
             trace = residual.traces[min(experiment, len(residual.traces) - 1)]
+            zero, (total, label, parts) = residual.zero(trace), of(trace)
             title = f"{short(name)}, {short(trace.name)}" if u == 0 and len(residuals) > 1 else ""
-            label = f"{joint} [{first.units[u]}]" if not row else ""
-            row.append(Panel(_summands(trace, u, colours), "t [s]", label, title))
+            t, left = trace.t - zero, total - sum(parts.values(), np.zeros_like(total))
+            lines = [Line(t, _broken(trace, total[:, u]), label, MEASURED, 2.2)]
+            for part, values in parts.items():
+                x, kind = values[:, u], part.split(":")[0]
+                if part == RIGID or np.abs(x).max() > 0:
+                    colour = colours.setdefault(kind, len(colours))
+                    lines.append(Line(t, _broken(trace, x), kind, colour))
+            if of is _parts:
+                lines.append(Line(t, _broken(trace, left[:, u]), "residual", RESIDUAL, 0.8))
+            y = "" if row else f"{joint} [{first.units[u]}]"
+            row.append(Panel(tuple(lines), time_label(zero), y, title))
         rows.append(tuple(row))
-    words = "The sum taken apart: rigid bodies, effects and what is left, over time"
+    one = first.traces[min(experiment, len(first.traces) - 1)].name
     wide = max(9.0, 6.0 * len(residuals))
-    return Chart(words, tuple(rows), shared_x=True, shared_y=True, width=wide, timed=True)
-
-
-def _summands(trace: Trace, u: int, colours: dict[str, int]) -> tuple[Line, ...]:
-    """Of one joint; effects of a kind have one colour."""
-    lines = [Line(trace.t, _broken(trace, trace.measured[:, u]), "measured", MEASURED, 2.2)]
-    for part, values in trace.parts.items():
-        x, kind = values[:, u], part.split(":")[0]
-        if part == RIGID or np.abs(x).max() > 0:
-            colour = colours.setdefault(kind, len(colours))
-            lines.append(Line(trace.t, _broken(trace, x), kind, colour))
-    lines.append(Line(trace.t, _broken(trace, trace.residual[:, u]), "residual", RESIDUAL, 0.8))
-    return tuple(lines)
+    said = f"{words} and what is left, over time, {one}" if of is _parts else f"{words}, {one}"
+    return Chart(said, tuple(rows), shared_x=True, shared_y=True, width=wide, clock=one)
 
 
 def _broken(trace: Trace, x: np.ndarray) -> np.ndarray:
@@ -112,6 +138,8 @@ def plot_maps(residuals: Mapping[str, Residual], joint: str) -> Chart:
 def _map(residual: Residual, u: int, name: str, said: Mapping[str, float], marked: bool) -> Panel:
     """Points, one colour an experiment, and their mean in bins."""
     x, unit = residual.signal(name)
+    if name == "t":
+        x = [each - residual.zero(trace) for each, trace in zip(x, residual.traces, strict=True)]
     r = [trace.residual[:, u] for trace in residual.traces]
     clouds = [Points(xs, rs, colour=i) for i, (xs, rs) in enumerate(zip(x, r, strict=True))]
     own = name.removesuffix(f".{residual.joints[u]}")
@@ -156,6 +184,11 @@ def _foreign(residuals: Mapping[str, Residual], joint: str) -> str | None:
         if signal != "t" and not signal.endswith(f".{joint}")
     ]
     return max(found)[1] if found else None
+
+
+def time_label(zero: float) -> str:
+    """Of an axis of time that is counted from `zero` [s]."""
+    return f"t − {zero:.3f} [s]" if zero else "t [s]"
 
 
 def short(name: str) -> str:

@@ -8,7 +8,7 @@ from ident.chart import Chart
 from ident.page import Choice, Option, Section, code, items, paragraph, table
 from ident.page.page import Block
 from ident.residual.error import Error, error_rows
-from ident.residual.plots import plot_maps, plot_parts, plot_predictions
+from ident.residual.plots import plot_maps, plot_own, plot_parts, plot_predictions
 from ident.residual.predict import Prediction
 from ident.residual.residual import Residual
 from ident.residual.tables import failure_lines, parts_table
@@ -33,16 +33,19 @@ def torques(predictions: Mapping[str, list[Prediction]], units: Sequence[str]) -
     names = [p.name for p in next(iter(predictions.values()))]
     return Section(
         "Measured against predicted",
-        (by_log(names, lambda i: plot_predictions(predictions, units, i)),),
+        by_log(names, lambda i: plot_predictions(predictions, units, i)),
     )
 
 
-def by_log(names: Sequence[str], draw: Callable[[int], Chart]) -> Block:
+def by_log(names: Sequence[str], draw: Callable[[int], Chart]) -> tuple[Block, ...]:
     """A chart, or of several logs a choice between theirs."""
     if len(names) == 1:
-        return draw(0)
+        return (draw(0),)
     options = tuple(Option(name, (draw(i),)) for i, name in enumerate(names[:LOGS]))
-    return Choice("Which log", options)
+    choice = Choice("Which log", options)
+    if len(names) <= LOGS:
+        return (choice,)
+    return paragraph(f"The first {LOGS} of {len(names)} logs are drawn."), choice
 
 
 def maps(residuals: Mapping[str, Residual]) -> Section:
@@ -65,5 +68,7 @@ def parts(residuals: Mapping[str, Residual]) -> Section:
         blocks += [paragraph(name)] if len(residuals) > 1 else []
         blocks.append(code(lines))
     names = [trace.name for trace in first.traces]
-    blocks.append(by_log(names, lambda i: plot_parts(residuals, i)))
+    blocks += by_log(names, lambda i: plot_parts(residuals, i))
+    if first.own:
+        blocks += by_log(names, lambda i: plot_own(residuals, i))
     return Section("The sum taken apart", tuple(blocks))

@@ -21,6 +21,7 @@ from ident.residual.model import Model
 if TYPE_CHECKING:
     from ident.residual.failure import Failure
 
+FAR = 1e4  # s, beyond which no experiment begins by its own clock
 RIGID, WRENCHES = "rigid bodies", "external wrenches"
 DRIVES, CLOSURES = "other drives", "closure forces"
 
@@ -137,6 +138,10 @@ class Residual(Shown):
         names = self.traces[0].own
         return {name: _rms([trace.own[name] for trace in self.traces]) for name in names}
 
+    def zero(self, trace: Trace) -> float:
+        """Where pictures count a log's time from [s]: its start, if its stamps are far from 0."""
+        return next(zero_of(e.t) for e in self.motion.experiments if e.name == trace.name)
+
     @property
     def rows(self) -> int:
         """Over all experiments."""
@@ -177,6 +182,11 @@ class Residual(Shown):
         return "\n".join([headline(self), *parts_table(self), "", *where_text(self)])
 
     __repr__ = __str__
+
+
+def zero_of(t: np.ndarray) -> float:
+    """The first of some stamps (n,) [s] if they are far from 0, as seconds since 1970 are."""
+    return float(t[0]) if abs(float(t[0])) > FAR else 0.0
 
 
 def _rms(pieces: list[np.ndarray]) -> np.ndarray:

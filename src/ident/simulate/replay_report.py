@@ -31,7 +31,7 @@ def plot_replay(replay: Replay, experiment: int) -> Chart:
         rows.append((Panel(tuple(above), "t [s]", f"{joint} [{unit}]", height=1.8),))
         rows.append((Panel((Level(), *below), "t [s]", f"difference [{unit}]", height=1.4),))
     words = f"Measured and simulated coordinate of every joint over time, {first.name}"
-    return Chart(words, tuple(rows), shared_x=True, timed=True)
+    return Chart(words, tuple(rows), shared_x=True, clock=first.name)
 
 
 def replay_html(replay: Replay) -> bytes:
@@ -43,7 +43,7 @@ def replay_html(replay: Replay) -> bytes:
     logs = [run.name for run in next(iter(replay.runs.values()))]
     sections = (
         Section("Error of the motion", (paragraph(words), table(replay.rows(), "By joint"))),
-        Section("Measured against simulated", (by_log(logs, replay.plot),)),
+        Section("Measured against simulated", by_log(logs, replay.plot)),
         Section("Warnings", (items(replay.notes),) if replay.notes else ()),
     )
     return Page("Simulated against measured motion", ", ".join(replay.runs), sections).html()

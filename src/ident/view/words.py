@@ -45,6 +45,12 @@ def legend(stage: Stage, films: Sequence[Film], scales: Scales, notes: Sequence[
     return "".join(f'<div style="margin:.45em 0">{line}</div>' for line in lines)
 
 
+NOTICE = (
+    "<!-- The player in this page is viser's (Apache License 2.0; copyright its authors), built "
+    "with three.js, React and Mantine (MIT License; copyright their authors). -->"
+)
+
+
 def overlaid(page: str, title: str, text: str) -> str:
     """A recording's page with its title and the legend in a corner.
 
@@ -63,7 +69,7 @@ def overlaid(page: str, title: str, text: str) -> str:
     # legible in whatever encoding a notebook is exported to
     panel = panel.encode("ascii", "xmlcharrefreplace").decode("ascii")
     end = page.rindex("</body>")
-    return page[:end] + panel + page[end:]
+    return page[:end] + panel + NOTICE + page[end:]
 
 
 def _dot(colour: tuple[int, int, int]) -> str:
