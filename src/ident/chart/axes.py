@@ -11,6 +11,7 @@ from ident.chart.palette import RESIDUAL, colour
 
 PIXELS = 75  # of one inch of a panel's height
 LEAST = 150  # pixels, below which nobody reads a panel
+ABREAST = 3  # panels in a row, from which they are narrow
 SHORT, TILT = 6, 0.45  # characters of names that stand beside each other; else [rad]
 TIPS = [["", "$name"], ["x", "@x{0.0000}"], ["y", "@y{0.00000}"]]
 
@@ -35,7 +36,9 @@ def panel_of(
     alarm = colour(RESIDUAL)
     inner = left is not None and chart.shared_y
     named = not chart.shared_x or below  # whether the x axis has its numbers
-    x = _axis(make, panel.x if named else None, panel.x_names, font="11px" if named else "0px")
+    few = 3 if len(chart.rows[0]) > ABREAST else 6  # numbers beside each other stay apart
+    font = "11px" if named else "0px"
+    x = _axis(make, panel.x if named else None, panel.x_names, font=font, ticks=few)
     if max(map(len, panel.x_names), default=0) > SHORT:
         x["attributes"]["major_label_orientation"] = TILT
     y = _axis(make, panel.y, panel.y_names, visible=not inner, logarithmic=panel.logarithmic)
@@ -75,20 +78,22 @@ def _y_range(panel: Panel, make: Maker) -> Thing:
 
 def _axis(
     make: Maker, label: str | None, names: tuple[str, ...], *, font: str = "11px",
-    visible: bool = True, logarithmic: bool = False,
+    visible: bool = True, logarithmic: bool = False, ticks: int = 6,
 ) -> Thing:  # fmt: skip
     kind = "Log" if logarithmic else "Linear"
-    ticker, formatter = make(f"{'Log' if logarithmic else 'Basic'}Ticker"), "BasicTickFormatter"
-    more: dict[str, Any] = {}
     if logarithmic:
-        formatter = "LogTickFormatter"
+        ticker, formatter = make("LogTicker"), make("LogTickFormatter")
+    else:
+        ticker = make("BasicTicker", desired_num_ticks=ticks)
+        formatter = make("BasicTickFormatter", power_limit_high=6, power_limit_low=-6)
+    more: dict[str, Any] = {}
     if names:
         ticker = make("FixedTicker", ticks=list(range(len(names))), minor_ticks=[])
         more["major_label_overrides"] = mapping(
             {i: plain(name, make) for i, name in enumerate(names)}
         )
     return make(
-        f"{kind}Axis", ticker=ticker, formatter=make(formatter),
+        f"{kind}Axis", ticker=ticker, formatter=formatter,
         major_label_policy=make("AllLabels"), axis_label=plain(label, make), visible=visible,
         axis_label_text_font_style="normal", axis_label_text_color=GREY,
         major_label_text_color=GREY, major_label_text_font_size=font, axis_line_color=GREY,

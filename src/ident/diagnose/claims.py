@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING
 
 from ident.diagnose.evidence import BEYOND, CLOSES, REST, SURE
 from ident.diagnose.missing import missing
-from ident.diagnose.phrases import closure, error_text, listed, signal, some
+from ident.diagnose.phrases import closure, error_text, listed, remaining, signal, some
 from ident.residual.periods import CHANCE
 
 if TYPE_CHECKING:
     from ident.diagnose.diagnosis import Diagnosis
 
-NEAR = 2.0  # times the noise floor, from which the rows around reversals are spoken of
 TRIED = 3  # candidates that are told of though none explains it
 
 
@@ -31,16 +30,18 @@ def _nothing(d: Diagnosis) -> list[str]:
         for name, e in errors.items()
         if e.relative
     ]
+    near = remaining(d)
+    left = "what is left is small, but not all of it is noise" if near else "what is left is noise"
     said = (
-        f"Nothing is missing that this data could show: what is left is noise. The residual's rms "
-        f"beside that of noise alone: {some(beside, 8)}."
+        f"Nothing is missing that this data could show: {left}. The residual's rms beside that of "
+        f"noise alone: {some(beside, 8)}."
     )
-    near = [name for name, e in errors.items() if e.rms > NEAR * d.floor[name]]
     if near:
         said += (
-            f" That is so away from velocity reversals. Around them more is left in {some(near)}: "
-            "stick phases, friction at low speed and filters are not to be told apart there; slow "
-            "strokes at constant speed would show which."
+            f" In {some(near)} more is left, or it comes back with every period: below what is "
+            "reported, or around velocity reversals, where stick phases, friction at low speed and "
+            "filters are not to be told apart; slow strokes at constant speed would show which. An "
+            "effect already in the model may stand in for another one."
         )
     if d.periods is not None and max(d.periods.rho.values()) < CHANCE:
         said += " The motion repeats, and the residual does not repeat with it."

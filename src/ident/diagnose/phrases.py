@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from ident.diagnose.diagnosis import Diagnosis
 
 MOST = 4  # names or numbers that are listed; the others are counted
+NEAR = 2.0  # times the noise floor, from which what is left beside a verdict is spoken of
+REPEATED = 0.6  # correlation of a residual between periods, from which it is no noise
 LOUDER = 1.25  # times the noise floor, from which a residual is no noise
 SIGNALS = {
     "q": "position",
@@ -93,6 +95,14 @@ def error_text(error: Error) -> str:
     """`0.065 N m (2.1 %)`."""
     relative = "" if error.relative is None else f" ({percent(error.relative)})"
     return f"{error.rms:.3g} {error.unit}{relative}"
+
+
+def remaining(d: Diagnosis) -> list[str]:
+    """Joints in which clearly more is left than noise, or what comes back with every period."""
+    errors = d.fit.held_out or d.fit.train
+    loud = [name for name, e in errors.items() if e.rms > NEAR * d.floor[name]]
+    again = [] if d.periods is None else [n for n, rho in d.periods.rho.items() if rho > REPEATED]
+    return list(dict.fromkeys([*loud, *(name for name in again if name in errors)]))
 
 
 def failing(d: Diagnosis) -> list[Failure]:

@@ -38,8 +38,10 @@ TITLES = {
 }
 MARKS = "* named; = this data cannot tell it from the one named."
 FALLS = (
-    "The chart counts all joints, weighed, on rows away from reversals; the table the error of one "
-    "joint on all rows."
+    "The chart counts all joints, weighed, on rows away from reversals, ± one standard error over "
+    "stretches of time; the table the error of one joint on all rows. z: the fall in standard "
+    "errors, candidate by candidate; gap closed: of what noise does not explain; visible: how much "
+    "of its torque no other parameter could take over."
 )
 ADDED = (
     "Each point is a row of the fit. What is really this effect lies along the line; a bend or a "

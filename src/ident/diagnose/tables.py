@@ -7,7 +7,7 @@ import textwrap
 from typing import TYPE_CHECKING
 
 from ident.diagnose.explanation import Explanation
-from ident.diagnose.phrases import closure, labels, numbers
+from ident.diagnose.phrases import closure, labels, listed, numbers, remaining
 from ident.tables import percent, table
 
 if TYPE_CHECKING:
@@ -28,7 +28,9 @@ def verdict_line(d: Diagnosis) -> str:
             return f"missing: {best.label}"
         return f"missing: {labels([best, *d.rivals], 'or')}, which this data cannot tell apart"
     if d.verdict == "nothing":
-        return "nothing is missing that this data could show"
+        near = remaining(d)
+        but = f"; but not all that is left in {listed(near)} is noise" if near else ""
+        return f"nothing is missing that this data could show{but}"
     return "unexplained: something is missing, and no effect of the library explains it"
 
 

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from ident.fit.fit import Fit
     from ident.fit.reactions import Reactions
 
+STRUCTURE = (
+    "What is left in {} has structure: the model may lack something, and ± is what noise alone would "
+    "do to a complete model. `ident diagnose` says what could be missing."
+)
 LAMBDA = "The reaction forces that the closures need for this motion; they rest on the model."
 
 
@@ -71,6 +75,9 @@ def misfit(fit: Fit) -> tuple[Section, ...]:
     units = [fit.mechanism.joint(name).force_unit for name in fit.motion.independent]
     residuals = {fit.name: fit.residual}
     said = [each for each in fit.warnings if each not in fit.motion.notes]  # those stand elsewhere
+    rough = [failure.joint for failure in fit.residual.where if not failure.white]
+    if rough:
+        said.append(STRUCTURE.format(", ".join(rough)))
     return (
         Section("Warnings", (items(said),) if said else ()),
         _errors(fit),
@@ -115,6 +122,8 @@ def _lambda(fit: Fit, reactions: Reactions | None) -> tuple[Block, ...]:
     if not fit.mechanism.kinematics.multipliers:
         return ()
     blocks: list[Block] = [paragraph(LAMBDA)]
+    said = [each for each in fit.warnings if each.startswith("multipliers ")]
+    blocks += [paragraph(each, "warning") for each in said]
     if reactions is not None:
         blocks += [headed("Against known reactions"), code(str(reactions)), reactions.plot()]
     names = [e.name for e in fit.motion.experiments]

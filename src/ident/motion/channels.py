@@ -81,7 +81,7 @@ def channels_of(signals: Signals, names: Sequence[str]) -> list[Channel]:
             if column not in signals.columns:
                 continue
             t, x = signals.log.series(column)
-            spread = float(np.std(x))
+            spread = _spread(x)
             sigma = max(noise_level(signals.even(column)[0]), float(grain(x) / np.sqrt(12.0)))
             sigma = max(sigma, ROUNDING * (spread or 1.0))
             if found and found[-1].joint == name:  # beside noisy positions no rate is exact
@@ -89,6 +89,11 @@ def channels_of(signals: Signals, names: Sequence[str]) -> list[Channel]:
                 sigma = max(sigma, SHARPEST * before.sigma / float(np.ptp(t)))
             found.append(Channel(name, order, t, x, sigma, spread))
     return found
+
+
+def _spread(x: np.ndarray) -> float:
+    """Standard deviation of a signal (n,); 0 for a constant, of which a mean leaves rounding."""
+    return float(np.std(x)) if float(np.ptp(x)) > 0 else 0.0
 
 
 def grain(x: np.ndarray) -> float:
