@@ -103,6 +103,18 @@ class Chart:
 
         return Live(self)
 
+    def pieces(self, rows: int) -> tuple[Chart, ...]:
+        """Charts of at most so many rows, zoomed together: only those in view are drawn anew."""
+        if len(self.rows) <= rows:
+            return (self,)
+        starts = range(0, len(self.rows), rows)
+        return tuple(
+            replace(
+                self, words=f"{self.words} ({i + 1} of {len(starts)})", rows=self.rows[k : k + rows]
+            )
+            for i, k in enumerate(starts)
+        )
+
     def thinned(self, points: int) -> Chart:
         """Lines of at most some 2 · `points` values, which look the same at that many pixels."""
         return replace(self, rows=tuple(tuple(_thin(p, points) for p in row) for row in self.rows))

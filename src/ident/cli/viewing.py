@@ -23,6 +23,7 @@ from ident.fit.saved import read_fit
 from ident.mechanism.shown import view_of
 from ident.mechanism.track import Track
 from ident.residual.predict import predict
+from ident.view.record import kept
 from ident.view.view import SUFFIXES
 
 
@@ -77,7 +78,8 @@ def view(
             told(f"recording {out.name}", 0.5)
             shown.write(out)
     if out is not None:
-        result(f"{out}: {sum(len(film) for film in shown.films)} moments; open it in a browser")
+        count = sum(len(film) for film in kept(shown.films))
+        result(f"{out}: {count} moment{'s' * (count != 1)}; open it in a browser")
         return
     with shown.serve(port) as page:
         result(f"{page.address}    (Ctrl-C ends it)")

@@ -34,8 +34,8 @@ class Announced:
         fall, error: of the held-out squares and its standard error, as shares: what adding it would
             take away, or what it takes away now. None where that cannot be said.
         joints: whose errors it lowers, the one it lowers most first.
-        rivals: labels of effects that explain the same part as well; better: that explain it
-            better.
+        rivals: labels of effects that explain the same part as well, as far as can be told;
+            better: that explain it better, by more than falls are known.
         shape: of a search, from which a refit sets out.
         why: it cannot be seen in this data, or had better not be in the model; "" for most.
     """
@@ -107,9 +107,10 @@ def _of(ground: Ground, candidate: Candidate) -> Announced:
 def _with_rivals(
     ground: Ground, found: Sequence[Candidate], announced: Sequence[Announced]
 ) -> list[Announced]:
-    """Each with those that explain the same part as well, or better, beyond the comparison's error.
+    """Each with those that explain the same part as well, or better.
 
-    cos(X̃_a θ_a, X̃_b θ_b) > ALIKE,  |mean(D_a − D_b)| < APART standard errors
+    cos(X̃_a θ_a, X̃_b θ_b) > ALIKE; better: mean(D_b − D_a) ≥ APART standard errors of its own, and
+    the falls differ by more than the standard error of either
     """
     screen = ground.screen
     sure = [i for i, each in enumerate(announced) if each.sure]
@@ -122,8 +123,8 @@ def _with_rivals(
     result = list(announced)
     for a, i in enumerate(sure):
         behind = {
-            announced[j].label: zscore(D[b] - D[a]) for b, j in enumerate(sure)
-            if b != a and alike[a, b]
+            announced[j].label: 0.0 if _close(announced[i], announced[j]) else zscore(D[b] - D[a])
+            for b, j in enumerate(sure) if b != a and alike[a, b]
         }  # fmt: skip
         result[i] = replace(
             announced[i],
@@ -131,6 +132,12 @@ def _with_rivals(
             better=tuple(label for label, z in behind.items() if z >= APART),
         )
     return result
+
+
+def _close(a: Announced, b: Announced) -> bool:
+    """Whether two falls differ by less than either is known: ranks of such falls say nothing."""
+    apart = abs((a.fall or 0.0) - (b.fall or 0.0))
+    return apart < max(a.error or 0.0, b.error or 0.0)
 
 
 def _present(ground: Ground) -> list[Announced]:

@@ -9,7 +9,7 @@ import panel
 
 from ident.explore.exploration import Exploration
 from ident.explore.parts import CHOICE, CSS, Candidates, Ladder, Status
-from ident.explore.rows import rows_of
+from ident.explore.rows import beside_verdict, rows_of
 from ident.explore.tables import error_rows, ladder_rows
 from ident.explore.views import VIEWS, Drawn
 from ident.page import table
@@ -64,6 +64,8 @@ class Controls:
         else:
             rows = rows_of(e.now.candidates, e.now.diagnosis)
             said = f"{len(rows)} effects; fall of the held-out squares ± standard error"
+            if beside_verdict(e.now.candidates, e.now.diagnosis):
+                said += "; none of them is judged to be missing"
             self.candidates.param.update(rows=rows, stale=False, said=said)
 
     def show(self, picture: Drawn) -> None:

@@ -32,6 +32,22 @@ def rows_of(found: Sequence[Announced], d: Diagnosis | None = None) -> list[dict
     return sorted(rows, key=lambda row: GROUPS.index(row["group"]))
 
 
+def beside_verdict(found: Sequence[Announced], d: Diagnosis | None) -> str:
+    """What is to be said where no effect is judged to be missing, but falls are announced."""
+    falling = [each for each in found if each.sure and not each.present]
+    if d is None or d.verdict == "missing" or not falling:
+        return ""
+    best = max(falling, key=lambda each: each.fall or 0.0)
+    named = "nothing is missing" if d.verdict == "nothing" else "no effect explains what is left"
+    return (
+        f"Judged: {named} that this data could show. Falls are announced all the same, "
+        f"{best.label} {share(best.fall)} ± {100 * (best.error or 0.0):.1f} the largest: a fall is a "
+        "share of what is left, however little that is. To be named, an effect must also do more "
+        "than effects do by chance in logs without them, matter against the torque, and have "
+        "values that it can have."
+    )
+
+
 def group_of(each: Announced) -> str:
     """Where it is listed."""
     if each.present:
@@ -51,7 +67,7 @@ def _row(each: Announced, verdict: str) -> dict[str, Any]:
     told = (("not told apart from", each.rivals), ("explained better by", each.better))
     rivals = "; ".join(f"{words} {some(others, NAMED)}" for words, others in told if others)
     words = each.words
-    if each.joints and not each.present:
+    if each.joints and not each.present and (each.fall or 0.0) > 0:
         words += f"; lowers the error of {listed(each.joints)}"
     return {
         "key": each.label,

@@ -68,10 +68,22 @@ class Rung:
             if old is not None and error.rms > GROWN * old.rms:
                 said.append(
                     f"{self.name}: the held-out error of {joint} has grown from {old.rms:.3g} to "
-                    f"{error.rms:.3g} {error.unit}; every joint weighs by what is left in it, so "
-                    "those that fit better now count for more"
+                    f"{error.rms:.3g} {error.unit}; {self._why_risen(joint)}"
                 )
         return said
+
+    def _why_risen(self, joint: str) -> str:
+        """Weights are a reason only where several joints share them."""
+        alone, gone = len(self.errors) == 1, self.removed
+        if gone is not None and (alone or joint in gone.joints or not gone.joints):
+            return f"what {gone.label} explained is left now"
+        if gone is not None:
+            return "what it explained may be left there, or joints weigh otherwise than before"
+        if alone:
+            return "what the effect follows in some stretches of time does not hold in the others"
+        return (
+            "every joint weighs by what is left in it, so those that fit better now count for more"
+        )
 
     @property
     def step(self) -> Step:

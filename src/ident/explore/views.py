@@ -9,6 +9,7 @@ from typing import Any
 
 from ident.explore.exploration import Exploration
 from ident.explore.plots import plot_all, plot_joint, plot_ladder
+from ident.explore.rows import beside_verdict
 from ident.explore.rung import Rung
 from ident.explore.tables import body_rows, effect_rows
 from ident.page import code, items, paragraph, table
@@ -61,7 +62,10 @@ def drawn(e: Exploration, view: str, joint: str) -> Drawn:
     if view == "Numbers":
         return Drawn((("html", numbers(e.now)),))
     d = e.now.diagnosis
-    return Drawn((("html", str(paragraph(UNJUDGED) if d is None else code(str(d)))),))
+    if d is None:
+        return Drawn((("html", str(paragraph(UNJUDGED))),))
+    beside = beside_verdict(e.candidates, d)
+    return Drawn((("html", f"{paragraph(beside) if beside else ''}{code(str(d))}"),))
 
 
 def _charts(charts: Sequence[Any], words: Any = "") -> Drawn:

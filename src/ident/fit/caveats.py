@@ -20,6 +20,7 @@ from ident.motion import Motion
 from ident.residual.error import Squares
 
 BIASED = 1e-4  # share of a parameter that a time basis may move unmentioned
+FEW = 3.0  # equations a parameter below which values follow the noise
 POOR = 1e3  # condition number above which the motion excites some base parameter poorly
 
 
@@ -69,7 +70,7 @@ def warnings_of(
     point: Point,
 ) -> tuple[str, ...]:
     """Notes of mechanism and motion, and what the fit cannot tell; `rest`: share at standstill."""
-    said = [*mechanism.notes, *motion.notes]
+    said = [*_too_short(found), *mechanism.notes, *motion.notes]
     if rest > 0:
         said.append(
             f"{100 * rest:.3g} % of the equations are at standstill, where dry friction is open; "
@@ -132,6 +133,15 @@ def warnings_of(
             + ", which no torque determines: a wrong prior moves them, however well torques fit"
         )
     return tuple(dict.fromkeys(said))
+
+
+def _too_short(found: Estimate) -> list[str]:
+    """Whether there are hardly more equations than parameters."""
+    equations, rank = found.factor.rows, found.base.rank
+    return [
+        f"only {equations} equations for {rank} parameters: these values and errors mean nothing; "
+        f"give a longer log, or make less unknown ([parameters] unknown)"
+    ] if rank and equations < FEW * rank else []  # fmt: skip
 
 
 def _lost_to_the_filter(motion: Motion) -> list[str]:

@@ -63,8 +63,9 @@ def absurdities(
     if impossible:
         said.append(
             f"the identified inertia of {', '.join(impossible)} is that of no possible body (its "
-            "pseudo-inertia has a negative eigenvalue): torques are right, but a simulator may "
-            "refuse identified.urdf; --consistent finds the nearest bodies that are possible"
+            "pseudo-inertia has a negative eigenvalue): the predicted torque does not suffer from "
+            "that, but a simulator may refuse identified.urdf; --consistent finds the nearest "
+            "bodies that are possible"
         )
     return said
 

@@ -19,6 +19,18 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+def is_frame(thing: object) -> bool:
+    """Whether it is a data frame of polars or pandas, whatever it holds.
+
+    >>> is_frame(pl.DataFrame({"t": [0.0]}))
+    True
+    """
+    of_pandas = type(thing).__module__.split(".")[0] == "pandas"
+    return isinstance(thing, pl.DataFrame | pl.LazyFrame) or (
+        of_pandas and type(thing).__name__ == "DataFrame"
+    )
+
+
 def frame_table(name: str, frame: Any, mapped: Collection[str] = ()) -> Table:
     """The columns of a polars or pandas data frame.
 
@@ -35,7 +47,7 @@ def frame_table(name: str, frame: Any, mapped: Collection[str] = ()) -> Table:
         return table_of(name, frame.get_columns())
     if isinstance(frame, pl.LazyFrame):
         raise LogError(f"{name}: a polars LazyFrame holds no values yet; give frame.collect()")
-    if type(frame).__module__.split(".")[0] == "pandas" and type(frame).__name__ == "DataFrame":
+    if is_frame(frame):
         return table_of(name, _series(name, frame, mapped))
     raise LogError(
         f"{name}: {type(frame).__name__} is no data frame; valid: a polars or pandas DataFrame"

@@ -60,7 +60,7 @@ def read_log(
 def _split(path: Path, topic: str | None) -> tuple[Path, list[str]]:
     """The path without its `#topic`, and the topics."""
     before, mark, behind = str(path).partition("#")
-    if mark and not path.exists() and Path(before).exists():
+    if mark and not path.exists() and (Path(before).exists() or is_bag(Path(before))):
         if topic is not None:
             raise LogError(
                 f"{path}: names a topic, and topic = {topic!r} is given; give one of them"
@@ -88,7 +88,7 @@ def _read(path: Path, topics: list[str]) -> tuple[Table, str]:
             f"{path}: a ROS 1 bag; make a ROS 2 bag of it: rosbags-convert --src {path} "
             f"--dst {path.stem}"
         )
-    if not path.exists() and not path.suffix:
+    if not path.exists() and (bag or not path.suffix):
         raise LogError(f"{path}: no such file; {_nearby(path)}")
     if reader is None and not bag:
         raise LogError(

@@ -87,7 +87,7 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
         notes=tree.notes,
         consistency=read_consistency(settings.parameters, bodies, f"{where}: [parameters]"),
     )
-    mechanism = replace(mechanism, notes=(*tree.notes, *_massless(mechanism)))
+    mechanism = replace(mechanism, notes=(*tree.notes, *_undriven(mechanism), *_massless(mechanism)))
     mechanism = with_own_joints(mechanism)
     _check_columns(mechanism, settings)
     return _with_effects(mechanism, settings, allow_code)
@@ -169,6 +169,16 @@ def _start(settings: Settings, tree: Tree, joints: tuple[Joint, ...]) -> np.ndar
             raise MechanismError(f"{where}: no joint '{name}'; {one_of(name, names)}")
         q[names[name]] = number(table, name, where)
     return q
+
+
+def _undriven(mechanism: Mechanism) -> list[str]:
+    """Whether no torque would be measured."""
+    if mechanism.driven or not mechanism.passive:
+        return []
+    return [
+        "nothing is driven: [joints] passive names every joint, so no torque is compared with a "
+        "model; leave out the joints whose torque is logged"
+    ]
 
 
 def _massless(mechanism: Mechanism) -> list[str]:

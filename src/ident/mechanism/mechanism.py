@@ -180,10 +180,12 @@ class Mechanism(Shown):
         if left < 1e-9:
             return q
         worst = np.abs(self.kinematics.closure_rows(q[None]).value[0])
-        name = self.kinematics.multipliers[int(worst.argmax())]
+        at = int(worst.argmax())
+        name, unit = self.kinematics.multipliers[at], self.kinematics.units[at]
+        unit = {"N": " m", "N m": " rad"}.get(unit, "")  # what λ does work along
         raise MechanismError(
             f"{self.name}: the loops do not close from [joints] start: the equation '{name}' is "
-            f"left at {worst.max():.3g}; give a start near an assembled position, and check the "
+            f"left at {worst.max():.3g}{unit}; give a start near an assembled position, and check the "
             "closures' frames"
         )
 

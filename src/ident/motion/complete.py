@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ident.errors import MotionError, one_of
 from ident.log import Log, read_log
+from ident.log.frames import is_frame
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.band import band_of
 from ident.motion.derive import AUTO
 from ident.motion.experiment import experiment_of
+from ident.motion.freedom import check_freedom
 from ident.motion.independent import best_conditioned, independent_joints
 from ident.motion.measure import Signals, measure
 from ident.motion.motion import Experiment, Motion
@@ -22,10 +25,12 @@ from ident.motion.rest import standstill
 from ident.motion.spectrum import CLEAN
 from ident.progress import Told
 
+Given = Log | str | os.PathLike[str] | Any  # a polars or pandas data frame
+
 
 def complete(
     mechanism: Mechanism,
-    logs: Log | str | os.PathLike[str] | Sequence[Log | str | os.PathLike[str]],
+    logs: Given | Sequence[Given],
     *,
     cutoff: float | str | None = "auto",
     torques: bool = True,
@@ -36,7 +41,8 @@ def complete(
 
     Args:
         mechanism: the mechanism.
-        logs: one log or several (or their paths): separate experiments of the same mechanism.
+        logs: one log or several, or their paths, or polars or pandas data frames: separate
+            experiments of the same mechanism.
         cutoff: of the zero-phase filter that the equations will use [Hz]; "auto" chooses it from
             the data, None filters nothing.
         smoothing: spacing of the knots [s] of the splines that noisy channels are smoothed by;
@@ -49,12 +55,15 @@ def complete(
 
     Raises:
         MotionError: if the logs do not determine the motion or contradict the closures.
-        LogError: if a path cannot be read.
+        MechanismError: if its loops do not let the mechanism move.
+        LogError: if a path or a data frame cannot be read.
     """
-    given = [logs] if isinstance(logs, Log | str | os.PathLike) else list(logs)
+    check_freedom(mechanism)
+    several = isinstance(logs, Iterable) and not isinstance(logs, str | Mapping)
+    given = list(logs) if several and not is_frame(logs) else [logs]
     if not given:
         raise MotionError(f"{mechanism.name}: no log given")
-    read = _distinct([x if isinstance(x, Log) else read_log(x, mechanism.columns) for x in given])
+    read = _distinct([_log(mechanism, each) for each in given])
     measured = [measure(mechanism, log) for log in read]
     for signals in measured if torques else []:
         _check_torques(mechanism, signals)
@@ -95,6 +104,14 @@ def complete(
         experiments[i] = replace(experiments[i], still=still)
     noted = tuple(dict.fromkeys(notes))
     return Motion(tuple(experiments), independent, band, worst, noted, tuple(read), mechanism)
+
+
+def _log(mechanism: Mechanism, given: Given) -> Log:
+    if isinstance(given, Log):
+        return given
+    if isinstance(given, str | os.PathLike):
+        return read_log(given, mechanism.columns)
+    return Log.from_frame(given, columns=mechanism.columns)
 
 
 def _distinct(logs: list[Log]) -> list[Log]:

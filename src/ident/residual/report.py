@@ -13,6 +13,7 @@ from ident.residual.predict import Prediction
 from ident.residual.residual import Residual
 from ident.residual.tables import failure_lines, parts_table
 
+ROWS = 4  # of panels in one chart: what a window shows
 LOGS = 12  # whose curves are in a report
 MAPS = (
     "Each dot is a row of the fit; the dark line is the mean. A model that lacks nothing leaves a "
@@ -40,8 +41,8 @@ def torques(predictions: Mapping[str, list[Prediction]], units: Sequence[str]) -
 def by_log(names: Sequence[str], draw: Callable[[int], Chart]) -> tuple[Block, ...]:
     """A chart, or of several logs a choice between theirs."""
     if len(names) == 1:
-        return (draw(0),)
-    options = tuple(Option(name, (draw(i),)) for i, name in enumerate(names[:LOGS]))
+        return draw(0).pieces(ROWS)
+    options = tuple(Option(name, draw(i).pieces(ROWS)) for i, name in enumerate(names[:LOGS]))
     choice = Choice("Which log", options)
     if len(names) <= LOGS:
         return (choice,)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ident.effects import Effect
+from ident.effects import KINDS, Effect
 from ident.equations.point import Point
 from ident.errors import MechanismError, one_of
 from ident.mechanism.mechanism import Mechanism
@@ -32,9 +32,28 @@ def point_of(
         point = point.with_values(_effect_values(effect, given))
     if given:
         name = next(iter(given))
+        if wanted := _effect_of(mechanism, name):
+            raise MechanismError(
+                f"{mechanism.name}: no parameter '{name}': the model has no effect '{wanted}'; "
+                f"add it: --with {wanted}, or an [[effect]] in mechanism.toml"
+            )
         valid = [*mechanism.bodies.names, *(n for e in mechanism.effects for n in e.names)]
         raise MechanismError(f"{mechanism.name}: no parameter '{name}'; {one_of(name, valid)}")
     return point
+
+
+def _effect_of(mechanism: Mechanism, name: str) -> str:
+    """The effect, not of the model, that a parameter of this name belongs to; "" if none does."""
+    kind, _, rest = name.partition(".")
+    site = rest.rpartition(".")[0]
+    if kind not in KINDS:
+        return ""
+    label = f"{kind}:{site}" if site else kind
+    try:
+        grown = mechanism.with_effect(label)
+    except MechanismError:  # nothing it could sit on
+        return ""
+    return label if any(name in effect.names for effect in grown.effects) else ""
 
 
 def _parameters(mechanism: Mechanism, given: dict[str, float], pi: np.ndarray | None) -> np.ndarray:

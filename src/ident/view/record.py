@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ident.view.client import close_page, open_page
@@ -18,7 +20,7 @@ PAUSE = 0.5  # s between two films, in which the last picture stays
 
 def recording(setting: Setting) -> str:
     """The page (HTML) that plays all films of a setting, one after the other."""
-    films = [_thinned(film, len(setting.films)) for film in setting.films]
+    films = kept(setting.films)
     page = open_page(setting.title)
     try:
         aim(page, setting.camera, setting.stage.up)
@@ -48,8 +50,10 @@ def recording(setting: Setting) -> str:
     return overlaid(document, setting.title, setting.legend)
 
 
-def _thinned(film: Film, count: int) -> Film:
-    return film.at(frames(film.t, RATE, max(2, MOST // count), max(2, LEAST // count)))
+def kept(films: Sequence[Film]) -> list[Film]:
+    """What of some films a recording holds: fewer moments than a live page shows."""
+    most, least = (max(2, number // max(len(films), 1)) for number in (MOST, LEAST))
+    return [film.at(frames(film.t, RATE, most, least)) for film in films]
 
 
 def _above(setting: Setting) -> np.ndarray:
