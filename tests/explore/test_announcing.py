@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from explored import given, grown, screened
@@ -11,6 +13,7 @@ from ident.explore.announce import Announced
 from ident.explore.exploration import Exploration
 from ident.explore.ground import Ground
 from ident.explore.kept import Kept, Store
+from ident.explore.rows import beside_verdict, rows_of
 from ident.fit.table import Table
 
 ARM = ["viscous:elbow", "coulomb:wrist", "spring:shoulder", "coupling:shoulder,wrist"]
@@ -87,9 +90,10 @@ def test_the_best_come_first_and_those_of_the_model_last():
 
 def test_rivals_are_named():
     viscous, coulomb = (announced(screened(), f"{kind}:wrist") for kind in ("viscous", "coulomb"))
-    assert "viscous:wrist" in coulomb.better
+    assert "viscous:wrist" in coulomb.rivals  # their falls differ by less than they are known
+    assert "viscous:wrist" in announced(screened(), "coupling:yaw,wrist").better
     assert "coupling:shoulder,wrist" in coulomb.rivals
-    assert not {"coulomb:wrist", "viscous:elbow"} & {*viscous.better, *viscous.rivals}
+    assert "viscous:elbow" not in {*viscous.better, *viscous.rivals}  # another part
     for each in screened().candidates:
         for label in each.rivals:
             assert each.label in announced(screened(), label).rivals
@@ -130,3 +134,28 @@ def test_columns_of_a_corrected_motion_are_not_those_of_the_log():
     plain = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
     np.testing.assert_array_equal(kept.with_effect(effect, [{}]), plain.with_effect(effect, [{}]))
     assert set(store.columns) == set(screened().store.columns)
+
+
+def test_better_is_said_only_where_falls_differ_by_more_than_they_are_known():
+    by = {x.label: x for x in screened().candidates if not x.present}
+    for each in by.values():
+        for label in each.better:
+            other = by[label]
+            assert other.fall - each.fall >= max(other.error, each.error)
+    assert any(each.better for each in by.values())
+
+
+def test_what_would_raise_the_error_lowers_none():
+    rows = {row["label"]: row for row in rows_of(screened().candidates)}
+    falls = {x.label: x.fall for x in screened().candidates if x.fall is not None}
+    for label, fall in falls.items():
+        assert ("lowers the error" in rows[label]["words"]) == (fall > 0)
+
+
+@pytest.mark.parametrize(("verdict", "said"), [("missing", False), ("nothing", True)])
+def test_falls_beside_a_verdict_are_spoken_of(verdict, said):
+    judged = SimpleNamespace(verdict=verdict)
+    words = beside_verdict(screened().candidates, judged)
+    assert ("stribeck:wrist 41.6 % ± 5.9 the largest" in words) is said
+    assert beside_verdict(screened().candidates[-3:], judged) == ""
+    assert beside_verdict(screened().candidates, None) == ""

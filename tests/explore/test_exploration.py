@@ -67,6 +67,15 @@ def test_a_joint_whose_error_has_grown_is_named():
     assert not [text for text in said if "error of elbow" in text]
 
 
+def test_a_removal_is_the_cause_of_what_it_leaves():
+    e = grown("viscous:elbow").without("viscous:elbow")
+    (elbow,) = (text for text in e.now.risen(e.rungs[-2]) if "held-out error of elbow" in text)
+    assert elbow.endswith("what viscous:elbow explained is left now")
+    alone = screened("four_bar").with_effect("viscous:rocker").without("viscous:rocker")
+    (crank,) = alone.now.risen(alone.rungs[-2])
+    assert crank.endswith("what viscous:rocker explained is left now")
+
+
 def test_a_known_effect_can_be_set_free():
     mechanism = ident.load(ROBOTS / "arm").with_effect("viscous:elbow", {"Fv": 0.5})
     motion = ident.complete(mechanism, ROBOTS / "arm" / "run.csv")

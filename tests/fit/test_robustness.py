@@ -167,3 +167,16 @@ def test_what_is_held_is_said_to_be_held_even_where_nothing_is_explained():
     assert found.held.all()
     assert found.solution.x == pytest.approx([2.0])
     assert found.base.rank == 0
+
+
+def test_a_log_far_too_short_is_said_first():
+    mechanism, log = ident.load(ROBOTS / "arm"), ident.read_log(ROBOTS / "arm" / "run.csv")
+
+    def warnings(samples: int) -> tuple[str, ...]:
+        few = {name: x[:samples] for name, x in log.columns.items()}
+        short = Log.from_arrays("short.csv", log.t[:samples], few)
+        return ident.identify(mechanism, ident.complete(mechanism, short)).warnings
+
+    assert warnings(49)[0].startswith("only ")
+    assert "equations for" in warnings(49)[0]
+    assert not any("equations for" in each for each in warnings(1000))

@@ -381,4 +381,7 @@ def test_without_rosbags(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
     with pytest.raises(LogError, match=r'pip install "ident\[ros\]"'):
         read_log(bag)
+    for name in ("none.mcap", "none.db3", "none.mcap#/joint_states"):
+        with pytest.raises(LogError, match="no such file"):
+            read_log(tmp_path / name)
     assert ident.read_log(ROBOTS / "arm" / "run.csv").t.size

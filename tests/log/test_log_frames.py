@@ -13,6 +13,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+import ident
 from helpers import ROBOTS
 from ident.errors import LogError
 from ident.log import Column, Log, read_log
@@ -155,3 +156,15 @@ def test_pandas_is_not_needed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(LogError, match="pip install pandas"):
         Log.from_arrays("made", T, {"x": X}).pandas()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_frame_is_completed_as_its_file_is(kind: str) -> None:
+    file = ROBOTS / "arm" / "run.csv"
+    mechanism = ident.load(ROBOTS / "arm")
+    frame = pl.read_csv(file) if kind == "polars" else pd.read_csv(file)
+    (e,) = ident.complete(mechanism, frame).experiments
+    np.testing.assert_array_equal(e.q, ident.complete(mechanism, file).experiments[0].q)
+    assert len(ident.complete(mechanism, [frame, file]).experiments) == 2
+    with pytest.raises(LogError, match="int is no data frame"):
+        ident.complete(mechanism, 3)

@@ -460,3 +460,16 @@ def test_a_urdf_that_is_none(case, tmp_path):
     assert says in message
     assert len(message.splitlines()) == 1
     assert "bad.urdf" in message
+
+
+def test_where_nothing_is_driven_it_is_said(make):
+    some = make('[joints]\npassive = ["hip", "slide"]\n')
+    none = make('[joints]\npassive = ["hip", "slide", "knee", "flap"]\n')
+    assert not any("nothing is driven" in note for note in some.notes)
+    assert any("nothing is driven" in note for note in none.notes)
+
+
+def test_what_is_left_open_has_a_unit(make):
+    far = make(PIN.replace("xyz = [1.0,", "xyz = [100.0,"))
+    with pytest.raises(MechanismError, match=r"'pin\.[xyz]' is left at [0-9.e+]+ m;"):
+        assert far.assembled.any()

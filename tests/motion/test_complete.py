@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from helpers import Truth, series, write_mechanism
-from ident.errors import MotionError
+from ident.errors import MechanismError, MotionError
+from ident.fit.structure import structure
 from ident.log import Log
 from ident.mechanism import load
 from ident.mechanism.absolute import absolute
@@ -285,3 +286,36 @@ def test_samples_near_a_dead_centre_are_left_out(robots, truth):
     assert 0 < left_out.sum() < 0.2 * len(t)
     assert slow[left_out].max() < 0.1 < slow[~left_out].max()
     assert any("near a singular position of rocker" in note for note in motion.notes)
+
+
+@pytest.mark.parametrize("name", ["arm", "four_bar"])
+@pytest.mark.parametrize("channels", ["q", "qv", "qva"])
+def test_a_log_that_is_constant_to_the_last_bit_is_a_standstill(name, channels, robots):
+    mechanism = load(robots / name)
+    t, q, v, _ = series(name)
+    still = {j: np.full(len(t), x[0] + 0.1) for j, x in q.items()}
+    none = {j: np.zeros(len(t)) for j in v}
+    given = {c: still if c == "q" else none for c in channels}
+    log = log_of(mechanism, t, driven_joints(name), **given)
+    (e,) = complete(mechanism, log).experiments
+    assert np.ptp(e.q, axis=0).max() < 1e-12
+    assert not e.yd.any()
+    assert not e.ydd.any()
+
+
+@pytest.mark.parametrize("kind", ["revolute", "point"])
+def test_loops_that_hold_everything_still_are_refused(kind, robots, tmp_path):
+    urdf = (robots / "four_bar" / "four_bar.urdf").read_text()
+    head, tail = urdf.split('<joint name="coupler"')
+    toml = (robots / "four_bar" / "mechanism.toml").read_text()
+    (tmp_path / "four_bar.urdf").write_text(
+        head + '<joint name="coupler"' + tail.replace('<axis xyz="0 -1 0"/>', "", 1)
+    )
+    (tmp_path / "mechanism.toml").write_text(toml.replace('kind = "revolute"', f'kind = "{kind}"'))
+    mechanism = load(tmp_path)
+    with pytest.raises(MechanismError) as caught:
+        complete(mechanism, robots / "four_bar" / "run.csv")
+    assert "0 degrees of freedom" in str(caught.value)
+    assert "the axis of coupler is not parallel to those of crank, rocker" in str(caught.value)
+    with pytest.raises(MechanismError, match=r"^[^ ]*: the loops leave 0 degrees"):
+        structure(mechanism)

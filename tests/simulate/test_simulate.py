@@ -252,3 +252,14 @@ def test_a_motion_of_noisy_positions_is_followed_between_its_spline_ends():
     made, prediction = ident.simulate(mechanism, motion)
     assert 0.9 * len(motion.t) < len(made.t) == len(prediction.t) < len(motion.t)
     assert any("where splines end" in note for note in made.repairs)
+
+
+def test_a_value_of_an_effect_that_the_model_has_not_says_how_to_add_it():
+    mechanism, motion = robot("arm"), motion_log("arm", 100.0)
+    with pytest.raises(MechanismError, match="--with coulomb:elbow, or"):
+        ident.simulate(mechanism, motion, values={"coulomb.elbow.Fc": 0.1})
+    with pytest.raises(MechanismError, match="--with gravity_tilt, or"):
+        ident.simulate(mechanism, motion, values={"gravity_tilt.x": 0.1})
+    for name in ("coulomb.elbow.Fx", "coulomb.elbo.Fc", "coulomb", "hand.mm"):
+        with pytest.raises(MechanismError, match=f"no parameter '{name}'; "):
+            ident.simulate(mechanism, motion, values={name: 0.1})

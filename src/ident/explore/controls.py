@@ -8,7 +8,7 @@ from typing import Any
 import panel
 
 from ident.explore.exploration import Exploration
-from ident.explore.parts import CHOICE, CSS, Candidates, Ladder, Status
+from ident.explore.parts import CHOICE, CSS, FOLD, Candidates, Ladder, Status
 from ident.explore.rows import beside_verdict, rows_of
 from ident.explore.tables import error_rows, ladder_rows
 from ident.explore.views import VIEWS, Drawn
@@ -74,9 +74,10 @@ class Controls:
 
     def _laid_out(self) -> Any:
         wide = {"sizing_mode": "stretch_width"}
+        folded = {**wide, "stylesheets": [FOLD]}
         bar = panel.Row(self.undo, self.judge, self.folder, self.save)
-        top = panel.Row(self.errors, self.ladder, **wide)
-        look = panel.Row(self.view, self.joint, **wide)
+        top = panel.Row(self.errors, self.ladder, **folded)
+        look = panel.Row(self.view, self.joint, **folded)
         right = panel.Column(top, look, self.shown, **wide)
-        head = panel.Row(self.status, bar, **wide)
-        return panel.Column(head, panel.Row(self.candidates, right, **wide), **wide)
+        head = panel.Row(self.status, bar, **folded)
+        return panel.Column(head, panel.Row(self.candidates, right, **folded), **wide)

@@ -14,6 +14,7 @@ def _text(name: str) -> str:
 
 
 CSS, PAGE, CHOICE = _text("parts.css"), _text("page.css"), _text("choice.css")
+FOLD = _text("fold.css")  # of rows whose parts stand one below the other where it is narrow
 
 
 class Candidates(panel.custom.JSComponent):

@@ -41,9 +41,9 @@ def beside_verdict(found: Sequence[Announced], d: Diagnosis | None) -> str:
     named = "nothing is missing" if d.verdict == "nothing" else "no effect explains what is left"
     return (
         f"Judged: {named} that this data could show. Falls are announced all the same, "
-        f"{best.label} {share(best.fall)} ± {100 * (best.error or 0.0):.1f} the largest: a fall is a "
-        "share of what is left, however little that is. To be named, an effect must also do more "
-        "than effects do by chance in logs without them, matter against the torque, and have "
+        f"{best.label} {share(best.fall)} ± {100 * (best.error or 0.0):.1f} the largest: a fall is "
+        "a share of what is left, however little that is. To be named, an effect must also do "
+        "more than effects do by chance in logs without them, matter against the torque, and have "
         "values that it can have."
     )
 

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from ident.fit.reactions import Reactions
 
 STRUCTURE = (
-    "What is left in {} has structure: the model may lack something, and ± is what noise alone would "
-    "do to a complete model. `ident diagnose` says what could be missing."
+    "What is left in {} has structure: the model may lack something, and ± is what noise alone "
+    "would do to a complete model. `ident diagnose` says what could be missing."
 )
 LAMBDA = "The reaction forces that the closures need for this motion; they rest on the model."
 

@@ -87,7 +87,9 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
         notes=tree.notes,
         consistency=read_consistency(settings.parameters, bodies, f"{where}: [parameters]"),
     )
-    mechanism = replace(mechanism, notes=(*tree.notes, *_undriven(mechanism), *_massless(mechanism)))
+    mechanism = replace(
+        mechanism, notes=(*tree.notes, *_undriven(mechanism), *_massless(mechanism))
+    )
     mechanism = with_own_joints(mechanism)
     _check_columns(mechanism, settings)
     return _with_effects(mechanism, settings, allow_code)

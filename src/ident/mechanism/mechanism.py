@@ -185,8 +185,8 @@ class Mechanism(Shown):
         unit = {"N": " m", "N m": " rad"}.get(unit, "")  # what λ does work along
         raise MechanismError(
             f"{self.name}: the loops do not close from [joints] start: the equation '{name}' is "
-            f"left at {worst.max():.3g}{unit}; give a start near an assembled position, and check the "
-            "closures' frames"
+            f"left at {worst.max():.3g}{unit}; give a start near an assembled position, and check "
+            "the closures' frames"
         )
 
     def with_effect(self, text: str, values: Mapping[str, float] | None = None) -> Mechanism:

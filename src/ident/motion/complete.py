@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -60,7 +60,7 @@ def complete(
     """
     check_freedom(mechanism)
     several = isinstance(logs, Iterable) and not isinstance(logs, str | Mapping)
-    given = list(logs) if several and not is_frame(logs) else [logs]
+    given: list[Any] = [*cast(Any, logs)] if several and not is_frame(logs) else [logs]
     if not given:
         raise MotionError(f"{mechanism.name}: no log given")
     read = _distinct([_log(mechanism, each) for each in given])

@@ -127,6 +127,8 @@ def _as_logged(channels: Sequence[Channel], name: str, band: Band, exact: bool) 
     """Whether a joint's channels are clean, and enough to be taken as they are."""
     mine = [channel for channel in channels if channel.joint == name]
     worst = max(channel.noise for channel in mine)
+    if all(channel.spread == 0 for channel in mine):  # it stands still
+        return True
     if len(mine) == 3 and exact:
         return worst <= WHOLE
     return worst <= ALONE and len(mine) == 1 and band.cutoff is None
@@ -143,6 +145,9 @@ def _taken(
         inside = [channel.within(t[run]) for channel in channels]
         if has == [0, 1, 2]:
             found[:, run] = [filled(channel.t, channel.x, t[run]) for channel in inside]
+        elif all(channel.spread == 0 for channel in channels):
+            for channel in channels:
+                found[channel.order, run] = channel.x[0]
         elif has == [0]:
             found[:, run] = interpolate(inside[0].t, inside[0].x, t[run])
         else:

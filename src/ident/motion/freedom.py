@@ -21,7 +21,9 @@ def check_freedom(mechanism: Mechanism) -> None:
         return
     name = mechanism.name
     if not mechanism.closures:
-        raise MechanismError(f"{name}: no joint of it moves; valid: one revolute or prismatic, or more")
+        raise MechanismError(
+            f"{name}: no joint of it moves; valid: one revolute or prismatic, or more"
+        )
     apart, others = _apart(mechanism)
     why = "check the closures' kinds and frames, and the joints' <axis>"
     if apart:
@@ -30,7 +32,9 @@ def check_freedom(mechanism: Mechanism) -> None:
             "it is in a planar loop: check its <axis> (without one it is x of the joint's frame) "
             "and the closures' frames and kinds"
         )
-    raise MechanismError(f"{name}: the loops leave 0 degrees of freedom, so nothing can move; {why}")
+    raise MechanismError(
+        f"{name}: the loops leave 0 degrees of freedom, so nothing can move; {why}"
+    )
 
 
 def _apart(mechanism: Mechanism) -> tuple[list[str], list[str]]:

@@ -139,7 +139,7 @@ class Residual(Shown):
         return {name: _rms([trace.own[name] for trace in self.traces]) for name in names}
 
     def zero(self, trace: Trace) -> float:
-        """Where pictures count a log's time from [s]: its start, if its stamps are far from 0."""
+        """Where pictures count a trace's time from [s]: its log's start, if that is far from 0."""
         return next(zero_of(e.t) for e in self.motion.experiments if e.name == trace.name)
 
     @property
