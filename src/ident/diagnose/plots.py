@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +13,7 @@ from ident.diagnose.evidence import Evidence
 from ident.diagnose.explanation import Explanation
 from ident.diagnose.ladder import changed
 from ident.residual import Residual
+from ident.residual.error import Error
 from ident.residual.plots import time_label
 
 if TYPE_CHECKING:
@@ -113,15 +115,20 @@ def plot_before_after(before: Residual, after: Residual, best: Explanation) -> C
 
 def plot_ladder(history: History) -> Chart:
     """Held-out error of every joint against the rungs."""
-    at = np.arange(len(history.steps), dtype=float)
+    names = [changed(step) for step in history.steps]
+    return plot_rungs(names, [step.errors for step in history.steps])
+
+
+def plot_rungs(names: Sequence[str], errors: Sequence[Mapping[str, Error]]) -> Chart:
+    """Held-out error of every joint against models one after the other."""
+    at = np.arange(len(names), dtype=float)
     lines = []
-    for i, joint in enumerate(history.fit.motion.independent):
-        relative = [step.errors[joint].relative for step in history.steps]
-        if all(each is not None for each in relative):  # else no torque to be relative to
-            y = np.array([100 * each for each in relative if each is not None])
-            lines.append(Line(at, y, joint, i, 1.6, dotted=True))
+    for i, joint in enumerate(errors[0]):
+        y = [each[joint].relative or 0.0 for each in errors]
+        if all(y):  # else there is no torque to be relative to
+            lines.append(Line(at, 100 * np.array(y), joint, i, 1.6, dotted=True))
     panel = Panel(
-        tuple(lines), "", "held-out error [%]", logarithmic=True, height=3.6,
-        x_names=tuple(changed(step) for step in history.steps),
+        tuple(lines), "", "held-out error [%]", logarithmic=True, height=4.0,
+        x_names=tuple(names),
     )  # fmt: skip
     return Chart("Held-out error of every joint, rung by rung", ((panel,),))

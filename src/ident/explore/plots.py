@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from ident.chart import Chart, Line, Panel
+from ident.chart import Chart
+from ident.diagnose.plots import plot_rungs
 from ident.explore.rung import Rung
 from ident.residual.plots import plot_maps, plot_predictions
 
@@ -43,15 +42,4 @@ def plot_all(now: Rung, experiment: int = 0) -> Chart:
 
 def plot_ladder(rungs: Sequence[Rung]) -> Chart:
     """Held-out error of every joint, rung by rung."""
-    at = np.arange(len(rungs), dtype=float)
-    lines = []
-    for i, joint in enumerate(rungs[0].fit.motion.independent):
-        relative = [rung.errors[joint].relative for rung in rungs]
-        if all(relative):  # else there is no torque to be relative to
-            y = np.array([100 * (each or 0.0) for each in relative])
-            lines.append(Line(at, y, joint, i, 1.6, dotted=True))
-    panel = Panel(
-        tuple(lines), "", "held-out error [%]", logarithmic=True, height=4.2,
-        x_names=tuple(rung.name for rung in rungs),
-    )  # fmt: skip
-    return Chart("Held-out error of every joint, rung by rung", ((panel,),))
+    return plot_rungs([rung.name for rung in rungs], [rung.errors for rung in rungs])
