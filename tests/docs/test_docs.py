@@ -129,4 +129,5 @@ def test_toml_and_links_are_whole(page):
     for _, block in blocks(page, "toml"):
         tomllib.loads(block)
     for target in re.findall(r"\]\((?!https?:)([^)#\s]+)", page.read_text(encoding="utf-8")):
-        assert (page.parent / target).exists(), target
+        made = target.startswith("generated/")  # with the site, whose own test follows its links
+        assert made or (page.parent / target).exists(), target

@@ -14,6 +14,7 @@ ORDERS = "qva"
 SHARPEST = 1e-3  # noise of a derivative over that of what it derives, a log's length
 GRAINS = 20  # changes of a signal from which its step can be told
 MOST = 1000.0  # steps between two samples beyond which multiples are no sign of anything
+NIL = 1e-12  # rad, m and their rates: what moves less stands still, but for rounding
 ROUNDING = 1e-9  # of its spread, or of 1 rad or m: no channel is trusted better
 
 
@@ -92,8 +93,8 @@ def channels_of(signals: Signals, names: Sequence[str]) -> list[Channel]:
 
 
 def _spread(x: np.ndarray) -> float:
-    """Standard deviation of a signal (n,); 0 for a constant, of which a mean leaves rounding."""
-    return float(np.std(x)) if float(np.ptp(x)) > 0 else 0.0
+    """Standard deviation of a signal (n,); 0 for a constant, but for rounding."""
+    return float(np.std(x)) if float(np.ptp(x)) > NIL else 0.0
 
 
 def grain(x: np.ndarray) -> float:
