@@ -36,12 +36,14 @@ def browser() -> int:
     if Path("/usr/bin/chromium").exists() or not root or not shutil.which("apt-get"):
         return 0
     environment = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
-    for command in BROWSER:
-        print("+", *command, flush=True)
-        status = subprocess.run(command, env=environment, check=False, stdout=2).returncode
-        if status:
-            return status
-    return 0
+    status = 0
+    for _ in range(2):  # a mirror may be busy; what counts is that the browser is there
+        for command in BROWSER:
+            print("+", *command, flush=True)
+            status = subprocess.run(command, env=environment, check=False).returncode
+        if status == 0:
+            break
+    return status
 
 
 def main() -> int:
