@@ -142,7 +142,7 @@ def test_names_of_a_later_panel_are_in_the_legend():
 
 def test_signs_of_mathematics_are_signs():
     name = r"$$\foo$$ and $x_1$"
-    panel = Panel((Line(T[:9], T[:9], name),), name, name, name, y_names=(name,))
+    panel = Panel((Line(T[:9], T[:9], name),), name, name, name, (name,), (name,))
     chart = Chart(name, ((panel,),))
     assert chart._repr_png_().startswith(b"\x89PNG")
     assert '"PlainText"' in json.dumps(chart.live().item())

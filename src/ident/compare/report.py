@@ -12,7 +12,7 @@ import numpy as np
 from ident.chart import Chart, Line, Panel
 from ident.fit.reach import identifiable_multipliers
 from ident.motion.report import made_of, understood
-from ident.page import Page, Section, items, table
+from ident.page import Page, Section, table
 from ident.page.page import Block
 from ident.residual import report
 from ident.residual.error import Error, error_rows
@@ -43,7 +43,6 @@ def comparison_html(comparison: Comparison) -> bytes:
         report.parts(residuals),
         Section("Parameters", _parameters(residuals)),
         Section("Multipliers", _multipliers(comparison)),
-        Section("Warnings", (items(motion.notes),) if motion.notes else ()),
         understood(mechanism, motion),
         made_of(mechanism, motion, [Path(name) for name in residuals if Path(name).is_file()]),
     )

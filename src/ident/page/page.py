@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import resources
 
@@ -164,13 +163,3 @@ def _data(number: int, chart: Chart) -> Markup:
     """What Bokeh draws, as data that no browser runs."""
     item = json.dumps(chart.live().item(f"c{number}")).replace("<", "\\u003c")
     return Markup(f'<script type="application/json" id="data-{number}">{item}</script>\n')
-
-
-def charts_of(blocks: tuple[Block, ...]) -> Iterator[Chart]:
-    """All charts among some blocks, those of choices too."""
-    for block in blocks:
-        if isinstance(block, Chart):
-            yield block
-        elif isinstance(block, Choice):
-            for option in block.options:
-                yield from charts_of(option.blocks)

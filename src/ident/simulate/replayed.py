@@ -138,7 +138,7 @@ class Replay(Shown):
         return plot_replay(self, experiment)
 
     def save(self, path: str | Path) -> None:
-        """The plot of the first experiment as .png, .svg or .pdf, whole or not at all.
+        """The plot of the first experiment as .png, .svg, .pdf or .html, whole or not at all.
 
         Args:
             path: of the file, whose suffix decides.
