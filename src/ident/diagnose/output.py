@@ -14,6 +14,7 @@ from ident.diagnose.explanation import name_of
 from ident.diagnose.report import diagnosis_html, history_html
 from ident.errors import IdentError
 from ident.files import write_all
+from ident.fit import Fit
 from ident.fit.output import multipliers_csv
 from ident.fit.saved import fit_json
 from ident.mechanism import Mechanism
@@ -87,17 +88,17 @@ def write_history(history: History, folder: str | Path) -> list[Path]:
     Raises:
         IdentError: if it is the folder of the mechanism itself, or cannot be written.
     """
-    mechanism = history.mechanism
-    refuse_own(mechanism, Path(folder))
+    refuse_own(history.mechanism, Path(folder))
+    data = {**_data(history.diagnosis), "report.html": history_html(history)}
+    return write_all(Path(folder), model_files(history.fit) | data)
+
+
+def model_files(fit: Fit) -> dict[str, bytes]:
+    """The folder of a fit's mechanism, unknown what was unknown, with fit.json and multipliers."""
+    mechanism = fit.mechanism
     effects = [(effect, effect.values) for effect in mechanism.effects]
     files = folder_files(mechanism, mechanism.urdf.read_bytes(), effects, unknown=None)
-    files |= {
-        "fit.json": _json(fit_json(history.fit)),
-        "multipliers.csv": multipliers_csv(history.fit),
-        **_data(history.diagnosis),
-        "report.html": history_html(history),
-    }
-    return write_all(Path(folder), files)
+    return files | {"fit.json": _json(fit_json(fit)), "multipliers.csv": multipliers_csv(fit)}
 
 
 def refuse_own(mechanism: Mechanism, folder: Path) -> None:
