@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from lxml import html
 
 import ident
 from ident import Log
+from ident.fit.plots import plot_multipliers
 from identification import motion_log, plant, robot
 
 NASTY = '<script>alert("x")</script>'
@@ -82,3 +84,14 @@ def test_parameters_are_drawn_unit_by_unit(nouns):
         prior, found = panel.marks
         assert list(prior.values) == [values[name].prior for name in panel.y_names]
         assert list(found.errors) == [1.96 * values[name].stderr for name in panel.y_names]
+
+
+def test_multipliers_of_which_none_is_determined():
+    """A picture that says so, still and live."""
+    t = np.linspace(0.0, 1.0, 9)
+    mechanism = robot("five_bar")
+    nothing = np.full((9, len(mechanism.kinematics.multipliers)), np.nan)
+    chart = plot_multipliers(mechanism, t, nothing)
+    assert chart._repr_png_().startswith(b"\x89PNG")
+    assert chart.live().layout.children
+    assert "none" in chart.panels[0].title

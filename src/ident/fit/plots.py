@@ -37,6 +37,8 @@ def plot_multipliers(
             lines.append(Line(reference[0] - zero, reference[1][:, i], "known", MEASURED, 2.4))
         lines.append(Line(t - zero, values[:, i], "identified", 0))
         rows.append((Panel(tuple(lines), time_label(zero), f"{name} [{unit}]", height=1.8),))
+    if not rows:
+        rows = [(Panel((), "t [s]", title="this motion determines none of them"),)]
     words = "Multipliers λ over time, the reaction forces of the closures"
     return Chart(words, tuple(rows), shared_x=True, clock=log)
 
