@@ -7,6 +7,7 @@ import pytest
 
 BASE = {"errors", "files", "progress", "tables"}  # modules that all may use
 ORDER = [
+    "pool",
     "chart",
     "page",
     "view",
@@ -28,9 +29,12 @@ ORDER = [
     "montecarlo",
     "demo",
     "explore",
+    "gather",
+    "online",
+    "monitor",
     "cli",
 ]
-LEAVES = {"chart", "solve", "view"}  # these import nothing else
+LEAVES = {"chart", "pool", "solve", "view"}  # these import nothing else
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "ident"
 
 
