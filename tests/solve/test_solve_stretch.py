@@ -54,6 +54,31 @@ def test_the_parameters_are_those_of_dense_least_squares():
     assert abs(factor.residual_norm(p) / residual - 1) < 1e-9
 
 
+@pytest.mark.parametrize("degree", [1, 3])
+@pytest.mark.parametrize("samples", [3, 25, 180])
+def test_the_latest_multipliers_are_those_of_all_samples_so_far(degree, samples):
+    system = System(degree=degree)
+    chunks = list(system.chunks(1))[:samples]
+    total = chain(Stretch.of(chunk) for chunk in chunks)
+    first, R, Y = total.latest()
+    p = np.array([0.3, -1.0, 2.0])
+    M, b = system.dense()
+    rows = slice(0, samples * system.b.shape[1])
+    k, m, count = 3, system.J_T.shape[2], len(R) // system.J_T.shape[2]
+    L, rest = M[rows, k:], b[rows] - M[rows, :k] @ p
+    touched = np.flatnonzero(L.any(axis=0)).max() + 1
+    L, own = L[:, :touched], slice(first * m, min((first + count) * m, touched))
+    seen = np.linalg.pinv(L, rcond=1e-9)
+    a, found = (seen @ rest)[own], np.linalg.lstsq(R, Y @ np.append(-p, 1.0), rcond=1e-9)[0]
+    if samples < 5:  # too few for all functions: what is determined is the torque
+        tail = L[-system.b.shape[1] :, own]
+        np.testing.assert_allclose(tail @ found[: len(a)], tail @ a, atol=1e-8)
+        return
+    np.testing.assert_allclose(found[: len(a)], a, rtol=1e-7)
+    inverse = np.linalg.pinv(R, rcond=1e-9)[: len(a)]
+    np.testing.assert_allclose(inverse @ inverse.T, (seen @ seen.T)[own, own], rtol=1e-6)
+
+
 def test_sample_by_sample_takes_constant_memory():
     system = System(N=2001, t_end=20.0)
     total, largest = None, 0

@@ -130,6 +130,23 @@ class Stretch:
         left_over = max(self.rows - self.determined - determined, 0)
         return Factor(factor.R, factor.d, factor.rho, left_over)
 
+    def latest(self) -> tuple[int, Array, Array]:
+        """What all equations so far say of the last interval: R [a_i; a_j] = d - P p.
+
+        Returns the first basis function of knot i, R (2 w, 2 w), which may be singular, and
+        Y = [P | d] (2 w, k + 1). A filtered estimate: later samples will still change it.
+        """
+        *before, last = self.parts
+        if before:
+            zero = np.zeros_like(last.X), np.zeros_like(last.Y)
+            start = Part(before[0].left - 1, before[0].left, *zero)
+            past, _, _ = _merged([start, *before], TOLERANCE * self.scale)
+            w = len(past.X) // 2
+            onto = np.concatenate([past.X[:, w:], np.zeros((2 * w, w))], axis=1)  # knot i alone
+            shifted = Part(last.left, last.right, onto, past.Y)
+            last, _ = _stacked(shifted, last, TOLERANCE * self.scale)
+        return last.left * max(self.shape[0] - 1, 1), last.X, last.Y
+
     def _inside_eliminated(self) -> Stretch:
         """The same with everything between the first and the last interval as one part."""
         if len(self.parts) < 4:
