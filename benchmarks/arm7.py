@@ -12,8 +12,8 @@ LENGTHS = (0.16, 0.18, 0.16, 0.20, 0.16, 0.10, 0.08)
 AXES = ("0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1")
 
 
-def mechanism() -> ident.Mechanism:
-    """Rigid bodies with viscous and Coulomb friction on all seven joints."""
+def urdf() -> str:
+    """The arm's seven links and joints."""
     links = ['<link name="base"/>']
     joints = []
     for i, (length, axis) in enumerate(zip(LENGTHS, AXES, strict=True), start=1):
@@ -29,9 +29,14 @@ def mechanism() -> ident.Mechanism:
             f'<parent link="{parent}"/><child link="link_{i}"/><axis xyz="{axis}"/>'
             '<limit lower="-3" upper="3" effort="200" velocity="4"/></joint>'
         )
+    return f'<robot name="arm7">{"".join(links + joints)}</robot>'
+
+
+def mechanism() -> ident.Mechanism:
+    """Rigid bodies with viscous and Coulomb friction on all seven joints."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm7.urdf"
-        path.write_text(f'<robot name="arm7">{"".join(links + joints)}</robot>')
+        path.write_text(urdf())
         return ident.load(path).with_effect("viscous").with_effect("coulomb")
 
 

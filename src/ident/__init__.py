@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 
     __version__: str
 
-VERBS = frozenset(("compare", "diagnose", "effects", "excite", "explore", "health", "simulate"))
+VERBS = frozenset(
+    ("compare", "diagnose", "effects", "excite", "explore", "gather", "health", "simulate")
+)
 
 
 class _Ident(ModuleType):

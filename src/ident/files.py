@@ -28,8 +28,8 @@ def whole(path: Path) -> Iterator[BinaryIO]:
         _remove(part)
 
 
-def write_all(folder: Path, contents: Mapping[str, bytes]) -> list[Path]:
-    """Files of a folder by relative name, all or none of them.
+def write_all(folder: Path, contents: Mapping[str, bytes | Path]) -> list[Path]:
+    """Files of a folder by relative name, all or none of them; a path is a file to be moved there.
 
     All are written beside their place, then renamed; where that fails midway, the files that stood
     there before are put back, and what is new (folders too) is taken away.
@@ -49,7 +49,10 @@ def write_all(folder: Path, contents: Mapping[str, bytes]) -> list[Path]:
             parts = [_beside(path, "part") for path in paths]
             for part, content in zip(parts, contents.values(), strict=True):
                 scraps.callback(_remove, part)
-                part.write_bytes(content)
+                if isinstance(content, Path):
+                    os.replace(content, part)
+                else:
+                    part.write_bytes(content)
             for part, path in zip(parts, paths, strict=True):
                 old = _beside(path, "old")
                 scraps.callback(_remove, old)

@@ -11,12 +11,15 @@ from ident.explore import Exploration, explore
 from ident.fit import Fit, identify
 from ident.fit.output import write_fit
 from ident.fit.saved import Saved, read_fit
+from ident.gather import Gathered, Verdicts, diagnose_each, gather
 from ident.health import Health, health
 from ident.log import Column, Log, read_log
 from ident.mechanism import Consistency, Mechanism, Multipliers, load
 from ident.mechanism.absolute import absolute
-from ident.montecarlo import MonteCarlo, monte_carlo
+from ident.monitor import Alarm, Monitor
+from ident.montecarlo import MonteCarlo, Studies, monte_carlo, monte_carlo_each
 from ident.motion import Motion, complete
+from ident.online import Online, Snapshot
 from ident.residual import Residual, residual_of, where
 from ident.simulate import (
     PD,
@@ -32,6 +35,7 @@ from ident.simulate import (
 
 __all__ = [
     "PD",
+    "Alarm",
     "Column",
     "Comparison",
     "ComputedTorque",
@@ -42,6 +46,7 @@ __all__ = [
     "Exploration",
     "Fit",
     "FitError",
+    "Gathered",
     "Health",
     "History",
     "IdentError",
@@ -50,30 +55,38 @@ __all__ = [
     "LogError",
     "Mechanism",
     "MechanismError",
+    "Monitor",
     "MonteCarlo",
     "Motion",
     "MotionError",
     "Multipliers",
     "Noise",
+    "Online",
     "Replay",
     "Residual",
     "Run",
     "Saved",
+    "Snapshot",
+    "Studies",
     "Torques",
+    "Verdicts",
     "absolute",
     "compare",
     "complete",
     "diagnose",
+    "diagnose_each",
     "effect",
     "effects",
     "excite",
     "explore",
+    "gather",
     "grow",
     "health",
     "identify",
     "integrate",
     "load",
     "monte_carlo",
+    "monte_carlo_each",
     "read_fit",
     "read_log",
     "read_user_effect",

@@ -131,3 +131,23 @@ def test_reduced_terms_are_the_projected_generalised_terms(name, form, robots):
     u = scene.samples(part)
     for one, other in ((whole.A, left.A), (whole.b, left.b), (whole.tau, left.tau)):
         np.testing.assert_allclose(u.reduce(one), other, atol=1e-9 * np.abs(other).max())
+
+
+@pytest.mark.parametrize("cutoff", [None, 6.0])
+@pytest.mark.parametrize("name", ["arm", "slider_crank"])
+def test_rows_are_the_same_in_pieces_of_any_size(name, cutoff, robots, monkeypatch):
+    mechanism, log = logged(name, robots)
+    mechanism = mechanism.with_effect("coulomb")
+    (e,) = complete(mechanism, log, cutoff=cutoff).experiments
+    scene = Scene.of(mechanism, Columns.of(mechanism), e, cutoff=cutoff)
+
+    def whole():
+        pieces = list(rows(scene, cutoff))
+        return {n: np.concatenate([getattr(p, n) for p in pieces]) for n in vars(pieces[0])}
+
+    monkeypatch.setattr("ident.equations.rows.CHUNK", 10**6)
+    expected = whole()
+    for size in (1, 7, 100):
+        monkeypatch.setattr("ident.equations.rows.CHUNK", size)
+        for key, value in whole().items():
+            np.testing.assert_allclose(value, expected[key], rtol=1e-12, atol=1e-12)

@@ -136,9 +136,7 @@ def test_stretches_of_a_basis_and_of_a_log_are_the_same_times():
     )
     fit = ident.identify(mechanism, ident.complete(mechanism, log, cutoff=None))
     assert len(fit.bands) == 2
-    fitting, scoring = (
-        folds(cells, 10) for cells in (cells_of(fit.bands, fit.columns, fit.motion), fit.cells)
-    )
+    fitting, scoring = (folds(cells, 10) for cells in (cells_of(fit.bands, fit.motion), fit.cells))
     assert set(fitting) == set(scoring)
     for number, part in fitting.items():
         mine, theirs = (

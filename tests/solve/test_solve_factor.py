@@ -99,11 +99,12 @@ def test_scaled_embedded_and_restricted_are_those_of_the_rows():
     scaled = factor.scaled(2.5)
     assert scaled.residual_norm(x[:4]) == pytest.approx(np.linalg.norm(2.5 * (A @ x[:4] - b)))
 
-    place = [5, 0, 6, 2]
-    wide = factor.embedded(place, 7)
-    assert wide.rows == 50
-    assert (np.tril(wide.R, -1) == 0).all()
-    assert wide.residual_norm(x) == pytest.approx(np.linalg.norm(A @ x[place] - b))
+    for place in ([5, 0, 6, 2], [0, 2, 5, 6]):
+        wide = factor.embedded(place, 7)
+        assert wide.rows == 50
+        assert (np.tril(wide.R, -1) == 0).all()
+        assert (wide.R.diagonal() >= 0).all()
+        assert wide.residual_norm(x) == pytest.approx(np.linalg.norm(A @ x[place] - b))
 
     keep, known = [2, 0], x[:4]
     small = factor.restricted(keep, known)

@@ -13,6 +13,7 @@ from ident.effects import KINDS, parse_user, read_user_effect
 from ident.errors import IdentError
 from ident.files import check_writable
 from ident.log import Log, read_log
+from ident.log.folder import expanded, is_folder_of_logs
 from ident.mechanism import Mechanism, Multipliers, load, multipliers
 from ident.mechanism.absolute import absolute as in_absolute
 from ident.mechanism.mechanism import DEGREES
@@ -30,7 +31,8 @@ LogPaths = Annotated[
     list[Path],
     typer.Argument(
         metavar="LOG",
-        help="Recorded experiments, one or several: .csv, .parquet, .npz, ROS 2 bag or .mcap.",
+        help="Recorded experiments, one or several: .csv, .parquet, .npz, ROS 2 bag or .mcap; or "
+        "folders of them.",
     ),
 ]
 
@@ -86,6 +88,18 @@ Absolute = Annotated[
 Out = Annotated[
     Path | None,
     typer.Option(metavar="DIR", help="Write fit, report and identified model into this folder."),
+]
+
+Jobs = Annotated[
+    int | None,
+    typer.Option(metavar="N", help="Processes on this machine. Default: one a core."),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Of a Dask scheduler, as tcp://host:8786: its workers do it, not this machine.",
+    ),
 ]
 
 
@@ -149,8 +163,8 @@ def output_file(path: Path | None, suffixes: Sequence[str]) -> None:
 
 
 def logs_of(paths: Sequence[Path], mechanism: Mechanism) -> list[Log]:
-    """The logs under ident's names."""
-    return [read_log(path, mechanism.columns) for path in paths]
+    """The logs under ident's names, those in folders among them."""
+    return [read_log(path, mechanism.columns) for path in expanded(paths)]
 
 
 def motion_of(
@@ -163,8 +177,24 @@ def motion_of(
 ) -> Motion:
     """The completed motion of some logs."""
     logs = logs_of(paths, mechanism)
-    knots = None if smoothing.lower() == "none" else smoothing
+    knots = knots_of(smoothing)
     return complete(mechanism, logs, cutoff=cutoff, torques=torques, smoothing=knots, progress=told)
+
+
+def many(paths: Sequence[Path], jobs: int | None, scheduler: str | None) -> bool:
+    """Whether logs are to be looked at one by one: of a folder, or on several processes.
+
+    Raises:
+        IdentError: if both processes and a scheduler are given.
+    """
+    if jobs is not None and scheduler is not None:
+        raise IdentError(f"--jobs {jobs}: is of this machine, not of {scheduler}; give one of them")
+    return not (jobs is scheduler is None) or any(map(is_folder_of_logs, paths))
+
+
+def knots_of(text: str) -> str | None:
+    """--smoothing as `complete` takes it."""
+    return None if text.lower() == "none" else text
 
 
 def cutoff_of(text: str) -> float | str | None:

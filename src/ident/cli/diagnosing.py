@@ -12,23 +12,30 @@ from ident.cli.arguments import (
     AllowCode,
     Basis,
     Cutoff,
+    Jobs,
     LogPaths,
     MechanismPath,
+    Scheduler,
     Smoothing,
     Spacing,
     With,
     cutoff_of,
+    knots_of,
+    many,
     mechanism_of,
     motion_of,
     output_folder,
 )
 from ident.cli.console import notes, progress, progress_and_results, result
+from ident.diagnose import Diagnosis
 from ident.diagnose import diagnose as diagnose_
 from ident.diagnose import grow as grow_
 from ident.diagnose.grow import Step
 from ident.diagnose.ladder import head, rung
 from ident.diagnose.output import refuse_own
 from ident.fit import identify
+from ident.gather.diagnose_each import diagnose_each
+from ident.gather.verdicts import Verdicts
 
 Seed = Annotated[
     int, typer.Option(metavar="N", min=0, help="Of the noise in the clean logs to compare with.")
@@ -46,6 +53,8 @@ def diagnose(
     absolute: Absolute = False,
     allow_code: AllowCode = False,
     seed: Seed = 0,
+    jobs: Jobs = None,
+    scheduler: Scheduler = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -58,19 +67,28 @@ def diagnose(
     """Where the model fails, and which effect is missing.
 
     Every effect of the library at every place is judged by errors held out in time. The verdict is
-    missing, nothing or unexplained; the exit status is 0 for each of them.
+    missing, nothing or unexplained; the exit status is 0 for each of them. Of a folder, each log is
+    diagnosed by itself too, on many processes or machines.
     """
     model = mechanism_of(
         mechanism, with_, allow_code=allow_code, basis=basis, spacing=spacing, absolute=absolute
     )
     output_folder(out)
+    found: Diagnosis | Verdicts
     with progress() as told:
-        motion = motion_of(model, logs, cutoff_of(cutoff), told, smoothing=smoothing)
-        fit = identify(model, motion, estimator="least-squares", progress=told)
-        found = diagnose_(fit, seed=seed, progress=told)
+        if many(logs, jobs, scheduler):
+            found = diagnose_each(
+                model, logs, cutoff=cutoff_of(cutoff), smoothing=knots_of(smoothing), seed=seed,
+                jobs=jobs, scheduler=scheduler, progress=told,
+            )  # fmt: skip
+            said = found.notes
+        else:
+            motion = motion_of(model, logs, cutoff_of(cutoff), told, smoothing=smoothing)
+            fit = identify(model, motion, estimator="least-squares", progress=told)
+            found, said = diagnose_(fit, seed=seed, progress=told), fit.warnings
         text = str(found)
     result(text)
-    notes(fit.warnings)
+    notes(said)
     if out is not None:
         notes([f"wrote {path}" for path in found.write(out)])
 

@@ -13,14 +13,18 @@ from ident.cli.arguments import (
     AllowCode,
     Basis,
     Cutoff,
+    Jobs,
     LogPaths,
     MechanismPath,
     Out,
+    Scheduler,
     Smoothing,
     Spacing,
     With,
     bound_of,
     cutoff_of,
+    knots_of,
+    many,
     mechanism_of,
     motion_of,
     output_file,
@@ -36,11 +40,15 @@ from ident.fit.reactions import compare_multipliers
 from ident.fit.saved import read_fit
 from ident.fit.structure import channels, describe, structure
 from ident.fit.summary import summary
+from ident.gather import Gathered, gather
 from ident.log import read_log
+from ident.log.folder import expanded
+from ident.log.pieces import likely_rows
 from ident.mechanism import Consistency
 from ident.simulate import replay
 from ident.simulate.replay import WINDOW
 
+MOST_IN_MEMORY = 1_000_000  # samples of all logs that are read at once
 ADVICE = 4  # sentences on what another motion would tell
 
 
@@ -115,11 +123,22 @@ def identify(
             help="Let the motion move within its noise until torques and channels agree best.",
         ),
     ] = False,
+    stream: Annotated[
+        bool,
+        typer.Option(
+            "--stream",
+            help="Read the logs in portions, never all at once; so are logs of more than a million "
+            "samples anyway. With --out, a run that was interrupted goes on where it was.",
+        ),
+    ] = False,
+    jobs: Jobs = None,
+    scheduler: Scheduler = None,
     out: Out = None,
 ) -> None:
     """Parameters, effects and multipliers from logs.
 
-    Values come with their standard errors, and with the error of the torque that they predict.
+    Values come with their standard errors, and with the error of the torque that they predict. Of a
+    folder, every log is also judged beside the others, and broken ones are left out.
     """
     model = mechanism_of(
         mechanism, with_, allow_code=allow_code, basis=basis, spacing=spacing, absolute=absolute
@@ -127,6 +146,23 @@ def identify(
     limits = Consistency(dict(map(bound_of, bound or ())), total_mass)
     asked = limits if bound or total_mass is not None else consistent
     output_folder(out)
+    long = sum(map(likely_rows, logs)) > MOST_IN_MEMORY
+    if stream or long or many(logs, jobs, scheduler):
+        if refine:
+            raise IdentError(
+                "--refine: needs all samples at once; leave it out, or identify from one shorter "
+                "log without --stream, --jobs and --scheduler"
+            )
+        if long and not stream:
+            notes([f"more than {MOST_IN_MEMORY} samples: read in portions (--stream)"])
+        with progress() as told:
+            gathered = gather(
+                model, logs, cutoff=cutoff_of(cutoff), smoothing=knots_of(smoothing),
+                validate=validate or (), consistent=asked, checkpoint=out, scheduler=scheduler,
+                jobs=1 if jobs is None and len(expanded(logs)) == 1 else jobs, progress=told,
+            )  # fmt: skip
+        _told(gathered.fit, gathered, reactions, out)
+        return
     with progress() as told:
         motion = motion_of(model, logs, cutoff_of(cutoff), told, smoothing=smoothing)
         other = None
@@ -136,15 +172,20 @@ def identify(
             model, motion, validate=other, consistent=asked,
             estimator="likelihood" if refine else "auto", progress=told,
         )  # fmt: skip
-    result(summary(fit))
+    _told(fit, None, reactions, out)
+
+
+def _told(fit: Fit, gathered: Gathered | None, reactions: Path | None, out: Path | None) -> None:
+    """What was found, as text and as files."""
+    result(gathered.summary if gathered else summary(fit))
     known = None
     if reactions is not None:
         known = compare_multipliers(fit, read_log(reactions))
         result(f"\n{known}")
-    notes(fit.warnings)
+    notes(gathered.notes if gathered else fit.warnings)
     notes(_advice(fit))
     if out is not None:
-        for path in write_fit(fit, out, known):
+        for path in gathered.write(out, known) if gathered else write_fit(fit, out, known):
             notes([f"wrote {path}"])
 
 

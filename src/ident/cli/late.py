@@ -22,6 +22,7 @@ COMMANDS = {  # in which module of this package, and the first line of its docst
     "excite": ("exciting", "A periodic motion that tells most, inside all limits."),
     "explore": ("exploring", "Add effects by hand, in a browser; watch the error fall."),
     "montecarlo": ("montecarlo", "What noise makes of the estimates: bias and spread."),
+    "monitor": ("monitoring", "Identify a machine while it runs; say when it changes."),
     "view": ("viewing", "The mechanism moving in 3-D, in a browser."),
     "demo": ("demonstrating", "A hidden effect found, step by step, in half a minute."),
 }

@@ -7,17 +7,36 @@ from typing import Annotated
 
 import typer
 
-from ident.cli.arguments import AllowCode, MechanismPath, With, mechanism_of, output_folder
+from ident.cli.arguments import (
+    AllowCode,
+    Jobs,
+    MechanismPath,
+    Scheduler,
+    With,
+    mechanism_of,
+    output_folder,
+)
 from ident.cli.console import notes, progress, result
 from ident.errors import IdentError
-from ident.montecarlo import Estimator, monte_carlo, paper
+from ident.log.folder import is_folder_of_logs, logs_in
+from ident.montecarlo import (
+    Estimator,
+    MonteCarlo,
+    Studies,
+    monte_carlo,
+    monte_carlo_each,
+    paper,
+)
 from ident.montecarlo.noise import USUAL
 
 
 def montecarlo(
     mechanism: MechanismPath,
     log: Annotated[
-        Path, typer.Argument(metavar="LOG", help="Without noise, best of a simulation.")
+        Path,
+        typer.Argument(
+            metavar="LOG", help="Without noise, best of a simulation; or a folder of such logs."
+        ),
     ],
     snr: Annotated[
         str, typer.Option(metavar="LIST", help="Signal-to-noise ratios of every channel, in dB.")
@@ -55,9 +74,8 @@ def montecarlo(
         bool, typer.Option("--wrench", help="Noise on external wrenches too.")
     ] = False,
     seed: Annotated[int, typer.Option(metavar="N", help="Of the noise.")] = 0,
-    jobs: Annotated[
-        int | None, typer.Option(metavar="N", help="Processes. Default: one a core.")
-    ] = None,
+    jobs: Jobs = None,
+    scheduler: Scheduler = None,
     with_: With = None,
     allow_code: AllowCode = False,
     out: Annotated[
@@ -72,25 +90,33 @@ def montecarlo(
     """
     output_folder(out)
     model = mechanism_of(mechanism, with_, allow_code=allow_code)
+    ratios, tried = _ratios(snr), _estimators(estimator or ["paper", "default"], spacing)
+    known = dict(_value(text) for text in truth or ())
+    channels = (*USUAL, "wrench") if wrench else USUAL
+    found: MonteCarlo | Studies
     with progress() as told:
-        found = monte_carlo(
-            model,
-            log,
-            snr=_ratios(snr),
-            runs=runs,
-            estimators=_estimators(estimator or ["paper", "default"], spacing),
-            truth=dict(_value(text) for text in truth or ()),
-            reactions=reactions,
-            channels=(*USUAL, "wrench") if wrench else USUAL,
-            seed=seed,
-            jobs=jobs,
-            progress=told,
-        )
+        if is_folder_of_logs(log):
+            if reactions is not None:
+                raise IdentError(f"--reactions {reactions}: are of one log, and {log} is a folder")
+            found = monte_carlo_each(
+                model, logs_in(log), snr=ratios, runs=runs, estimators=tried, truth=known,
+                channels=channels, seed=seed, jobs=jobs, scheduler=scheduler, progress=told,
+            )  # fmt: skip
+            notes(found.notes)
+        else:
+            found = monte_carlo(
+                model, log, snr=ratios, runs=runs, estimators=tried, truth=known,
+                reactions=reactions, channels=channels, seed=seed, jobs=jobs, scheduler=scheduler,
+                progress=told,
+            )  # fmt: skip
     result(found)
     if out is not None:
         notes(f"wrote {path}" for path in found.write(out))
-    if found.samples.is_empty():
-        raise IdentError(f"every run ended in an error, the first: {found.failures['error'][0]}")
+    for study in found.studies.values() if isinstance(found, Studies) else (found,):
+        if study.samples.is_empty():
+            raise IdentError(
+                f"every run ended in an error, the first: {study.failures['error'][0]}"
+            )
 
 
 def _ratios(text: str) -> list[float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ from ident.fit.output import multipliers_csv
 from ident.fit.saved import fit_json
 from ident.mechanism import Mechanism
 from ident.mechanism.write import folder_files
+from ident.page import Section
 
 if TYPE_CHECKING:
     from ident.diagnose.diagnosis import Diagnosis
@@ -65,8 +66,19 @@ def plain(value: Any) -> Any:
     return value
 
 
-def write_diagnosis(d: Diagnosis, folder: str | Path) -> list[Path]:
+def write_diagnosis(
+    d: Diagnosis,
+    folder: str | Path,
+    more: Mapping[str, bytes] | None = None,
+    sections: Sequence[Section] = (),
+) -> list[Path]:
     """diagnosis.json, report.html, and suggestion.py where there is a suggestion.
+
+    Args:
+        d: what to write.
+        folder: made if it is not there.
+        more: further files by name.
+        sections: at the beginning of the report.
 
     Returns:
         The files written, all of them or none.
@@ -74,7 +86,8 @@ def write_diagnosis(d: Diagnosis, folder: str | Path) -> list[Path]:
     Raises:
         IdentError: if the folder cannot be written.
     """
-    return write_all(Path(folder), {**_data(d), "report.html": diagnosis_html(d)})
+    report = diagnosis_html(d, sections)
+    return write_all(Path(folder), {**_data(d), **(more or {}), "report.html": report})
 
 
 def write_history(history: History, folder: str | Path) -> list[Path]:

@@ -49,9 +49,9 @@ ADDED = (
 )
 
 
-def diagnosis_html(d: Diagnosis) -> bytes:
-    """The page of a diagnosis."""
-    sections = (*diagnosed(d), *_basis(d))
+def diagnosis_html(d: Diagnosis, first: Sequence[Section] = ()) -> bytes:
+    """The page of a diagnosis, after further sections."""
+    sections = (*first, *diagnosed(d), *_basis(d))
     return Page(f"{d.fit.mechanism.name}: diagnosis", _capital(verdict_line(d)), sections).html()
 
 

@@ -14,6 +14,7 @@ from scipy.signal import firwin
 
 RIPPLE = 60.0  # dB in the stop band
 OVERSAMPLING = 4.0  # samples kept a period of the cut-off
+ROUNDING = 1e-6  # of a sample: parts of a log, whose rates differ by it, are decimated alike
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +38,7 @@ class Decimator:
         half = int(np.ceil((RIPPLE - 8) / (2.285 * 2 * np.pi * cutoff / rate) / 2))
         beta = 0.1102 * (RIPPLE - 8.7)
         taps = firwin(2 * half + 1, cutoff, window=("kaiser", beta), fs=rate)
-        return cls(taps, max(1, int(rate / (OVERSAMPLING * cutoff))))
+        return cls(taps, max(1, int(rate / (OVERSAMPLING * cutoff) + ROUNDING)))
 
     @property
     def half(self) -> int:
@@ -66,8 +67,8 @@ class Decimator:
         """Filtered x (n, …) of the samples `inside`, at the kept samples: (kept, …)."""
         assert self.taps is not None
         taps = np.abs(self.taps) if absolute else self.taps
-        flat = x.reshape(len(x), -1)
-        out = np.empty((len(sample), flat.shape[1]))
+        flat = np.moveaxis(x, 0, -1).reshape(-1, len(x))  # no copy where columns stand whole
+        out = np.empty((len(flat), len(sample)))
         group = max(1, 2 * self.half // self.factor)  # outputs that share one dense product
         for i in range(0, len(sample), group):
             centre = sample[i : i + group]
@@ -75,5 +76,6 @@ class Decimator:
             weights = np.zeros((len(centre), last - first))
             for row, at in enumerate(centre - self.half - first):
                 weights[row, at : at + len(taps)] = taps
-            out[i : i + len(centre)] = weights @ flat[first - inside.start : last - inside.start]
-        return out.reshape(len(sample), *x.shape[1:])
+            reached = flat[:, first - inside.start : last - inside.start]
+            out[:, i : i + len(centre)] = reached @ weights.T
+        return np.moveaxis(out.reshape(*x.shape[1:], len(sample)), -1, 0)

@@ -41,6 +41,11 @@ class Point:
         known = Point.prior(mechanism).values
         return Point(columns.dynamic_parameters(mechanism, x), {**self.values, **known, **found})
 
+    def unknowns(self, columns: Columns) -> np.ndarray:
+        """x (k,), the values of the unknowns here."""
+        own = columns.names[len(columns.rigid) :]
+        return np.append(self.pi[columns.rigid], [self.values.get(name, 0.0) for name in own])
+
     def with_values(self, values: Mapping[str, float]) -> Point:
         """The point with some effects' parameters at other values."""
         return replace(self, values={**self.values, **values})

@@ -89,16 +89,24 @@ def reach(e: Experiment) -> np.ndarray | None:
     return np.abs(e.leverage[e.usable]).max(axis=0, initial=0.0)
 
 
-def rows(scene: Scene, cutoff: float | None, sticking: float = STICKING) -> Iterator[Rows]:
+def rows(
+    scene: Scene,
+    cutoff: float | None,
+    sticking: float = STICKING,
+    farthest: np.ndarray | None = None,
+) -> Iterator[Rows]:
     """All rows of an experiment in pieces, filtered at `cutoff` [Hz] and decimated.
 
-    A row informs if less than the share `sticking` of it comes from samples that do not.
+    A row informs if less than the share `sticking` of it comes from samples that do not; `farthest`
+    is what `reach` says of the whole log, if the experiment is a part of one.
     """
     e = scene.e
-    decimator, farthest = Decimator.of(cutoff, e.rate), reach(e)
+    decimator = Decimator.of(cutoff, e.rate)
+    farthest = reach(e) if farthest is None else farthest
     for segment in e.segments():
+        raw = None
         for inside, part in decimator.pieces(segment, CHUNK):
-            raw = raw_rows(scene, inside, farthest)
+            raw = _continued(raw, scene, inside, farthest)
             if decimator.taps is None:
                 yield raw
                 continue
@@ -106,6 +114,18 @@ def rows(scene: Scene, cutoff: float | None, sticking: float = STICKING) -> Iter
             A, b, tau = (decimator.apply(x, inside, sample) for x in (raw.A, raw.b, raw.tau))
             open_ = decimator.apply((~raw.informed).astype(float), inside, sample, absolute=True)
             yield Rows(e.t[sample], sample, A, b, tau, open_ < sticking)
+
+
+def _continued(before: Rows | None, scene: Scene, part: slice, farthest: np.ndarray | None) -> Rows:
+    """The rows of some samples; those that the piece before has are not made again."""
+    if before is None or before.sample[-1] < part.start:
+        return raw_rows(scene, part, farthest)
+    end = int(before.sample[-1]) + 1
+    new, known = raw_rows(scene, slice(end, part.stop), farthest), slice(part.start - end, None)
+    names = Rows.__dataclass_fields__
+    return Rows(
+        *(np.concatenate([getattr(before, name)[known], getattr(new, name)]) for name in names)
+    )
 
 
 def row_supports(mechanism: Mechanism, columns: Columns, e: Experiment) -> list[np.ndarray]:

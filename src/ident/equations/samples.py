@@ -83,6 +83,9 @@ class Samples:
             e, part = self.e, self.part
             index = self.mechanism.joint_index
             at = [index[name] for name in joints if name in index]
+            bare = replace(
+                self
+            )  # in a circle with what it has seen, Γ would wait for the collector
             self._seen[joints] = Signals(
                 t=e.t[part],
                 q=e.y[part][:, at],
@@ -91,7 +94,7 @@ class Samples:
                 still=e.still[at],
                 extra={name: x[part] for name, x in e.extra.items()},
                 present=self.point.values if self.point else {},
-                predicted=(lambda: predicted(self, joints)) if self.point else None,
+                predicted=(lambda: predicted(bare, joints)) if self.point else None,
             )
         return self._seen[joints]
 

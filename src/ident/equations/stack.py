@@ -40,8 +40,18 @@ def basis_of(mechanism: Mechanism, segment: slice, e: Experiment) -> Basis:
     )
 
 
-def stack(scene: Scene, cutoff: float | None, segment: slice, basis: Basis) -> Iterator[Chunk]:
-    """The stack of one run of usable samples, in equal pieces, filtered like all columns."""
+def stack(
+    scene: Scene,
+    cutoff: float | None,
+    segment: slice,
+    basis: Basis,
+    since: float = -np.inf,
+    until: float = np.inf,
+) -> Iterator[Chunk]:
+    """The stack of one run of usable samples, in equal pieces, filtered like all columns.
+
+    Of a run with margins, the rows from `since` until before `until` [s].
+    """
     e = scene.e
     decimator = Decimator.of(cutoff, e.rate)
     for inside, part in decimator.pieces(segment, CHUNK):
@@ -61,7 +71,8 @@ def stack(scene: Scene, cutoff: float | None, segment: slice, basis: Basis) -> I
                 np.repeat(first, nv), L.reshape(n * nv, *L.shape[2:]),
                 A.reshape(n * nv, A.shape[2]), b.reshape(n * nv),
             )  # fmt: skip
-        told = informed.reshape(-1)
+        t = e.t[inside if decimator.taps is None else sample]
+        told = (informed & ((t >= since) & (t < until))[:, None]).reshape(-1)
         yield Chunk(chunk.first[told], chunk.L[told], chunk.A[told], chunk.b[told])
 
 

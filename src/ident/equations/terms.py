@@ -43,8 +43,11 @@ def terms(scene: Scene, part: slice | np.ndarray, *, full: bool = False) -> Term
     s = scene.generalised(part) if full else scene.samples(part)
     tau = s.measured(s.mechanism.driven)
     b = tau.copy() if s.wrench is None else tau + s.wrench
-    A = np.zeros((*s.shape, len(columns)))
-    np.take(s.gamma, columns.rigid, axis=2, out=A[:, :, : len(columns.rigid)], mode="clip")
+    n, r = s.shape
+    # columns stand whole in memory: that is how they are filled, cut in time and factored
+    A = np.zeros((r, len(columns), n)).transpose(2, 0, 1)
+    for place, column in enumerate(columns.rigid):
+        A[:, :, place] = s.gamma[:, :, column]
     if len(columns.known):
         b -= s.gamma[:, :, columns.known] @ columns.known_values
     told = []

@@ -6,7 +6,9 @@ computed from these small triangles; the rows are seen once and never kept.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -63,20 +65,21 @@ def accumulate(
     cells: list[Cell] = []
     for number, experiment in enumerate(motion.experiments):
         supports = row_supports(mechanism, columns, experiment)
-        edges = _edges(motion, experiment.t)
+        t = experiment.t
+        edges = block_edges(motion.band.cutoff, t[0], t[-1], len(t))
         waiting: list[Rows] = []
         block = 0
         scene = Scene.of(mechanism, columns, experiment, point, motion.band.cutoff)
         for piece in rows(scene, motion.band.cutoff):
-            for at, part in _split(piece, edges):
+            for at, part in split(piece, edges):
                 if at != block:
-                    cells += _cells(number, block, waiting, supports)
+                    cells += block_cells(number, block, waiting, supports)
                     waiting, block = [], at
                 waiting.append(part)
             if progress:
                 done = (number + piece.sample[-1] / len(experiment)) / len(motion.experiments)
                 progress(f"equations of {experiment.name}", float(done))
-        cells += _cells(number, block, waiting, supports)
+        cells += block_cells(number, block, waiting, supports)
     if not cells:
         lost = ", ".join(experiment.name for experiment in motion.experiments)
         raise FitError(
@@ -86,15 +89,16 @@ def accumulate(
     return cells
 
 
-def _edges(motion: Motion, t: np.ndarray) -> np.ndarray:
-    """Times [s] that part an experiment into blocks."""
-    rate = motion.band.cutoff * 4 if motion.band.cutoff else (len(t) - 1) / (t[-1] - t[0])
-    kept = (t[-1] - t[0]) * rate
+def block_edges(cutoff: float | None, first: float, last: float, samples: int) -> np.ndarray:
+    """Times [s] that part an experiment of so many samples from t = first to last into blocks."""
+    rate = cutoff * 4 if cutoff else (samples - 1) / (last - first)
+    kept = (last - first) * rate
     count = int(np.clip(kept / LENGTH, FEWEST, MOST))
-    return np.linspace(t[0], t[-1], count + 1)[1:-1]
+    return np.linspace(first, last, count + 1)[1:-1]
 
 
-def _split(piece: Rows, edges: np.ndarray) -> list[tuple[int, Rows]]:
+def split(piece: Rows, edges: np.ndarray) -> list[tuple[int, Rows]]:
+    """Rows by the number of their block."""
     block = np.searchsorted(edges, piece.t, side="right")
     cuts = [0, *(np.flatnonzero(np.diff(block)) + 1), len(block)]
     return [
@@ -104,31 +108,32 @@ def _split(piece: Rows, edges: np.ndarray) -> list[tuple[int, Rows]]:
     ]
 
 
-def _cells(number: int, block: int, waiting: list[Rows], supports: list[np.ndarray]) -> list[Cell]:
+def block_cells(
+    number: int, block: int, waiting: Sequence[Rows], supports: Sequence[np.ndarray]
+) -> list[Cell]:
+    """The cells of some rows of one block, one a coordinate."""
     if not waiting:
         return []
-    A, b, tau, informed = (
+    b, tau, informed = (
         np.concatenate([getattr(part, name) for part in waiting])
-        for name in ("A", "b", "tau", "informed")
+        for name in ("b", "tau", "informed")
     )
     span = (float(waiting[0].t[0]), float(waiting[-1].t[-1]))
     found = []
     for u, support in enumerate(supports):
-        told = informed[:, u]
-        mine = A[:, u, support]
-        found.append(
-            Cell(
-                number,
-                block,
-                u,
-                Factor.of(mine[told], b[told, u]),
-                Factor.of(mine[~told], b[~told, u]),
-                support,
-                float(tau[:, u] @ tau[:, u]),
-                span,
-            )
-        )
+        mine = np.concatenate([part.A[:, u, support] for part in waiting])
+        told, torque = informed[:, u], float(tau[:, u] @ tau[:, u])
+        if told.all():
+            factor, rest = Factor.of(mine, b[:, u]), _nothing(len(support))
+        else:
+            factor, rest = (Factor.of(mine[some], b[some, u]) for some in (told, ~told))
+        found.append(Cell(number, block, u, factor, rest, support, torque, span))
     return found
+
+
+@cache
+def _nothing(k: int) -> Factor:
+    return Factor.empty(k)
 
 
 def coordinates(mechanism: Mechanism, motion: Motion) -> int:

@@ -76,6 +76,7 @@ def assemble(
         validation=validated(r, x, validate, progress),
         warnings=(*caveats, *notes, *absurd),
         bands=r.bands,
+        left=r.left,
         point=point,
         binding=binding,
         likelihood=likelihood,
@@ -84,8 +85,7 @@ def assemble(
 
 def outside_of(r: Regression, estimate: Estimate, refit: Refit | None = None) -> Squares | None:
     """Errors in each stretch of time of the model fitted to all the others."""
-    dims = (1 if r.stacked else r.d, r.d)
-    return held_out(r.fitting, r.cells, estimate, r.prior, dims, refit)
+    return held_out(r.fitting, r.cells, estimate, r.prior, r.d, refit)
 
 
 def validated(

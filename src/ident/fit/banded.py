@@ -57,26 +57,40 @@ def banded(
                 progress(f"eliminating multipliers of {e.name}", number / len(motion.experiments))
             chunks = list(stack(scene, motion.band.cutoff, segment, basis))
             if chunks:
-                blocks = max(1, min(BLOCKS, basis.count // 4))
+                blocks = time_blocks(basis)
                 found.append(Band(number, segment, basis, eliminate(chunks, basis.count, blocks)))
     return found
 
 
-def cells_of(bands: Sequence[Band | Run], columns: Columns, motion: Motion) -> list[Cell]:
+def time_blocks(basis: Basis) -> int:
+    """Into how many blocks of time a run of samples is parted."""
+    return max(1, min(BLOCKS, basis.count // 4))
+
+
+def cells_of(bands: Sequence[Band | Run], motion: Motion) -> list[Cell]:
     """The factors of the parameters as cells of one coordinate: rows of all joints together."""
-    support = np.arange(len(columns))
     cells: list[Cell] = []
     for band in bands:
         t = motion.experiments[band.experiment].t[band.segment]
-        edges = np.linspace(t[0], t[-1], len(band.elimination.factors) + 1)
         before = sum(cell.experiment == band.experiment for cell in cells)
-        for block, factor in enumerate(band.elimination.factors):
-            rest, torque = Factor.empty(len(columns)), factor.rhs_norm() ** 2
-            span = (float(edges[block]), float(edges[block + 1]))
-            cells.append(
-                Cell(band.experiment, before + block, 0, factor, rest, support, torque, span)
-            )
+        factors = band.elimination.factors
+        cells += cells_of_blocks(band.experiment, before, factors, float(t[0]), float(t[-1]))
     return cells
+
+
+def cells_of_blocks(
+    experiment: int, before: int, factors: Sequence[Factor], first: float, last: float
+) -> list[Cell]:
+    """Cells of equal blocks of the time from `first` to `last` [s], numbered from `before` on."""
+    support, rest = np.arange(factors[0].k), Factor.empty(factors[0].k)
+    edges = np.linspace(first, last, len(factors) + 1).tolist()
+    return [
+        Cell(
+            experiment, before + block, 0, factor, rest, support, factor.rhs_norm() ** 2,
+            (edges[block], edges[block + 1]),
+        )
+        for block, factor in enumerate(factors)
+    ]  # fmt: skip
 
 
 def multipliers_of(bands: list[Band], motion: Motion, x: np.ndarray, m: int) -> list[np.ndarray]:

@@ -39,18 +39,34 @@ def covariance(cells: Sequence[Cell], estimate: Estimate) -> np.ndarray:
     own = estimate.base.independent
     size = len(own)
     norm = estimate.factor.column_norms()[own]  # equilibrated: H has a unit diagonal
-    keys, H_blocks, g_blocks, white = _blocks(cells, estimate, norm)
+    keys, H_blocks, g_blocks, white = scores(cells, estimate, norm)
     count = len(keys)
     if size == 0 or count < 2:
         return np.full((size, size), np.nan)
     H = H_blocks.sum(axis=0)
-    deltas, shares = np.empty((count, size)), np.empty((count, size))
-    for b, (H_b, g_b) in enumerate(zip(H_blocks, g_blocks, strict=True)):
-        others = np.linalg.pinv(H - H_b, rcond=1e-13, hermitian=True)
-        deltas[b] = others @ g_b
-        shares[b] = np.einsum(
-            "ij,jk,ik->i", others, H_b, others
-        )  # of the variance, white residuals
+    others = np.linalg.pinv(H - H_blocks, rcond=1e-13, hermitian=True)
+    deltas = (others @ g_blocks[..., None])[..., 0]
+    shares = ((others @ H_blocks) * others).sum(axis=2)  # of the variance, white residuals
+    total, nu = long_run(keys, deltas, shares)
+    wider = np.sqrt(nu / (nu - 2)) / norm
+    found = total * np.outer(wider, wider)
+    # what only one block tells has no spread between blocks; white residuals are the least there is
+    inverse = np.linalg.pinv(H, rcond=1e-13, hermitian=True) / norm[:, None]
+    least = np.einsum("ij,jk,ik->i", inverse, white, inverse)
+    return np.asarray(found + np.diag(np.maximum(least - np.diag(found), 0.0)))
+
+
+def long_run(
+    keys: Sequence[tuple[int, int]], deltas: np.ndarray, shares: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Covariance (m, m) of m numbers from the changes of each when one block is left out, and the
+    number of squares ν (m,) that it rests on.
+
+    Args:
+        keys: (experiment, block) of each of B blocks, in order.
+        deltas: (B, m), the changes δ.
+        shares: (B, m), of the variance, by block, if residuals were white.
+    """
     total, squares = deltas.T @ deltas, (shares**2).sum(axis=0)
     lags = _lags(keys, deltas)
     for lag in range(1, lags + 1):
@@ -61,54 +77,53 @@ def covariance(cells: Sequence[Cell], estimate: Estimate) -> np.ndarray:
         squares += 2 * weight**2 * (shares[one] * shares[other]).sum(axis=0)
     tiny = np.finfo(float).tiny
     nu = np.maximum(shares.sum(axis=0) ** 2 / np.maximum(squares, tiny), FEWEST_SQUARES)
-    wider = np.sqrt(nu / (nu - 2)) / norm
     window = np.maximum(np.diag(total), tiny)
-    wider = wider * np.sqrt(0.5 + 0.5 * _lasting(keys, deltas, window) / window)
-    found = (count - 1) / count * total * np.outer(wider, wider)
-    # what only one block tells has no spread between blocks; white residuals are the least there is
-    inverse = np.linalg.pinv(H, rcond=1e-13, hermitian=True) / norm[:, None]
-    least = np.einsum("ij,jk,ik->i", inverse, white, inverse)
-    return np.asarray(found + np.diag(np.maximum(least - np.diag(found), 0.0)))
+    wider = np.sqrt(0.5 + 0.5 * _lasting(keys, deltas, window) / window)
+    return (len(keys) - 1) / len(keys) * total * np.outer(wider, wider), nu
 
 
-def _blocks(
+def scores(
     cells: Sequence[Cell], estimate: Estimate, norm: np.ndarray
 ) -> tuple[list[tuple[int, int]], np.ndarray, np.ndarray, np.ndarray]:
     """(experiment, block), H_b (B, n_ind, n_ind), g_b (B, n_ind), and Cov[Σ g_b] (n_ind, n_ind) of
     white residuals; all for columns of unit norm.
     """
-    size, d = len(norm), len(estimate.sigma)
+    size = len(norm)
     place = np.full(len(estimate.solution.x), -1)
     place[estimate.base.independent] = np.arange(size)
-    blocks: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
-    own, rows, squares = np.zeros((d, size, size)), np.zeros(d), np.zeros(d)
-    for cell in cells:
-        if cell.factor.rows == 0:
+    cells = [cell for cell in cells if cell.factor.rows]
+    keys = list(dict.fromkeys((cell.experiment, cell.block) for cell in cells))
+    number = {key: b for b, key in enumerate(keys)}
+    H_blocks, g_blocks = np.zeros((len(keys), size, size)), np.zeros((len(keys), size))
+    white = np.zeros((size, size))
+    for u, sigma in enumerate(estimate.sigma):
+        mine = [cell for cell in cells if cell.coordinate == u]
+        if not mine:
             continue
-        inside = place[cell.support] >= 0
-        at = place[cell.support][inside]
-        x, weight = estimate.solution.x[cell.support], 1 / estimate.sigma[cell.coordinate]
-        R = cell.factor.R[:, inside] * weight / norm[at]
-        H_b, g_b = blocks.setdefault(
-            (cell.experiment, cell.block), (np.zeros((size, size)), np.zeros(size))
-        )
-        H_b[np.ix_(at, at)] += R.T @ R
-        g_b[at] += cell.factor.gradient(x)[inside] * weight**2 / norm[at]
-        own[cell.coordinate][np.ix_(at, at)] += R.T @ R
-        rows[cell.coordinate] += cell.factor.rows
-        squares[cell.coordinate] += (cell.factor.residual_norm(x) * weight) ** 2
-    white = np.einsum("u,uij->ij", squares / np.maximum(rows, 1), own)
-    H_blocks, g_blocks = (np.array([each[i] for each in blocks.values()]) for i in (0, 1))
-    return list(blocks), H_blocks, g_blocks, white
+        support = mine[0].support
+        inside = place[support] >= 0
+        at, x = place[support][inside], estimate.solution.x[support]
+        R = np.stack([cell.factor.R for cell in mine]) / sigma
+        left = np.stack([cell.factor.d for cell in mine]) / sigma - R @ x
+        R = R[:, :, inside] / norm[at]
+        H_u = R.swapaxes(1, 2) @ R
+        b = np.array([number[cell.experiment, cell.block] for cell in mine])
+        H_blocks[b[:, None, None], at[:, None], at] += H_u  # a block has one cell a coordinate
+        g_blocks[b[:, None], at] += (left[:, None, :] @ R)[:, 0]
+        rho = np.array([cell.factor.rho for cell in mine]) / sigma
+        squares = float((left**2).sum() + rho @ rho)
+        rows = sum(cell.factor.rows for cell in mine)
+        white[np.ix_(at, at)] += squares / max(rows, 1) * H_u.sum(axis=0)
+    return keys, H_blocks, g_blocks, white
 
 
-def _pairs(keys: list[tuple[int, int]], lag: int) -> tuple[list[int], list[int]]:
+def _pairs(keys: Sequence[tuple[int, int]], lag: int) -> tuple[list[int], list[int]]:
     """Places of the blocks of one experiment that are `lag` apart."""
     first = [i for i in range(len(keys) - lag) if keys[i][0] == keys[i + lag][0]]
     return first, [i + lag for i in first]
 
 
-def _lasting(keys: list[tuple[int, int]], deltas: np.ndarray, window: np.ndarray) -> np.ndarray:
+def _lasting(keys: Sequence[tuple[int, int]], deltas: np.ndarray, window: np.ndarray) -> np.ndarray:
     """(n_ind,) Σ δ² in the long run, of first-order autoregressions; the window's if not alike."""
     one, other = _pairs(keys, 1)
     size = np.maximum((deltas**2).sum(axis=0), np.finfo(float).tiny)
@@ -119,7 +134,7 @@ def _lasting(keys: list[tuple[int, int]], deltas: np.ndarray, window: np.ndarray
     return np.where(seen > ALIKE / np.sqrt(len(keys)), long, window)
 
 
-def _lags(keys: list[tuple[int, int]], deltas: np.ndarray) -> int:
+def _lags(keys: Sequence[tuple[int, int]], deltas: np.ndarray) -> int:
     """L, from the correlation of neighbouring blocks: 1 at least, since filtered blocks touch."""
     a, b = _pairs(keys, 1)
     size = np.maximum((deltas**2).sum(axis=0), np.finfo(float).tiny)

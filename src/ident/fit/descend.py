@@ -57,7 +57,7 @@ def descended(mechanism: Mechanism, motion: Motion, point: Point, progress: Told
             progress("searching shapes", step / STEPS)
         x, share = _tangent(mechanism, columns, motion, now.point, first), 1.0
         for _ in range(HALVES):
-            at = now.point.at(mechanism, columns, _stepped(columns, now.point, x, bounds, share))
+            at = now.point.at(mechanism, columns, stepped(columns, now.point, x, bounds, share))
             after = _trial(mechanism, motion, at, first)
             if after.loss <= now.loss + same:
                 break
@@ -111,7 +111,7 @@ def _tangent(
     return estimate(factors, prior, zeros, sigma=first.sigma, held=first.held).solution.x
 
 
-def _stepped(
+def stepped(
     columns: Columns,
     point: Point,
     x: np.ndarray,

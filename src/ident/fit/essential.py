@@ -17,7 +17,7 @@ from scipy.linalg import lapack
 
 from ident.fit.accumulate import Cell
 from ident.fit.estimate import Estimate, totals
-from ident.fit.score import folds, rises, stretches
+from ident.fit.score import folds, rises, stretches, without_each
 from ident.page import Shown
 from ident.residual.error import Error, Squares
 from ident.solve.factor import Factor
@@ -180,10 +180,7 @@ class _Trial:
             scored.append((both, np.array([f.rows for f in both])))
             for cell in part:
                 torque[cell.coordinate] += cell.tau
-        others = tuple(
-            Factor.merge([f for i, f in enumerate(fitting) if i != number])
-            for number in range(len(fitting))
-        )
+        others = tuple(without_each(fitting))
         return cls(Factor.merge(fitting), others, tuple(scored), torque, sigma)
 
     def held_out(self, kept: np.ndarray) -> Squares:

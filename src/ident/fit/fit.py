@@ -63,6 +63,7 @@ class Fit(Shown):
         train, held_out, validation: errors by joint; validation by log, then joint.
         warnings: what a person should know before trusting the numbers.
         bands: where the multipliers have a time basis, the way back to them.
+        left: where the motion is an excerpt, what is left of the stack of all samples.
         point: values of all parameters, known ones and shapes included.
         binding: of a consistent fit, where it touches its limits and what that costs.
         likelihood: where the noise of the motion counts, how it was weighed.
@@ -82,6 +83,7 @@ class Fit(Shown):
     point: Point = field(kw_only=True)
     binding: Binding | None = None
     likelihood: Likelihood | None = None
+    left: Sequence[Cell] = ()
 
     @cached_property
     def parameters(self) -> tuple[Value, ...]:
@@ -111,8 +113,9 @@ class Fit(Shown):
     def regression(self) -> Regression:
         """The rows that errors are counted in, as factors."""
         return Regression(
-            self.mechanism, self.motion, self.point, self.columns, self.cells, self.bands
-        )
+            self.mechanism, self.motion, self.point, self.columns, self.cells, self.bands,
+            left=self.left,
+        )  # fmt: skip
 
     @cached_property
     def worth(self) -> np.ndarray:

@@ -67,7 +67,7 @@ def identify(
     regression = Regression.of(mechanism, motion, point, progress)
     _check_scale(regression)
     found = estimated(regression)
-    notes = _bias(regression, found)
+    notes = bias_of(regression, found)
     likelihood = None
     if estimator == "likelihood":
         _check_refinable(regression)
@@ -155,9 +155,7 @@ def _check_refinable(r: Regression) -> None:
 
 def estimated(r: Regression) -> Estimate:
     """Least squares on the rows; weights, rank and what is held at the prior come from them too."""
-    if (
-        r.bands
-    ):  # the paper's stack: all rows weigh alike, and the basis' misfit is in the parameters
+    if r.stacked:  # the paper's: all rows weigh alike, and the basis' misfit is in the parameters
         ones = np.ones(1)
         return estimate(totals(r.fitting, len(r.columns), 1), r.prior, ones, r.sensible)
     found = estimate(r.factors, r.prior, r.torque, r.sensible)
@@ -174,9 +172,9 @@ def _ignored(mechanism: Mechanism) -> list[str]:
     return ["bounds and total_mass of [parameters] hold in a consistent fit only: --consistent"]
 
 
-def _bias(r: Regression, found: Estimate) -> list[str]:
+def bias_of(r: Regression, found: Estimate) -> list[str]:
     """What a time basis does to the parameters."""
-    if not r.bands:
+    if not r.stacked:
         return []
     free = estimate(r.factors, r.prior, r.torque, r.sensible)
     return basis_bias(r.mechanism, r.columns, found, free)

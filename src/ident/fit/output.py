@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,18 +18,30 @@ from ident.fit.report import report_html
 from ident.fit.saved import fit_json
 from ident.fit.urdf import identified_urdf
 from ident.mechanism.write import folder_files
+from ident.page import Section
 
 if TYPE_CHECKING:
     from ident.fit.fit import Fit
 
 
-def write_fit(fit: Fit, folder: str | Path, reactions: Reactions | None = None) -> list[Path]:
+def write_fit(
+    fit: Fit,
+    folder: str | Path,
+    reactions: Reactions | None = None,
+    multipliers: Path | None = None,
+    more: Mapping[str, bytes] | None = None,
+    sections: Sequence[Section] = (),
+) -> list[Path]:
     """fit.json, multipliers.csv, identified.urdf, report.html and the folder identified/.
 
     Args:
         fit: what to write.
         folder: made if it is not there.
         reactions: known ones, which the report draws beside the multipliers.
+        multipliers: a file in the folder that becomes multipliers.csv, where the fit's motion is
+            an excerpt.
+        more: further files by name.
+        sections: after the errors in the report.
 
     Returns:
         The files written, all of them or none.
@@ -38,11 +51,12 @@ def write_fit(fit: Fit, folder: str | Path, reactions: Reactions | None = None) 
         FitError: if a body's identified inertia cannot be said in a URDF.
     """
     urdf = identified_urdf(fit)
-    files = {
+    files: dict[str, bytes | Path] = {
         "fit.json": json.dumps(fit_json(fit), indent=1, ensure_ascii=False).encode() + b"\n",
-        "multipliers.csv": multipliers_csv(fit),
+        "multipliers.csv": multipliers or multipliers_csv(fit),
         "identified.urdf": urdf,
-        "report.html": report_html(fit, reactions),
+        "report.html": report_html(fit, reactions, sections),
+        **(more or {}),
     }
     known = [
         (effect, {u.name: float(v) for u, v in zip(effect.parameters, values, strict=True)})
@@ -60,16 +74,27 @@ def multipliers_csv(fit: Fit) -> bytes:
     names = fit.mechanism.kinematics.multipliers
     if not names:
         return b"t\n"
-    frames = []
     several = len(fit.motion.experiments) > 1
-    for experiment, (t, values) in zip(fit.motion.experiments, fit.multipliers, strict=True):
-        columns: dict[str, np.ndarray | list[str]] = {"t": t}
-        columns |= {name: values[:, i] for i, name in enumerate(names)}
-        if several:
-            columns["log"] = [experiment.name] * len(t)
-        frames.append(pl.DataFrame(columns).fill_nan(None))
+    return b"".join(
+        multipliers_rows(names, t, values, e.name if several else None, header=not number)
+        for number, (e, (t, values)) in enumerate(
+            zip(fit.motion.experiments, fit.multipliers, strict=True)
+        )
+    )
+
+
+def multipliers_rows(
+    names: Sequence[str], t: np.ndarray, values: np.ndarray, log: str | None, header: bool
+) -> bytes:
+    """Rows of multipliers.csv: t (n,) [s] and values (n, m); `log` is the name of theirs, if there
+    are several.
+    """
+    columns: dict[str, np.ndarray | list[str]] = {"t": t}
+    columns |= {name: values[:, i] for i, name in enumerate(names)}
+    if log is not None:
+        columns["log"] = [log] * len(t)
     stream = io.BytesIO()
-    pl.concat(frames).write_csv(stream)
+    pl.DataFrame(columns).fill_nan(None).write_csv(stream, include_header=header)
     return stream.getvalue()
 
 

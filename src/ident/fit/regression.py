@@ -34,6 +34,7 @@ class Regression:
         cells: of the d independent coordinates, in which errors count.
         bands: where the multipliers have a time basis, the paper's stack.
         runs: where the motion's noise counts, rows whitened by it.
+        left: what is left of such a stack of all samples, where the motion is an excerpt of them.
     """
 
     mechanism: Mechanism
@@ -43,6 +44,7 @@ class Regression:
     cells: Sequence[Cell]
     bands: Sequence[Band] = ()
     runs: Sequence[Run] = ()
+    left: Sequence[Cell] = ()
 
     @classmethod
     def of(
@@ -87,13 +89,15 @@ class Regression:
     @cached_property
     def fitting(self) -> Sequence[Cell]:
         """From which parameters are estimated: the cells, or what is left of larger stacks."""
+        if self.left:
+            return self.left
         stacks: list[Band | Run] = [*self.bands, *self.runs]
-        return cells_of(stacks, self.columns, self.motion) if stacks else self.cells
+        return cells_of(stacks, self.motion) if stacks else self.cells
 
     @property
     def stacked(self) -> bool:
         """Whether parameters are estimated from rows of all coordinates together."""
-        return bool(self.bands or self.runs)
+        return bool(self.left or self.bands or self.runs)
 
     @cached_property
     def torque(self) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from markupsafe import Markup
@@ -25,10 +26,13 @@ STRUCTURE = (
 LAMBDA = "The reaction forces that the closures need for this motion; they rest on the model."
 
 
-def report_html(fit: Fit, reactions: Reactions | None = None) -> bytes:
-    """The report of a fit."""
+def report_html(
+    fit: Fit, reactions: Reactions | None = None, more: Sequence[Section] = ()
+) -> bytes:
+    """The report of a fit, with further sections before its parameters."""
     sections = (
         *misfit(fit),
+        *more,
         *found(fit, reactions),
         understood(fit.mechanism, fit.motion),
         made_of(fit.mechanism, fit.motion),

@@ -68,7 +68,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "mechanism": fit.mechanism.name,
-        "logs": [experiment.name for experiment in fit.motion.experiments],
+        "logs": list(fit.motion.names),
         "samples": fit.motion.samples,
         "rows": fit.rows,
         "parameters": [_value(value) for value in fit.parameters],

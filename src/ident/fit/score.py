@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import accumulate
+from operator import add
 
 import numpy as np
 
@@ -19,7 +22,7 @@ def squares(cells: Sequence[Cell], x: np.ndarray, d: int) -> Squares:
     """What a solution x (k,) leaves in some cells, samples at standstill included."""
     error, torque, rows = np.zeros(d), np.zeros(d), np.zeros(d)
     for cell in cells:
-        for factor in (cell.factor, cell.rest):
+        for factor in (cell.factor, cell.rest) if cell.rest.rows else (cell.factor,):
             error[cell.coordinate] += factor.residual_norm(x[cell.support]) ** 2
             rows[cell.coordinate] += factor.rows
         torque[cell.coordinate] += cell.tau
@@ -70,7 +73,7 @@ def held_out(
     scoring: Sequence[Cell],
     fitted: Estimate,
     prior: np.ndarray,
-    coordinates: tuple[int, int],
+    coordinates: int,
     refit: Callable[[Estimate], np.ndarray] | None = None,
 ) -> Squares | None:
     """Errors in each stretch of time of the model fitted to all the others; None for one stretch.
@@ -79,21 +82,37 @@ def held_out(
         fitting: cells from which parameters are estimated; scoring: cells in which errors count.
         fitted: whose weights are kept.
         prior: (k,).
-        coordinates: how many the fitting and the scoring cells have.
+        coordinates: how many the scoring cells have.
         refit: what becomes of the estimate from the other stretches, (k,); default: as it is.
     """
     each = stretches(fitting, scoring)
     parted, scored = folds(fitting, each), folds(scoring, each)
     if len(parted) < 2:
         return None
-    k, (d, e) = len(prior), coordinates
-    by_fold = {number: totals(part, k, d) for number, part in parted.items()}
+    k, e = len(prior), coordinates
+    weighted = [_weighted(part, k, fitted.sigma) for part in parted.values()]
+    everything = Factor.merge(weighted)
+    without = dict(zip(parted, without_each(weighted), strict=True))
     total = Squares(np.zeros(e), np.zeros(e), np.zeros(e))
     for number, part in scored.items():
-        others = [factors for fold, factors in by_fold.items() if fold != number]
-        merged = [Factor.merge([factors[u] for factors in others]) for u in range(d)]
-        if sum(factor.rows for factor in merged) == 0:
+        others = without.get(number, everything)
+        if others.rows == 0:
             continue
-        other = estimate(merged, prior, np.zeros(d), sigma=fitted.sigma, held=fitted.held)
+        other = estimate([others], prior, np.zeros(1), sigma=np.ones(1), held=fitted.held)
+        other = replace(other, sigma=fitted.sigma)  # which the rows are divided by already
         total = total + squares(part, refit(other) if refit else other.solution.x, e)
     return total
+
+
+def without_each(factors: Sequence[Factor]) -> list[Factor]:
+    """For each factor all others merged: those before it and those after it."""
+    nothing = Factor.empty(factors[0].k)
+    before = accumulate(factors[:-1], add, initial=nothing)
+    after = [*accumulate(reversed(factors[1:]), add, initial=nothing)]
+    return [one + other for one, other in zip(before, reversed(after), strict=True)]
+
+
+def _weighted(cells: Sequence[Cell], k: int, sigma: np.ndarray) -> Factor:
+    """All coordinates' rows, each divided by its sigma."""
+    found = zip(totals(cells, k, len(sigma)), sigma, strict=True)
+    return Factor.merge([factor.scaled(1 / s) for factor, s in found])

@@ -22,7 +22,7 @@ def shown(value: Value) -> str:
 def summary(fit: Fit) -> str:
     """Errors, effects, parameters and warnings of a fit."""
     motion = fit.motion
-    logs = ", ".join(experiment.name for experiment in motion.experiments)
+    logs = ", ".join(motion.names)
     cut = motion.band.cutoff
     errors = {"train": fit.train, "held out": fit.held_out, **fit.validation}
     if cut:

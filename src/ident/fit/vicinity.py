@@ -123,7 +123,7 @@ class Vicinity:
         """Runs by experiment, the estimate from them, and squared residual over rows."""
         r = self.regression
         runs = [part.eliminated(i, sigma) for i, part in enumerate(self.parts)]
-        cells = cells_of([run for mine in runs for run in mine], r.columns, r.motion)
+        cells = cells_of([run for mine in runs for run in mine], r.motion)
         one = np.ones(1)
         now = estimate(totals(cells, len(r.columns), 1), r.prior, one, sigma=one, held=found.held)
         rows = max(now.factor.rows - now.base.rank, 1)

@@ -33,15 +33,15 @@ def is_time(column: pl.Series) -> bool:
     return isinstance(column.dtype, (pl.Datetime, pl.Duration, pl.Time))
 
 
-def floats(column: pl.Series) -> Array:
+def floats(column: pl.Series, since: int | None = None) -> Array:
     """The column as float64, shape (n_rows,): NaN where a cell is empty, booleans 1 and 0.
 
-    Stamps and durations become seconds since their first value. Raises BadCell at the first cell
-    that is no number among numbers, NotNumbers where no cell is one.
+    Stamps and durations become seconds since their first value, or since a tick of theirs. Raises
+    BadCell at the first cell that is no number among numbers, NotNumbers where no cell is one.
     """
     dtype = column.dtype
     if is_time(column):
-        return _seconds(column)
+        return _seconds(column, first_tick(column) if since is None else since)
     if dtype.is_numeric() or dtype in (pl.Boolean, pl.Null):
         return column.cast(pl.Float64).to_numpy()
     if dtype in (pl.String, pl.Categorical, pl.Enum):
@@ -49,12 +49,16 @@ def floats(column: pl.Series) -> Array:
     raise NotNumbers(f"holds {dtype}")
 
 
-def _seconds(column: pl.Series) -> Array:
+def first_tick(column: pl.Series) -> int:
+    """The first stamp of a column of times, as the integer that it is stored as; 0 for none."""
+    return int(column.drop_nulls().head(1).to_physical().cast(pl.Int64).sum() or 0)
+
+
+def _seconds(column: pl.Series, since: int) -> Array:
     # subtract in integers: float64 has no room for nanoseconds since 1970
-    ticks = column.to_physical().cast(pl.Int64)
+    ticks = column.to_physical().cast(pl.Int64) - since
     unit = getattr(column.dtype, "time_unit", "ns")
-    since = ticks - (ticks.drop_nulls().head(1).sum() or 0)
-    return since.cast(pl.Float64).to_numpy() / PER_SECOND[unit]
+    return ticks.cast(pl.Float64).to_numpy() / PER_SECOND[unit]
 
 
 def _parsed(text: pl.Series) -> Array:

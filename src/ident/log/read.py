@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import BinaryIO
 
@@ -49,16 +50,14 @@ def read_log(
     Raises:
         LogError: one line: what, where in the file, and what would be valid.
     """
-    path, topics = _split(Path(path), topic)
+    path, topics = split(Path(path), topic)
     mapping = columns or {}
-    table, sha256 = _read(path, topics)
-    table = renamed(table, mapping)
-    name = (path.name or path.resolve().name) + (f"#{','.join(topics)}" if topics else "")
-    return Log._checked(name, table, mapping.get("t"), sha256)
+    table, sha256 = read_whole(path, topics)
+    return Log._checked(named(path, topics), renamed(table, mapping), mapping.get("t"), sha256)
 
 
-def _split(path: Path, topic: str | None) -> tuple[Path, list[str]]:
-    """The path without its `#topic`, and the topics."""
+def split(path: Path, topic: str | None) -> tuple[Path, list[str]]:
+    """The path without its `#topic`, and the topics; raises LogError where both are given."""
     before, mark, behind = str(path).partition("#")
     if mark and not path.exists() and (Path(before).exists() or is_bag(Path(before))):
         if topic is not None:
@@ -72,7 +71,13 @@ def _split(path: Path, topic: str | None) -> tuple[Path, list[str]]:
     return path, [each for each in topics if each]
 
 
-def _read(path: Path, topics: list[str]) -> tuple[Table, str]:
+def named(path: Path, topics: list[str]) -> str:
+    """What a log of this file is called."""
+    return (path.name or path.resolve().name) + (f"#{','.join(topics)}" if topics else "")
+
+
+def check_kind(path: Path, topics: list[str]) -> None:
+    """Raise LogError, with what would be valid, for a path that is neither a log nor a bag."""
     valid = ", ".join(READERS)
     bag = is_bag(path)
     if topics and not bag:
@@ -82,7 +87,6 @@ def _read(path: Path, topics: list[str]) -> tuple[Table, str]:
             f"{path}: a folder; name one file in it, with a suffix of {valid}, or a ROS 2 "
             "bag, which has a metadata.yaml"
         )
-    reader = READERS.get(path.suffix.lower())
     if path.suffix.lower() == ".bag":
         raise LogError(
             f"{path}: a ROS 1 bag; make a ROS 2 bag of it: rosbags-convert --src {path} "
@@ -90,24 +94,35 @@ def _read(path: Path, topics: list[str]) -> tuple[Table, str]:
         )
     if not path.exists() and (bag or not path.suffix):
         raise LogError(f"{path}: no such file; {_nearby(path)}")
-    if reader is None and not bag:
+    if path.suffix.lower() not in READERS and not bag:
         raise LogError(
             f"{path}: unknown suffix {path.suffix!r}; valid: {valid}, and {', '.join(SUFFIXES)} or "
             "the folder of a ROS 2 bag"
         )
+
+
+@contextlib.contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """What the system says against reading a file becomes a LogError."""
     try:
-        if bag:
-            return read_bag(path, topics), bag_digest(path)
-        assert reader is not None
-        with path.open("rb") as stream:
-            sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
-            stream.seek(0)
-            return reader(stream, str(path)), sha256
+        yield
     except FileNotFoundError:
         raise LogError(f"{path}: no such file; {_nearby(path)}") from None
     except OSError as error:
         why = error.strerror or type(error).__name__
         raise LogError(f"{path}: cannot be read ({why}); name a file that you may read") from error
+
+
+def read_whole(path: Path, topics: list[str]) -> tuple[Table, str]:
+    """All columns of a file or bag under its own names, and its SHA-256; raises LogError."""
+    check_kind(path, topics)
+    with reading(path):
+        if is_bag(path):
+            return read_bag(path, topics), bag_digest(path)
+        with path.open("rb") as stream:
+            sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
+            stream.seek(0)
+            return READERS[path.suffix.lower()](stream, str(path)), sha256
 
 
 def _nearby(path: Path) -> str:

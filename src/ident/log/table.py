@@ -22,14 +22,15 @@ class Table:
     left_out: Mapping[str, str] = field(default_factory=dict)  # name -> why it is no measurement
     repairs: tuple[str, ...] = ()
     lines: NDArray[np.int64] | None = None  # (n_rows,) each row's line; None: a file without lines
+    first: int = 0  # of a piece of a file without lines: rows of the file before it
 
     def where(self, row: int) -> str:
         """How a message names this row: its line in a text file, else its index from 0."""
-        return _where(row, self.lines)
+        return _where(row, self.lines, self.first)
 
 
-def _where(row: int, lines: NDArray[np.int64] | None) -> str:
-    return f"index {row}" if lines is None else f"line {lines[row]}"
+def _where(row: int, lines: NDArray[np.int64] | None, first: int) -> str:
+    return f"index {first + row}" if lines is None else f"line {lines[row]}"
 
 
 def table_of(
@@ -37,8 +38,13 @@ def table_of(
     series: Iterable[pl.Series],
     lines: NDArray[np.int64] | None = None,
     repairs: Iterable[str] = (),
+    first: int = 0,
+    since: Mapping[str, int] | None = None,
 ) -> Table:
-    """Convert named columns of any kind; raises LogError for doubled names and bad cells."""
+    """Convert named columns of any kind; raises LogError for doubled names and bad cells.
+
+    Of a piece of a file: its rows before are `first`, and its columns of times count `since` ticks.
+    """
     columns: dict[str, Array] = {}
     left_out: dict[str, str] = {}
     notes = list(repairs)
@@ -51,16 +57,16 @@ def table_of(
             raise LogError(f"{file}: two columns are named {name!r}; each needs its own name")
         check_name(file, name)
         try:
-            columns[name] = floats(one)
+            columns[name] = floats(one, (since or {}).get(one.name))
         except NotNumbers as why:
             left_out[name] = str(why)
             notes.append(f"column {name!r} {why}, left out")
         except BadCell as bad:
-            place = _where(bad.row, lines)
+            place = _where(bad.row, lines, first)
             raise LogError(f"{file}: column {name!r}, {place}: {bad}") from None
         if is_time(one):
             notes.append(f"column {name!r} held {one.dtype}, now seconds since its first value")
-    return Table(file, columns, left_out, tuple(notes), lines)
+    return Table(file, columns, left_out, tuple(notes), lines, first)
 
 
 def check_name(file: str, name: str) -> None:

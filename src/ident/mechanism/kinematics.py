@@ -35,7 +35,7 @@ class Rows:
 
 
 class Mapped:
-    """A function of (q, v) over n samples that reads and writes NumPy memory.
+    """A function of two vectors over n samples that reads and writes NumPy memory.
 
     Converting to and from CasADi's matrices takes longer than a short evaluation: for one sample
     150 µs against 3 µs. Not for two threads at once.
@@ -46,19 +46,18 @@ class Mapped:
         self._buffer, self._run = whole.buffer()
         self._given = [np.zeros((n, function.size1_in(i))) for i in range(2)]
         # CasADi's columns stand one after the other: samples, then columns, then rows
-        sizes = [(n, function.size2_out(i), function.size1_out(i)) for i in range(3)]
-        self._found = [np.zeros(size) for size in sizes]
+        outputs = range(function.n_out())
+        self._found = [np.zeros((n, function.size2_out(i), function.size1_out(i))) for i in outputs]
         for i, given in enumerate(self._given):
             self._buffer.set_arg(i, memoryview(given))  # type: ignore[call-arg, arg-type]
         for i, found in enumerate(self._found):
             self._buffer.set_res(i, memoryview(found))  # type: ignore[call-arg, arg-type]
 
-    def __call__(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Value (n, m), rate (n, m, nv), drift (n, m)."""
-        self._given[0][:], self._given[1][:] = q, v
+    def __call__(self, first: np.ndarray, second: np.ndarray) -> list[np.ndarray]:
+        """The function's outputs, each (n, rows, columns)."""
+        self._given[0][:], self._given[1][:] = first, second
         self._run()
-        value, rate, drift = (x.copy() for x in self._found)
-        return value[:, 0], rate.transpose(0, 2, 1), drift[:, 0]
+        return [x.copy().transpose(0, 2, 1) for x in self._found]
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,21 +138,72 @@ class Kinematics:
         if not self.closures:
             n = len(q)
             return Rows(np.zeros((n, 0)), np.zeros((n, 0, self.model.nv)), np.zeros((n, 0)))
-        return self._evaluate(self._closure, q, v)
+        return self._rows(self._closure, q, v)
 
     def own_rows(self, q: np.ndarray, v: np.ndarray | None = None) -> Rows:
         """y, W and Ẇv of the closures' own joints, as `closure_rows`."""
-        return self._evaluate(self._own, q, v)
+        return self._rows(self._own, q, v)
 
-    def _evaluate(self, function: ca.Function, q: np.ndarray, v: np.ndarray | None) -> Rows:
+    def _rows(self, function: ca.Function, q: np.ndarray, v: np.ndarray | None) -> Rows:
         v = np.zeros((len(q), self.model.nv)) if v is None else v
+        value, rate, drift = self._evaluate(function, q, v)
+        return Rows(value[..., 0], rate, drift[..., 0])
+
+    def newton(
+        self, names: tuple[str, ...], q: np.ndarray, y: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Two steps of Newton's method towards Φ = 0 with some joints at coordinates y.
+
+            K δq = [−Φ; y − y_u(q)]        K = [J; W_u], by QR; no step is longer than 0.5 rad or m
+
+        Returns q (n, nq), the size of the last step (n,) and what is left open (n,) [rad | m].
+        Where K has no full column rank, q may be anything. For mechanisms of scalar joints.
+
+        Args:
+            names: of the joints that determine the motion, in the tree or of closures.
+            q: (n, nq) configurations to start from; y: (n, d) the joints' coordinates [rad | m].
+        """
+        if names not in self._newtons:
+            self._newtons[names] = self._newton(names)
+        q, size, left = self._evaluate(self._newtons[names], q, y)
+        return q[..., 0], size[:, 0, 0], left[:, 0, 0]
+
+    @cached_property
+    def _newtons(self) -> dict[tuple[str, ...], ca.Function]:
+        return {}
+
+    def _newton(self, names: tuple[str, ...]) -> ca.Function:
+        (q, _), y = self._symbols, ca.SX.sym("y", len(names))
+        own = {joint.name: joint for joint in self.own}
+        off = [-terms.phi for terms in self._terms]
+        for i, name in enumerate(names):
+            if name in self.coordinates:
+                off.append(y[i] - q[self.coordinates[name]])
+                continue
+            apart = y[i] - own[name].expression
+            turns = ca.floor(apart / (2 * np.pi) + 0.5) if own[name].rotational else 0.0
+            off.append(apart - 2 * np.pi * turns)  # an angle is known up to whole turns
+        left = ca.vertcat(*off)
+        Q, R = ca.qr(ca.densify(-ca.jacobian(left, q)))
+        step = ca.solve(R, Q.T @ left)
+        size = ca.mmax(ca.fabs(step))
+        moved = q + step * ca.fmin(1.0, 0.5 / (size + 1e-300))
+        once = ca.Function("once", [q, y], [moved, size, ca.mmax(ca.fabs(left))])
+        twice, size, _ = once(once(q, y)[0], y)
+        _, _, left = once(twice, y)
+        return ca.Function(f"newton_{len(self._newtons)}", [q, y], [twice, size, left])
+
+    def _evaluate(self, function: ca.Function, q: np.ndarray, x: np.ndarray) -> list[np.ndarray]:
+        """Outputs (n, …) of a function of q (n, nq) and x (n, …)."""
+        if len(q) <= CHUNK:
+            return self._mapped(function, len(q))(q, x)
         parts = [
             self._mapped(function, len(q[start : start + CHUNK]))(
-                q[start : start + CHUNK], v[start : start + CHUNK]
+                q[start : start + CHUNK], x[start : start + CHUNK]
             )
             for start in range(0, len(q), CHUNK)
         ]
-        return Rows(*(np.concatenate(x) if len(x) > 1 else x[0] for x in zip(*parts, strict=True)))
+        return [np.concatenate(each) for each in zip(*parts, strict=True)]
 
     def _mapped(self, function: ca.Function, n: int) -> Mapped:
         """The function over n samples, kept: a motion is gone over many times."""

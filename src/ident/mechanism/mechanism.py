@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -281,6 +281,10 @@ class Mechanism(Shown):
         other = replace(self, model=model)
         other.__dict__["kinematics"] = self.kinematics  # compiled functions of q alone
         return other
+
+    def __getstate__(self) -> dict[str, object]:
+        """Its fields: other processes compile their functions themselves."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
 
     def view(self) -> View:
         """The mechanism in 3-D, as it is assembled: a recording in a notebook, `.serve()` a page.

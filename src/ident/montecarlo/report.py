@@ -32,14 +32,18 @@ def write_monte_carlo(x: MonteCarlo, folder: str | Path) -> list[Path]:
     Raises:
         IdentError: if the folder cannot be written.
     """
-    files = {
+    return write_all(Path(folder), study_files(x))
+
+
+def study_files(x: MonteCarlo) -> dict[str, bytes]:
+    """The same, by name."""
+    return {
         "montecarlo.json": (json.dumps(as_json(x), indent=1, ensure_ascii=False) + "\n").encode(),
         "runs.csv": _csv(x.samples),
         "multiplier_errors.csv": _csv(x.errors),
         "montecarlo.png": image(x.plot().figure, "png"),
         "report.html": _html(x),
     }
-    return write_all(Path(folder), files)
 
 
 def as_json(x: MonteCarlo) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,6 +32,7 @@ def monte_carlo(
     channels: Sequence[str] = USUAL,
     seed: int = 0,
     jobs: int | None = None,
+    scheduler: str | None = None,
     progress: Told | None = None,
 ) -> MonteCarlo:
     """Identifies the same log with ever new white noise (the paper's Figs. 4, 7, 8).
@@ -48,6 +50,7 @@ def monte_carlo(
         channels: which get noise: `q`, `v`, `a`, `tau`, `wrench`.
         seed: of all noise; the same seed, the same runs, in whatever number of processes.
         jobs: processes; None: one a core; 1: this one alone.
+        scheduler: address of a Dask scheduler whose workers make the runs, in place of processes.
         progress: called with (what is being done, share done).
 
     Returns:
@@ -58,18 +61,75 @@ def monte_carlo(
         FitError: for an SNR, a number or an estimator that is none, or an unknown truth.
         LogError: if the log cannot be read or has no channel that gets noise.
     """
-    ratios, runs = _ratios(snr), _whole("runs", runs, 1)
-    seed = _whole("seed", seed, 0)
-    jobs = None if jobs is None else _whole("jobs", jobs, 1)
-    tried = chosen(estimators)
+    asked = Asked.of(snr, runs, estimators, seed, jobs)
+    plan = planned(mechanism, log, asked, truth, reactions, channels)
+    (outcomes,) = made([plan], asked.tasks, jobs, scheduler, progress)
+    return MonteCarlo.of(plan, asked.ratios, asked.runs, outcomes)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is to be run, checked.
+
+    Attributes:
+        ratios: SNRs [dB], highest first; runs: at each; seed: of all noise.
+        estimators: that are tried.
+    """
+
+    ratios: tuple[float, ...]
+    runs: int
+    seed: int
+    estimators: tuple[Estimator, ...]
+
+    @classmethod
+    def of(
+        cls,
+        snr: float | Sequence[float],
+        runs: int,
+        estimators: Sequence[str | Estimator | Find],
+        seed: int,
+        jobs: int | None,
+    ) -> Asked:
+        """From what `monte_carlo` is given.
+
+        Raises:
+            FitError: as `monte_carlo` says.
+        """
+        if jobs is not None:
+            _whole("jobs", jobs, 1)
+        return cls(
+            _ratios(snr), _whole("runs", runs, 1), _whole("seed", seed, 0), chosen(estimators)
+        )
+
+    @property
+    def tasks(self) -> list[tuple[float, int]]:
+        """(SNR [dB], run), all of them."""
+        return [(ratio, run) for ratio in self.ratios for run in range(self.runs)]
+
+
+def planned(
+    mechanism: Mechanism,
+    log: Log | str | os.PathLike[str],
+    asked: Asked,
+    truth: Mapping[str, float] | None,
+    reactions: Log | str | os.PathLike[str] | None,
+    channels: Sequence[str],
+) -> Plan:
+    """The plan of the runs of one log.
+
+    Args:
+        mechanism, log, truth, reactions, channels: as `monte_carlo` takes them.
+        asked: what is to be run.
+
+    Raises:
+        FitError, LogError: as `monte_carlo` says.
+    """
     log = log if isinstance(log, Log) else read_log(log, mechanism.columns)
     columns = tuple(touched(log, channels))
     if reactions is not None and not isinstance(reactions, Log):
         reactions = read_log(reactions)
     known = truth_of(mechanism, log, truth, reactions)
-    plan = Plan(mechanism, log, tried, known, columns, seed)
-    tasks = [(ratio, run) for ratio in ratios for run in range(runs)]
-    return MonteCarlo.of(plan, ratios, runs, made(plan, tasks, jobs, progress))
+    return Plan(mechanism, log, asked.estimators, known, columns, asked.seed)
 
 
 def _ratios(snr: float | Sequence[float]) -> tuple[float, ...]:

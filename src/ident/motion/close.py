@@ -25,6 +25,7 @@ STRIDE = 32  # samples between the anchors that are reached one after the other
 CLOSED = 1e-11  # [m | rad] largest equation left by Newton
 OPEN = 1e-10  # [m | rad] largest equation at which a configuration counts as closed
 STEPS = 12
+LARGEST = 12  # coordinates up to which Newton's steps are compiled; their QR is written out
 FARTHEST = 1000.0  # [rad | m] from the start to the sample nearest to it; beyond, a unit is wrong
 BENT = 0.2  # share of a step by which it may differ from what the tangents at its ends foretell
 LEAP = 20.0  # [rad | m] from one sample to the next
@@ -66,6 +67,8 @@ class Closer:
         self.surplus = len(names) > mechanism.degrees_of_freedom
         self.scale = np.ones(len(names)) if scale is None or not self.surplus else scale
         self._own = any(not joint.in_tree for joint in self.joints)
+        model = mechanism.model
+        self._compiled = model.nq == model.nv <= LARGEST and not self.surplus
 
     def coordinates(self, q: np.ndarray, v: np.ndarray | None = None) -> Rows:
         """y (n, d), W_u (n, d, nv) and Ẇ_u v (n, d) of the joints."""
@@ -92,6 +95,20 @@ class Closer:
 
     def newton(self, q: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Configurations (n, nq) near q at the targets (n, d), and what is left open (n,)."""
+        if not self._compiled:
+            return self._newton(q, target)
+        names = tuple(joint.name for joint in self.joints)
+        found = q
+        for _ in range(STEPS // 2):
+            found, size, left = self.mechanism.kinematics.newton(names, found, target)
+            if size.max() < CLOSED:
+                break
+        bad = ~(np.isfinite(found).all(axis=1) & (left < OPEN))
+        if bad.any():  # K is singular there, or nearly
+            found[bad], left[bad] = self._newton(q[bad], target[bad])
+        return found, left
+
+    def _newton(self, q: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         model, m = self.mechanism.model, len(self.mechanism.kinematics.multipliers)
         for _ in range(STEPS):
             off, K = self._residual(q, target)
@@ -141,28 +158,66 @@ class Closer:
         q[first] = self._travel(start, here, target[first], t[first], FARTHEST)
         onward = [*range(first, n - 1, STRIDE), n - 1]
         back = [*range(first, 0, -STRIDE), 0]
-        for a, b in [*pairwise(onward), *pairwise(back)]:
-            self._bridge(q, target, t, a, b)
-        anchors = sorted({*onward, *back})
-        known = np.array(anchors)
+        for stops in (onward, back):
+            self._march(q, target, t, stops)
+        self._between(q, target, t, sorted({*onward, *back}))
+        return q
+
+    def onward(self, q: np.ndarray, y: np.ndarray, target: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """Configurations (n, nq) along the targets (n, d), which come after q (nq,) at y (d,).
+
+        Raises:
+            MotionError: where the closures cannot follow, with time and joints.
+        """
+        n = len(target)
+        found, gap = self.newton(np.tile(q, (n, 1)), target)
+        there, target = np.concatenate([q[None], found]), np.concatenate([y[None], target])
+        if gap.max() < OPEN and self._straight(there, np.diff(target, axis=0)).all():
+            return found
+        t = np.concatenate([t[:1], t])
+        anchors = [*range(0, n, STRIDE), n]
+        self._march(there, target, t, anchors)
+        self._between(there, target, t, anchors)
+        return there[1:]
+
+    def _between(
+        self, q: np.ndarray, target: np.ndarray, t: np.ndarray, anchors: list[int]
+    ) -> None:
+        """Sets q between the anchors at which it is known, of which the last is the last of q."""
+        known, n = np.array(anchors), len(q)
         while len(known) < n:  # halve the distances; each level is one call for all samples
             left, right = known[:-1], known[1:]
             wide = right - left > 1
             left, right = left[wide], right[wide]
             middle = (left + right) // 2
-            guess = _between(self.mechanism.model, q[left], q[right])
+            guess = _halfway(self.mechanism.model, q[left], q[right])
             q[middle], gap = self.newton(guess, target[middle])
             for bad in np.flatnonzero(gap > OPEN):
                 self._bridge(q, target, t, int(left[bad]), int(middle[bad]))
             known = np.union1d(known, middle)
-        return q
+
+    def _march(self, q: np.ndarray, target: np.ndarray, t: np.ndarray, stops: list[int]) -> None:
+        """Sets q at the stops, from each to the next; it is known at the first.
+
+        All steps are judged together; from the first bad one on, each is made with care.
+        """
+        reached = stops[:1]
+        for a, b in pairwise(stops):
+            found, gap = self.newton(q[a : a + 1], target[b : b + 1])
+            if not gap[0] < OPEN:
+                break
+            q[b] = found[0]
+            reached.append(b)
+        fine = self._straight(q[reached], np.diff(target[reached], axis=0))
+        good = int(np.append(fine, False).argmin())
+        for a, b in pairwise(stops[good:]):
+            self._bridge(q, target, t, a, b)
 
     def _bridge(self, q: np.ndarray, target: np.ndarray, t: np.ndarray, a: int, b: int) -> None:
         """Sets q[b] from q[a]; goes over the samples between them where that is too far."""
         found, gap = self.newton(q[a : a + 1], target[b : b + 1])
         moved = target[b] - target[a]
-        near = _distance(self.mechanism.model, q[a], found[0]) < 0.2 + 3 * np.abs(moved).max()
-        if gap[0] < OPEN and near and self._straight(q[a], found[0], moved):
+        if gap[0] < OPEN and self._straight(np.stack([q[a], found[0]]), moved[None])[0]:
             q[b] = found[0]
         elif abs(b - a) > 1:
             middle = (a + b) // 2
@@ -171,18 +226,20 @@ class Closer:
         else:
             q[b] = self._travel(q[a], target[a], target[b], t[b], LEAP)
 
-    def _straight(self, q: np.ndarray, there: np.ndarray, moved: np.ndarray) -> bool:
-        """Whether the tangents at both ends lead from one configuration to the other.
+    def _straight(self, q: np.ndarray, moved: np.ndarray) -> np.ndarray:
+        """(n,) whether the tangents at both ends of each step between configurations q (n + 1, nq)
+        lead from one to the other, where the joints have moved by (n, d).
 
         Newton may land on another branch where a singular position is near; there the step between
         the two is not the one that K⁺ [0; δy] foretells.
         """
-        _, K = self._residual(np.stack([q, there]), np.stack([moved, moved]))
-        m = K.shape[1] - len(moved)
-        step = pseudo_inverse(K)[:, :, m:] @ (moved / self.scale)
-        foretold = 0.5 * (step[0] + step[1])
-        gone = pin.difference(self.mechanism.model, q, there)
-        return bool(np.abs(gone - foretold).max() < 0.02 + BENT * np.abs(gone).max())
+        gone = _difference(self.mechanism.model, q[:-1], q[1:])
+        size = np.abs(gone).max(axis=1)
+        near = size < 0.2 + 3 * np.abs(moved).max(axis=1)
+        _, K = self._residual(q, np.zeros((len(q), len(self.joints))))
+        Z = pseudo_inverse(K)[:, :, K.shape[1] - moved.shape[1] :]
+        foretold = 0.5 * np.einsum("nij,nj->ni", Z[:-1] + Z[1:], moved / self.scale)
+        return np.asarray(near & (np.abs(gone - foretold).max(axis=1) < 0.02 + BENT * size))
 
     def _travel(
         self, q: np.ndarray, y: np.ndarray, goal: np.ndarray, t: float, farthest: float
@@ -199,7 +256,7 @@ class Closer:
         while done < 1.0:
             share = min(1.0, done + step)
             found, gap = self.newton(q[None], (y + share * (goal - y))[None])
-            near = _distance(self.mechanism.model, q, found[0]) < 1.0
+            near = np.abs(_difference(self.mechanism.model, q[None], found)).max() < 1.0
             if gap[0] < OPEN and near:
                 q, done, step = found[0], share, step * 1.5
             elif step > 1e-4:
@@ -224,11 +281,15 @@ def integrate(model: pin.Model, q: np.ndarray, step: np.ndarray) -> np.ndarray:
     return np.array([pin.integrate(model, a, b) for a, b in zip(q, step, strict=True)])
 
 
-def _between(model: pin.Model, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _halfway(model: pin.Model, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     if model.nq == model.nv:
         return 0.5 * (a + b)
     return np.array([pin.interpolate(model, x, y, 0.5) for x, y in zip(a, b, strict=True)])
 
 
-def _distance(model: pin.Model, a: np.ndarray, b: np.ndarray) -> float:
-    return float(np.abs(pin.difference(model, a, b)).max())
+def _difference(model: pin.Model, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """b ⊖ a (n, nv) of configurations (n, nq)."""
+    if model.nq == model.nv:
+        return b - a
+    found = [pin.difference(model, x, y) for x, y in zip(a, b, strict=True)]
+    return np.reshape(found, (len(a), model.nv))

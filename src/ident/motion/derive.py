@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ident.motion.channels import Channel, Smoothed, channels_of
 from ident.motion.clock import runs
+from ident.motion.decided import Decided
 from ident.motion.measure import Signals
 from ident.motion.motion import Band
 from ident.motion.resolution import finest, resolution
@@ -42,7 +43,11 @@ class Derived:
 
 
 def derive(
-    signals: Signals, names: Sequence[str], band: Band, spacing: float | str | None = AUTO
+    signals: Signals,
+    names: Sequence[str],
+    band: Band,
+    spacing: float | str | None = AUTO,
+    decided: Decided | None = None,
 ) -> Derived:
     """Coordinates, rates and accelerations of logged joints.
 
@@ -54,6 +59,7 @@ def derive(
         signals: the log; names: the joints.
         band: what the spectra say.
         spacing: of the knots [s]; "auto": from the data; None: as logged, nothing is smoothed.
+        decided: of a part of a log: what the whole log has decided.
     """
     channels = channels_of(signals, names)
     noisy = [
@@ -61,6 +67,7 @@ def derive(
         for name in names
         if spacing is not None and not _as_logged(channels, name, band, signals.exact)
     ]
+    noisy = list(decided.noisy) if decided else noisy
     known, ends = np.zeros((3, len(signals.t), len(names))), 0.0
     table: dict[str, Smoothed] = {}
     for i, name in enumerate(names):
@@ -72,7 +79,7 @@ def derive(
     smooth = None
     if noisy:
         mine = [channel for channel in channels if channel.joint in noisy]
-        smooth, said = smoothed(signals, mine, tuple(noisy), band, spacing)
+        smooth, said = smoothed(signals, mine, tuple(noisy), band, spacing, decided)
         at = [list(names).index(name) for name in noisy]
         for run, spline in smooth.runs:
             known[:, run, at] = spline.at(signals.t[run])
@@ -81,6 +88,7 @@ def derive(
         shortest = min(float(t[-1] - t[0]) for t in (signals.t[run] for run, _ in smooth.runs))
         lost = min(ENDS * smooth.spacing, MOST * shortest)
         ends = max(ends, 0.0 if accelerations >= set(noisy) else lost)
+    ends = decided.ends if decided else ends
     t, gap = signals.t, ~signals.usable
     for i in range(len(names)):
         known[0, gap, i] = np.interp(t[gap], t[~gap], known[0, ~gap, i])
@@ -93,22 +101,15 @@ def smoothed(
     names: tuple[str, ...],
     band: Band,
     spacing: float | str | None,
+    decided: Decided | None = None,
 ) -> tuple[Smooth, list[Smoothed]]:
     """One spline a run through all channels of the joints, and what it left of each."""
     t, found = signals.t, runs(signals.usable)
-    longest = max(found, key=lambda run: run.stop - run.start)
-    if spacing == AUTO or spacing is None:
-        h = resolution(channels, t[longest], band)
-    else:
-        h = float(spacing)
-    seen = [channel.within(t[longest]) for channel in channels]
-    noise = {
-        channel.column: channel.sigma
-        for channel in weighted(basis_over(t[longest][0], t[longest][-1], h), seen, names)
-    }
+    h, noise = _weighed(signals, channels, names, band, spacing, decided)
     white = [channel.sigma for channel in channels]
     channels = [channel.with_noise(noise[channel.column]) for channel in channels]
-    smooth = Smooth.of(channels, names, [(run, t[run]) for run in found], h)
+    origin = decided.clock.t0 if decided else None
+    smooth = Smooth.of(channels, names, [(run, t[run]) for run in found], h, origin)
     squares, counts = np.zeros(len(channels)), np.zeros(len(channels))
     for run, spline in smooth.runs:
         inside = [channel.within(t[run]) for channel in channels]
@@ -121,6 +122,26 @@ def smoothed(
         Smoothed(channel.column, how, sigma, float(off), h)
         for channel, sigma, off in zip(channels, white, rms, strict=True)
     ]
+
+
+def _weighed(
+    signals: Signals,
+    channels: Sequence[Channel],
+    names: tuple[str, ...],
+    band: Band,
+    spacing: float | str | None,
+    decided: Decided | None,
+) -> tuple[float, Mapping[str, float]]:
+    """The distance of the knots [s], and the noise by which each channel is weighed, by column."""
+    if decided:
+        own = {channel.column: channel.sigma for channel in channels}
+        return decided.knots, own | dict(decided.noise)
+    t = signals.t[max(runs(signals.usable), key=lambda run: run.stop - run.start)]
+    automatic = spacing == AUTO or spacing is None
+    h = resolution(channels, t, band) if automatic else float(spacing or 0.0)
+    seen = [channel.within(t) for channel in channels]
+    found = weighted(basis_over(t[0], t[-1], h), seen, names)
+    return h, {channel.column: channel.sigma for channel in found}
 
 
 def _as_logged(channels: Sequence[Channel], name: str, band: Band, exact: bool) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.channels import Smoothed, channels_of
 from ident.motion.clock import runs
+from ident.motion.decided import Decided
 from ident.motion.derive import AS_LOGGED, derive, smoothed
 from ident.motion.fuse import along, fused, missed, reweighted, through_motion
 from ident.motion.independent import best_conditioned
@@ -18,6 +19,7 @@ from ident.motion.place import disagreements, in_tree, through_closures
 from ident.motion.spectrum import noise_level
 from ident.motion.wrench import wrenches
 
+ROUNDING = 1e-6  # of a sampling step, within which two times are the same
 TWICE = 2.0  # times a channel's noise: what smoothing leaves beyond that is no noise
 
 
@@ -27,6 +29,7 @@ def experiment_of(
     names: tuple[str, ...],
     band: Band,
     smoothing: float | str | None,
+    decided: Decided | None = None,
 ) -> tuple[Experiment, list[str]]:
     """The experiment of a log, and what a person should know of how it was had.
 
@@ -35,9 +38,10 @@ def experiment_of(
         names: joints from which the motion follows.
         band: what the spectra say.
         smoothing: spacing of the knots [s], "auto" or None.
+        decided: of a part of a log: what the whole log has decided.
     """
     n, log = len(signals.t), signals.log.name
-    derived = derive(signals, names, band, smoothing)
+    derived = derive(signals, names, band, smoothing, decided)
     tau = np.zeros((n, len(mechanism.driven)))
     for i, name in enumerate(mechanism.driven):
         tau[:, i] = signals.columns.get(f"tau.{name}", 0.0)
@@ -50,14 +54,14 @@ def experiment_of(
         noise=_noise(mechanism, signals, names), smooth=derived.smooth,
         channels=tuple(derived.table),
     )  # fmt: skip
+    notes: list[str] = []
     place = through_closures if mechanism.closures else in_tree
     experiment = place(mechanism, base, names, derived.known)
     if len(names) > mechanism.degrees_of_freedom:
-        notes = disagreements(mechanism, experiment, names, derived.known[0])
+        if decided is None:  # a part may hardly move, and then disagree by noise alone
+            notes = disagreements(mechanism, experiment, names, derived.known[0])
         if derived.smooth is not None:
-            experiment = _together(mechanism, signals, experiment, band)
-    else:
-        notes = []
+            experiment = _together(mechanism, signals, experiment, band, decided)
     said: dict[str, list[str]] = {}
     for channel in experiment.channels:
         if channel.how != AS_LOGGED:
@@ -76,7 +80,8 @@ def experiment_of(
             f"{log}: {lost} samples within {1e3 * derived.ends:.3g} ms of where splines end are "
             "left out"
         )
-    return replace(experiment, wrench=wrenches(mechanism, signals, experiment)), notes
+    wrench = wrenches(mechanism, log, signals.columns, experiment.q)
+    return replace(experiment, wrench=wrench), notes
 
 
 def _together(
@@ -84,20 +89,25 @@ def _together(
     signals: Signals,
     e: Experiment,
     band: Band,
+    decided: Decided | None,
 ) -> Experiment:
     """More joints logged than needed, with noise: one smooth motion made by all their channels.
 
     Its knots are those that the channels of single joints asked for.
     """
     assert e.smooth is not None
-    names = best_conditioned(mechanism, e.q)
+    names = best_conditioned(mechanism, e.q) if decided is None else decided.carriers
     channels = channels_of(signals, e.logged)
     through = through_motion(mechanism, e, names)
-    e = along(mechanism, e, smoothed(signals, through, names, band, e.smooth.spacing)[0])
-    smooth = fused(mechanism, e, channels)
+    own = decided and replace(decided, noise={})
+    e = along(mechanism, e, smoothed(signals, through, names, band, e.smooth.spacing, own)[0])
     white = [channel.sigma for channel in channels]
-    channels = reweighted(mechanism, along(mechanism, e, smooth), channels)
-    smooth = fused(mechanism, along(mechanism, e, smooth), channels)
+    if decided is not None:
+        channels = [channel.with_noise(decided.noise[channel.column]) for channel in channels]
+    else:
+        e = along(mechanism, e, fused(mechanism, e, channels))
+        channels = reweighted(mechanism, e, channels)
+    smooth = fused(mechanism, e, channels)
     e = along(mechanism, e, smooth)
     how = f"spline in {', '.join(names)}, knots {1e3 * smooth.spacing:.3g} ms"
     table = [
@@ -115,8 +125,8 @@ def _noise(mechanism: Mechanism, signals: Signals, names: tuple[str, ...]) -> di
 
 def _without_ends(signals: Signals, ends: float) -> np.ndarray:
     """Usable samples (n,) that are `ends` [s] away from both ends of their run, if any are."""
-    usable = signals.usable.copy()
+    usable, rounding = signals.usable.copy(), ROUNDING * signals.dt
     for run in runs(signals.usable):
         t = signals.t[run]
-        usable[run] = (t >= t[0] + ends) & (t <= t[-1] - ends)
+        usable[run] = (t >= t[0] + ends - rounding) & (t <= t[-1] - ends + rounding)
     return usable if usable.any() else signals.usable

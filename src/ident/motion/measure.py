@@ -11,6 +11,7 @@ from ident.errors import MotionError, one_of
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.clock import SHORTEST, at_own_rate, holes, runs, uniform_clock, without_short_runs
+from ident.motion.decided import Decided
 from ident.motion.units import check_units
 
 LARGEST = 1e30  # in any unit; what some loggers write for "no value" lies beyond
@@ -45,8 +46,13 @@ class Signals:
         return at_own_rate(self.t[longest], *self.log.series(name))
 
 
-def measure(mechanism: Mechanism, log: Log) -> Signals:
+def measure(mechanism: Mechanism, log: Log, decided: Decided | None = None) -> Signals:
     """A log's columns on a uniform clock of its median step.
+
+    Args:
+        mechanism: the mechanism.
+        log: the log, or a part of one.
+        decided: of a part: what the whole log has decided, and has been checked for.
 
     Raises:
         MotionError: if a column's unit or sign contradicts another column, or one that is needed
@@ -56,6 +62,8 @@ def measure(mechanism: Mechanism, log: Log) -> Signals:
     notes = [f"{log.name}: {repair}" for repair in log.repairs]
     notes += _unknown_names(mechanism, log)
     t, even = uniform_clock(log)
+    if decided is not None:
+        t, even = decided.clock.within(log), decided.clock.even
     n = len(t)
     largest, rms = log.jitter
     dt = float(np.median(np.diff(log.t)))
@@ -69,7 +77,7 @@ def measure(mechanism: Mechanism, log: Log) -> Signals:
     columns, steps = {}, [dt]
     for name in log.columns:
         at, x = log.series(name)
-        if _is_signal(name) and (absurd := np.abs(x) > LARGEST).any():
+        if is_signal(name) and (absurd := np.abs(x) > LARGEST).any():
             k = int(absurd.argmax())
             raise MotionError(
                 f"{log.name}: {name} = {x[k]:.4g} at t = {at[k]:.6g} s is no measurement; leave "
@@ -78,7 +86,7 @@ def measure(mechanism: Mechanism, log: Log) -> Signals:
         if len(x) < 2:
             continue
         columns[name] = x if even and len(x) == n else np.interp(t, at, x)
-        if _is_signal(name):
+        if is_signal(name):
             empty = holes(t, at)
             steps.append(float(np.median(np.diff(at))))
             if (count := int((empty & usable).sum())) > 0:
@@ -94,7 +102,7 @@ def measure(mechanism: Mechanism, log: Log) -> Signals:
                 )
     shortest = round(SHORTEST * max(steps) / (t[1] - t[0]))
     long = without_short_runs(usable, min(shortest, n))
-    if not long.any():
+    if not long.any() and decided is None:
         raise MotionError(
             f"{log.name}: no run of {shortest} instants at which all columns have samples; log "
             "all joints together, or remove columns that are mostly empty"
@@ -102,7 +110,7 @@ def measure(mechanism: Mechanism, log: Log) -> Signals:
     if (count := int((usable & ~long).sum())) > 0:
         notes.append(f"{log.name}: {count} samples in short runs between gaps are left out")
     signals = Signals(log, t, columns, long, even, tuple(notes))
-    for joint in mechanism.joints:
+    for joint in mechanism.joints if decided is None else ():
         check_units(log.name, columns, signals.dt, joint)
     return signals
 
@@ -116,7 +124,8 @@ def _mapped(mechanism: Mechanism, log: Log) -> Log:
     return Log(log.name, columns, log.t, log.repairs, log.sha256)
 
 
-def _is_signal(name: str) -> bool:
+def is_signal(name: str) -> bool:
+    """Whether a column is motion, torque or wrench, without which a sample takes no part."""
     return name.split(".", 1)[0] in PREFIXES and "." in name
 
 

@@ -131,6 +131,11 @@ class Motion(Shown):
     mechanism: Mechanism | None = None
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Of the logs."""
+        return tuple(experiment.name for experiment in self.experiments)
+
+    @property
     def samples(self) -> int:
         """Over all experiments."""
         return sum(len(experiment) for experiment in self.experiments)

@@ -93,7 +93,7 @@ def _placed(
     """The experiment at the configurations q (n, nq), from the coordinates (3, n, d)."""
     v, a = closer.rates(q, *known[1:])
     names = tuple(joint.name for joint in closer.joints)
-    return _stated(mechanism, base, q, v, a, dict(zip(names, known[0].T, strict=True)))
+    return stated(mechanism, base, q, v, a, dict(zip(names, known[0].T, strict=True)))
 
 
 def displaced(
@@ -102,11 +102,11 @@ def displaced(
     """An experiment whose mechanism is elsewhere by (δq, δv, δa), each (n, nv)."""
     q = integrate(mechanism.model, e.q, step[0])
     logged = {joint.name: e.y[:, i] for i, joint in enumerate(mechanism.joints)}
-    found = _stated(mechanism, e, q, e.v + step[1], e.a + step[2], logged)
+    found = stated(mechanism, e, q, e.v + step[1], e.a + step[2], logged)
     return reduced(mechanism, found, e.independent)[0]
 
 
-def _stated(
+def stated(
     mechanism: Mechanism,
     base: Experiment,
     q: np.ndarray,
@@ -132,13 +132,8 @@ def reduced(
     mechanism: Mechanism, experiment: Experiment, independent: tuple[str, ...]
 ) -> tuple[Experiment, float, list[str]]:
     """With K⁺ and leverages in the independent coordinates; samples near a singularity left out."""
-    J = mechanism.kinematics.closure_rows(experiment.q)
-    every = Closer(mechanism, tuple(joint.name for joint in mechanism.joints)).coordinates(
-        experiment.q
-    )
-    W = every.rate[:, [mechanism.joint_index[name] for name in independent]]
-    Kp = pseudo_inverse(np.concatenate([J.rate, W], axis=1))
-    size = np.linalg.norm(Kp, axis=(1, 2))
+    experiment, error = with_leverage(mechanism, experiment, independent)
+    size = nearness(experiment)
     usable = experiment.usable
     singular = usable & ~(size < min(HOPELESS, SINGULAR * float(np.median(size))))
     if not (usable & ~singular).any():
@@ -153,15 +148,26 @@ def reduced(
             f"position of {', '.join(independent)} (first at t = "
             f"{experiment.t[np.argmax(singular)]:.4g} s) and are left out"
         )
+    return replace(experiment, usable=usable & ~singular), error, notes
+
+
+def with_leverage(
+    mechanism: Mechanism, e: Experiment, independent: tuple[str, ...]
+) -> tuple[Experiment, float]:
+    """With K⁺ and leverages in the independent coordinates, and the largest |Φ| [m | rad]."""
+    J = mechanism.kinematics.closure_rows(e.q)
+    every = Closer(mechanism, tuple(joint.name for joint in mechanism.joints)).coordinates(e.q)
+    W = every.rate[:, [mechanism.joint_index[name] for name in independent]]
+    Kp = pseudo_inverse(np.concatenate([J.rate, W], axis=1))
     leverage = every.rate @ Kp[:, :, J.rate.shape[1] :]
-    reduced = replace(
-        experiment,
-        pinv=Kp,
-        leverage=leverage,
-        usable=usable & ~singular,
-        independent=independent,
-    )
-    return reduced, float(np.abs(J.value).max()), notes
+    placed = replace(e, pinv=Kp, leverage=leverage, independent=independent)
+    return placed, float(np.abs(J.value).max())
+
+
+def nearness(e: Experiment) -> np.ndarray:
+    """‖K⁺‖ (n,) of every sample: it grows towards a singular position."""
+    assert e.pinv is not None
+    return np.asarray(np.linalg.norm(e.pinv, axis=(1, 2)))
 
 
 def disagreements(

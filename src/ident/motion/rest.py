@@ -23,16 +23,31 @@ def standstill(
     The noise of a logged joint's speed reaches the others through the closures, by how fast they
     move for a unit of its rate.
     """
-    top = np.abs(e.yd[e.usable]).max(axis=0, initial=0.0)
+    return thresholds(top_speeds(e), noise_of_speeds(mechanism, signals, e, names))
+
+
+def top_speeds(e: Experiment) -> np.ndarray:
+    """(J,) of the usable samples [rad/s | m/s]."""
+    return np.asarray(np.abs(e.yd[e.usable]).max(axis=0, initial=0.0))
+
+
+def noise_of_speeds(
+    mechanism: Mechanism, signals: Signals, e: Experiment, names: tuple[str, ...]
+) -> np.ndarray:
+    """(J,) speeds that noise of the logged joints can feign."""
     at = [mechanism.joint_index[name] for name in names]
     noise = np.array([NOISE * speed_noise(signals, e, name) for name in names])
     if e.leverage is None:
-        reached = np.zeros(len(top))
+        reached = np.zeros(e.yd.shape[1])
         reached[at] = noise
-    else:
-        some = e.leverage[e.usable][:: max(1, len(e) // LOOKED_AT)]
-        gain = some @ np.linalg.pinv(some[:, at])
-        reached = np.sqrt((gain**2).mean(axis=0) @ noise**2)
+        return reached
+    some = e.leverage[e.usable][:: max(1, len(e) // LOOKED_AT)]
+    gain = some @ np.linalg.pinv(some[:, at])
+    return np.asarray(np.sqrt((gain**2).mean(axis=0) @ noise**2))
+
+
+def thresholds(top: np.ndarray, reached: np.ndarray) -> np.ndarray:
+    """(J,) speeds of standstill from top speeds and what noise reaches, both (J,)."""
     speed = np.maximum(STILL * top, reached)
     return np.maximum(np.where(speed < HARDLY * top, speed, 1.01 * top), 1e-9)
 

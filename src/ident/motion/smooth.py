@@ -122,9 +122,10 @@ class Smooth:
         names: tuple[str, ...],
         runs: Sequence[tuple[slice, np.ndarray]],
         spacing: float,
+        origin: float | None = None,
     ) -> Smooth:
         """Splines of all runs (samples, times (n,)), each joint's from its own channels."""
-        bases = [basis_over(t[0], t[-1], spacing) for _, t in runs]
+        bases = [basis_over(t[0], t[-1], spacing, origin) for _, t in runs]
         return cls._on(channels, names, runs, bases, spacing)
 
     def finer(self, t: Sequence[np.ndarray], times: int) -> Smooth:

@@ -76,8 +76,16 @@ class Spline:
         return Spline(self.basis, self.c[: rows // d], few).U
 
 
-def basis_over(start: float, stop: float, spacing: float) -> Basis:
-    """Quintic splines over a run, with knots every `spacing` [s] or a little less."""
+def basis_over(start: float, stop: float, spacing: float, origin: float | None = None) -> Basis:
+    """Quintic splines over a run, with knots every `spacing` [s] or a little less.
+
+    Or, with an `origin` [s], every `spacing` from there, so that the run may begin between two.
+    """
+    if origin is not None:
+        first = np.floor((start - origin) / spacing + 1e-6)
+        last = max(np.ceil((stop - origin) / spacing - 1e-6), first + 1)
+        count = int(last - first) + DEGREE
+        return Basis.with_count(origin + first * spacing, origin + last * spacing, count, DEGREE)
     intervals = max(1, int(np.ceil((stop - start) / spacing - 1e-9)))
     return Basis.with_count(start, stop, intervals + DEGREE, DEGREE)
 

@@ -26,7 +26,7 @@ class Border:
             begins = np.asarray(blocks, dtype=int)
         if (isinstance(blocks, int) and blocks < 1) or (np.diff(begins) < 0).any():
             raise FitError(f"blocks {blocks}; valid: a number >= 1, or ascending basis functions")
-        self.begins = -(-begins // group)
+        self.begins = knots_of(begins, group)
         self.factors = [Factor.empty(k)] * (len(begins) + 1)
         self.balance = np.zeros(len(begins) + 1, dtype=int)  # equations less unknowns, by block
 
@@ -49,10 +49,19 @@ class Border:
 
     def finished(self) -> tuple[Factor, ...]:
         """The factors; a block short of equations of its own owes them to the next ones."""
-        earned = np.maximum.accumulate(np.maximum(np.cumsum(self.balance), 0))
-        earned = np.minimum(earned, max(int(self.balance.sum()), 0))
-        rows = np.diff(earned, prepend=0)
+        rows = earned(self.balance)
         return tuple(replace(f, rows=int(n)) for f, n in zip(self.factors, rows, strict=True))
 
     def _block(self, place: Index) -> Index:
         return np.searchsorted(self.begins, place, side="right")
+
+
+def knots_of(begins: Index, group: int) -> Index:
+    """The knots of `group` functions at which blocks begin, from the functions at which they do."""
+    return -(-np.asarray(begins, dtype=int) // group)
+
+
+def earned(balance: Index) -> Index:
+    """Rows of each block, from its equations less its unknowns; a debt is paid by the next ones."""
+    sums = np.maximum.accumulate(np.maximum(np.cumsum(balance), 0))
+    return np.diff(np.minimum(sums, max(int(np.sum(balance)), 0)), prepend=0)

@@ -44,7 +44,8 @@ class Chunk:
         J_T (N, n, m): transposed constraint Jacobians; A (N, n, k), b (N, n).
         """
         (N, n, m), width, k = J_T.shape, values.shape[1], A.shape[2]
-        L = values[:, None, :, None] * J_T[:, :, None, :]
+        L = np.tile(J_T.reshape(N * n, m), width)
+        L *= values.repeat(n, axis=0).repeat(m, axis=1)
         return cls(
             first=np.repeat(first, n),
             L=L.reshape(N * n, width, m),

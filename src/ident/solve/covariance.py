@@ -63,22 +63,24 @@ def multiplier_variance(
 
 def _backward(elimination: Elimination) -> tuple[Array, Array]:
     """Roots of all intervals' two knots given p, (S + 2, 2 w, 2 w), and the gain (knots, w, k)."""
-    levels = elimination.levels
-    w, k = levels[0].X.shape[1], levels[0].Y.shape[2] - 1
+    levels, w = elimination.levels, elimination.group * elimination.m
+    k = elimination.factors[0].k
     gain = np.zeros((levels[-1].right[-1] + 2, w, k))
     root = np.zeros((1, 2 * w, 2 * w))  # the outermost knots are empty
     for level in reversed(levels):
-        n, R, N = len(level.mid), level.X[..., :w], level.X[..., w:]
+        (n, i), c = level.inside.shape, level.X.shape[1]
+        R, N, made = level.X[..., :c], level.X[..., c:], slice(level.begin, level.begin + n)
         beside = np.concatenate([gain[level.left], gain[level.right]], axis=1)
-        eye = np.broadcast_to(np.eye(w), R.shape)
-        right = np.concatenate([eye, N @ root[:n], level.Y[..., :-1] + N @ beside], axis=2)
+        eye = np.broadcast_to(np.eye(c), R.shape)
+        right = np.concatenate([eye, N @ root[made], level.Y[..., :-1] + N @ beside], axis=2)
         solved = np.linalg.solve(R, right)
-        gain[level.mid] = -solved[..., 3 * w :]
-        halves = np.zeros((n, 2, 2 * w, 3 * w))
-        halves[:, 0, :w, : 2 * w], halves[:, 1, w:, : 2 * w] = root[:n, :w], root[:n, w:]
-        for half in (halves[:, 0, w:], halves[:, 1, :w]):
-            half[..., : 2 * w], half[..., 2 * w :] = -solved[..., w : 3 * w], solved[..., :w]
-        tall = halves.reshape(2 * n, 2 * w, 3 * w).swapaxes(1, 2)
-        square = np.asarray(np.linalg.qr(tall, mode="r"))
-        root = np.concatenate([square.swapaxes(1, 2), root[n:]])
+        gain[level.inside] = -solved[..., c + 2 * w :].reshape(n, i, w, k)
+        knots = np.zeros((n, i + 2, w, 2 * w + c))  # the root of all knots of an interval
+        knots[:, 0, :, : 2 * w], knots[:, -1, :, : 2 * w] = root[made, :w], root[made, w:]
+        knots[:, 1:-1, :, : 2 * w] = -solved[..., c : c + 2 * w].reshape(n, i, w, 2 * w)
+        knots[:, 1:-1, :, 2 * w :] = solved[..., :c].reshape(n, i, w, c)
+        parts = np.concatenate([knots[:, :-1], knots[:, 1:]], axis=2)  # of each two neighbours
+        tall = parts.reshape(n * (i + 1), 2 * w, 2 * w + c).swapaxes(1, 2)
+        square = np.asarray(np.linalg.qr(tall, mode="r")).swapaxes(1, 2)
+        root = np.concatenate([root[: level.begin], square, root[made.stop :]])
     return root, gain

@@ -5,7 +5,8 @@
 Knots lambda_0 … lambda_S cut time into S intervals; the rows of interval s touch lambda_s and
 lambda_{s+1}. Each interval is reduced to a small triangle; then every other knot is eliminated,
 which makes one interval of two, and so on: log2(S) levels, each one batch of equal Householder
-reductions. At each step rows become free of multipliers: they are the equations of p.
+reductions. At each step rows become free of multipliers: they are the equations of p. Where nobody
+asks in which block of time that is, small knots are eliminated several at once: fewer calls.
 
 Sources: paper, eq. 7-8; G. Golub and R. Plemmons, Linear Algebra Appl. 34, 1980 (orthogonal nested
 dissection); Å. Björck, Numerical Methods for Least Squares Problems, 1996, sect. 6.3 (bordered and
@@ -24,9 +25,11 @@ from ident.errors import FitError
 from ident.solve.border import Border
 from ident.solve.chunk import Chunk
 from ident.solve.factor import Array, Factor
-from ident.solve.halve import Level, halve
-from ident.solve.intervals import Blocks, Free, compress, unite
+from ident.solve.halve import Level, halve, inside_out
+from ident.solve.intervals import Blocks, Free, Index, compress, unite
+from ident.solve.reflect import reflect
 
+SMALL = 9  # coefficients that are eliminated together, where the time blocks do not mind
 _SURE = 1e3  # of tol: below this weight a combination has no finite variance
 
 
@@ -66,12 +69,15 @@ class Elimination:
         homogeneous = np.append(-np.asarray(x, dtype=float), 1.0)
         if len(homogeneous) != self.factors[0].k + 1:
             raise FitError(f"{len(homogeneous) - 1} parameters; valid: {self.factors[0].k}")
-        w = self.levels[0].X.shape[1]
+        w = self.m * self.group
         a = np.zeros((self.levels[-1].right[-1] + 2, w))  # the last is for knot -1, empty
         for level in reversed(self.levels):
             around = np.concatenate([a[level.left], a[level.right]], axis=1)[..., None]
-            rest = (level.Y @ homogeneous)[..., None] - level.X[..., w:] @ around
-            a[level.mid] = np.linalg.solve(level.X[..., :w], rest)[..., 0]
+            c = level.X.shape[1]
+            rest = (level.Y @ homogeneous)[..., None] - level.X[..., c:] @ around
+            a[level.inside] = np.linalg.solve(level.X[..., :c], rest).reshape(
+                *level.inside.shape, w
+            )
         return a.reshape(len(a) * self.group, self.m)[: self.count]
 
     def __repr__(self) -> str:
@@ -106,6 +112,9 @@ def eliminate(
             shape = width, m, k = chunk.shape
             group = max(width - 1, 1)
             border = Border(blocks, count, group, k)
+            alone = m > 0 and len(border.factors) == 1
+            by = max(SMALL // (group * m) + 1, 2) if alone else 2  # intervals made one of
+            span = by if by > 2 else 1  # that the rows are reduced to at once
         if chunk.shape != shape:
             raise FitError(f"(width, m, k) {chunk.shape} after {shape}; valid: all the same")
         if not len(chunk.b):
@@ -114,7 +123,7 @@ def eliminate(
         if low < 0 or high > count:
             raise FitError(f"windows from {low} to {high - 1}; valid: 0 to {count - 1}")
         scale = max(scale, float(np.abs(chunk.L).max(initial=0.0)))
-        reduced, freed = compress(chunk, group, tol * scale)
+        reduced, freed = compress(chunk, group, tol * scale, span)
         border.count(chunk.first // group, 1)
         border.absorb(freed)
         compressed.append(reduced)
@@ -123,16 +132,41 @@ def eliminate(
         raise FitError("no equations; valid: at least one chunk with rows")
 
     tol *= scale or 1.0
-    X, Y, freed = unite(compressed, (count - width) // group + 1, tol)
+    X, Y, freed = unite(compressed, (count - width) // (group * span) + 1, tol)
     knots, levels = np.arange(len(X) + 1) - 1, []  # -1 and the last are the empty ones at the ends
-    while len(X) > 1:
-        level, determined, X, Y, free = halve(knots, X, Y, tol)
-        knots = np.delete(knots, np.s_[1 : 2 * len(level.mid) : 2])
+    if span > 1:
+        level, determined, knots, X, Y, free = _inside_of_spans(X[1:-1], Y[1:-1], span, tol)
         levels.append(level)
         freed += free
-        border.count(level.mid, -determined)
+        border.count(level.inside[:, 0], -determined)
+    while len(X) > 1 or knots[0] == 0:
+        if knots[0] == 0 and len(X) <= 2 * by:  # now the knots at the ends are inner ones, too
+            X, Y = (_between_empty(part) for part in (X, Y))
+            knots = np.concatenate([[-1], knots, knots[-1:] + 1])
+        last = span > 1 and len(X) <= 2 * by + 2
+        level, determined, knots, X, Y, free = halve(knots, X, Y, tol, len(X) if last else by)
+        levels.append(level)
+        freed += free
+        border.count(level.inside[:, 0], -determined)
     freed.append(Free(knots[:1], Y))  # between two empty knots: no multiplier is left
     border.absorb(freed)
     factors = border.finished()
     rank = rows - sum(factor.rows for factor in factors)
     return Elimination(factors, rows, rank, count, m, group, _SURE * tol, tuple(levels))
+
+
+def _between_empty(stack: Array) -> Array:
+    whole = np.zeros((len(stack) + 2, *stack.shape[1:]))
+    whole[1:-1] = stack
+    return whole
+
+
+def _inside_of_spans(
+    X: Array, Y: Array, span: int, tol: float
+) -> tuple[Level, Index, Index, Array, Array, list[Free]]:
+    """Eliminate the knots inside of the spans to which `compress` has reduced the rows."""
+    around = span * np.arange(len(X))[:, None] + np.arange(span + 1)
+    triangles = not np.tril(X, -1).any()  # but where `release` was at work
+    reduced = (X, Y) if triangles else reflect(X, Y)
+    level, determined, kept, freed = inside_out(around, (X, Y), reduced, tol)
+    return level, determined, np.append(around[:, 0], around[-1, -1]), *kept, freed

@@ -69,8 +69,10 @@ class Factor:
             raise FitError(f"factors of {[f.k for f in factors]} unknowns; valid: all the same")
         if len(factors) == 1:
             return factors[0]
-        stack = np.concatenate([factor._triangle() for factor in factors])
-        return cls._of_rows(stack, sum(factor.rows for factor in factors))
+        first, *others = (factor._triangle() for factor in factors)
+        stack = np.concatenate([rows[rows.any(axis=1)] for rows in others])  # zeros say nothing
+        merged = cls._absorbed(np.asfortranarray(first), 0, stack[:, :-1], stack[:, -1])
+        return replace(merged, rows=sum(factor.rows for factor in factors))
 
     @property
     def k(self) -> int:
@@ -115,8 +117,13 @@ class Factor:
         place = _indices(columns, k)
         if len(place) != self.k:
             raise FitError(f"{len(place)} columns for {self.k} unknowns; valid: one for each")
+        place = np.append(place, k)
+        if (np.diff(place) > 0).all():  # in the same order a triangle stays one
+            triangle = np.zeros((k + 1, k + 1))
+            triangle[np.ix_(place, place)] = self._triangle()
+            return Factor._of_triangle(triangle, self.rows)
         wide = np.zeros((self.k + 1, k + 1))
-        wide[:, np.append(place, k)] = self._triangle()
+        wide[:, place] = self._triangle()
         return Factor._of_rows(wide, self.rows)
 
     def restricted(self, columns: ArrayLike, x_known: ArrayLike | None = None) -> Factor:
@@ -170,8 +177,10 @@ class Factor:
     def _of_triangle(cls, triangle: Array, rows: int) -> Factor:
         if not np.isfinite(triangle).all():
             raise FitError("an equation has a number that is not finite; valid: finite ones only")
-        signed = triangle * np.where(triangle.diagonal() < 0, -1.0, 1.0)[:, None] + 0.0  # no -0.0
-        return cls(_frozen(signed[:-1, :-1]), _frozen(signed[:-1, -1]), float(signed[-1, -1]), rows)
+        signed = triangle * np.where(triangle.diagonal() < 0, -1.0, 1.0)[:, None]
+        signed += 0.0  # no -0.0
+        signed.flags.writeable = False
+        return cls(signed[:-1, :-1], signed[:-1, -1], float(signed[-1, -1]), rows)
 
 
 def _frozen(array: Array) -> Array:

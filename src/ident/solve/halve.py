@@ -1,4 +1,4 @@
-"""One level of the dissection: every other knot eliminated, two intervals made one."""
+"""One level of the dissection: knots eliminated together, several intervals made one."""
 
 from __future__ import annotations
 
@@ -10,74 +10,93 @@ from ident.solve.factor import Array
 from ident.solve.intervals import Free, Index
 from ident.solve.reflect import reflect, release, weak
 
+Rows = tuple[Array, Array]  # X (n, r, c), Y (n, r, k + 1)
+
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Knots eliminated together: R a_mid = d - P p - N [a_left; a_right], R regular.
+    """Knots eliminated together: R a_inside = d - P p - N [a_left; a_right], R regular.
 
-    left, mid, right: (n,) numbers of knots, w = group m coefficients each.
-    X: (n, w, 3 w) = [R | N]; Y: (n, w, k + 1) = [P | d]. In the rows of combinations that no
-        equation weighs, R has the tolerance and the rest is zero.
+    begin: number of the first interval that the level made, the empty one before knot 0 being 0.
+    left (n,), inside (n, i), right (n,): numbers of knots, w = group m coefficients each.
+    X: (n, i w, (i + 2) w) = [R | N]; Y: (n, i w, k + 1) = [P | d]. In the rows of combinations that
+        no equation weighs, R has the tolerance and the rest is zero.
     """
 
+    begin: int
     left: Index
-    mid: Index
+    inside: Index
     right: Index
     X: Array
     Y: Array
 
 
 def halve(
-    knots: Index, X: Array, Y: Array, tol: float
-) -> tuple[Level, Index, Array, Array, list[Free]]:
-    """Eliminate every other knot: intervals 0 and 1 become one, 2 and 3, …; an odd one stays.
+    knots: Index, X: Array, Y: Array, tol: float, by: int = 2
+) -> tuple[Level, Index, Index, Array, Array, list[Free]]:
+    """Make one interval of two, or of `by`: 0 and 1, 2 and 3, …; what is over stays as it is.
 
-    Returns the level, how many of each knot's coefficients are determined, the intervals that are
-    left and the rows that became free.
+    Returns the level, how many coefficients of each interval's knots are determined, the knots and
+    intervals that are left, and the rows that became free.
     """
-    n, w, k = len(X) // 2, X.shape[-1] // 2, Y.shape[-1]
-    left, right = X[0 : 2 * n : 2], X[1 : 2 * n : 2]
-    pair = np.zeros((n, 4 * w, 3 * w))  # columns: mid, left, right
-    pair[:, : 2 * w, :w], pair[:, : 2 * w, w : 2 * w] = left[..., w:], left[..., :w]
-    pair[:, 2 * w :, :w], pair[:, 2 * w :, 2 * w :] = right[..., :w], right[..., w:]
-    side = Y[: 2 * n].reshape(n, 4 * w, k)
-    mid = knots[1 : 2 * n : 2]
+    n, w = len(X) // by, X.shape[-1] // 2
+    each, rest = X[: n * by].reshape(n, by, 2 * w, 2 * w), slice(n * by, None)
+    stack = np.zeros((n, by, 2 * w, by + 1, w))  # columns: inside, left, right
+    place = [by - 1, *range(by - 1), by]
+    for i in range(by):
+        stack[:, i, :, place[i]], stack[:, i, :, place[i + 1]] = (
+            each[:, i, :, :w],
+            each[:, i, :, w:],
+        )
+    rows = (
+        stack.reshape(n, 2 * w * by, (by + 1) * w),
+        Y[: n * by].reshape(n, 2 * w * by, Y.shape[-1]),
+    )
+    around = knots[by * np.arange(n)[:, None] + np.arange(by + 1)]
+    level, determined, kept, freed = inside_out(around, rows, reflect(*rows), tol)
+    knots = np.concatenate([around[:, 0], knots[rest]])
+    X, Y = np.concatenate([kept[0], X[rest]]), np.concatenate([kept[1], Y[rest]])
+    return level, determined, knots, X, Y, freed
 
-    R, rest = reflect(pair, side)
-    own_X, own_Y = R[:, :w].copy(), rest[:, :w].copy()
-    kept_X, kept_Y, free = R[:, w:, w:].copy(), rest[:, w : 3 * w].copy(), rest[:, 3 * w :].copy()
-    determined, freed = np.full(n, w), []
+
+def inside_out(
+    knots: Index, rows: Rows, reduced: Rows, tol: float
+) -> tuple[Level, Index, Rows, list[Free]]:
+    """Eliminate the knots inside of intervals: all of `knots` (n, i + 2) but their ends.
+
+    rows: with the columns of the knots inside, then of left and right; reduced: by `reflect`.
+    Returns the level, how many coefficients are determined, the rows of the ends that are left, and
+    those that became free.
+    """
+    (R, rest), n, i = reduced, len(knots), knots.shape[1] - 2
+    w = R.shape[-1] // (i + 2)
+    c, left, inside, right = i * w, knots[:, 0], knots[:, 1:-1], knots[:, -1]
+    own_X, own_Y = R[:, :c].copy(), rest[:, :c].copy()
+    kept_X, kept_Y = R[:, c:, c:].copy(), rest[:, c : c + 2 * w].copy()
+    free, determined, freed = rest[:, c + 2 * w :].copy(), np.full(n, c), []
     doubtful = weak(own_X, tol).any(axis=1)
     if doubtful.any():
-        own, determined[doubtful], kept, more = _by_singular_values(
-            pair[doubtful], side[doubtful], tol
-        )
+        X, Y = (part[doubtful] for part in rows)
+        own, determined[doubtful], kept, more = _by_singular_values(X, Y, c, tol)
         own_X[doubtful], own_Y[doubtful] = own
         kept_X[doubtful], kept_Y[doubtful] = kept
         free[doubtful] = 0.0
-        freed.append(Free(mid[doubtful], more))
+        freed.append(Free(inside[doubtful, 0], more))
     released, more = release(kept_X, kept_Y, tol)
-    freed += [Free(mid, free), Free(mid[released], more)]
-    level = Level(knots[0 : 2 * n : 2], mid, knots[2 : 2 * n + 1 : 2], own_X, own_Y)
-    X, Y = np.concatenate([kept_X, X[2 * n :]]), np.concatenate([kept_Y, Y[2 * n :]])
-    return level, determined, X, Y, freed
+    freed += [Free(inside[:, 0], free), Free(inside[released, 0], more)]
+    begin = 0 if left[0] < 0 else 1
+    level = Level(begin, left, inside, right, own_X, own_Y)
+    return level, determined, (kept_X, kept_Y), freed
 
 
-def _by_singular_values(
-    pair: Array, side: Array, tol: float
-) -> tuple[tuple[Array, Array], Index, tuple[Array, Array], Array]:
+def _by_singular_values(X: Array, Y: Array, c: int, tol: float) -> tuple[Rows, Index, Rows, Array]:
     """The same for knots of which the equations may leave combinations open, by singular values."""
-    w = pair.shape[-1] // 3
-    U, s, Vt = np.linalg.svd(pair[..., :w])
+    ends = X.shape[-1] - c
+    U, s, Vt = np.linalg.svd(X[..., :c])
     seen = (s > tol)[..., None]
-    rows = U.swapaxes(1, 2) @ np.concatenate([pair[..., w:], side], axis=2)
-    own = np.where(seen, rows[:, :w], 0.0)
-    rows[:, :w] -= own
-    own_X = np.concatenate([np.where(seen, s[..., None], tol) * Vt, own[..., : 2 * w]], axis=2)
-    R, rest = reflect(rows[..., : 2 * w], rows[..., 2 * w :])
-    return (
-        (own_X, own[..., 2 * w :]),
-        seen.sum(axis=(1, 2)),
-        (R, rest[:, : 2 * w]),
-        rest[:, 2 * w :],
-    )
+    rows = U.swapaxes(1, 2) @ np.concatenate([X[..., c:], Y], axis=2)
+    own = np.where(seen, rows[:, :c], 0.0)
+    rows[:, :c] -= own
+    own_X = np.concatenate([np.where(seen, s[..., None], tol) * Vt, own[..., :ends]], axis=2)
+    R, rest = reflect(rows[..., :ends], rows[..., ends:])
+    return (own_X, own[..., ends:]), seen.sum(axis=(1, 2)), (R, rest[:, :ends]), rest[:, ends:]

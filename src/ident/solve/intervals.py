@@ -13,16 +13,19 @@ from numpy.typing import NDArray
 
 from ident.solve.chunk import Chunk
 from ident.solve.factor import Array
-from ident.solve.reflect import reflect, release
+from ident.solve.reflect import reflect_rows, release
 
 Index = NDArray[np.intp]
 
 
 class Blocks(NamedTuple):
-    """Rows X a + Y [p; -1] = 0 of some intervals, ascending; a is the two knots' coefficients."""
+    """Rows X a + Y [p; -1] = 0 of some intervals, ascending, or of spans of several of them.
+
+    a are the coefficients of the knots inside a span, then of the two at its ends.
+    """
 
     interval: Index  # (n,)
-    X: Array  # (n, c, c), c = 2 group m
+    X: Array  # (n, c, c), c = (span + 1) group m
     Y: Array  # (n, c, k + 1), the last column is the right-hand side
 
 
@@ -33,23 +36,24 @@ class Free(NamedTuple):
     Y: Array  # (n, r, k + 1)
 
 
-def compress(chunk: Chunk, group: int, tol: float) -> tuple[Blocks, list[Free]]:
-    """Reduce a chunk's rows to blocks; an interval with many rows has several of them.
+def compress(chunk: Chunk, group: int, tol: float, span: int = 1) -> tuple[Blocks, list[Free]]:
+    """Reduce a chunk's rows to blocks of `span` intervals; one with many rows has several of them.
 
     Rows that weigh multipliers less than `tol` are free.
     """
-    width, m = chunk.L.shape[1:]
-    interval = chunk.first // group
-    slot, owner, height = _pack(interval, 2 * group * m)
-    X = np.zeros((len(owner) * height, 2 * group, m))
-    if group == 1:
-        X[slot, :width] = chunk.L
-    else:
-        X[slot[:, None], (chunk.first % group)[:, None] + np.arange(width)] = chunk.L
-    Y = np.zeros((len(owner) * height, chunk.A.shape[1] + 1))
-    Y[slot, :-1] = chunk.A
-    Y[slot, -1] = chunk.b
-    return _reduce(owner, X, Y, height, tol)
+    width, m, k = chunk.shape
+    c = (span + 1) * group * m
+    number, place = np.divmod(chunk.first, group * span)
+    slot, owner, height = _pack(number, c)
+    rows = np.zeros((len(owner) * height, c + k + 1))
+    if m:
+        by_function = rows[:, :c].reshape(len(rows), -1, m)
+        column = np.arange((span + 1) * group)  # the first knot's stand behind those inside
+        column[: span * group] = (column[: span * group] - group) % (span * group)
+        for i in range(width):
+            by_function[slot, column[place + i]] = chunk.L[:, i]
+    rows[slot, c:-1], rows[slot, -1] = chunk.A, chunk.b
+    return _reduce(owner, rows.reshape(len(owner), height, -1), c, tol)
 
 
 def unite(blocks: list[Blocks], intervals: int, tol: float) -> tuple[Array, Array, list[Free]]:
@@ -59,7 +63,9 @@ def unite(blocks: list[Blocks], intervals: int, tol: float) -> tuple[Array, Arra
     every knot is an inner one. Intervals of several blocks (chunks met in them, or their rows were
     many) are reduced further, which frees rows.
     """
-    owner, X, Y = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+    owner, X, Y = (
+        np.concatenate(parts) if len(parts) > 1 else parts[0] for parts in zip(*blocks, strict=True)
+    )
     c = X.shape[-1]
     freed: list[Free] = []
     whole_X = np.zeros((intervals + 2, c, c))
@@ -71,9 +77,10 @@ def unite(blocks: list[Blocks], intervals: int, tol: float) -> tuple[Array, Arra
         owner, X, Y = owner[several], X[several], Y[several]
         if len(owner):
             slot, owner, height = _pack(np.repeat(owner, c), c)
-            flat_X, flat_Y = (np.zeros((len(owner) * height, part.shape[-1])) for part in (X, Y))
-            flat_X[slot], flat_Y[slot] = X.reshape(-1, c), Y.reshape(-1, Y.shape[-1])
-            (owner, X, Y), free = _reduce(owner, flat_X, flat_Y, height, tol)
+            rows = np.zeros((len(owner) * height, c + Y.shape[-1]))
+            rows[slot, :c], rows[slot, c:] = X.reshape(-1, c), Y.reshape(-1, Y.shape[-1])
+            rows = rows.reshape(len(owner), height, -1)
+            (owner, X, Y), free = _reduce(owner, rows, c, tol)
             freed += free
     return whole_X, whole_Y, freed
 
@@ -86,7 +93,9 @@ def _pack(interval: Index, c: int) -> tuple[Index, Index, int]:
     all the others: memory stays linear in rows.
     """
     order = np.argsort(interval, kind="stable")
-    owner, start, rows = np.unique(interval[order], return_index=True, return_counts=True)
+    ordered = interval[order]
+    start = np.flatnonzero(np.diff(ordered, prepend=ordered[0] - 1))
+    owner, rows = ordered[start], np.diff(start, append=len(ordered))
     height = min(max(int(rows.max()), c), max(4 * c, 2 * int(rows.mean())))
     blocks = -(-rows // height)
     within = np.arange(len(interval)) - np.repeat(start, rows)
@@ -95,9 +104,9 @@ def _pack(interval: Index, c: int) -> tuple[Index, Index, int]:
     return slot, np.repeat(owner, blocks), height
 
 
-def _reduce(owner: Index, X: Array, Y: Array, height: int, tol: float) -> tuple[Blocks, list[Free]]:
-    R, Y = reflect(X.reshape(len(owner), height, -1), Y.reshape(len(owner), height, -1))
-    c = R.shape[-1]
-    own = Y[:, :c].copy()
-    released, rows = release(R, own, tol)
-    return Blocks(owner, R, own), [Free(owner, Y[:, c:]), Free(owner[released], rows)]
+def _reduce(owner: Index, rows: Array, c: int, tol: float) -> tuple[Blocks, list[Free]]:
+    """Of stacks of rows (n, height, c + k + 1)."""
+    R, Y = reflect_rows(rows, c)
+    R, own = R.copy(), Y[:, :c].copy()  # the rest of the stack may go
+    released, more = release(R, own, tol)
+    return Blocks(owner, R, own), [Free(owner, Y[:, c:]), Free(owner[released], more)]

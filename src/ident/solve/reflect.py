@@ -8,6 +8,8 @@ So weak pivots are looked at more closely, by singular values.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,16 +21,44 @@ _CLOSE = 1e3  # a pivot above this many tolerances hides no singular value below
 def reflect(X: Array, Y: Array) -> tuple[Array, Array]:
     """Reduce stacks X (n, r, c), r >= c, to triangles, and take Y (n, r, k) along.
 
-    Q^T X = [R; 0] gives R (n, c, c) upper triangular and Q^T Y (n, r, k): its first c rows belong
-    to R, the others are free of the unknowns of X. X may be rank-deficient.
+    Q^T [X Y] = [R Y_1; 0 Y_2] gives R (n, c, c) upper triangular and [Y_1; Y_2]: its first c rows
+    belong to R, the others are free of the unknowns of X, and no more of them than k.
+    X may be rank-deficient.
+    """
+    return reflect_rows(np.concatenate([X, Y], axis=-1), X.shape[-1])
+
+
+def reflect_rows(rows: Array, c: int) -> tuple[Array, Array]:
+    """The same of ready rows [X Y] (n, r, c + k).
+
+    A narrow Y is reduced by the same pass of Householder reflections, and so is Y_2, which has
+    fewer rows then. For a wide one that would be work for nothing.
+    """
+    r, width = rows.shape[-2:]
+    if not c:
+        return rows[..., :0, :0], rows
+    if width - c > r:
+        return _block_reflector(rows[..., :c], rows[..., c:])
+    packed, _ = np.linalg.qr(rows, mode="raw")
+    # packed^T (n, r, c + k): the triangle, and the reflectors below it
+    left = min(r, width)
+    whole = packed[..., :left].swapaxes(-1, -2) * _upper(left, width)
+    return whole[..., :c, :c], whole[..., c:]
+
+
+@cache
+def _upper(rows: int, columns: int) -> NDArray[np.bool_]:
+    return ~np.tri(rows, columns, k=-1, dtype=bool)
+
+
+def _block_reflector(X: Array, Y: Array) -> tuple[Array, Array]:
+    """R and Q^T Y.
 
     Q = I - V U^-1 V^T with the reflectors as columns of V, U = diag(1/tau) + the strict upper part
     of V^T V (the UT transform: T. Joffrain et al., ACM Trans. Math. Softw. 32(2), 2006): a few
     matrix products instead of c passes over Y, and no Q.
     """
     r, c = X.shape[-2:]
-    if not c:
-        return X[..., :0, :], Y
     packed, tau = np.linalg.qr(X, mode="raw")  # packed^T (n, r, c): R, and the reflectors below it
     R = packed[..., :c].swapaxes(-1, -2) * ~np.tri(c, k=-1, dtype=bool)
     Vt = packed * ~np.tri(c, r, dtype=bool)
@@ -54,7 +84,10 @@ def release(R: Array, Y: Array, tol: float) -> tuple[NDArray[np.bool_], Array]:
     Returns which of the stack had such rows, (n,), and those rows of Y, (of them, c, k), zero where
     a row still belongs to unknowns.
     """
-    doubtful: NDArray[np.bool_] = np.any(weak(R, tol) & np.any(Y, axis=-1), axis=-1)
+    pivots = weak(R, tol)
+    doubtful: NDArray[np.bool_] = np.any(pivots, axis=-1)
+    if doubtful.any():
+        doubtful = np.any(pivots & np.any(Y, axis=-1), axis=-1)
     if not doubtful.any():
         return doubtful, Y[:0]
     U, s, Vt = np.linalg.svd(R[doubtful])

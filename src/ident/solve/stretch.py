@@ -26,8 +26,9 @@ import numpy as np
 from ident.errors import FitError
 from ident.solve.chunk import Chunk
 from ident.solve.factor import Array, Factor
+from ident.solve.free import Freed
 from ident.solve.halve import halve
-from ident.solve.intervals import Free, compress, unite
+from ident.solve.intervals import Free, Index, compress, unite
 from ident.solve.reflect import reflect, release
 
 TOLERANCE = 1e-9  # of max|L|: what equations weigh less, they do not determine
@@ -48,21 +49,22 @@ class Stretch:
 
     Attributes:
         parts: one interval, or the first, what is between, and the last.
-        factor: what is free of multipliers already, in k parameters.
-        rows: equations absorbed; determined: multipliers' coefficients eliminated.
+        freed: what is free of multipliers already, by block of time.
         shape: width, m and k of the rows; scale: largest |L|.
     """
 
     parts: tuple[Part, ...]
-    factor: Factor
-    rows: int
-    determined: int
+    freed: Freed
     shape: tuple[int, int, int]
     scale: float
 
     @classmethod
-    def of(cls, chunk: Chunk) -> Stretch:
+    def of(cls, chunk: Chunk, begins: Sequence[int] | Index = ()) -> Stretch:
         """The stretch of a chunk of one row or more.
+
+        Args:
+            chunk: its rows, which touch any number of intervals.
+            begins: basis functions at which a new block of time begins, ascending.
 
         Raises:
             FitError: for a chunk without rows.
@@ -70,15 +72,16 @@ class Stretch:
         if not len(chunk.b):
             raise FitError("a chunk without rows; valid: one or more")
         group, scale = max(chunk.shape[0] - 1, 1), float(np.abs(chunk.L).max(initial=0.0))
-        begin = int(chunk.first.min()) // group
-        count = int(chunk.first.max()) // group - begin + 1
-        reduced, freed = compress(chunk, group, TOLERANCE * scale)
+        interval = chunk.first // group
+        begin = int(interval.min())
+        count = int(interval.max()) - begin + 1
+        reduced, free = compress(chunk, group, TOLERANCE * scale)
         owner = reduced._replace(interval=reduced.interval - begin)
         X, Y, more = unite([owner], count, TOLERANCE * scale)
         parts = [Part(begin + i, begin + i + 1, X[i + 1], Y[i + 1]) for i in range(count)]
-        factor = absorbed(Factor.empty(chunk.shape[2]), [*freed, *more])
-        whole = cls(tuple(parts), factor, len(chunk.b), 0, chunk.shape, scale)
-        return whole._inside_eliminated()
+        moved = [Free(each.place + begin, each.Y) for each in more]
+        freed = Freed.empty(begins, group, chunk.shape[2]).counting(interval, 1)
+        return cls(tuple(parts), freed.with_rows([*free, *moved]), chunk.shape, scale)._closed_up()
 
     def __add__(self, other: Stretch) -> Stretch:
         """Both stretches; they may share one interval of knots, and a gap between them is none.
@@ -88,13 +91,12 @@ class Stretch:
         """
         if self.shape != other.shape:
             raise FitError(f"(width, m, k) {other.shape} after {self.shape}; valid: all the same")
-        first, second = sorted((self, other), key=lambda s: (s.parts[0].left, s.parts[-1].right))
+        first, second = sorted((self, other), key=lambda s: s.span)
         scale = max(self.scale, other.scale)
-        factor = Factor.merge([self.factor, other.factor])
         before, after = [*first.parts], [*second.parts]
-        freed: list[Free] = []
+        free: list[Free] = []
         if before[-1].right == after[0].right:  # the same interval of knots
-            shared, freed = _stacked(before.pop(), after.pop(0), TOLERANCE * scale)
+            shared, free = _stacked(before.pop(), after.pop(0), TOLERANCE * scale)
             before.append(shared)
         elif before[-1].right < after[0].left:  # knots between them that nothing weighs
             X, Y = np.zeros_like(after[0].X), np.zeros_like(after[0].Y)
@@ -104,72 +106,46 @@ class Stretch:
                 f"stretches of the knots {first.span} and {second.span}; valid: neighbours, which "
                 "share one interval at most"
             )
-        whole = Stretch(
-            tuple(before + after),
-            absorbed(factor, freed),
-            self.rows + other.rows,
-            self.determined + other.determined,
-            self.shape,
-            scale,
-        )
-        return whole._inside_eliminated()
+        freed = (self.freed + other.freed).with_rows(free)
+        return Stretch((*before, *after), freed, self.shape, scale)._closed_up()
 
     @property
     def span(self) -> tuple[int, int]:
         """The first and the last knot."""
         return self.parts[0].left, self.parts[-1].right
 
-    def closed(self) -> Factor:
-        """The factor of the parameters when no neighbour is to come; its rows are what is left."""
-        w, k = len(self.parts[0].X) // 2, self.factor.k
-        left, right = self.span
-        X, Y = np.zeros((2 * w, 2 * w)), np.zeros((2 * w, k + 1))
-        ends = Part(left - 1, left, X, Y), Part(right, right + 1, X, Y)
-        last, determined, freed = _merged([ends[0], *self.parts, ends[1]], TOLERANCE * self.scale)
-        factor = absorbed(self.factor, [*freed, Free(np.zeros(1, int), last.Y[None])])
-        left_over = max(self.rows - self.determined - determined, 0)
-        return Factor(factor.R, factor.d, factor.rho, left_over)
+    def closed(self) -> tuple[Factor, ...]:
+        """The factors of the parameters by block of time, when no neighbour is to come.
 
-    def latest(self) -> tuple[int, Array, Array]:
-        """What all equations so far say of the last interval: R [a_i; a_j] = d - P p.
-
-        Returns the first basis function of knot i, R (2 w, 2 w), which may be singular, and
-        Y = [P | d] (2 w, k + 1). A filtered estimate: later samples will still change it.
+        Their rows are what multipliers leave of the equations.
         """
-        *before, last = self.parts
-        if before:
-            zero = np.zeros_like(last.X), np.zeros_like(last.Y)
-            start = Part(before[0].left - 1, before[0].left, *zero)
-            past, _, _ = _merged([start, *before], TOLERANCE * self.scale)
-            w = len(past.X) // 2
-            onto = np.concatenate([past.X[:, w:], np.zeros((2 * w, w))], axis=1)  # knot i alone
-            shifted = Part(last.left, last.right, onto, past.Y)
-            last, _ = _stacked(shifted, last, TOLERANCE * self.scale)
-        return last.left * max(self.shape[0] - 1, 1), last.X, last.Y
+        left, right = self.span
+        zero = np.zeros_like(self.parts[0].X), np.zeros_like(self.parts[0].Y)
+        ends = Part(left - 1, left, *zero), Part(right, right + 1, *zero)
+        last, freed = self._merged([ends[0], *self.parts, ends[1]])
+        return freed.with_rows([Free(np.array([left]), last.Y[None])]).finished()
 
-    def _inside_eliminated(self) -> Stretch:
+    def _closed_up(self) -> Stretch:
         """The same with everything between the first and the last interval as one part."""
         if len(self.parts) < 4:
             return self
         first, *inner, last = self.parts
-        one, determined, freed = _merged(inner, TOLERANCE * self.scale)
-        return Stretch(
-            (first, one, last),
-            absorbed(self.factor, freed),
-            self.rows,
-            self.determined + determined,
-            self.shape,
-            self.scale,
-        )
+        one, freed = self._merged(inner)
+        return Stretch((first, one, last), freed, self.shape, self.scale)
 
-
-def absorbed(factor: Factor, freed: Sequence[Free]) -> Factor:
-    """The factor with rows that touch no multiplier any more."""
-    rows = [free.Y.reshape(-1, free.Y.shape[-1]) for free in freed if free.Y.size]
-    if not rows:
-        return factor
-    stack = np.concatenate(rows)
-    return factor.updated(stack[:, :-1], stack[:, -1])
+    def _merged(self, parts: Sequence[Part]) -> tuple[Part, Freed]:
+        """Parts that follow each other as one, every knot between them eliminated, in a tree; and
+        all that is free then.
+        """
+        knots = np.array([parts[0].left, *(part.right for part in parts)])
+        X, Y = np.stack([part.X for part in parts]), np.stack([part.Y for part in parts])
+        free: list[Free] = []
+        freed = self.freed
+        while len(X) > 1:
+            level, determined, knots, X, Y, more = halve(knots, X, Y, TOLERANCE * self.scale)
+            freed = freed.counting(level.inside[:, 0], -determined)
+            free += more
+        return Part(int(knots[0]), int(knots[-1]), X[0], Y[0]), freed.with_rows(free)
 
 
 def _stacked(one: Part, other: Part, tol: float) -> tuple[Part, list[Free]]:
@@ -181,17 +157,3 @@ def _stacked(one: Part, other: Part, tol: float) -> tuple[Part, list[Free]]:
     released, rows = release(R, own, tol)
     free = [Free(place, Y[:, c:]), Free(place[released], rows)]
     return Part(one.left, one.right, R[0], own[0]), free
-
-
-def _merged(parts: Sequence[Part], tol: float) -> tuple[Part, int, list[Free]]:
-    """Parts that follow each other as one: every knot between them eliminated, in a tree."""
-    knots = np.array([parts[0].left, *(part.right for part in parts)])
-    X, Y = np.stack([part.X for part in parts]), np.stack([part.Y for part in parts])
-    freed: list[Free] = []
-    determined = 0
-    while len(X) > 1:
-        level, each, X, Y, free = halve(knots, X, Y, tol)
-        knots = np.delete(knots, np.s_[1 : 2 * len(level.mid) : 2])
-        determined += int(each.sum())
-        freed += free
-    return Part(int(knots[0]), int(knots[-1]), X[0], Y[0]), determined, freed

@@ -1,0 +1,129 @@
+"""Planted changes of a running arm: seen, named, measured; and nothing said where there is none."""
+
+import json
+
+import numpy as np
+import pytest
+from monitored import arm, joined, known, run
+
+import ident
+from ident.equations.rows import rows
+
+LOAD = {  # 0.3 kg at (8, 2, 0) cm
+    "m": 0.3, "mx": 0.024, "my": 0.006, "mz": 0.0, "Lxx": 2.4e-4, "Lxy": -4.8e-4, "Lyy": 2.1e-3,
+    "Lxz": 0.0, "Lyz": 0.0, "Lzz": 2.2e-3,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def monitor():
+    """Its reference was identified from one noisy log, normal running learnt from three others."""
+    mechanism, _ = arm()
+    fit = ident.identify(mechanism, run(1, 40.0))
+    normal = joined(*(run(seed, 40.0) for seed in (2, 3, 4)))
+    return ident.Monitor.of(fit, normal, patience=8.0)
+
+
+def test_normal_running_raises_no_alarm(monitor):
+    own = monitor.fresh()
+    assert own.watch(run(10, 120.0)) == []
+    assert own.evidence < own.threshold
+
+
+def test_a_change_is_named_and_measured(monitor):
+    own = monitor.fresh()
+    changed = run(11, 40.0, {20.0: ("", {"coulomb.elbow.Fc": 0.8 + 0.3})})
+    (alarm,) = own.watch(changed)
+    assert alarm.verdict == "named"
+    assert alarm.suspects == ("coulomb:elbow",)
+    assert alarm.onset == pytest.approx(20.0, abs=0.51)
+    assert 20.0 < alarm.detected < 23.0
+    (step,) = alarm.best.steps
+    assert step.unit == "N m"
+    assert step.change == pytest.approx(0.3, abs=4 * step.stderr)
+    assert step.stderr < 0.02
+    assert "coulomb:elbow: Fc +0.3" in str(alarm)
+    assert json.loads(json.dumps(alarm.json()))["best"]["label"] == "coulomb:elbow"
+    # what was named is the new normal, known better by then than at first
+    at = own.watched.columns.index["coulomb.elbow.Fc"]
+    assert own.reference[at] - own.normal[at] == pytest.approx(0.3, abs=0.01)
+
+
+def test_a_second_change_is_found_after_the_first(monitor):
+    own = monitor.fresh()
+    first = {"coulomb.elbow.Fc": 1.1}
+    load = {f"payload.hand.{name}": x for name, x in LOAD.items()}
+    alarms = own.watch(
+        run(12, 60.0, {15.0: ("", first), 40.0: ("payload:hand", {**first, **load})})
+    )
+    assert [alarm.suspects for alarm in alarms] == [("coulomb:elbow",), ("payload:hand",)]
+    mass = alarms[1].best.steps[0]
+    assert (mass.name, mass.unit) == ("m", "kg")
+    assert alarms[1].onset == pytest.approx(40.0, abs=0.51)
+
+
+def test_what_the_library_does_not_explain_is_not_named(monitor):
+    own = monitor.fresh()
+    alarms = own.watch(run(13, 45.0, {20.0: ("spring:elbow", {"spring.elbow.k": 1.0,
+                                                             "spring.elbow.b": 0.0})}))  # fmt: skip
+    assert alarms
+    assert {alarm.verdict for alarm in alarms} == {"cannot tell"}
+    assert alarms[0].suspects == ()
+    assert "cannot tell what" in alarms[0].headline
+
+
+def test_rows_in_any_pieces_raise_the_same_alarm(monitor):
+    motion = run(14, 35.0, {20.0: ("", {"viscous.yaw.Fv": 0.75})})
+    (whole,) = monitor.fresh().watch(motion)
+    own, found = monitor.fresh(), []
+    w = own.watched
+    for part in rows(w.scene(motion.experiments[0]), w.cutoff, 0.02):
+        for i in range(0, len(part.t), 7):
+            cut = {n: getattr(part, n)[i : i + 7] for n in type(part).__dataclass_fields__}
+            found += own.absorb(type(part)(**cut))
+    (alarm,) = found
+    assert alarm.suspects == whole.suspects == ("viscous:yaw",)
+    assert alarm.evidence == pytest.approx(whole.evidence, rel=1e-6)
+    assert alarm.best.steps[0].change == pytest.approx(whole.best.steps[0].change, rel=1e-6)
+
+
+def test_the_end_of_a_log_names_what_waits(monitor):
+    own = monitor.fresh()
+    assert own.watch(run(15, 22.5, {20.0: ("", {"viscous.yaw.Fv": 0.8})})) == []
+    assert own.raised is not None
+    (alarm,) = own.finish()
+    assert alarm.best.label == "viscous:yaw"
+    assert own.finish() == []
+
+
+def test_a_known_mechanism_is_a_reference(monitor):
+    mechanism, values = arm()
+    reference = known(mechanism, values)
+    own = ident.Monitor.of(reference, joined(*(run(seed, 40.0) for seed in (2, 3))), patience=5.0)
+    (alarm,) = own.watch(run(16, 30.0, {20.0: ("", {"coulomb.yaw.Fc": 1.6})}))
+    assert alarm.suspects == ("coulomb:yaw",)
+    assert "false alarms an hour" in str(own)
+
+
+def test_errors_say_what_is_valid():
+    mechanism, values = arm()
+    motion = run(2, 12.0)
+    with pytest.raises(ident.FitError, match=r"a reference must be known, and .* is not"):
+        ident.Monitor.of(mechanism, motion)
+    reference = known(mechanism, values)
+    with pytest.raises(ident.FitError, match="no change of 'viscus' can be watched for"):
+        ident.Monitor.of(reference, motion, kinds=["viscus"])
+    with pytest.raises(ident.FitError, match="intervals; valid: 40 or more"):
+        ident.Monitor.of(reference, motion)
+    with pytest.raises(ident.FitError, match="valid: above 0"):
+        ident.Monitor.of(reference, motion, interval=0.0)
+
+
+def test_memory_does_not_grow(monitor):
+    own = monitor.fresh()
+    motion = run(17, 30.0)
+    for _ in range(12):
+        own.watch(motion)
+    assert len(own._held) <= own._held.maxlen == 240
+    assert len(own._cutter.waiting) <= 2
+    assert np.isfinite(own.evidence)

@@ -1,0 +1,216 @@
+"""The statistics alone, on rows of known distribution."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import ident
+from ident.monitor.body import load
+from ident.monitor.charts import Charts, Design, Statistics
+from ident.monitor.clean import MARGIN, Clean, settled
+from ident.monitor.interval import Cutter, Interval, Piece
+from ident.monitor.lift import lift
+from ident.monitor.naming import named, onset
+from ident.monitor.rehearse import rehearsed
+from ident.monitor.watched import Suspect
+from ident.solve.factor import Factor
+
+ROWS, K, D = 12, 5, 2
+
+
+def pieces(rng, count, x, rho=0.0, change=None, spread=1.0):
+    """Rows b = A x + noise of an autoregression `rho`, and from half on with a change."""
+    n = ROWS * count
+    A = rng.standard_normal((n, D, K))
+    noise = lfilter([np.sqrt(1 - rho**2)], [1, -rho], rng.standard_normal((200 + n, D)), axis=0)
+    b = A @ x + spread * noise[200:]
+    if change is not None:
+        b[n // 2 :] += A[n // 2 :] @ change
+    t = np.arange(n) * 0.5 / ROWS
+    return Piece(t, A, b, b, np.ones((n, D), dtype=bool), np.zeros((n, 0, D)))
+
+
+def intervals(piece, x):
+    cutter = Cutter(0.5)
+    found = [*cutter.cut(piece), *cutter.flush()]
+    return [Interval.of(part, np.ones(D), x) for part in found]
+
+
+@pytest.fixture(scope="module")
+def clean():
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal(K)
+    seen = intervals(pieces(rng, 400, x), x)
+    return x, seen, Clean.of(seen, np.ones(D), x, 0.0)
+
+
+def test_an_interval_is_its_rows():
+    rng = np.random.default_rng(1)
+    x, other = rng.standard_normal((2, K))
+    piece = pieces(rng, 1, x)
+    sigma = np.array([0.5, 2.0])
+    interval = Interval.of(piece, sigma, x)
+    A = (piece.A / sigma[:, None]).reshape(-1, K)
+    b = (piece.b / sigma).reshape(-1)
+    np.testing.assert_allclose(interval.score(other), A.T @ (b - A @ other), rtol=1e-9)
+    np.testing.assert_allclose(interval.information, (A**2).sum(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(
+        interval.squares, (((piece.b - piece.A @ x) / sigma) ** 2).sum(axis=0), rtol=1e-9
+    )
+
+
+def test_intervals_are_the_same_however_rows_come():
+    rng = np.random.default_rng(2)
+    piece = pieces(rng, 6, np.zeros(K))
+    whole = [part.t for part in Cutter(0.5).cut(piece)]
+    cutter, split = Cutter(0.5), []
+    for i in range(0, len(piece.t), 5):
+        split += [part.t for part in cutter.cut(piece.cut(slice(i, i + 5)))]
+    assert len(whole) == len(split) == 5
+    for a, b in zip(whole, split, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.6, 0.9])
+def test_long_run_variance_is_that_of_the_noise(rho):
+    rng = np.random.default_rng(3)
+    x = np.zeros(K)
+    piece = pieces(rng, 1500, x, rho)
+    piece.A[:] = 1.0  # a column that feels the noise's own correlation
+    found = Clean.of(intervals(piece, x), np.ones(D), x, 0.0).spread[0] / MARGIN
+    true = (1 + rho) / (1 - rho)
+    assert 0.75 * true < found < 1.7 * true  # the largest of several estimates
+
+
+def test_charts_keep_the_stated_rate_on_other_data(clean):
+    x, seen, normal = clean
+    design = rehearsed(normal, np.ones(K, dtype=bool), seen, x).design
+    assert design.weight.sum() == pytest.approx(1.0)
+    rng = np.random.default_rng(4)
+    other = Statistics.of(intervals(pieces(rng, 6000, x), x), x)
+    evidence = design.evidence(other).reshape(60, 100, -1)  # 60 streams
+    A = 200.0
+    charts, alarms = Charts.fresh(evidence.shape[2], (60,)), 0
+    for i in range(100):
+        charts.update(evidence[:, i])
+        over = charts.height(design.weight) > np.log(A)
+        alarms += int(over.sum())
+        charts.restart(over)
+    assert alarms <= 6000 / A
+
+
+def test_evidence_is_a_likelihood_ratio(clean):
+    """E exp ℓ = 1 in normal running, by a million normal scores."""
+    _, _, normal = clean
+    design = Design.of(normal, np.ones(K, dtype=bool))
+    info = np.full(K, 20.0)
+    rng = np.random.default_rng(5)
+    score = np.sqrt(normal.spread * info) * rng.standard_normal((200_000, K))
+    least = design.delta[:3].ravel()  # the smaller changes; of the large ones the mean has no hold
+    seen = Statistics(
+        score, np.broadcast_to(info, score.shape), np.zeros((len(score), D)),
+        np.zeros((len(score), D)),
+    )  # fmt: skip
+    ratio = np.exp(design.evidence(seen)[:, : len(least)]).mean(axis=0)
+    np.testing.assert_allclose(ratio, 1.0, atol=0.02)
+
+
+def test_heavy_tails_are_rehearsed(clean):
+    x, _, _ = clean
+    rng = np.random.default_rng(6)
+    piece = pieces(rng, 400, x)
+    piece.b[:] = piece.A @ x + 0.5 * rng.standard_t(2.0, piece.b.shape)
+    seen = intervals(piece, x)
+    found = rehearsed(Clean.of(seen, np.ones(D), x, 0.0), np.ones(K, dtype=bool), seen, x)
+    assert found.alarms <= found.stated
+
+
+def test_the_reference_moves_to_the_clean_log_where_it_knows(clean):
+    x, seen, _ = clean
+    factor = Factor.merge([each.factor for each in seen])
+    np.testing.assert_allclose(settled(factor, x + 0.1), settled(factor, x), atol=1e-9)
+    rng = np.random.default_rng(7)
+    A = rng.standard_normal((300, 3)) @ np.diag([1.0, 1.0, 0.0])  # nothing feels the third
+    moved = settled(Factor.of(A, A @ np.array([1.0, 2.0, 0.0])), np.array([0.0, 0.0, 5.0]))
+    np.testing.assert_allclose(moved, [1.0, 2.0, 5.0], atol=1e-9)
+
+
+def suspect(label, *places):
+    kind, joint = label.split(":")
+    effect = ident.effect(kind, joint)
+    units = ("N m",) * len(places)
+    return Suspect((effect,), np.array(places), effect.unknowns, ("Fc",), units)
+
+
+class Suspects:
+    """What `named` asks of the watched."""
+
+    suspects = (suspect("torque_offset:a", 0), suspect("torque_offset:b", 1),
+                suspect("torque_offset:c", 2))  # fmt: skip
+
+
+def test_the_name_is_that_of_the_column(clean):
+    x, _, normal = clean
+    rng = np.random.default_rng(8)
+    held = intervals(pieces(rng, 40, x, change=np.array([0.0, 0.4, 0.0, 0.0, 0.0])), x)
+    naming = named(Suspects, held[20:], x, normal, 11.0)
+    assert naming.sound
+    assert naming.rivals == ()
+    assert naming.best.suspect.label == "torque_offset:b"
+    A = np.concatenate([each.factor.R for each in held[20:]])  # the same squares as the rows
+    d = np.concatenate([each.factor.d for each in held[20:]])
+    true = float(A[:, 1] @ (d - A @ x) / (A[:, 1] @ A[:, 1]))
+    assert naming.best.theta[0] == pytest.approx(true, rel=1e-9)
+    assert abs(true - 0.4) < 4 * naming.best.stderr[0]
+    assert abs(onset(held, x, naming.best) - 20) <= 1
+
+
+def test_columns_that_are_the_same_are_rivals(clean):
+    x, _, normal = clean
+    rng = np.random.default_rng(9)
+    piece = pieces(rng, 40, x)
+    piece.A[:, :, 2] = piece.A[:, :, 1]
+    change = np.array([0.0, 0.4, 0.0, 0.0, 0.0])
+    piece.b[:] = piece.A @ (x + change) + rng.standard_normal(piece.b.shape)
+    naming = named(Suspects, intervals(piece, x), x, normal, 11.0)
+    labels = {naming.best.suspect.label, *(each.suspect.label for each in naming.rivals)}
+    assert labels == {"torque_offset:b", "torque_offset:c"}
+
+
+def test_what_no_suspect_explains_is_not_sound(clean):
+    x, _, normal = clean
+    rng = np.random.default_rng(10)
+    change = np.array([0.0, 0.5, 0.0, 0.5, 0.0])  # the fourth column is nobody's
+    held = intervals(pieces(rng, 40, x, change=change), x)
+    assert not named(Suspects, held[20:], x, normal, 11.0).sound
+
+
+def test_a_load_is_a_body_that_can_exist():
+    rng = np.random.default_rng(11)
+    C = rng.standard_normal((80, 10))
+    m, c = 0.4, np.array([0.1, 0.02, -0.03])
+    L = m * (c @ c * np.eye(3) - np.outer(c, c))
+    body = np.array([m, *(m * c), L[0, 0], L[0, 1], L[1, 1], L[0, 2], L[1, 2], L[2, 2]])
+    for sign in (1.0, -1.0):  # put on, taken off
+        np.testing.assert_allclose(load(C, C @ (sign * body)), sign * body, atol=1e-5)
+    impossible = np.array([0.1, 1.0, 0, 0, 0, 0, 0, 0, 0, 0])  # a first moment without inertia
+    left = np.linalg.norm(C @ load(C, C @ impossible) - C @ impossible)
+    assert left > 0.1 * np.linalg.norm(C @ impossible)
+
+
+def test_lift_is_what_least_squares_makes_of_a_residual(robots):
+    """Rows f = Jᵀλ + W_uᵀ r of generalised forces, solved for λ by NumPy."""
+    mechanism = ident.load(robots / "five_bar")
+    q = mechanism.assembled[None]
+    independent = ("left", "right")
+    G = lift(mechanism, independent, q)[0]
+    J = mechanism.kinematics.closure_rows(q).rate[0]
+    rng = np.random.default_rng(12)
+    force, r = rng.standard_normal(len(J)), rng.standard_normal(2)
+    force[2] = 0.0  # its row is empty
+    f = J.T @ force
+    for name, x in zip(independent, r, strict=True):
+        f[mechanism.joint(name).index] += x
+    found = np.linalg.lstsq(J.T, f, rcond=1e-9)[0]
+    np.testing.assert_allclose(found - force, G @ r, atol=1e-9)
+    assert lift(ident.load(robots / "arm"), ("yaw",), np.zeros((3, 4))).shape == (3, 0, 1)

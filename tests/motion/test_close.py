@@ -1,0 +1,58 @@
+"""Newton's steps towards closed loops: compiled, and in NumPy where that fails."""
+
+import numpy as np
+import pytest
+
+from ident.mechanism import load
+from ident.motion.close import Closer
+
+LOOPS = {"slider_crank": ("theta",), "four_bar": ("crank",), "five_bar": ("left", "right")}
+
+
+def near(name, robots, n=40):
+    """A closer of the drives, configurations off the closed ones by up to 0.05, and targets."""
+    mechanism, random = load(robots / name), np.random.default_rng(0)
+    closer = Closer(mechanism, LOOPS[name])
+    q = mechanism.general + random.uniform(-0.05, 0.05, (n, mechanism.model.nq))
+    return closer, q, closer.coordinates(q).value
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_newton_closes_the_loops_at_the_given_coordinates(name, robots):
+    closer, q, target = near(name, robots)
+    found, left = closer.newton(q, target)
+    assert left.max() < 1e-12
+    assert np.abs(closer.mechanism.kinematics.closure_rows(found).value).max() < 1e-12
+    np.testing.assert_allclose(closer.coordinates(found).value, target, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_compiled_steps_lead_where_those_in_numpy_do(name, robots):
+    closer, q, target = near(name, robots)
+    compiled = closer.newton(q, target)[0]
+    closer._compiled = False
+    np.testing.assert_allclose(compiled, closer.newton(q, target)[0], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_a_singular_configuration_among_others_does_not_spoil_them(name, robots, monkeypatch):
+    closer, q, target = near(name, robots)
+    whole = closer.newton(q, target)[0]
+    steps = closer.mechanism.kinematics.newton
+
+    def spoiled(*arguments):
+        found, size, left = steps(*arguments)
+        found[3] = np.nan
+        return found, size, left
+
+    monkeypatch.setattr(type(closer.mechanism.kinematics), "newton", lambda _, *x: spoiled(*x))
+    found, left = closer.newton(q, target)
+    assert left.max() < 1e-10
+    np.testing.assert_allclose(found, whole, rtol=0, atol=1e-12)
+
+
+def test_what_cannot_be_reached_is_said_to_be_left_open(robots):
+    mechanism = load(robots / "five_bar")  # at zero all its links lie on one line
+    q = np.zeros((1, mechanism.model.nq))
+    _, left = Closer(mechanism, mechanism.driven).newton(q, np.zeros((1, 2)))
+    assert not left[0] < 1e-3

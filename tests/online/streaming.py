@@ -1,0 +1,43 @@
+"""Logs taken apart into what a stream is given."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ident import Log
+from ident.equations.rows import Rows
+
+FIELDS = ("t", "sample", "A", "b", "tau", "informed")
+
+
+def samples(log: Log) -> Iterator[dict[str, float]]:
+    """One mapping a sample."""
+    names = ["t", *log.columns]
+    for row in np.stack([log.t, *log.columns.values()], axis=1).tolist():
+        yield dict(zip(names, row, strict=True))
+
+
+def blocks(log: Log, sizes: list[int]) -> Iterator[dict[str, np.ndarray]]:
+    """Mappings of arrays, of these sizes over and over."""
+    start, number = 0, 0
+    while start < len(log.t):
+        stop = start + sizes[number % len(sizes)]
+        yield {"t": log.t[start:stop], **{k: x[start:stop] for k, x in log.columns.items()}}
+        start, number = stop, number + 1
+
+
+def given(log: Log, how: str) -> list:
+    """The log `one by one`, in `blocks` or `whole`."""
+    if how == "one by one":
+        return list(samples(log))
+    return list(blocks(log, [7, 1, 64, 300])) if how == "blocks" else [log]
+
+
+HOW = ["one by one", "blocks", "whole"]
+
+
+def together(parts: list[Rows]) -> Rows:
+    """Rows one after the other."""
+    return Rows(*(np.concatenate([getattr(part, name) for part in parts]) for name in FIELDS))

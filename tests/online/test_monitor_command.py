@@ -1,0 +1,204 @@
+"""`ident monitor`: a file, a file that grows, standard input, and every way to end it."""
+
+import csv
+import os
+import re
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import ident
+from helpers import ROBOTS
+from ident import Log, Noise
+from identification import motion_log, plant, robot
+
+CRANK = ROBOTS / "slider_crank"
+COMMAND = [sys.executable, "-m", "ident", "monitor"]
+PATIENCE = 60.0  # [s]
+
+
+def started(*words, **options):
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True} | options
+    return subprocess.Popen([*COMMAND, *map(str, words)], **pipes)
+
+
+def table(path):
+    with path.open() as stream:
+        return list(csv.DictReader(stream))
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    """The slider-crank's log with torques that are noisy."""
+    case = plant(robot("slider_crank"), motion_log("slider_crank", 200.0, 4.0),
+                 noise=[Noise("tau", 0.01, relative=True)], spread=0.2)  # fmt: skip
+    path = tmp_path_factory.mktemp("log") / "run.csv"
+    case.log.write(path)
+    return path
+
+
+def test_a_file_to_its_end(spoken, log, tmp_path):
+    out = tmp_path / "out"
+    words = ["monitor", CRANK, log, "--like", log, "--every", 1, "--out", out]
+    status, said, _ = spoken(*words)
+    assert status == 0
+    lines = said.splitlines()
+    assert sum(line.startswith("t = ") for line in lines) >= 3
+    assert any(line.startswith("at t = 3.") and "800 samples" in line for line in lines)
+    mechanism = ident.load(CRANK)
+    motion = ident.complete(mechanism, log)
+    fit = ident.identify(mechanism, motion, estimator="least-squares")
+    rows = table(out / "parameters.csv")
+    last = {row["quantity"]: row for row in rows if row["t"] == rows[-1]["t"]}
+    for value in fit.parameters:
+        off = float(last[value.name]["value"]) - value.value
+        assert abs(off) < 3 * value.stderr + 1e-3 * abs(value.value)
+        assert last[value.name]["unit"] == value.unit
+        assert float(last[value.name]["stderr"]) > 0
+    assert "error.theta" in last
+    reactions = table(out / "multipliers.csv")
+    t, known = fit.multipliers[0]
+    assert len(reactions) > 400
+    times = np.array([float(row["t"]) for row in reactions])
+    assert (np.diff(times) > 0).all()
+    found = np.array([float(row["ball.y"]) for row in reactions])[-150:]
+    expected = np.interp(times[-150:], t, known[:, 1])
+    assert np.abs(found - expected).max() < 0.05 * np.abs(known[:, 1]).max()
+    assert table(out / "alarms.csv") == []
+    assert spoken(*words)[0] == 0  # the files grow on
+    assert len(table(out / "parameters.csv")) == 2 * len(rows)
+
+
+def test_bad_lines_are_said_and_the_rest_goes_on(spoken, log, tmp_path):
+    lines = log.read_text().splitlines()
+    bad = tmp_path / "bad.csv"
+    cells = lines[10].split(",")
+    text = [
+        *lines[:10],
+        lines[10][:12],
+        ",".join(["nan", *cells[1:]]),
+        *lines[11:20],
+        lines[5],
+        *lines[20:],
+    ]
+    bad.write_text("\n".join(text) + "\n")
+    status, said, noted = spoken("monitor", CRANK, bad, "--like", log)
+    assert status == 0
+    assert f"{len(lines) - 2} samples" in said
+    assert re.search(r"note: line 11 is left out: \d cells, the header has", noted)
+    assert "note: line 12 is left out: slider_crank: t = nan" in noted
+    assert "note: line 22 is left out: slider_crank: a sample at t = " in noted
+
+
+@pytest.mark.parametrize("change", ["tau.theta", "t"])
+def test_a_column_that_is_missing_is_an_error(spoken, log, tmp_path, change):
+    text = log.read_text()
+    other = tmp_path / "other.csv"
+    other.write_text(text.replace(change, "x" + change, 1) if change != "t" else "x" + text)
+    status, _, said = spoken("monitor", CRANK, other, "--like", log)
+    assert status == 1
+    assert f"error: slider_crank: a sample has no column '{change}'" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["rum.csv"], "no such file"),
+        (["run.csv", "--forget", "0"], "forget 0; valid"),
+        (["run.csv", "--with", "hysteresis:theta"], "hysteresis:theta"),
+    ],
+)
+def test_bad_input_is_one_line(spoken, log, words, said):
+    status, out, errors = spoken("monitor", CRANK, log.parent / words[0], *words[1:])
+    assert (status, out) == (1, "")
+    assert errors.startswith("error: ")
+    assert errors.count("\n") == 1
+    assert said in errors
+
+
+def test_files_of_other_columns_are_left_alone(spoken, log, tmp_path):
+    (tmp_path / "parameters.csv").write_text("t,mine\n0,1\n")
+    status, _, said = spoken("monitor", CRANK, log, "--like", log, "--out", tmp_path)
+    assert status == 1
+    assert "parameters.csv: has other columns" in said
+    assert (tmp_path / "parameters.csv").read_text() == "t,mine\n0,1\n"
+
+
+def test_standard_input_as_it_comes(log):
+    """A line is said while the input is still open."""
+    lines = log.read_text().splitlines(keepends=True)
+    process = started(CRANK, "-", "--like", log, "--every", 0.5, stdin=subprocess.PIPE)
+    try:
+        process.stdin.writelines(lines[:400])
+        process.stdin.flush()
+        assert process.stdout.readline().startswith("t = ")
+        process.stdin.writelines(lines[400:])
+        said, errors = process.communicate(timeout=PATIENCE)
+    finally:
+        process.kill()
+    assert process.returncode == 0, errors
+    assert f"{len(lines) - 1} samples" in said
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM], ids=["Ctrl-C", "SIGTERM"])
+def test_asked_to_end_it_says_what_it_knows(log, tmp_path, how):
+    lines = log.read_text().splitlines(keepends=True)
+    growing = tmp_path / "growing.csv"
+    growing.write_text("".join(lines[:300]))
+    words = ["--like", log, "--cutoff", "none", "--every", 0.2, "--out", tmp_path]
+    process = started(CRANK, growing, "--follow", *words)
+    try:
+        process.stdout.readline()
+        with growing.open("a") as stream:
+            stream.writelines(lines[300:600])
+        while float(process.stdout.readline().split()[2]) < 2.5:  # t = 2.6 s: …
+            pass
+        os.kill(process.pid, how)
+        said, errors = process.communicate(timeout=PATIENCE)
+    finally:
+        process.kill()
+    assert process.returncode == 0, errors
+    assert "599 samples" in said
+    assert "rod.Ixx" in said
+    for name in ("parameters", "multipliers", "alarms"):
+        assert (tmp_path / f"{name}.csv").read_text().endswith("\n")
+
+
+def test_a_reader_that_leaves_is_no_fault(log):
+    process = started(CRANK, log, "--like", log, "--every", 0)
+    process.stdout.readline()
+    process.stdout.close()
+    errors = process.stderr.read()
+    process.wait(timeout=PATIENCE)
+    process.stderr.close()
+    assert "Traceback" not in errors
+    assert "error" not in errors
+
+
+@pytest.mark.slow
+def test_a_change_raises_an_alarm(spoken, tmp_path):
+    """Viscous friction of one joint doubles halfway."""
+    mechanism = robot("arm").with_effect("viscous").with_effect("coulomb")
+    motion = motion_log("arm", 100.0, 40.0, 7.0)
+    noise = [Noise("tau", 0.01, relative=True)]
+    before = plant(mechanism, motion, noise=noise, spread=0.0, seed=1)
+    viscous = {k: x for k, x in before.values.items() if k.startswith(("viscous", "coulomb"))}
+    other = viscous | {"viscous.elbow.Fv": 4 * viscous["viscous.elbow.Fv"]}
+    after = plant(mechanism, motion, other, noise=noise, spread=0.0, seed=1)
+    half = motion.t < 20.0
+    columns = {k: np.where(half, x, after.log.columns[k]) for k, x in before.log.columns.items()}
+    clean, changed = tmp_path / "clean.csv", tmp_path / "changed.csv"
+    before.log.write(clean)
+    Log.from_arrays("changed", motion.t, columns).write(changed)
+    words = ["--with", "viscous", "--with", "coulomb", "--like", clean, "--out", tmp_path]
+    status, said, _ = spoken("monitor", ROBOTS / "arm", changed, *words)
+    assert status == 0
+    alarms = table(tmp_path / "alarms.csv")
+    assert alarms, said
+    assert 19.0 < float(alarms[0]["onset"]) < 21.0
+    assert float(alarms[0]["detected"]) < 25.0
+    assert "viscous:elbow" in alarms[0]["suspects"].split()
+    assert "alarm: " in said

@@ -1,0 +1,320 @@
+"""Rows that are made as samples come are those that a batch makes of the whole log."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from streaming import FIELDS, HOW, given, samples, together
+
+import ident
+from helpers import ROBOTS
+from ident import FitError, Log, LogError, MotionError, Noise
+from ident.equations.columns import Columns
+from ident.equations.point import Point
+from ident.equations.rows import rows
+from ident.equations.scene import Scene
+from ident.motion.measure import measure
+from ident.online import Setting, Stream
+from identification import motion_log, plant, robot
+
+
+def batch(mechanism, motion, columns, point=None, number=0):
+    scene = Scene.of(mechanism, columns, motion.experiments[number], point, motion.band.cutoff)
+    return together(list(rows(scene, motion.band.cutoff)))
+
+
+def streamed(mechanism, motion, columns, how="one by one", point=None, log=None, **options):
+    stream = Stream(mechanism, columns, Setting.of(mechanism, motion), point, **options)
+    made = [rows for each in given(log or motion.logs[0], how) for rows in stream.push(each)]
+    return stream, together([*made, *stream.flush()])
+
+
+def assert_same(found, expected, tolerance=1e-11):
+    for name in FIELDS:
+        a, b = np.asarray(getattr(found, name), float), np.asarray(getattr(expected, name), float)
+        assert a.shape == b.shape, name
+        np.testing.assert_allclose(a, b, rtol=0, atol=tolerance * max(1.0, np.abs(b).max()))
+
+
+def made(name, effects=(), rate=200.0, seconds=1.5, noise=0.0):
+    mechanism = robot(name)
+    for effect in effects:
+        mechanism = mechanism.with_effect(effect)
+    said = [Noise("tau", noise, relative=True)] if noise else []
+    return plant(mechanism, motion_log(name, rate, seconds), noise=said)
+
+
+@pytest.mark.parametrize("how", HOW)
+@pytest.mark.parametrize("cutoff", [None, 12.0])
+@pytest.mark.parametrize("name", ["arm", "four_bar", "five_bar", "slider_crank", "pendulum"])
+def test_rows_of_a_batch(name, cutoff, how):
+    case = made(name, ["viscous", "coulomb"])
+    motion = ident.complete(case.mechanism, case.log, cutoff=cutoff)
+    columns = Columns.of(case.mechanism)
+    stream, found = streamed(case.mechanism, motion, columns, how)
+    assert_same(found, batch(case.mechanism, motion, columns))
+    assert stream.lost == (0, "")
+    assert stream.samples == len(case.log.t)
+
+
+def test_friction_in_a_closures_own_joint_and_measured_wrenches():
+    case = made("four_bar", ["coulomb:closure.pin", "viscous:closure.pin"])
+    t = case.log.t
+    columns = dict(case.log.columns) | {"wrench.rocker_link.fx": np.sin(9 * t)}
+    log = Log.from_arrays("pushed.csv", t, columns)
+    motion = ident.complete(case.mechanism, log, cutoff=None)
+    assert motion.experiments[0].wrench is not None
+    unknown = Columns.of(case.mechanism)
+    _, found = streamed(case.mechanism, motion, unknown)
+    assert_same(found, batch(case.mechanism, motion, unknown))
+
+
+@pytest.mark.parametrize("cutoff", [None, 12.0])
+def test_configurations_at_the_rows(cutoff):
+    case = made("five_bar")
+    motion = ident.complete(case.mechanism, case.log, cutoff=cutoff)
+    setting = Setting.of(case.mechanism, motion)
+    stream = Stream(case.mechanism, Columns.of(case.mechanism), setting)
+    for sample in samples(case.log):
+        for made_ in stream.push(sample):
+            q = stream.configurations(made_)
+            np.testing.assert_allclose(q, motion.experiments[0].q[made_.sample], atol=1e-9)
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.005, 1.0])
+def test_latency_changes_when_and_not_what(latency):
+    case = made("five_bar")
+    motion = ident.complete(case.mechanism, case.log, cutoff=20.0)
+    columns = Columns.of(case.mechanism)
+    stream = Stream(case.mechanism, columns, Setting.of(case.mechanism, motion), latency=latency)
+    parts, most = [], 0.0
+    for sample in samples(case.log):
+        for rows_ in stream.push(sample):
+            most = max(most, sample["t"] - rows_.t[-1])
+            parts.append(rows_)
+    assert_same(together([*parts, *stream.flush()]), batch(case.mechanism, motion, columns))
+    assert most <= stream.lag + 1e-9
+
+
+def test_the_lag_is_reached_and_no_more():
+    """Every sample at once, every row kept: half the filter, to the sample."""
+    case = made("arm")
+    motion = ident.complete(case.mechanism, case.log, cutoff=90.0)
+    columns = Columns.of(case.mechanism)
+    stream = Stream(case.mechanism, columns, Setting.of(case.mechanism, motion), latency=0.0)
+    lags = [s["t"] - r.t[-1] for s in samples(case.log) for r in stream.push(s)]
+    np.testing.assert_allclose(lags, stream.lag, atol=1e-9)
+    assert stream.lag > 0
+
+
+def without(log, left_out):
+    kept = np.ones(len(log.t), dtype=bool)
+    kept[left_out] = False
+    return Log.from_arrays("lost.csv", log.t[kept], {k: x[kept] for k, x in log.columns.items()})
+
+
+def test_nothing_is_filtered_across_a_gap():
+    """What comes before and after it are two logs."""
+    case = made("arm", seconds=3.0)
+    whole = ident.complete(case.mechanism, case.log, cutoff=12.0)
+    log = without(case.log, slice(250, 280))
+    parts = [without(case.log, slice(250, None)), without(case.log, slice(0, 280))]
+    two = ident.complete(case.mechanism, parts, cutoff=12.0)
+    columns = Columns.of(case.mechanism)
+    _, found = streamed(case.mechanism, whole, columns, log=log)
+    before, after = (batch(case.mechanism, two, columns, number=i) for i in range(2))
+    expected = together([before, replace(after, sample=after.sample + 280)])
+    assert_same(replace(found, informed=expected.informed), expected, 1e-9)
+
+
+def test_a_sample_that_is_missing_is_interpolated():
+    case = made("arm", seconds=3.0)
+    log = without(case.log, [100, 101, 300])
+    whole = ident.complete(case.mechanism, case.log, cutoff=12.0)
+    columns = Columns.of(case.mechanism)
+    _, found = streamed(case.mechanism, whole, columns, log=log)
+    expected = batch(case.mechanism, whole, columns)
+    assert found.A.shape == expected.A.shape
+    np.testing.assert_allclose(found.t, expected.t, atol=1e-9)
+    assert np.abs(found.A - expected.A).max() < 0.01 * np.abs(expected.A).max()
+
+
+def test_jittering_stamps_are_put_on_a_uniform_clock():
+    case = made("arm", seconds=3.0)
+    rng = np.random.default_rng(3)
+    t = case.log.t + 3e-4 * rng.uniform(-1, 1, len(case.log.t))
+    moved = {k: np.interp(t, case.log.t, x) for k, x in case.log.columns.items()}
+    log = Log.from_arrays("jitter.csv", t, moved)
+    even = ident.complete(case.mechanism, case.log, cutoff=12.0)
+    columns = Columns.of(case.mechanism)
+    _, found = streamed(case.mechanism, even, columns, log=log)
+    expected = batch(case.mechanism, even, columns)
+    assert abs(len(found.t) - len(expected.t)) <= 1
+    np.testing.assert_allclose(np.diff(found.t), 0.02, rtol=1e-3)
+    for u in range(found.b.shape[1]):
+        at = np.interp(found.t, expected.t, expected.b[:, u])
+        assert np.abs(found.b[:, u] - at).max() < 0.01 * np.abs(at).max()
+
+
+def test_derivatives_of_positions_alone():
+    """Exact positions: the local polynomial against the analytic rates, through the rows."""
+    case = made("five_bar", rate=500.0)
+    positions = {k: x for k, x in case.log.columns.items() if k[0] not in "va"}
+    log = Log.from_arrays("q.csv", case.log.t, positions)
+    exact = ident.complete(case.mechanism, case.log, cutoff=None)
+    motion = ident.complete(case.mechanism, log, cutoff=None, smoothing=None)
+    columns = Columns.of(case.mechanism)
+    stream, found = streamed(case.mechanism, motion, columns)
+    expected = batch(case.mechanism, exact, columns)
+    inside = slice(stream.setting.half, -stream.setting.half)
+    assert np.abs(found.A - expected.A[inside]).max() < 1e-6 * np.abs(expected.A).max()
+    np.testing.assert_array_equal(found.sample, expected.sample[inside])
+
+
+@pytest.mark.parametrize("channels", ["q", "qv", "qva"])
+def test_noisy_motion_is_smoothed_as_well_as_by_splines(channels):
+    case = made("arm", rate=500.0, seconds=4.0)
+    rng = np.random.default_rng(0)
+    noise = {"q": 1e-4, "v": 1e-2, "a": 0.3, "t": 0.0}
+    columns = {
+        k: x + noise[k[0]] * rng.normal(size=len(x))
+        for k, x in case.log.columns.items()
+        if k[0] in channels or k.startswith("tau")
+    }
+    log = Log.from_arrays("noisy.csv", case.log.t, columns)
+    exact = ident.complete(case.mechanism, case.log, cutoff=None)
+    motion = ident.complete(case.mechanism, log)
+    motion = replace(motion, band=replace(motion.band, cutoff=None))
+    unknown = Columns.of(case.mechanism)
+    _, found = streamed(case.mechanism, motion, unknown)
+    truth, splines = (batch(case.mechanism, each, unknown) for each in (exact, motion))
+    assert found.sample[0] > truth.sample[0]
+
+    def off(rows_):
+        """Root mean square of what all numbers of A miss."""
+        at = np.arange(found.sample[0], found.sample[-1])
+        own, true = (np.searchsorted(each.sample, at) for each in (rows_, truth))
+        return np.sqrt(np.mean((rows_.A[own] - truth.A[true]) ** 2))
+
+    assert off(found) < 1.2 * off(splines)
+
+
+def test_effects_of_the_present_sample():
+    """Implicit, correcting and held ones, at a point that is not the prior."""
+    mechanism = robot("arm")
+    for effect in ("viscous", "load_friction:elbow", "torque_gain:yaw", "encoder_offset:wrist"):
+        mechanism = mechanism.with_effect(effect)
+    mechanism = mechanism.with_effect("gravity_tilt").with_effect("stribeck:yaw", {"vs": 0.1})
+    motion = ident.complete(mechanism, made("arm").log, cutoff=12.0)
+    point = Point.prior(mechanism).with_values(
+        {"encoder_offset.wrist.delta": 0.01, "gravity_tilt.x": 0.02, "gravity_tilt.y": 0.0,
+         "viscous.yaw.Fv": 0.5, "torque_gain.yaw.g": 0.05}
+    )  # fmt: skip
+    columns = Columns.of(mechanism)
+    _, found = streamed(mechanism, motion, columns, point=point)
+    assert_same(found, batch(mechanism, motion, columns, point), 1e-9)
+
+
+@pytest.mark.parametrize("effect", ["delay:elbow", "elasticity:elbow", "closure_compliance:tip"])
+def test_effects_that_look_around_have_margins(effect):
+    name = "five_bar" if "closure" in effect else "arm"
+    mechanism = robot(name).with_effect(effect)
+    motion = ident.complete(mechanism, made(name, seconds=3.0).log, cutoff=30.0)  # every row kept
+    point = Point.prior(mechanism).with_values({n: 1e-3 for n in mechanism.effects[0].names})
+    columns = Columns.of(mechanism)
+    _, found = streamed(mechanism, motion, columns, point=point, latency=0.1)
+    expected = batch(mechanism, motion, columns, point)
+    common, mine, theirs = np.intersect1d(found.sample, expected.sample, return_indices=True)
+    assert len(common) > 400
+    away = slice(30, -30)  # of the log's ends, which a batch has no neighbours for
+    for name in ("A", "b"):
+        x, y = getattr(found, name)[mine][away], getattr(expected, name)[theirs][away]
+        np.testing.assert_allclose(x, y, atol=1e-5 * np.abs(y).max())
+
+
+@pytest.mark.parametrize("effect", ["hysteresis:elbow", "drift:elbow", "backlash:elbow"])
+def test_what_cannot_be_had_sample_by_sample_is_refused(effect):
+    mechanism = robot("arm").with_effect(effect)
+    motion = ident.complete(mechanism, made("arm").log, cutoff=None)
+    with pytest.raises(FitError, match=rf"{effect}.*leave out"):
+        Stream(mechanism, Columns.of(mechanism), Setting.of(mechanism, motion))
+
+
+def test_positions_where_the_loop_does_not_close_are_left_out():
+    case = made("four_bar", seconds=1.0)
+    motion = ident.complete(case.mechanism, case.log, cutoff=None)
+    setting, columns = Setting.of(case.mechanism, motion), Columns.of(case.mechanism)
+    stream = Stream(case.mechanism, columns, setting)
+    good = [r for s in given(case.log, "blocks") for r in stream.push(s)]
+    t = 1.0 + np.arange(1, 31) / 200.0
+    wild = {k: np.full(30, 1e5 if k[0] == "q" else 0.0) for k in case.log.columns}
+    assert not stream.push({"t": t, **wild})
+    lost, why = stream.lost
+    assert lost == 30
+    assert "jumps" in why
+    again = {"t": case.log.t + 2.0, **case.log.columns}
+    after = [*stream.push(again), *stream.flush()]
+    np.testing.assert_allclose(together(after).A, together(good).A, atol=1e-9)
+
+
+# --- what comes in -----------------------------------------------------------------------------
+
+
+def opened(mapping=None):
+    case = made("slider_crank")
+    motion = ident.complete(case.mechanism, case.log, cutoff=None)
+    stream = Stream(case.mechanism, Columns.of(case.mechanism), Setting.of(case.mechanism, motion))
+    return stream, list(samples(case.log))
+
+
+def test_a_bad_sample_is_refused_and_the_rest_goes_on():
+    stream, good = opened()
+    stream.push(good[0])
+    with pytest.raises(LogError, match=r"q\.theta = nan in the sample at t = 0\.005"):
+        stream.push(good[1] | {"q.theta": np.nan})
+    with pytest.raises(LogError, match="comes after one at 0 s"):
+        stream.push(good[0])
+    with pytest.raises(LogError, match="neither numbers nor arrays"):
+        stream.push(good[1] | {"q.theta": "fast"})
+    with pytest.raises(LogError, match="neither numbers nor arrays"):
+        stream.push(good[1] | {"q.theta": [1.0, 2.0]})
+    with pytest.raises(MotionError, match=r"no column 'tau\.s'; .*valid"):
+        stream.push({k: x for k, x in good[1].items() if k != "tau.s"})
+    stream.push(good[1])
+    assert stream.samples == 2
+
+
+def test_columns_have_this_robots_own_names(tmp_path):
+    case = made("slider_crank")
+    folder = tmp_path / "named"
+    folder.mkdir()
+    text = (ROBOTS / "slider_crank" / "mechanism.toml").read_text()
+    text += '[log]\nt = { column = "stamp", scale = 0.001 }\n'
+    text += '"q.theta" = { column = "angle", scale = 0.5, offset = 0.1 }\n'
+    (folder / "mechanism.toml").write_text(text)
+    urdf = "slider_crank.urdf"
+    (folder / urdf).write_text((ROBOTS / "slider_crank" / urdf).read_text())
+    mechanism = ident.load(folder)
+    motion = ident.complete(case.mechanism, case.log, cutoff=None)
+    columns = Columns.of(mechanism)
+    stream = Stream(mechanism, columns, Setting.of(mechanism, motion))
+    found = []
+    for s in samples(case.log):
+        raw = {k: x for k, x in s.items() if k not in ("t", "q.theta")}
+        raw |= {"stamp": 1000 * s["t"], "angle": (s["q.theta"] - 0.1) / 0.5}
+        found += stream.push(raw)
+    expected = batch(mechanism, motion, columns)
+    assert_same(together([*found, *stream.flush()]), expected, 1e-9)
+
+
+def test_a_setting_comes_from_a_motion_of_the_same_machine():
+    case = made("arm", seconds=3.0, noise=0.01)
+    motion = ident.complete(case.mechanism, case.log)
+    setting = Setting.of(case.mechanism, motion)
+    signals = measure(case.mechanism, case.log)
+    assert setting.rate == pytest.approx(1 / signals.dt)
+    assert setting.cutoff == motion.band.cutoff
+    assert setting.logged == ("yaw", "shoulder", "elbow", "wrist")
+    assert setting.channels == ("qva",) * 4
+    with pytest.raises(MotionError, match="has no log"):
+        Setting.of(case.mechanism, replace(motion, logs=()))
