@@ -61,4 +61,4 @@ def log(model: ident.Mechanism, samples: int, noise: float, seed: int = 0) -> id
 
 
 if __name__ == "__main__":
-    sys.exit("run benchmarks/pipeline.py")
+    sys.exit("run benchmarks/stream.py")

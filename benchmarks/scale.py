@@ -2,10 +2,10 @@
 
     python benchmarks/scale.py [--only NAME …] [--print]
 
-Every table is made by a module of its own, in this run, on this machine: `figaroh_core`, `completion`,
-`elimination`, `profile`, `online`, `stream`, `faults`. What a module gives replaces its table between
-the marks in README.md, the others stay; `--print` changes no file. All of them take about an hour,
-most of it ten million samples and hours of simulated running.
+Every table is made by a module of its own, in this run, on this machine: `figaroh_core`, `banded`,
+`completion`, `whole_way`, `online`, `stream`, `faults`. What a module gives replaces its table
+between the marks in README.md, the others stay; `--print` changes no file. All of them take about
+half an hour, most of it ten million samples and hours of simulated running.
 """
 
 import os
@@ -26,7 +26,7 @@ MODULES = {
     "figaroh_core": "Regressor, base parameters and least squares, against figaroh",
     "completion": "Completion through closures, and J",
     "banded": "The solve at the paper's size, against banded normal equations",
-    "profile": "From CSV to fit, and what is not arithmetic",
+    "whole_way": "From CSV to fit, and what is not arithmetic",
     "online": "Online, a sample at a time",
     "stream": "Growth from a thousand to ten million samples",
     "faults": "Faults that begin while a machine runs",
@@ -71,6 +71,8 @@ def markdown(rows: list[dict[str, object]]) -> str:
 
 
 def cell(value: object) -> str:
+    if isinstance(value, list | tuple):
+        return ", ".join(map(cell, value))
     if isinstance(value, float):
         return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
     return f"{value:,}" if isinstance(value, int) else "" if value is None else str(value)
@@ -81,7 +83,8 @@ def machine() -> str:
     names = ("numpy", "scipy", "pin", "casadi", "polars")
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in names)
     cores = len(os.sched_getaffinity(0))
-    return f"{processor()}, {cores} cores, one BLAS thread, Python {platform.python_version()}, {versions}."
+    python = f"Python {platform.python_version()}"
+    return f"{processor()}, {cores} cores, one BLAS thread, {python}, {versions}."
 
 
 def processor() -> str:

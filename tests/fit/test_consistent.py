@@ -351,3 +351,12 @@ def test_the_time_basis_can_be_consistent_too():
     fit = ident.identify(mechanism, motion, consistent=True)
     for name in ("rod.Ixx", "rod.Iyy", "rod.Izz"):
         assert fit[name].value == pytest.approx(free[name].value, rel=1e-3)
+
+
+def test_errors_are_of_the_base_at_the_point_where_the_limits_put_the_shapes():
+    """At other shapes other columns are independent: the covariance must be of these."""
+    folder = ROBOTS / "five_bar"
+    mechanism = ident.load(folder).with_effect("coulomb").with_effect("stribeck")
+    fit = ident.identify(mechanism, ident.complete(mechanism, folder / "run.csv"), consistent=True)
+    assert fit.covariance.shape == (fit.rank, fit.rank)
+    assert fit.binding.active

@@ -101,3 +101,9 @@ def test_a_stretch_is_the_same_after_it_was_kept():
     again = unpacked_stretches(packed_stretches({3: stretch}))[3]
     assert [f.rows for f in again.closed()] == [f.rows for f in stretch.closed()]
     np.testing.assert_array_equal(again.closed()[0].R, stretch.closed()[0].R)
+
+
+def test_a_consistent_fit_of_what_is_not_linear_is_refused():
+    mechanism = crank("free").with_effect("coulomb:theta").with_effect("stribeck:theta")
+    with pytest.raises(ident.FitError, match="'stribeck:theta' is not linear"):
+        gather(mechanism, LOG, consistent=True)

@@ -193,6 +193,9 @@ def test_a_load_is_a_body_that_can_exist():
     body = np.array([m, *(m * c), L[0, 0], L[0, 1], L[1, 1], L[0, 2], L[1, 2], L[2, 2]])
     for sign in (1.0, -1.0):  # put on, taken off
         np.testing.assert_allclose(load(C, C @ (sign * body)), sign * body, atol=1e-5)
+    planar = C * np.isin(np.arange(10), (0, 1, 2, 9))  # a loop in a plane feels m, mx, my, Lzz
+    found = 1e4 * planar @ load(1e4 * planar, 1e4 * planar @ body)  # however sure the rows are
+    np.testing.assert_allclose(found, 1e4 * planar @ body, atol=0.1)
     impossible = np.array([0.1, 1.0, 0, 0, 0, 0, 0, 0, 0, 0])  # a first moment without inertia
     left = np.linalg.norm(C @ load(C, C @ impossible) - C @ impossible)
     assert left > 0.1 * np.linalg.norm(C @ impossible)

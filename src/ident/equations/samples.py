@@ -83,9 +83,7 @@ class Samples:
             e, part = self.e, self.part
             index = self.mechanism.joint_index
             at = [index[name] for name in joints if name in index]
-            bare = replace(
-                self
-            )  # in a circle with what it has seen, Γ would wait for the collector
+            bare = replace(self)  # no circle with what it has seen: Γ would outlive its use
             self._seen[joints] = Signals(
                 t=e.t[part],
                 q=e.y[part][:, at],

@@ -28,12 +28,14 @@ class Constrained:
 
     Attributes:
         regression: at the point where it was found; estimate: with the consistent x.
+        free: without limits, at the same point.
         outside: held-out errors, each stretch of time predicted by a consistent fit to the others.
         binding: which limits hold it back, and what they cost.
     """
 
     regression: Regression
     estimate: Estimate
+    free: Estimate
     outside: Squares | None
     binding: Binding
 
@@ -53,7 +55,7 @@ def constrained(
     """
     if progress:
         progress("physical consistency", 0.8)
-    free = r.squares(found.solution.x)
+    unlimited = r.squares(found.solution.x)
     before = outside_of(r, found)
     shapes = shape_bounds(r.mechanism, r.columns, r.motion, r.point)
     program = Program.of(r, asked, shapes, found.solution.x)
@@ -62,8 +64,8 @@ def constrained(
     pi = r.columns.dynamic_parameters(r.mechanism, point.x)
     after = r.squares(point.x)
     worse = None if outside is None or before is None else rise(outside, before)
-    binding = binding_of(r.mechanism, asked, program, point, pi, rise(after, free), worse)
-    return Constrained(r, found.at(point.x), outside, binding)
+    binding = binding_of(r.mechanism, asked, program, point, pi, rise(after, unlimited), worse)
+    return Constrained(r, found.at(point.x), found, outside, binding)
 
 
 def _settled(

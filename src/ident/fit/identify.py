@@ -93,6 +93,8 @@ def identify(
         )  # fmt: skip
     asked = consistent if isinstance(consistent, Consistency) else Consistency()
     held = constrained(regression, found, mechanism.consistency | asked, progress)
+    if held.regression is not regression:  # made anew where columns depend on the solution
+        cov = covariance(held.regression.fitting, held.free)
     return assemble(
         held.regression,
         held.estimate,

@@ -68,7 +68,7 @@ def gather(
         IdentError: if no log can be identified from, or the only one is broken.
     """
     check_freedom(mechanism)
-    _check_streamable(mechanism)
+    _check_streamable(mechanism, consistent)
     paths = _paths([logs] if isinstance(logs, str | os.PathLike) else logs, scheduler)
     others = _paths(validate, scheduler)
     if not paths:
@@ -95,13 +95,19 @@ def _paths(given: Sequence[Given], scheduler: str | None) -> list[Path]:
     return paths if scheduler is None else [path.absolute() for path in paths]
 
 
-def _check_streamable(mechanism: Mechanism) -> None:
+def _check_streamable(mechanism: Mechanism, consistent: bool | Consistency) -> None:
     """Refuse what has no meaning in portions.
 
     Raises:
         FitError: naming it, and what to do.
     """
     for effect in mechanism.effects:
+        if consistent is not False and not effect.linear:
+            raise FitError(
+                f"{mechanism.name}: effect '{effect.label}' is not linear, so a consistent fit is "
+                "made again where its limits put it, for which portions are not read; leave out "
+                f"--consistent or {effect.label}, or identify logs that fit into memory"
+            )
         if effect.memory and effect.kind != "hysteresis":
             raise FitError(
                 f"{mechanism.name}: effect '{effect.label}' counts from a log's first sample, "

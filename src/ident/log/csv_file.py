@@ -90,7 +90,8 @@ def rows_of(text: bytes, head: Head, file: str, before: int, last: bool = True) 
 def refuse_binary(raw: bytes, file: str, before: int = 0) -> None:
     """Raise LogError at a byte that is no text; `before`: lines of the file before these."""
     try:
-        raw.decode()
+        if not raw.isascii():
+            raw.decode()
         at = raw.find(b"\0")
     except UnicodeDecodeError as error:
         at = error.start

@@ -43,7 +43,8 @@ class Change:
     reactions: Mapping[str, float]
 
     def __str__(self) -> str:
-        return f"{self.label}: {', '.join(map(str, self.steps))}"
+        told = [step for step in self.steps if step.stderr is not None] or self.steps
+        return f"{self.label}: {', '.join(map(str, told))}"
 
 
 @dataclass(frozen=True)

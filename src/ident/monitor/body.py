@@ -13,7 +13,8 @@ from ident.errors import FitError
 from ident.mechanism.parameters import COUNT, pseudo_inertia
 from ident.solve.cone import Limit, nearest, svec
 
-RIDGE = 1e-6  # of unit columns, for what the window does not tell
+RIDGE = 1e-3  # of unit columns, for what the window does not tell
+FELT = 1e-6  # of the largest column
 UNITS = np.stack([svec(pseudo_inertia(each)) for each in np.eye(COUNT)], axis=1)
 
 
@@ -25,7 +26,7 @@ def load(C: np.ndarray, e: np.ndarray) -> np.ndarray:
         e: (rows,) what they are to explain.
     """
     size = np.linalg.norm(C, axis=0)
-    size = np.where(size > 0, size, 1.0)
+    size = np.where(size > FELT * size.max(), size, size.max())
     A = np.vstack([C / size, RIDGE * np.eye(COUNT)])
     Q, R = np.linalg.qr(A)
     d = Q[: len(e)].T @ e
