@@ -91,6 +91,12 @@ def monitor(
         running = Running(online, watch, record, every)
         for line in follow(None if log == "-" else Path(log), grow=follow_, stop=told_to_stop):
             running.take(line)
+        if not online.samples:
+            name = "standard input" if log == "-" else log
+            raise LogError(
+                f"{name}: no sample came; a header line (t, q.<joint>, tau.<joint>, …) and rows of "
+                "numbers are needed"
+            )
         found = running.end()
     result(found)
 

@@ -28,12 +28,14 @@ class Contrast:
 
     Attributes:
         delta, stderr: (k,) by how much each unknown alone would differ; NaN where it tells nothing.
+        falls: (k,) how much the squared error would fall with it, δ² h.
         p_value: chance of the largest of them.
         parts: by body or effect, its share of the excess of squared error; fewest unknowns first.
     """
 
     delta: np.ndarray
     stderr: np.ndarray
+    falls: np.ndarray
     p_value: float
     parts: Mapping[str, float]
 
@@ -99,7 +101,7 @@ class Logs:
         tells = h > UNKNOWN * _along(H + H_o, self.ways)
         if not tells.any():
             nothing = np.full(len(tells), np.nan)
-            return Contrast(nothing, nothing, 1.0, {})
+            return Contrast(nothing, nothing, nothing, 1.0, {})
         W, h, g = W[:, tells], h[tells], self.g[log] - H @ own
         delta, project = W.T @ g / h, H @ W / h  # of an error of β onto δ
         more, nu = self._spread({i: S / self.noise[i] for i, S in self.S.items()}, W)
@@ -110,10 +112,10 @@ class Logs:
         nu = BELIEVED * (V + V_o) ** 2 / (V**2 / nu + V_o**2 / nu_o)
         p = 2 * student.sf(np.abs(delta / size), np.maximum(nu, FEWEST_SQUARES))
         joint = W.T @ H @ W / np.outer(h, h) + project.T @ inverse @ project
-        known, stderr = np.full((2, len(tells)), np.nan)
-        known[tells], stderr[tells] = delta, size
+        known, stderr, falls = np.full((3, len(tells)), np.nan)
+        known[tells], stderr[tells], falls[tells] = delta, size, delta**2 * h
         shares = self._shares(H, g, W, np.flatnonzero(tells))
-        return Contrast(known, stderr, _of_many(p, joint), shares)
+        return Contrast(known, stderr, falls, _of_many(p, joint), shares)
 
     def fall(self, agreeing: Sequence[int], log: int) -> float:
         """Of the squared error, if a log may have parameters that those agreeing have not."""

@@ -31,7 +31,7 @@ from ident.fit.estimate import Estimate
 from ident.gather.contrast import Contrast, Logs
 
 RATE = 0.01  # of folders of logs that are alike, in which one is said to disagree
-ROUNDING = 1e-6  # of the largest |z|, within which two are the same
+ROUNDING = 1e-6  # of the largest fall, within which two are the same
 NEARLY = 0.05  # of what a log's difference explains: a smaller part of the model is the better name
 
 
@@ -81,9 +81,9 @@ def disagreements(
 
 
 def _told(found: Contrast, columns: Columns, least: float) -> Disagreement:
-    z = np.nan_to_num(np.abs(found.delta / found.stderr), nan=-1.0)
+    falls = np.nan_to_num(found.falls, nan=-1.0)
     # of columns that are multiples of each other the first
-    alike = z >= (1 - ROUNDING) * z.max(initial=0.0)
+    alike = falls >= (1 - ROUNDING) * falls.max(initial=0.0)
     at = int(alike.argmax()) if alike.any() else -1
     best = max(found.parts.values(), default=0.0)
     part = next((name for name, s in found.parts.items() if s >= best - NEARLY), "")
