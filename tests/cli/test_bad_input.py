@@ -113,8 +113,10 @@ def test_files_that_are_no_log(name, content, words, slider, refused):
     refused(words, "identify", slider, slider / name)
 
 
-def test_a_folder_is_no_log(slider, refused):
-    refused(("slider_crank", "folder", ".csv"), "identify", slider, slider)
+def test_a_folder_without_logs_is_no_log(slider, refused, tmp_path):
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    refused(("empty", "holds no log", ".csv"), "identify", slider, empty)
 
 
 def test_pickles_in_an_archive_are_not_run(slider, refused):

@@ -7,7 +7,8 @@ import pytest
 from helpers import Truth, series
 from ident.effects import create
 from ident.equations.columns import Columns
-from ident.equations.rows import raw_rows, row_supports, rows
+from ident.equations.filter import Decimator
+from ident.equations.rows import CHUNK, raw_rows, row_supports, rows
 from ident.equations.scene import Scene
 from ident.equations.terms import terms
 from ident.log import Log
@@ -151,3 +152,16 @@ def test_rows_are_the_same_in_pieces_of_any_size(name, cutoff, robots, monkeypat
         monkeypatch.setattr("ident.equations.rows.CHUNK", size)
         for key, value in whole().items():
             np.testing.assert_allclose(value, expected[key], rtol=1e-12, atol=1e-12)
+
+
+def test_a_piece_shorter_than_the_step_from_row_to_row_gives_none(robots):
+    mechanism, decimator = load(robots / "arm"), Decimator.of(1.6, 1000.0)
+    n = 2 * decimator.half + max(CHUNK, 4 * decimator.half) + 3  # the last piece has 3 samples
+    t = np.arange(n) / 1000.0
+    columns = {f"q.{name}": np.sin((i + 1) * t) for i, name in enumerate(mechanism.driven)}
+    zeros = {f"tau.{name}": np.zeros(len(t)) for name in mechanism.driven}
+    motion = complete(mechanism, Log.from_arrays("x", t, columns | zeros), cutoff=None)
+    scene = Scene.of(mechanism, Columns.of(mechanism), motion.experiments[0], None, 1.6)
+    found = list(rows(scene, 1.6))
+    assert found
+    assert all(len(piece.sample) for piece in found)

@@ -27,7 +27,7 @@ from ident.cli.arguments import (
 from ident.cli.console import notes, progress, result
 from ident.cli.recording import Record
 from ident.equations.rows import Rows
-from ident.errors import FitError, LogError
+from ident.errors import FitError, LogError, not_there
 from ident.fit import Fit, identify
 from ident.log.follow import Line, follow
 from ident.monitor import Alarm, Monitor
@@ -44,11 +44,11 @@ def monitor(
     ],
     with_: With = None,
     like: Annotated[
-        Path | None,
+        list[Path] | None,
         typer.Option(
             metavar="LOG",
-            help="A log of normal running: it decides the filter and shapes, and what differs "
-            "from it raises an alarm.",
+            help="A log of normal running, best several, as varied as it is: they decide the "
+            "filter and shapes, and what differs from them raises an alarm.",
         ),
     ] = None,
     forget: Annotated[
@@ -80,12 +80,22 @@ def monitor(
     model = mechanism_of(mechanism, with_, allow_code=allow_code, absolute=absolute)
     cut, knots = cutoff_of(cutoff), None if smoothing == "none" else smoothing
     fit, watch = None, None
-    if like is not None:
+    if log != "-" and not Path(log).is_file():
+        why = "is a folder" if Path(log).is_dir() else not_there(Path(log))
+        raise LogError(f"{log}: {why}; name a CSV file, or - for standard input")
+    if like:
         with progress() as told:
-            motion = motion_of(model, [like], cut, told, smoothing=smoothing)
+            motion = motion_of(model, like, cut, told, smoothing=smoothing)
             fit = identify(model, motion, progress=told)
         notes(motion.notes)
         watch = _watch(fit)
+        if watch is not None and len(like) == 1:
+            notes(
+                [
+                    f"alarms rest on {like[0].name} alone: other motions than this one will raise "
+                    "more false alarms than stated; give several logs (--like A --like B)"
+                ]
+            )
     online = Online(model, like=fit, forget=forget, cutoff=cut, smoothing=knots)
     with Record(out, model) as record, _until_told() as told_to_stop:
         running = Running(online, watch, record, every)
@@ -99,6 +109,14 @@ def monitor(
             )
         found = running.end()
     result(found)
+    if running.raised:
+        notes(
+            [
+                f"{len(running.raised)} alarm(s), first {running.raised[0].headline}; parameters "
+                "of all samples are a mean of before and after it: --forget S, or a new start, "
+                "tells what they are now"
+            ]
+        )
 
 
 class Watch:
@@ -127,6 +145,7 @@ def _watch(fit: Fit) -> Watch | None:
     except FitError as error:
         notes([f"no alarms: {error}"])
         return None
+    notes(str(monitor).splitlines()[:3])
     watched = monitor.watched
     setting = Setting.of(watched.mechanism, fit.motion)
     stream = Stream(
@@ -147,11 +166,15 @@ class Running:
         online: what identifies; watch: what raises alarms, if anything does.
         record: of all that is said.
         every: seconds of the log between two lines [s].
+
+    Attributes:
+        raised: alarms so far.
     """
 
     def __init__(self, online: Online, watch: Watch | None, record: Record, every: float) -> None:
         self._online, self._watch, self._record, self._every = online, watch, record, every
         self._due = -float("inf")
+        self.raised: list[Alarm] = []
         self._out = 0
 
     def take(self, line: Line) -> None:
@@ -187,6 +210,7 @@ class Running:
 
     def _warn(self, alarms: list[Alarm]) -> None:
         for alarm in alarms:
+            self.raised.append(alarm)
             result(f"alarm: {alarm.headline}")
             sys.stdout.flush()
             self._record.alarm(alarm)

@@ -111,6 +111,8 @@ def rows(
                 yield raw
                 continue
             sample = decimator.centres(part, segment)
+            if not len(sample):  # shorter than from one row to the next
+                continue
             A, b, tau = (decimator.apply(x, inside, sample) for x in (raw.A, raw.b, raw.tau))
             open_ = decimator.apply((~raw.informed).astype(float), inside, sample, absolute=True)
             yield Rows(e.t[sample], sample, A, b, tau, open_ < sticking)

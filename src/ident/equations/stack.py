@@ -62,6 +62,8 @@ def stack(
             chunk = Chunk.of_samples(first, values, J_T, A, b)
         else:
             sample = decimator.centres(part, segment)
+            if not len(sample):
+                continue
             first, L = _filtered_window(decimator, inside, sample, first, values, J_T, basis, e)
             A, b = (decimator.apply(x, inside, sample) for x in (A, b))
             open_ = decimator.apply((~informed).astype(float), inside, sample, absolute=True)

@@ -13,7 +13,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
-from types import FunctionType
+from types import CodeType, FunctionType
 from typing import Any
 
 import numpy as np
@@ -174,6 +174,8 @@ def _feed(found: Any, thing: Any) -> None:
         code = getattr(thing, "file", None)  # of an effect of one's own
         if isinstance(code, Path):
             found.update(code.read_bytes())
+        elif (own := getattr(thing, "function", None)) is not None:
+            _feed(found, own)
     elif isinstance(thing, Mapping):
         _feed(found, [*thing.items()])
     elif isinstance(thing, list | tuple):
@@ -182,6 +184,9 @@ def _feed(found: Any, thing: Any) -> None:
     elif isinstance(thing, pin.SE3):
         _feed(found, thing.homogeneous)
     elif isinstance(thing, FunctionType):
-        found.update(thing.__code__.co_code + repr(thing.__code__.co_consts).encode())
+        cells = [cell.cell_contents for cell in thing.__closure__ or ()]
+        _feed(found, [thing.__code__, thing.__defaults__, thing.__kwdefaults__, cells])
+    elif isinstance(thing, CodeType):
+        _feed(found, [thing.co_code, thing.co_names, thing.co_consts])
     else:
         found.update(repr(thing).encode())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,10 +54,15 @@ def concluded(done: Passed, crew: Crew, consistent: bool | Consistency) -> Fit:
             held.regression, held.estimate, cov, outside=held.outside, binding=held.binding,
             notes=[*notes, *held.notes], progress=crew.progress,
         )  # fmt: skip
-    stretches = tuple(f"{e.name}: the filter takes" for e in left.experiments)
-    told = [w for w in fit.warnings if not w.startswith(stretches)]  # of the excerpt's own ends
+    cut = {log for e in left.experiments if (log := e.name.partition(", ")[0]) != e.name}
+    told = [w for w in fit.warnings if not _of_ends(w, cut)]
     bands = banded(r.mechanism, r.columns, left, None, r.point) if r.left else ()
     return replace(fit, warnings=tuple(told), bands=tuple(bands))  # λ of the excerpt
+
+
+def _of_ends(note: str, cut: Collection[str]) -> bool:
+    """Whether a note is of the ends of an excerpt's stretch, which the log does not have."""
+    return ": the filter takes" in note and note.partition(", ")[0] in cut
 
 
 def validated(

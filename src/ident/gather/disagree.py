@@ -32,7 +32,7 @@ from ident.gather.contrast import Contrast, Logs
 
 RATE = 0.01  # of folders of logs that are alike, in which one is said to disagree
 ROUNDING = 1e-6  # of the largest fall, within which two are the same
-NEARLY = 0.05  # of what a log's difference explains: a smaller part of the model is the better name
+NEARLY = 0.05  # of what a log's difference explains: parts as near as that are not told apart
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,8 @@ class Disagreement:
         p_value: chance that a log like the others looks as odd as this one.
         clear: whether that is less than `RATE` over the number of logs.
         unknown: which one alone explains it best; change: by how much it differs, ± stderr, unit.
-        part: body or effect that explains it best; share: of the excess of squared error.
+        parts: bodies and effects of which each alone explains it nearly as well as the best, that
+            first; share: what the best explains of the excess of squared error.
     """
 
     p_value: float
@@ -52,7 +53,7 @@ class Disagreement:
     change: float
     stderr: float
     unit: str
-    part: str
+    parts: tuple[str, ...]
     share: float
 
 
@@ -86,7 +87,8 @@ def _told(found: Contrast, columns: Columns, least: float) -> Disagreement:
     alike = falls >= (1 - ROUNDING) * falls.max(initial=0.0)
     at = int(alike.argmax()) if alike.any() else -1
     best = max(found.parts.values(), default=0.0)
-    part = next((name for name, s in found.parts.items() if s >= best - NEARLY), "")
+    near = [name for name, share in found.parts.items() if share >= best - NEARLY]
+    parts = sorted(near, key=lambda name: -found.parts[name])
     return Disagreement(
         found.p_value,
         found.p_value < least,
@@ -94,6 +96,6 @@ def _told(found: Contrast, columns: Columns, least: float) -> Disagreement:
         float(found.delta[at]) if at >= 0 else 0.0,
         float(found.stderr[at]) if at >= 0 else np.nan,
         columns.units[at] if at >= 0 else "",
-        part,
-        found.parts.get(part, 0.0),
+        tuple(parts),
+        best,
     )

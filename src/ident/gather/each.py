@@ -6,6 +6,7 @@ import io
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
 import polars as pl
 from markupsafe import Markup
 
@@ -15,6 +16,8 @@ from ident.page import table as html_table
 from ident.tables import percent, rounded, table
 
 NAMED = 6  # logs; more are counted
+POOR = 0.05  # of the torque: a model that leaves more hides differences between logs
+MOSTLY = 0.9  # of a log's difference, that a part must explain to be named
 TINY = 1e-12  # a smaller chance is printed as this
 
 
@@ -80,7 +83,7 @@ class Each(Shown):
                     "change": odd and odd.change,
                     "stderr": odd and odd.stderr,
                     "unit": odd and odd.unit,
-                    "part": odd and odd.part,
+                    "part": odd and ", ".join(odd.parts),
                     "share": odd and odd.share,
                     "left_out": each.left_out or None,
                 }
@@ -124,12 +127,22 @@ class Each(Shown):
     def words(self) -> str:
         """How many disagree, and at which rate logs that are alike would."""
         count = len(self.odd)
+        kept = [each for each in self.logs if not each.left_out]
         names = ", ".join(self.odd) if count <= NAMED else f"{count} of {len(self.logs)} logs"
+        whom = "each other" if len(kept) == 2 and count == 2 else "the others"
         verb = "disagree" if count > 1 else "disagrees"
-        return (
-            f"{names or 'no log'} {verb} with the others; of 100 folders of logs that are alike, "
-            f"{100 * RATE:g} or fewer would have one that seems to"
+        rate = (
+            f"of 100 folders of logs that are alike, {100 * RATE:g} or fewer would have one that "
+            "seems to"
         )
+        own = [each.own for each in kept if each.own is not None]
+        left = float(np.median(own)) if own else 0.0
+        if not count and left > POOR:
+            return (
+                f"no log disagrees with the others by more than what the model leaves in each, "
+                f"{percent(left)}, and that is much: see what it lacks first (ident diagnose)"
+            )
+        return f"{names or 'no log'} {verb} with {whom}; {rate}"
 
     def _rows(self) -> list[list[str]]:
         rows = [["log", "samples", "error", "own fit", "chance", "differs in"]]
@@ -172,5 +185,9 @@ def _chance(p: float) -> str:
 def _what(odd: Disagreement) -> str:
     change = rounded(odd.change, odd.stderr)
     sign = "+" if odd.change > 0 else ""
-    part = f"; {odd.part} explains {100 * odd.share:.0f} %" if odd.part else ""
-    return f"{odd.unknown} by {sign}{change} {odd.unit}{part}"
+    share = f"{100 * odd.share:.0f} %"
+    if odd.share < MOSTLY:
+        return f"no part of the model alone: {odd.parts[0]} explains {share}" if odd.parts else ""
+    several = "each of " if len(odd.parts) > 1 else ""
+    of = f"; {several}{', '.join(odd.parts)} explains {share}"
+    return f"{odd.unknown} by {sign}{change} {odd.unit}{of}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -77,7 +77,10 @@ class Gathered(Shown):
         with written(self, folder) as multipliers:
             more = {"logs.csv": self.each.csv()} if self.several else {}
             sections = [self.each.section()] if self.several else []
-            paths = write_fit(self.fit, folder, reactions, multipliers, more, sections)
+            fit = self.fit
+            if self.several and self.each.odd:  # said first, since other notes may follow from it
+                fit = replace(fit, warnings=(f"{self.each.words}: see Log by log", *fit.warnings))
+            paths = write_fit(fit, folder, reactions, multipliers, more, sections)
         if self.checkpoint is not None:
             self.checkpoint.remove()
         return paths

@@ -33,10 +33,15 @@ class Joined:
         self.stretches = dict(stretches or {})
         self.absorbed = absorbed
         self.worked = 0
-        self._early: dict[int, tuple[tuple[Cell, ...], Stretch | None]] = {}
+        self._early: dict[int, tuple[tuple[Cell, ...], tuple[int, Stretch] | None]] = {}
 
-    def add(self, number: int, cells: Iterable[Cell], stretch: Stretch | None = None) -> None:
-        """Hands in the cells of a portion, none for one that failed; the first has number 0."""
+    def add(
+        self, number: int, cells: Iterable[Cell], stretch: tuple[int, Stretch] | None = None
+    ) -> None:
+        """Hands in the cells of a portion, none for one that failed; the first has number 0.
+
+        `stretch` is that of a log, with its number.
+        """
         self._early[number] = tuple(cells), stretch
         self.worked += 1
         while self.absorbed in self._early:
@@ -45,9 +50,9 @@ class Joined:
                 key = key_of(cell)
                 self.cells[key] = merged(self.cells[key], cell) if key in self.cells else cell
             if left is not None:
-                log = mine[0].experiment
+                log, stretched = left
                 before = self.stretches.get(log)
-                self.stretches[log] = left if before is None else before + left
+                self.stretches[log] = stretched if before is None else before + stretched
             self.absorbed += 1
 
     def without(self, logs: Iterable[int]) -> list[Cell]:

@@ -35,6 +35,8 @@ def written(gathered: Gathered, folder: Path) -> Iterator[Path | None]:
         yield None
         return
     folder.mkdir(parents=True, exist_ok=True)
+    for stale in folder.glob(".multipliers.csv.*.part"):  # of a run that was killed
+        stale.unlink(missing_ok=True)
     file = folder / f".multipliers.csv.{secrets.token_hex(4)}.part"
     try:
         with file.open("xb") as stream:

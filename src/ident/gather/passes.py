@@ -99,8 +99,8 @@ def _pass(
     what = "equations" if not state.passed else f"equations, pass {state.passed + 1}"
     done: Portioned | None
     for index, done in crew.over(cells_of, left, plan, names, what):
-        both = (done.cells, done.stretch) if done else ((), None)
-        joined.add(state.absorbed + index, *both)
+        left_over = (done.portion.log, done.stretch) if done and done.stretch else None
+        joined.add(state.absorbed + index, done.cells if done else (), left_over)
         said[index] = done.notes if done else ()
         if kept is not None and kept.due(joined.absorbed):
             kept.write(

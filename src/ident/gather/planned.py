@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -97,7 +98,10 @@ def _with_decisions(plan: Plan, crew: Crew) -> Plan:
 
 def _check_some(mechanism: Mechanism, crew: Crew, left: object) -> None:
     if not left:
-        name, why = next(iter(crew.broken.items()))
+        alike = Counter(why.replace(name, "") for name, why in crew.broken.items())
+        ((most, count),) = alike.most_common(1)
+        name, why = next(x for x in crew.broken.items() if x[1].replace(x[0], "") == most)
+        same = f" ({count} of them say the same)" if count > 1 else ""
         raise FitError(
-            f"{mechanism.name}: none of {len(crew.broken)} logs can be used; {name}: {why}"
+            f"{mechanism.name}: none of {len(crew.broken)} logs can be used; {name}: {why}{same}"
         )

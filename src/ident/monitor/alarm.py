@@ -11,6 +11,8 @@ from markupsafe import Markup
 from ident.page import Shown, definitions, items, strong
 from ident.tables import rounded
 
+BLIND = 10.0  # times a change: a standard error beyond which it is not told
+
 
 @dataclass(frozen=True)
 class Step:
@@ -43,7 +45,10 @@ class Change:
     reactions: Mapping[str, float]
 
     def __str__(self) -> str:
-        told = [step for step in self.steps if step.stderr is not None] or self.steps
+        known = [step for step in self.steps if step.stderr is not None]
+        # what the motion does not tell by itself has an error without bound
+        told = [step for step in known if (step.stderr or 0.0) < BLIND * abs(step.change)] or known
+        told = told or list(self.steps)
         return f"{self.label}: {', '.join(map(str, told))}"
 
 

@@ -231,7 +231,8 @@ class Monitor:
             [
                 f"monitor of {name}: {rows} rows of normal running, intervals of "
                 f"{self.seconds:g} s",
-                f"  at most {self.false_alarms_per_hour:g} false alarms an hour; {self.rehearsal}",
+                f"  {self.false_alarms_per_hour:g} false alarms an hour at most, while the machine "
+                f"runs as it did then; {self.rehearsal}",
                 f"  watches, at so many places: {self.watched}",
                 f"  alarms: {len(self.alarms)}, evidence {self.evidence:.1f} of "
                 f"{self.threshold:.1f}",

@@ -26,6 +26,9 @@ APART = 3.0  # standard errors within which two suspects are not told apart
 RANK = 1e-4  # of the largest singular value of unit columns; below, a direction is not asked for
 SURPLUS = 2.5  # standard errors by which what is left may exceed noise
 EXPLAINS = 0.999  # or share of what is beyond noise that is explained: no model is that exact
+MOSTLY = (
+    0.8  # share that a cause must explain however little is left: a weak stranger leaves little
+)
 LATELY = 10  # intervals before the onset that tell how large errors have been of late
 BLURRED = 1e-6  # share of a parameter in directions that are not asked for: it is not told alone
 NEGATIVE = 2.0  # standard errors below zero at which a value is one that no such thing can have
@@ -78,7 +81,8 @@ class Naming:
     def sound(self) -> bool:
         """Whether the best is likely enough by itself, and leaves nothing to be explained."""
         likely = self.best is not None and self.best.worth >= self.least
-        return likely and (self.explained >= EXPLAINS or self.surplus < SURPLUS)
+        enough = self.surplus < SURPLUS and self.explained >= MOSTLY
+        return likely and (self.explained >= EXPLAINS or enough)
 
 
 def named(

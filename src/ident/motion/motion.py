@@ -84,7 +84,9 @@ class Experiment:
         cut: dict[str, Any] = {
             each.name: value[index]
             for each in fields(self)
-            if each.name != "still" and isinstance(value := getattr(self, each.name), np.ndarray)
+            if each.name != "still"
+            and isinstance(value := getattr(self, each.name), np.ndarray)
+            and len(value) == len(self)  # not yet completed ones are empty
         }
         return replace(self, **cut, extra={name: x[index] for name, x in self.extra.items()})
 

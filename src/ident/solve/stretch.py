@@ -5,7 +5,8 @@
 Inside a stretch no multiplier is left. At its ends there may be, since a neighbour's rows may touch
 them: the first and the last interval are kept as they are, what is between them is one part. To
 merge two neighbours is to stack the interval that they share, if they do, and to eliminate the
-knots that are inside now. Merging is associative, so that the same few lines are
+knots that are inside now. Merging is associative, of neighbours in any bracketing (not of pieces
+with another one between them, whose knots would be gone), so that the same few lines are
 
     batch        ((s₁ + s₂) + (s₃ + s₄))         a tree, which `eliminate` makes level by level
     recursive    (((s₁ + s₂) + s₃) + s₄)         each s a sample: constant memory
