@@ -194,7 +194,7 @@ def test_a_change_raises_an_alarm(spoken, tmp_path):
     before.log.write(clean)
     Log.from_arrays("changed", motion.t, columns).write(changed)
     words = ["--with", "viscous", "--with", "coulomb", "--like", clean, "--out", tmp_path]
-    status, said, _ = spoken("monitor", ROBOTS / "arm", changed, *words)
+    status, said, noted = spoken("monitor", ROBOTS / "arm", changed, *words)
     assert status == 0
     alarms = table(tmp_path / "alarms.csv")
     assert alarms, said
@@ -202,3 +202,4 @@ def test_a_change_raises_an_alarm(spoken, tmp_path):
     assert float(alarms[0]["detected"]) < 25.0
     assert "viscous:elbow" in alarms[0]["suspects"].split()
     assert "alarm: " in said
+    assert "1 alarm(s), first since" in " ".join(noted.split())

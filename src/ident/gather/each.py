@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -114,9 +113,7 @@ class Each(Shown):
 
     def csv(self) -> bytes:
         """logs.csv."""
-        stream = io.BytesIO()
-        self.table.write_csv(stream)
-        return stream.getvalue()
+        return self.table.write_csv().encode()
 
     def section(self) -> Section:
         """For a report."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -150,12 +149,12 @@ class Verdicts(Shown):
         Raises:
             IdentError: if the folder cannot be written.
         """
-        stream = io.BytesIO()
-        self.table.write_csv(stream)
         said = [*self.votes, *self.notes]
         blocks = html_table(self._rows(), "Each by itself"), *((items(said),) if said else ())
         section = Section("Log by log", blocks)
-        return write_diagnosis(self.together, folder, {"logs.csv": stream.getvalue()}, [section])
+        return write_diagnosis(
+            self.together, folder, {"logs.csv": self.table.write_csv().encode()}, [section]
+        )
 
     def _rows(self) -> list[list[str]]:
         rows = [["log", "samples", "verdict", "of", "error", "with it"]]

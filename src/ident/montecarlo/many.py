@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import closing
@@ -62,9 +61,7 @@ class Studies(Shown):
         Raises:
             IdentError: if the folder cannot be written.
         """
-        stream = io.BytesIO()
-        self.table.write_csv(stream)
-        files = {"logs.csv": stream.getvalue()}
+        files = {"logs.csv": self.table.write_csv().encode()}
         for log, x in self.studies.items():
             files |= {f"{log}/{name}": content for name, content in study_files(x).items()}
         return write_all(Path(folder), files)
