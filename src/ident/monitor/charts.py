@@ -4,10 +4,12 @@
     of an error      ℓ = ν/2 ((1 − 1/c) e − log c)               of a variance c times the clean one
     R ← (1 + R) exp ℓ,      alarm where Σ w R ≥ A
 
-R is the Shiryaev-Roberts statistic; as long as E exp ℓ ≤ 1 in normal running, Σ w R − n is a
-supermartingale for any weights of sum 1, so that the mean time to a false alarm is at least A
-intervals, however many charts there are and however they depend on each other (Pollak, Ann. Stat.
-13(1), 1985; mixtures: Shin, Ramdas, Rinaldo, New England J. Stat. Data Sci. 2(2), 2024). The onset
+R is the Shiryaev-Roberts statistic; as long as E exp ℓ ≤ 1 in normal running, given all that was
+before, Σ w R − n is a supermartingale for any weights of sum 1, so that the mean time to a false
+alarm is at least A intervals, however many charts there are and however they depend on each other
+(Pollak, Ann. Stat. 13(1), 1985; mixtures: Shin, Ramdas, Rinaldo, New England J. Stat. Data Sci.
+2(2), 2024). Of scores that are alike from interval to interval a long-run φ² makes that hold about,
+not exactly: what lasts as long as the log that φ² was learnt from alarms more often. The onset
 is where the cumulative sum of the leading chart was last at zero (Page, Biometrika 41, 1954).
 """
 
