@@ -11,6 +11,8 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from ident.display import set_loader
+
 if TYPE_CHECKING:
     from ident.public import *  # noqa: F403
     from ident.public import __all__ as __all__
@@ -57,4 +59,9 @@ def _version() -> str:
         return "0"
 
 
+def _load_renderers(name: str) -> None:
+    import_module("ident.show").load(name)
+
+
+set_loader(_load_renderers)
 sys.modules[__name__].__class__ = _Ident

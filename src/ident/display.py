@@ -1,0 +1,66 @@
+"""Registry of renderers, through which nouns print and plot themselves without knowing how.
+
+A noun derives from `Displayed` and asks for a form by name: `text`, `html`, `plot`, `view`, …
+The package `ident.show` answers: the modules of it register one function for each noun and form. They
+are imported at the first use, so that no kernel module imports a plotting library.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+Renderer = Callable[..., Any]
+_renderers: dict[tuple[type, str], Renderer] = {}
+_load: Callable[[str], object] = lambda name: None  # noqa: E731
+
+
+def renders(noun: type, form: str) -> Callable[[Renderer], Renderer]:
+    """Register the decorated function as the one that renders a class in a form."""
+
+    def register(renderer: Renderer) -> Renderer:
+        _renderers[noun, form] = renderer
+        return renderer
+
+    return register
+
+
+def set_loader(load: Callable[[str], object]) -> None:
+    """Set the function that imports the renderers of a class, given the name of the class."""
+    global _load
+    _load = load
+
+
+def render(noun: object, form: str, *args: Any, **options: Any) -> Any:
+    """Return a noun in a form, by the renderer of its class or of the nearest base class.
+
+    Raises:
+        TypeError: if no renderer is registered.
+    """
+    for load in (False, True):
+        for kind in type(noun).__mro__:
+            if load:
+                _load(kind.__name__)
+            if renderer := _renderers.get((kind, form)):
+                return renderer(noun, *args, **options)
+    raise TypeError(f"{type(noun).__name__} has no form '{form}'")
+
+
+class Displayed:
+    """A noun with a text for terminals and tables for Jupyter. Dataclasses need `repr=False`."""
+
+    def __str__(self) -> str:
+        return str(render(self, "text"))
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        return str(render(self, "html"))
+
+
+class Plotted(Displayed):
+    """A noun that also has a chart."""
+
+    def plot(self, **options: Any) -> Any:
+        """Return the chart of this noun; its type and options are those of the renderer."""
+        return render(self, "plot", **options)
