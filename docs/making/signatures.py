@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 import ident
-from ident.chart import RESIDUAL, Chart, Level, Line, Panel, Points
 from ident.effects.describe import kind_called
+from ident.show.charts import RESIDUAL, Chart, Level, Line, Panel, Points
 
 ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 NOISE = 0.03  # of the residual's largest value: a residual without noise would look like a drawing

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from ident.chart import RESIDUAL, Bars, Boxes, Chart, Dots, Level, Line, Panel, Points
-from ident.chart.chart import extremes
-from ident.chart.palette import ROLES, SERIES
 from ident.errors import IdentError
+from ident.show.charts import RESIDUAL, Bars, Boxes, Chart, Dots, Level, Line, Panel, Points
+from ident.show.charts.chart import extremes
+from ident.show.charts.palette import ROLES, SERIES
 
 T = np.linspace(0.0, 10.0, 50_001)
 AT = np.arange(3.0)

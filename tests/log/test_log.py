@@ -119,7 +119,7 @@ def test_the_package_knows_no_robot() -> None:
         "rosbags",
         "ident.errors",
         "ident.files",
-        "ident.page",
+        "ident.show.html",
         "markupsafe",
     } | sys.stdlib_module_names
     for file in Path(ident.log.__file__).parent.glob("*.py"):

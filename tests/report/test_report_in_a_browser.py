@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 
 import ident
-from ident.chart import MEASURED, Chart, Line, Panel
-from ident.page import Page, Section
+from ident.show.charts import MEASURED, Chart, Line, Panel
+from ident.show.html import Page, Section
 from identification import motion_log, plant, robot
 from pages import titles
 

@@ -18,7 +18,7 @@ import pytest
 import ident
 from ident.mechanism.shown import view_of
 from ident.mechanism.track import Track
-from ident.view.colours import BODIES, ENDS
+from ident.show.view3d.colours import BODIES, ENDS
 
 
 @pytest.fixture(scope="module")

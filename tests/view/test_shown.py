@@ -15,7 +15,7 @@ from helpers import J, tree_urdf, write_mechanism
 from ident.mechanism.loads import loads_of
 from ident.mechanism.shown import view_of
 from ident.mechanism.track import Track
-from ident.view import rotations
+from ident.show.view3d import rotations
 
 KINDS = ("point", "revolute", "prismatic", "cylindrical", "universal", "planar", "fixed")
 SIX = [("prismatic", axis) for axis in ("1 0 0", "0 1 0", "0 0 1")]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.view import frames, running_rms
+from ident.show.view3d import frames, running_rms
 
 
 @pytest.mark.parametrize(("n", "most", "expected"), [(5000, 600, 301), (5000, 100, 100)])

@@ -8,12 +8,12 @@ from typing import Annotated
 
 import typer
 
-from ident.chart.save import SUFFIXES
 from ident.cli.arguments import AllowCode, MechanismPath, With, mechanism_of, output_file
 from ident.cli.console import notes, progress, result
 from ident.errors import IdentError
 from ident.excite import Limits
 from ident.excite import excite as excite_
+from ident.show.charts.save import SUFFIXES
 
 LOGS = (".csv", ".parquet", ".npz")
 BOUND = "VALUE|JOINT=VALUE"

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from ident.chart.save import SUFFIXES
 from ident.cli.arguments import (
     Absolute,
     AllowCode,
@@ -45,6 +44,7 @@ from ident.log import read_log
 from ident.log.folder import expanded
 from ident.log.pieces import likely_rows
 from ident.mechanism import Consistency
+from ident.show.charts.save import SUFFIXES
 from ident.simulate import replay
 from ident.simulate.replay import WINDOW
 

@@ -23,8 +23,8 @@ from ident.fit.saved import read_fit
 from ident.mechanism.shown import view_of
 from ident.mechanism.track import Track
 from ident.residual.predict import predict
-from ident.view.record import kept
-from ident.view.view import SUFFIXES
+from ident.show.view3d.record import kept
+from ident.show.view3d.view import SUFFIXES
 
 
 def view(

@@ -9,15 +9,12 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from ident.chart import Chart
 from ident.compare.report import comparison_html, comparison_json
 from ident.errors import FitError, one_of
 from ident.files import write_all
 from ident.fit.fit import Fit
 from ident.fit.saved import Saved
 from ident.motion import Motion
-from ident.page import Shown, folded, items, strong
-from ident.page import table as html_table
 from ident.progress import Told
 from ident.residual.error import Error, error_rows
 from ident.residual.failure import Failure
@@ -26,6 +23,9 @@ from ident.residual.plots import plot_maps, plot_parts, plot_predictions
 from ident.residual.predict import Prediction, predict
 from ident.residual.residual import Residual
 from ident.residual.tables import errors_text, failure_lines, parts_table, where_text
+from ident.show.charts import Chart
+from ident.show.html import Shown, folded, items, strong
+from ident.show.html import table as html_table
 from ident.tables import table
 
 

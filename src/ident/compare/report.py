@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.chart import Chart, Line, Panel
 from ident.fit.reach import identifiable_multipliers
 from ident.motion.report import made_of, understood
-from ident.page import Page, Section, table
-from ident.page.page import Block
 from ident.residual import report
 from ident.residual.error import Error, error_rows
 from ident.residual.plots import short, time_label
 from ident.residual.residual import Residual, zero_of
+from ident.show.charts import Chart, Line, Panel
+from ident.show.html import Block, Page, Section, table
 
 if TYPE_CHECKING:
     from ident.compare.compare import Comparison

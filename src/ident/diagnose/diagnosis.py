@@ -8,7 +8,6 @@ from typing import Any
 
 from markupsafe import Markup
 
-from ident.chart import Chart
 from ident.diagnose.choose import Choice
 from ident.diagnose.explanation import Explanation
 from ident.diagnose.hidden import Invisible
@@ -20,8 +19,9 @@ from ident.diagnose.tables import candidate_rows, summary, verdict_line, where_r
 from ident.effects import Effect
 from ident.fit import Fit
 from ident.health import Health
-from ident.page import Shown, folded, paragraph, strong, table
 from ident.residual import Failure, Periods
+from ident.show.charts import Chart
+from ident.show.html import Shown, folded, paragraph, strong, table
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,6 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from ident.chart import Chart
 from ident.diagnose.diagnose import judge, told_of
 from ident.diagnose.diagnosis import Diagnosis
 from ident.diagnose.explanation import errors_of, explain
@@ -25,9 +24,10 @@ from ident.equations.point import Point
 from ident.fit import Fit, identify
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
-from ident.page import Shown, strong, table
 from ident.progress import Told
 from ident.residual.error import Error
+from ident.show.charts import Chart
+from ident.show.html import Shown, strong, table
 
 MOST = 40  # effects added, lest two take turns for ever
 

@@ -19,7 +19,7 @@ from ident.fit.output import multipliers_csv
 from ident.fit.saved import fit_json
 from ident.mechanism import Mechanism
 from ident.mechanism.write import folder_files
-from ident.page import Section
+from ident.show.html import Section
 
 if TYPE_CHECKING:
     from ident.diagnose.diagnosis import Diagnosis

@@ -7,14 +7,24 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.chart import RESIDUAL, Bars, Chart, Level, Line, Panel, Points
-from ident.chart.palette import FAINT, MEASURED, Colour
 from ident.diagnose.evidence import Evidence
 from ident.diagnose.explanation import Explanation
 from ident.diagnose.ladder import changed
 from ident.residual import Residual
 from ident.residual.error import Error
 from ident.residual.plots import time_label
+from ident.show.charts import (
+    FAINT,
+    MEASURED,
+    RESIDUAL,
+    Bars,
+    Chart,
+    Colour,
+    Level,
+    Line,
+    Panel,
+    Points,
+)
 
 if TYPE_CHECKING:
     from ident.diagnose.diagnosis import Diagnosis

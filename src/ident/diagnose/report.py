@@ -20,10 +20,20 @@ from ident.diagnose.tables import (
 )
 from ident.fit.report import found, misfit
 from ident.motion.report import made_of, understood
-from ident.page import Choice, Option, Page, Section, code, headed, items, paragraph, table
-from ident.page.page import Block
 from ident.residual import residual_of
 from ident.residual.plots import plot_maps
+from ident.show.html import (
+    Block,
+    Choice,
+    Option,
+    Page,
+    Section,
+    code,
+    headed,
+    items,
+    paragraph,
+    table,
+)
 from ident.tables import percent
 
 if TYPE_CHECKING:

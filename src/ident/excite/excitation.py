@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.chart import Chart
 from ident.excite.criterion import Separation
 from ident.excite.plots import plot_excitation
 from ident.excite.words import said
 from ident.log import Log
-from ident.page import Shown
+from ident.show.charts import Chart
+from ident.show.html import Shown
 
 
 @dataclass(frozen=True)

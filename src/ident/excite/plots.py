@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.chart import RESIDUAL, Chart, Level, Line, Panel
-from ident.chart.marks import Mark
+from ident.show.charts import RESIDUAL, Chart, Level, Line, Mark, Panel
 
 if TYPE_CHECKING:
     from ident.excite.excitation import Excitation

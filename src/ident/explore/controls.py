@@ -12,7 +12,7 @@ from ident.explore.parts import CHOICE, CSS, FOLD, Candidates, Ladder, Status
 from ident.explore.rows import beside_verdict, rows_of
 from ident.explore.tables import error_rows, ladder_rows
 from ident.explore.views import VIEWS, Drawn
-from ident.page import table
+from ident.show.html import table
 
 LEFT, MIDDLE = 400, 285  # pixels of the effects and of the table of errors
 

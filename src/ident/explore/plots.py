@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ident.chart import Chart
 from ident.diagnose.plots import plot_rungs
 from ident.explore.rung import Rung
 from ident.residual.plots import plot_maps, plot_predictions
+from ident.show.charts import Chart
 
 POINTS = 1500  # of a line on the page
 

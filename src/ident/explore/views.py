@@ -12,7 +12,7 @@ from ident.explore.plots import plot_all, plot_joint, plot_ladder
 from ident.explore.rows import beside_verdict
 from ident.explore.rung import Rung
 from ident.explore.tables import body_rows, effect_rows
-from ident.page import code, items, paragraph, table
+from ident.show.html import code, items, paragraph, table
 
 VIEWS = ("Joint", "All joints", "Ladder", "Numbers", "Verdict")
 UNJUDGED = (

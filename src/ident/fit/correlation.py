@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.equations.columns import Columns
 from ident.fit.estimate import Estimate
-from ident.page import Shown
+from ident.show.html import Shown
 
 STRONG = 0.95  # |r| at which two parameters are known only together
 

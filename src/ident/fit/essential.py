@@ -18,8 +18,8 @@ from scipy.linalg import lapack
 from ident.fit.accumulate import Cell
 from ident.fit.estimate import Estimate, totals
 from ident.fit.score import folds, rises, stretches, without_each
-from ident.page import Shown
 from ident.residual.error import Error, Squares
+from ident.show.html import Shown
 from ident.solve.factor import Factor
 from ident.tables import percent, table
 

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from ident.chart import Chart
 from ident.effects import Effect
 from ident.equations.columns import Columns
 from ident.equations.point import Point
@@ -41,12 +40,13 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.shown import view_of
 from ident.mechanism.track import Track
 from ident.motion import Motion
-from ident.page import Shown
 from ident.residual import Residual, residual_of
 from ident.residual.error import Error, Squares
 from ident.residual.plots import plot_maps, plot_parts, plot_predictions
 from ident.residual.predict import Prediction, predict
-from ident.view import View
+from ident.show.charts import Chart
+from ident.show.html import Shown
+from ident.show.view3d import View
 
 LONG = 40  # characters of a name that tells where each effect is
 

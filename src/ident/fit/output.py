@@ -18,7 +18,7 @@ from ident.fit.report import report_html
 from ident.fit.saved import fit_json
 from ident.fit.urdf import identified_urdf
 from ident.mechanism.write import folder_files
-from ident.page import Section
+from ident.show.html import Section
 
 if TYPE_CHECKING:
     from ident.fit.fit import Fit

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.chart import MEASURED, PRIOR, Chart, Dots, Line, Panel
 from ident.fit.values import Value
 from ident.residual.plots import time_label
 from ident.residual.residual import zero_of
+from ident.show.charts import MEASURED, PRIOR, Chart, Dots, Line, Panel
 
 if TYPE_CHECKING:
     from ident.mechanism.mechanism import Mechanism

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.chart import Chart
 from ident.errors import FitError, one_of
 from ident.fit.plots import plot_multipliers
 from ident.log import Log
+from ident.show.charts import Chart
 from ident.tables import table
 
 if TYPE_CHECKING:

@@ -10,9 +10,19 @@ from markupsafe import Markup
 from ident.fit.plots import plot_parameters
 from ident.fit.summary import shown
 from ident.motion.report import made_of, understood
-from ident.page import Page, Section, code, folded, headed, items, paragraph, strong, table
-from ident.page.page import Block
 from ident.residual import report
+from ident.show.html import (
+    Block,
+    Page,
+    Section,
+    code,
+    folded,
+    headed,
+    items,
+    paragraph,
+    strong,
+    table,
+)
 from ident.tables import percent, rounded, shortened
 
 if TYPE_CHECKING:

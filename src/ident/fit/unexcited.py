@@ -27,7 +27,7 @@ from ident.fit.structure import excitation
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
-from ident.page import Shown
+from ident.show.html import Shown
 from ident.solve.factor import Factor
 
 if TYPE_CHECKING:

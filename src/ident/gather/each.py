@@ -10,8 +10,8 @@ import polars as pl
 from markupsafe import Markup
 
 from ident.gather.disagree import RATE, Disagreement
-from ident.page import Section, Shown, items
-from ident.page import table as html_table
+from ident.show.html import Section, Shown, items
+from ident.show.html import table as html_table
 from ident.tables import percent, rounded, table
 
 NAMED = 6  # logs; more are counted

@@ -19,7 +19,7 @@ from ident.gather.each import Each
 from ident.gather.multipliers import written
 from ident.gather.one_by_one import each_of
 from ident.gather.plan import Plan
-from ident.page import Shown
+from ident.show.html import Shown
 
 
 @dataclass(frozen=True, eq=False, repr=False)

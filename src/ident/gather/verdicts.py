@@ -12,8 +12,8 @@ from markupsafe import Markup
 from ident.diagnose import Diagnosis
 from ident.diagnose.output import write_diagnosis
 from ident.diagnose.phrases import listed
-from ident.page import Section, Shown, items
-from ident.page import table as html_table
+from ident.show.html import Section, Shown, items
+from ident.show.html import table as html_table
 from ident.tables import percent, table
 
 SAYS = {

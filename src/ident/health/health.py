@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ident.health.check import Check
-from ident.page import Shown
+from ident.show.html import Shown
 from ident.tables import table
 
 

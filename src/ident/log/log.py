@@ -20,7 +20,7 @@ from ident.log.columns import Column, renamed
 from ident.log.frames import frame_table, pandas_frame, polars_frame
 from ident.log.table import Table, check_name, refuse_infinite, with_empty_noted
 from ident.log.write import write_table
-from ident.page import Shown, definitions, strong, table
+from ident.show.html import Shown, definitions, strong, table
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -18,7 +18,7 @@ import numpy as np
 
 from ident.mechanism.closures import KINDS, Closure
 from ident.mechanism.mechanism import Mechanism
-from ident.view import Loads
+from ident.show.view3d import Loads
 
 Frames = tuple[np.ndarray, np.ndarray]  # rotations (n, 3, 3), origins (n, 3)
 

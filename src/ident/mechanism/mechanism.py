@@ -20,10 +20,10 @@ from ident.mechanism.closures import AnyClosure
 from ident.mechanism.consistency import Consistency
 from ident.mechanism.kinematics import Kinematics, rank_of
 from ident.mechanism.parameters import Bodies, dynamic_parameters
-from ident.page import Shown, definitions, folded, items, strong, table
+from ident.show.html import Shown, definitions, folded, items, strong, table
 
 if TYPE_CHECKING:
-    from ident.view import View
+    from ident.show.view3d import View
 
 
 @dataclass(frozen=True)

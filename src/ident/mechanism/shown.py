@@ -17,7 +17,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.simple import simple_body, sites
 from ident.mechanism.track import Track
 from ident.mechanism.visuals import looks
-from ident.view import Body, Film, Pivot, Shape, Stage, Tie, View, frames, running_rms, wxyz
+from ident.show.view3d import Body, Film, Pivot, Shape, Stage, Tie, View, frames, running_rms, wxyz
 
 RATE, MOST, LEAST = 120.0, 6000, 2000  # pictures of a film
 ORIGIN = np.zeros(3)

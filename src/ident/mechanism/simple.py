@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from ident.mechanism.closures import Closure
 from ident.mechanism.mechanism import Mechanism
-from ident.view import Shape, capsule, ellipsoid
+from ident.show.view3d import Shape, capsule, ellipsoid
 
 ROD = 0.012  # radius over the mechanism's size
 WIDEST = 0.05  # semi-axis of an inertia's ellipsoid over the size

@@ -18,7 +18,7 @@ from lxml import etree
 
 from ident.description.urdf import numbers, read_urdf
 from ident.errors import MechanismError
-from ident.view import Shape, box, cylinder, sphere
+from ident.show.view3d import Shape, box, cylinder, sphere
 
 MESHES = (".stl", ".obj", ".ply", ".dae", ".glb", ".gltf", ".off")
 LARGEST = 100_000_000  # bytes of a mesh

@@ -8,7 +8,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from ident.page import Shown, definitions, items, strong
+from ident.show.html import Shown, definitions, items, strong
 from ident.tables import rounded
 
 BLIND = 10.0  # times a change: a standard error beyond which it is not told

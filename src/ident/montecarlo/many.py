@@ -23,9 +23,9 @@ from ident.montecarlo.pool import made
 from ident.montecarlo.report import study_files
 from ident.montecarlo.run import Asked, planned
 from ident.montecarlo.sample import Plan
-from ident.page import Shown, items
 from ident.pool import spread
 from ident.progress import Told
+from ident.show.html import Shown, items
 
 Settings = tuple[Mechanism, Asked, Mapping[str, float] | None, Sequence[str]]
 

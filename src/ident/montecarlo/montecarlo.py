@@ -11,7 +11,6 @@ import numpy as np
 import polars as pl
 from markupsafe import Markup
 
-from ident.chart import Chart
 from ident.errors import FitError, one_of
 from ident.fit import Fit
 from ident.montecarlo.plots import plot_spread, plot_typical
@@ -26,7 +25,8 @@ from ident.montecarlo.statistics import (
     samples_of,
 )
 from ident.montecarlo.words import multiplier_rows, parameter_rows, said
-from ident.page import Shown, strong, table
+from ident.show.charts import Chart
+from ident.show.html import Shown, strong, table
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import polars as pl
 
-from ident.chart import MEASURED, PRIOR, Boxes, Chart, Level, Line, Panel
-from ident.chart.marks import Mark
 from ident.errors import FitError
 from ident.montecarlo.statistics import FORCE
+from ident.show.charts import MEASURED, PRIOR, Boxes, Chart, Level, Line, Mark, Panel
 from ident.tables import shortened
 
 if TYPE_CHECKING:

@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from ident.chart import Chart
-from ident.chart.still import image
 from ident.errors import FitError
 from ident.files import write_all
 from ident.montecarlo.words import multiplier_rows, notes, parameter_rows
 from ident.motion import complete
 from ident.motion.report import made_of, understood
-from ident.page import Page, Section, items, table
-from ident.page.page import Block
+from ident.show.charts import Chart
+from ident.show.charts.still import image
+from ident.show.html import Block, Page, Section, items, table
 
 if TYPE_CHECKING:
     from ident.montecarlo.montecarlo import MonteCarlo

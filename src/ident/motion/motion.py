@@ -17,8 +17,8 @@ from ident.mechanism.track import Track
 from ident.motion.channels import Smoothed
 from ident.motion.clock import runs
 from ident.motion.smooth import Smooth
-from ident.page import Shown, definitions, folded, items, strong, table
-from ident.view import View
+from ident.show.html import Shown, definitions, folded, items, strong, table
+from ident.show.view3d import View
 
 
 @dataclass(frozen=True, eq=False)

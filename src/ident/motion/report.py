@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.motion import Motion
-from ident.page import Section, definitions, headed, items, origin, table
+from ident.show.html import Section, definitions, headed, items, origin, table
 
 
 def understood(mechanism: Mechanism, motion: Motion) -> Section:

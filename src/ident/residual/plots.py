@@ -8,10 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.chart import MEASURED, RESIDUAL, Chart, Level, Line, Panel, Points
 from ident.residual.failure import Failure
 from ident.residual.predict import Prediction
 from ident.residual.residual import RIGID, Residual, Trace, zero_of
+from ident.show.charts import MEASURED, RESIDUAL, Chart, Level, Line, Panel, Points
 
 LABEL = 28  # characters of a name in a picture
 BINS = 30  # of the mean that is drawn through a cloud

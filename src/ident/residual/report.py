@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from ident.chart import Chart
-from ident.page import Choice, Option, Section, code, items, paragraph, table
-from ident.page.page import Block
 from ident.residual.error import Error, error_rows
 from ident.residual.plots import plot_maps, plot_own, plot_parts, plot_predictions
 from ident.residual.predict import Prediction
 from ident.residual.residual import Residual
 from ident.residual.tables import failure_lines, parts_table
+from ident.show.charts import Chart
+from ident.show.html import Block, Choice, Option, Section, code, items, paragraph, table
 
 ROWS = 4  # of panels in one chart: what a window shows
 LOGS = 12  # whose curves are in a report

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ident.motion import Motion
-from ident.page import Shown
 from ident.residual.error import Error, Squares
 from ident.residual.model import Model
+from ident.show.html import Shown
 
 if TYPE_CHECKING:
     from ident.residual.failure import Failure

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.chart import MEASURED, Chart, Level, Line, Panel
-from ident.page import Page, Section, items, paragraph, table
 from ident.residual.report import by_log
+from ident.show.charts import MEASURED, Chart, Level, Line, Panel
+from ident.show.html import Page, Section, items, paragraph, table
 
 if TYPE_CHECKING:
     from ident.simulate.replayed import Replay, Replayed

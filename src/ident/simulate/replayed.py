@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.chart import Chart
 from ident.files import write_all
-from ident.page import Shown
 from ident.residual.error import Error
+from ident.show.charts import Chart
+from ident.show.html import Shown
 from ident.simulate.replay_report import plot_replay, replay_html, replay_json
 from ident.tables import percent, table
 

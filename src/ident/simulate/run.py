@@ -16,7 +16,7 @@ from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import complete
 from ident.motion.independent import independent_joints
-from ident.page import Shown
+from ident.show.html import Shown
 from ident.simulate.instant import STICK
 from ident.simulate.trace import Trace, Transition
 

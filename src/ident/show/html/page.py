@@ -9,8 +9,8 @@ from importlib import resources
 
 from markupsafe import Markup
 
-from ident.chart import Chart
-from ident.chart.live import script
+from ident.show.charts import Chart
+from ident.show.charts.live import script
 
 KEYBOARD = ". Keys: plus and minus zoom, arrows move, 0 shows all"
 KEYS = (
@@ -97,7 +97,7 @@ def slug(title: str) -> str:
 
 
 def _file(name: str) -> str:
-    return resources.files("ident.page").joinpath(name).read_text(encoding="utf-8")
+    return resources.files("ident.show.html").joinpath(name).read_text(encoding="utf-8")
 
 
 def _section(section: Section, charts: list[Chart]) -> Markup:

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.chart.marks import Line, Mark
+from ident.show.charts.marks import Line, Mark
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ident.chart.live import Live
+    from ident.show.charts.live import Live
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class Chart:
     @cached_property
     def figure(self) -> Figure:
         """Drawn by Matplotlib, to be changed as one likes."""
-        from ident.chart.still import figure_of
+        from ident.show.charts.still import figure_of
 
         return figure_of(self)
 
@@ -93,13 +93,13 @@ class Chart:
         Raises:
             IdentError: for another suffix, or where the file cannot be written.
         """
-        from ident.chart.save import save
+        from ident.show.charts.save import save
 
         save(self, Path(path))
 
     def live(self) -> Live:
         """The same to be zoomed with the mouse, in Jupyter too."""
-        from ident.chart.live import Live
+        from ident.show.charts.live import Live
 
         return Live(self)
 
@@ -126,7 +126,7 @@ class Chart:
         return f"Chart: {self.words}"
 
     def _repr_png_(self) -> bytes:
-        from ident.chart.still import image
+        from ident.show.charts.still import image
 
         return image(self.figure, "png")
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.view.rotation import rotations
-from ident.view.stage import Film, Stage
+from ident.show.view3d.rotation import rotations
+from ident.show.view3d.stage import Film, Stage
 
 ANGLE = np.radians(35.0)  # vertical angle of view
 LOOKED_AT = 40  # moments of a film that decide

@@ -1,6 +1,6 @@
 """Reports: sections of words, tables and charts in one HTML file that opens without a network."""
 
-from ident.page.elements import (
+from ident.show.html.elements import (
     code,
     definitions,
     folded,
@@ -10,11 +10,12 @@ from ident.page.elements import (
     strong,
     table,
 )
-from ident.page.origin import origin, running
-from ident.page.page import Choice, Option, Page, Section
-from ident.page.shown import Shown
+from ident.show.html.origin import origin, running
+from ident.show.html.page import Block, Choice, Option, Page, Section
+from ident.show.html.shown import Shown
 
 __all__ = [
+    "Block",
     "Choice",
     "Option",
     "Page",

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from ident.view.camera import Camera, framed
-from ident.view.scales import Scales, scales
-from ident.view.stage import Film, Loads, Stage
-from ident.view.words import legend
+from ident.show.view3d.camera import Camera, framed
+from ident.show.view3d.scales import Scales, scales
+from ident.show.view3d.stage import Film, Loads, Stage
+from ident.show.view3d.words import legend
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,10 @@
 """A mechanism moving in 3-D: what is shown, as plain arrays, and the pages that show it."""
 
-from ident.view.rotation import rotations, wxyz
-from ident.view.shapes import Shape, box, capsule, cylinder, ellipsoid, sphere
-from ident.view.stage import Body, Film, Loads, Pivot, Stage, Tie
-from ident.view.timing import frames, running_rms
-from ident.view.view import View
+from ident.show.view3d.rotation import rotations, wxyz
+from ident.show.view3d.shapes import Shape, box, capsule, cylinder, ellipsoid, sphere
+from ident.show.view3d.stage import Body, Film, Loads, Pivot, Stage, Tie
+from ident.show.view3d.timing import frames, running_rms
+from ident.show.view3d.view import View
 
 __all__ = [
     "Body",

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from ident.errors import IdentError
 from ident.files import write_all
-from ident.view.live import Served
-from ident.view.setting import Setting
-from ident.view.stage import Film, Stage
+from ident.show.view3d.live import Served
+from ident.show.view3d.setting import Setting
+from ident.show.view3d.stage import Film, Stage
 
 HEIGHT = 480  # of a notebook's frame [px]
 SUFFIXES = (".html", ".htm")
@@ -46,7 +46,7 @@ class View:
         Raises:
             IdentError: if viser is not installed.
         """
-        from ident.view.record import recording
+        from ident.show.view3d.record import recording
 
         return recording(self.setting)
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from ident.chart.chart import Chart, Panel
-from ident.chart.glyphs import GREY
-from ident.chart.objects import Maker, Thing, mapping, plain
-from ident.chart.palette import RESIDUAL, colour
+from ident.show.charts.chart import Chart, Panel
+from ident.show.charts.glyphs import GREY
+from ident.show.charts.objects import Maker, Thing, mapping, plain
+from ident.show.charts.palette import RESIDUAL, colour
 
 PIXELS = 75  # of one inch of a panel's height
 LEAST = 150  # pixels, below which nobody reads a panel

@@ -7,10 +7,10 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from ident.view.client import HOST, close_page, open_page
-from ident.view.draw import SEE_THROUGH, aim, draw
-from ident.view.setting import Setting
-from ident.view.stage import Film
+from ident.show.view3d.client import HOST, close_page, open_page
+from ident.show.view3d.draw import SEE_THROUGH, aim, draw
+from ident.show.view3d.setting import Setting
+from ident.show.view3d.stage import Film
 
 TICK = 1 / 30  # s between two pictures
 SPEEDS = ("0.05×", "0.1×", "0.25×", "0.5×", "1×", "2×", "5×", "10×")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.chart.palette import MEASURED, Colour
+from ident.show.charts.palette import MEASURED, Colour
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import html
 from collections.abc import Sequence
 
-from ident.view.colours import ENDS, MOMENTS, css, css_ramp
-from ident.view.scales import Scales
-from ident.view.stage import Film, Stage
+from ident.show.view3d.colours import ENDS, MOMENTS, css, css_ramp
+from ident.show.view3d.scales import Scales
+from ident.show.view3d.stage import Film, Stage
 
 CLOSED = 1e-7  # [m | rad] |Φ| of a closure that nobody would call open
 SHOWN = 6  # closures and notes that are listed

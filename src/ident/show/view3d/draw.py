@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from ident.view.camera import ANGLE, Camera
-from ident.view.colours import ENDS, MOMENTS, UNKNOWN, body_colour, mapped
-from ident.view.rotation import wxyz
-from ident.view.scales import Scales
-from ident.view.shapes import Colour, Shape, arrow, box, cylinder, sphere, turned_to
-from ident.view.stage import Film, Loads, Pivot, Stage
+from ident.show.view3d.camera import ANGLE, Camera
+from ident.show.view3d.colours import ENDS, MOMENTS, UNKNOWN, body_colour, mapped
+from ident.show.view3d.rotation import wxyz
+from ident.show.view3d.scales import Scales
+from ident.show.view3d.shapes import Colour, Shape, arrow, box, cylinder, sphere, turned_to
+from ident.show.view3d.stage import Film, Loads, Pivot, Stage
 
 DISC = 0.022  # radius of a joint's disc over the mechanism's size
 BAR = 0.15  # length of a sliding joint's bar over the size

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.view.stage import nearest
+from ident.show.view3d.stage import nearest
 
 
 def frames(t: np.ndarray, rate: float, most: int, least: int = 2) -> np.ndarray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.view.shapes import Shape
+from ident.show.view3d.shapes import Shape
 
 
 @dataclass(frozen=True, eq=False)

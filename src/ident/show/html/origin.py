@@ -9,8 +9,8 @@ from contextvars import ContextVar
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from ident.page.elements import code, definitions, paragraph, table
-from ident.page.page import Section
+from ident.show.html.elements import code, definitions, paragraph, table
+from ident.show.html.page import Section
 
 running: ContextVar[str] = ContextVar("running", default="")  # the command line, where there is one
 PACKAGES = ("ident", "pin", "casadi", "numpy", "scipy", "clarabel", "bokeh")

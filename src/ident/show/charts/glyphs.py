@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ident.chart.marks import Bars, Boxes, Dots, Level, Line, Mark, Points
-from ident.chart.objects import Maker, Thing, constant, field
-from ident.chart.palette import colour
+from ident.show.charts.marks import Bars, Boxes, Dots, Level, Line, Mark, Points
+from ident.show.charts.objects import Maker, Thing, constant, field
+from ident.show.charts.palette import colour
 
 GREY = "#767c86"  # text and axes, legible on white and on black
 CLOUD = 4000  # points of a cloud

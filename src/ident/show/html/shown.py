@@ -8,10 +8,10 @@ from importlib import resources
 
 from markupsafe import Markup
 
-from ident.chart import Chart
-from ident.page.elements import code
+from ident.show.charts import Chart
+from ident.show.html.elements import code
 
-STYLE = resources.files("ident.page").joinpath("shown.css").read_text(encoding="utf-8")
+STYLE = resources.files("ident.show.html").joinpath("shown.css").read_text(encoding="utf-8")
 
 
 class Shown:

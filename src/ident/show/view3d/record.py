@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ident.view.client import close_page, open_page
-from ident.view.draw import aim, draw
-from ident.view.setting import Setting
-from ident.view.stage import Film
-from ident.view.timing import frames
-from ident.view.words import overlaid
+from ident.show.view3d.client import close_page, open_page
+from ident.show.view3d.draw import aim, draw
+from ident.show.view3d.setting import Setting
+from ident.show.view3d.stage import Film
+from ident.show.view3d.timing import frames
+from ident.show.view3d.words import overlaid
 
 RATE = 30.0  # frames a second of motion
 MOST, LEAST = 600, 150  # frames of a recording, over all films

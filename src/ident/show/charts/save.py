@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ident.chart.chart import Chart
 from ident.errors import IdentError
 from ident.files import write_all
+from ident.show.charts.chart import Chart
 
 KINDS = ("png", "svg", "pdf", "html")
 SUFFIXES = tuple(f".{kind}" for kind in KINDS)
@@ -18,7 +18,7 @@ def save(chart: Chart, path: Path) -> None:
     Raises:
         IdentError: for another suffix, or where the file cannot be written.
     """
-    from ident.chart.still import image  # Matplotlib, which the names of suffixes need not
+    from ident.show.charts.still import image  # Matplotlib, which the names of suffixes need not
 
     kind = path.suffix.lower().removeprefix(".")
     if kind not in KINDS:

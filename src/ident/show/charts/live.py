@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
-from ident.chart.axes import height_of
-from ident.chart.chart import Chart
-from ident.chart.document import document_of
+from ident.show.charts.axes import height_of
+from ident.show.charts.chart import Chart
+from ident.show.charts.document import document_of
 
 if TYPE_CHECKING:
     from bokeh.model import Model

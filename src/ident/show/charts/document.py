@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from ident.chart.axes import panel_of
-from ident.chart.chart import Chart, extremes
-from ident.chart.glyphs import GREY, glyphs
-from ident.chart.marks import Level, Line
-from ident.chart.objects import Maker, Thing, encoded, mapping
+from ident.show.charts.axes import panel_of
+from ident.show.charts.chart import Chart, extremes
+from ident.show.charts.glyphs import GREY, glyphs
+from ident.show.charts.marks import Level, Line
+from ident.show.charts.objects import Maker, Thing, encoded, mapping
 
 POINTS = 1000  # buckets of a line in view
 LEGEND = 28  # pixels of the line above the first panel
@@ -87,7 +87,7 @@ def _toolbar(tools: list[dict[str, Thing]], make: Maker) -> Thing:
 
 def _follow(shared: Thing, long: list[tuple[Thing, str, Thing]], make: Maker) -> None:
     """Resample long lines whenever the view changes."""
-    code = resources.files("ident.chart").joinpath("follow.js").read_text(encoding="utf-8")
+    code = resources.files("ident.show.charts").joinpath("follow.js").read_text(encoding="utf-8")
     sources, columns, shown = (list(each) for each in zip(*long, strict=True))
     args = {
         "range": shared, "sources": sources, "columns": columns, "shown": shown,

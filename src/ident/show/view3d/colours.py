@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.view.shapes import Colour
+from ident.show.view3d.shapes import Colour
 
 BODIES: tuple[Colour, ...] = (
     (98, 132, 168),

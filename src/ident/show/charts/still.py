@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ident.chart.chart import Chart, Panel
-from ident.chart.marks import Bars, Boxes, Dots, Level, Line, Mark, Points
-from ident.chart.palette import colour
+from ident.show.charts.chart import Chart, Panel
+from ident.show.charts.marks import Bars, Boxes, Dots, Level, Line, Mark, Points
+from ident.show.charts.palette import colour
 
 POINTS = 2000  # buckets of a line; more would not be seen
 CLOUD = 6000  # points of a cloud

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.view.stage import Film
+from ident.show.view3d.stage import Film
 
 LONGEST = 0.4  # of the mechanism's size, for the largest reaction
 ROUNDING = 1e-9  # a share of the other kind of load below which one is rounding
