@@ -132,7 +132,7 @@ def test_fewer_rows_than_unknowns_and_none_at_all():
         (lambda: Factor.of([1.0, 2.0], [1.0, 2.0]), "two dimensions"),
         (lambda: Factor.empty(3).updated(np.ones((2, 2)), np.ones(2)), r"\(rows, 3\)"),
         (lambda: Factor.empty(3) + Factor.empty(2), "all the same"),
-        (lambda: Factor.merge([]), "one factor or more"),
+        (lambda: Factor.merge([]), "one triangle or more"),
         (lambda: Factor.empty(2).scaled(-1.0), "not negative"),
         (lambda: Factor.empty(2).embedded([0, 0], 5), "distinct"),
         (lambda: Factor.empty(2).embedded([0, 5], 5), "0 to 4"),

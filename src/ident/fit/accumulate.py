@@ -7,7 +7,6 @@ computed from these small triangles; the rows are seen once and never kept.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 
@@ -18,34 +17,16 @@ from ident.equations.point import Point
 from ident.equations.rows import Rows, dof, row_supports, rows
 from ident.equations.scene import Scene
 from ident.errors import FitError
+from ident.information.blocks import Block
+from ident.information.triangle import Triangle as Factor
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.progress import Told
-from ident.solve.factor import Factor
 
 FEWEST, MOST, LENGTH = 10, 96, 12  # blocks of an experiment, and rows that make one
 
 
-@dataclass(frozen=True, eq=False)
-class Cell:
-    """One time block of one experiment in one independent coordinate.
-
-    Attributes:
-        experiment, block, coordinate: which.
-        factor: of the rows that inform, on the columns `support`.
-        rest: of the rows at standstill, which only count in the errors.
-        support: columns that can appear.
-        tau: sum of squares of the measured torque in all these rows; span: (first t, last t) [s].
-    """
-
-    experiment: int
-    block: int
-    coordinate: int
-    factor: Factor
-    rest: Factor
-    support: np.ndarray
-    tau: float
-    span: tuple[float, float]
+Cell = Block  # its name before, until all callers have moved
 
 
 def accumulate(

@@ -1,143 +1,28 @@
-"""Standard errors that stay honest when residuals are correlated in time.
-
-Neighbouring residuals are alike (filters, unmodelled physics), so rows are no independent
-witnesses. Blocks of time nearly are: the delete-one-block jackknife
-
-    δ_b = (H − H_b)⁻¹ g_b,   H = Σ AᵀA / σ²,   g_b = A_bᵀ(b_b − A_b x) / σ²
-    cov = (B − 1)/B · Σ_b [δ_b δ_bᵀ + Σ_l w_l (δ_b δ_{b+l}ᵀ + δ_{b+l} δ_bᵀ)]
-
-is the CR3 estimate of Bell and McCaffrey (Survey Methodology 28(2), 2002), with Bartlett weights
-w_l = 1 − l/(L + 1) for blocks that are still alike; L follows from how alike they are (Andrews,
-Econometrica 59(3), 1991, eq. 6.2 and 6.4). A window cuts off what lasts longer. Where a parameter's
-neighbouring δ_b are clearly alike, its variance is averaged with what a first-order autoregression
-has in the long run, which errs on the other side (prewhitening: Andrews, Monahan, Econometrica
-60(4), 1992):
-
-    Σ_b (δ_b − ρ δ_{b−1})² / (1 − ρ)²
-
-It is a variance from few squares: ν of them, if those of equal blocks are counted as one each
-(Satterthwaite). Its t-distribution is ν/(ν − 2) times as wide, and that is what is returned: value
-± 2 standard errors covers the truth in 95 of 100 logs.
-"""
-
-from __future__ import annotations
+"""Old names of `ident.information.covariance`."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from ident.fit.accumulate import Cell
-from ident.fit.estimate import Estimate
+from ident.information import covariance as _now
+from ident.information.blocks import Block, Information
+from ident.information.covariance import FEWEST_SQUARES, long_run
+from ident.information.estimate import Estimate
 
-ALIKE = 1.3  # standard errors of no correlation beyond which neighbouring blocks are alike
-LASTING = 0.8  # the most by which a block is believed to resemble the one before
-FEWEST_SQUARES = 3.0  # ν below which the t-distribution's width means nothing
-
-
-def covariance(cells: Sequence[Cell], estimate: Estimate) -> np.ndarray:
-    """Covariance (n_ind, n_ind) of the base parameters; NaN for a single block."""
-    own = estimate.base.independent
-    size = len(own)
-    norm = estimate.factor.column_norms()[own]  # equilibrated: H has a unit diagonal
-    keys, H_blocks, g_blocks, white = scores(cells, estimate, norm)
-    count = len(keys)
-    if size == 0 or count < 2:
-        return np.full((size, size), np.nan)
-    H = H_blocks.sum(axis=0)
-    others = np.linalg.pinv(H - H_blocks, rcond=1e-13, hermitian=True)
-    deltas = (others @ g_blocks[..., None])[..., 0]
-    shares = ((others @ H_blocks) * others).sum(axis=2)  # of the variance, white residuals
-    total, nu = long_run(keys, deltas, shares)
-    wider = np.sqrt(nu / (nu - 2)) / norm
-    found = total * np.outer(wider, wider)
-    # what only one block tells has no spread between blocks; white residuals are the least there is
-    inverse = np.linalg.pinv(H, rcond=1e-13, hermitian=True) / norm[:, None]
-    least = np.einsum("ij,jk,ik->i", inverse, white, inverse)
-    return np.asarray(found + np.diag(np.maximum(least - np.diag(found), 0.0)))
+__all__ = ["FEWEST_SQUARES", "covariance", "long_run", "scores"]
 
 
-def long_run(
-    keys: Sequence[tuple[int, int]], deltas: np.ndarray, shares: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance (m, m) of m numbers from the changes of each when one block is left out, and the
-    number of squares ν (m,) that it rests on.
+def _of(cells: Sequence[Block], estimate: Estimate) -> Information:
+    return Information.of(cells, len(estimate.solution.x), len(estimate.sigma))
 
-    Args:
-        keys: (experiment, block) of each of B blocks, in order.
-        deltas: (B, m), the changes δ.
-        shares: (B, m), of the variance, by block, if residuals were white.
-    """
-    total, squares = deltas.T @ deltas, (shares**2).sum(axis=0)
-    lags = _lags(keys, deltas)
-    for lag in range(1, lags + 1):
-        one, other = _pairs(keys, lag)
-        weight = 1 - lag / (lags + 1)
-        cross = deltas[one].T @ deltas[other]
-        total += weight * (cross + cross.T)
-        squares += 2 * weight**2 * (shares[one] * shares[other]).sum(axis=0)
-    tiny = np.finfo(float).tiny
-    nu = np.maximum(shares.sum(axis=0) ** 2 / np.maximum(squares, tiny), FEWEST_SQUARES)
-    window = np.maximum(np.diag(total), tiny)
-    wider = np.sqrt(0.5 + 0.5 * _lasting(keys, deltas, window) / window)
-    return (len(keys) - 1) / len(keys) * total * np.outer(wider, wider), nu
+
+def covariance(cells: Sequence[Block], estimate: Estimate) -> np.ndarray:
+    """Return the covariance of the base parameters."""
+    return _now.covariance(_of(cells, estimate), estimate)
 
 
 def scores(
-    cells: Sequence[Cell], estimate: Estimate, norm: np.ndarray
+    cells: Sequence[Block], estimate: Estimate, norm: np.ndarray
 ) -> tuple[list[tuple[int, int]], np.ndarray, np.ndarray, np.ndarray]:
-    """(experiment, block), H_b (B, n_ind, n_ind), g_b (B, n_ind), and Cov[Σ g_b] (n_ind, n_ind) of
-    white residuals; all for columns of unit norm.
-    """
-    size = len(norm)
-    place = np.full(len(estimate.solution.x), -1)
-    place[estimate.base.independent] = np.arange(size)
-    cells = [cell for cell in cells if cell.factor.rows]
-    keys = list(dict.fromkeys((cell.experiment, cell.block) for cell in cells))
-    number = {key: b for b, key in enumerate(keys)}
-    H_blocks, g_blocks = np.zeros((len(keys), size, size)), np.zeros((len(keys), size))
-    white = np.zeros((size, size))
-    for u, sigma in enumerate(estimate.sigma):
-        mine = [cell for cell in cells if cell.coordinate == u]
-        if not mine:
-            continue
-        support = mine[0].support
-        inside = place[support] >= 0
-        at, x = place[support][inside], estimate.solution.x[support]
-        R = np.stack([cell.factor.R for cell in mine]) / sigma
-        left = np.stack([cell.factor.d for cell in mine]) / sigma - R @ x
-        R = R[:, :, inside] / norm[at]
-        H_u = R.swapaxes(1, 2) @ R
-        b = np.array([number[cell.experiment, cell.block] for cell in mine])
-        H_blocks[b[:, None, None], at[:, None], at] += H_u  # a block has one cell a coordinate
-        g_blocks[b[:, None], at] += (left[:, None, :] @ R)[:, 0]
-        rho = np.array([cell.factor.rho for cell in mine]) / sigma
-        squares = float((left**2).sum() + rho @ rho)
-        rows = sum(cell.factor.rows for cell in mine)
-        white[np.ix_(at, at)] += squares / max(rows, 1) * H_u.sum(axis=0)
-    return keys, H_blocks, g_blocks, white
-
-
-def _pairs(keys: Sequence[tuple[int, int]], lag: int) -> tuple[list[int], list[int]]:
-    """Places of the blocks of one experiment that are `lag` apart."""
-    first = [i for i in range(len(keys) - lag) if keys[i][0] == keys[i + lag][0]]
-    return first, [i + lag for i in first]
-
-
-def _lasting(keys: Sequence[tuple[int, int]], deltas: np.ndarray, window: np.ndarray) -> np.ndarray:
-    """(n_ind,) Σ δ² in the long run, of first-order autoregressions; the window's if not alike."""
-    one, other = _pairs(keys, 1)
-    size = np.maximum((deltas**2).sum(axis=0), np.finfo(float).tiny)
-    seen = (deltas[one] * deltas[other]).sum(axis=0) / size
-    rho = np.clip(seen, 0.0, LASTING)
-    new = ((deltas[other] - rho * deltas[one]) ** 2).sum(axis=0)
-    long = len(keys) / max(len(one), 1) * new / (1 - rho) ** 2
-    return np.where(seen > ALIKE / np.sqrt(len(keys)), long, window)
-
-
-def _lags(keys: Sequence[tuple[int, int]], deltas: np.ndarray) -> int:
-    """L, from the correlation of neighbouring blocks: 1 at least, since filtered blocks touch."""
-    a, b = _pairs(keys, 1)
-    size = np.maximum((deltas**2).sum(axis=0), np.finfo(float).tiny)
-    rho = np.clip((deltas[a] * deltas[b]).sum(axis=0) / size, -0.97, 0.97)
-    alpha = np.mean(4 * rho**2 / ((1 - rho) ** 6 * (1 + rho) ** 2)) / np.mean((1 - rho) ** -4.0)
-    return int(np.clip(1.1447 * np.cbrt(alpha * len(keys)), 1, max(1, len(keys) // 4)))
+    """Return times, H_b, g_b and the covariance of white residuals."""
+    return _now.scores(_of(cells, estimate), estimate, norm)

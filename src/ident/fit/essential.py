@@ -174,7 +174,7 @@ class _Trial:
             fitting.append(
                 Factor.merge([f.scaled(1 / s) for f, s in zip(informed, sigma, strict=True)])
             )
-            rest = [replace(cell, factor=cell.rest) for cell in part]
+            rest = [replace(cell, triangle=cell.rest) for cell in part]
             still = [f.restricted(own, known) for f in totals(rest, k, d)]
             both = tuple(Factor.merge(pair) for pair in zip(informed, still, strict=True))
             scored.append((both, np.array([f.rows for f in both])))

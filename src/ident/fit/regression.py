@@ -83,7 +83,7 @@ class Regression:
     @cached_property
     def at_rest(self) -> list[Factor]:
         """One a coordinate, of the rows at standstill, which count but do not inform."""
-        rest = [replace(cell, factor=cell.rest) for cell in self.cells]
+        rest = [replace(cell, triangle=cell.rest) for cell in self.cells]
         return totals(rest, len(self.columns), self.d)
 
     @cached_property

@@ -2,44 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 
-import numpy as np
-
+from ident.information.blocks import Error, Squares
 from ident.tables import percent
 
-
-@dataclass(frozen=True)
-class Error:
-    """Of one joint: rms [N m | N], relative ‖τ − τ̂‖/‖τ‖ (None where nothing was measured)."""
-
-    rms: float
-    relative: float | None
-    unit: str
-
-
-@dataclass(frozen=True, eq=False)
-class Squares:
-    """Sums of squares a coordinate (d,): of the error, of the measured torque; and rows."""
-
-    error: np.ndarray
-    torque: np.ndarray
-    rows: np.ndarray
-
-    def __add__(self, other: Squares) -> Squares:
-        return Squares(self.error + other.error, self.torque + other.torque, self.rows + other.rows)
-
-    def errors(self, names: Sequence[str], units: Sequence[str]) -> dict[str, Error]:
-        """By joint."""
-        found = {}
-        for u, (name, unit) in enumerate(zip(names, units, strict=True)):
-            rms = float(np.sqrt(self.error[u] / max(self.rows[u], 1)))
-            relative = (
-                float(np.sqrt(self.error[u] / self.torque[u])) if self.torque[u] > 0 else None
-            )
-            found[name] = Error(rms, relative, unit)
-        return found
+__all__ = ["Error", "Squares", "error_rows"]
 
 
 def error_rows(named: Mapping[str, Mapping[str, Error]]) -> list[list[str]]:

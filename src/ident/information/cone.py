@@ -1,0 +1,188 @@
+"""Least squares under limits: a projection onto a convex cone's section, by Clarabel.
+
+x = argmin ‖R x − d‖²   such that   G x + h ∈ K,      K: {0}, half-lines, semidefinite matrices
+
+With y = R x − d the cost is ‖y‖²: every direction counts in the data's own unit, however unevenly
+x is scaled, and the solver sees a problem whose Hessian is the identity. Source: P. Goulart, Y.
+Chen, Clarabel: an interior-point solver for conic programs with quadratic objectives, 2024.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import clarabel
+import numpy as np
+from scipy import sparse
+from scipy.linalg import lapack
+
+from ident.errors import FitError
+from ident.information.triangle import Array
+
+TOLERANCE = 1e-9
+PASSES, ABOUT, HEAVIEST = 4, 1e-2, 1e24  # of the cost's weight
+POSSIBLE = 1e-7  # of a limit's scale: a smaller shortfall is the solver's, not the limits'
+ROOT2 = float(np.sqrt(2.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Limit:
+    """One thing that must hold: G x + h is zero, not negative, or positive semidefinite.
+
+    Attributes:
+        name: as a person reads it, `rod.m ≥ 0.4`.
+        kind: which; of `psd` G x + h is the `svec` of a matrix.
+        G: (rows, k); h: (rows,); scaled so that 1 is a large violation.
+        of: the parameter or the body that it speaks of, if it is one.
+    """
+
+    name: str
+    kind: Literal["zero", "nonnegative", "psd"]
+    G: Array
+    h: Array
+    of: str = ""
+
+    def value(self, x: Array) -> Array:
+        """G x + h (rows,)."""
+        return np.asarray(self.G @ x + self.h)
+
+    def room(self, x: Array) -> float:
+        """How far x is inside: the least entry or eigenvalue; −|entry| of what must be zero."""
+        value = self.value(x)
+        if self.kind == "zero":
+            return -float(np.abs(value).max(initial=0.0))
+        if self.kind == "psd":
+            return float(np.linalg.eigvalsh(smat(value))[0])
+        return float(value.min(initial=np.inf))
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A solution x (k,), and by how much each limit pushed it, in units of y, (limits,)."""
+
+    x: Array
+    push: Array
+
+
+def svec(M: Array) -> Array:
+    """Upper triangle of a symmetric matrix by columns, off the diagonal √2-fold: M·N = svec·svec.
+
+    >>> svec(np.array([[1.0, 2.0], [2.0, 3.0]])).round(3).tolist()
+    [1.0, 2.828, 3.0]
+    """
+    j, i = np.tril_indices(len(M))  # rows of the lower triangle are columns of the upper
+    return np.asarray(M[i, j] * np.where(i == j, 1.0, ROOT2))
+
+
+def smat(v: Array) -> Array:
+    """The symmetric matrix of which v is the `svec`."""
+    n = int(np.sqrt(2 * len(v)))
+    j, i = np.tril_indices(n)
+    M = np.empty((n, n))
+    M[i, j] = M[j, i] = v * np.where(i == j, 1.0, 1 / ROOT2)
+    return M
+
+
+def nearest(R: Array, d: Array, limits: Sequence[Limit]) -> Point:
+    """The x within all limits that minimises ‖R x − d‖²; R (k, k) upper triangular.
+
+    Raises:
+        FitError: if the solver finds none; `shortfall` tells whether there is one.
+    """
+    if not R.diagonal().all():
+        raise FitError("a direction is neither in the data nor in the prior")
+    T, _ = lapack.dtrtri(R)
+    centre = T @ d
+    C = np.vstack([np.zeros((0, len(d))), *(limit.G @ T for limit in limits)])
+    c = np.concatenate([np.zeros(0), *(limit.value(centre) for limit in limits)])
+    size = max(float(np.abs(c).max(initial=0.0)), 1e-300)  # cones have no scale: count in this one
+    weight, unit = 1.0, sparse.identity(len(d), format="csc")
+    for _ in range(PASSES):  # the solver counts gaps in units of 1, so the cost must be about that
+        y, z = _solved(weight * unit, np.zeros(len(d)), C, c / size, limits)
+        cost = weight * float(y @ y)
+        if not 0 < cost < ABOUT:
+            break
+        weight = min(weight / cost, HEAVIEST)
+    places = _places([len(limit.h) for limit in limits])
+    push = [size / weight * float(np.linalg.norm(C[at].T @ z[at])) for at in places]
+    return Point(centre + T @ (size * y), np.array(push))
+
+
+def shortfall(limits: Sequence[Limit], scale: Array) -> float:
+    """The least t ≥ 0 by which all limits must give way, in their scale; 0 if all can hold.
+
+    Args:
+        limits: any.
+        scale: (k,) size of each unknown, which only keeps unlimited ones where they can be counted.
+    """
+    k = len(scale)
+    elastic = [*(_elastic(limit, scale) for limit in limits)]
+    elastic.append(Limit("t ≥ 0", "nonnegative", np.eye(k + 1)[-1:], np.zeros(1)))
+    P = sparse.diags_array(np.append(np.full(k, 1e-10), 0.0), format="csc")
+    q = np.append(np.zeros(k), 1.0)
+    C = np.vstack([limit.G for limit in elastic])
+    c = np.concatenate([limit.h for limit in elastic])
+    found, _ = _solved(P, q, C, c, elastic)
+    return max(float(found[-1]), 0.0)
+
+
+def conflict(limits: Sequence[Limit], scale: Array) -> list[Limit]:
+    """A set of limits that cannot hold together, though without any one of them the rest can.
+
+    Empty if all can hold. Of several such sets the one whose limits come first. Source: the
+    deletion filter, J. W. Chinneck, E. W. Dravnieks, ORSA J. Comput. 3(2), 1991.
+    """
+    if shortfall(limits, scale) <= POSSIBLE:
+        return []
+    kept = list(limits)
+    for limit in reversed(limits):
+        rest = [other for other in kept if other is not limit]
+        if shortfall(rest, scale) > POSSIBLE:
+            kept = rest
+    return kept
+
+
+def _elastic(limit: Limit, scale: Array) -> Limit:
+    """The limit on (x / scale, t) that t loosens."""
+    G, h = limit.G * scale, limit.h
+    if limit.kind == "psd":
+        n = int(np.sqrt(2 * len(h)))
+        return Limit(limit.name, "psd", np.hstack([G, svec(np.eye(n))[:, None]]), h)
+    if limit.kind == "zero":  # −t ≤ G x + h ≤ t
+        G, h = np.vstack([G, -G]), np.concatenate([h, -h])
+    return Limit(limit.name, "nonnegative", np.hstack([G, np.ones((len(h), 1))]), h)
+
+
+def _places(sizes: Sequence[int]) -> list[slice]:
+    ends = np.cumsum([0, *sizes])
+    return [slice(a, b) for a, b in pairwise(ends)]
+
+
+def _solved(
+    P: sparse.csc_array, q: Array, C: Array, c: Array, limits: Sequence[Limit]
+) -> tuple[Array, Array]:
+    """argmin yᵀP y/2 + qᵀy such that C y + c ∈ K, and the multipliers z of the rows."""
+    if not limits:
+        return np.zeros(len(q)), np.zeros(0)
+    cones = {
+        "zero": clarabel.ZeroConeT,
+        "nonnegative": clarabel.NonnegativeConeT,
+        "psd": lambda rows: clarabel.PSDTriangleConeT(int(np.sqrt(2 * rows))),
+    }
+    kinds = [cones[limit.kind](len(limit.h)) for limit in limits]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = TOLERANCE
+    P = sparse.csc_matrix(sparse.triu(P))
+    solver = clarabel.DefaultSolver(P, q, sparse.csc_matrix(-C), c, kinds, settings)
+    found = solver.solve()
+    status = clarabel.SolverStatus
+    usable = (status.Solved, status.AlmostSolved, status.InsufficientProgress)
+    y, z = np.asarray(found.x), np.asarray(found.z)
+    if found.status not in usable or not np.isfinite(y).all():
+        raise FitError(f"the conic solver found no solution ({found.status})")
+    return y, z
