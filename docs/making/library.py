@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ident.effects import KINDS
-from ident.effects.describe import example, facts
+from ident.show.effects import example, facts
 from making.signatures import picture
 
 PICTURES = "signatures"

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import ident
-from ident.effects.describe import kind_called
+from ident.effects import kind_of
 from ident.show.charts import RESIDUAL, Chart, Level, Line, Panel, Points
 
 ROBOTS = Path(__file__).resolve().parents[2] / "robots"
@@ -86,7 +86,7 @@ def picture(kind: str) -> Chart:
     """
     shown = SHOWN[kind]
     with_it, without = _simulated(kind, shown)
-    signature = kind_called(kind).signature
+    signature = kind_of(kind).signature
     telling, plain = [], []
     for number, joint in enumerate(shown.joints):
         residual = with_it.columns[f"tau.{joint}"] - without.columns[f"tau.{joint}"]

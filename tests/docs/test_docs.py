@@ -13,7 +13,7 @@ import pytest
 import typer
 
 from ident.cli.app import app, main
-from ident.effects.describe import table
+from ident.show.effects import table
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -92,7 +92,7 @@ def test_the_pages_have_what_is_tested_here():
 
 
 def test_the_library_is_the_table_of_its_page():
-    """Made by `ident.effects.describe.table`: paste what it prints where this fails."""
+    """Made by `ident.show.effects.table`: paste what it prints where this fails."""
     page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
     assert page.partition("<!-- library -->\n")[2].partition("\n<!-- end -->")[0] == table()
 

@@ -9,7 +9,7 @@ import pytest
 import ident
 from helpers import ROBOTS
 from ident.effects import KINDS
-from ident.effects.describe import example, facts
+from ident.show.effects import example, facts
 from ident.errors import MechanismError, MotionError
 from ident.mechanism.write import add_effects
 from ident.residual.predict import predict

@@ -14,9 +14,9 @@ from ident.cli.arguments import (
     mechanism_of,
 )
 from ident.cli.console import result
-from ident.effects import KINDS
-from ident.effects.describe import described, kind_called
+from ident.effects import KINDS, kind_of
 from ident.mechanism.write import add_effects
+from ident.show.effects import described
 
 
 def add(
@@ -57,5 +57,5 @@ def effects(
     Equation, unknowns and shapes with units, where an effect sits, and what a residual looks like
     when it is missing.
     """
-    kinds = KINDS.values() if kind is None else [kind_called(kind)]
+    kinds = KINDS.values() if kind is None else [kind_of(kind)]
     result("\n\n".join(described(each) for each in kinds))

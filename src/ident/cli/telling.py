@@ -11,7 +11,6 @@ from rich.text import Text
 from ident.demo import Puzzle
 from ident.diagnose import Diagnosis
 from ident.effects import Effect
-from ident.effects.describe import facts
 from ident.fit import Fit
 from ident.fit.values import BaseValue, Value
 from ident.tables import percent
@@ -63,7 +62,7 @@ def valued(value: Value | BaseValue) -> str:
 
 def described_effect(effect: Effect) -> str:
     """`coulomb:elbow (dry friction: constant against the direction of motion)`."""
-    (what,) = facts(type(effect))["what"]
+    what = effect.summary()
     return f"{effect.label} ({what})"
 
 

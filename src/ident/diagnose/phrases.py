@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from ident.diagnose.evidence import Evidence
 from ident.effects import Effect
-from ident.effects.describe import facts
 from ident.fit.values import Value
 from ident.residual import Failure
 from ident.residual.error import Error
@@ -83,7 +82,7 @@ def numbers(parameters: Sequence[Value], most: int = MOST) -> str:
 
 def what(effect: Effect) -> str:
     """What an effect is, to stand within a sentence."""
-    return facts(type(effect))["what"][0]
+    return effect.summary()
 
 
 def labels(effects: Iterable[Effect], word: str = "and") -> str:

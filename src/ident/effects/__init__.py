@@ -1,11 +1,8 @@
-"""The library of physical effects: one class a kind, one small file a family."""
+"""The library of physical effects: one class a kind, one file a family; see `effect`."""
 
-from ident.effects.base import Correcting, Correction, Effect, Unknown
-from ident.effects.library import KINDS, create, parse
-from ident.effects.signals import Signals
-from ident.effects.user import UserEffect
-from ident.effects.user_file import parse_user, read_user_effect
-from ident.effects.user_kind import user_effect
+from ident.effects.effect import Correcting, Correction, Effect, Signals, Sites, Unknown
+from ident.effects.library import KINDS, candidates, create, kind_of, parse, separating
+from ident.effects.user import UserEffect, parse_user, read_user_effect, user_effect
 
 __all__ = [
     "KINDS",
@@ -13,11 +10,15 @@ __all__ = [
     "Correction",
     "Effect",
     "Signals",
+    "Sites",
     "Unknown",
     "UserEffect",
+    "candidates",
     "create",
+    "kind_of",
     "parse",
     "parse_user",
     "read_user_effect",
+    "separating",
     "user_effect",
 ]

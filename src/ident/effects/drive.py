@@ -6,8 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from ident.effects.base import Bounds, Correcting, Correction, Effect, Unknown
-from ident.effects.signals import Signals
+from ident.effects.effect import Bounds, Correcting, Correction, Effect, Signals, Unknown
+from ident.effects.friction import direction
 
 LATEST = 0.05  # [s] that a channel may be late or early
 KHALIL = "Khalil, Dombre, Modeling, Identification and Control of Robots, ch. 9"
@@ -18,19 +18,54 @@ class RotorInertia(Effect):
     """The motor rotor's inertia, seen at the joint (gear ratio squared times its own)."""
 
     kind: ClassVar[str] = "rotor_inertia"
+    watched: ClassVar[str] = "request"
     common: ClassVar[bool] = True
     sits: ClassVar[str] = "driven"
     unknowns: ClassVar = (
-        Unknown("Ia", ("kg m²", "kg"), "rotor inertia at the joint", nonnegative=True),
+        Unknown("Ia", ("kg m²", "kg"), "rotor inertia at the joint", True, acts="inertia"),
     )
     equation: ClassVar[str] = "Ia a"
     signature: ClassVar[str] = "the residual against acceleration is a straight line"
     confused_with: ClassVar = ("the link's own Lzz on a first joint",)
+    remedy: ClassVar[str] = (
+        "give its link's inertia from the drawing, or log once more with a known load"
+    )
     source: ClassVar[str] = KHALIL
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = a."""
         return s.a[:, :, None]
+
+
+class Coupling(Effect):
+    """Inertia and friction at the sum of two joints' rates, felt by both joints alike."""
+
+    kind: ClassVar[str] = "coupling"
+    arity: ClassVar[int] = 2
+    sits: ClassVar[str] = "driven"
+    watched: ClassVar[str] = "request"
+    unknowns: ClassVar = (
+        Unknown("Im", ("kg m²", "kg"), "inertia of what turns with both", True, acts="inertia"),
+        Unknown("Fvm", ("N m s/rad", "N s/m"), "its viscous friction", True, acts="linear"),
+        Unknown("Fcm", ("N m", "N"), "its Coulomb friction", True, acts="level"),
+    )
+    equation: ClassVar[str] = "Im (a1 + a2) + Fvm (v1 + v2) + Fcm sign(v1 + v2), on both joints"
+    signature: ClassVar[str] = (
+        "the residuals of two joints are alike and step with their speeds' sum"
+    )
+    confused_with: ClassVar = ("viscous and coulomb of the two joints, if they always move alike",)
+    source: ClassVar[str] = JANOT
+
+    def columns(self, s: Signals) -> np.ndarray:
+        """E = [a1 + a2, v1 + v2, sign(v1 + v2)] for both joints."""
+        v = s.v.sum(axis=1)
+        both = np.stack([s.a.sum(axis=1), v, direction(v, s.still.max())], axis=-1)
+        return np.repeat(both[:, None, :], 2, axis=1)
+
+    def informed(self, s: Signals) -> np.ndarray:
+        """False where the sum of the rates is at standstill."""
+        moving = np.abs(s.v.sum(axis=1)) >= s.still.max()
+        return np.repeat(moving[:, None], 2, axis=1)
 
 
 class TorqueOffset(Effect):
@@ -39,10 +74,12 @@ class TorqueOffset(Effect):
     kind: ClassVar[str] = "torque_offset"
     common: ClassVar[bool] = True
     sits: ClassVar[str] = "driven"
-    unknowns: ClassVar = (Unknown("c", ("N m", "N"), "constant torque"),)
+    watched: ClassVar[str] = "always"
+    unknowns: ClassVar = (Unknown("c", ("N m", "N"), "constant torque", acts="linear"),)
     equation: ClassVar[str] = "c"
     signature: ClassVar[str] = "the residual is shifted by a constant, in both directions of motion"
     confused_with: ClassVar = ("spring", "coulomb that differs with direction")
+    remedy: ClassVar[str] = "read the torque with the drive unloaded, or tilt the base"
     nested_in: ClassVar = ("spring", "cable")
     source: ClassVar[str] = JANOT
 
@@ -55,13 +92,19 @@ class TorqueGain(Effect):
     """A torque channel with a wrong scale, such as a motor constant a few percent off."""
 
     kind: ClassVar[str] = "torque_gain"
+    watched: ClassVar[str] = "always"
     sits: ClassVar[str] = "driven"
     unknowns: ClassVar = (Unknown("g", ("1", "1"), "share of the torque", largest=0.5),)
     equation: ClassVar[str] = "g τ, with the torque τ that the model predicts"
     signature: ClassVar[str] = "the residual against the joint's own torque is a straight line"
     confused_with: ClassVar = ("all inertias at once, where one joint alone shows them", "viscous")
+    remedy: ClassVar[str] = "log once more with a known mass on the last link"
+    separated_by: ClassVar = {
+        "rotor_inertia": "repeat the motion with a known mass on the last link"
+    }
     source: ClassVar[str] = "Gautier, Briot, ASME J. Dyn. Syst. Meas. Control 136(5), 2014"
     implicit: ClassVar[bool] = True
+    asks: ClassVar = ("torque",)
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = τ."""
@@ -79,6 +122,7 @@ class Drift(Effect):
     confused_with: ClassVar = ("temperature_friction", "torque_offset")
     source: ClassVar[str] = "Fraden, Handbook of Modern Sensors, ch. 3"
     memory: ClassVar[bool] = True  # it counts from the first sample
+    not_integrable: ClassVar[str] = ""  # its state is the time
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = t − t0."""
@@ -89,11 +133,16 @@ class Delay(Correcting):
     """A torque channel that is late against the positions."""
 
     kind: ClassVar[str] = "delay"
+    watched: ClassVar[str] = "request"
+    margin: ClassVar[float] = LATEST
     sits: ClassVar[str] = "driven"
     shapes: ClassVar = (Unknown("d", ("s", "s"), "by which the torque is late"),)
     equation: ClassVar[str] = "τ(t) logged at t + d"
     signature: ClassVar[str] = "the residual is large where the torque changes fast, with its slope"
     confused_with: ClassVar = ("viscous", "coulomb", "elasticity")
+    remedy: ClassVar[str] = (
+        "log a motion of two frequencies, the higher at least three times the lower"
+    )
     source: ClassVar[str] = "Björklund, Ljung, IEEE CDC 2003"
 
     def correction(self, s: Signals) -> Correction:

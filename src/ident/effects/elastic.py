@@ -6,8 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ident.effects.base import Bounds, Effect, Shape, Unknown
-from ident.effects.signals import Signals
+from ident.effects.effect import Bounds, Effect, Shape, Signals, Unknown
 from ident.errors import MechanismError
 
 DEGREE = 7  # the highest of a cable's polynomial
@@ -17,13 +16,21 @@ class Spring(Effect):
     """A linear spring across a joint, with its preload."""
 
     kind: ClassVar[str] = "spring"
+    watched: ClassVar[str] = "request"
     unknowns: ClassVar = (
-        Unknown("k", ("N m/rad", "N/m"), "stiffness", nonnegative=True),
-        Unknown("b", ("N m", "N"), "torque at q = 0"),
+        Unknown("k", ("N m/rad", "N/m"), "stiffness", True, acts="linear"),
+        Unknown("b", ("N m", "N"), "torque at q = 0", acts="linear"),
     )
     equation: ClassVar[str] = "k q + b"
     signature: ClassVar[str] = "the residual against position is a straight line, at rest as well"
     confused_with: ClassVar = ("gravity over a small range", "torque_offset", "cable")
+    remedy: ClassVar[str] = (
+        "tilt the base by a known angle, so that gravity changes and springs do not"
+    )
+    separated_by: ClassVar = {
+        "gravity_tilt": "repeat the motion with the base tilted by a known angle",
+        "encoder_offset": "repeat the motion with the base tilted by a known angle",
+    }
     nested_in: ClassVar = ("cable",)
     source: ClassVar[str] = "Hooke, De Potentia Restitutiva, 1678"
 
@@ -50,6 +57,9 @@ class Cable(Effect):
     equation: ClassVar[str] = "k0 + k1 q + … + kd q^d, degree d ≤ 7 (default 3)"
     signature: ClassVar[str] = "the residual against position is a smooth curve, at rest as well"
     confused_with: ClassVar = ("spring", "gravity over a small range", "end_stop")
+    remedy: ClassVar[str] = (
+        "tilt the base by a known angle, so that gravity changes and cables do not"
+    )
     source: ClassVar[str] = (
         "Lin, Hui, Wang, Deguet, Kazanzides, Au, IEEE Robot. Autom. Lett. 4(4), 2019"
     )

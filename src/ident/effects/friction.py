@@ -7,8 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ident.effects.base import Bounds, Effect, Shape, Unknown
-from ident.effects.signals import Signals
+from ident.effects.effect import Bounds, Effect, Shape, Signals, Unknown
 
 ARMSTRONG = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994"
 
@@ -26,12 +25,18 @@ class Viscous(Effect):
 
     kind: ClassVar[str] = "viscous"
     common: ClassVar[bool] = True
+    companions: ClassVar = ("coulomb",)
+    watched: ClassVar[str] = "always"
     unknowns: ClassVar = (
-        Unknown("Fv", ("N m s/rad", "N s/m"), "viscous friction coefficient", nonnegative=True),
+        Unknown("Fv", ("N m s/rad", "N s/m"), "viscous friction coefficient", True, acts="linear"),
     )
     equation: ClassVar[str] = "Fv v"
     signature: ClassVar[str] = "the residual against speed is a straight line through zero"
     confused_with: ClassVar = ("drag", "torque_gain", "delay")
+    separated_by: ClassVar = {
+        "torque_gain": "repeat the motion with a known mass on the last link",
+        "delay": "log two frequencies, the higher at least three times the lower",
+    }
     source: ClassVar[str] = ARMSTRONG
 
     def columns(self, s: Signals) -> np.ndarray:
@@ -52,10 +57,15 @@ class Coulomb(Dry):
 
     kind: ClassVar[str] = "coulomb"
     common: ClassVar[bool] = True
-    unknowns: ClassVar = (Unknown("Fc", ("N m", "N"), "Coulomb friction", nonnegative=True),)
+    companions: ClassVar = ("viscous",)
+    watched: ClassVar[str] = "always"
+    unknowns: ClassVar = (Unknown("Fc", ("N m", "N"), "Coulomb friction", True, acts="level"),)
     equation: ClassVar[str] = "Fc sign(v); a sample at standstill does not inform it"
     signature: ClassVar[str] = "the residual against speed is a step at zero: two level bands"
     confused_with: ClassVar = ("stribeck", "hysteresis", "load_friction", "delay")
+    separated_by: ClassVar = {
+        "load_friction": "repeat the motion with a known payload: load friction grows"
+    }
     nested_in: ClassVar = ("stribeck", "hysteresis")  # their limits for large vs, small z0
     source: ClassVar[str] = ARMSTRONG
 
@@ -68,8 +78,9 @@ class Stribeck(Dry):
     """Dry friction that is higher at low speed."""
 
     kind: ClassVar[str] = "stribeck"
+    slow: ClassVar[bool] = True
     unknowns: ClassVar = (
-        Unknown("Fs", ("N m", "N"), "friction at the least speed beyond Coulomb", nonnegative=True),
+        Unknown("Fs", ("N m", "N"), "friction at the least speed beyond Coulomb", True, acts="dry"),
     )
     shapes: ClassVar = (
         Unknown("vs", ("rad/s", "m/s"), "speed at which it has fallen to 1/e", nonnegative=True),
@@ -99,6 +110,7 @@ class Drag(Effect):
     """Resistance of a fluid: with the square of speed."""
 
     kind: ClassVar[str] = "drag"
+    watched: ClassVar[str] = "request"
     unknowns: ClassVar = (
         Unknown("Fd", ("N m s²/rad²", "N s²/m²"), "drag coefficient", nonnegative=True),
     )
@@ -118,8 +130,10 @@ class LoadFriction(Dry):
     """Dry friction that grows with the load that the joint passes on."""
 
     kind: ClassVar[str] = "load_friction"
+    tried: ClassVar[str] = "loaded"
+    watched: ClassVar[str] = "request"
     unknowns: ClassVar = (
-        Unknown("mu", ("1", "1"), "share of the load (closures: a lever in m)", nonnegative=True),
+        Unknown("mu", ("1", "1"), "share of the load (closures: a lever in m)", True, acts="dry"),
     )
     equation: ClassVar[str] = "mu |load| sign(v); load: rigid-body torque, in closures |λ|"
     signature: ClassVar[str] = "the two bands of the residual against speed widen with the load"
@@ -128,6 +142,7 @@ class LoadFriction(Dry):
         "Dohring, Lee, Newman, IEEE ICRA 1993; Hamon, Gautier, Garrec, IROS 2010"
     )
     implicit: ClassVar[bool] = True
+    asks: ClassVar = ("load",)
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = |load| sign(v)."""
@@ -138,8 +153,9 @@ class Hysteresis(Effect):
     """Presliding friction: a spring of small reach that yields (Dahl)."""
 
     kind: ClassVar[str] = "hysteresis"
+    slow: ClassVar[bool] = True
     unknowns: ClassVar = (
-        Unknown("sigma", ("N m/rad", "N/m"), "stiffness before sliding", nonnegative=True),
+        Unknown("sigma", ("N m/rad", "N/m"), "stiffness before sliding", True, acts="state"),
     )
     shapes: ClassVar = (Unknown("z0", ("rad", "m"), "reach of the spring", nonnegative=True),)
     equation: ClassVar[str] = "sigma z, ż = v − |v| z/z0"
@@ -149,6 +165,11 @@ class Hysteresis(Effect):
         "Dahl, A Solid Friction Model, Aerospace Corp. TOR-0158(3107-18)-1, 1968"
     )
     memory: ClassVar[bool] = True
+    fades: ClassVar[bool] = True
+
+    def state_rate(self, z: np.ndarray, v: np.ndarray, shape: Shape) -> np.ndarray:
+        """ż = v − |v| z/z0."""
+        return v - np.abs(v) * z / shape["z0"]
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = z; between reversals exact: z → ±z0 + (z ∓ z0) exp(−|Δq|/z0)."""
@@ -183,6 +204,7 @@ class TemperatureFriction(Effect):
     equation: ClassVar[str] = "Fv v kappa (T − T0), Fv of `viscous`; T: temperature.<joint>; T0 25"
     signature: ClassVar[str] = "the slope of the residual against speed changes with temperature"
     confused_with: ClassVar = ("drift", "viscous at constant temperature")
+    separated_by: ClassVar = {"drift": "log the motors' temperatures, `temperature.<joint>`"}
     source: ClassVar[str] = "Bittencourt, Wernholt, Sander-Tavallaey, Brogårdh, IROS 2010"
     needs: ClassVar = ("viscous",)
     implicit: ClassVar[bool] = True

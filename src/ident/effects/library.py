@@ -1,12 +1,11 @@
-"""All kinds by name, and how `kind:joint[,joint]` is read."""
+"""All kinds by name; how `kind:joint[,joint]` is read; all effects that a mechanism could have."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
-from ident.effects.base import Effect
-from ident.effects.coupling import Coupling
-from ident.effects.drive import Delay, Drift, RotorInertia, TorqueGain, TorqueOffset
+from ident.effects.drive import Coupling, Delay, Drift, RotorInertia, TorqueGain, TorqueOffset
+from ident.effects.effect import Effect, Sites
 from ident.effects.elastic import Cable, EndStop, Ripple, Spring
 from ident.effects.friction import (
     Coulomb,
@@ -17,7 +16,7 @@ from ident.effects.friction import (
     TemperatureFriction,
     Viscous,
 )
-from ident.effects.measured import (
+from ident.effects.measurement import (
     Backlash,
     ClosureCompliance,
     Elasticity,
@@ -39,32 +38,46 @@ KINDS: Mapping[str, type[Effect]] = {
 }  # fmt: skip
 
 
+def kind_of(name: str, before: str = "") -> type[Effect]:
+    """Return the kind of the library called `name`.
+
+    Args:
+        name: of the kind.
+        before: begins the message of an error.
+
+    Raises:
+        MechanismError: if there is none, with the nearest name.
+    """
+    if name not in KINDS:
+        raise MechanismError(f"{before}there is no effect '{name}'; {one_of(name, KINDS)}")
+    return KINDS[name]
+
+
 def create(
     kind: str,
     joints: str | Sequence[str] = (),
     values: Mapping[str, float] | None = None,
     rotational: bool = True,
 ) -> Effect:
-    """An effect of the library.
+    """Return an effect of the library.
 
     Args:
         kind: one of `KINDS`.
         joints: the joint's name, or several; none for an effect of the whole mechanism.
         values: parameters that are known, with their values.
-        rotational: whether the (first) joint turns; a mechanism sets it when the effect is added.
+        rotational: whether the (first) joint is rotational; a mechanism sets it when the effect is
+            added.
 
     Raises:
-        MechanismError: for a kind, number of joints or parameter that is not there.
+        MechanismError: for a kind, number of joints or parameter that does not exist.
     """
-    if kind not in KINDS:
-        raise MechanismError(f"there is no effect '{kind}'; {one_of(kind, KINDS)}")
     if isinstance(joints, str):
         joints = [part.strip() for part in joints.split(",")] if joints else []
-    return KINDS[kind](tuple(joints), dict(values or {}), rotational)
+    return kind_of(kind)(tuple(joints), dict(values or {}), rotational)
 
 
 def parse(text: str) -> tuple[str, tuple[str, ...]]:
-    """`kind:joint[,joint]` or `kind` alone as (kind, joints); joints empty for `kind` alone.
+    """Return (kind, joints) of `kind:joint[,joint]` or `kind` alone; joints empty for the latter.
 
     Raises:
         MechanismError: for a kind that is not in the library.
@@ -76,3 +89,28 @@ def parse(text: str) -> tuple[str, tuple[str, ...]]:
     if colon and not all(names):
         raise MechanismError(f"effect '{text}': a joint's name is missing; write {kind}:joint")
     return kind, names
+
+
+def candidates(
+    sites: Sites, present: Sequence[Effect] = (), columns: Collection[str] = ()
+) -> list[Effect]:
+    """Return every effect of the library that could be missing, in the library's order.
+
+    Args:
+        sites: names of everything on which an effect can sit.
+        present: effects of the model.
+        columns: further columns of the logs, such as `temperature.elbow`.
+    """
+    labels = {effect.label for effect in present}
+    every = (kind(joints) for kind in KINDS.values() for joints in kind.candidates(sites))
+    return [e for e in every if e.label not in labels and e.applicable(labels, columns)]
+
+
+def separating(kinds: Collection[str]) -> list[str]:
+    """Return the experiments that separate kinds which no motion separates, without repetition."""
+    found = [
+        text
+        for kind in KINDS.values() if kind.kind in kinds
+        for rival, text in kind.separated_by.items() if rival in kinds
+    ]  # fmt: skip
+    return list(dict.fromkeys(found))

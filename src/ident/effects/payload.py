@@ -6,8 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ident.effects.base import Effect, Unknown
-from ident.effects.signals import Signals
+from ident.effects.effect import Effect, Signals, Unknown
 
 WORDS = ("m", "mx", "my", "mz", "Lxx", "Lxy", "Lyy", "Lxz", "Lyz", "Lzz")
 
@@ -17,8 +16,9 @@ class Payload(Effect):
 
     kind: ClassVar[str] = "payload"
     sits: ClassVar[str] = "link"
+    watched: ClassVar[str] = "always"
     unknowns: ClassVar = tuple(
-        Unknown(word, (unit, unit), meaning)  # a load that is put down has a negative mass
+        Unknown(word, (unit, unit), meaning, acts="body")  # a load put down has a negative mass
         for word, unit, meaning in zip(
             WORDS,
             ("kg", *["kg m"] * 3, *["kg m²"] * 6),
@@ -29,6 +29,7 @@ class Payload(Effect):
     equation: ClassVar[str] = "Γ_link p, the link's own columns once more"
     signature: ClassVar[str] = "all joints below the link show one more load, in proportion to it"
     confused_with: ClassVar = ("the link's own parameters, as long as these are unknown",)
+    remedy: ClassVar[str] = "log the same motion with the load and without it"
     source: ClassVar[str] = "Khalil, Gautier, Lemoine, IEEE ICRA 2007"
 
     def columns(self, s: Signals) -> np.ndarray:

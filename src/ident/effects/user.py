@@ -1,14 +1,16 @@
-"""Effects of one's own, from CasADi expressions of the signals.
+"""A user's own effects, from CasADi expressions of the signals.
 
-    def bump(s, w=(0.1, 0.01, 1.0)):                      # a shape: start, lowest, highest
-        return {"A": ca.exp(-(((s.q - 0.3) / w) ** 2))}   # torque = A · column
+    def bump(s, w: "rad" = (0.1, 0.01, 1.0)):             # a shape: start, lowest, highest
+        return {"A [N m]": ca.exp(-(((s.q - 0.3) / w) ** 2))}   # torque = A · column
 
-`s` has q, v, a, tau, lam and t, as `SIGNALS` says. With several joints the torque acts on the
-first, and each signal but t is a vector: s.q[0], s.q[1] …
+Units, as an annotation of a shape and in brackets behind an unknown, may be left out. `s` has q, v,
+a, tau, lam and t (from the log's first sample), as `SIGNALS` describes them. With several joints
+the torque acts on the first, and each signal but t is a vector: s.q[0], s.q[1] …
 """
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
@@ -19,18 +21,21 @@ import casadi as ca
 import numpy as np
 from scipy.stats import qmc
 
-from ident.effects.base import Bounds, Effect, Shape
-from ident.effects.signals import Signals
-from ident.errors import MechanismError
+from ident.effects.effect import Bounds, Effect, Shape, Signals, Unknown
+from ident.effects.library import KINDS
+from ident.errors import MechanismError, one_of
+from ident.files import module_of
 
 SIGNALS = {
     "q": "coordinate [rad | m]",
     "v": "its rate",
     "a": "its acceleration",
     "tau": "torque that the model predicts for the joint [N m | N]",
-    "lam": "what of it the links ask for, in a closure's own joint |λ| [N m | N]",
+    "lam": "the part of it that the links need, in a closure's own joint |λ| [N m | N]",
 }
+PREDICTED = {"a": 2, "torque": 3, "load": 4}  # `Effect.asks`, by their place among the inputs
 STARTS = 12  # of the search, for each shape
+MOST = 3  # joints whose signals a function is tried with
 UserFunction = Callable[..., Mapping[str, Any]]
 
 
@@ -50,7 +55,7 @@ class UserEffect(Effect):
                 f"{', '.join(self.joints) or 'none'}; write "
                 f"{self.kind}:{','.join(['joint'] * self.fewest)}"
             )
-        compiled_of(type(self), len(self.joints))
+        _compiled(type(self), len(self.joints))
         super().__post_init__()
 
     @property
@@ -58,20 +63,35 @@ class UserEffect(Effect):
         """As many joints as are given."""
         return len(self.joints)
 
+    @property
+    def asks(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Predictions on which the function depends."""
+        compiled = _compiled(type(self), len(self.joints))
+        return tuple(w for w, i in PREDICTED.items() if compiled.jac_sparsity(0, i).nnz())
+
+    @property
+    def not_integrable(self) -> str:
+        """A jump, or a dependence on the log's first sample."""
+        compiled = _compiled(type(self), len(self.joints))
+        used = {compiled.instruction_id(i) for i in range(compiled.n_instructions())}
+        if ca.OP_SIGN in used:
+            return "its function has sign(), which jumps; write ca.tanh(s.v / 1e-3), or use coulomb"
+        return ""
+
     def columns(self, s: Signals) -> np.ndarray:
         """E (n, joints, unknowns): the function's columns at the first joint, 0 at the others.
 
         Raises:
             MechanismError: where the function is not finite.
         """
-        n, compiled = len(s.t), compiled_of(type(self), len(self.joints))
+        n, compiled = len(s.t), _compiled(type(self), len(self.joints))
         asked = (s.torque, s.load) if self.implicit else (np.zeros_like(s.q),) * 2
         shape = np.array([s.shape[each.name] for each in self.shapes]).reshape(-1, 1)
-        found = compiled(
+        values = compiled(
             *(x.T for x in (s.q, s.v, s.a, *asked)), (s.t - s.t[0])[None], np.tile(shape, n)
         )
         E = np.zeros((*s.q.shape, len(self.unknowns)))
-        E[:, 0] = found.full().T
+        E[:, 0] = values.full().T
         if not np.isfinite(E).all():
             at = int(np.argmin(np.isfinite(E).all(axis=(1, 2))))
             raise MechanismError(
@@ -88,20 +108,98 @@ class UserEffect(Effect):
         """The given start, and points spread evenly between the bounds."""
         if not self.starting:
             return [{}]
-        k = len(self.starting)
+        start, low, high = np.array(list(self.starting.values())).T
+        k = len(start)
         shares = qmc.Halton(k, scramble=False).random(STARTS * k + 1)[1:]
-        spread = [
-            {
-                name: float(low + x * (high - low))
-                for x, (name, (_, low, high)) in zip(share, self.starting.items(), strict=True)
-            }
-            for share in shares
+        return [
+            dict(zip(self.starting, map(float, x), strict=True))
+            for x in (start, *(low + shares * (high - low)))
         ]
-        return [{name: start for name, (start, _, _) in self.starting.items()}, *spread]
 
 
-def returned(kind: type[UserEffect], joints: int) -> tuple[dict[str, ca.SX], list[ca.SX]]:
-    """The function's columns by unknown, and the symbols that they are of.
+def user_effect(name: str, function: UserFunction, file: Path | None = None) -> type[UserEffect]:
+    """A kind of effect from a function of signals; `mechanism + Kind(("elbow",))` adds it.
+
+    Args:
+        name: of the kind, as in parameters' names.
+        function: `s -> {unknown: column}`, CasADi expressions of s.q, s.v, s.a, s.tau, s.lam, s.t
+            (from the log's first sample);
+            keyword arguments with defaults (start, lowest, highest) are shapes, to be searched.
+        file: where it was read from, if it was.
+
+    Raises:
+        MechanismError: if the function cannot be used.
+    """
+    if not name.isidentifier() or name in KINDS:
+        why = "is in the library" if name in KINDS else "is no name"
+        raise MechanismError(f"effect '{name}' {why}; give another of letters, digits and _")
+    starting, units = _shapes(name, function)
+    members: dict[str, Any] = {
+        "__doc__": inspect.getdoc(function) or "A user's own effect.",
+        "__module__": __name__,
+        "kind": name,
+        "function": staticmethod(function),
+        "starting": starting,
+        "file": file,
+        "signature": "as the function has it",
+        "source": file.name if file else "a function of one's own",
+    }
+    kind: type[UserEffect] = type(name, (UserEffect,), members)
+    first: MechanismError | None = None
+    for joints in range(1, MOST + 1):  # a function of two joints' signals fails with one
+        try:
+            columns, inputs = _evaluated(kind, joints)
+            break
+        except MechanismError as error:
+            first = first or error
+    else:
+        assert first is not None
+        raise first
+    kind.fewest = joints
+    kind.shapes = tuple(
+        Unknown(key, (unit, unit), "of the function") for key, unit in units.items()
+    )
+    kind.unknowns = tuple(
+        Unknown(key, (unit, unit), "of the function") for key, (_, unit) in columns.items()
+    )
+    kind.equation = " + ".join(f"{key} ({column})" for key, (column, _) in columns.items())
+    every = ca.vertcat(*(column for column, _ in columns.values()))
+    kind.memory = bool(ca.depends_on(every, inputs[5]))  # t from the start
+    kind.implicit = bool(ca.depends_on(every, ca.vertcat(*inputs[3:5])))
+    _compiled(kind, joints)
+    return kind
+
+
+def _shapes(
+    name: str, function: UserFunction
+) -> tuple[dict[str, tuple[float, float, float]], dict[str, str]]:
+    """Start and bounds, and the unit, of each shape, from the function's keyword arguments."""
+    try:
+        given = list(inspect.signature(function).parameters.items())[1:]
+    except (TypeError, ValueError):
+        raise MechanismError(f"effect '{name}': {function!r} is no function of s") from None
+    starting, units = {}, {}
+    for key, parameter in given:
+        try:
+            start, low, high = (float(x) for x in parameter.default)
+        except (TypeError, ValueError):
+            start, low, high = np.nan, 0.0, 0.0
+        if not -np.inf < low <= start <= high < np.inf or not low < high:
+            shown = "nothing" if parameter.default is parameter.empty else repr(parameter.default)
+            raise MechanismError(
+                f"effect '{name}': the default of {key} is {shown}; give its start and bounds: "
+                f"{key}=(start, lowest, highest)"
+            )
+        starting[key] = (start, low, high)
+        unit = parameter.annotation
+        units[key] = unit.strip("'\"") if isinstance(unit, str) else "?"
+    return starting, units
+
+
+def _evaluated(
+    kind: type[UserEffect], joints: int
+) -> tuple[dict[str, tuple[ca.SX, str]], list[ca.SX]]:
+    """The function's columns with their units, by unknown, and the symbols they depend on.
 
     Raises:
         MechanismError: if it fails or returns anything but one expression an unknown.
@@ -110,37 +208,95 @@ def returned(kind: type[UserEffect], joints: int) -> tuple[dict[str, ca.SX], lis
     t, shapes = ca.SX.sym("t"), {name: ca.SX.sym(name) for name in kind.starting}
     try:
         returned = kind.function(SimpleNamespace(**symbols, t=t), **shapes)
-        named = {str(name): ca.SX(column) for name, column in returned.items()}
+        columns = {}
+        for key, column in returned.items():
+            name, _, unit = str(key).partition(" [")
+            columns[name] = ca.SX(column), unit.removesuffix("]") or "?"
     except Exception as error:  # it is the user's code
         raise MechanismError(
-            f"effect '{kind.kind}': its function fails: {said(error)}; it is given s with "
+            f"effect '{kind.kind}': its function fails: {_one_line(error)}; it is given s with "
             f"{', '.join(SIGNALS)}, t and returns {{'unknown': CasADi expression}}"
         ) from None
-    for name, column in named.items():
+    for name, (column, _) in columns.items():
         if not name.isidentifier() or column.shape != (1, 1):
             raise MechanismError(
                 f"effect '{kind.kind}': its function returns {column.shape[0]} × "
                 f"{column.shape[1]} numbers for the unknown '{name}'; valid: one expression for "
                 "each name (of several joints take one: s.q[0])"
             )
-    if not named:
+    if not columns:
         raise MechanismError(f"effect '{kind.kind}': its function returns no unknown")
-    return named, [*symbols.values(), t, ca.vertcat(*shapes.values())]
+    return columns, [*symbols.values(), t, ca.vertcat(*shapes.values())]
 
 
 @cache
-def compiled_of(kind: type[UserEffect], joints: int) -> ca.Function:
+def _compiled(kind: type[UserEffect], joints: int) -> ca.Function:
     """(q, v, a, tau, lam (joints each), t, shapes) → columns (unknowns,)."""
-    named, inputs = returned(kind, joints)
-    column = ca.densify(ca.vertcat(*named.values()))
+    columns, inputs = _evaluated(kind, joints)
+    column = ca.densify(ca.vertcat(*(each for each, _ in columns.values())))
     try:
         return ca.Function("columns", inputs, [column])
-    except Exception as error:  # symbols that are not those it was given
+    except Exception as error:  # it contains other symbols than its inputs
         raise MechanismError(
-            f"effect '{kind.kind}': its expression has other symbols than those of s: {said(error)}"
+            f"effect '{kind.kind}': its expression has other symbols than those of s: "
+            f"{_one_line(error)}"
         ) from None
 
 
-def said(error: BaseException) -> str:
-    """An exception of the user's code in one line."""
+def _one_line(error: BaseException) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+
+
+def parse_user(text: str) -> tuple[Path, str, tuple[str, ...]] | None:
+    """`file.py:function:joint[,joint]` as (file, function, joints); None for anything else.
+
+    Raises:
+        MechanismError: if the function or a joint is missing.
+    """
+    stem, python, rest = text.partition(".py:")
+    if not python and not text.endswith(".py"):
+        return None
+    name, _, joints = rest.partition(":")
+    names = tuple(part.strip() for part in joints.split(","))
+    if not name or not all(names):
+        file = text if text.endswith(".py") else f"{stem}.py"
+        raise MechanismError(
+            f"effect '{text}': write file, function and joint: {file}:{name or 'function'}:joint"
+        )
+    return Path(f"{stem}.py"), name, names
+
+
+def read_user_effect(
+    file: Path, name: str, *, allow_code: bool, where: str = ""
+) -> type[UserEffect]:
+    """The kind of effect that a Python file's function `name` describes; runs the file.
+
+    Args:
+        file: to be run.
+        name: of the function, and of the kind.
+        allow_code: whether it may be run.
+        where: begins the message of an error.
+
+    Raises:
+        MechanismError: if it may not or cannot be run, or has no such function.
+    """
+    before = f"{where}: " if where else ""
+    if not allow_code:
+        raise MechanismError(
+            f"{before}effect '{name}' would run {file}; pass --allow-code (allow_code=True) if you "
+            "trust it"
+        )
+    if not file.is_file():
+        raise MechanismError(f"{before}effect '{name}': no such file: {file}; check the path")
+    try:
+        module = module_of(file)
+    except (Exception, SystemExit) as error:  # it is the user's code
+        raise MechanismError(f"{before}{file} fails: {_one_line(error)}; mend it") from None
+    functions = {
+        key: each
+        for key, each in vars(module).items()
+        if inspect.isfunction(each) and each.__module__ == module.__name__
+    }
+    if name not in functions:
+        raise MechanismError(f"{before}{file} has no function '{name}'; {one_of(name, functions)}")
+    return user_effect(name, functions[name], file)

@@ -15,8 +15,7 @@ import pinocchio as pin
 from scipy.interpolate import CubicSpline
 from scipy.signal import oaconvolve
 
-from ident.effects import Correcting, Correction, Effect
-from ident.effects.drive import LATEST, Delay
+from ident.effects import Correction, Effect
 from ident.equations.filter import Decimator
 from ident.equations.point import Point
 from ident.equations.samples import Samples
@@ -44,20 +43,25 @@ def corrected(seen: Seen, point: Point, cutoff: float | None, only: Effect | Non
     mechanism, e = seen.mechanism, seen.e
     whole = Samples(mechanism, e, slice(None), point, seen.memo)
     for effect in mechanism.effects:
-        if not isinstance(effect, Correcting) or (only and effect.label != only.label):
+        if not effect.corrects or (only and effect.label != only.label):
             continue
         _, shape = point.of(effect)
         if len(shape) < len(effect.shapes):
             continue
-        if not any(shape.values()) and not isinstance(effect, Delay):
+        if not any(shape.values()) and not effect.margin:
             continue
         what = effect.correction(replace(whole.signals(effect.joints), shape=shape))
-        mechanism, e = _corrected(mechanism, e, what, whole, cutoff)
+        mechanism, e = _corrected(mechanism, e, what, whole, cutoff, effect.margin)
     return seen if e is seen.e and mechanism is seen.mechanism else Seen(mechanism, e)
 
 
 def _corrected(
-    mechanism: Mechanism, e: Experiment, what: Correction, whole: Samples, cutoff: float | None
+    mechanism: Mechanism,
+    e: Experiment,
+    what: Correction,
+    whole: Samples,
+    cutoff: float | None,
+    margin: float,
 ) -> tuple[Mechanism, Experiment]:
     if any(what.tilt):
         model = mechanism.model.copy()
@@ -70,7 +74,7 @@ def _corrected(
         mechanism = moved(mechanism, place, by)
         e = again(mechanism, e, {})
     for name, d in what.delay.items():
-        e = _early(e, mechanism.driven.index(name), d)
+        e = _early(e, mechanism.driven.index(name), d, margin)
     if what.dq:
         e = again(mechanism, e, {name: _rates(e, dq, cutoff) for name, dq in what.dq.items()})
     for name, C in what.gap.items():
@@ -78,11 +82,11 @@ def _corrected(
     return mechanism, e
 
 
-def _early(e: Experiment, channel: int, d: float) -> Experiment:
+def _early(e: Experiment, channel: int, d: float, margin: float) -> Experiment:
     """The experiment with one torque channel read at t + d, without its ends, where none is."""
     tau = e.tau.copy()
     tau[:, channel] = late(e.t, e.tau[:, channel], -d)
-    inside = (e.t >= e.t[0] + LATEST) & (e.t <= e.t[-1] - LATEST)
+    inside = (e.t >= e.t[0] + margin) & (e.t <= e.t[-1] - margin)
     return replace(e, tau=tau, usable=e.usable & inside)
 
 
@@ -121,7 +125,7 @@ def _opened(
     return displaced(mechanism, e, (dq, dv, da))
 
 
-def shapes_of(effect: Correcting, point: Point) -> Mapping[str, float]:
+def shapes_of(effect: Effect, point: Point) -> Mapping[str, float]:
     """The shapes of a correcting effect, 0 where there is no value yet."""
     _, shape = point.of(effect)
     return {each.name: shape.get(each.name, 0.0) for each in effect.shapes}

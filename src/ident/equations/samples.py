@@ -17,7 +17,6 @@ from functools import cached_property
 import numpy as np
 
 from ident.effects import Effect, Signals
-from ident.effects.payload import Payload
 from ident.equations.point import Point
 from ident.equations.predicted import predicted, predicted_multipliers
 from ident.equations.regressor import regressor
@@ -120,8 +119,8 @@ class Samples:
             c: values (unknowns,), or combinations (unknowns, c).
             shape: of the effect.
         """
-        if isinstance(effect, Payload):
-            out += self.gamma[:, :, self.mechanism.bodies.columns(effect.joints[0])] @ c
+        if effect.loaded_link:
+            out += self.gamma[:, :, self.mechanism.bodies.columns(effect.loaded_link)] @ c
             return
         E = self.columns(effect, shape)
         for i, name in enumerate(effect.joints):

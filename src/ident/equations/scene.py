@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.effects import Correcting, Effect
+from ident.effects import Effect
 from ident.equations.columns import Columns
 from ident.equations.correct import Seen, corrected, shapes_of
 from ident.equations.point import Point
@@ -62,7 +62,7 @@ class Scene:
         bare = Seen(mechanism, e)
         beside = []
         for effect, places in columns.effects:
-            if not isinstance(effect, Correcting):
+            if not effect.corrects:
                 continue
             shapes = shapes_of(effect, point)
             for (name, value), full, place in zip(

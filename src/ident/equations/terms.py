@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.effects import Correcting, Effect
+from ident.effects import Effect
 from ident.equations.point import Point
 from ident.equations.samples import Samples
 from ident.equations.scene import Scene
@@ -52,7 +52,7 @@ def terms(scene: Scene, part: slice | np.ndarray, *, full: bool = False) -> Term
         b -= s.gamma[:, :, columns.known] @ columns.known_values
     told = []
     for effect, places in columns.effects:
-        if isinstance(effect, Correcting):
+        if effect.corrects:
             continue
         c, shape = point.of(effect)
         u = len(effect.unknowns)

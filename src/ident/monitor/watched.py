@@ -15,8 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.diagnose.sites import candidates
-from ident.effects import Correcting, Effect
-from ident.effects.base import Unknown
+from ident.effects import Correcting, Effect, Unknown
 from ident.effects.payload import WORDS, Payload
 from ident.equations.columns import Columns
 from ident.equations.point import Point

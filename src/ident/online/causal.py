@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ident.effects import Effect
-from ident.effects.measured import Backlash
+from ident.effects.measurement import Backlash
 from ident.equations.point import Point
 from ident.errors import FitError
 from ident.mechanism.mechanism import Mechanism

@@ -15,31 +15,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-import casadi as ca
 import numpy as np
 
-from ident.effects import Correcting, Effect, Signals
-from ident.effects.coupling import Coupling
-from ident.effects.drive import Drift, RotorInertia, TorqueOffset
-from ident.effects.elastic import Spring
-from ident.effects.friction import (
-    Coulomb,
-    Dry,
-    Hysteresis,
-    LoadFriction,
-    TemperatureFriction,
-    Viscous,
-)
-from ident.effects.measured import ClosureCompliance
-from ident.effects.payload import Payload
-from ident.effects.user import UserEffect, compiled_of
+from ident.effects import Effect, Signals
 from ident.equations.point import Point
 from ident.errors import MechanismError
 from ident.mechanism.mechanism import Mechanism
 
 LEAST = 1e-200  # [rad/s | m/s] a speed that has a sign and no size
-LINEAR = (Viscous, Spring, TorqueOffset, Coupling)  # in q and v
-LEVEL = (Coulomb, Coupling)  # whose friction torque does not depend on the state
+ASKED = {"a": "ydd"}  # where this module has another name than `Effect.asks`
 Extra = Mapping[str, Callable[[float], float]]
 
 
@@ -72,6 +56,7 @@ class Law:
         c: (unknowns,) values, zero for what is not of this part.
         at: where its joints stand among the mechanism's.
         asks: which of `torque`, `load` and `ydd` its columns depend on.
+        acts: as `Unknown.acts` of this part.
     """
 
     effect: Effect
@@ -80,6 +65,7 @@ class Law:
     present: Mapping[str, float]
     at: tuple[int, ...]
     asks: tuple[str, ...] = ()
+    acts: str = "torque"
 
     def torque(self, seen: Seen) -> np.ndarray:
         """E c (arity,) [N m | N] that the joints must supply."""
@@ -130,8 +116,8 @@ class DryJoint:
     def of(cls, names: tuple[str, ...], laws: list[Law], count: int) -> DryJoint:
         """Of the laws at these joints, of `count` in all."""
         rest = nothing_seen(count)
-        level = sum(law.limit(rest) for law in laws if isinstance(law.effect, LEVEL))
-        parts = tuple(law for law in laws if not isinstance(law.effect, LEVEL))
+        level = sum(law.limit(rest) for law in laws if law.acts == "level")
+        parts = tuple(law for law in laws if law.acts != "level")
         labels = tuple(law.effect.label for law in laws)
         return cls(",".join(names), laws[0].at, labels, level, parts)
 
@@ -227,27 +213,28 @@ class Laws:
         for effect in mechanism.effects:
             _check(effect)
             c, shape = point.of(effect)
-            if isinstance(effect, Correcting) or not c.any():
+            if effect.corrects or not c.any():
                 continue  # of the measurement or the geometry; or of no size
-            if isinstance(effect, Payload):
-                pi[mechanism.bodies.columns(effect.joints[0])] += c
+            if effect.loaded_link:
+                pi[mechanism.bodies.columns(effect.loaded_link)] += c
                 continue
             at = tuple(mechanism.joint_index[name] for name in effect.joints)
-            law = Law(effect, c, shape, point.values, at, _asks(effect))
-            if isinstance(effect, RotorInertia):
-                inertial.append((at, float(c[0])))
-            elif isinstance(effect, Coupling):
-                inertial.append((at, float(c[0])))
-                linear.append(Law(effect, c * (0, 1, 0), shape, point.values, at))
-                if c[2]:
-                    friction = Law(effect, c * (0, 0, 1), shape, point.values, at)
-                    dry.setdefault(effect.joints, []).append(friction)
-            elif isinstance(effect, Hysteresis):
-                presliding.append(Presliding(effect.joints[0], at[0], float(c[0]), shape["z0"]))
-            elif isinstance(effect, Dry):
-                dry.setdefault(effect.joints, []).append(law)
-            else:
-                (linear if isinstance(effect, LINEAR) else smooth).append(law)
+            asks = tuple(ASKED.get(word, word) for word in effect.asks)
+            for acts in dict.fromkeys(each.acts for each in effect.unknowns):
+                part = np.where([each.acts == acts for each in effect.unknowns], c, 0.0)
+                law = Law(effect, part, shape, point.values, at, asks, acts)
+                if not part.any():
+                    continue
+                if acts == "inertia":
+                    inertial.append((at, float(part.sum())))
+                elif acts == "state":
+                    presliding.append(
+                        Presliding(effect.joints[0], at[0], float(part.sum()), shape["z0"])
+                    )
+                elif acts in ("dry", "level"):
+                    dry.setdefault(effect.joints, []).append(law)
+                else:
+                    (linear if acts == "linear" else smooth).append(law)
         count = len(mechanism.joints)
         joints = (DryJoint.of(names, laws, count) for names, laws in dry.items())
         return cls(
@@ -256,34 +243,13 @@ class Laws:
         )  # fmt: skip
 
 
-def _asks(effect: Effect) -> tuple[str, ...]:
-    if isinstance(effect, TemperatureFriction):
-        return ()  # only for another effect's parameter
-    if isinstance(effect, LoadFriction):
-        return ("load",)
-    if isinstance(effect, UserEffect):
-        compiled = compiled_of(type(effect), len(effect.joints))
-        given = {"ydd": 2, "torque": 3, "load": 4}
-        return tuple(word for word, i in given.items() if compiled.jac_sparsity(0, i).nnz())
-    return ("torque",) if effect.implicit else ()
-
-
 def _check(effect: Effect) -> None:
     """Refuse what has no place in an integration.
 
     Raises:
         MechanismError: naming the effect, the reason and what to do.
     """
-    why = ""
-    if isinstance(effect, ClosureCompliance):
-        why = "a closure that yields would vibrate, and this effect has no inertia to do it with"
-    elif isinstance(effect, UserEffect):
-        compiled = compiled_of(type(effect), len(effect.joints))
-        used = {compiled.instruction_id(i) for i in range(compiled.n_instructions())}
-        if ca.OP_SIGN in used:
-            why = "its function has sign(), which jumps; write ca.tanh(s.v / 1e-3), or use coulomb"
-    elif effect.memory and not isinstance(effect, Hysteresis | Drift):
-        why = "it depends on the past, and nothing here says how its state goes on"
+    why = effect.not_integrable
     if why:
         raise MechanismError(
             f"effect '{effect.label}': cannot be integrated: {why}; or leave it out, or simulate a "

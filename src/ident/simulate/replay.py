@@ -14,7 +14,6 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ident.effects.friction import Hysteresis
 from ident.equations.point import Point
 from ident.equations.samples import Samples
 from ident.equations.scene import Scene
@@ -188,6 +187,6 @@ def _presliding(mechanism: Mechanism, point: Point, e: Experiment) -> np.ndarray
     found = []
     for effect in mechanism.effects:
         c, shape = point.of(effect)
-        if isinstance(effect, Hysteresis) and c.any():
+        if any(each.acts == "state" for each in effect.unknowns) and c.any():
             found.append(s.columns(effect, shape)[:, 0, 0])
     return np.stack(found, axis=1) if found else np.zeros((len(e), 0))

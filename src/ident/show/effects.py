@@ -1,13 +1,11 @@
-"""What `ident effects` and the page of the library say of a kind, from the kind itself."""
+"""The library of effects as `ident effects` and its page show it."""
 
 from __future__ import annotations
 
 import inspect
 import textwrap
 
-from ident.effects.base import Effect, Unknown
-from ident.effects.library import KINDS
-from ident.errors import MechanismError, one_of
+from ident.effects import KINDS, Effect, Unknown
 
 SITS = {
     "joint": "any joint, a closure's own as well",
@@ -21,32 +19,22 @@ WIDTH, INDENT = 96, 17
 
 
 def example(kind: type[Effect]) -> Effect:
-    """An effect of a kind, to be asked for what depends on its settings."""
+    """Return an effect of a kind, for what depends on its settings."""
     return kind(tuple(f"joint{i + 1}" for i in range(kind.arity)))
 
 
-def kind_called(name: str) -> type[Effect]:
-    """The kind of the library called `name`.
-
-    Raises:
-        MechanismError: if there is none, with the nearest name.
-    """
-    if name not in KINDS:
-        raise MechanismError(f"there is no effect '{name}'; {one_of(name, KINDS)}")
-    return KINDS[name]
-
-
 def facts(kind: type[Effect]) -> dict[str, list[str]]:
-    """All that can be said of a kind, lines by heading, nothing for what it does not have."""
+    """Return the description of a kind, lines by heading, without headings that have none."""
     effect = example(kind)
+    where = " ".join((inspect.getdoc(kind.bounds) or "").split()).rstrip(".")
     shapes = []
     for shape in effect.shapes:
-        how = "both are tried" if shape.discrete else _plain(inspect.getdoc(kind.bounds))
-        shapes.append(f"{_said(shape)}; searched: {how}")
-    found = {
-        "what": [_plain(inspect.getdoc(kind))],
+        how = "both are tried" if shape.discrete else where[:1].lower() + where[1:]
+        shapes.append(f"{_parameter(shape)}; searched: {how}")
+    lines = {
+        "what": [kind.summary()],
         "torque": [kind.equation],
-        "unknowns": [_said(unknown) for unknown in effect.unknowns],
+        "unknowns": [_parameter(unknown) for unknown in effect.unknowns],
         "shapes": shapes,
         "settings": [f"{name} = {value:g} by default" for name, value in kind.settings.items()],
         "sits on": [SITS[kind.sits] if kind.arity < 2 else f"{kind.arity} driven joints"],
@@ -57,14 +45,14 @@ def facts(kind: type[Effect]) -> dict[str, list[str]]:
         "contained in": [", ".join(kind.nested_in)] if kind.nested_in else [],
         "source": [kind.source],
     }
-    return {heading: lines for heading, lines in found.items() if lines}
+    return {heading: each for heading, each in lines.items() if each}
 
 
 def described(kind: type[Effect]) -> str:
-    """A kind in words, as a terminal shows it."""
+    """Return the text of a kind for a terminal."""
     lines = [example(kind).call]
-    for heading, said in facts(kind).items():
-        for i, line in enumerate(said):
+    for heading, each in facts(kind).items():
+        for i, line in enumerate(each):
             first = f"  {heading if i == 0 else '':<{INDENT - 2}}"
             lines += textwrap.wrap(
                 line, WIDTH, initial_indent=first, subsequent_indent=" " * INDENT
@@ -73,16 +61,16 @@ def described(kind: type[Effect]) -> str:
 
 
 def table() -> str:
-    """The library as a table in Markdown."""
+    """Return the library as a table in Markdown."""
     rows = ["| effect | torque | unknowns | shapes | sits on |", "|---|---|---|---|---|"]
     for kind in KINDS.values():
-        effect, said = example(kind), facts(kind)
+        effect = example(kind)
         cells = [
             f"`{effect.call}`",
             kind.equation,
             _names(effect.unknowns) if len(effect.unknowns) < 8 else "ten parameters of a body",
             _names(effect.shapes),
-            *said["sits on"],
+            *facts(kind)["sits on"],
         ]
         safe = (cell.replace("|", "\\|").replace("<", "\\<") for cell in cells)
         rows.append(f"| {' | '.join(safe)} |")
@@ -93,14 +81,8 @@ def _names(parameters: tuple[Unknown, ...]) -> str:
     return ", ".join(each.name for each in parameters)
 
 
-def _said(parameter: Unknown) -> str:
-    turning, sliding = parameter.units
-    unit = turning if turning == sliding else f"{turning} | {sliding}"
+def _parameter(parameter: Unknown) -> str:
+    rotational, linear = parameter.units
+    unit = rotational if rotational == linear else f"{rotational} | {linear}"
     sign = ", not negative" if parameter.nonnegative else ""
     return f"{parameter.name} [{unit}] {parameter.meaning}{sign}"
-
-
-def _plain(doc: str | None) -> str:
-    """The first paragraph of a docstring, to stand within a sentence."""
-    text = " ".join((doc or "").split("\n\n")[0].split()).rstrip(".")
-    return text[:1].lower() + text[1:]

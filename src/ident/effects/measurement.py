@@ -9,18 +9,22 @@ from typing import ClassVar
 
 import numpy as np
 
-from ident.effects.base import Bounds, Correcting, Correction, Unknown
-from ident.effects.signals import Signals
+from ident.effects.effect import Bounds, Correcting, Correction, Signals, Unknown
 
 
 class EncoderOffset(Correcting):
     """An encoder whose zero is off, at a joint whose position is logged."""
 
     kind: ClassVar[str] = "encoder_offset"
+    tried: ClassVar[str] = "logged"
+    watched: ClassVar[str] = "always"
     shapes: ClassVar = (Unknown("delta", ("rad", "m"), "true minus logged coordinate"),)
     equation: ClassVar[str] = "q = q_logged + delta"
     signature: ClassVar[str] = "the residual of all joints follows the slope of gravity with q"
     confused_with: ClassVar = ("gravity_tilt", "the centre of mass of a last link")
+    remedy: ClassVar[str] = (
+        "put the joint against a reference, or turn the base about a horizontal axis"
+    )
     source: ClassVar[str] = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, ch. 6"
 
     def correction(self, s: Signals) -> Correction:
@@ -40,6 +44,7 @@ class GravityTilt(Correcting):
     kind: ClassVar[str] = "gravity_tilt"
     arity: ClassVar[int] = 0
     sits: ClassVar[str] = "mechanism"
+    watched: ClassVar[str] = "always"
     shapes: ClassVar = (
         Unknown("x", ("rad", "rad"), "rotation of the base about its x axis"),
         Unknown("y", ("rad", "rad"), "then about its new y axis"),
@@ -47,6 +52,10 @@ class GravityTilt(Correcting):
     equation: ClassVar[str] = "g → Rᵀ g, R = Rx(x) Ry(y): the base is turned by R"
     signature: ClassVar[str] = "joints that gravity should not feel show it, with their angle"
     confused_with: ClassVar = ("encoder_offset",)
+    remedy: ClassVar[str] = "level the base, or turn it about a horizontal axis by a known angle"
+    separated_by: ClassVar = {
+        "encoder_offset": "repeat it with the first joint turned by a right angle"
+    }
     source: ClassVar[str] = "Featherstone, Rigid Body Dynamics Algorithms, ch. 5"
 
     def correction(self, s: Signals) -> Correction:
@@ -62,6 +71,8 @@ class Elasticity(Correcting):
     """A drive that twists under load: the joint lags behind the motor's encoder."""
 
     kind: ClassVar[str] = "elasticity"
+    watched: ClassVar[str] = "request"
+    asks: ClassVar = ("load",)
     rare: ClassVar[bool] = True
     sits: ClassVar[str] = "driven"
     shapes: ClassVar = (
@@ -90,6 +101,10 @@ class Backlash(Correcting):
     """Play between motor and joint."""
 
     kind: ClassVar[str] = "backlash"
+    watched: ClassVar[str] = "request"
+    slow: ClassVar[bool] = True
+    whole_log: ClassVar[bool] = True  # the rms of its load
+    asks: ClassVar = ("load",)
     rare: ClassVar[bool] = True
     sits: ClassVar[str] = "driven"
     shapes: ClassVar = (Unknown("width", ("rad", "m"), "of the play", nonnegative=True),)
@@ -117,10 +132,13 @@ class Geometry(Correcting):
     kind: ClassVar[str] = "geometry"
     rare: ClassVar[bool] = True
     sits: ClassVar[str] = "place"
+    tried: ClassVar[str] = "length"
+    watched: ClassVar[str] = "request"
     shapes: ClassVar = (Unknown("Delta", ("m", "m"), "displacement along the axis"),)
     equation: ClassVar[str] = "place <joint>.<x|y|z> or <closure>.<a|b>.<x|y|z> moved by Delta"
     signature: ClassVar[str] = "coupling and gravity terms are wrong in proportion"
     confused_with: ClassVar = ("inertias and centres of mass", "encoder_offset")
+    remedy: ClassVar[str] = "measure this length, or log passive joints' angles too"
     source: ClassVar[str] = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, ch. 6"
 
     def correction(self, s: Signals) -> Correction:
@@ -138,10 +156,15 @@ class ClosureCompliance(Correcting):
     kind: ClassVar[str] = "closure_compliance"
     rare: ClassVar[bool] = True
     sits: ClassVar[str] = "closure"
+    watched: ClassVar[str] = "always"
+    not_integrable: ClassVar[str] = (
+        "a closure that yields would vibrate, and this effect has no inertia to do it with"
+    )
     shapes: ClassVar = (Unknown("C", ("m/N", "m/N"), "compliance", nonnegative=True),)
     equation: ClassVar[str] = "Φ = C λ, in the directions in which λ is a force"
     signature: ClassVar[str] = "dependent joints leave the closure, and inertias act, as λ changes"
     confused_with: ClassVar = ("geometry",)
+    remedy: ClassVar[str] = "log passive joints' angles too, under a known load"
     source: ClassVar[str] = "Pashkevich, Chablat, Wenger, Mech. Mach. Theory 44(5), 2009"
     implicit: ClassVar[bool] = True
 

@@ -1,0 +1,392 @@
+"""The base class of all effects: columns E(q, v, a, …; s) whose unknowns c add E c to the torques.
+
+A new kind is one class and one line in `library.py`. The class states everything about the kind,
+and no other file asks for a kind by its name or class:
+
+identity    kind, arity, sits, tried, unknowns, shapes, settings, needs, reads()
+text        equation, signature, confused_with, source, remedy, separated_by
+columns     columns(s), informed(s), bounds(s), starts(s), implicit, memory, fades
+correction  corrects, correction(s), margin, whole_log: data or geometry instead of a torque
+body        loaded_link: the link whose ten columns of Γ are those of the effect
+forward     Unknown.acts, asks, state_rate(…), not_integrable: the law in a simulation
+diagnosis   nested_in, common, rare, slow, companions, Unknown.nonnegative, Unknown.largest
+monitor     watched
+
+Names, known values, search of shapes, files, commands and candidates follow from these.
+"""
+
+from __future__ import annotations
+
+import inspect
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+from typing import ClassVar
+
+import numpy as np
+
+from ident.errors import MechanismError, MotionError, one_of
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Time series of the joints that an effect acts on, and predictions of the present model.
+
+    Attributes:
+        t: (n,) [s].
+        q, v, a: (n, joints) [rad | m], [.../s], [.../s²].
+        still: (joints,) speed [rad/s | m/s] below which a joint counts as standing still.
+        extra: the log's other columns on the same clock, each (n,).
+        shape: values of the effect's shape parameters.
+        present: present values of all effects' parameters, by full name.
+        predicted: gives (torque, load), both (n, joints) [N m | N]: the torque that the present
+            model predicts for each joint, and the part of it that the links need, without effects
+            at that joint. In a closure's own joint both are the size of the closure's force.
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    still: np.ndarray
+    extra: Mapping[str, np.ndarray] = field(default_factory=dict)
+    shape: Mapping[str, float] = field(default_factory=dict)
+    present: Mapping[str, float] = field(default_factory=dict)
+    predicted: Callable[[], tuple[np.ndarray, np.ndarray]] | None = None
+
+    @property
+    def torque(self) -> np.ndarray:
+        """(n, joints) [N m | N] that the present model predicts; zero where there is no model."""
+        return self.predicted()[0] if self.predicted else np.zeros_like(self.q)
+
+    @property
+    def load(self) -> np.ndarray:
+        """(n, joints) [N m | N] that the joint transmits; zero where there is no model."""
+        return self.predicted()[1] if self.predicted else np.zeros_like(self.q)
+
+    @property
+    def travel(self) -> np.ndarray:
+        """(joints, 2) lowest and highest coordinate."""
+        return np.stack([self.q.min(axis=0), self.q.max(axis=0)], axis=1)
+
+    def column(self, name: str) -> np.ndarray:
+        """Another column (n,) of the log.
+
+        Raises:
+            MotionError: if the log does not have it.
+        """
+        if name not in self.extra:
+            raise MotionError(f"the log has no column '{name}', which this effect needs; log it")
+        return self.extra[name]
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One parameter of an effect: its name, and its unit at a rotational and at a linear joint.
+
+    Attributes:
+        nonnegative: whether a negative value makes no physical sense.
+        discrete: of a shape parameter, whether it takes a few values only and has no slope.
+        largest: size above which a value is not plausible.
+        acts: how the part E_i c_i of an unknown enters a simulation: `torque` (any smooth function
+            of the state), `linear` (linear in q and v), `inertia` (c times the acceleration, summed
+            over the joints), `dry` (|E c| is the limit of dry friction at the summed rate), `level`
+            (a dry limit that no state changes), `state` (c times a state z with ż = `state_rate`),
+            `body` (one of a link's ten parameters).
+    """
+
+    name: str
+    units: tuple[str, str]  # (rotational, linear)
+    meaning: str
+    nonnegative: bool = False
+    discrete: bool = False
+    largest: float = np.inf
+    acts: str = "torque"
+
+
+@dataclass(frozen=True)
+class Sites:
+    """Names of everything in a mechanism on which an effect can sit; `Effect.sits` names a field.
+
+    Attributes:
+        joint: all coordinates, closures' own as well.
+        driven: joints with a drive.
+        loaded: joints whose load the model predicts: driven ones and closures' own.
+        logged: joints whose position is logged.
+        link: moving links.
+        closure: closures between two frames.
+        place: lengths of the URDF and the closures, zero or not.
+        length: places whose coordinate is not zero, beyond the first joint.
+    """
+
+    joint: tuple[str, ...] = ()
+    driven: tuple[str, ...] = ()
+    loaded: tuple[str, ...] = ()
+    logged: tuple[str, ...] = ()
+    link: tuple[str, ...] = ()
+    closure: tuple[str, ...] = ()
+    place: tuple[str, ...] = ()
+    length: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Changes of the data or the geometry by an effect, instead of a torque.
+
+    Attributes:
+        dq: by joint, true minus logged coordinate, (n,) or a number.
+        delay: by joint, the time by which its torque channel is late [s].
+        tilt: rotation of the base about x and y [rad].
+        moved: by place, a displacement [m] along its axis.
+        gap: by closure, its compliance C in Φ = C λ [m/N].
+    """
+
+    dq: Mapping[str, np.ndarray | float] = field(default_factory=dict)
+    delay: Mapping[str, float] = field(default_factory=dict)
+    tilt: tuple[float, float] = (0.0, 0.0)
+    moved: Mapping[str, float] = field(default_factory=dict)
+    gap: Mapping[str, float] = field(default_factory=dict)
+
+
+Bounds = Mapping[str, tuple[float, float]]
+Shape = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Effect(ABC):
+    """A physical cause beyond rigid bodies; `mechanism + effect` is a new model.
+
+    Args:
+        joints: names of what it acts on, `arity` of them: joints, or a link, a closure or a place,
+            according to `sits`.
+        values: parameters (unknowns, shapes) that are known, and settings, with their values.
+        rotational: whether the first joint is rotational (it decides the units).
+    """
+
+    kind: ClassVar[str]
+    arity: ClassVar[int] = 1
+    sits: ClassVar[str] = "joint"  # a field of `Sites`, or `mechanism` for the whole of it
+    tried: ClassVar[str] = ""  # the field of `Sites` where a diagnosis tries it, if not `sits`
+    unknowns: ClassVar[tuple[Unknown, ...]] = ()
+    shapes: ClassVar[tuple[Unknown, ...]] = ()
+    settings: ClassVar[Mapping[str, float]] = {}  # further keys of `values`, with defaults
+    needs: ClassVar[tuple[str, ...]] = ()  # kinds that must be at the same joints
+
+    equation: ClassVar[str]
+    signature: ClassVar[str]
+    confused_with: ClassVar[tuple[str, ...]] = ()
+    source: ClassVar[str]
+    remedy: ClassVar[str] = ""  # how to observe it where no motion shows it
+    separated_by: ClassVar[Mapping[str, str]] = {}  # by rival kind: the experiment that separates
+
+    implicit: ClassVar[bool] = False  # its columns depend on the present model
+    memory: ClassVar[bool] = False  # its columns depend on the past, not on the sample alone
+    fades: ClassVar[bool] = False  # its memory of the distant past fades: portions can start anew
+
+    corrects: ClassVar[bool] = False  # it has a correction instead of columns
+    margin: ClassVar[float] = 0.0  # [s] at both ends of a log that its correction cannot use
+    whole_log: ClassVar[bool] = False  # its correction depends on statistics of the whole log
+
+    asks: ClassVar[tuple[str, ...]] = ()  # of `a`, `torque`, `load`: predictions in its columns
+
+    nested_in: ClassVar[tuple[str, ...]] = ()  # kinds that contain this one as a special case
+    common: ClassVar[bool] = False  # every machine has it, to some extent
+    rare: ClassVar[bool] = False  # few have it, and noise resembles it: more evidence is required
+    slow: ClassVar[bool] = False  # it shows at low speed
+    companions: ClassVar[tuple[str, ...]] = ()  # kinds that act and change with it at a joint
+
+    watched: ClassVar[str] = "never"  # by a monitor: `always`, on `request`, `never`
+
+    joints: tuple[str, ...]
+    values: Mapping[str, float] = field(default_factory=dict)
+    rotational: bool = True
+
+    def __post_init__(self) -> None:
+        if len(self.joints) != self.arity:
+            what = f"{self.arity} {self.site}(s)" if self.arity else "the whole mechanism"
+            raise MechanismError(
+                f"effect '{self.kind}' acts on {what}, given: "
+                f"{', '.join(self.joints) or 'none'}; write {self.call}"
+            )
+        if len(set(self.joints)) != len(self.joints):
+            raise MechanismError(
+                f"effect '{self.label}' names a joint twice; give different joints"
+            )
+        names = [parameter.name for parameter in self.parameters]
+        for name, value in self.values.items():
+            if name not in names and name not in self.settings:
+                raise MechanismError(
+                    f"effect '{self.label}' has no parameter '{name}'; "
+                    f"{one_of(name, [*names, *self.settings])}"
+                )
+            if not np.isfinite(value):
+                raise MechanismError(
+                    f"effect '{self.label}': {name} = {value}; give a finite number"
+                )
+
+    # --- names ----------------------------------------------------------------------------------
+
+    @property
+    def parameters(self) -> tuple[Unknown, ...]:
+        """Unknowns c, then shape parameters s."""
+        return (*self.unknowns, *self.shapes)
+
+    @property
+    def label(self) -> str:
+        """`viscous:elbow`, as commands take it."""
+        return f"{self.kind}:{','.join(self.joints)}" if self.joints else self.kind
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Full names of the parameters, `<kind>.<joint>.<parameter>`."""
+        stem = f"{self.kind}.{','.join(self.joints)}" if self.joints else self.kind
+        return tuple(f"{stem}.{parameter.name}" for parameter in self.parameters)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the parameters at these joints."""
+        return tuple(parameter.units[0 if self.rotational else 1] for parameter in self.parameters)
+
+    @property
+    def site(self) -> str:
+        """The word for each of `joints`: joint, link, closure or place."""
+        return self.sits if self.sits in ("link", "closure", "place") else "joint"
+
+    @property
+    def call(self) -> str:
+        """`coupling:joint,joint`, the form in which a command names an effect of this kind."""
+        return ":".join([self.kind, *([",".join([self.site] * self.arity)] if self.arity else [])])
+
+    @classmethod
+    def summary(cls) -> str:
+        """The first paragraph of the class's docstring, to stand within a sentence."""
+        text = " ".join((inspect.getdoc(cls) or "").split("\n\n")[0].split()).rstrip(".")
+        return text[:1].lower() + text[1:]
+
+    def __str__(self) -> str:
+        return self.label
+
+    # --- sites ----------------------------------------------------------------------------------
+
+    @classmethod
+    def candidates(cls, sites: Sites) -> list[tuple[str, ...]]:
+        """Return the `joints` of every place of a mechanism where a diagnosis tries this kind."""
+        return list(combinations(getattr(sites, cls.tried or cls.sits, ()), cls.arity))
+
+    def reads(self) -> tuple[str, ...]:
+        """Columns of the log that it needs beside the motion."""
+        return ()
+
+    @property
+    def required(self) -> tuple[str, ...]:
+        """Labels of the effects that it changes, which must be in the model."""
+        return tuple(f"{kind}:{','.join(self.joints)}" for kind in self.needs)
+
+    def applicable(self, labels: Collection[str], columns: Collection[str]) -> bool:
+        """Whether the effects and the columns of the log that it needs are among these."""
+        return {*self.required} <= {*labels} and {*self.reads()} <= {*columns}
+
+    @property
+    def local(self) -> bool:
+        """Whether it acts in the rows of its own joints only."""
+        return self.site == "joint" and self.arity > 0 and not self.corrects
+
+    @property
+    def loaded_link(self) -> str | None:
+        """The link whose columns of Γ, times the unknowns, are this effect; None for torques."""
+        return self.joints[0] if any(each.acts == "body" for each in self.unknowns) else None
+
+    # --- parameters -----------------------------------------------------------------------------
+
+    def setting(self, name: str) -> float:
+        """Value of the setting `name`, or its default."""
+        return float(self.values.get(name, self.settings[name]))
+
+    @property
+    def searched(self) -> tuple[Unknown, ...]:
+        """Shape parameters that are not known and need an outer search."""
+        return tuple(shape for shape in self.shapes if shape.name not in self.values)
+
+    @property
+    def known(self) -> bool:
+        """Whether all its parameters are given."""
+        return all(each.name in self.values for each in self.parameters)
+
+    @property
+    def freed(self) -> Effect:
+        """The effect with its unknowns open and its shapes as they are; a correction, which has no
+        unknowns, with its shapes open.
+        """
+        open_ = {each.name for each in self.unknowns or self.shapes}
+        return replace(self, values={n: x for n, x in self.values.items() if n not in open_})
+
+    @property
+    def linear(self) -> bool:
+        """Whether one least-squares solve suffices: nothing to search, no prediction in columns."""
+        return not self.searched and not self.implicit
+
+    # --- columns --------------------------------------------------------------------------------
+
+    @abstractmethod
+    def columns(self, s: Signals) -> np.ndarray:
+        """E (n, arity, unknowns): the torque each joint must supply per unit of each unknown.
+
+        Args:
+            s: signals of its joints, in their order, with the values of its shapes.
+        """
+
+    def informed(self, s: Signals) -> np.ndarray:
+        """(n, arity), false where a sample does not inform the torque of this effect on a joint."""
+        return np.ones(s.q.shape, dtype=bool)
+
+    def bounds(self, s: Signals) -> Bounds:
+        """The range of each shape parameter that the signals `s` can determine."""
+        return {}
+
+    def starts(self, s: Signals) -> list[Shape]:
+        """Shapes from which the outer search starts, so close that one leads to the optimum.
+
+        Args:
+            s: signals of its joints, of all experiments.
+        """
+        return [{}]
+
+    # --- correction and simulation --------------------------------------------------------------
+
+    def correction(self, s: Signals) -> Correction:
+        """The corrections at the shape `s.shape`; none for an effect that is a torque."""
+        return Correction()
+
+    def state_rate(self, z: np.ndarray, v: np.ndarray, shape: Shape) -> np.ndarray:
+        """ż of the state by which unknowns that act by `state` are multiplied, at rates v."""
+        raise NotImplementedError(f"effect '{self.kind}' has no state")
+
+    @property
+    def not_integrable(self) -> str:
+        """The reason why it has no place in a forward simulation; empty where it has one."""
+        if self.memory and not any(each.acts == "state" for each in self.unknowns):
+            return "it depends on the past, and its state has no differential equation"
+        return ""
+
+
+@dataclass(frozen=True)
+class Correcting(Effect):
+    """An effect without columns of its own: it corrects positions, torques, gravity or lengths.
+
+    Its shape parameters enter the equations by their sensitivities, −∂(b − A x)/∂s.
+    """
+
+    corrects: ClassVar[bool] = True
+
+    def columns(self, s: Signals) -> np.ndarray:
+        """E (n, arity, 0)."""
+        return np.zeros((*s.q.shape, 0))
+
+    @abstractmethod
+    def correction(self, s: Signals) -> Correction:
+        """The corrections at the shape `s.shape`."""
+
+    def starts(self, s: Signals) -> list[Shape]:
+        """No correction at all."""
+        return [{shape.name: 0.0 for shape in self.shapes}]
