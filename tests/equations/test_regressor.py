@@ -7,7 +7,7 @@ import pytest
 from helpers import J, Truth, raw_configuration, tree_urdf, write_mechanism
 from ident.equations.columns import Columns
 from ident.equations.point import Point
-from ident.equations.regressor import regressor, supports
+from ident.motion.regressor import FEW, regressor, supports
 from ident.errors import MechanismError
 from ident.mechanism import load
 from ident.mechanism.parameters import (
@@ -60,6 +60,35 @@ def test_torques_are_pinocchios(name, tmp_path):
     back = np.argsort(order)
     tau = pin.rnea(raw, raw.createData(), theirs, v[back], a[back])[order]
     np.testing.assert_allclose(gamma_of(mechanism, q, v, a) @ mechanism.prior, tau, atol=1e-10)
+
+
+def relative_error(model, n, seed=0):
+    """Largest difference of Γ from Pinocchio's, over its largest entry."""
+    rng, data = np.random.default_rng(seed), model.createData()
+    away = rng.normal(size=(n, model.nv))
+    q = np.array([pin.integrate(model, pin.neutral(model), 2 * step) for step in away])
+    v, a = rng.normal(size=(2, n, model.nv))
+    theirs = [pin.computeJointTorqueRegressor(model, data, *x) for x in zip(q, v, a, strict=True)]
+    return np.abs(regressor(model, q, v, a) - theirs).max() / np.abs(theirs).max()
+
+
+@pytest.mark.parametrize("name", TREES)
+@pytest.mark.parametrize("n", [1, FEW, 1500])
+def test_gamma_of_many_samples_is_pinocchios(name, n, tmp_path):
+    mechanism = load(
+        write_mechanism(tmp_path, tree_urdf(TREES[name], seed=3), "gravity = [1.0, -2.0, -9.0]")
+    )
+    assert relative_error(mechanism.model, n) < 1e-12
+
+
+def test_gamma_of_free_bodies_is_pinocchios():
+    model = pin.Model()
+    slide = pin.JointModelPrismaticUnaligned(np.array([1.0, 2.0, 2.0]) / 3)
+    joints = [pin.JointModelFreeFlyer(), pin.JointModelRX(), slide, pin.JointModelFreeFlyer()]
+    for parent, joint in zip([0, 1, 2, 0], joints, strict=True):
+        added = model.addJoint(parent, joint, pin.SE3.Random(), f"j{len(model.names)}")
+        model.appendBodyToJoint(added, pin.Inertia.Random(), pin.SE3.Identity())
+    assert relative_error(model, 200) < 1e-12
 
 
 def test_torques_of_a_planar_joint(tmp_path):

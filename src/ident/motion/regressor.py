@@ -1,0 +1,224 @@
+"""Γ(q, v, a), the regressor of a tree of rigid bodies, for many samples at once.
+
+    torque of joint j:   S_jᵀ Σ_{i moved by j} Y_i π_i   ⟹   Γ_ji = S_jᵀ Y_i
+
+Y_i (6, 10) maps the parameters of body i, (m, m c, inertia about the origin of the body's frame),
+to the wrench (f, n) that its motion needs, in the body's frame, with α and a the angular and the
+classical linear acceleration of the frame (gravity enters as −g at the root):
+
+    f = m a + α × mc + ω × (ω × mc)          n = I α + ω × I ω + mc × a
+
+Pinocchio has the same matrix for one sample a call; here the recursion goes over many samples,
+and its matrices stand as the filter wants them. Vectors are (3, …, n): samples
+stand last, where NumPy's loops are long.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from ident.mechanism.parameters import COUNT
+
+CHUNK = 1024  # samples that are worked at once; their vectors fit into the processor's cache
+FEW = 64  # samples below which single calls of Pinocchio cost less
+
+
+def regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """Γ (n, nv, 10 · bodies) of q (n, nq), v (n, nv), a (n, nv).
+
+    Γ π are the joint torques of rigid bodies with gravity. Samples are contiguous in memory: a
+    column of one row is one stretch.
+    """
+    n, nv = len(q), model.nv
+    gamma = np.zeros((nv, COUNT * (model.njoints - 1), n))
+    if n < FEW:
+        data = model.createData()
+        for i in range(n):
+            gamma[:, :, i] = pin.computeJointTorqueRegressor(model, data, q[i], v[i], a[i])
+        return gamma.transpose(2, 0, 1)
+    joints: list[_Joint] = []
+    for body in range(1, model.njoints):
+        joints.append(_Joint.of(model, body, joints))
+    gravity = -np.asarray(model.gravity.linear)[:, None]
+    widths = [3, *(3 + 2 * len(joint.rows) for joint in joints)]
+    work = [np.empty((3, width, min(n, CHUNK))) for width in widths]
+    for start in range(0, n, CHUNK):
+        part = slice(start, min(start + CHUNK, n))
+        _fill(gamma[:, :, part], joints, gravity, q[part].T, v[part].T, a[part].T, work)
+    return gamma.transpose(2, 0, 1)
+
+
+def supports(model: pin.Model) -> list[np.ndarray]:
+    """For every row of Γ the columns that can differ from zero: the bodies the joint moves."""
+    moved: list[list[int]] = [[] for _ in range(model.nv)]
+    for body in range(1, model.njoints):
+        joint = body
+        while joint > 0:
+            for row in range(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint]):
+                moved[row].extend(range(COUNT * (body - 1), COUNT * body))
+            joint = model.parents[joint]
+    return [np.array(sorted(columns), dtype=int) for columns in moved]
+
+
+@dataclass(frozen=True, eq=False)
+class _Joint:
+    """One joint of the model: revolute or prismatic about any axis, or a free body.
+
+    Attributes:
+        parent: number of the parent's joint, 0 for the world.
+        row: of the coordinate in v; at: of the coordinate in q; size: of v, 1 or 6.
+        rows: of all coordinates that move its body.
+        S: (6, size) its axes in the frame of its body, linear part first.
+        place, turn: (3,), (3, 3, 3) position at q = 0, and rotation A₀ + A₁ sin q + A₂ (1 − cos q).
+    """
+
+    parent: int
+    row: int
+    at: int
+    size: int
+    rows: np.ndarray
+    S: np.ndarray
+    place: np.ndarray
+    turn: np.ndarray
+
+    @classmethod
+    def of(cls, model: pin.Model, body: int, before: list[_Joint]) -> _Joint:
+        """The joint that moves a body, after those that stand before it in the model."""
+        joint, placement = model.joints[body], model.jointPlacements[body]
+        size, R = model.nvs[body], placement.rotation
+        if size == 1:
+            data = joint.createData()
+            joint.calc(data, np.zeros(1))
+            S = np.asarray(data.S).reshape(6, 1)
+            U = pin.skew(S[3:, 0])
+            turn = np.stack([R, R @ U, R @ U @ U])
+        else:  # a free body: position and quaternion
+            S, turn = np.eye(6), np.stack([R] * 3)
+        parent, row = model.parents[body], model.idx_vs[body]
+        rows = before[parent - 1].rows if parent else np.zeros(0, dtype=int)
+        rows = np.append(rows, np.arange(row, row + size))
+        return cls(
+            parent, row, model.idx_qs[body], size, rows, S,
+            np.asarray(placement.translation), turn,
+        )  # fmt: skip
+
+    def pose(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """R (3, 3, n), body to parent, and p (3, n), the body's origin in the parent's frame."""
+        if self.size == 6:
+            x, y, z, w = q[self.at + 3 : self.at + 7]
+            turned = np.array([
+                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            ])  # fmt: skip
+            away = self.place[:, None] + self.turn[0] @ q[self.at : self.at + 3]
+            return np.einsum("ij,jkn->ikn", self.turn[0], turned), away
+        x = q[self.at]
+        if not self.S[3:].any():  # prismatic
+            away = self.place[:, None] + (self.turn[0] @ self.S[:3]) * x
+            return np.broadcast_to(self.turn[0][:, :, None], (3, 3, len(x))), away
+        A = self.turn[:, :, :, None]
+        return A[0] + A[1] * np.sin(x) + A[2] * (1.0 - np.cos(x)), self.place[:, None]
+
+
+def _fill(
+    gamma: np.ndarray,
+    joints: list[_Joint],
+    gravity: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    work: list[np.ndarray],
+) -> None:
+    """Γ (nv, 10 · bodies, n) of some samples; q (nq, n), v and a (nv, n).
+
+    Each entry of `work` is (3, 3 + 2 rows, n): ω, α, a of a body, then the linear and the angular
+    part of every axis that moves it, in turn. The first is the world's.
+    """
+    n = q.shape[1]
+    work[0][:], work[0][:, 2, :n] = 0.0, gravity
+    for body, joint in enumerate(joints):
+        before, here = work[joint.parent][:, :, :n], work[body + 1][:, :, :n]
+        R, p = joint.pose(q)
+        old = before.shape[1]
+        moved = np.einsum("jin,jmn->imn", R, before, out=here[:, :old])
+        p = np.einsum("jin,jn->in", R, p)
+        # the same at the body's own origin
+        moved[:, 2] += np.einsum("ijn,jn->in", _about_centre(moved), p)
+        moved[:, 3::2] -= np.einsum("ijn,jmn->imn", _skew(p), moved[:, 4::2])
+        mine = slice(joint.row, joint.row + joint.size)
+        S, rate, rise = joint.S, joint.S @ v[mine], joint.S @ a[mine]
+        spin = _skew(moved[:, 0])
+        if S[:3].any():  # 2 ω × v + ω_J × v + its own, ω of the parent
+            moved[:, 2] += rise[:3]
+            moved[:, 2] += np.einsum("ijn,jn->in", 2 * spin + _skew(rate[3:]), rate[:3])
+        if S[3:].any():
+            moved[:, 1] += rise[3:]
+            moved[:, 1] += np.einsum("ijn,jn->in", spin, rate[3:])
+            moved[:, 0] += rate[3:]
+        here[:, old::2], here[:, old + 1 :: 2] = S[:3, :, None], S[3:, :, None]
+        columns, rows = slice(COUNT * body, COUNT * (body + 1)), joint.rows
+        if len(rows) == rows[-1] - rows[0] + 1:  # neighbours: filled in place
+            _project(gamma[rows[0] : rows[-1] + 1, columns], here)
+        else:
+            block = np.empty((len(rows), COUNT, n))
+            _project(block, here)
+            gamma[rows, columns] = block
+
+
+def _project(out: np.ndarray, here: np.ndarray) -> None:
+    """Γ_ji = S_jᵀ Y_i (rows, 10, n) of one body and all joints that move it."""
+    linear, angular, acc, B = here[:, 3::2], here[:, 4::2], here[:, 2], _about_centre(here)
+    np.einsum("rmn,rn->mn", linear, acc, out=out[:, 0])
+    np.einsum("rmn,rkn->mkn", linear, B, out=out[:, 1:4])
+    out[:, 1:4] += np.einsum("rmn,rkn->mkn", angular, _skew(-acc))
+    np.einsum("rmn,rkn->mkn", angular, _about_inertia(here, B), out=out[:, 4:])
+
+
+def _about_centre(state: np.ndarray) -> np.ndarray:
+    """B = [α]× + [ω]×² = [α]× + ω ωᵀ − |ω|² 1 (3, 3, n)."""
+    omega = state[:, 0]
+    B = _skew(state[:, 1])
+    B += omega[:, None] * omega[None]
+    size = np.einsum("in,in->n", omega, omega)
+    for i in range(3):
+        B[i, i] -= size
+    return B
+
+
+def _about_inertia(state: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """L (3, 6, n) with L (Ixx, Ixy, Iyy, Ixz, Iyz, Izz) = I α + ω × I ω.
+
+    I x = P(x) inertia with P(x) = [x₁ x₂ 0 x₃ 0 0; 0 x₁ x₂ 0 x₃ 0; 0 0 0 x₁ x₂ x₃], so
+    L = P(α) + ω × P(ω)
+    """
+    omega, alpha = state[:, 0], state[:, 1]
+    L = np.empty((3, 6, omega.shape[1]))
+    # the terms of α alone, those of α and ω (entries of B), those of ω alone
+    L[0, 0], L[1, 2], L[2, 5] = alpha
+    L[0, 3], L[1, 1], L[2, 4] = B[1, 0], B[2, 1], B[0, 2]
+    np.negative(B[2, 0], out=L[0, 1])
+    np.negative(B[0, 1], out=L[1, 4])
+    np.negative(B[1, 2], out=L[2, 3])
+    x, y, z = omega
+    np.multiply(y, z, out=L[0, 5])
+    np.multiply(x, z, out=L[1, 0])
+    np.multiply(x, y, out=L[2, 2])
+    np.negative(L[0, 5], out=L[0, 2])
+    np.negative(L[1, 0], out=L[1, 5])
+    np.negative(L[2, 2], out=L[2, 0])
+    np.subtract(B[1, 1], B[2, 2], out=L[0, 4])  # y² − z²
+    np.subtract(B[2, 2], B[0, 0], out=L[1, 3])
+    np.subtract(B[0, 0], B[1, 1], out=L[2, 1])
+    return L
+
+
+def _skew(x: np.ndarray) -> np.ndarray:
+    """[x]× (3, 3, n) of x (3, n)."""
+    out = np.zeros((3, *x.shape))
+    out[2, 1], out[0, 2], out[1, 0] = x
+    out[1, 2], out[2, 0], out[0, 1] = -x
+    return out
