@@ -18,7 +18,7 @@ import ident
 from ident.equations.columns import Columns
 from ident.equations.rows import raw_rows
 from ident.equations.scene import Scene
-from ident.montecarlo.noise import noisy, random_of
+from ident.montecarlo.trial import noisy, random_of
 
 FOLDER = Path(__file__).resolve().parents[1] / "robots" / "slider_crank"
 TRUTH = {"rod.Ixx": 4e-3, "rod.Iyy": 4e-4, "rod.Izz": 4e-3}  # kg m²

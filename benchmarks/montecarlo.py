@@ -17,7 +17,7 @@ import polars as pl
 
 import ident
 from ident import MonteCarlo
-from ident.montecarlo.words import multiplier_rows, notes, parameter_rows
+from ident.show.montecarlo import multiplier_rows, parameter_rows
 
 ROBOTS = Path(__file__).resolve().parent.parent / "robots"
 RATIOS = {"slider_crank": (60, 50, 40, 30, 20), "pendulum": (30, 15)}
@@ -61,7 +61,7 @@ def compared(name: str, runs: int, jobs: int | None) -> MonteCarlo:
     printed(parameter_rows(found))
     printed(multiplier_rows(found))
     summed(found)
-    for note in notes(found):
+    for note in found.notes:
         print(f"note: {note}")
     return found
 

@@ -13,7 +13,7 @@ import pytest
 import ident
 from ident.errors import FitError, IdentError, LogError
 from ident.montecarlo import ESTIMATORS, Estimator, monte_carlo, paper
-from ident.montecarlo.noise import level, noisy, random_of
+from ident.montecarlo.trial import level, noisy, random_of
 
 ROBOT = Path(__file__).resolve().parents[2] / "robots" / "slider_crank"
 TRUE = {"rod.Ixx": 4e-3, "rod.Iyy": 4e-4, "rod.Izz": 4e-3}  # table 1 of the paper

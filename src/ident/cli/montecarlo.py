@@ -27,7 +27,7 @@ from ident.montecarlo import (
     monte_carlo_each,
     paper,
 )
-from ident.montecarlo.noise import USUAL
+from ident.montecarlo.trial import USUAL
 
 
 def montecarlo(

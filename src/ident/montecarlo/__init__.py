@@ -1,9 +1,8 @@
-"""Monte Carlo: what noise of a log does to parameters, estimator beside estimator."""
+"""Monte Carlo studies: how noise of a log changes parameters, estimator beside estimator."""
 
 from ident.montecarlo.estimators import ESTIMATORS, Estimator, paper
-from ident.montecarlo.many import Studies, monte_carlo_each
-from ident.montecarlo.montecarlo import MonteCarlo
-from ident.montecarlo.run import monte_carlo
+from ident.montecarlo.montecarlo import MonteCarlo, Studies
+from ident.montecarlo.run import monte_carlo, monte_carlo_each
 
 __all__ = [
     "ESTIMATORS",

@@ -1,4 +1,4 @@
-"""Estimators: how a log is completed and how the fit is made, as one callable with a name."""
+"""Estimators: functions from a mechanism and a log to a fit, with a name."""
 
 from __future__ import annotations
 
@@ -16,45 +16,41 @@ from ident.log import Log
 from ident.mechanism.mechanism import Mechanism, Multipliers
 from ident.motion import complete
 
-SAMPLES = 5  # between the paper's hats, where the mechanism has no time basis: 5 ms of its 1 ms
+SAMPLES = 5  # between the paper's hat functions without a time basis: 5 ms of its 1 ms samples
 
-Find = Callable[[Mechanism, Log], Fit]
+Estimate = Callable[[Mechanism, Log], Fit]
 
 
 @dataclass(frozen=True)
 class Estimator:
-    """A way from a log to a fit.
+    """A function from a log to a fit, with a name.
 
     Attributes:
-        name: in tables and pictures.
+        name: in tables and charts.
         find: (mechanism, log) → fit.
-        words: what it does, in a line.
+        words: description in one line.
     """
 
     name: str
-    find: Find
+    find: Estimate
     words: str = ""
 
 
 @dataclass(frozen=True)
-class Free:
-    """`complete` as it comes, `identify` with free multipliers, whatever basis the mechanism has.
-
-    Attributes:
-        options: of `identify`.
-    """
+class FreeMultipliers:
+    """`complete` with its defaults, then `identify` with `options` and free multipliers."""
 
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __call__(self, mechanism: Mechanism, log: Log) -> Fit:
-        """The fit of a log."""
-        model = on_basis(mechanism, Multipliers())
+        """Return the fit of a log."""
+        model = with_basis(mechanism, Multipliers())
         return identify(model, complete(model, log), **self.options)
 
 
 @dataclass(frozen=True)
-class Paper:
-    """All channels as logged, unfiltered; multipliers in hats, solved with the parameters (eq. 8).
+class PaperMethod:
+    """All channels as logged, unfiltered; λ in hat functions, solved with the parameters (eq. 8).
 
     Attributes:
         spacing: of the hats [s]; None: the mechanism's own time basis, else 5 samples.
@@ -63,25 +59,28 @@ class Paper:
     spacing: float | None = None
 
     def __call__(self, mechanism: Mechanism, log: Log) -> Fit:
-        """The fit of a log."""
-        model = on_basis(mechanism, self.basis(mechanism, log))
+        """Return the fit of a log."""
+        spacing, basis = self.spacing, mechanism.multipliers
+        if spacing is not None or basis.degree <= 0:
+            basis = Multipliers("linear", spacing or SAMPLES * float(np.median(np.diff(log.t))))
+        model = with_basis(mechanism, basis)
         motion = complete(model, log, smoothing=None, cutoff=None)
         return identify(model, motion, estimator="least-squares")
 
-    def basis(self, mechanism: Mechanism, log: Log) -> Multipliers:
-        """Of λ(t)."""
-        if self.spacing is not None:
-            return Multipliers("linear", self.spacing)
-        if mechanism.multipliers.degree > 0:
-            return mechanism.multipliers
-        return Multipliers("linear", SAMPLES * float(np.median(np.diff(log.t))))
+
+@lru_cache(maxsize=8)
+def with_basis(mechanism: Mechanism, multipliers: Multipliers) -> Mechanism:
+    """Return the mechanism with a basis of λ: one object for all runs, compiled only once."""
+    if mechanism.multipliers == multipliers:
+        return mechanism
+    return replace(mechanism, multipliers=multipliers)
 
 
 def paper(spacing: float | None = None) -> Estimator:
-    """The paper's method (sect. 2, eq. 8).
+    """Return the paper's method (sect. 2, eq. 8).
 
     Args:
-        spacing: of the hats [s]; None: the mechanism's own time basis, else 5 samples.
+        spacing: of the hat functions [s]; None: the mechanism's own time basis, else 5 samples.
 
     Raises:
         FitError: for a spacing that is no positive number.
@@ -89,50 +88,57 @@ def paper(spacing: float | None = None) -> Estimator:
     if spacing is not None and not (np.isfinite(spacing) and spacing > 0):
         raise FitError(f"spacing {spacing!r} s of the hats; valid: above 0, as 0.005")
     words = "channels as logged, multipliers in a time basis, plain least squares"
-    return Estimator("paper", Paper(spacing), words)
+    return Estimator("paper", PaperMethod(spacing), words)
 
 
 _ALL = (
     paper(),
     Estimator(
         "default",
-        Free(),
+        FreeMultipliers(),
         "smoothing and filter; noise of the motion in one step of the likelihood where it matters",
     ),
     Estimator(
-        "least-squares", Free({"estimator": "least-squares"}), "smoothing and filter, least squares"
+        "least-squares",
+        FreeMultipliers({"estimator": "least-squares"}),
+        "smoothing and filter, least squares",
     ),
     Estimator(
         "likelihood",
-        Free({"estimator": "likelihood"}),
+        FreeMultipliers({"estimator": "likelihood"}),
         "torques and motion weighed together until nothing changes (--refine)",
     ),
-    Estimator("consistent", Free({"consistent": True}), "default, bodies and friction possible"),
+    Estimator(
+        "consistent",
+        FreeMultipliers({"consistent": True}),
+        "default, bodies and friction possible",
+    ),
 )
 
 ESTIMATORS: Mapping[str, Estimator] = MappingProxyType({each.name: each for each in _ALL})
-"""The project's own, by name."""
+"""The project's own estimators by name."""
 
 
-def chosen(given: Sequence[str | Estimator | Find]) -> tuple[Estimator, ...]:
-    """Estimators by name, as they are, or of plain callables under their own names.
+def estimators_of(given: Sequence[str | Estimator | Estimate]) -> tuple[Estimator, ...]:
+    """Return estimators given by name, as they are, or as plain functions with their own names.
 
     Raises:
-        FitError: for none, an unknown name, what cannot be called, or one name twice.
+        FitError: for an empty list, an unknown name, an object that cannot be called, or a name
+            that occurs twice.
     """
-    if isinstance(given, str) or callable(given) or isinstance(given, Estimator):
+    if isinstance(given, str | Estimator) or callable(given):
         given = [given]
-    found = [_estimator(each) for each in given]
-    names = [each.name for each in found]
-    if not found:
+    estimators = tuple(_estimator(each) for each in given)
+    names = [each.name for each in estimators]
+    if not estimators:
         raise FitError(f"no estimator given; valid: {', '.join(ESTIMATORS)}, or one of your own")
     for name in names:
         if names.count(name) > 1:
             raise FitError(f"estimator '{name}' is given twice; give each a name of its own")
-    return tuple(found)
+    return estimators
 
 
-def _estimator(given: str | Estimator | Find) -> Estimator:
+def _estimator(given: str | Estimator | Estimate) -> Estimator:
     if isinstance(given, Estimator):
         return given
     if isinstance(given, str):
@@ -146,11 +152,3 @@ def _estimator(given: str | Estimator | Find) -> Estimator:
         )
     words = (getattr(given, "__doc__", None) or "").strip().partition("\n")[0]
     return Estimator(getattr(given, "__name__", type(given).__name__), given, words)
-
-
-@lru_cache(maxsize=8)
-def on_basis(mechanism: Mechanism, multipliers: Multipliers) -> Mechanism:
-    """With another basis of λ; one object for all runs, so that functions are compiled once."""
-    if mechanism.multipliers == multipliers:
-        return mechanism
-    return replace(mechanism, multipliers=multipliers)

@@ -1,41 +1,45 @@
-"""The verb `monte_carlo`: the same log with ever new noise, and what estimators make of it."""
+"""The verbs `monte_carlo` and `monte_carlo_each`: all runs of one log, or of many, in one pool."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from ident.errors import FitError
+from ident.errors import FitError, IdentError
 from ident.log import Log, read_log
+from ident.log.folder import names_of
 from ident.mechanism.mechanism import Mechanism
-from ident.montecarlo.estimators import Estimator, Find, chosen
-from ident.montecarlo.montecarlo import MonteCarlo
-from ident.montecarlo.noise import USUAL, touched
-from ident.montecarlo.pool import made
-from ident.montecarlo.sample import Plan
-from ident.montecarlo.truth import truth_of
+from ident.montecarlo.estimators import Estimate, Estimator, estimators_of
+from ident.montecarlo.montecarlo import MonteCarlo, Studies
+from ident.montecarlo.trial import USUAL, TrialOutcome, TrialPlan, noisy_columns, truth_of
+from ident.pool import spread
 from ident.progress import Told
+
+AnyLog = Log | str | os.PathLike[str]
+TruthSettings = tuple[Mechanism, "StudyRequest", Mapping[str, float] | None, Sequence[str]]
 
 
 def monte_carlo(
     mechanism: Mechanism,
-    log: Log | str | os.PathLike[str],
+    log: AnyLog,
     *,
     snr: float | Sequence[float] = (60, 50, 40, 30),
     runs: int = 100,
-    estimators: Sequence[str | Estimator | Find] = ("paper", "default"),
+    estimators: Sequence[str | Estimator | Estimate] = ("paper", "default"),
     truth: Mapping[str, float] | None = None,
-    reactions: Log | str | os.PathLike[str] | None = None,
+    reactions: AnyLog | None = None,
     channels: Sequence[str] = USUAL,
     seed: int = 0,
     jobs: int | None = None,
     scheduler: str | None = None,
     progress: Told | None = None,
 ) -> MonteCarlo:
-    """Identifies the same log with ever new white noise (the paper's Figs. 4, 7, 8).
+    """Identify the same log with ever new white noise (the paper's Figs. 4, 7, 8).
 
     Args:
         mechanism: with what is unknown.
@@ -61,19 +65,75 @@ def monte_carlo(
         FitError: for an SNR, a number or an estimator that is none, or an unknown truth.
         LogError: if the log cannot be read or has no channel that gets noise.
     """
-    asked = Asked.of(snr, runs, estimators, seed, jobs)
-    plan = planned(mechanism, log, asked, truth, reactions, channels)
-    (outcomes,) = made([plan], asked.tasks, jobs, scheduler, progress)
-    return MonteCarlo.of(plan, asked.ratios, asked.runs, outcomes)
+    request = StudyRequest.of(snr, runs, estimators, seed, jobs)
+    plan = request.plan(mechanism, log, truth, reactions, channels)
+    (outcomes,) = _outcomes([plan], request.tasks, jobs, scheduler, progress)
+    return MonteCarlo.of(plan, request.ratios, request.runs, outcomes)
+
+
+def monte_carlo_each(
+    mechanism: Mechanism,
+    logs: Sequence[str | os.PathLike[str]],
+    *,
+    snr: float | Sequence[float] = (60, 50, 40, 30),
+    runs: int = 100,
+    estimators: Sequence[str | Estimator | Estimate] = ("paper", "default"),
+    truth: Mapping[str, float] | None = None,
+    channels: Sequence[str] = USUAL,
+    seed: int = 0,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    progress: Told | None = None,
+) -> Studies:
+    """Make the study of `monte_carlo` for each of many logs; a broken log is left out.
+
+    Args:
+        mechanism: with what is unknown.
+        logs: their paths.
+        snr, runs, estimators, channels, seed, jobs, scheduler: as `monte_carlo` takes them.
+        truth: true values by name, of all logs; others are those of each log as it is.
+        progress: called with (what is being done, share done).
+
+    Returns:
+        One study a log.
+
+    Raises:
+        FitError: for an SNR, a number or an estimator that is none, or if no log can be used.
+    """
+    request = StudyRequest.of(snr, runs, estimators, seed, jobs)
+    paths = [Path(log).absolute() if scheduler else Path(log) for log in logs]
+    names = names_of(paths)
+    common: TruthSettings = mechanism, request, truth, tuple(channels)
+    plans: dict[int, TrialPlan] = {}
+    broken: dict[int, str] = {}
+    with closing(spread(_plan, paths, common=common, jobs=jobs, scheduler=scheduler)) as ended:
+        for done in ended:
+            if done.error is not None:
+                broken[done.index] = done.error
+            else:  # one mechanism for all, so that its functions are compiled once a process
+                plans[done.index] = replace(done.value, mechanism=mechanism)
+            if progress:
+                progress("truth of each log", (len(plans) + len(broken)) / len(paths))
+    left_out = {names[i]: broken[i] for i in sorted(broken)}
+    if not plans:
+        first = "; ".join(f"{log}: {why}" for log, why in list(left_out.items())[:1])
+        raise FitError(f"none of {len(paths)} logs can be used: {first or 'none was given'}")
+    order = sorted(plans)
+    every = _outcomes([plans[i] for i in order], request.tasks, jobs, scheduler, progress)
+    studies = {
+        names[i]: MonteCarlo.of(plans[i], request.ratios, request.runs, outcomes)
+        for i, outcomes in zip(order, every, strict=True)
+    }
+    return Studies(studies, left_out)
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What is to be run, checked.
+class StudyRequest:
+    """Checked arguments of a study.
 
     Attributes:
         ratios: SNRs [dB], highest first; runs: at each; seed: of all noise.
-        estimators: that are tried.
+        estimators: that are applied.
     """
 
     ratios: tuple[float, ...]
@@ -86,71 +146,104 @@ class Asked:
         cls,
         snr: float | Sequence[float],
         runs: int,
-        estimators: Sequence[str | Estimator | Find],
+        estimators: Sequence[str | Estimator | Estimate],
         seed: int,
         jobs: int | None,
-    ) -> Asked:
-        """From what `monte_carlo` is given.
+    ) -> StudyRequest:
+        """Check the arguments of `monte_carlo`.
 
         Raises:
-            FitError: as `monte_carlo` says.
+            FitError: naming the one that is not valid.
         """
-        if jobs is not None:
-            _whole("jobs", jobs, 1)
-        return cls(
-            _ratios(snr), _whole("runs", runs, 1), _whole("seed", seed, 0), chosen(estimators)
-        )
+        for name, number, least in (("jobs", jobs, 1), ("runs", runs, 1), ("seed", seed, 0)):
+            whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
+            if (name, number) != ("jobs", None) and (not whole or number < least):  # type: ignore[operator]
+                raise FitError(f"{name} {number!r}; valid: a whole number, {least} or more")
+        return cls(_ratios(snr), int(runs), int(seed), estimators_of(estimators))
 
     @property
     def tasks(self) -> list[tuple[float, int]]:
-        """(SNR [dB], run), all of them."""
+        """All pairs (SNR [dB], run)."""
         return [(ratio, run) for ratio in self.ratios for run in range(self.runs)]
 
+    def plan(
+        self,
+        mechanism: Mechanism,
+        log: AnyLog,
+        truth: Mapping[str, float] | None,
+        reactions: AnyLog | None,
+        channels: Sequence[str],
+    ) -> TrialPlan:
+        """Read the log and identify its truth.
 
-def planned(
-    mechanism: Mechanism,
-    log: Log | str | os.PathLike[str],
-    asked: Asked,
-    truth: Mapping[str, float] | None,
-    reactions: Log | str | os.PathLike[str] | None,
-    channels: Sequence[str],
-) -> Plan:
-    """The plan of the runs of one log.
+        Args:
+            mechanism, log, truth, reactions, channels: as `monte_carlo` takes them.
 
-    Args:
-        mechanism, log, truth, reactions, channels: as `monte_carlo` takes them.
-        asked: what is to be run.
+        Raises:
+            FitError, LogError: as `monte_carlo` says.
+        """
+        log = log if isinstance(log, Log) else read_log(log, mechanism.columns)
+        columns = noisy_columns(log, channels)
+        if reactions is not None and not isinstance(reactions, Log):
+            reactions = read_log(reactions)
+        known = truth_of(mechanism, log, truth, reactions)
+        return TrialPlan(mechanism, log, self.estimators, known, columns, self.seed)
 
-    Raises:
-        FitError, LogError: as `monte_carlo` says.
-    """
-    log = log if isinstance(log, Log) else read_log(log, mechanism.columns)
-    columns = tuple(touched(log, channels))
-    if reactions is not None and not isinstance(reactions, Log):
-        reactions = read_log(reactions)
-    known = truth_of(mechanism, log, truth, reactions)
-    return Plan(mechanism, log, asked.estimators, known, columns, asked.seed)
+
+def _plan(common: TruthSettings, path: Path) -> TrialPlan:
+    mechanism, request, truth, channels = common
+    return request.plan(mechanism, path, truth, None, channels)
 
 
 def _ratios(snr: float | Sequence[float]) -> tuple[float, ...]:
-    """Signal-to-noise ratios, each once, quietest log first."""
+    """Return signal-to-noise ratios, each once, highest first."""
     given = list(snr) if isinstance(snr, Sequence | np.ndarray) else [snr]
-    found = []
+    if isinstance(snr, str):
+        raise FitError(f"SNR {snr!r}; valid: numbers of dB, as snr=(60, 40, 30)")
+    ratios = []
     for each in given:
         try:
-            value = float(each)
+            ratios.append(float(each))
         except (TypeError, ValueError):
-            value = np.nan
-        if isinstance(snr, str) or not np.isfinite(value):
-            shown = snr if isinstance(snr, str) else each
-            raise FitError(f"SNR {shown!r}; valid: numbers of dB, as snr=(60, 40, 30)")
-        found.append(value)
-    if not found:
+            ratios.append(np.nan)
+        if not np.isfinite(ratios[-1]):
+            raise FitError(f"SNR {each!r}; valid: numbers of dB, as snr=(60, 40, 30)")
+    if not ratios:
         raise FitError("no SNR given; valid: numbers of dB, as snr=(60, 40, 30)")
-    return tuple(sorted(dict.fromkeys(found), reverse=True))
+    return tuple(sorted(dict.fromkeys(ratios), reverse=True))
 
 
-def _whole(what: str, number: object, least: int) -> int:
-    if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < least:
-        raise FitError(f"{what} {number!r}; valid: a whole number, {least} or more")
-    return int(number)
+def _outcomes(
+    plans: Sequence[TrialPlan],
+    runs: Sequence[tuple[float, int]],
+    jobs: int | None,
+    scheduler: str | None,
+    progress: Told | None,
+) -> list[list[TrialOutcome]]:
+    """Run (SNR [dB], run) of all plans in a pool; return each plan's outcomes in their order.
+
+    Raises:
+        IdentError: if mechanism or estimators cannot be sent to other processes, or a run fails
+            otherwise than an estimator may.
+    """
+    tasks = [(number, snr, run) for number in range(len(plans)) for snr, run in runs]
+    outcomes: list[list[TrialOutcome]] = [[] for _ in tasks]
+    pool = spread(_trial, tasks, common=tuple(plans), jobs=jobs, scheduler=scheduler)
+    with closing(pool) as ended:
+        for count, done in enumerate(ended, start=1):
+            if done.error is not None:
+                number, snr, run = tasks[done.index]
+                raise IdentError(f"{plans[number].log.name}: run {run} at {snr:g} dB: {done.error}")
+            outcomes[done.index] = done.value
+            if progress:
+                progress(f"run {count} of {len(tasks)}", count / len(tasks))
+    each = len(runs)
+    return [
+        [outcome for done in outcomes[i : i + each] for outcome in done]
+        for i in range(0, len(tasks), each)
+    ]
+
+
+def _trial(plans: Sequence[TrialPlan], task: tuple[int, float, int]) -> list[TrialOutcome]:
+    number, snr, run = task
+    return list(plans[number].outcomes(snr, run))

@@ -4,7 +4,10 @@ from importlib import import_module
 
 from ident.display import Displayed, renders
 
-MODULES: dict[str, str] = {}
+MODULES: dict[str, str] = {
+    "MonteCarlo": "montecarlo",
+    "Studies": "montecarlo",
+}
 """The module of this package that renders a class, by the name of the class."""
 
 

@@ -14,6 +14,13 @@ from ident.show.html.elements import code
 STYLE = resources.files("ident.show.html").joinpath("shown.css").read_text(encoding="utf-8")
 
 
+def in_frame(blocks: Iterable[Markup | Chart]) -> str:
+    """Return blocks as one piece of HTML with its own style, charts as still pictures."""
+    inside = Markup("\n").join(_still(block) for block in blocks)
+    frame = Markup('<style>{}</style><div class="ident">{}</div>')
+    return str(frame.format(Markup(STYLE), inside))
+
+
 class Shown:
     """A noun that Jupyter shows as tables; by default as it prints itself."""
 
@@ -21,9 +28,7 @@ class Shown:
         return (code(str(self)),)
 
     def _repr_html_(self) -> str:
-        inside = Markup("\n").join(_still(block) for block in self._blocks())
-        frame = Markup('<style>{}</style><div class="ident">{}</div>')
-        return str(frame.format(Markup(STYLE), inside))
+        return in_frame(self._blocks())
 
 
 def _still(block: Markup | Chart) -> Markup:

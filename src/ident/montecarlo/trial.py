@@ -1,0 +1,227 @@
+"""One trial: a draw of white noise on a log, and every estimator's fit beside the truth.
+
+    x + σ ε,  ε ~ N(0, 1) a sample,    σ = rms(x) · 10^(−SNR / 20)
+
+The signal's power includes its mean, as in MATLAB's awgn(x, snr, 'measured'); the paper gives its
+ratios without a definition.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.errors import FitError, IdentError, LogError, one_of
+from ident.fit import Fit
+from ident.log import Log
+from ident.mechanism.mechanism import Mechanism
+from ident.montecarlo.estimators import Estimator, FreeMultipliers
+
+CHANNELS = ("q", "v", "a", "tau", "wrench")
+USUAL = CHANNELS[:4]
+ENDS = 0.02  # share of the log at either end where errors of the multipliers do not count
+
+
+def level(x: np.ndarray, snr: float) -> float:
+    """Return the standard deviation σ of the noise of x (n,) at a signal-to-noise ratio [dB]."""
+    power = float(np.mean(x[np.isfinite(x)] ** 2)) if np.isfinite(x).any() else 0.0
+    return float(np.sqrt(power) * 10 ** (-snr / 20))
+
+
+def noisy_columns(log: Log, channels: Sequence[str]) -> tuple[str, ...]:
+    """Return the columns of a log that get noise.
+
+    Raises:
+        LogError: for an unknown channel, or a log that has none of them.
+    """
+    for channel in channels:
+        if channel not in CHANNELS:
+            raise LogError(f"noise on '{channel}'; {one_of(channel, CHANNELS)}")
+    columns = tuple(name for name in log.columns if name.partition(".")[0] in channels)
+    if not columns:
+        raise LogError(f"{log.name}: no column of {', '.join(channels)}, so there is no noise")
+    return columns
+
+
+def noisy(log: Log, snr: float, columns: Sequence[str], random: np.random.Generator) -> Log:
+    """Return the log with noise on some columns; empty cells stay empty."""
+    series = dict(log.columns)
+    for name in columns:
+        x = series[name]
+        series[name] = x + level(x, snr) * random.standard_normal(len(x))
+    return Log(log.name, series, log.t, log.repairs)
+
+
+def random_of(seed: int, snr: float, run: int) -> np.random.Generator:
+    """Return the generator of one run's noise, which depends on these three numbers alone."""
+    decibels = round(1000 * snr)
+    key = (2 * abs(decibels) + (decibels < 0), run)
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """True values, given or identified from the log without noise.
+
+    Attributes:
+        values, units: by name of parameters, effects' parameters and base parameters.
+        multipliers: their names; multiplier_units: [N | N m].
+        t: (n,) [s]; reactions: (n, m), NaN where nothing is known.
+        words: sources of values and reactions.
+    """
+
+    values: Mapping[str, float]
+    units: Mapping[str, str]
+    multipliers: tuple[str, ...]
+    multiplier_units: tuple[str, ...]
+    t: np.ndarray
+    reactions: np.ndarray
+    words: tuple[str, ...]
+
+    def sizes(self) -> np.ndarray:
+        """Return the rms of the true multipliers (m,), NaN of one that is not known."""
+        return _rms(self.reactions)
+
+    def errors(self, fit: Fit) -> tuple[float, ...]:
+        """Return the rms of identified − true multipliers over time, 2 % at the ends left out."""
+        if not self.multipliers:
+            return ()
+        t, values = fit.multipliers[0]
+        known = np.stack(
+            [np.interp(t, self.t, x, left=np.nan, right=np.nan) for x in self.reactions.T], axis=1
+        )
+        margin = ENDS * (t[-1] - t[0])
+        inside = (t >= t[0] + margin) & (t <= t[-1] - margin)
+        return tuple(map(float, _rms(np.where(inside[:, None], values - known, np.nan))))
+
+
+def _rms(x: np.ndarray) -> np.ndarray:
+    """Return the root mean square (m,) of x (n, m) over the samples that are known."""
+    count = np.isfinite(x).sum(axis=0)
+    total = np.nansum(x**2, axis=0)
+    return np.sqrt(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+
+
+def truth_of(
+    mechanism: Mechanism,
+    log: Log,
+    given: Mapping[str, float] | None = None,
+    reactions: Log | None = None,
+) -> Truth:
+    """Identify the log itself with free multipliers; given values replace the identified ones.
+
+    Raises:
+        FitError: for a name that is no parameter, a value that is no number, reactions of which
+            none is a multiplier, or a log that identifies nothing.
+    """
+    fit = FreeMultipliers()(mechanism, log)
+    values, units = _identified(fit)
+    if not values:
+        raise FitError(
+            f"{log.name}: identifies nothing of {mechanism.name}, so noise harms nothing"
+        )
+    for name, value in (given or {}).items():
+        if name not in values:
+            raise FitError(f"truth of '{name}'; {one_of(name, values)}")
+        try:
+            values[name] = float(value)
+        except (TypeError, ValueError):
+            raise FitError(f"truth of '{name}' {value!r}; valid: a number") from None
+        if not np.isfinite(values[name]):
+            raise FitError(f"truth of '{name}' {value!r}; valid: a finite number")
+    kinematics = mechanism.kinematics
+    names = kinematics.multipliers
+    own = f"{log.name} as it is" + (", with free multipliers" if names else "")
+    if given and len(given) == len(values):
+        words = ["parameters: as given"]
+    else:
+        words = [f"parameters: of {own}" + (f"; as given: {', '.join(given)}" if given else "")]
+    t, known = fit.multipliers[0]
+    if reactions is not None:
+        if not any(name in reactions for name in names):
+            column = next(iter(reactions.columns), "t")
+            raise FitError(f"{reactions.name}: no column is a multiplier; {one_of(column, names)}")
+        t, nothing = reactions.t, np.full(len(reactions.t), np.nan)
+        known = np.stack([reactions.columns.get(name, nothing) for name in names], axis=1)
+    if names:
+        words.append(f"multipliers: of {own if reactions is None else reactions.name}")
+    return Truth(values, units, names, kinematics.units, t, known, tuple(words))
+
+
+def _identified(fit: Fit) -> tuple[dict[str, float], dict[str, str]]:
+    """Return values and units of everything that the data determine, by name."""
+    effects = [v for e in fit.effects for v in e.parameters if v.name in fit.columns.names]
+    own = [v for v in (*fit.parameters, *effects) if v.identifiable]
+    combined = [v for v in fit.base_parameters if " " in v.name]
+    values = {v.name: v.value for v in own} | {v.name: v.value for v in combined}
+    return values, {v.name: v.unit for v in own} | {v.name: v.unit for v in combined}
+
+
+@dataclass(frozen=True, eq=False)
+class TrialPlan:
+    """Everything that the runs of one log have in common.
+
+    Attributes:
+        mechanism: its unknowns are identified; log: gets the noise.
+        estimators: applied to the same noise; truth: compared with them.
+        columns: of the log, that get noise; seed: of all noise.
+    """
+
+    mechanism: Mechanism
+    log: Log
+    estimators: tuple[Estimator, ...]
+    truth: Truth
+    columns: tuple[str, ...]
+    seed: int
+
+    def log_of(self, snr: float, run: int) -> Log:
+        """Return the noisy log of a run."""
+        return noisy(self.log, snr, self.columns, random_of(self.seed, snr, run))
+
+    def outcomes(self, snr: float, run: int) -> Iterator[TrialOutcome]:
+        """Yield the outcome of every estimator on one draw of the noise."""
+        log = self.log_of(snr, run)
+        for estimator in self.estimators:
+            try:
+                fit = estimator.find(self.mechanism, log)
+                pairs = [_value_and_stderr(fit, name) for name in self.truth.values]
+                values, stderrs = zip(*pairs, strict=True)
+                errors = self.truth.errors(fit)
+            except (IdentError, np.linalg.LinAlgError) as error:
+                failure = str(error) or type(error).__name__
+                yield TrialOutcome(estimator.name, snr, run, failure=failure)
+                continue
+            yield TrialOutcome(estimator.name, snr, run, values, stderrs, errors)
+
+
+def _value_and_stderr(fit: Fit, name: str) -> tuple[float, float]:
+    """Return NaN for a value that this fit does not determine."""
+    try:
+        one = fit[name]
+    except KeyError:  # with noise the data may determine other combinations
+        return np.nan, np.nan
+    if not getattr(one, "identifiable", True):
+        return np.nan, np.nan
+    return float(one.value), np.nan if one.stderr is None else float(one.stderr)
+
+
+@dataclass(frozen=True)
+class TrialOutcome:
+    """The result of one estimator in one run.
+
+    Attributes:
+        estimator: its name; snr: [dB]; run: its number.
+        values, stderrs: in the order of the truth's; NaN where the run does not determine one.
+        errors: of the multipliers, root mean squares; NaN where none is known.
+        failure: the error in which the run ended; empty where there is a fit.
+    """
+
+    estimator: str
+    snr: float
+    run: int
+    values: tuple[float, ...] = ()
+    stderrs: tuple[float, ...] = ()
+    errors: tuple[float, ...] = ()
+    failure: str = ""

@@ -1,0 +1,273 @@
+"""Monte Carlo studies as text, HTML, charts and files."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import polars as pl
+from markupsafe import Markup
+
+from ident.display import renders
+from ident.errors import FitError
+from ident.montecarlo.montecarlo import SUMS, MonteCarlo, Studies
+from ident.motion import complete
+from ident.motion.report import made_of, understood
+from ident.show.charts import MEASURED, PRIOR, Boxes, Chart, Level, Line, Mark, Panel
+from ident.show.charts.still import image
+from ident.show.html import Block, Page, Section, items, strong
+from ident.show.html import table as html_table
+from ident.show.html.shown import in_frame
+from ident.tables import shortened, table
+
+SCHEMA = "ident.montecarlo/1"
+ROWS = 24  # parameters in the printed table; `MonteCarlo.table` has all
+PANELS, ACROSS = 12, 3  # parameters in one chart, and panels side by side
+WIDTH = 0.8  # of the distance between two SNRs, which the boxes of all estimators take
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+ZERO = 1e-9  # of the spread: a truth below it is zero, so that percentages of it mean nothing
+
+
+@renders(MonteCarlo, "text")
+def text(x: MonteCarlo) -> str:
+    """Return a heading, the tables of parameters and multipliers, and notes."""
+    plan = x.plan
+    runs = "run" if x.runs == 1 else "runs"
+    ratios = ", ".join(f"{each:g}" for each in x.snr)
+    lines = [
+        f"Monte Carlo of {plan.mechanism.name} on {plan.log.name}: {x.runs} {runs} at {ratios} dB "
+        f"each, seed {plan.seed}",
+        *(f"  {line}" for line in _basis(x)),
+        "",
+        *table(parameter_rows(x)),
+    ]
+    if len(x.parameters) > ROWS:
+        lines.append(f"  … and {len(x.parameters) - ROWS} parameters more")
+    if rows := multiplier_rows(x):
+        lines += ["", "rms error of the multipliers, mean over runs", *table(rows)]
+    return "\n".join([*lines, *(f"note: {note}" for note in x.notes)])
+
+
+def _basis(x: MonteCarlo) -> list[str]:
+    return [
+        f"noise on {', '.join(x.plan.columns)}",
+        *(f"truth of {words}" for words in x.plan.truth.words),
+        *(f"{each.name}: {each.words}" for each in x.plan.estimators if each.words),
+    ]
+
+
+def parameter_rows(x: MonteCarlo) -> list[list[str]]:
+    """Return two heads and a row for each parameter and SNR: bias, std, mean stderr, coverage."""
+    of = {(r["estimator"], r["snr"], r["parameter"]): r for r in x.table.iter_rows(named=True)}
+    count = len(x.estimators)
+    heads = [h for name in x.estimators for h in (name, "", "", "")]
+    rows = [
+        ["", "", "", *heads],
+        ["parameter", "truth", "SNR", *["bias", "std", "± mean", "covers"] * count],
+    ]
+    for name in x.parameters[:ROWS]:
+        true = f"{x.plan.truth.values[name]:.4g} {x.plan.truth.units[name]}"
+        for i, snr in enumerate(x.snr):
+            row = ["", ""] if i else [shortened(name, 40), true]
+            cells = [_cells(of.get((estimator, snr, name))) for estimator in x.estimators]
+            rows.append([*row, f"{snr:g} dB", *(cell for each in cells for cell in each)])
+    return rows
+
+
+def _cells(r: Mapping[str, Any] | None) -> list[str]:
+    if r is None or not r["runs"]:
+        return ["–"] * 4
+    covered = "–" if r["coverage"] is None else f"{100 * r['coverage']:.0f} %"
+    return [*(_relative(r, name) for name in ("bias", "std", "stderr")), covered]
+
+
+def _relative(r: Mapping[str, Any], name: str) -> str:
+    """Return a statistic in percent of the truth; in its unit where the truth is zero."""
+    if r[name] is None:
+        return "–"
+    sign = "+" if name == "bias" else ""
+    if abs(r["truth"]) <= ZERO * max(r["std"] or 0.0, r["rms"] or 0.0):
+        return f"{r[name]:{sign}.2g} {r['unit']}"
+    share = 100 * r[name] / abs(r["truth"])
+    return f"{share:{sign}.{0 if abs(share) >= 100 else 1 if abs(share) >= 10 else 2}f} %"
+
+
+def multiplier_rows(x: MonteCarlo) -> list[list[str]]:
+    """Return a head and a row for each multiplier and SNR, sums last; empty without multipliers."""
+    of: dict[str, dict[tuple[str, float], Mapping[str, Any]]] = {}
+    for r in x.multipliers.iter_rows(named=True):
+        of.setdefault(r["multiplier"], {})[r["estimator"], r["snr"]] = r
+    rows = [["multiplier", "rms of it", "SNR", *x.estimators]]
+    for name in (n for n in (*x.plan.truth.multipliers, *SUMS) if n in of):
+        one = next(iter(of[name].values()))
+        size = f"{one['size']:.4g} {one['unit']}"
+        for i, snr in enumerate(x.snr):
+            found = [of[name].get((estimator, snr)) for estimator in x.estimators]
+            means = ["–" if r is None else f"{r['mean']:.3g} {r['unit']}" for r in found]
+            rows.append([*(["", ""] if i else [name, size]), f"{snr:g} dB", *means])
+    return rows if len(rows) > 1 else []
+
+
+def _blocks(x: MonteCarlo) -> tuple[Markup, ...]:
+    forces = multiplier_rows(x)
+    return (
+        strong(f"{x.plan.mechanism.name}: {x.runs} runs at each signal-to-noise ratio"),
+        html_table(parameter_rows(x), "Bias and spread of all runs"),
+        *((html_table(forces, "Multipliers: rms error, mean over runs"),) if forces else ()),
+    )
+
+
+@renders(MonteCarlo, "html")
+def html(x: MonteCarlo) -> str:
+    """Return the tables for Jupyter."""
+    return in_frame(_blocks(x))
+
+
+@renders(Studies, "text")
+def studies_text(x: Studies) -> str:
+    """Return the texts of all studies."""
+    return "\n\n".join(text(each) for each in x.studies.values())
+
+
+@renders(Studies, "html")
+def studies_html(x: Studies) -> str:
+    """Return the tables of all studies for Jupyter."""
+    blocks = [block for each in x.studies.values() for block in _blocks(each)]
+    return in_frame([*blocks, *([items(x.notes)] if x.notes else [])])
+
+
+@renders(MonteCarlo, "plot")
+def plot(x: MonteCarlo, parameters: Sequence[str] | None = None) -> Chart:
+    """Draw a panel for each parameter and multiplier: boxes of all runs at each SNR, 5 to 95 %."""
+    names = list(parameters or x.parameters[:PANELS])
+    drawn = set(x.errors.drop_nulls("rms")["multiplier"])
+    panels = []
+    for name in names:
+        own = x.samples.filter(pl.col("parameter") == name)
+        truth = Level(x.plan.truth.values[name], colour=PRIOR, dashed=True)
+        label = f"{shortened(name, 40)} [{x.plan.truth.units[name]}]"
+        panels.append(_panel(x, (truth, *_boxes(x, own, "value")), label))
+    for name in (n for n in (*x.plan.truth.multipliers, *SUMS) if n in drawn):
+        own = x.errors.filter(pl.col("multiplier") == name)
+        label = f"rms error of {name} [{own['unit'][0]}]"
+        panels.append(_panel(x, _boxes(x, own, "rms"), label, logarithmic=True))
+    rows = tuple(tuple(panels[i : i + ACROSS]) for i in range(0, len(panels), ACROSS))
+    words = f"{x.plan.mechanism.name}: {x.runs} runs at each SNR, 5 to 95 %; dashed: the truth"
+    if parameters is None and len(x.parameters) > len(names):
+        words += f"; {len(x.parameters) - len(names)} parameters more are not drawn"
+    return Chart(words, rows, width=13)
+
+
+def _panel(x: MonteCarlo, marks: tuple[Mark, ...], label: str, logarithmic: bool = False) -> Panel:
+    names = tuple(f"{snr:g}" for snr in x.snr)
+    return Panel(marks, "SNR [dB]", label, x_names=names, logarithmic=logarithmic, height=3.0)
+
+
+def _boxes(x: MonteCarlo, rows: pl.DataFrame, column: str) -> tuple[Boxes, ...]:
+    """Return the boxes of each estimator, side by side at every SNR."""
+    step = WIDTH / len(x.estimators)
+    boxes = []
+    for i, estimator in enumerate(x.estimators):
+        at, quantiles = [], []
+        for k, snr in enumerate(x.snr):
+            own = rows.filter((pl.col("estimator") == estimator) & (pl.col("snr") == snr))
+            values = own[column].drop_nulls().to_numpy()
+            if len(values):
+                at.append(k + (i + 0.5) * step - WIDTH / 2)
+                quantiles.append(np.quantile(values, QUANTILES))
+        if at:
+            boxes.append(Boxes(np.array(at), np.array(quantiles), 0.85 * step, estimator, i))
+    return tuple(boxes)
+
+
+@renders(MonteCarlo, "multipliers")
+def plot_multipliers(x: MonteCarlo, snr: float) -> Chart:
+    """Draw the true multipliers and those of each estimator's run of average error."""
+    truth = x.plan.truth
+    known = [i for i in range(len(truth.multipliers)) if np.isfinite(truth.reactions[:, i]).any()]
+    if not known:
+        raise FitError(
+            f"{x.plan.mechanism.name}: has no multipliers that are known; nothing to draw"
+        )
+    lines = {i: [Line(truth.t, truth.reactions[:, i], "true", MEASURED, 2.4)] for i in known}
+    for number, estimator in enumerate(x.estimators):
+        run = x.typical(estimator, snr)
+        t, values = x.fit(estimator, snr, run).multipliers[0]
+        for i in known:
+            lines[i].append(Line(t, values[:, i], f"{estimator}, run {run}", number, 0.9))
+    labels = {i: f"{truth.multipliers[i]} [{truth.multiplier_units[i]}]" for i in known}
+    rows = tuple((Panel(tuple(lines[i]), "t [s]", labels[i]),) for i in known)
+    words = f"Multipliers of {x.plan.mechanism.name} at {snr:g} dB: runs of average error"
+    return Chart(words, rows, shared_x=True, width=10, clock=x.plan.log.name)
+
+
+@renders(MonteCarlo, "files")
+def files(x: MonteCarlo) -> dict[str, bytes]:
+    """Return the contents of all files by name."""
+    return {
+        "montecarlo.json": (json.dumps(_data(x), indent=1, ensure_ascii=False) + "\n").encode(),
+        "runs.csv": x.samples.write_csv().encode(),
+        "multiplier_errors.csv": x.errors.write_csv().encode(),
+        "montecarlo.png": image(plot(x).figure, "png"),
+        "report.html": _page(x),
+    }
+
+
+def _data(x: MonteCarlo) -> dict[str, Any]:
+    """Return the statistics for JSON; numbers that are not finite are null."""
+    plan = x.plan
+
+    def rows(frame: pl.DataFrame) -> list[dict[str, Any]]:
+        return [
+            {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in r.items()}
+            for r in frame.iter_rows(named=True)
+        ]
+
+    return {
+        "schema": SCHEMA,
+        "mechanism": plan.mechanism.name,
+        "log": plan.log.name,
+        "snr": list(x.snr),
+        "runs": x.runs,
+        "seed": plan.seed,
+        "noise_on": list(plan.columns),
+        "estimators": [{"name": each.name, "words": each.words} for each in plan.estimators],
+        "truth": list(plan.truth.words),
+        "parameters": rows(x.table),
+        "multipliers": rows(x.multipliers),
+        "failures": rows(x.failures),
+    }
+
+
+def _page(x: MonteCarlo) -> bytes:
+    plan = x.plan
+    noise, *rest = _basis(x)
+    words = [f"{x.runs} runs at each SNR, seed {plan.seed}; {noise}", *rest]
+    forces: tuple[Block, ...] = ()
+    if rows := multiplier_rows(x):
+        forces = (html_table(rows, "rms error, mean over runs"), *_typical(x))
+    source = plan.mechanism, complete(plan.mechanism, [plan.log])
+    parameters = html_table(parameter_rows(x), "Bias and spread of all runs")
+    sections = (
+        Section("What noise does", (items(words), plot(x))),
+        Section("Parameters", (parameters,)),
+        Section("Multipliers", forces),
+        Section("Warnings", (items(x.notes),) if x.notes else ()),
+        understood(*source),
+        made_of(*source),
+    )
+    line = f"{x.runs} runs at each of {', '.join(f'{snr:g}' for snr in x.snr)} dB"
+    return Page(f"{plan.mechanism.name} on {plan.log.name}: Monte Carlo", line, sections).html()
+
+
+def _typical(x: MonteCarlo) -> tuple[Chart, ...]:
+    """Return the chart of multipliers at the lowest SNR at which every estimator has a run."""
+    for snr in reversed(x.snr):
+        try:
+            return (plot_multipliers(x, snr),)
+        except FitError:  # every run of an estimator failed there, as the notes say
+            continue
+    return ()
