@@ -21,7 +21,7 @@ import elimination
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from ident.solve.factor import Array
+from ident.information.triangle import Array
 
 REPEAT = 200
 

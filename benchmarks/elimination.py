@@ -26,10 +26,10 @@ import ident
 from ident.equations.columns import Columns
 from ident.equations.scene import Scene
 from ident.equations.stack import full_rows
-from ident.solve.basis import Basis
-from ident.solve.chunk import Chunk
-from ident.solve.eliminate import Elimination, eliminate
-from ident.solve.rank import reveal, solve
+from ident.information.band import Elimination, eliminate
+from ident.information.base import rank_revealing, solve
+from ident.information.reduction import Chunk
+from ident.information.splines import Basis
 
 ROBOTS = Path(__file__).resolve().parent.parent / "robots"
 
@@ -56,7 +56,7 @@ class System:
     def eliminated(self) -> tuple[np.ndarray, np.ndarray, Elimination]:
         elimination = eliminate(self.chunks(), self.basis.count)
         border = elimination.border
-        x = solve(border, reveal(border)).x
+        x = solve(border, rank_revealing(border)).x
         return x, elimination.back_substitute(x), elimination
 
     def dense(self) -> tuple[np.ndarray, np.ndarray]:

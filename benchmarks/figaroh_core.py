@@ -91,8 +91,8 @@ def ours(folder: Path, whole: bool) -> dict[str, object]:
     from ident.equations.rows import rows
     from ident.equations.scene import Scene
     from ident.fit.regression import Regression
-    from ident.solve.factor import Factor
-    from ident.solve.rank import reveal, solve
+    from ident.information.base import rank_revealing, solve
+    from ident.information.triangle import Triangle
 
     mechanism, arrays = arm7.mechanism(), np.load(folder / "arrays.npz")
     columns = {
@@ -110,8 +110,8 @@ def ours(folder: Path, whole: bool) -> dict[str, object]:
 
     def core() -> tuple[np.ndarray, int, float, int]:
         regression = Regression.of(mechanism, motion, Point.prior(mechanism))
-        total = Factor.merge(regression.factors)
-        base = reveal(total)
+        total = Triangle.merge(regression.factors)
+        base = rank_revealing(total)
         x = solve(total, base, regression.prior).x
         return x, base.rank, base.condition_number, total.rows
 

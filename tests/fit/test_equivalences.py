@@ -12,9 +12,8 @@ from ident import Log, Noise
 from ident.equations import Columns
 from ident.equations.scene import Scene
 from ident.equations.stack import full_rows
-from ident.solve.factor import Factor
-from ident.solve.rank import reveal, solve
-from ident.solve.samplewise import eliminate_samplewise
+from ident.information.base import rank_revealing, solve
+from ident.information.triangle import Triangle
 from identification import close, motion_log, plant, robot
 
 NAMES = ["arm", "four_bar", "five_bar", "slider_crank", "pendulum"]
@@ -90,14 +89,13 @@ def test_free_multipliers_are_the_null_space_projection(name, noise):
     """Also of noisy logs, where both minimise the same part of the residual, Zᵀr with ZᵀZ = 1."""
     case = planted(name, noise=noise, effects=("viscous",))
     A, b, jacobian = stacked(case)
-    projected = eliminate_samplewise(jacobian.transpose(0, 2, 1), A, b)
-    assert set(projected.rank) == {case.mechanism.rank}
-    left = Factor.of(projected.A[projected.free], projected.b[projected.free])
-    base = reveal(left, 1e-8)
-    eliminated = solve(left, base)
     Z = [null_space(each, rcond=1e-9) for each in jacobian]
+    assert {z.shape[1] for z in Z} == {A.shape[1] - case.mechanism.rank}
     rows = np.concatenate([z.T @ a for z, a in zip(Z, A, strict=True)])
     right = np.concatenate([z.T @ y for z, y in zip(Z, b, strict=True)])
+    left = Triangle.of(rows, right)
+    base = rank_revealing(left, 1e-8)
+    eliminated = solve(left, base)
     beta = np.linalg.lstsq(rows[:, base.independent], right, rcond=None)[0]
     assert close(eliminated.beta, beta, 1e-9)
     regrouped = np.linalg.lstsq(rows[:, base.independent], rows[:, base.dependent], rcond=None)[0]

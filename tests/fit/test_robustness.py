@@ -10,7 +10,7 @@ from helpers import ROBOTS
 from ident import Log, Noise
 from ident.errors import MotionError
 from ident.fit.estimate import estimate
-from ident.solve.factor import Factor
+from ident.information.triangle import Triangle
 from identification import motion_log, plant, robot
 
 NOISE = [Noise("tau", 0.01, relative=True), Noise("q", 2e-5)]
@@ -163,7 +163,7 @@ def test_what_is_held_is_said_to_be_held_even_where_nothing_is_explained():
     random = np.random.default_rng(0)
     A, b = 1e-3 * random.standard_normal((500, 1)), random.standard_normal(500)
     torque = np.array([np.sqrt(np.mean(b**2))])  # the first weights are right at once
-    found = estimate([Factor.of(A, b)], np.array([2.0]), torque, plausible=np.array([0.1]))
+    found = estimate([Triangle.of(A, b)], np.array([2.0]), torque, plausible=np.array([0.1]))
     assert found.held.all()
     assert found.solution.x == pytest.approx([2.0])
     assert found.base.rank == 0

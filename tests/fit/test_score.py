@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from ident.fit.score import without_each
-from ident.solve.factor import Factor
+from ident.information.triangle import Triangle
 
 
 @pytest.mark.parametrize("count", [1, 2, 7])
 def test_without_each_is_the_factor_of_all_other_rows(count):
     random = np.random.default_rng(0)
     A, b = random.standard_normal((count, 9, 4)), random.standard_normal((count, 9))
-    found = without_each([Factor.of(*each) for each in zip(A, b, strict=True)])
+    found = without_each([Triangle.of(*each) for each in zip(A, b, strict=True)])
     assert len(found) == count
     for i, factor in enumerate(found):
         rest = np.arange(count) != i
-        expected = Factor.of(A[rest].reshape(-1, 4), b[rest].reshape(-1))
+        expected = Triangle.of(A[rest].reshape(-1, 4), b[rest].reshape(-1))
         np.testing.assert_allclose(factor.R, expected.R, atol=1e-12)
         np.testing.assert_allclose(factor.d, expected.d, atol=1e-12)
         assert factor.rho == pytest.approx(expected.rho, abs=1e-12)

@@ -12,12 +12,12 @@ from ident.equations.point import Point
 from ident.equations.scene import Scene
 from ident.equations.stack import basis_of, stack
 from ident.fit.accumulate import Cell
+from ident.information.band import Elimination, eliminate
+from ident.information.splines import Basis
 from ident.likelihood.step import Run
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.progress import Told
-from ident.solve.basis import Basis
-from ident.solve.eliminate import Elimination, eliminate
 from ident.solve.factor import Factor
 
 BLOCKS = 40

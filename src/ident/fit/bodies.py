@@ -13,9 +13,9 @@ from __future__ import annotations
 import numpy as np
 
 from ident.fit.plausible import body_scales
+from ident.information.cone import svec
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, pseudo_inertia, split
-from ident.solve.cone import svec
 
 MARGIN = 1e-6  # of the ball, what a body keeps at least: with 0 no simulator could invert its mass
 VERIFIED = 0.5  # of the margin, which the check of the result asks for

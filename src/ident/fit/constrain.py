@@ -13,10 +13,10 @@ from ident.fit.descend import shape_bounds
 from ident.fit.estimate import Estimate, estimate, totals
 from ident.fit.regression import Regression
 from ident.fit.score import rise
+from ident.information.cone import Point
 from ident.mechanism.consistency import Consistency
 from ident.progress import Told
 from ident.residual.error import Squares
-from ident.solve.cone import Point
 
 PASSES = 6  # over what the equations are not linear in
 SETTLED = 1e-6  # of a plausible size: a smaller change of any unknown is the last

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.errors import FitError
 from ident.fit.bodies import MARGIN, VERIFIED
-from ident.solve.cone import Limit, Point, nearest, svec
+from ident.information.cone import Limit, Point, nearest, svec
 from ident.solve.factor import Factor
 
 EXACT = 1e-7  # of a limit's scale, how well what is no body is kept

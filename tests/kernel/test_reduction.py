@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ident.solve.reflect import reflect
+from ident.information.reduction import reflect
 
 SHAPES = [(20, 6, 4), (12, 9, 4), (35, 6, 61), (9, 9, 3), (5, 2, 40), (4, 3, 1), (7, 0, 3)]
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from ident.errors import FitError
-from ident.solve.factor import Factor
-from ident.solve.rank import reveal, solve
+from ident.information.base import rank_revealing, solve
+from ident.information.triangle import Triangle
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def regrouped():
 
 def test_the_first_of_dependent_columns_is_kept_and_the_rest_regrouped(regrouped):
     A, K, b = regrouped
-    base = reveal(Factor.of(A, b))
+    base = rank_revealing(Triangle.of(A, b))
     assert base.independent.tolist() == [0, 2, 3, 6, 7, 9]
     assert base.dependent.tolist() == [1, 4, 5, 8]
     assert base.zero.tolist() == [1]
@@ -39,8 +39,8 @@ def test_the_first_of_dependent_columns_is_kept_and_the_rest_regrouped(regrouped
 
 def test_dependent_unknowns_keep_their_prior_and_the_fit_is_the_best(regrouped):
     A, K, b = regrouped
-    factor = Factor.of(A, b)
-    base = reveal(factor)
+    factor = Triangle.of(A, b)
+    base = rank_revealing(factor)
     prior = np.random.default_rng(5).standard_normal(10)
     solution = solve(factor, base, prior)
     assert (solution.x[base.dependent] == prior[base.dependent]).all()
@@ -62,7 +62,7 @@ def test_dependence_is_found_behind_nearly_dependent_columns(closeness):
     rng = np.random.default_rng(0)
     a, e, c = rng.standard_normal((3, 500))
     A = np.column_stack([a, a + closeness * e, c, e, a - c])
-    base = reveal(Factor.of(A, np.zeros(500)))
+    base = rank_revealing(Triangle.of(A, np.zeros(500)))
     assert base.independent.tolist() == [0, 1, 2]
     eps = np.finfo(float).eps / closeness**2 * 1e3
     expected = [[-1 / closeness, 1.0], [1 / closeness, 0.0], [0.0, -1.0]]
@@ -74,7 +74,7 @@ def test_independent_columns_with_a_large_condition_number_are_all_kept():
     U, _ = np.linalg.qr(rng.standard_normal((300, 8)))
     V, _ = np.linalg.qr(rng.standard_normal((8, 8)))
     A = U * np.geomspace(1, 1e-6, 8) @ V
-    base = reveal(Factor.of(A, np.zeros(300)))
+    base = rank_revealing(Triangle.of(A, np.zeros(300)))
     assert base.rank == 8
     assert base.condition_number == pytest.approx(
         np.linalg.cond(A / np.linalg.norm(A, axis=0)), rel=1e-6
@@ -83,25 +83,25 @@ def test_independent_columns_with_a_large_condition_number_are_all_kept():
 
 def test_the_tolerance_is_the_new_part_of_a_column():
     a, b = np.eye(2)
-    factor = Factor.of(np.column_stack([a, a + 1e-4 * b]), np.zeros(2))
-    assert reveal(factor, tol=0.9e-4).rank == 2
-    assert reveal(factor, tol=1.1e-4).rank == 1
-    assert reveal(factor).distance[1] == pytest.approx(1e-4, rel=1e-6)
+    factor = Triangle.of(np.column_stack([a, a + 1e-4 * b]), np.zeros(2))
+    assert rank_revealing(factor, tol=0.9e-4).rank == 2
+    assert rank_revealing(factor, tol=1.1e-4).rank == 1
+    assert rank_revealing(factor).distance[1] == pytest.approx(1e-4, rel=1e-6)
 
 
 def test_a_small_column_is_null_only_beside_its_own_scale():
     rng = np.random.default_rng(0)
     A = rng.standard_normal((50, 3)) * [1.0, 1e-13, 1e-13]
-    factor = Factor.of(A, np.zeros(50))
-    assert reveal(factor).zero.tolist() == [1, 2]
-    assert reveal(factor, scale=[1.0, 1e-13, 1.0]).zero.tolist() == [2]
-    assert reveal(factor, scale=[1.0, 1e-13, 1.0]).independent.tolist() == [0, 1]
+    factor = Triangle.of(A, np.zeros(50))
+    assert rank_revealing(factor).zero.tolist() == [1, 2]
+    assert rank_revealing(factor, scale=[1.0, 1e-13, 1.0]).zero.tolist() == [2]
+    assert rank_revealing(factor, scale=[1.0, 1e-13, 1.0]).independent.tolist() == [0, 1]
 
 
 def test_nothing_to_find():
     for k in (0, 3):
-        factor = Factor.empty(k)
-        base = reveal(factor)
+        factor = Triangle.empty(k)
+        base = rank_revealing(factor)
         assert base.rank == 0
         assert base.condition_number == 1.0
         assert base.K.shape == (0, k)
@@ -111,11 +111,11 @@ def test_nothing_to_find():
 
 def test_what_does_not_fit_is_refused(regrouped):
     A, _, b = regrouped
-    factor = Factor.of(A, b)
-    base = reveal(factor)
+    factor = Triangle.of(A, b)
+    base = rank_revealing(factor)
     with pytest.raises(FitError, match="scale"):
-        reveal(factor, scale=[1.0])
+        rank_revealing(factor, scale=[1.0])
     with pytest.raises(FitError, match="prior"):
         solve(factor, base, [1.0])
     with pytest.raises(FitError, match="does not belong"):
-        solve(Factor.empty(10), base)
+        solve(Triangle.empty(10), base)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ident.solve.basis import Basis
-from ident.solve.chunk import Chunk
+from ident.information.reduction import Chunk
+from ident.information.splines import Basis
 
 
 class System:

@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from solve_systems import System, relative
+from banded_systems import System, relative
 
 from ident.errors import FitError
-from ident.solve.chunk import Chunk
-from ident.solve.eliminate import eliminate
-from ident.solve.factor import Factor
-from ident.solve.rank import reveal, solve
-from ident.solve.stretch import Stretch
+from ident.information.band import Stretch, eliminate
+from ident.information.base import rank_revealing, solve
+from ident.information.reduction import Chunk
+from ident.information.triangle import Triangle
 
 
 def chain(stretches):
@@ -29,10 +28,10 @@ def tree(stretches, rng):
 
 
 def factor_of(stretch):
-    return Factor.merge(stretch.closed())
+    return Triangle.merge(stretch.closed())
 
 
-def same(found: Factor, expected: Factor):
+def same(found: Triangle, expected: Triangle):
     assert found.rows == expected.rows
     assert relative(found.R, expected.R) < 1e-9
     assert relative(found.d, expected.d) < 1e-9
@@ -59,7 +58,7 @@ def test_blocks_of_time_are_those_of_the_batch(size, degree):
     pieces = [Stretch.of(chunk, begins) for chunk in system.chunks(size)]
     found = tree(pieces, np.random.default_rng(4)).closed()
     assert [f.rows for f in found] == [f.rows for f in batch]
-    same(Factor.merge(found), Factor.merge(batch))
+    same(Triangle.merge(found), Triangle.merge(batch))
     with pytest.raises(FitError, match="valid: the same"):
         pieces[0] + Stretch.of(list(system.chunks(size))[1])
 
@@ -68,7 +67,7 @@ def test_the_parameters_are_those_of_dense_least_squares():
     system = System(degree=3)
     p, _, residual = system.dense_solution()
     factor = factor_of(chain(Stretch.of(chunk) for chunk in system.chunks(1)))
-    assert relative(solve(factor, reveal(factor)).x, p) < 1e-9
+    assert relative(solve(factor, rank_revealing(factor)).x, p) < 1e-9
     assert abs(factor.residual_norm(p) / residual - 1) < 1e-9
 
 
@@ -111,7 +110,7 @@ def test_ill_conditioned_columns_lose_nothing_to_the_merging(condition):
     # rows of a triangle are as sure as its columns are far from each other: backward stability
     off = np.abs(np.column_stack([found.R, found.d]) - expected)
     assert (off[:, :k] / exact).max() < 1e-15 * 300 * condition
-    mine = solve(found, reveal(found, 1e-13)).x
+    mine = solve(found, rank_revealing(found, 1e-13)).x
     best = abs(float(R[k, k]))
     assert abs(found.rho - best) < 1e-13 * np.linalg.norm(b)
     assert abs(residual(R, mine, k) - best) < 1e-13 * np.linalg.norm(b)

@@ -3,7 +3,7 @@ import pytest
 from scipy.interpolate import BSpline
 
 from ident.errors import FitError
-from ident.solve.basis import Basis
+from ident.information.splines import Basis
 
 
 @pytest.mark.parametrize("degree", [0, 1, 3, 5])

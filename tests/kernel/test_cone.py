@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ident.errors import FitError
-from ident.solve.cone import Limit, conflict, nearest, shortfall, smat, svec
+from ident.information.cone import Limit, conflict, nearest, shortfall, smat, svec
 
 
 def at_least(name, k, at, low):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from ident.errors import FitError
-from ident.solve.factor import Factor
-from ident.solve.rank import reveal, solve
+from ident.information.base import rank_revealing, solve
+from ident.information.triangle import Triangle
 
 
 def householder_longdouble(A, b):
@@ -35,17 +35,17 @@ def test_any_order_and_split_agrees_with_extended_precision(condition, split):
     A, noise = conditioned(rng, 600, 6, condition), 1e-6 * rng.standard_normal(600)
     b = A @ np.ones(6) + noise
     if split == "whole":
-        factor = Factor.of(A, b)
+        factor = Triangle.of(A, b)
     elif split == "rows":
-        factor = Factor.empty(6)
+        factor = Triangle.empty(6)
         for row in range(600):
             factor = factor.updated(A[row : row + 1], b[row : row + 1])
     else:
         cuts = [0, 7, 8, 120, 600]
-        parts = [Factor.of(A[i:j], b[i:j]) for i, j in pairwise(cuts)]
-        factor = Factor.merge(parts if split == "merged" else parts[::-1])
+        parts = [Triangle.of(A[i:j], b[i:j]) for i, j in pairwise(cuts)]
+        factor = Triangle.merge(parts if split == "merged" else parts[::-1])
     truth = householder_longdouble(A, b).astype(float)
-    x = solve(factor, reveal(factor, tol=1e-13)).x
+    x = solve(factor, rank_revealing(factor, tol=1e-13)).x
     # least squares perturbed by rounding: Björck 1996, th. 1.4.6
     size = np.linalg.norm(truth) + condition * np.linalg.norm(A @ truth - b)
     assert np.linalg.norm(x - truth) < 50 * np.finfo(float).eps * condition * size
@@ -60,7 +60,10 @@ def test_any_order_and_split_agrees_with_extended_precision(condition, split):
 def test_equal_data_give_an_equal_triangle():
     rng = np.random.default_rng(0)
     A, b = rng.standard_normal((5000, 4)), rng.standard_normal(5000)
-    whole, parts = Factor.of(A, b), Factor.of(A[3000:], b[3000:]) + Factor.of(A[:3000], b[:3000])
+    whole, parts = (
+        Triangle.of(A, b),
+        Triangle.of(A[3000:], b[3000:]) + Triangle.of(A[:3000], b[:3000]),
+    )
     np.testing.assert_allclose(parts.R, whole.R, rtol=0, atol=1e-12)
     np.testing.assert_allclose(parts.d, whole.d, rtol=0, atol=1e-12)
     assert parts.rho == pytest.approx(whole.rho, rel=1e-13)
@@ -71,7 +74,7 @@ def test_equal_data_give_an_equal_triangle():
 
 def test_a_factor_is_unchanged_by_what_is_made_of_it():
     rng = np.random.default_rng(0)
-    factor = Factor.of(rng.standard_normal((9, 3)), rng.standard_normal(9))
+    factor = Triangle.of(rng.standard_normal((9, 3)), rng.standard_normal(9))
     before = factor.R.copy(), factor.d.copy(), factor.rho
     factor.updated(rng.standard_normal((4, 3)), rng.standard_normal(4))
     (
@@ -88,14 +91,14 @@ def test_a_factor_is_unchanged_by_what_is_made_of_it():
 def test_the_callers_arrays_are_left_alone():
     A, b = np.asfortranarray(np.random.default_rng(0).standard_normal((20, 3))), np.ones(20)
     copy = A.copy()
-    Factor.of(A, b)
+    Triangle.of(A, b)
     assert np.array_equal(A, copy)
 
 
 def test_scaled_embedded_and_restricted_are_those_of_the_rows():
     rng = np.random.default_rng(1)
     A, b, x = rng.standard_normal((50, 4)), rng.standard_normal(50), rng.standard_normal(7)
-    factor = Factor.of(A, b)
+    factor = Triangle.of(A, b)
     scaled = factor.scaled(2.5)
     assert scaled.residual_norm(x[:4]) == pytest.approx(np.linalg.norm(2.5 * (A @ x[:4] - b)))
 
@@ -108,36 +111,36 @@ def test_scaled_embedded_and_restricted_are_those_of_the_rows():
 
     keep, known = [2, 0], x[:4]
     small = factor.restricted(keep, known)
-    expected = Factor.of(A[:, keep], b - A[:, [1, 3]] @ known[[1, 3]])
+    expected = Triangle.of(A[:, keep], b - A[:, [1, 3]] @ known[[1, 3]])
     np.testing.assert_allclose(small.R, expected.R, atol=1e-13)
     np.testing.assert_allclose(small.d, expected.d, atol=1e-13)
     assert small.rho == pytest.approx(expected.rho)
     mask = np.array([True, False, False, True])
-    np.testing.assert_allclose(factor.restricted(mask).R, Factor.of(A[:, mask], b).R, atol=1e-13)
+    np.testing.assert_allclose(factor.restricted(mask).R, Triangle.of(A[:, mask], b).R, atol=1e-13)
 
 
 def test_fewer_rows_than_unknowns_and_none_at_all():
-    few = Factor.of([[3.0, 4.0, 0.0]], [10.0])
+    few = Triangle.of([[3.0, 4.0, 0.0]], [10.0])
     assert few.residual_norm([2.0, 1.0, 7.0]) == pytest.approx(0.0, abs=1e-15)
-    assert Factor.empty(3).residual_norm(np.ones(3)) == 0.0
-    assert Factor.of(np.zeros((5, 0)), np.ones(5)).rho == pytest.approx(np.sqrt(5))
-    assert (Factor.empty(2) + Factor.of(np.eye(2), np.ones(2))).rows == 2
+    assert Triangle.empty(3).residual_norm(np.ones(3)) == 0.0
+    assert Triangle.of(np.zeros((5, 0)), np.ones(5)).rho == pytest.approx(np.sqrt(5))
+    assert (Triangle.empty(2) + Triangle.of(np.eye(2), np.ones(2))).rows == 2
 
 
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda: Factor.of([[1.0, np.nan]], [0.0]), "not finite"),
-        (lambda: Factor.of([[1.0, 2.0]], [np.inf]), "not finite"),
-        (lambda: Factor.of([1.0, 2.0], [1.0, 2.0]), "two dimensions"),
-        (lambda: Factor.empty(3).updated(np.ones((2, 2)), np.ones(2)), r"\(rows, 3\)"),
-        (lambda: Factor.empty(3) + Factor.empty(2), "all the same"),
-        (lambda: Factor.merge([]), "one triangle or more"),
-        (lambda: Factor.empty(2).scaled(-1.0), "not negative"),
-        (lambda: Factor.empty(2).embedded([0, 0], 5), "distinct"),
-        (lambda: Factor.empty(2).embedded([0, 5], 5), "0 to 4"),
-        (lambda: Factor.empty(2).embedded([0], 5), "one for each"),
-        (lambda: Factor.empty(2).restricted([0], [1.0]), r"valid: \(2,\)"),
+        (lambda: Triangle.of([[1.0, np.nan]], [0.0]), "not finite"),
+        (lambda: Triangle.of([[1.0, 2.0]], [np.inf]), "not finite"),
+        (lambda: Triangle.of([1.0, 2.0], [1.0, 2.0]), "two dimensions"),
+        (lambda: Triangle.empty(3).updated(np.ones((2, 2)), np.ones(2)), r"\(rows, 3\)"),
+        (lambda: Triangle.empty(3) + Triangle.empty(2), "all the same"),
+        (lambda: Triangle.merge([]), "one triangle or more"),
+        (lambda: Triangle.empty(2).scaled(-1.0), "not negative"),
+        (lambda: Triangle.empty(2).embedded([0, 0], 5), "distinct"),
+        (lambda: Triangle.empty(2).embedded([0, 5], 5), "0 to 4"),
+        (lambda: Triangle.empty(2).embedded([0], 5), "one for each"),
+        (lambda: Triangle.empty(2).restricted([0], [1.0]), r"valid: \(2,\)"),
     ],
 )
 def test_what_does_not_fit_is_refused(call, said):

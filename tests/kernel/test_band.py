@@ -2,20 +2,20 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from solve_systems import System, relative
+from banded_systems import System, relative
 
 from ident.errors import FitError
-from ident.solve.basis import Basis
-from ident.solve.chunk import Chunk
-from ident.solve.eliminate import eliminate
-from ident.solve.factor import Factor
-from ident.solve.rank import reveal, solve
+from ident.information.band import eliminate
+from ident.information.base import rank_revealing, solve
+from ident.information.reduction import Chunk
+from ident.information.splines import Basis
+from ident.information.triangle import Triangle
 
 
 def solved(chunks, count, **options):
     elimination = eliminate(chunks, count, **options)
     border = elimination.border
-    x = solve(border, reveal(border)).x
+    x = solve(border, rank_revealing(border)).x
     return elimination, x, elimination.back_substitute(x)
 
 
@@ -95,7 +95,7 @@ def test_factors_are_those_of_their_blocks_of_time():
     for factor, part in zip(
         factors, np.split(np.arange(300), np.searchsorted(system.first, begins)), strict=True
     ):
-        own = Factor.of(system.A[part].reshape(-1, 3), system.b[part].reshape(-1))
+        own = Triangle.of(system.A[part].reshape(-1, 3), system.b[part].reshape(-1))
         np.testing.assert_allclose(factor.R, own.R, atol=1e-11)
         assert factor.rho == pytest.approx(own.rho)
         assert factor.rows == own.rows
