@@ -27,7 +27,7 @@ def read_page(path):
         handlers = [key for key in element.attrib if key.lower().startswith("on")]
         assert not handlers, handlers
     scripts = [each for each in page.iter("script") if not each.get("type")]
-    assert len(scripts) in (1, 2)  # the page's own, and where there are charts Bokeh's
+    assert len(scripts) in (1, 4)  # the page's own, and where there are charts three to draw them
     for each in page.iter("script"):
         if each.get("type") == "application/json":
             json.loads(each.text)

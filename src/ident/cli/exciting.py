@@ -13,7 +13,7 @@ from ident.cli.console import notes, progress, result
 from ident.errors import IdentError
 from ident.excite import Limits
 from ident.excite import excite as excite_
-from ident.show.charts.save import SUFFIXES
+from ident.show.charts import SUFFIXES
 
 LOGS = (".csv", ".parquet", ".npz")
 BOUND = "VALUE|JOINT=VALUE"

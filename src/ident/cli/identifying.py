@@ -44,7 +44,7 @@ from ident.log import read_log
 from ident.log.folder import expanded
 from ident.log.pieces import likely_rows
 from ident.mechanism import Consistency
-from ident.show.charts.save import SUFFIXES
+from ident.show.charts import SUFFIXES
 from ident.simulate import replay
 from ident.simulate.replay import WINDOW
 

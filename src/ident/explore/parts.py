@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from importlib import resources
 from typing import Any, ClassVar
 
 import panel
 import param
+
+from ident.show.charts.live import source
 
 
 def _text(name: str) -> str:
@@ -15,6 +18,19 @@ def _text(name: str) -> str:
 
 CSS, PAGE, CHOICE = _text("parts.css"), _text("page.css"), _text("choice.css")
 FOLD = _text("fold.css")  # of rows whose parts stand one below the other where it is narrow
+
+
+class LiveChart(panel.custom.JSComponent):
+    """A chart that can be zoomed, drawn in the browser as in reports."""
+
+    data = param.String()
+    words = param.String()
+
+    _esm: ClassVar[Any] = (
+        f"const api = {json.dumps(source('bokeh-api.min.js'))};\n"
+        + source("charts.js")
+        + _text("chart.js")
+    )
 
 
 class Candidates(panel.custom.JSComponent):

@@ -24,7 +24,7 @@ UNJUDGED = (
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """Pieces from above: models of Bokeh, with words for who cannot see them, and HTML."""
+    """Charts and HTML, from above."""
 
     pieces: tuple[tuple[str, Any], ...]
 
@@ -32,13 +32,15 @@ class Drawn:
         """As Panel shows them."""
         import panel
 
-        from ident.explore.parts import CSS
+        from ident.explore.parts import CSS, LiveChart
 
         wide = {"sizing_mode": "stretch_width"}
         return [
             panel.pane.HTML(piece, stylesheets=[CSS], **wide)
             if kind == "html"
-            else panel.pane.Bokeh(piece, **wide)
+            else LiveChart(
+                data=piece.live().data(), words=piece.words, height=piece.live().height, **wide
+            )
             for kind, piece in self.pieces
         ]
 
@@ -70,7 +72,7 @@ def drawn(e: Exploration, view: str, joint: str) -> Drawn:
 
 def _charts(charts: Sequence[Any], words: Any = "") -> Drawn:
     pieces = [("html", str(words))] if words else []
-    return Drawn((*pieces, *(("chart", chart.live().layout) for chart in charts)))
+    return Drawn((*pieces, *(("chart", chart) for chart in charts)))
 
 
 def depends(rung: Rung, joint: str) -> list[str]:

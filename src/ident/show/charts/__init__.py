@@ -1,14 +1,28 @@
-"""Pictures as nouns: what they show is said once, and drawn still (Matplotlib) or live (Bokeh)."""
+"""Charts described once as plain data, drawn still by Matplotlib and live by BokehJS."""
 
-from ident.show.charts.chart import Chart, Panel
-from ident.show.charts.marks import Bars, Boxes, Dots, Level, Line, Mark, Points
-from ident.show.charts.palette import FAINT, MEASURED, PRIOR, RESIDUAL, Colour
+from ident.show.charts.chart import SUFFIXES, Chart
+from ident.show.charts.marks import (
+    FAINT,
+    MEASURED,
+    PRIOR,
+    RESIDUAL,
+    Bars,
+    Boxes,
+    Colour,
+    Dots,
+    Level,
+    Line,
+    Mark,
+    Panel,
+    Points,
+)
 
 __all__ = [
     "FAINT",
     "MEASURED",
     "PRIOR",
     "RESIDUAL",
+    "SUFFIXES",
     "Bars",
     "Boxes",
     "Chart",

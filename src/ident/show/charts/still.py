@@ -10,18 +10,27 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ident.show.charts.chart import Chart, Panel
-from ident.show.charts.marks import Bars, Boxes, Dots, Level, Line, Mark, Points
-from ident.show.charts.palette import colour
+from ident.show.charts.marks import (
+    CLOUD,
+    Bars,
+    Boxes,
+    Dots,
+    Drawing,
+    Level,
+    Line,
+    Mark,
+    Panel,
+    Points,
+    colour,
+)
 
 POINTS = 2000  # buckets of a line; more would not be seen
-CLOUD = 6000  # points of a cloud
 SHORT = 6  # characters of names that stand upright beside each other
 LABEL = 34  # characters of a name in a legend
 
 
-def figure_of(chart: Chart) -> Figure:
-    """The chart as a figure that belongs to no window."""
+def figure_of(chart: Drawing) -> Figure:
+    """Return the chart as a figure that belongs to no window."""
     rows, columns = len(chart.rows), max(map(len, chart.rows))
     heights = [max(panel.height for panel in row) for row in chart.rows]
     figure = Figure(figsize=(chart.width, 0.9 + sum(heights)), layout="constrained")
@@ -54,7 +63,7 @@ def figure_of(chart: Chart) -> Figure:
 
 
 def image(figure: Figure, kind: str) -> bytes:
-    """A figure as the bytes of a png, svg or pdf."""
+    """Return a figure as the bytes of a png, svg or pdf."""
     stream = io.BytesIO()
     metadata = {"Date": None} if kind == "svg" else None
     figure.savefig(stream, format=kind, dpi=130, metadata=metadata)
@@ -102,9 +111,9 @@ def _(mark: Line, axis: Axes) -> None:
 
 @_draw.register
 def _(mark: Points, axis: Axes) -> None:
-    some = slice(None, None, max(1, len(mark.x) // CLOUD))
+    some = mark.thinned(CLOUD)
     axis.scatter(
-        mark.x[some], mark.y[some], s=3, color=colour(mark.colour), alpha=0.45, lw=0,
+        some.x, some.y, s=3, color=colour(mark.colour), alpha=0.45, lw=0,
         rasterized=True, label=mark.label or None,
     )  # fmt: skip
 

@@ -1,18 +1,18 @@
-"""Reports: sections of words, tables and charts in one HTML file that opens without a network."""
+"""HTML for reports and notebooks: words, tables and charts, everything from outside escaped."""
 
 from ident.show.html.elements import (
+    Shown,
     code,
     definitions,
     folded,
     headed,
+    in_frame,
     items,
     paragraph,
     strong,
     table,
 )
-from ident.show.html.origin import origin, running
-from ident.show.html.page import Block, Choice, Option, Page, Section
-from ident.show.html.shown import Shown
+from ident.show.html.page import Block, Choice, Option, Page, Section, origin, running
 
 __all__ = [
     "Block",
@@ -25,6 +25,7 @@ __all__ = [
     "definitions",
     "folded",
     "headed",
+    "in_frame",
     "items",
     "origin",
     "paragraph",

@@ -1,87 +1,118 @@
-"""Pieces of HTML. Words that come in are escaped, whatever file they are from."""
+"""Pieces of HTML made by the macros of `report.jinja`; words that come in are escaped."""
 
 from __future__ import annotations
 
+import base64
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
+from importlib import resources
+from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup, escape
 
+if TYPE_CHECKING:
+    from ident.show.charts import Chart
+
 CODE = re.compile(r"`([^`]*)`")
-TIE = "\u00a0"
 SHORT = 32  # characters of a cell that stays on one line
 LONG = 30  # rows of a table, beyond which it is folded
 
 
+def text_of(name: str) -> str:
+    """Return a style sheet or script of this package."""
+    return resources.files("ident.show.html").joinpath(name).read_text(encoding="utf-8")
+
+
+@cache
+def macros() -> Any:
+    """Return the macros of the template, compiled at the first use."""
+    from jinja2 import Environment
+
+    environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment.filters |= {"code": _code, "tied": _tied, "slug": slug}
+    return environment.from_string(text_of("report.jinja")).module
+
+
+def slug(title: str) -> str:
+    """Return a title as the name of a place in the page."""
+    return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
+
+
+def _code(words: str) -> Markup:
+    return Markup(CODE.sub(r"<code>\1</code>", str(escape(words))))
+
+
+def _tied(cell: str) -> str:
+    return cell.replace(" ", "\u00a0") if len(cell) <= SHORT else cell
+
+
 def paragraph(words: str, kind: str = "") -> Markup:
-    """Words, with what stands between backticks as code."""
-    inside = Markup(CODE.sub(r"<code>\1</code>", str(escape(words))))
-    return Markup('<p class="{}">{}</p>').format(kind, inside) if kind else _in("p", inside)
+    """Return words as a paragraph, with what stands between backticks as code."""
+    return Markup(macros().paragraph(words, kind))
 
 
 def strong(words: str) -> Markup:
-    """A paragraph that is to be read first."""
-    return _in("p", _in("strong", escape(words)))
+    """Return a paragraph that is to be read first."""
+    return Markup("<p><strong>{}</strong></p>").format(words)
 
 
 def folded(title: str, *blocks: Markup) -> Markup:
-    """Blocks under a title that opens them."""
+    """Return blocks under a title that opens them."""
     frame = Markup("<details><summary>{}</summary>{}</details>")
     return frame.format(title, Markup("\n").join(blocks)) if blocks else Markup("")
 
 
 def code(words: str) -> Markup:
-    """Words as they are, line by line."""
-    return _in("pre", escape(words))
+    """Return preformatted text."""
+    return Markup("<pre>{}</pre>").format(words)
 
 
 def headed(words: str) -> Markup:
-    """A heading within a section."""
-    return _in("h3", escape(words))
+    """Return a heading within a section."""
+    return Markup("<h3>{}</h3>").format(words)
 
 
 def items(words: Iterable[str]) -> Markup:
-    """A list, with what stands between backticks as code."""
-    inside = (CODE.sub(r"<code>\1</code>", str(escape(each))) for each in words)
-    return _in("ul", Markup("".join(f"<li>{each}</li>" for each in inside)))
+    """Return a list, with what stands between backticks as code."""
+    return Markup(macros().items(list(words)))
 
 
 def definitions(pairs: Mapping[str, str]) -> Markup:
-    """Words and what they stand for."""
-    rows = (Markup("<dt>{}</dt><dd>{}</dd>").format(k, v) for k, v in pairs.items() if v)
-    return _in("dl", Markup("").join(rows))
+    """Return words and their meanings; pairs without a meaning are left out."""
+    return Markup(macros().definitions({k: v for k, v in pairs.items() if v}))
 
 
 def table(rows: Sequence[Sequence[str]], caption: str, *, tied: bool = True) -> Markup:
-    """A table whose first row is its head and whose first column names the rows.
+    """Return a table whose first row is its head and whose first column names the rows.
 
     Args:
         rows: cells as words, the head first.
-        caption: what it shows, for who comes upon it alone.
+        caption: content of the table, understandable by itself.
         tied: whether short cells stay on one line.
     """
-    head, *body = rows
-    cells = Markup("").join(Markup('<th scope="col">{}</th>').format(cell) for cell in head)
-    lines = Markup("").join(_row(row, tied) for row in body)
-    whole = Markup(
-        '<div class="wide" tabindex="0" role="region" aria-label="{0}"><table><caption>{0}'
-        "</caption><thead><tr>{1}</tr></thead><tbody>{2}</tbody></table></div>"
-    ).format(caption, cells, lines)
-    if len(body) <= LONG:
-        return whole
-    said = Markup("<details><summary>{}: {} rows</summary>{}</details>")
-    return said.format(caption, len(body), whole)
+    return Markup(macros().table(rows, caption, tied, LONG))
 
 
-def _row(row: Sequence[str], tied: bool) -> Markup:
-    first, *rest = (_tied(cell) if tied else cell for cell in row)
-    cells = Markup("").join(Markup("<td>{}</td>").format(cell) for cell in rest)
-    return Markup('<tr><th scope="row">{}</th>{}</tr>').format(first, cells)
+def in_frame(blocks: Iterable[Markup | Chart]) -> str:
+    """Return blocks as Jupyter shows them: with their own style, charts as still pictures."""
+    inside = Markup("\n").join(map(_still, blocks))
+    frame = Markup('<style>{}</style><div class="ident">{}</div>')
+    return str(frame.format(Markup(text_of("shown.css")), inside))
 
 
-def _tied(cell: str) -> str:
-    return cell.replace(" ", TIE) if len(cell) <= SHORT else cell
+def _still(block: Markup | Chart) -> Markup:
+    if isinstance(block, Markup):
+        return block
+    data = base64.b64encode(block._repr_png_()).decode()
+    return Markup('<img alt="{}" src="data:image/png;base64,{}">').format(block.words, data)
 
 
-def _in(tag: str, inside: Markup) -> Markup:
-    return Markup(f"<{tag}>{inside}</{tag}>")
+class Shown:
+    """A noun that Jupyter shows as tables; by default as it prints itself."""
+
+    def _blocks(self) -> Iterable[Markup | Chart]:
+        return (code(str(self)),)
+
+    def _repr_html_(self) -> str:
+        return in_frame(self._blocks())

@@ -1,30 +1,29 @@
-"""The nouns: a page of sections, which hold words, tables, charts and choices between them."""
+"""A report: sections of words, tables, charts and choices in one HTML file without a network."""
 
 from __future__ import annotations
 
-import json
-import re
+import hashlib
+import platform
+from collections.abc import Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass
-from importlib import resources
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 
 from markupsafe import Markup
 
 from ident.show.charts import Chart
-from ident.show.charts.live import script
+from ident.show.charts.live import scripts
+from ident.show.html.elements import code, definitions, macros, paragraph, table, text_of
 
-KEYBOARD = ". Keys: plus and minus zoom, arrows move, 0 shows all"
-KEYS = (
-    ("nearer", "+", "Zoom in"),
-    ("farther", "−", "Zoom out"),
-    ("earlier", "←", "To the left"),
-    ("later", "→", "To the right"),
-    ("all", "⤢", "All of it"),
-)
+PACKAGES = ("ident", "pin", "casadi", "numpy", "scipy", "clarabel", "bokeh")
+
+running: ContextVar[str] = ContextVar("running", default="")  # the command line, where there is one
 
 
 @dataclass(frozen=True, eq=False)
 class Option:
-    """One of a choice: what its button says, and what it shows."""
+    """One option of a choice: the name on its button, and the blocks it shows."""
 
     name: str
     blocks: tuple[Block, ...]
@@ -43,7 +42,7 @@ Block = Markup | Chart | Choice
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A title and what stands below it; one without blocks is left out."""
+    """A title and the blocks below it; a section without blocks is left out."""
 
     title: str
     blocks: tuple[Block, ...]
@@ -58,108 +57,40 @@ class Page:
     sections: tuple[Section, ...]
 
     def html(self) -> bytes:
-        """One file that opens without a network."""
-        shown = [section for section in self.sections if section.blocks]
-        charts: list[Chart] = []
-        body = [_section(section, charts) for section in shown]
-        links = Markup("").join(
-            Markup('<li><a href="#{}">{}</a></li>').format(slug(s.title), s.title) for s in shown
+        """Return one file that opens without a network."""
+        charts: list[Chart] = []  # filled by the template, in the order of reading
+        page = macros().page(
+            self, charts, text_of("style.css"), text_of("script.js"), lambda: Markup(scripts())
         )
-        data = Markup("").join(_data(number, chart) for number, chart in enumerate(charts))
-        page = PAGE.format(
-            title=self.title, line=self.line, links=links, body=Markup("\n").join(body), data=data,
-            style=Markup(_file("style.css")), bokeh=Markup(script()) if charts else "",
-            script=Markup(_file("script.js")),
-        )  # fmt: skip
-        return page.encode()
+        return str(page).encode()
 
 
-PAGE = Markup("""<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<style>{style}</style></head><body>
-<a class="skip" href="#main">To the contents</a>
-<header><h1>{title}</h1><p class="line">{line}</p></header>
-<nav aria-label="Sections"><ul>{links}</ul></nav>
-<main id="main">
-{body}
-</main>
-{bokeh}
-{data}
-<script>{script}</script>
-</body></html>
-""")
+def origin(files: Sequence[Path], logs: Sequence[tuple[str, str]]) -> Section:
+    """Return the section on how to reproduce a result: command, versions, checksums of files.
+
+    Args:
+        files: of the mechanism.
+        logs: names and SHA-256 of the logs' bytes, "" where one was made in memory.
+    """
+    rows = [["file", "SHA-256"]]
+    rows += [[file.name, _sha256(file)] for file in files]
+    rows += [[name, digest or "made in memory"] for name, digest in logs]
+    command = running.get()
+    first = code(command) if command else paragraph("Made in Python, by no command.")
+    versions = {name: _version(name) for name in PACKAGES}
+    versions["Python"] = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
+    return Section("How to reproduce", (first, table(rows, "What went in"), definitions(versions)))
 
 
-def slug(title: str) -> str:
-    """A title as the name of a place in the page."""
-    return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"
 
 
-def _file(name: str) -> str:
-    return resources.files("ident.show.html").joinpath(name).read_text(encoding="utf-8")
-
-
-def _section(section: Section, charts: list[Chart]) -> Markup:
-    inside = Markup("\n").join(_block(block, charts) for block in section.blocks)
-    frame = Markup('<section id="{0}" aria-labelledby="{0}-title"><h2 id="{0}-title">{1}</h2>{2}')
-    return frame.format(slug(section.title), section.title, inside) + Markup("</section>")
-
-
-def _block(block: Block, charts: list[Chart]) -> Markup:
-    if isinstance(block, Chart):
-        charts.append(block)
-        return _figure(block, len(charts) - 1)
-    if isinstance(block, Choice):
-        return _choice(block, charts)
-    return block
-
-
-def _figure(chart: Chart, number: int) -> Markup:
-    """A place for a chart, with buttons that do what the mouse does."""
-    buttons = Markup("").join(
-        Markup('<button type="button" data-do="{}" title="{}" aria-label="{}">{}</button>').format(
-            do, words, words, sign
-        )
-        for do, sign, words in KEYS
-    )
-    height = chart.live().height
-    return Markup(
-        '<figure class="chart" data-chart="{n}"{clock} tabindex="0" aria-label="{words}{keys}">'
-        "{tools}"
-        '<div class="canvas" id="chart-{n}" role="img" aria-label="{words}" '
-        'style="min-height:{height}px"></div><figcaption>{words}</figcaption></figure>'
-    ).format(
-        n=number, words=chart.words, height=height,
-        clock=Markup(' data-clock="{}"').format(chart.clock) if chart.clock else "",
-        keys=KEYBOARD if chart.shared_x else "",
-        tools=Markup('<div class="tools" role="group" aria-label="Zoom">{}</div>').format(buttons)
-        if chart.shared_x else "",
-    )  # fmt: skip
-
-
-def _choice(choice: Choice, charts: list[Chart]) -> Markup:
-    first = len(charts)
-    names = [f"option-{first}-{i}" for i in range(len(choice.options))]
-    buttons = Markup("").join(
-        Markup('<button type="button" aria-controls="{}" aria-pressed="{}">{}</button>').format(
-            name, "false" if i else "true", option.name
-        )
-        for i, (name, option) in enumerate(zip(names, choice.options, strict=True))
-    )
-    places = Markup("").join(
-        Markup('<div class="option" id="{}"{}>{}</div>').format(
-            name,
-            Markup(" hidden") if i else "",
-            Markup("\n").join(_block(block, charts) for block in option.blocks),
-        )
-        for i, (name, option) in enumerate(zip(names, choice.options, strict=True))
-    )
-    frame = Markup('<div class="choice"><div class="buttons" role="group" aria-label="{}">{}</div>')
-    return frame.format(choice.words, buttons) + places + Markup("</div>")
-
-
-def _data(number: int, chart: Chart) -> Markup:
-    """What Bokeh draws, as data that no browser runs."""
-    item = json.dumps(chart.live().item(f"c{number}")).replace("<", "\\u003c")
-    return Markup(f'<script type="application/json" id="data-{number}">{item}</script>\n')
+def _sha256(file: Path) -> str:
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError:
+        return "no longer there"

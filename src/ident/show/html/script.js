@@ -46,13 +46,11 @@ async function draw(figure) {
   if (figure.dataset.drawn) return
   figure.dataset.drawn = "yes"
   const number = figure.dataset.chart
-  const item = JSON.parse(document.getElementById(`data-${number}`).textContent)
-  const views = await Bokeh.embed.embed_item(item, `chart-${number}`)
-  const drawn = [...views][0].model.document
+  const chart = JSON.parse(document.getElementById(`data-${number}`).textContent)
+  const {document: drawn, range} = await drawChart(chart, document.getElementById(`chart-${number}`))
   documents.push(drawn)
   paint(drawn)
-  const shared = drawn.get_model_by_name("shared")
-  if (shared) together(figure, shared)
+  if (range) together(figure, range)
 }
 
 function move(figure, how) {

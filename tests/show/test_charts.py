@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 
 from ident.errors import IdentError
 from ident.show.charts import RESIDUAL, Bars, Boxes, Chart, Dots, Level, Line, Panel, Points
-from ident.show.charts.chart import extremes
-from ident.show.charts.palette import ROLES, SERIES
+from ident.show.charts.marks import ROLES, SERIES
 
 T = np.linspace(0.0, 10.0, 50_001)
 AT = np.arange(3.0)
@@ -36,7 +35,7 @@ CHART = Chart("Every mark, </script> too", ((EVERY, EVERY), (EVERY,)))
 def test_extremes_keep_every_peak():
     y = np.sin(T)
     y[[7, 40_000]] = 5.0, -7.0
-    thin = extremes(Line(T, y), 100)
+    thin = Line(T, y).thinned(100)
     assert len(thin.y) == len(thin.x) == 200
     assert (thin.y.max(), thin.y.min()) == (5.0, -7.0)
     assert (np.diff(thin.x) >= 0).all()
@@ -45,22 +44,22 @@ def test_extremes_keep_every_peak():
 def test_a_gap_stays_a_gap():
     y = np.ones_like(T)
     y[20_000:30_000] = np.nan
-    thin = extremes(Line(T, y), 100)
+    thin = Line(T, y).thinned(100)
     assert np.isnan(thin.y[(thin.x > 4.2) & (thin.x < 5.8)]).all()
     assert (thin.y[thin.x < 3.8] == 1).all()
 
 
 def test_short_lines_stay_as_they_are():
     line = Line(T[:150], T[:150])
-    assert extremes(line, 100) is line
+    assert line.thinned(100) is line
 
 
 def test_every_mark_is_drawn_still_and_live():
     assert isinstance(CHART.figure, Figure)
     assert len(CHART.axes) == 4  # the last of them empty
     assert CHART._repr_png_().startswith(b"\x89PNG")
-    item = CHART.live().item()
-    assert json.loads(json.dumps(item))["root_id"]
+    rows = json.loads(CHART.live().data())["rows"]
+    assert [len(row) for row in rows] == [2, 1]
 
 
 def test_words_cannot_leave_their_place():
@@ -105,49 +104,66 @@ def test_colours_are_legible_on_both_papers(colour, paper):
     assert (light + 0.05) / (dark + 0.05) >= 3.0
 
 
-def test_bokeh_reads_what_is_said_of_its_objects():
-    """Bokeh's own models are the judge of names and values of all attributes."""
-    from bokeh.document import Document
-    from bokeh.embed import json_item
-    from bokeh.plotting import figure as Panel_
-
-    for chart in (CHART, replace(CHART, shared_x=True, shared_y=True, clock="run.csv")):
-        first, second = chart.live().layout, chart.live().layout
-        document = Document()
-        document.add_root(first)
-        document.add_root(second)  # no two objects have one id
-        document.validate()
-        assert sum(isinstance(each, Panel_) for each in document.models) == 6
-        assert json_item(chart.live().layout)["root_id"]
+def test_an_array_goes_into_the_page_once():
+    panel = Panel((Line(T, np.sin(T)), Line(T.copy(), np.cos(T))))
+    arrays = json.loads(Chart("", ((panel,), (panel,))).live().data())["arrays"]
+    assert len(arrays) == 3
 
 
 def test_frequent_gaps_leave_the_line_and_its_peaks():
     y = np.sin(T)
     y[::90] = np.nan
     y[12_345] = 7.0
-    thin = extremes(Line(T, y), 100)
+    thin = Line(T, y).thinned(100)
     assert np.isfinite(thin.y).all()
     assert thin.y.max() == 7.0
     assert (thin.x[0], thin.x[-1]) == (T[0], T[-1])
 
 
-def test_names_of_a_later_panel_are_in_the_legend():
+def opened(browser, chart, tmp_path):
+    """The page of a chart, drawn, and what its console complained of."""
+    chart.save(tmp_path / "x.html")
+    page, wrong = browser.new_page(), []
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.on("console", lambda m: wrong.append(m.text) if m.type in ("error", "warning") else 0)
+    page.goto((tmp_path / "x.html").as_uri())
+    page.wait_for_function("() => Bokeh.documents.length && Bokeh.documents[0].is_idle")
+    return page, wrong
+
+
+MODELS = "(kind) => [...Bokeh.documents[0]._all_models.values()].filter(m => m.type === kind)"
+
+
+def test_bokeh_draws_every_mark_and_complains_of_nothing(browser, tmp_path):
+    nan = Panel((Level(float("nan")), Line(T[:9], T[:9])), logarithmic=True)
+    for chart in (CHART, replace(CHART, shared_x=True, shared_y=True), Chart("nan", ((nan,),))):
+        page, wrong = opened(browser, chart, tmp_path)
+        assert page.evaluate(f"({MODELS})('Figure').length") == len(chart.panels)
+        assert not wrong
+        page.close()
+
+
+def test_names_of_a_later_panel_are_in_the_legend(browser, tmp_path):
     first = Panel((Line(T[:9], T[:9], "measured"),))
     second = Panel((Line(T[:9], T[:9], "measured"), Line(T[:9], T[:9], "coulomb", 3)))
-    layout = Chart("later", ((first,), (second,)), shared_x=True).live().layout
-    (legend,) = layout.select({"name": None, "orientation": "horizontal", "spacing": 14})
-    assert [item.label.value for item in legend.items] == ["measured", "coulomb"]
-    assert legend.items[1].renderers[0].glyph.line_color == SERIES[3]
+    page, wrong = opened(browser, Chart("", ((first,), (second,)), shared_x=True), tmp_path)
+    items = f"({MODELS})('Legend')[0].items"
+    assert page.evaluate(f"{items}.map(i => i.label.value)") == ["measured", "coulomb"]
+    assert page.evaluate(f"{items}[1].renderers[0].glyph.line_color.value") == SERIES[3]
+    page.evaluate(f"{items}[1].renderers[0].visible = false")
+    lines = f"({MODELS})('GlyphRenderer').filter(r => r.name === 'coulomb')"
+    assert page.evaluate(f"{lines}.map(r => r.visible)") == [False]
+    assert not wrong
+    page.close()
 
 
-def test_signs_of_mathematics_are_signs():
+def test_signs_of_mathematics_are_signs(browser, tmp_path):
     name = r"$$\foo$$ and $x_1$"
     panel = Panel((Line(T[:9], T[:9], name),), name, name, name, (name,), (name,))
     chart = Chart(name, ((panel,),))
     assert chart._repr_png_().startswith(b"\x89PNG")
-    assert '"PlainText"' in json.dumps(chart.live().item())
-
-
-def test_what_is_no_number_is_no_fault():
-    chart = Chart("nan", ((Panel((Level(float("nan")),)),),))
-    assert "NaN" not in json.dumps(chart.live().item())
+    page, wrong = opened(browser, chart, tmp_path)
+    texts = f"({MODELS})('PlainText').map(m => m.text)"
+    assert page.evaluate(texts).count(name) >= 3
+    assert not wrong
+    page.close()

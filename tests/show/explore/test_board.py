@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from explored import given, screened
@@ -19,6 +20,12 @@ from ident.explore.board import Board
 from ident.explore.views import VIEWS
 
 
+def run(work):
+    """Run a coroutine beside the loop that a browser of other tests keeps in this thread."""
+    with ThreadPoolExecutor() as threads:
+        return threads.submit(asyncio.run, work).result()
+
+
 def labels(board: Board, present: bool) -> list[str]:
     return [row["label"] for row in board.controls.candidates.rows if row["present"] is present]
 
@@ -26,7 +33,7 @@ def labels(board: Board, present: bool) -> list[str]:
 def test_a_click_adds_and_another_removes():
     board = Board(screened())
     assert board.controls.undo.disabled
-    asyncio.run(board.toggle("viscous:elbow", False))
+    run(board.toggle("viscous:elbow", False))
     c = board.controls
     assert labels(board, True) == ["viscous:elbow"]
     assert c.candidates.stale is False
@@ -35,11 +42,11 @@ def test_a_click_adds_and_another_removes():
     assert [row[0] for row in c.ladder.rows] == ["model", "as given", "+ viscous:elbow"]
     assert "25.3\xa0%" in c.errors.object
     assert not c.undo.disabled
-    asyncio.run(board.toggle("viscous:elbow", True))
+    run(board.toggle("viscous:elbow", True))
     assert labels(board, True) == []
-    asyncio.run(board.back(0))
+    run(board.back(0))
     assert len(board.exploration.rungs) == 1
-    asyncio.run(board.undone())
+    run(board.undone())
     assert len(board.exploration.rungs) == 3
 
 
@@ -53,7 +60,7 @@ def test_clicks_during_work_do_nothing():
         await asyncio.gather(board.toggle("coulomb:yaw", False), board.undone(), board.back(0))
         await first
 
-    asyncio.run(hurried())
+    run(hurried())
     assert [rung.name for rung in board.exploration.rungs] == ["as given", "+ viscous:elbow"]
 
 
@@ -68,7 +75,7 @@ def test_a_change_while_falls_are_announced_wins():
         await board.toggle("coulomb:elbow", False)
         await first
 
-    asyncio.run(impatient())
+    run(impatient())
     assert [x.label for x in board.exploration.mechanism.effects] == [
         "viscous:elbow",
         "coulomb:elbow",
@@ -87,13 +94,13 @@ def test_the_loop_stays_alive_during_work():
             ticks.append(time.perf_counter())
             await asyncio.sleep(0.02)
 
-    asyncio.run(watched())
+    run(watched())
     assert len(ticks) > 5
 
 
 def test_what_goes_wrong_is_one_line_and_changes_nothing():
     board = Board(screened())
-    asyncio.run(board.toggle("viscous:nowhere", False))
+    run(board.toggle("viscous:nowhere", False))
     assert board.controls.status.kind == "bad"
     assert board.controls.status.said.startswith("error: ")
     assert "\n" not in board.controls.status.said
@@ -108,10 +115,10 @@ def test_a_fault_is_said_and_the_page_lives_on(monkeypatch):
         raise ZeroDivisionError("by\nnought")
 
     monkeypatch.setattr(sys.modules["ident.explore.exploration"], "identify", broken)
-    asyncio.run(board.toggle("viscous:elbow", False))
+    run(board.toggle("viscous:elbow", False))
     assert board.controls.status.said.startswith("error: a fault of ident, not of yours: ")
     monkeypatch.undo()
-    asyncio.run(board.toggle("viscous:elbow", False))
+    run(board.toggle("viscous:elbow", False))
     assert len(board.exploration.rungs) == 2
 
 
@@ -128,7 +135,7 @@ def test_saving_says_what_came_of_it(folder, kind, words, tmp_path, monkeypatch)
     monkeypatch.chdir(tmp_path)
     board = Board(screened(), folder or "x")
     board.controls.folder.value = board.controls.folder.value_input = folder
-    asyncio.run(board.saved())
+    run(board.saved())
     assert board.controls.status.kind == kind
     assert words in board.controls.status.said
     assert (tmp_path / "made" / "fit.json").exists() is (folder == "made")
@@ -143,7 +150,7 @@ def test_every_view_can_be_looked_at(view):
         while board._drawn[1] != view:
             await asyncio.sleep(0.01)
 
-    asyncio.run(asyncio.wait_for(looked(), 60))
+    run(asyncio.wait_for(looked(), 60))
     assert len(board.controls.shown) >= 1
 
 
@@ -155,7 +162,7 @@ def test_judged_it_says_the_verdict():
         while board._drawn[1] != "Verdict":
             await asyncio.sleep(0.01)
 
-    asyncio.run(asyncio.wait_for(judged(), 120))
+    run(asyncio.wait_for(judged(), 120))
     assert "missing" in board.controls.shown[0].object
     marked = [row["mark"] for row in board.controls.candidates.rows if row["mark"]]
     assert "judged to be missing" in marked

@@ -93,5 +93,5 @@ def test_multipliers_of_which_none_is_determined():
     nothing = np.full((9, len(mechanism.kinematics.multipliers)), np.nan)
     chart = plot_multipliers(mechanism, t, nothing)
     assert chart._repr_png_().startswith(b"\x89PNG")
-    assert chart.live().layout.children
+    assert chart.live().data()
     assert "none" in chart.panels[0].title

@@ -1,0 +1,206 @@
+// Draws charts, given as the data of ident.show.charts.live, by BokehJS's API.
+function drawChart(chart, place) {
+  const {Plotting, Range1d, DataRange1d, PlainText, ColumnDataSource} = Bokeh, GREY = "#767c86"
+  const POINTS = 1000 // buckets of a line in view
+  const numbers = chart.arrays.map((text) => {
+    const bytes = Uint8Array.from(atob(text.slice(3)), (c) => c.charCodeAt(0))
+    return text.startsWith("<f4") ? new Float32Array(bytes.buffer) : new Float64Array(bytes.buffer)
+  })
+  const columns = (data) => ({ // a source, and each property of a glyph from the column of its name
+    source: new ColumnDataSource({data}),
+    ...Object.fromEntries(Object.keys(data).map((name) => [name, {field: name}]))})
+  const plain = (text) => new PlainText({text: text ?? ""}) // never read as mathematics
+  const labelled = new Map() // a mark and all renderers by their label in the legend
+  const long = [] // lines that are drawn by the extremes of the samples in view
+
+  // smallest and largest value of each bucket of the samples between two places: no peak is lost
+  function extremes(x, y, low, high) {
+    const first = (value) => {
+      let i = 0, j = x.length
+      while (i < j) { const k = (i + j) >> 1; if (x[k] < value) i = k + 1; else j = k }
+      return i
+    }
+    const i = Math.max(0, first(low) - 1), j = Math.min(x.length, first(high) + 1)
+    const step = Math.max(1, Math.ceil((j - i) / POINTS)), xs = [], ys = []
+    for (let a = i; a < j; a += step) {
+      const end = Math.min(a + step, j)
+      if (step === 1) { xs.push(x[a]); ys.push(y[a]); continue }
+      let least = Infinity, most = -Infinity
+      for (let b = a; b < end; b++) { // a gap compares as false
+        if (y[b] < least) least = y[b]
+        if (y[b] > most) most = y[b]
+      }
+      xs.push(x[a], x[end - 1])
+      if (most >= least) ys.push(least, most); else ys.push(NaN, NaN)
+    }
+    return {x: xs, y: ys}
+  }
+
+  const ends = () => {
+    let low = Infinity, high = -Infinity
+    for (const panel of chart.rows.flat()) for (const {x} of panel.marks) {
+      for (const value of x === undefined ? [] : numbers[x]) {
+        if (value < low) low = value
+        if (value > high) high = value
+      }
+    }
+    if (!(high >= low)) return {start: 0, end: 1}
+    return {start: low, end: high > low ? high : low + 1}
+  }
+  const shared = chart.shared_x ? new Range1d(ends()) : null
+
+  const glyphs = { // each draws a mark into a figure and returns the renderers it consists of
+    Line(fig, m, {x, y}) {
+      const data = columns({x, y})
+      const line = fig.line({...data, line_color: m.colour, line_width: m.width})
+      return m.dotted ? [line, dots(fig, data, m, 6)] : [line]
+    },
+    Points: (fig, m, {x, y}) => [dots(fig, columns({x, y}), m, 3, 0.45)],
+    Bars: (fig, m, {at, values, errors}) => [
+      fig.hbar({...columns({y: at, right: values}), height: 0.7, line_color: null,
+                fill_color: m.colour}),
+      whiskers(fig, at, values, errors, GREY)],
+    Dots: (fig, m, {at, values, errors}) => [
+      dots(fig, columns({x: values, y: at}), m, 7), whiskers(fig, at, values, errors, m.colour)],
+    Boxes(fig, m, {at, quantiles}) {
+      const [low, q1, middle, q3, high] = [0, 1, 2, 3, 4].map(
+        (k) => at.map((_, i) => quantiles[5 * i + k]))
+      const line_color = m.colour, half = m.width / 2
+      return [
+        fig.vbar({...columns({x: at, bottom: q1, top: q3}), width: m.width, line_color,
+                  fill_color: m.colour, fill_alpha: 0.6}),
+        fig.segment({...columns({x0: at, x1: at, y0: low, y1: high}), line_color}),
+        fig.segment({...columns({x0: at.map((x) => x - half), x1: at.map((x) => x + half),
+                                 y0: middle, y1: middle}), line_color, line_width: 2})]
+    },
+  }
+  const dots = (fig, data, m, size, fill_alpha = 1) => fig.scatter(
+    {...data, size, line_color: null, fill_color: m.colour, fill_alpha})
+  const whiskers = (fig, at, values, errors, line_color) => fig.segment({
+    ...columns({x0: values.map((v, i) => v - errors[i]), x1: values.map((v, i) => v + errors[i]),
+                y0: at, y1: at}), line_color, line_width: 1.5})
+
+  function level(fig, m) {
+    if (m.value === null) return
+    const style = {line_color: m.colour, line_dash: m.dashed ? "dashed" : "solid"}
+    fig.add_layout(m.diagonal ? new Bokeh.Slope({gradient: 1, y_intercept: 0, ...style})
+      : new Bokeh.Span({location: m.value, dimension: m.upright ? "height" : "width", ...style}))
+  }
+
+  function add(fig, m) {
+    if (m.kind === "Level") return level(fig, m)
+    let data = {}
+    for (const name of ["x", "y", "at", "values", "errors", "quantiles"]) {
+      if (name in m) data[name] = numbers[m[name]]
+    }
+    const {x, y} = data, many = m.kind === "Line" && y.length > 2 * POINTS
+    if (many) data = extremes(x, y, -Infinity, Infinity)
+    const drawn = glyphs[m.kind](fig, m, data)
+    for (const each of drawn) each.name = m.label
+    if (many) long.push({x, y, source: drawn[0].data_source})
+    if (!m.label) return
+    if (!labelled.has(m.label)) labelled.set(m.label, {mark: m, renderers: []})
+    labelled.get(m.label).renderers.push(...drawn)
+  }
+
+  function named(axis, names, text, looks) {
+    axis.setv({
+      axis_label: plain(text), axis_label_text_font_style: "normal", axis_label_text_color: GREY,
+      major_label_text_color: GREY, major_label_text_font_size: "11px", axis_line_color: GREY,
+      major_tick_line_color: GREY, minor_tick_line_color: GREY, ...looks})
+    if (!names.length) return
+    const overrides = new Map(names.map((name, i) => [i, plain(name)]))
+    const ticks = names.map((_, i) => i)
+    axis.setv({major_label_overrides: overrides, ticker: new Bokeh.FixedTicker({ticks})})
+  }
+
+  function figureOf(panel, row, left) {
+    const last = row === chart.rows.length - 1, along = chart.shared_x ? "width" : "both"
+    const inner = left !== null && chart.shared_y // its y axis stands at the left of the row
+    const across = (names) => ({start: -0.5, end: names.length - 0.5})
+    const rows = () => ({start: panel.y_names.length - 0.5, end: -0.5}) // run downwards
+    const fig = new Plotting.Figure({
+      height: panel.height, sizing_mode: "stretch_width", toolbar_location: null,
+      x_range: shared ?? (panel.x_names.length ? new Range1d(across(panel.x_names)) : new DataRange1d()),
+      y_range: left !== null && chart.shared_y ? left.y_range
+        : panel.y_names.length ? new Range1d(rows()) : new DataRange1d(),
+      y_axis_type: panel.logarithmic ? "log" : "linear",
+      tools: [
+        new Bokeh.BoxZoomTool({dimensions: along}), new Bokeh.PanTool({dimensions: along}),
+        // the wheel alone scrolls the page
+        new Bokeh.WheelZoomTool({dimensions: along, modifiers: {ctrl: true}}),
+        new Bokeh.ResetTool(),
+        new Bokeh.HoverTool({tooltips: [["", "$name"], ["x", "@x{0.0000}"], ["y", "@y{0.00000}"]]}),
+      ],
+      background_fill_color: null, border_fill_color: null, min_border_left: inner ? 8 : 70,
+      outline_line_color: panel.marked ? "#d1495b" : null, outline_line_width: panel.marked ? 3 : 1,
+    })
+    fig.title = new Bokeh.Title({text: plain(panel.title), text_color: panel.marked ? "#d1495b" : GREY})
+    const bare = chart.shared_x && !last // numbers stand below the last row
+    const tilted = Math.max(0, ...panel.x_names.map((name) => name.length)) > 6
+    for (const axis of fig.xaxes) {
+      if (!panel.x_names.length) axis.ticker.setv({desired_num_ticks: chart.rows[0].length > 3 ? 3 : 6})
+      named(axis, panel.x_names, bare ? "" : panel.x, {
+        major_label_text_font_size: bare ? "0px" : "11px",
+        major_label_orientation: tilted ? 0.45 : "horizontal"})
+    }
+    for (const axis of fig.yaxes) named(axis, panel.y_names, panel.y, {visible: !inner})
+    for (const axis of [...fig.xaxes, ...fig.yaxes]) {
+      if ("power_limit_high" in axis.formatter) axis.formatter.setv({power_limit_high: 6, power_limit_low: -6})
+    }
+    for (const grid of fig.center) if (grid instanceof Bokeh.Grid) grid.setv({grid_line_color: GREY, grid_line_alpha: 0.25})
+    for (const mark of panel.marks) add(fig, mark)
+    return fig
+  }
+
+  const figures = chart.rows.map((row, number) => {
+    let left = null
+    return row.map((panel) => { const fig = figureOf(panel, number, left); left ??= fig; return fig })
+  })
+  legend(figures)
+
+  // above the first panel, of all panels; a click on a name hides it everywhere
+  function legend([row]) {
+    if (!labelled.size) return
+    const nothing = {x: [NaN], y: [NaN], at: [NaN], values: [NaN], errors: [NaN], quantiles: Array(5).fill(NaN)}
+    const items = [...labelled].map(([label, {mark, renderers}]) => {
+      const [leader] = glyphs[mark.kind](row[0], mark, nothing)
+      leader.properties.visible.change.connect(() => {
+        for (const each of renderers) each.visible = leader.visible
+      })
+      return new Bokeh.LegendItem({label: {value: label}, renderers: [leader]})
+    })
+    const looks = {background_fill_color: null, border_line_color: null, label_text_color: GREY}
+    row[0].add_layout(new Bokeh.Legend({
+      items, orientation: "horizontal", click_policy: "hide", spacing: 14, location: "top_left",
+      padding: 2, margin: 2, ...looks}), "above")
+    for (const fig of row) { // all panels of the row stay on one line
+      fig.height += 28
+      if (fig !== row[0]) fig.min_border_top = 28
+    }
+  }
+
+  if (shared && long.length) {
+    let waiting = false
+    const resample = () => {
+      if (waiting) return
+      waiting = true
+      requestAnimationFrame(() => {
+        waiting = false
+        const low = Math.min(shared.start, shared.end), high = Math.max(shared.start, shared.end)
+        for (const {x, y, source} of long) source.data = extremes(x, y, low, high)
+      })
+    }
+    shared.properties.start.change.connect(resample)
+    shared.properties.end.change.connect(resample)
+  }
+  const across = Math.max(...figures.map((row) => row.length))
+  const filled = figures.map((row) => [...row, ...Array(across - row.length).fill(null)])
+  const grid = Plotting.gridplot(filled, {merge_tools: true, sizing_mode: "stretch_width"})
+  grid.toolbar.logo = null
+  const tool = (kind) => grid.toolbar.tools.find((each) => (each.tools?.[0] ?? each) instanceof kind)
+  grid.toolbar.active_drag = tool(Bokeh.BoxZoomTool)
+  grid.toolbar.active_scroll = tool(Bokeh.WheelZoomTool)
+  const shown = Plotting.show(grid, place)
+  return Promise.resolve(shown).then(() => ({document: grid.document, range: shared}))
+}
