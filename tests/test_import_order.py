@@ -8,6 +8,7 @@ import pytest
 BASE = {"errors", "files", "progress", "tables", "display"}  # modules that all may use
 ON_TOP = {"show", "chart", "page", "view"}  # presentation, until no kernel module renders itself
 ORDER = [
+    "information",
     "pool",
     "log",
     "solve",
