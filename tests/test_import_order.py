@@ -5,7 +5,15 @@ from pathlib import Path
 
 import pytest
 
-BASE = {"errors", "files", "progress", "tables", "display"}  # modules that all may use
+BASE = {
+    "errors",
+    "files",
+    "progress",
+    "tables",
+    "text",
+    "display",
+    "plugins",
+}  # modules that all may use
 ON_TOP = {"show", "chart", "page", "view"}  # presentation, until no kernel module renders itself
 ORDER = [
     "information",
@@ -15,6 +23,7 @@ ORDER = [
     "effects",
     "description",
     "mechanism",
+    "formats",
     "motion",
     "equations",
     "likelihood",

@@ -1,4 +1,4 @@
-"""The project's own exceptions. A message is one line: what was given, where, what is valid."""
+"""Exceptions of the project. A message is one line: what was given, where, what is valid."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class IdentError(Exception):
 
 
 class LogError(IdentError):
-    """A log that cannot be read, or whose columns cannot be what they are said to be."""
+    """A log that cannot be read, or whose columns are not what they should be."""
 
 
 class MechanismError(IdentError):
@@ -29,39 +29,47 @@ class FitError(IdentError):
     """Equations that cannot be solved, or a fit.json that does not belong to the mechanism."""
 
 
+def line_of(error: BaseException) -> str:
+    """Return an exception as one line; with its type, where it is not one of ident's own."""
+    message = " ".join(str(error).split())
+    if isinstance(error, IdentError):
+        return message
+    return f"{type(error).__name__}: {message}" if message else type(error).__name__
+
+
 def near(name: str, words: Iterable[str]) -> str:
-    """The one of some words that `name` most likely was meant to be; empty if none is near.
+    """Return the word that `name` most likely was meant to be; empty if none is near.
 
     >>> near("viscus", ["viscous", "coulomb"])
     'viscous'
     """
     by_case = {word.casefold(): word for word in words}
-    found = difflib.get_close_matches(name.casefold(), by_case, n=1)
-    return by_case[found[0]] if found else ""
+    matches = difflib.get_close_matches(name.casefold(), by_case, n=1)
+    return by_case[matches[0]] if matches else ""
 
 
 def one_of(name: str, valid: Iterable[str]) -> str:
-    """What to say of an unknown `name`: the nearest valid word, then all of them.
+    """Return the part of a message about an unknown `name`: the nearest valid word, then all.
 
     >>> one_of("viscus", ["viscous", "coulomb"])
     "did you mean 'viscous'? valid: coulomb, viscous"
     """
     words = sorted(set(valid))
     meant = near(name, words)
-    shown = ", ".join(words[:12]) + (f", … ({len(words)} in all)" if len(words) > 12 else "")
-    return (f"did you mean '{meant}'? " if meant else "") + f"valid: {shown or 'none'}"
+    listed = ", ".join(words[:12]) + (f", … ({len(words)} in all)" if len(words) > 12 else "")
+    return (f"did you mean '{meant}'? " if meant else "") + f"valid: {listed or 'none'}"
 
 
 def not_there(path: Path) -> str:
-    """What to say of a path that leads nowhere: what is wrong with it, and what is near it.
+    """Return the part of a message about a missing file: the name that is near it, if any.
 
-    Walks down to the first part that is not there and looks beside it.
+    The path is walked down to its first part that does not exist, and the folder above searched.
     """
-    there = path
-    while not there.parent.is_dir() and there != there.parent:
-        there = there.parent
-    with contextlib.suppress(OSError):  # of a folder that may not be looked into
-        meant = "" if there.exists() else near(there.name, os.listdir(there.parent))
+    missing = path
+    while not missing.parent.is_dir() and missing != missing.parent:
+        missing = missing.parent
+    with contextlib.suppress(OSError):  # of a folder that may not be listed
+        meant = "" if missing.exists() else near(missing.name, os.listdir(missing.parent))
         if meant:
-            return f"no such file (did you mean '{there.parent / meant}'?)"
+            return f"no such file (did you mean '{missing.parent / meant}'?)"
     return "no such file"

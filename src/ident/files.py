@@ -1,4 +1,4 @@
-"""Files written whole or not at all, and users' Python files run."""
+"""Files written completely or not at all, and Python files of the user run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ident.errors import IdentError
 
 @contextlib.contextmanager
 def whole(path: Path) -> Iterator[BinaryIO]:
-    """A stream whose content appears under `path` only when the block ends without an error."""
+    """Open a stream whose content appears under `path` only if the block ends without an error."""
     # same folder, so that the last step is one rename; not tempfile, whose files are private
     part = _beside(path, "part")
     try:
@@ -29,26 +29,32 @@ def whole(path: Path) -> Iterator[BinaryIO]:
 
 
 def write_all(folder: Path, contents: Mapping[str, bytes | Path]) -> list[Path]:
-    """Files of a folder by relative name, all or none of them; a path is a file to be moved there.
+    """Write the files of a folder, all or none of them.
 
-    All are written beside their place, then renamed; where that fails midway, the files that stood
-    there before are put back, and what is new (folders too) is taken away.
+    Each is written beside its place, then renamed. If that fails midway, the previous files are put
+    back and new ones, folders too, are removed.
+
+    Args:
+        folder: made, with its parents, where it does not exist.
+        contents: by name relative to the folder; a path is a file to be moved there.
+
+    Returns:
+        The paths written.
 
     Raises:
         IdentError: if the folder cannot be made or written; then no file of it has changed.
     """
     paths = [folder / name for name in contents]
-    made: list[Path] = []
-    undo = contextlib.ExitStack()
-    with contextlib.ExitStack() as scraps:  # runs whether it succeeds or not, after `undo`
+    with contextlib.ExitStack() as scraps, contextlib.ExitStack() as undo:  # undo runs first
         try:
             for path in paths:
-                _make_folder(path.parent, made)
+                _make_folder(path.parent, undo)
                 if path.is_dir():
                     raise IsADirectoryError(21, "is a folder", str(path))
             parts = [_beside(path, "part") for path in paths]
             for part, content in zip(parts, contents.values(), strict=True):
                 scraps.callback(_remove, part)
+                undo.callback(_remove, part)
                 if isinstance(content, Path):
                     os.replace(content, part)
                 else:
@@ -56,27 +62,21 @@ def write_all(folder: Path, contents: Mapping[str, bytes | Path]) -> list[Path]:
             for part, path in zip(parts, paths, strict=True):
                 old = _beside(path, "old")
                 scraps.callback(_remove, old)
+                undo.callback(_remove, old)
                 if path.exists():
                     shutil.copy2(path, old)
-                    undo.callback(os.replace, old, path)
+                    undo.callback(_restore, old, path)
                 else:
                     undo.callback(_remove, path)
                 os.replace(part, path)
-        except BaseException as error:
-            with contextlib.suppress(BaseException):  # the first error is the one to tell of
-                undo.close()
-            scraps.close()
-            for each in reversed(made):
-                with contextlib.suppress(OSError):
-                    each.rmdir()
-            if isinstance(error, OSError):
-                raise _unwritable(error, folder) from None
-            raise
+            undo.pop_all()
+        except OSError as error:
+            raise _unwritable(error, folder) from None
     return paths
 
 
 def module_of(file: Path) -> ModuleType:
-    """A user's Python file, run; whatever it raises passes through."""
+    """Run a Python file of the user and return its module; whatever it raises passes through."""
     spec = importlib.util.spec_from_file_location(f"user_{file.stem}", file)
     assert spec is not None
     assert spec.loader is not None
@@ -93,18 +93,14 @@ def check_writable(folder: Path) -> None:
     """
     if folder.is_file():
         raise IdentError(f"{folder}: is a file; give the name of a folder")
-    made: list[Path] = []
-    try:
-        _make_folder(folder, made)
-        probe = _beside(folder / "probe", "part")
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise _unwritable(error, folder) from None
-    finally:
-        for each in reversed(made):
-            with contextlib.suppress(OSError):
-                each.rmdir()
+    with contextlib.ExitStack() as undo:
+        try:
+            _make_folder(folder, undo)
+            probe = _beside(folder / "probe", "part")
+            probe.touch()
+            probe.unlink()
+        except OSError as error:
+            raise _unwritable(error, folder) from None
 
 
 def _unwritable(error: OSError, folder: Path) -> IdentError:
@@ -118,14 +114,23 @@ def _beside(path: Path, suffix: str) -> Path:
     return path.with_name(f".{path.name}.{secrets.token_hex(4)}.{suffix}")
 
 
-def _make_folder(folder: Path, made: list[Path]) -> None:
-    """Makes a folder and its parents; those that were not there are appended to `made`."""
-    missing = [each for each in (folder, *folder.parents) if not each.exists()]
-    for each in reversed(missing):
+def _make_folder(folder: Path, undo: contextlib.ExitStack) -> None:
+    """Make a folder and its missing parents; `undo` removes these if they are empty then."""
+    for each in reversed([each for each in (folder, *folder.parents) if not each.exists()]):
         each.mkdir(exist_ok=True)
-        made.append(each)
+        undo.callback(_remove_folder, each)
+
+
+def _restore(old: Path, path: Path) -> None:
+    with contextlib.suppress(OSError):  # the first error is the one to report
+        os.replace(old, path)
 
 
 def _remove(path: Path) -> None:
     with contextlib.suppress(OSError):
         path.unlink()
+
+
+def _remove_folder(path: Path) -> None:
+    with contextlib.suppress(OSError):
+        path.rmdir()

@@ -1,8 +1,10 @@
-"""How long work tells what it is at; the command line draws it, a library user may ignore it."""
+"""The type of a callback that long work reports its progress to."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-Told = Callable[[str, float], None]
-"""Called with what is being done and the share of it that is done, 0 to 1."""
+Progress = Callable[[str, float], None]
+"""Called with the name of the present step and the share of it that is done, 0 to 1."""
+
+Told = Progress

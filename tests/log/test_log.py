@@ -1,16 +1,12 @@
 """The noun: what it answers, that it cannot change, and how it prints."""
 
-import ast
 import copy
 import pickle
-import sys
 from dataclasses import FrozenInstanceError
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-import ident.log
 from ident.errors import LogError
 from ident.log import Log
 
@@ -109,25 +105,3 @@ def test_html_is_escaped() -> None:
     assert "&lt;script&gt;" in page
     assert "<script>" not in page
     assert "12 repeated time stamps" in page
-
-
-def test_the_package_knows_no_robot() -> None:
-    allowed = {
-        "numpy",
-        "polars",
-        "pandas",
-        "rosbags",
-        "ident.errors",
-        "ident.files",
-        "ident.show.html",
-        "markupsafe",
-    } | sys.stdlib_module_names
-    for file in Path(ident.log.__file__).parent.glob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text())):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            if isinstance(node, ast.ImportFrom):
-                names = [node.module or ""]
-            for name in names:
-                assert name.startswith("ident.log") or (
-                    name in allowed or name.split(".")[0] in allowed
-                ), f"{file.name} imports {name}"

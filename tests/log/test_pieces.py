@@ -7,16 +7,16 @@ import polars as pl
 import pytest
 
 from ident.errors import LogError
-from ident.log import Column, Log, read_log, sources
+from ident.log import Column, Log, pieces, read_log
 from ident.log.pieces import likely_rows, open_log
 
-ROWS = 3 * sources.STRIDE + 77
+ROWS = 3 * pieces.STRIDE + 77
 
 
 @pytest.fixture(autouse=True)
 def blocks(monkeypatch):
     """Texts are looked at in many blocks, as long ones are."""
-    monkeypatch.setattr(sources, "BLOCK", 4096)
+    monkeypatch.setattr(pieces, "BLOCK", 4096)
 
 
 @pytest.fixture

@@ -111,7 +111,7 @@ def test_an_address_where_nobody_answers(monkeypatch):
 
 def test_a_worker_with_another_version_is_refused(started, monkeypatch):
     other = {"ident": "7.7", "Python": "3.11"}
-    monkeypatch.setattr("ident.pool.worker.versions", lambda: other)
+    monkeypatch.setattr("ident.pool.cluster.versions", lambda: other)
     with pytest.raises(IdentError, match=r"has ident .*, here it is 7\.7; install the same"):
         list(spread(plus_square, range(3), scheduler=started.address))
     monkeypatch.undo()

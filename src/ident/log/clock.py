@@ -1,4 +1,4 @@
-"""Is `t` a clock? Finite, strictly increasing, in seconds; what is wrong with it and the remedy."""
+"""Check that `t` is finite, strictly increasing and in seconds; name the remedy where it is not."""
 
 from __future__ import annotations
 
@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.errors import LogError
-from ident.log.cells import Array
-from ident.log.columns import Column
-from ident.log.table import Table
+from ident.log.table import Array, Column, Table
 
 FEWEST_SAMPLES = 10
 LONGEST_STEP = 0.5  # [s] a log of more than 100 samples with a longer median step is not in seconds
@@ -22,10 +20,15 @@ TIME_NAME = re.compile(r"time|stamp|clock|^t([^a-z]|$)|^(ts|secs?|seconds)$|_(ms
 
 
 def with_clock(table: Table, source: Column | None = None) -> Table:
-    """The table with a strictly increasing `t` [s]: of repeated stamps the first values are kept.
+    """Return the table with a strictly increasing `t` [s]; the first of repeated stamps is kept.
 
-    `source` is what `t` was made from, for the message. Raises LogError where `t` is missing, has
-    empty cells, goes backward, has fewer than 10 different stamps, or is not in seconds.
+    Args:
+        table: under ident's names.
+        source: the file's column of `t`, for the message.
+
+    Raises:
+        LogError: where `t` is missing, has empty cells, goes backward, has fewer than 10 different
+            stamps, or is not in seconds.
     """
     if "t" not in table.columns:
         raise LogError(f"{table.file}: {_no_time(table)}")
@@ -74,7 +77,7 @@ def _without_repeats(table: Table, step: Array) -> Table:
 
 
 def _first_of_runs(x: Array, run: NDArray[np.int64]) -> Array:
-    """The first value in each run, not the first cell: two loggers merged share stamps."""
+    """Return the first value in each run, not the first cell: merged loggers share stamps."""
     first = np.full(int(run[-1]) + 1, np.nan)
     known = np.flatnonzero(~np.isnan(x))[::-1]
     first[run[known]] = x[known]  # of several, the last assignment stays: the run's first
@@ -98,7 +101,7 @@ def _wrong_unit(t: Array, source: Column) -> str:
 
 
 def _no_time(table: Table) -> str:
-    """What to say when there is no `t`: which column looks like one and how to map it."""
+    """Return the message about a missing `t`: which column looks like one and how to map it."""
     if "t" in table.left_out:
         return f"column 't' {table.left_out['t']}; it must be a number of seconds"
     marks = {

@@ -1,7 +1,7 @@
 """Samples of a CSV file that may still grow, or of standard input, line by line as they come.
 
-A line that is no sample (cut off, another number of cells, no numbers) is said with its number and
-left out; the rest goes on.
+A line that is no sample (cut off, another number of cells, no numbers) is reported with its number;
+reading goes on.
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ident.errors import LogError, not_there
-from ident.log.cells import EMPTY
-from ident.log.csv_file import BOM, Head, head_of, refuse_binary
+from ident.log.csv_text import BOM, Head, head_of, refuse_binary
+from ident.log.read import reading
+from ident.log.table import EMPTY
 
 PIECE = 1 << 16  # bytes read at once
 WAIT = 0.05  # [s] between two looks at what does not grow
@@ -31,7 +32,7 @@ class Line:
     Attributes:
         number: from 1.
         sample: its cells by column, NaN where a cell is empty or text; None for no sample.
-        why: it is none.
+        why: the reason why it is no sample.
     """
 
     number: int
@@ -42,12 +43,15 @@ class Line:
 def follow(
     path: Path | None, *, grow: bool = False, stop: Callable[[], bool] = lambda: False
 ) -> Iterator[Line]:
-    """The lines of a CSV file or of standard input, as they come.
+    """Yield the lines of a CSV file or of standard input, as they come.
 
     Args:
         path: of the file; None: standard input.
         grow: whether to wait for more at the end of the file.
-        stop: asked again and again; true ends it.
+        stop: called again and again; true ends it.
+
+    Yields:
+        One line below the header that is not blank.
 
     Raises:
         LogError: where there is no such file, no header, or the file becomes shorter.
@@ -74,7 +78,7 @@ def follow(
 
 
 def _head(text: bytes, name: str, whole: bool) -> tuple[Head | None, bytes]:
-    """The header, once its line is whole, and what follows it; None and all of the text before."""
+    """Return the header, once its line is whole, and what follows it; before, None and the text."""
     text = text.removeprefix(BOM)
     refuse_binary(text[: text.rfind(b"\n") + 1], name)
     lines = text.splitlines(keepends=True)
@@ -114,30 +118,24 @@ def _number(cell: str) -> float:
 
 
 def _pieces(path: Path | None, name: str, grow: bool, stop: Callable[[], bool]) -> Iterator[bytes]:
-    """Bytes as they come; empty ones at the end, unless stopped."""
+    """Yield bytes as they come; empty ones at the end, unless stopped."""
     if path is None:
         yield from _of_pipe(sys.stdin.fileno(), stop)
         return
-    try:
-        with path.open("rb", buffering=0) as stream:
-            while not stop():
-                piece = stream.read(PIECE)
-                if piece:
-                    yield piece
-                elif not grow:
-                    yield b""
-                    return
-                elif os.fstat(stream.fileno()).st_size < stream.tell():
-                    raise LogError(f"{name}: has become shorter while it was followed; start anew")
-                else:
-                    time.sleep(WAIT)
-    except FileNotFoundError:
-        raise LogError(
-            f"{path}: {not_there(path)}; name a CSV file, or - for standard input"
-        ) from None
-    except OSError as error:
-        why = error.strerror or type(error).__name__
-        raise LogError(f"{path}: cannot be read ({why}); name a file that you may read") from error
+    if not path.exists():
+        raise LogError(f"{path}: {not_there(path)}; name a CSV file, or - for standard input")
+    with reading(path), path.open("rb", buffering=0) as stream:
+        while not stop():
+            piece = stream.read(PIECE)
+            if piece:
+                yield piece
+            elif not grow:
+                yield b""
+                return
+            elif os.fstat(stream.fileno()).st_size < stream.tell():
+                raise LogError(f"{name}: has become shorter while it was followed; start anew")
+            else:
+                time.sleep(WAIT)
 
 
 def _of_pipe(stream: int, stop: Callable[[], bool]) -> Iterator[bytes]:

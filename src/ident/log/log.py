@@ -1,4 +1,4 @@
-"""The noun: one recorded experiment."""
+"""One recorded experiment."""
 
 from __future__ import annotations
 
@@ -10,29 +10,25 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from markupsafe import Markup
+import polars as pl
 from numpy.typing import ArrayLike
 
+from ident.display import Displayed
 from ident.errors import LogError, one_of
-from ident.log.cells import Array
 from ident.log.clock import with_clock
-from ident.log.columns import Column, renamed
-from ident.log.frames import frame_table, pandas_frame, polars_frame
-from ident.log.table import Table, check_name, refuse_infinite, with_empty_noted
-from ident.log.write import write_table
-from ident.show.html import Shown, definitions, strong, table
+from ident.log.storage import write_table
+from ident.log.table import Array, Column, Table, check_name, frame_table, renamed
 
 if TYPE_CHECKING:
     import pandas as pd
-    import polars as pl
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Log(Shown):
+class Log(Displayed):
     """One recorded experiment: named time series in SI units on one clock.
 
-    Made by `read_log`, `Log.from_arrays` or `Log.from_frame`, which check and repair. Its arrays
-    are read-only. Raises LogError where arrays are not 1-D of one length, or `t` does not increase.
+    `read_log`, `Log.from_arrays` and `Log.from_frame` check, repair and return one. Its arrays are
+    read-only. Raises LogError where arrays are not 1-D of one length, or `t` does not increase.
 
     Attributes:
         name: of the file, as "run.csv".
@@ -77,7 +73,7 @@ class Log(Shown):
         for key in columns:
             check_name(name, key)
         arrays = {key: _read_only(x, name, key) for key, x in {"t": t, **columns}.items()}
-        return cls._checked(name, Table(name, arrays))
+        return cls.from_table(name, Table(name, arrays))
 
     @classmethod
     def from_frame(
@@ -96,11 +92,31 @@ class Log(Shown):
         """
         mapping = columns or {}
         table = frame_table(name, frame, {source.column for source in mapping.values()})
-        return cls._checked(name, renamed(table, mapping), mapping.get("t"))
+        return cls.from_table(name, table, mapping)
+
+    @classmethod
+    def from_table(
+        cls, name: str, table: Table, columns: Mapping[str, Column] | None = None, sha256: str = ""
+    ) -> Log:
+        """Check and repair columns under the file's own names.
+
+        Args:
+            name: what messages and tables call it.
+            table: of a file or of memory.
+            columns: ident's names to the file's columns.
+            sha256: of the file's bytes.
+
+        Raises:
+            LogError: where `read_log` would.
+        """
+        mapping = columns or {}
+        table = with_clock(renamed(table, mapping).checked(), mapping.get("t"))
+        values = {key: x for key, x in table.columns.items() if key != "t"}
+        return cls(name, values, table.columns["t"], table.repairs, sha256)
 
     def polars(self) -> pl.DataFrame:
         """`t` and all columns (n_samples,) as a polars data frame; null where a cell is empty."""
-        return polars_frame({"t": self.t, **self.columns})
+        return pl.DataFrame({"t": self.t, **self.columns}).fill_nan(None)
 
     def pandas(self) -> pd.DataFrame:
         """All columns (n_samples,) as a pandas data frame over `t`; NaN where a cell is empty.
@@ -108,16 +124,13 @@ class Log(Shown):
         Raises:
             LogError: if pandas is not installed.
         """
-        return pandas_frame(self.t, self.columns)
-
-    @classmethod
-    def _checked(
-        cls, name: str, table: Table, source: Column | None = None, sha256: str = ""
-    ) -> Log:
-        refuse_infinite(table)
-        table = with_empty_noted(with_clock(table, source))
-        columns = {key: x for key, x in table.columns.items() if key != "t"}
-        return cls(name, columns, table.columns["t"], table.repairs, sha256)
+        try:
+            import pandas as pd
+        except ImportError:
+            raise LogError(
+                "pandas is not installed: pip install pandas, or take .polars()"
+            ) from None
+        return pd.DataFrame(dict(self.columns), index=pd.Index(self.t, name="t"))
 
     def series(self, name: str) -> tuple[Array, Array]:
         """The samples that one column has: its times [s] and values, both (n_finite,).
@@ -167,37 +180,6 @@ class Log(Shown):
     def __reduce__(self) -> tuple[type[Log], tuple[object, ...]]:
         # a mappingproxy cannot be pickled, and unpickled arrays are writable
         return Log, (self.name, dict(self.columns), self.t, self.repairs, self.sha256)
-
-    def _facts(self) -> dict[str, str]:
-        largest, rms = self.jitter
-        gaps = self.gaps()
-        known = {name: int(np.isfinite(x).sum()) for name, x in self.columns.items()}
-        # below a nanosecond it is the rounding of t
-        jitter = f"{1e3 * largest:.3g} ms max, {1e3 * rms:.3g} ms rms" if largest > 1e-9 else "none"
-        facts = {
-            "samples": f"{self.t.size} in {self.duration:.6g} s",
-            "rate": f"{self.rate:.6g} Hz, jitter {jitter}",
-            "columns": ", ".join(
-                name if n == self.t.size else f"{name} ({n} samples)" for name, n in known.items()
-            ),
-        }
-        if gaps:
-            start, end = max(gaps, key=lambda gap: gap[1] - gap[0])
-            facts["gaps"] = f"{len(gaps)}, longest {end - start:.3g} s at t = {start:.6g} s"
-        return facts | {"repairs": "; ".join(self.repairs) or "none"}
-
-    def __repr__(self) -> str:
-        rows = [f"  {key:<8} {value}" for key, value in self._facts().items()]
-        return "\n".join([f"Log {self.name!r}", *rows])
-
-    def _blocks(self) -> tuple[Markup, ...]:
-        facts = {key: value for key, value in self._facts().items() if key != "columns"}
-        rows = [["column", "samples", "from", "to", "rms"]]
-        for name in self.columns:
-            _, x = self.series(name)
-            size = (x.min(), x.max(), np.sqrt(np.mean(x**2))) if len(x) else ()
-            rows.append([name, str(len(x)), *([f"{each:.4g}" for each in size] or ["–"] * 3)])
-        return strong(f"Log {self.name}"), definitions(facts), table(rows, "Columns")
 
 
 def _read_only(x: ArrayLike, log: str, column: str) -> Array:

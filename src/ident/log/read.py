@@ -1,27 +1,19 @@
-"""A file or bag to a Log: the one place where its path, suffix and readability are asked about."""
+"""Logs in files: their paths, formats and readability; folders of logs."""
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import BinaryIO
 
 from ident.errors import LogError, one_of
-from ident.log.bag import SUFFIXES, bag_digest, is_bag, read_bag
-from ident.log.binary_files import read_npz, read_parquet
-from ident.log.columns import Column, renamed
-from ident.log.csv_file import read_csv
 from ident.log.log import Log
-from ident.log.table import Table
+from ident.log.table import Column, Table, frame_table, is_frame, table_of_arrays
+from ident.plugins import reader_of, suffixes
 
-READERS: dict[str, Callable[[BinaryIO, str], Table]] = {
-    ".csv": read_csv,
-    ".parquet": read_parquet,
-    ".npz": read_npz,
-}
+BAG = (".mcap", ".db3")  # ROS 2 bags, whose topics are chosen
 
 
 def read_log(
@@ -33,8 +25,8 @@ def read_log(
     """Read one recorded experiment from a .csv, .parquet or .npz file, or from a ROS 2 bag.
 
     Columns that are not mapped keep their own name. Empty cells are NaN, booleans 1 and 0; columns
-    of text are left out; of repeated time stamps the first is kept. What was changed is said in
-    `Log.repairs`.
+    of text are left out; of repeated time stamps the first is kept. `Log.repairs` states what was
+    changed. Other packages may add formats (`ident.plugins`).
 
     Args:
         path: of the file, or of a bag: its folder, or one .mcap or .db3 file. `bag#/joint_states`
@@ -51,15 +43,16 @@ def read_log(
         LogError: one line: what, where in the file, and what would be valid.
     """
     path, topics = split(Path(path), topic)
-    mapping = columns or {}
-    table, sha256 = read_whole(path, topics)
-    return Log._checked(named(path, topics), renamed(table, mapping), mapping.get("t"), sha256)
+    check_kind(path, topics)
+    with reading(path):
+        table, sha256 = read_table(path, topics), digest(path)
+    return Log.from_table(log_name(path, topics), table, columns, sha256)
 
 
 def split(path: Path, topic: str | None) -> tuple[Path, list[str]]:
-    """The path without its `#topic`, and the topics; raises LogError where both are given."""
+    """Return the path without its `#topic`, and the topics; raises LogError if both are given."""
     before, mark, behind = str(path).partition("#")
-    if mark and not path.exists() and (Path(before).exists() or is_bag(Path(before))):
+    if mark and not path.exists() and (Path(before).exists() or suffix_of(Path(before)) in BAG):
         if topic is not None:
             raise LogError(
                 f"{path}: names a topic, and topic = {topic!r} is given; give one of them"
@@ -71,39 +64,43 @@ def split(path: Path, topic: str | None) -> tuple[Path, list[str]]:
     return path, [each for each in topics if each]
 
 
-def named(path: Path, topics: list[str]) -> str:
-    """What a log of this file is called."""
+def log_name(path: Path, topics: list[str]) -> str:
+    """Return the name of a log of this file."""
     return (path.name or path.resolve().name) + (f"#{','.join(topics)}" if topics else "")
 
 
+def suffix_of(path: Path) -> str:
+    """Return the suffix that names the format, in lower case; for a bag's folder that of its data."""
+    return BAG[0] if (path / "metadata.yaml").is_file() else path.suffix.lower()
+
+
 def check_kind(path: Path, topics: list[str]) -> None:
-    """Raise LogError, with what would be valid, for a path that is neither a log nor a bag."""
-    valid = ", ".join(READERS)
-    bag = is_bag(path)
-    if topics and not bag:
+    """Raise LogError, with what would be valid, for a path that cannot be a log."""
+    suffix = suffix_of(path)
+    if topics and suffix not in BAG:
         raise LogError(f"{path}: is no ROS 2 bag, so it has no topic '{topics[0]}'")
-    if path.is_dir() and not bag:
+    if path.is_dir() and suffix not in BAG:
         raise LogError(
-            f"{path}: a folder; name one file in it, with a suffix of {valid}, or a ROS 2 "
+            f"{path}: a folder; name one file in it, with a suffix of {_valid()}, or a ROS 2 "
             "bag, which has a metadata.yaml"
         )
-    if path.suffix.lower() == ".bag":
+    if suffix == ".bag":
         raise LogError(
             f"{path}: a ROS 1 bag; make a ROS 2 bag of it: rosbags-convert --src {path} "
             f"--dst {path.stem}"
         )
-    if not path.exists() and (bag or not path.suffix):
+    if not path.exists() and (suffix in BAG or not suffix):
         raise LogError(f"{path}: no such file; {_nearby(path)}")
-    if path.suffix.lower() not in READERS and not bag:
+    if reader_of("log", suffix) is None:
         raise LogError(
-            f"{path}: unknown suffix {path.suffix!r}; valid: {valid}, and {', '.join(SUFFIXES)} or "
-            "the folder of a ROS 2 bag"
+            f"{path}: unknown suffix {path.suffix!r}; valid: {_valid()}, or the folder of a "
+            "ROS 2 bag"
         )
 
 
 @contextlib.contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """What the system says against reading a file becomes a LogError."""
+    """Raise errors of the file system as LogError."""
     try:
         yield
     except FileNotFoundError:
@@ -113,23 +110,108 @@ def reading(path: Path) -> Iterator[None]:
         raise LogError(f"{path}: cannot be read ({why}); name a file that you may read") from error
 
 
-def read_whole(path: Path, topics: list[str]) -> tuple[Table, str]:
-    """All columns of a file or bag under its own names, and its SHA-256; raises LogError."""
-    check_kind(path, topics)
-    with reading(path):
-        if is_bag(path):
-            return read_bag(path, topics), bag_digest(path)
-        with path.open("rb") as stream:
-            sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
-            stream.seek(0)
-            return READERS[path.suffix.lower()](stream, str(path)), sha256
+def read_table(path: Path, topics: list[str]) -> Table:
+    """Read all columns of a file that `check_kind` accepts, under the file's own names."""
+    suffix = suffix_of(path)
+    reader = reader_of("log", suffix)
+    assert reader is not None
+    content = reader(path, topics) if suffix in BAG else reader(path)
+    if isinstance(content, Table):
+        return content
+    if is_frame(content):
+        return frame_table(str(path), content)
+    return table_of_arrays(str(path), content)
+
+
+def digest(path: Path) -> str:
+    """Return the SHA-256 of a file; of a bag's folder that of its data files, by name."""
+    whole = hashlib.sha256()
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    for file in files:
+        if file == path or set(file.suffixes) & set(BAG):
+            with file.open("rb") as stream:
+                while block := stream.read(1 << 20):
+                    whole.update(block)
+    return whole.hexdigest()
+
+
+def _valid() -> str:
+    return ", ".join(suffixes("log"))
+
+
+def _is_log(path: Path) -> bool:
+    suffix = suffix_of(path)
+    return suffix in suffixes("log") and (path.is_file() or suffix in BAG)
 
 
 def _nearby(path: Path) -> str:
-    """Which logs are in the folder, where one was named that is not there."""
+    """Return the part of a message about a missing file that names the logs beside it."""
     try:
-        files = [*path.parent.iterdir()]
-        logs = [f.name for f in files if f.suffix.lower() in READERS or is_bag(f)]
+        logs = [file.name for file in path.parent.iterdir() if _is_log(file)]
     except OSError:
         return f"there is no folder {str(path.parent)!r}; valid: the path of a log"
     return f"in that folder: {one_of(path.name, logs)}"
+
+
+# --- folders ------------------------------------------------------------------------------------
+
+
+def is_folder_of_logs(path: Path) -> bool:
+    """Return whether a path is a folder, and not a ROS 2 bag."""
+    return path.is_dir() and suffix_of(path) not in BAG
+
+
+def logs_in(folder: str | os.PathLike[str]) -> list[Path]:
+    """Return the logs in a folder, by name: all files of a log's suffix, and ROS 2 bags.
+
+    Hidden files and inner folders are left out. The reader refuses a file that turns out to be no
+    log.
+
+    Args:
+        folder: of the logs.
+
+    Raises:
+        LogError: if there are none.
+    """
+    folder = Path(folder)
+    try:
+        paths = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+    except OSError as error:
+        raise LogError(
+            f"{folder}: cannot be looked into ({error.strerror}); name a folder of logs"
+        ) from None
+    logs = [path for path in paths if _is_log(path)]
+    if not logs:
+        raise LogError(f"{folder}: holds no log; valid: files of {_valid()}, or ROS 2 bags")
+    return logs
+
+
+def expanded(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
+    """Return logs, and in place of every folder the logs in it; each file once.
+
+    Args:
+        paths: of logs and folders.
+
+    Raises:
+        LogError: for a folder that has none.
+    """
+    unique: dict[Path, Path] = {}
+    for path in map(Path, paths):
+        for each in logs_in(path) if is_folder_of_logs(path) else [path]:
+            unique.setdefault(each.resolve(), each)
+    return list(unique.values())
+
+
+def names_of(paths: Iterable[Path]) -> list[str]:
+    """Return different names of logs beside each other: a second run.csv is run.csv (2).
+
+    >>> names_of([Path("a/run.csv"), Path("b/run.csv")])
+    ['run.csv', 'run.csv (2)']
+    """
+    count: dict[str, int] = {}
+    names = []
+    for path in paths:
+        name = path.name or str(path)
+        count[name] = count.get(name, 0) + 1
+        names.append(name if count[name] == 1 else f"{name} ({count[name]})")
+    return names

@@ -1,36 +1,134 @@
-"""What a file holds before anything is asked of it: equally long columns of float64."""
+"""Columns of a file, of arrays or of a data frame as float64, under ident's names, in SI units."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from ident.errors import LogError
-from ident.log.cells import Array, BadCell, NotNumbers, floats, is_time
+from ident.errors import LogError, one_of
+
+Array = NDArray[np.float64]
+
+# how loggers and spreadsheets write "no value here" (compared in lower case)
+EMPTY = ["", "nan", "-nan", "nan(ind)", "-nan(ind)", "null", "none", "na", "n/a", "#n/a"]
+DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+TICKS_PER_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Columns of one file or of memory, and the way back from a row to its line."""
+    """Equally long columns of one file or of memory; every row knows its place in the file.
 
-    file: str  # what messages call it
-    columns: Mapping[str, Array]  # name -> (n_rows,), NaN where a cell is empty
-    left_out: Mapping[str, str] = field(default_factory=dict)  # name -> why it is no measurement
+    Attributes:
+        file: as messages name it.
+        columns: (n_rows,) by name, NaN where a cell is empty.
+        left_out: why a column is no measurement, by name.
+        repairs: what was changed, in words.
+        lines: (n_rows,) line of each row; None for a file without lines.
+        first: number of the first row in a file without lines.
+    """
+
+    file: str
+    columns: Mapping[str, Array]
+    left_out: Mapping[str, str] = field(default_factory=dict)
     repairs: tuple[str, ...] = ()
-    lines: NDArray[np.int64] | None = None  # (n_rows,) each row's line; None: a file without lines
-    first: int = 0  # of a piece of a file without lines: rows of the file before it
+    lines: NDArray[np.int64] | None = None
+    first: int = 0
 
     def where(self, row: int) -> str:
-        """How a message names this row: its line in a text file, else its index from 0."""
-        return _where(row, self.lines, self.first)
+        """Return the name of a row in messages: its line in a text file, else its index from 0."""
+        return f"index {self.first + row}" if self.lines is None else f"line {self.lines[row]}"
+
+    def cut(self, part: slice) -> Table:
+        """Return some of the rows."""
+        columns = {name: x[part] for name, x in self.columns.items()}
+        lines = None if self.lines is None else self.lines[part]
+        return replace(self, columns=columns, lines=lines, first=self.first + (part.start or 0))
+
+    def checked(self) -> Table:
+        """Return the table with a note about each column that has no value at all.
+
+        Raises:
+            LogError: at the first infinite value, naming its column and place.
+        """
+        notes = []
+        for name, x in self.columns.items():
+            if np.isinf(x).any():
+                row = int(np.isinf(x).argmax())
+                raise LogError(
+                    f"{self.file}: column {name!r}, {self.where(row)}: {x[row]} is no measurement; "
+                    "leave the cell empty (NaN) where there is no value"
+                )
+            if np.isnan(x).all():
+                notes.append(f"column {name!r} is empty")
+        return replace(self, repairs=(*self.repairs, *notes))
 
 
-def _where(row: int, lines: NDArray[np.int64] | None, first: int) -> str:
-    return f"index {first + row}" if lines is None else f"line {lines[row]}"
+@dataclass(frozen=True)
+class Column:
+    """A column of the file and its conversion to SI units: value = scale * file + offset.
+
+    Raises LogError where `scale` is zero or not finite, or `offset` is not finite.
+    """
+
+    column: str  # its name in the file
+    scale: float = 1.0  # [SI unit / file's unit]
+    offset: float = 0.0  # [SI unit]
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.scale) and self.scale != 0.0 and math.isfinite(self.offset)):
+            raise LogError(
+                f"column {self.column!r}: scale = {self.scale}, offset = {self.offset}; "
+                "valid: finite numbers, scale other than 0"
+            )
+
+
+def renamed(table: Table, mapping: Mapping[str, Column]) -> Table:
+    """Return the table under ident's names and in SI units; unmapped columns keep their own name.
+
+    Two columns may exchange their names.
+
+    Raises:
+        LogError: for a mapped column that the file does not have, or that holds no numbers, and for
+            a name that a column of the file has already.
+    """
+    used = {source.column for source in mapping.values()}
+    for name, source in mapping.items():
+        wanted = f"{table.file}: column {source.column!r}, [log] {name!r} in mechanism.toml,"
+        if source.column in table.left_out:
+            raise LogError(f"{wanted} {table.left_out[source.column]}; numbers are needed")
+        if source.column not in table.columns:
+            raise LogError(f"{wanted} is not in the file; {one_of(source.column, table.columns)}")
+        if name not in used and (name in table.columns or name in table.left_out):
+            raise LogError(
+                f"{table.file}: {name!r} is ambiguous: [log] in mechanism.toml makes it from "
+                f"{source.column!r}, and the file has a column {name!r} too; "
+                f"remove the [log] entry, or rename the file's column"
+            )
+    columns: dict[str, Array] = {}
+    for own, x in table.columns.items():
+        if own not in used:
+            columns[own] = x
+        for name, source in mapping.items():
+            if source.column == own:
+                with np.errstate(over="ignore"):  # infinite values are refused later, by place
+                    columns[name] = source.scale * x + source.offset
+    return replace(table, columns=columns)
+
+
+def check_name(file: str, name: str) -> None:
+    """Raise LogError for a name that would not survive a header line or a one-line message."""
+    if name != name.strip() or len(name.splitlines()) != 1:
+        raise LogError(
+            f"{file}: {name!r} cannot name a column; valid: one line, no blanks around it"
+        )
 
 
 def table_of(
@@ -41,10 +139,20 @@ def table_of(
     first: int = 0,
     since: Mapping[str, int] | None = None,
 ) -> Table:
-    """Convert named columns of any kind; raises LogError for doubled names and bad cells.
+    """Convert named columns of any type to float64.
 
-    Of a piece of a file: its rows before are `first`, and its columns of times count `since` ticks.
+    Args:
+        file: as messages name it.
+        series: the columns.
+        lines: (n_rows,) of a text file.
+        repairs: notes made before.
+        first: number of the first row, of a piece of a file without lines.
+        since: tick from which columns of times count; by default their own first one.
+
+    Raises:
+        LogError: for doubled names, and cells that are no numbers in a column of numbers.
     """
+    table = Table(file, {}, {}, (), lines, first)
     columns: dict[str, Array] = {}
     left_out: dict[str, str] = {}
     notes = list(repairs)
@@ -57,40 +165,161 @@ def table_of(
             raise LogError(f"{file}: two columns are named {name!r}; each needs its own name")
         check_name(file, name)
         try:
-            columns[name] = floats(one, (since or {}).get(one.name))
-        except NotNumbers as why:
-            left_out[name] = str(why)
-            notes.append(f"column {name!r} {why}, left out")
-        except BadCell as bad:
-            place = _where(bad.row, lines, first)
-            raise LogError(f"{file}: column {name!r}, {place}: {bad}") from None
-        if is_time(one):
+            x = _floats(one, (since or {}).get(one.name))
+        except _BadCell as bad:
+            raise LogError(f"{file}: column {name!r}, {table.where(bad.row)}: {bad}") from None
+        if isinstance(x, str):
+            left_out[name] = x
+            notes.append(f"column {name!r} {x}, left out")
+            continue
+        columns[name] = x
+        if _is_time(one):
             notes.append(f"column {name!r} held {one.dtype}, now seconds since its first value")
-    return Table(file, columns, left_out, tuple(notes), lines, first)
+    return replace(table, columns=columns, left_out=left_out, repairs=tuple(notes))
 
 
-def check_name(file: str, name: str) -> None:
-    """Raise LogError for a name that would not survive a header line or a one-line message."""
-    if name != name.strip() or len(name.splitlines()) != 1:
-        raise LogError(
-            f"{file}: {name!r} cannot name a column; valid: one line, no blanks around it"
-        )
+class _BadCell(Exception):
+    """A cell that is no number in a column of numbers."""
+
+    def __init__(self, row: int, message: str) -> None:
+        super().__init__(message)
+        self.row = row
 
 
-def refuse_infinite(table: Table) -> None:
-    """Raise LogError at the first infinite value, naming its column and place."""
-    for name, x in table.columns.items():
-        infinite = np.isinf(x)
-        if infinite.any():
-            row = int(infinite.argmax())
+def _is_time(column: pl.Series) -> bool:
+    return isinstance(column.dtype, (pl.Datetime, pl.Duration, pl.Time))
+
+
+def _floats(column: pl.Series, since: int | None) -> Array | str:
+    """Return the column (n_rows,), NaN where a cell is empty; or why it is no measurement."""
+    dtype = column.dtype
+    if _is_time(column):
+        # subtract in integers: float64 has no room for nanoseconds since 1970
+        start = first_tick(column) if since is None else since
+        seconds = (column.to_physical().cast(pl.Int64) - start).cast(pl.Float64).to_numpy()
+        return seconds / TICKS_PER_SECOND[getattr(dtype, "time_unit", "ns")]
+    if dtype.is_numeric() or dtype in (pl.Boolean, pl.Null):
+        return column.cast(pl.Float64).to_numpy()
+    if dtype in (pl.String, pl.Categorical, pl.Enum):
+        return _parsed(column.cast(pl.String))
+    return f"holds {dtype}"
+
+
+def first_tick(column: pl.Series) -> int:
+    """Return the first value of a column of times, as the integer that is stored; 0 for none."""
+    return int(column.drop_nulls().head(1).to_physical().cast(pl.Int64).sum() or 0)
+
+
+def _parsed(text: pl.Series) -> Array | str:
+    numbers = text.cast(pl.Float64, strict=False)
+    if numbers.null_count() == 0:
+        return numbers.to_numpy()
+    text = text.str.strip_chars()
+    lower = text.str.to_lowercase()
+    filled = ~lower.is_in(EMPTY) & text.is_not_null()
+    numbers = text.cast(pl.Float64, strict=False)
+    bad = filled & numbers.is_null()
+    if not bad.any():
+        return numbers.to_numpy()
+    if lower.filter(filled).is_in(["true", "false"]).all():
+        return np.where(filled.to_numpy(), (lower == "true").fill_null(False).to_numpy(), np.nan)
+    row = int(bad.arg_max() or 0)
+    cell = repr(text[row] if len(text[row]) <= 40 else text[row][:37] + "...")
+    if DECIMAL_COMMA.fullmatch(text[row]):
+        raise _BadCell(row, f"{cell} has a decimal comma; write a decimal point")
+    if bad.sum() == filled.sum():
+        return f"holds text ({cell})"
+    units = " (a row of units? delete it)" if row == 0 and bad.sum() == 1 else ""
+    raise _BadCell(
+        row, f"{cell} is not a number{units}; leave the cell empty where there is no value"
+    )
+
+
+def table_of_arrays(file: str, arrays: Mapping[str, Any]) -> Table:
+    """Convert named arrays (n_rows,) of numbers, booleans, times or text.
+
+    Raises:
+        LogError: where one is not 1-D, holds anything else, or lengths differ.
+    """
+    series: list[pl.Series] = []
+    for name, values in arrays.items():
+        x = np.asarray(values)
+        if x.ndim != 1:
+            raise LogError(f"{file}: array {name!r} has shape {x.shape}; valid: 1-D, one a column")
+        if series and len(series[0]) != x.size:
             raise LogError(
-                f"{table.file}: column {name!r}, {table.where(row)}: {x[row]} is no measurement; "
-                "leave the cell empty (NaN) where there is no value"
+                f"{file}: arrays of different lengths: {series[0].name!r} has {len(series[0])}, "
+                f"{name!r} has {x.size}; every column needs one value a sample (NaN where there is "
+                "none)"
             )
+        if x.dtype.kind in "fiub":  # polars knows no long double, and no foreign byte order
+            series.append(pl.Series(name, x if x.dtype.kind == "b" else x.astype(np.float64)))
+        elif x.dtype.kind in "mM":
+            series.append(pl.Series(name, x.astype(f"{x.dtype.kind}8[ns]")))
+        elif x.dtype.kind in "US":
+            series.append(pl.Series(name, x.astype(str).tolist(), dtype=pl.String))
+        else:
+            raise LogError(f"{file}: array {name!r} holds {x.dtype}; valid: 1-D arrays of numbers")
+    return table_of(file, series)
 
 
-def with_empty_noted(table: Table) -> Table:
-    """The same table; a column without a single value is kept, and said to be so in `repairs`."""
-    empty = [name for name, x in table.columns.items() if np.isnan(x).all()]
-    notes = tuple(f"column {name!r} is empty" for name in empty)
-    return replace(table, repairs=table.repairs + notes)
+def is_frame(thing: object) -> bool:
+    """Return whether it is a data frame of polars or pandas, whatever it holds.
+
+    >>> is_frame(pl.DataFrame({"t": [0.0]}))
+    True
+    """
+    of_pandas = type(thing).__module__.split(".")[0] == "pandas"
+    return isinstance(thing, pl.DataFrame | pl.LazyFrame) or (
+        of_pandas and type(thing).__name__ == "DataFrame"
+    )
+
+
+def frame_table(name: str, frame: Any, mapped: Collection[str] = ()) -> Table:
+    """Convert the columns of a polars or pandas data frame.
+
+    Args:
+        name: as messages name it.
+        frame: its rows are samples. A pandas index that is named, or holds times, is a column too:
+            `t`, where it holds times and nothing else is `t`.
+        mapped: names of columns that are asked for under their own name.
+
+    Raises:
+        LogError: for anything else, for names that are no text, and for bad cells.
+    """
+    if isinstance(frame, pl.DataFrame):
+        return table_of(name, frame.get_columns())
+    if isinstance(frame, pl.LazyFrame):
+        raise LogError(f"{name}: a polars LazyFrame holds no values yet; give frame.collect()")
+    if is_frame(frame):
+        return table_of(name, _series_of_pandas(name, frame, mapped))
+    raise LogError(
+        f"{name}: {type(frame).__name__} is no data frame; valid: a polars or pandas DataFrame"
+    )
+
+
+# not pl.from_pandas, which needs pyarrow for most types
+def _series_of_pandas(name: str, frame: Any, mapped: Collection[str]) -> Iterator[pl.Series]:
+    index, own = frame.index, list(frame.columns)
+    for label in [*own, *index.names]:
+        if not isinstance(label, str) and not (label is None and label not in own):
+            raise LogError(f"{name}: column {label!r} is not named by text; rename it")
+    if index.nlevels == 1:
+        times = getattr(index.dtype, "kind", "") in "mM"
+        label = "t" if times and "t" not in own and index.name not in mapped else index.name
+        if label is not None and label not in own:
+            yield _series(label, index)
+    for position, label in enumerate(own):
+        yield _series(label, frame.iloc[:, position])
+
+
+def _series(label: str, values: Any) -> pl.Series:
+    kind = getattr(values.dtype, "kind", "O")
+    if kind in "mM":
+        return pl.Series(label, values.to_numpy(f"{kind}8[ns]"))  # of a zone: in UTC
+    if kind in "fiub":
+        return pl.Series(label, values.to_numpy(np.float64, na_value=np.nan))
+    cells = [None if e else cell for e, cell in zip(values.isna(), values.tolist(), strict=True)]
+    if all(isinstance(cell, int | float | bool | None) for cell in cells):
+        return pl.Series(label, cells, dtype=pl.Float64, strict=False)
+    return pl.Series(label, [None if cell is None else str(cell) for cell in cells], pl.String)

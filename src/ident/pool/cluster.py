@@ -1,100 +1,89 @@
-"""Workers of a Dask scheduler; it sees to those that die or join while the tasks run."""
+"""Tasks on the workers of a Dask scheduler, which sees to those that die or join meanwhile.
+
+Dask's `map` and joblib's Dask backend would hand all tasks out at once, check no versions and end
+with the first worker that is killed; the client of `distributed` is used directly.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import pickle
+import platform
 import secrets
-from collections.abc import Callable, Generator, Iterable, Iterator
+import threading
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import CancelledError, ThreadPoolExecutor
-from typing import Any
+from functools import cached_property
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any, cast
 
-from ident.errors import IdentError
-from ident.pool.call import Done, line_of
+from distributed import Client, Future, KilledWorker, Security, WorkerPlugin, get_worker, wait
+from distributed.comm import connect
 
-try:
-    from distributed import Client, Future, KilledWorker, Security, wait
-    from distributed.comm import connect
+from ident.errors import IdentError, line_of
+from ident.pool import Done, tried
 
-    from ident.pool.worker import Common, Unfit, there
-except ImportError:
-    raise IdentError(
-        'a scheduler needs Dask, which is not installed; pip install "ident[cluster]", on the '
-        "workers too, or leave it out for processes on this machine"
-    ) from None
-
-ANSWER = 5  # seconds within which a scheduler answers
-EMPTY = 60  # seconds without any worker after which the run is given up
-LOOK = 1  # seconds between looks at whether there are workers
-
-Function = Callable[[Any, Any], Any]
+ANSWER = 5  # [s] within which a scheduler answers
+EMPTY = 60  # [s] without any worker after which the run is given up
+LOOK = 1  # [s] between looks at whether there are workers
 
 
-def on_cluster(
-    function: Function, tasks: Iterator[tuple[int, Any]], common: bytes, scheduler: str
+def run(
+    function: Callable[[Any, Any], Any],
+    tasks: Iterator[tuple[int, Any]],
+    common: bytes,
+    scheduler: str,
 ) -> Generator[Done, None, None]:
-    """Every task on some worker: no more are sent than there are workers, so none waits in line."""
+    """Yield how each task ended on some worker; no more are sent than there are workers."""
     with _client(scheduler) as client, _shared(client, common, scheduler) as name:
-        flying: dict[Future, int] = {}
+        running: dict[Future, int] = {}
         ended: list[Done] = []
         without = 0
         try:
             while True:
                 workers = len(client.scheduler_info(n_workers=-1)["workers"])
-                while len(flying) < max(workers, 1) and (task := next(tasks, None)) is not None:
-                    future = client.submit(there, name, function, task[1], pure=False)
-                    flying[future] = task[0]
+                while len(running) < max(workers, 1) and (task := next(tasks, None)) is not None:
+                    future = client.submit(call, name, function, task[1], pure=False)
+                    running[future] = task[0]
                 yield from ended  # while others work
-                if not flying:
+                if not running:
                     return
-                ended = [
-                    _done(flying.pop(each), each) for each in _ended(client, flying, scheduler)
-                ]
+                ended = []
+                with contextlib.suppress(TimeoutError), client.as_current():
+                    for future in wait(list(running), LOOK, return_when="FIRST_COMPLETED").done:
+                        ended.append(_done(running.pop(future), future))
                 without = 0 if workers else without + LOOK
                 if without >= EMPTY:
                     raise IdentError(
                         f"scheduler {scheduler}: has had no workers for {EMPTY} s; start some "
                         f"(dask worker {scheduler}) and run this again"
                     )
+        except CancelledError:
+            raise IdentError(
+                f"scheduler {scheduler}: stopped answering; start it and its workers anew and run "
+                "this again"
+            ) from None
         finally:
             with contextlib.suppress(Exception):
-                client.cancel(list(flying), force=True)
-
-
-def _ended(client: Client, flying: Iterable[Future], scheduler: str) -> set[Future]:
-    """Those that ended within a second.
-
-    Raises:
-        IdentError: if the scheduler is gone.
-    """
-    try:
-        with client.as_current():
-            return set(wait(list(flying), LOOK, return_when="FIRST_COMPLETED").done)
-    except TimeoutError:
-        return set()
-    except CancelledError:
-        raise IdentError(
-            f"scheduler {scheduler}: stopped answering; start it and its workers anew and run this "
-            "again"
-        ) from None
+                client.cancel(list(running), force=True)
 
 
 def _done(index: int, future: Future) -> Done:
     try:
         return Done(index, *future.result())
-    except Exception as error:
-        failed = error
-    if isinstance(failed, Unfit):  # it would fail all tasks, and be the first to be free for more
-        raise failed
-    if isinstance(failed, KilledWorker):
-        times = failed.allowed_failures + 1
+    except (UnfitWorker, CancelledError):  # an unfit worker would fail all tasks: it is always free
+        raise
+    except KilledWorker as error:
+        times = error.allowed_failures + 1
         return Done(index, error=f"its process died each of the {times} times it was tried")
-    return Done(index, error=line_of(failed))
+    except Exception as error:
+        return Done(index, error=line_of(error))
 
 
 @contextlib.contextmanager
 def _client(scheduler: str) -> Iterator[Client]:
-    """A connection to a scheduler that has workers.
+    """Connect to a scheduler that has workers.
 
     Raises:
         IdentError: if there is none.
@@ -120,14 +109,14 @@ def _client(scheduler: str) -> Iterator[Client]:
 
 
 async def _knock(scheduler: str) -> None:
-    """Whether somebody answers; a Client that nobody answers cannot be closed."""
+    """Check that somebody answers; a Client that nobody answers cannot be closed."""
     comm = await connect(scheduler, timeout=ANSWER, **Security().get_connection_args("client"))
     await comm.close()
 
 
 @contextlib.contextmanager
 def _shared(client: Client, common: bytes, scheduler: str) -> Iterator[str]:
-    """The name under which the workers find what is common.
+    """Send what is common to all workers and return its name there.
 
     Raises:
         IdentError: if one of them cannot use it.
@@ -147,3 +136,65 @@ def _shared(client: Client, common: bytes, scheduler: str) -> Iterator[str]:
     finally:
         with contextlib.suppress(Exception):
             client.unregister_worker_plugin(name)
+
+
+# --- on a worker ----------------------------------------------------------------------------------
+
+
+class UnfitWorker(IdentError):
+    """A worker whose versions differ, so that it might give other results than this process."""
+
+
+class Common(WorkerPlugin):
+    """What all tasks need, on every worker that there is or will be.
+
+    Pinocchio's and CasADi's objects belong to one thread, so a worker runs one task at a time,
+    however many threads it has.
+    """
+
+    def __init__(self, name: str, pickled: bytes) -> None:
+        self.name, self.pickled, self.versions = name, pickled, versions()
+
+    def setup(self, worker: Any) -> None:
+        """Refuse a worker that has other versions."""
+        self.lock, self.address = threading.Lock(), worker.address
+        self.check()
+
+    def check(self) -> None:
+        """Refuse a worker that has other versions; called for each task, too, as workers may join.
+
+        Raises:
+            UnfitWorker: if it has.
+        """
+        for package, theirs in versions().items():
+            if theirs != (ours := self.versions[package]):
+                raise UnfitWorker(
+                    f"worker {self.address}: has {package} {theirs}, here it is {ours}; install "
+                    "the same on both"
+                )
+
+    @cached_property
+    def content(self) -> Any:
+        """Unpickled once a worker: its functions are compiled with the first task."""
+        return pickle.loads(self.pickled)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that must be equal on all machines, by name."""
+    try:
+        own = version("ident")
+    except PackageNotFoundError:  # run from a checkout that is not installed
+        own = "0"
+    return {"ident": own, "Python": ".".join(platform.python_version_tuple()[:2])}
+
+
+def call(name: str, function: Callable[[Any, Any], Any], task: Any) -> tuple[Any, str | None]:
+    """Call the function for one task; `name` is that of `Common`."""
+    plugin = cast(Common, get_worker().plugins[name])
+    plugin.check()
+    try:
+        from threadpoolctl import threadpool_limits
+    except ImportError:  # it limits the threads of linear algebra
+        threadpool_limits = lambda n: contextlib.nullcontext()  # noqa: E731
+    with plugin.lock, threadpool_limits(1):
+        return tried(function, plugin.content, task)

@@ -5,6 +5,7 @@ from importlib import import_module
 from ident.display import Displayed, renders
 
 MODULES: dict[str, str] = {
+    "Log": "log",
     "MonteCarlo": "montecarlo",
     "Studies": "montecarlo",
 }

@@ -1,0 +1,267 @@
+"""ROS 2 bags to a table: which topics, which clock, and one row for each time.
+
+A bag is a folder with a metadata.yaml, or one `.mcap` or `.db3` file. `rosbags` reads all three and
+is imported here alone; its own data frames need pandas and know no messages of varying joints. Both
+message types have one definition in every ROS 2, so the bag's own is not used.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from ident.errors import LogError, one_of
+from ident.log.table import Array, Table, check_name
+
+JOINTS, WRENCH = "sensor_msgs/JointState", "geometry_msgs/WrenchStamped"
+LARGEST = 20_000_000  # messages; at 1 kHz five hours
+GAP = 5.0  # median steps between two wrenches beyond which nothing is interpolated
+Groups = Mapping[tuple[str, tuple[str, ...]], pl.DataFrame]
+"""By topic and columns: received, stamp [ns] (0: none) and the values [SI] of each message."""
+
+
+def read_bag(path: Path, topics: Sequence[str] = ()) -> Table:
+    """Read the joint states of a bag, and the wrenches that are asked for.
+
+    Args:
+        path: of the folder or file.
+        topics: of joint states (several are merged) and of wrenches; none: the only topic of joint
+            states.
+
+    Returns:
+        Columns `t` [s] since the first message and q., v., tau., wrench. of the names in the bag.
+
+    Raises:
+        LogError: if rosbags is not installed, the bag is damaged, has no joint states or several
+            topics of them, or a message contradicts itself or the clock.
+    """
+    try:
+        from rosbags.rosbag2 import Reader
+    except ImportError:
+        raise LogError(
+            f'{path}: reading ROS bags needs the package rosbags: pip install "ident[ros]"'
+        ) from None
+    try:
+        with Reader(path) as bag:
+            connections, notes = _chosen(bag.connections, topics, str(path))
+            return _merged(str(path), _messages(bag, connections, str(path)), notes)
+    except (LogError, FileNotFoundError, PermissionError):
+        raise
+    except Exception as error:  # a parser given anything: every fault is the file's
+        what = " ".join(str(error).split())[:200]
+        raise LogError(
+            f"{path}: no ROS 2 bag, or a damaged one ({what or type(error).__name__}); if its "
+            "recording was cut off, `ros2 bag reindex` or `mcap recover` may mend it"
+        ) from None
+
+
+def _chosen(
+    connections: Sequence[Any], topics: Sequence[str], file: str
+) -> tuple[list[Any], list[str]]:
+    """Return the connections to read, and notes on what is left out."""
+    kinds = {each.topic: _kind(each) for each in reversed(connections)}
+    joints = [topic for topic, kind in kinds.items() if kind == JOINTS]
+    wrenches = [topic for topic, kind in kinds.items() if kind == WRENCH]
+    for topic in topics:
+        if topic not in kinds:
+            raise LogError(f"{file}: no topic '{topic}'; {one_of(topic, [*joints, *wrenches])}")
+        if topic not in joints and topic not in wrenches:
+            raise LogError(
+                f"{file}: topic '{topic}' holds {kinds[topic]}; valid: {JOINTS} and {WRENCH}"
+            )
+    if not joints:
+        held = ", ".join(sorted({f"{t} ({kind})" for t, kind in kinds.items()})[:8])
+        raise LogError(f"{file}: no topic of {JOINTS}; it holds: {held or 'no topic'}")
+    filled = {each.topic for each in connections if each.msgcount}
+    wanted = [topic for topic in topics if topic in joints]
+    if not wanted:
+        wanted = [topic for topic in joints if topic in filled] or joints
+        if len(wanted) > 1:
+            raise LogError(
+                f"{file}: several topics hold joint states: {', '.join(sorted(wanted))}; name one, "
+                f"{file}#{min(wanted)}, or several, to be merged, with commas between"
+            )
+    wanted += [topic for topic in topics if topic in wrenches]
+    notes = [
+        f"topic {topic} ({WRENCH}) is left out; to have it: #{','.join([*wanted, topic])}"
+        for topic in wrenches
+        if topic not in wanted
+    ]
+    return [each for each in connections if each.topic in wanted], notes
+
+
+def _kind(connection: Any) -> str:
+    return str(connection.msgtype).replace("/msg/", "/")
+
+
+def _messages(bag: Any, connections: list[Any], file: str) -> Groups:
+    """Decode the messages of some connections."""
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    number: Counter[str] = Counter()
+    arrays: dict[tuple[str, tuple[str, ...]], tuple[array[int], array[int], array[float]]] = {}
+    for count, (connection, received, raw) in enumerate(bag.messages(connections=connections)):
+        if count >= LARGEST:
+            raise LogError(f"{file}: more than {LARGEST} messages; cut the bag into several logs")
+        topic = connection.topic
+        number[topic] += 1
+        message: Any = store.deserialize_cdr(raw, _kind(connection).replace("/", "/msg/"))
+        place = f"{file}: topic {topic}, message {number[topic]}"
+        columns, values = _content(message, place)
+        key = (topic, columns)
+        if key not in arrays:
+            arrays[key] = array("q"), array("q"), array("d")
+        stamp = message.header.stamp
+        arrays[key][0].append(received)
+        arrays[key][1].append(stamp.sec * 10**9 + stamp.nanosec)
+        arrays[key][2].extend(values)
+    groups = {}
+    for (topic, columns), (received, stamps, values) in arrays.items():
+        table = np.array(values).reshape(len(stamps), len(columns))
+        series = [pl.Series("received", received, pl.Int64), pl.Series("stamp", stamps, pl.Int64)]
+        series += [pl.Series(name, x) for name, x in zip(columns, table.T, strict=True)]
+        if columns:
+            groups[topic, columns] = pl.DataFrame(series).fill_nan(None)
+    return groups
+
+
+def _content(message: Any, place: str) -> tuple[tuple[str, ...], Sequence[float]]:
+    """Return columns and values [SI]; an empty array of a joint state is one not measured."""
+    if not hasattr(message, "position"):
+        frame = message.header.frame_id.strip("/")
+        if not frame:
+            raise LogError(
+                f"{place}: a wrench whose header names no frame_id, so in whose axes is not known"
+            )
+        f, m = message.wrench.force, message.wrench.torque
+        return _wrench_columns(frame), [f.x, f.y, f.z, m.x, m.y, m.z]
+    arrays = {"q": message.position, "v": message.velocity, "tau": message.effort}
+    filled = tuple(key for key, x in arrays.items() if len(x))
+    for key in filled:
+        if len(arrays[key]) != len(message.name):
+            what = {"q": "positions", "v": "velocities", "tau": "efforts"}[key]
+            raise LogError(
+                f"{place}: {len(message.name)} names and {len(arrays[key])} {what}; every array "
+                "has one value a name, or is empty"
+            )
+    columns = _joint_columns(tuple(message.name), filled)
+    if columns is None:
+        names = ", ".join(map(repr, message.name))
+        raise LogError(f"{place}: the names {names}; each joint needs its own")
+    return columns, [float(x) for key in filled for x in arrays[key]]
+
+
+@lru_cache(maxsize=256)
+def _wrench_columns(frame: str) -> tuple[str, ...]:
+    return tuple(f"wrench.{frame}.{part}" for part in ("fx", "fy", "fz", "mx", "my", "mz"))
+
+
+@lru_cache(maxsize=256)
+def _joint_columns(names: tuple[str, ...], filled: tuple[str, ...]) -> tuple[str, ...] | None:
+    if "" in names or len(set(names)) < len(names):
+        return None
+    return tuple(f"{key}.{name}" for key in filled for name in names)
+
+
+def _merged(file: str, groups: Groups, notes: list[str]) -> Table:
+    """Return one row for every time of a joint state; empty where a joint has no value then.
+
+    Wrenches are interpolated at these times, as any column of another rate is later on; a clock of
+    both together would be neither's.
+
+    Raises:
+        LogError: for no joint state, stamps of one topic that go backward, and columns that two
+            topics hold.
+    """
+    joints = [key for key in groups if not key[1][0].startswith("wrench.")]
+    if not joints:
+        raise LogError(f"{file}: no message of joint states with a value in it")
+    none = sum(int((each["stamp"] == 0).sum()) for each in groups.values())
+    if none:
+        notes.append(
+            f"{none} of {sum(map(len, groups.values()))} messages have no stamp: t is when "
+            "messages were received, which jitters more"
+        )
+    timed = {
+        key: each.with_columns(pl.col("received" if none else "stamp").alias("t"))
+        for key, each in groups.items()
+    }
+    _check_topics(timed, file)
+    both = pl.concat([timed[key].drop("received", "stamp") for key in joints], how="diagonal")
+    count = both.group_by("t").agg(pl.all().count()).drop("t")
+    repeated = int((count.max_horizontal().cast(pl.Int64) - 1).clip(0).sum())
+    if repeated:
+        notes.append(f"{repeated} messages repeat the stamp of another: one of each kept")
+    rows = both.group_by("t").agg(pl.all().drop_nulls().first()).sort("t")
+    if len({frozenset(columns) for _, columns in joints}) > 1:
+        notes.append(
+            f"messages hold {len(joints)} different sets of columns, merged: {len(rows)} times, "
+            "empty cells where a joint says nothing"
+        )
+    t = rows["t"].to_numpy()
+    columns = {name: rows[name].to_numpy() for name in rows.columns if name != "t"}
+    for (topic, names), wrenches in timed.items():
+        if (topic, names) not in joints:
+            columns |= _interpolated(topic, wrenches, names, t, file, notes)
+    notes.append(f"t counts from the first message, {_seconds(t[0])} s of its clock")
+    for name in columns:
+        check_name(file, name)
+    return Table(file, {"t": (t - t[0]) / 1e9, **columns}, {}, tuple(notes))
+
+
+def _check_topics(timed: Groups, file: str) -> None:
+    """Refuse columns that two topics hold, and times of a column that go backward."""
+    topic_of: dict[str, str] = {}
+    for topic, columns in timed:
+        for name in columns:
+            other = topic_of.setdefault(name, topic)
+            if other != topic:
+                raise LogError(
+                    f"{file}: topics {other} and {topic} both hold '{name}'; name one of them"
+                )
+    for name, topic in topic_of.items():
+        parts = [each for (_, columns), each in timed.items() if name in columns]
+        at = pl.concat([each.select("received", "t") for each in parts])
+        times = at.sort("received", maintain_order=True)["t"].to_numpy()
+        back = np.flatnonzero(np.diff(times) < 0)
+        if len(back):
+            raise LogError(
+                f"{file}: topic {topic}: stamps of '{name}' go backward: "
+                f"{_seconds(times[back[0] + 1])} s after {_seconds(times[back[0]])} s (a clock "
+                "reset, or two nodes that publish the same joints?); cut the bag there, or record "
+                "one of them"
+            )
+
+
+def _seconds(time: np.int64) -> str:
+    return f"{int(time) // 10**9}.{int(time) % 10**9:09d}"  # float64 has no room for nanoseconds
+
+
+def _interpolated(
+    topic: str, wrenches: pl.DataFrame, names: Sequence[str], t: Array, file: str, notes: list[str]
+) -> dict[str, Array]:
+    """Return a topic's wrenches at the times t [ns], empty where none was measured near."""
+    wrenches = wrenches.unique("t", keep="first").sort("t")
+    at = wrenches["t"].to_numpy()
+    if len(at) < 2:
+        raise LogError(f"{file}: topic {topic} holds {len(at)} wrench; two are needed")
+    step = float(np.median(np.diff(at)))
+    right = np.clip(np.searchsorted(at, t), 1, len(at) - 1)
+    apart = (at[right] - at[right - 1] > GAP * step) & ~np.isin(t, at)
+    empty = (t < at[0]) | (t > at[-1]) | apart
+    notes.append(
+        f"topic {topic} ({1e9 / step:.4g} Hz) is interpolated at the times of the joint states"
+    )
+    seconds, known = (t - t[0]) / 1e9, (at - t[0]) / 1e9
+    return {
+        name: np.where(empty, np.nan, np.interp(seconds, known, wrenches[name].to_numpy()))
+        for name in names
+    }
