@@ -22,6 +22,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -115,7 +116,8 @@ class Sites:
         loaded: joints whose load the model predicts: driven ones and closures' own.
         logged: joints whose position is logged.
         link: moving links.
-        closure: closures between two frames.
+        closure: closures of every kind.
+        loop: closures between two frames.
         place: lengths of the URDF and the closures, zero or not.
         length: places whose coordinate is not zero, beyond the first joint.
     """
@@ -126,6 +128,7 @@ class Sites:
     logged: tuple[str, ...] = ()
     link: tuple[str, ...] = ()
     closure: tuple[str, ...] = ()
+    loop: tuple[str, ...] = ()
     place: tuple[str, ...] = ()
     length: tuple[str, ...] = ()
 
@@ -197,6 +200,8 @@ class Effect(ABC):
     companions: ClassVar[tuple[str, ...]] = ()  # kinds that act and change with it at a joint
 
     watched: ClassVar[str] = "never"  # by a monitor: `always`, on `request`, `never`
+
+    file: ClassVar[Path | None] = None  # of a user's own kind: the Python file that defines it
 
     joints: tuple[str, ...]
     values: Mapping[str, float] = field(default_factory=dict)

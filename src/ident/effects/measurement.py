@@ -156,6 +156,7 @@ class ClosureCompliance(Correcting):
     kind: ClassVar[str] = "closure_compliance"
     rare: ClassVar[bool] = True
     sits: ClassVar[str] = "closure"
+    tried: ClassVar[str] = "loop"
     watched: ClassVar[str] = "always"
     not_integrable: ClassVar[str] = (
         "a closure that yields would vibrate, and this effect has no inertia to do it with"

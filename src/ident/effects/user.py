@@ -44,7 +44,6 @@ class UserEffect(Effect):
 
     function: ClassVar[UserFunction]
     starting: ClassVar[Mapping[str, tuple[float, float, float]]]
-    file: ClassVar[Path | None] = None
     fewest: ClassVar[int] = 1  # joints whose signals the function asks for
 
     def __post_init__(self) -> None:

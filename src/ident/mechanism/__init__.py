@@ -1,7 +1,7 @@
 """The mechanism: read from a URDF and a mechanism.toml, with closures as CasADi functions."""
 
-from ident.mechanism.consistency import Consistency
-from ident.mechanism.load import load, multipliers
-from ident.mechanism.mechanism import Joint, Mechanism, Multipliers
+from ident.mechanism.load import load
+from ident.mechanism.mechanism import Joint, Mechanism, Multipliers, multipliers
+from ident.mechanism.parameters import Consistency
 
 __all__ = ["Consistency", "Joint", "Mechanism", "Multipliers", "load", "multipliers"]

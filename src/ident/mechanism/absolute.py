@@ -9,9 +9,9 @@ import pinocchio as pin
 
 from ident.description.axes import align_z
 from ident.errors import MechanismError
-from ident.mechanism.closures import Closure, Frame, Linear
-from ident.mechanism.forward import joint_axis
+from ident.mechanism.closures import Closure, Frame, PrismaticClosure, RevoluteClosure
 from ident.mechanism.mechanism import Joint, Mechanism
+from ident.mechanism.tree import joint_axis
 
 
 def absolute(mechanism: Mechanism) -> Mechanism:
@@ -31,9 +31,7 @@ def absolute(mechanism: Mechanism) -> Mechanism:
         MechanismError: for gears between joints that turn by more than half a turn.
     """
     for closure in mechanism.closures:
-        if isinstance(closure, Linear) and any(
-            map(_turns_over, map(mechanism.joint, closure.joints))
-        ):
+        if any(map(_turns_over, map(mechanism.joint, closure.tied))):
             raise MechanismError(
                 f"{mechanism.name}: closure '{closure.name}' ties joints that turn by more than "
                 "half a turn, which absolute coordinates do not count; use joint coordinates, or "
@@ -51,16 +49,17 @@ def absolute(mechanism: Mechanism) -> Mechanism:
             model.addFrame(
                 pin.Frame(frame.name, frame.parentJoint, frame.placement, pin.FrameType.BODY), False
             )
-    closures = tuple(_closure(mechanism, index) for index in range(1, tree.njoints))
-    joints = tuple(
-        replace(joint, index=i, in_tree=False) for i, joint in enumerate(mechanism.joints)
-    )
     return replace(
         mechanism,
         name=f"{mechanism.name} (absolute)",
         model=model,
-        joints=joints,
-        closures=(*closures, *mechanism.closures),
+        joints=tuple(
+            replace(joint, index=i, in_tree=False) for i, joint in enumerate(mechanism.joints)
+        ),
+        closures=(
+            *(_closure(mechanism, index) for index in range(1, tree.njoints)),
+            *mechanism.closures,
+        ),
         start=_start(mechanism),
     )
 
@@ -73,15 +72,10 @@ def _closure(mechanism: Mechanism, index: int) -> Closure:
     tree = mechanism.model
     align = pin.SE3(align_z(joint_axis(tree, index)), np.zeros(3))
     links = ("world", *mechanism.bodies.links)
-    parent = tree.parents[index]
-    joint = next(j for j in mechanism.joints if j.name == tree.names[index])
-    return Closure(
-        f"joint.{joint.name}",
-        "revolute" if joint.rotational else "prismatic",
-        Frame(links[parent], parent, tree.jointPlacements[index] * align),
-        Frame(links[index], index, align),
-        own_name=joint.name,
-    )
+    parent, joint = tree.parents[index], mechanism.joint(tree.names[index])
+    a = Frame(links[parent], parent, tree.jointPlacements[index] * align)
+    kind = RevoluteClosure if joint.rotational else PrismaticClosure
+    return kind(f"joint.{joint.name}", a, Frame(links[index], index, align), joint.name)
 
 
 def _start(mechanism: Mechanism) -> np.ndarray:

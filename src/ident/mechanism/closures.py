@@ -1,7 +1,9 @@
-"""Closures: constraint functions Φ(q) = 0 between two frames a and b, as CasADi expressions.
+"""Closures: constraint functions Φ(q) = 0, as CasADi expressions, one class a kind.
 
-One line a kind: which of the relative position and the relative orientation is kept at zero. What
-is kept names the multipliers; what is left free is the closure's own joint, where effects may sit.
+A new kind is one class and one line in `KINDS`. It states its keys in mechanism.toml, how it is
+read, Φ with the names and units of its multipliers, and its own joints: the coordinates that it
+leaves free and on which effects may sit. A kind between two frames a and b only says which of the
+relative position and orientation it keeps at zero:
 
     d = p_b − p_a                            in world axes, or in a's axes where the kind slides
     rx, ry: z_b = z_a, two equations         rz: x_b ⟂ y_a (together: the same orientation)
@@ -9,55 +11,45 @@ is kept names the multipliers; what is left free is the closure's own joint, whe
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
 
 import casadi as ca
+import numpy as np
 import pinocchio as pin
 
-from ident.errors import MechanismError
-from ident.mechanism.forward import Placement
+from ident.errors import MechanismError, one_of
+from ident.files import module_of
+from ident.mechanism.tree import Placement
+from ident.mechanism.toml import Section
+
+Coordinates = Mapping[str, ca.SX]
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A place on a link: Pinocchio's joint index (0: the ground) and constant placement."""
+    """A frame on a link: Pinocchio's joint index (0: the ground) and constant placement."""
 
     link: str
     joint: int
     placement: pin.SE3
 
-    def at(self, found: Sequence[Placement]) -> Placement:
-        """The frame's world placement."""
-        return found[self.joint] * Placement.of(self.placement)
+    def at(self, joints: Sequence[Placement]) -> Placement:
+        """Return the frame's world placement, given those of the joints."""
+        return joints[self.joint] * Placement.of(self.placement)
 
-
-@dataclass(frozen=True)
-class Kind:
-    """What a closure of two frames keeps at zero, and what its own joint is free to do."""
-
-    position: str  # of "xyz"
-    rotation: tuple[str, ...]  # of rx ry rz; "cross": x_a ⟂ y_b
-    sliding: bool = False  # position in a's axes, not in the world's
-    own: tuple[str, ...] = ()  # free coordinates that have a name: z [m], rz [rad]
-
-
-KINDS = {
-    "point": Kind("xyz", ()),
-    "revolute": Kind("xyz", ("rx", "ry"), own=("rz",)),
-    "prismatic": Kind("xy", ("rx", "ry", "rz"), sliding=True, own=("z",)),
-    "cylindrical": Kind("xy", ("rx", "ry"), sliding=True, own=("z", "rz")),
-    "universal": Kind("xyz", ("cross",)),
-    "planar": Kind("z", ("rx", "ry"), sliding=True),
-    "fixed": Kind("xyz", ("rx", "ry", "rz")),
-}
-OTHER_KINDS = ("distance", "linear", "function")
+    def moved(self, step: np.ndarray) -> Frame:
+        """Return the frame displaced by `step` (3,) [m] in its own axes."""
+        at = self.placement
+        return replace(self, placement=pin.SE3(at.rotation, at.translation + at.rotation @ step))
 
 
 @dataclass(frozen=True)
 class OwnJoint:
-    """A free coordinate of a closure: angle or length y(q), named `closure.<name>` or alike."""
+    """A free coordinate of a closure: angle or length y(q)."""
 
     name: str
     rotational: bool
@@ -65,7 +57,7 @@ class OwnJoint:
 
 
 @dataclass(frozen=True)
-class Terms:
+class Constraint:
     """Φ (m,) with the names of its multipliers, their units, and the closure's own joints."""
 
     phi: ca.SX
@@ -74,47 +66,164 @@ class Terms:
     own: tuple[OwnJoint, ...] = ()
 
 
-Coordinates = Mapping[str, ca.SX]
+@dataclass(frozen=True)
+class Context:
+    """The tree that a closure closes, and the rules for reading it from mechanism.toml.
+
+    Attributes:
+        model: Pinocchio's.
+        rotational: of every joint of the tree, by name.
+        folder: of mechanism.toml.
+        allow_code: whether Python files may be run.
+    """
+
+    model: pin.Model
+    rotational: Mapping[str, bool]
+    folder: Path
+    allow_code: bool
+
+    def frame(self, table: Section, key: str) -> Frame:
+        """Return the frame `key = { link = "…", xyz = […], rpy = […] }`; "world" is the ground.
+
+        Raises:
+            MechanismError: if the mechanism has no such link.
+        """
+        if not isinstance(table.data.get(key), dict):
+            raise table.error(
+                f'{key} = {table.data.get(key)!r}; write {key} = {{ link = "…", xyz = [0, 0, 0] }}'
+            )
+        inner = Section(f"{table.where}: {key}", table.data[key])
+        inner.check("link", "xyz", "rpy")
+        xyz, rpy = (inner.vector(each, 3, (0.0, 0.0, 0.0)) for each in ("xyz", "rpy"))
+        placement = pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz))
+        link, model = inner.text("link"), self.model
+        links = [f.name for f in model.frames if f.type == pin.FrameType.BODY]
+        if link in links:
+            frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
+            return Frame(link, frame.parentJoint, frame.placement * placement)
+        if link == "world":
+            return Frame(link, 0, placement)
+        raise inner.error(f"no link '{link}'; {one_of(link, [*links, 'world'])}")
 
 
 @dataclass(frozen=True)
-class Closure:
-    """Two frames held together as `kind` says; see the table in the mechanism.toml reference."""
+class Closure(ABC):
+    """Scalar equations between coordinates, which their multipliers enforce.
+
+    Args:
+        name: of the closure, first part of its multipliers' names.
+    """
+
+    kind: ClassVar[str]
+    keys: ClassVar[tuple[str, ...]]  # of its table beside `name` and `kind`
+    frames: ClassVar[tuple[Frame, ...]] = ()  # a and b, where it holds two frames together
+    tied: ClassVar[tuple[str, ...]] = ()  # joints whose coordinates it counts, where it knows them
 
     name: str
-    kind: str
+
+    @classmethod
+    @abstractmethod
+    def read(cls, name: str, table: Section, context: Context) -> Closure:
+        """Return the closure of a checked [[closure]] table.
+
+        Raises:
+            MechanismError: naming what is wrong.
+        """
+
+    @abstractmethod
+    def constraint(self, placements: Sequence[Placement], joints: Coordinates) -> Constraint:
+        """Return Φ(q).
+
+        Args:
+            placements: of the joints' frames in the world, the ground first.
+            joints: coordinates of the tree's joints and of own joints of closures of two frames.
+        """
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Lengths of the drawing on which it depends, `<name>.<a|b>.<x|y|z>` or `<name>.length`."""
+        return ()
+
+    def moved(self, place: str, by: float) -> Closure:
+        """Return the closure with one of its `places` changed by a length [m]."""
+        raise ValueError(place)
+
+    def length_at(self, place: str) -> float:
+        """Return the length [m] of one of its `places`."""
+        raise ValueError(place)
+
+
+@dataclass(frozen=True)
+class FrameClosure(Closure):
+    """Two frames a and b held together; a subclass says what is kept at zero, and what is free.
+
+    Args:
+        own_name: of its own joint, where that is not `closure.<name>`.
+    """
+
+    keys: ClassVar[tuple[str, ...]] = ("a", "b")
+    position: ClassVar[str] = "xyz"  # components of d that are zero
+    rotation: ClassVar[tuple[str, ...]] = ()  # of rx ry rz; "cross": x_a ⟂ y_b
+    sliding: ClassVar[bool] = False  # d in a's axes, and forces act at b
+    free: ClassVar[tuple[str, ...]] = ()  # coordinates of its own joints: z [m], rz [rad]
+
     a: Frame
     b: Frame
-    axes: str = "xyz"
-    length: float = 0.0
-    own_name: str = ""  # of its own joint, where that is not `closure.<name>`
+    own_name: str = ""
 
-    def terms(self, found: Sequence[Placement], joints: Coordinates) -> Terms:
-        """Φ(q) as an expression of the joints' placements `found`."""
-        a, b = self.a.at(found), self.b.at(found)
-        d = b.p - a.p
-        if self.kind == "distance":
-            return Terms(ca.norm_2(d) - self.length, (f"{self.name}.1",), ("N",))
-        kind = KINDS[self.kind]
-        if kind.sliding:
-            d = a.R.T @ d
-        kept = [axis for axis in kind.position if self.kind != "point" or axis in self.axes]
-        rows = [d["xyz".index(axis)] for axis in kept]
-        rows += [_rotation_row(row, a.R, b.R) for row in kind.rotation]
-        turns = ["rz" if row == "cross" else row for row in kind.rotation]
-        return Terms(
+    @classmethod
+    def read(cls, name: str, table: Section, context: Context) -> FrameClosure:
+        """Return the closure of frames a and b."""
+        return cls(name, context.frame(table, "a"), context.frame(table, "b"))
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:  # type: ignore[override]
+        """a and b."""
+        return (self.a, self.b)
+
+    def constraint(self, placements: Sequence[Placement], joints: Coordinates) -> Constraint:
+        """Return the kept components of position and orientation."""
+        return self.between(self.a.at(placements), self.b.at(placements))
+
+    def between(self, a: Placement, b: Placement) -> Constraint:
+        """Return Φ for two world placements."""
+        d = a.R.T @ (b.p - a.p) if self.sliding else b.p - a.p
+        rows = [d["xyz".index(axis)] for axis in self.position]
+        rows += [_rotation_row(row, a.R, b.R) for row in self.rotation]
+        words = [*self.position, *("rz" if row == "cross" else row for row in self.rotation)]
+        return Constraint(
             ca.vertcat(*rows),
-            tuple(f"{self.name}.{row}" for row in [*kept, *turns]),
-            tuple(["N"] * len(kept) + ["N m"] * len(turns)),
-            tuple(self._own(free, a, b, len(kind.own) > 1) for free in kind.own),
+            tuple(f"{self.name}.{word}" for word in words),
+            tuple("N" if word in "xyz" else "N m" for word in words),
+            tuple(self._own(free, a, b) for free in self.free),
         )
 
-    def _own(self, free: str, a: Placement, b: Placement, several: bool) -> OwnJoint:
-        name = self.own_name or f"closure.{self.name}" + (f".{free}" if several else "")
+    def own_joint(self, free: str) -> str:
+        """Return the name of the own joint of a free coordinate."""
+        several = f".{free}" if len(self.free) > 1 else ""
+        return self.own_name or f"closure.{self.name}{several}"
+
+    def _own(self, free: str, a: Placement, b: Placement) -> OwnJoint:
         if free == "z":
-            return OwnJoint(name, False, a.R[:, 2].T @ (b.p - a.p))
+            return OwnJoint(self.own_joint(free), False, a.R[:, 2].T @ (b.p - a.p))
         angle = ca.atan2(a.R[:, 1].T @ b.R[:, 0], a.R[:, 0].T @ b.R[:, 0])
-        return OwnJoint(name, True, angle)
+        return OwnJoint(self.own_joint(free), True, angle)
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """The coordinates of both frames in their links' axes."""
+        return tuple(f"{self.name}.{end}.{axis}" for end in "ab" for axis in "xyz")
+
+    def moved(self, place: str, by: float) -> Closure:
+        """Return the closure with a frame displaced along one of its axes."""
+        _, end, axis = place.rsplit(".", 2)
+        step = by * np.eye(3)["xyz".index(axis)]
+        return replace(self, **{end: getattr(self, end).moved(step)})
+
+    def length_at(self, place: str) -> float:
+        """Return a coordinate of a frame in its link's axes."""
+        _, end, axis = place.rsplit(".", 2)
+        return float(getattr(self, end).placement.translation["xyz".index(axis)])
 
 
 def _rotation_row(row: str, Ra: ca.SX, Rb: ca.SX) -> ca.SX:
@@ -130,25 +239,159 @@ def _rotation_row(row: str, Ra: ca.SX, Rb: ca.SX) -> ca.SX:
 
 
 @dataclass(frozen=True)
-class Linear:
+class PointClosure(FrameClosure):
+    """The origins of both frames coincide, along some of the world's axes."""
+
+    kind: ClassVar[str] = "point"
+    keys: ClassVar[tuple[str, ...]] = ("a", "b", "axes")
+
+    position: str = "xyz"  # type: ignore[misc]
+
+    @classmethod
+    def read(cls, name: str, table: Section, context: Context) -> PointClosure:
+        """Return the closure along the world's axes that `axes` names."""
+        axes = table.text("axes", "xyz")
+        if set(axes) - set("xyz") or len(set(axes)) != len(axes):
+            raise table.error(f"axes = '{axes}'; some of the letters xyz, each once")
+        axes = "".join(sorted(axes))
+        return cls(name, context.frame(table, "a"), context.frame(table, "b"), position=axes)
+
+
+class RevoluteClosure(FrameClosure):
+    """A hinge about the common z axis."""
+
+    kind: ClassVar[str] = "revolute"
+    rotation: ClassVar = ("rx", "ry")
+    free: ClassVar = ("rz",)
+
+
+class PrismaticClosure(FrameClosure):
+    """A slide along a's z axis."""
+
+    kind: ClassVar[str] = "prismatic"
+    position: ClassVar[str] = "xy"
+    rotation: ClassVar = ("rx", "ry", "rz")
+    sliding: ClassVar[bool] = True
+    free: ClassVar = ("z",)
+
+
+class CylindricalClosure(FrameClosure):
+    """A slide along a's z axis that also turns about it."""
+
+    kind: ClassVar[str] = "cylindrical"
+    position: ClassVar[str] = "xy"
+    rotation: ClassVar = ("rx", "ry")
+    sliding: ClassVar[bool] = True
+    free: ClassVar = ("z", "rz")
+
+
+class UniversalClosure(FrameClosure):
+    """A cross joint, x of a perpendicular to y of b."""
+
+    kind: ClassVar[str] = "universal"
+    rotation: ClassVar = ("cross",)
+
+
+class PlanarClosure(FrameClosure):
+    """The plane of b's x and y axes lies in that of a."""
+
+    kind: ClassVar[str] = "planar"
+    position: ClassVar[str] = "z"
+    rotation: ClassVar = ("rx", "ry")
+    sliding: ClassVar[bool] = True
+
+
+class FixedClosure(FrameClosure):
+    """Both frames are one."""
+
+    kind: ClassVar[str] = "fixed"
+    rotation: ClassVar = ("rx", "ry", "rz")
+
+
+@dataclass(frozen=True)
+class DistanceClosure(FrameClosure):
+    """A massless rod between the origins of both frames.
+
+    Args:
+        length: of the rod [m].
+    """
+
+    kind: ClassVar[str] = "distance"
+    keys: ClassVar[tuple[str, ...]] = ("a", "b", "length")
+
+    length: float = 0.0
+
+    @classmethod
+    def read(cls, name: str, table: Section, context: Context) -> DistanceClosure:
+        """Return the rod of a positive length."""
+        length = table.number("length", 0.0)
+        if not length > 0:
+            raise table.error(f"length = {length:g} m; a distance needs one above 0")
+        return cls(name, context.frame(table, "a"), context.frame(table, "b"), length=length)
+
+    def between(self, a: Placement, b: Placement) -> Constraint:
+        """Return Φ = |p_b − p_a| − length."""
+        return Constraint(ca.norm_2(b.p - a.p) - self.length, (f"{self.name}.1",), ("N",))
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """The coordinates of both frames, and the length."""
+        return (*super().places, f"{self.name}.length")
+
+    def moved(self, place: str, by: float) -> Closure:
+        """Return the rod with another length or end."""
+        if place == f"{self.name}.length":
+            return replace(self, length=self.length + by)
+        return super().moved(place, by)
+
+    def length_at(self, place: str) -> float:
+        """Return the length, or a coordinate of a frame."""
+        return self.length if place == f"{self.name}.length" else super().length_at(place)
+
+
+@dataclass(frozen=True)
+class LinearClosure(Closure):
     """Σ ratio · q = offset: gears, belts, tendons, parallelograms, mimicking joints."""
 
-    name: str
+    kind: ClassVar[str] = "linear"
+    keys: ClassVar[tuple[str, ...]] = ("joints", "ratios", "offset")
+
     joints: tuple[str, ...]
     ratios: tuple[float, ...]
     offset: float = 0.0
     rotational: bool = True  # of the first joint, for the multiplier's unit
-    kind: str = field(default="linear", init=False)
 
-    def terms(self, found: Sequence[Placement], joints: Coordinates) -> Terms:
-        """Φ(q) = Σ ratio · q − offset."""
+    @property
+    def tied(self) -> tuple[str, ...]:  # type: ignore[override]
+        """All its joints."""
+        return self.joints
+
+    @classmethod
+    def read(cls, name: str, table: Section, context: Context) -> LinearClosure:
+        """Return the closure of two or more joints."""
+        joints, ratios = table.words("joints"), table.vector("ratios")
+        if len(joints) < 2 or len(ratios) != len(joints) or len(set(joints)) != len(joints):
+            raise table.error(
+                f"{len(joints)} joints and {len(ratios)} ratios; two or more different joints "
+                "with one ratio each are expected"
+            )
+        for joint in joints:
+            if joint not in context.rotational:
+                raise table.error(f"no joint '{joint}'; {one_of(joint, context.rotational)}")
+        if 0.0 in ratios:
+            raise table.error(f"ratios = {list(ratios)}; a ratio of 0 ties nothing")
+        offset = table.number("offset", 0.0)
+        return cls(name, joints, ratios, offset, context.rotational[joints[0]])
+
+    def constraint(self, placements: Sequence[Placement], joints: Coordinates) -> Constraint:
+        """Return Φ(q) = Σ ratio · q − offset."""
         q = ca.vertcat(*(joints[name] for name in self.joints))
-        phi = ca.dot(ca.SX(self.ratios), q)
-        return Terms(phi - self.offset, (f"{self.name}.1",), ("N m" if self.rotational else "N",))
+        unit = "N m" if self.rotational else "N"
+        return Constraint(ca.dot(ca.SX(self.ratios), q) - self.offset, (f"{self.name}.1",), (unit,))
 
 
 class JointSymbols(Mapping[str, ca.SX]):
-    """What a user's closure function is given: `q["elbow"]`, or `q[0]`, the mechanism's first."""
+    """The argument of a user's closure function: `q["elbow"]`, or `q[0]`, the first joint."""
 
     def __init__(self, symbols: Mapping[str, ca.SX]) -> None:
         self._symbols = dict(symbols)
@@ -164,22 +407,41 @@ class JointSymbols(Mapping[str, ca.SX]):
 
 
 @dataclass(frozen=True)
-class Function:
+class FunctionClosure(Closure):
     """A user's own Φ(q), written with CasADi."""
 
-    name: str
-    function: Callable[[JointSymbols], Any]
-    kind: str = field(default="function", init=False)
+    kind: ClassVar[str] = "function"
+    keys: ClassVar[tuple[str, ...]] = ("file", "function")
 
-    def terms(self, found: Sequence[Placement], joints: Coordinates) -> Terms:
-        """Φ(q) as the user's function returns it: a scalar, a column or a list.
+    function: Callable[[JointSymbols], Any]
+
+    @classmethod
+    def read(cls, name: str, table: Section, context: Context) -> FunctionClosure:
+        """Return the closure of a function in a Python file, which is run."""
+        file, function = context.folder / table.text("file"), table.text("function")
+        if not context.allow_code:
+            raise table.error(
+                f"would run {file}; pass --allow-code (allow_code=True) if you trust it"
+            )
+        if not file.is_file():
+            raise table.error(f"file = '{table.data['file']}': no such file in {context.folder}")
+        try:
+            module = module_of(file)
+        except (Exception, SystemExit) as error:  # it is the user's code
+            raise table.error(f"{file} fails: {type(error).__name__}: {error}") from None
+        if not callable(getattr(module, function, None)):
+            raise table.error(f"{file} has no function '{function}'")
+        return cls(name, getattr(module, function))
+
+    def constraint(self, placements: Sequence[Placement], joints: Coordinates) -> Constraint:
+        """Return Φ(q) as the user's function returns it: a scalar, a column or a list.
 
         Raises:
             MechanismError: if it fails, or returns anything but an expression of these joints.
         """
         try:
             value = self.function(JointSymbols(joints))
-            if value is None or isinstance(value, str):  # CasADi's own words are no help here
+            if value is None or isinstance(value, str):  # CasADi's message does not help here
                 raise TypeError(f"it returned {value!r}")
             phi = ca.SX(ca.vertcat(*value) if isinstance(value, (list, tuple)) else value)
         except Exception as error:  # it is the user's code
@@ -196,11 +458,28 @@ class Function:
                 f"({', '.join(foreign)}); Φ may depend on the joints alone"
             )
         count = phi.numel()
-        return Terms(
-            ca.reshape(phi, count, 1),
-            tuple(f"{self.name}.{i + 1}" for i in range(count)),
-            ("1",) * count,
-        )
+        names = tuple(f"{self.name}.{i}" for i in range(1, count + 1))
+        return Constraint(ca.reshape(phi, count, 1), names, ("1",) * count)
 
 
-AnyClosure = Closure | Linear | Function
+KINDS: dict[str, type[Closure]] = {
+    closure.kind: closure
+    for closure in (
+        PointClosure, RevoluteClosure, PrismaticClosure, CylindricalClosure, UniversalClosure,
+        PlanarClosure, FixedClosure, DistanceClosure, LinearClosure, FunctionClosure,
+    )
+}  # fmt: skip
+
+
+def read_closure(table: Section, context: Context) -> Closure:
+    """Return the closure of one [[closure]] table.
+
+    Raises:
+        MechanismError: naming what is wrong and what would be valid.
+    """
+    name, kind = table.text("name"), table.text("kind")
+    table = Section(f"{table.where} ('{name}')", table.data)
+    if kind not in KINDS:
+        raise table.error(f"kind = '{kind}'; {one_of(kind, KINDS)}")
+    table.check("name", "kind", *KINDS[kind].keys)
+    return KINDS[kind].read(name, table, context)

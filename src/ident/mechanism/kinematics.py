@@ -15,15 +15,16 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from ident.mechanism.closures import AnyClosure, Closure, OwnJoint, Terms
-from ident.mechanism.forward import placements, rates
+from ident.mechanism.closures import Closure, Constraint, OwnJoint
+from ident.mechanism.tree import placements, rates
 
 CHUNK = 4096  # samples a CasADi call maps over
-KEPT = 64  # numbers of samples for which the mapped functions are kept
+MAPS = 64  # numbers of samples for which mapped functions are cached
+LARGEST_STEP = 0.5  # [rad | m] of one of Newton's steps
 
 
 @dataclass(frozen=True)
-class Rows:
+class ConstraintRows:
     """A vector function of q over samples: value (n, m), rate matrix (n, m, nv), drift (n, m).
 
     For closures Φ, J, J̇v; for closures' own joints y, W, Ẇv, so that ẏ = W v, ÿ = W a + Ẇv.
@@ -42,22 +43,23 @@ class Mapped:
     """
 
     def __init__(self, function: ca.Function, n: int) -> None:
-        whole = function.map(n) if n > 1 else function
-        self._buffer, self._run = whole.buffer()
-        self._given = [np.zeros((n, function.size1_in(i))) for i in range(2)]
-        # CasADi's columns stand one after the other: samples, then columns, then rows
+        self._buffer, self._run = (function.map(n) if n > 1 else function).buffer()
+        self._inputs = [np.zeros((n, function.size1_in(i))) for i in range(2)]
+        # CasADi's columns are consecutive: samples, then columns, then rows
         outputs = range(function.n_out())
-        self._found = [np.zeros((n, function.size2_out(i), function.size1_out(i))) for i in outputs]
-        for i, given in enumerate(self._given):
-            self._buffer.set_arg(i, memoryview(given))  # type: ignore[call-arg, arg-type]
-        for i, found in enumerate(self._found):
-            self._buffer.set_res(i, memoryview(found))  # type: ignore[call-arg, arg-type]
+        self._outputs = [
+            np.zeros((n, function.size2_out(i), function.size1_out(i))) for i in outputs
+        ]
+        for i, x in enumerate(self._inputs):
+            self._buffer.set_arg(i, memoryview(x))  # type: ignore[call-arg, arg-type]
+        for i, x in enumerate(self._outputs):
+            self._buffer.set_res(i, memoryview(x))  # type: ignore[call-arg, arg-type]
 
     def __call__(self, first: np.ndarray, second: np.ndarray) -> list[np.ndarray]:
-        """The function's outputs, each (n, rows, columns)."""
-        self._given[0][:], self._given[1][:] = first, second
+        """Return the function's outputs, each (n, rows, columns)."""
+        self._inputs[0][:], self._inputs[1][:] = first, second
         self._run()
-        return [x.copy().transpose(0, 2, 1) for x in self._found]
+        return [x.copy().transpose(0, 2, 1) for x in self._outputs]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +73,7 @@ class Kinematics:
     """
 
     model: pin.Model
-    closures: tuple[AnyClosure, ...]
+    closures: tuple[Closure, ...]
     coordinates: Mapping[str, int]
 
     @cached_property
@@ -79,34 +81,32 @@ class Kinematics:
         return ca.SX.sym("q", self.model.nq), ca.SX.sym("v", self.model.nv)
 
     @cached_property
-    def _terms(self) -> tuple[Terms, ...]:
+    def _constraints(self) -> tuple[Constraint, ...]:
         q, _ = self._symbols
-        found = placements(self.model, q)
+        placed = placements(self.model, q)
         joints = {name: q[index] for name, index in self.coordinates.items()}
-        terms: dict[str, Terms] = {}
-        for closure in self.closures:
-            if isinstance(closure, Closure):
-                terms[closure.name] = closure.terms(found, joints)
-                joints |= {own.name: own.expression for own in terms[closure.name].own}
-        for closure in self.closures:  # these may speak of closures' own joints
-            if not isinstance(closure, Closure):
-                terms[closure.name] = closure.terms(found, joints)
-        return tuple(terms[closure.name] for closure in self.closures)
+        constraints: dict[str, Constraint] = {}
+        for between_frames in (True, False):  # the others may count closures' own joints
+            for closure in self.closures:
+                if bool(closure.frames) == between_frames:
+                    constraints[closure.name] = closure.constraint(placed, joints)
+            joints |= {own.name: own.expression for c in constraints.values() for own in c.own}
+        return tuple(constraints[closure.name] for closure in self.closures)
 
     @cached_property
     def multipliers(self) -> tuple[str, ...]:
         """Names of the multipliers, `<closure>.<x|y|z|rx|ry|rz|1…>`."""
-        return tuple(name for terms in self._terms for name in terms.names)
+        return tuple(name for each in self._constraints for name in each.names)
 
     @cached_property
     def units(self) -> tuple[str, ...]:
         """Units of the multipliers."""
-        return tuple(unit for terms in self._terms for unit in terms.units)
+        return tuple(unit for each in self._constraints for unit in each.units)
 
     @cached_property
     def own(self) -> tuple[OwnJoint, ...]:
         """The closures' own joints."""
-        return tuple(joint for terms in self._terms for joint in terms.own)
+        return tuple(joint for each in self._constraints for joint in each.own)
 
     def _compile(self, name: str, value: ca.SX) -> ca.Function:
         q, v = self._symbols
@@ -116,38 +116,30 @@ class Kinematics:
         return ca.Function(name, [q, v], [ca.densify(x) for x in (value, rate, drift)])
 
     @cached_property
-    def _closure(self) -> ca.Function:
-        return self._compile("closure", ca.vertcat(*(terms.phi for terms in self._terms)))
-
-    @cached_property
-    def _own(self) -> ca.Function:
-        return self._compile("own", ca.vertcat(*(joint.expression for joint in self.own)))
-
-    @property
     def closure_function(self) -> ca.Function:
         """(q, v) → (Φ, J, J̇v) of one sample, for callers that cannot go over many at once."""
-        return self._closure
+        return self._compile("closure", ca.vertcat(*(each.phi for each in self._constraints)))
 
-    @property
+    @cached_property
     def own_function(self) -> ca.Function:
         """(q, v) → (y, W, Ẇv) of one sample."""
-        return self._own
+        return self._compile("own", ca.vertcat(*(joint.expression for joint in self.own)))
 
-    def closure_rows(self, q: np.ndarray, v: np.ndarray | None = None) -> Rows:
-        """Φ (n, m), J (n, m, nv) and J̇v (n, m) of q (n, nq), v (n, nv); v = 0 if left out."""
+    def closure_rows(self, q: np.ndarray, v: np.ndarray | None = None) -> ConstraintRows:
+        """Return Φ (n, m), J (n, m, nv), J̇v (n, m) of q (n, nq), v (n, nv); v = 0 if left out."""
         if not self.closures:
             n = len(q)
-            return Rows(np.zeros((n, 0)), np.zeros((n, 0, self.model.nv)), np.zeros((n, 0)))
-        return self._rows(self._closure, q, v)
+            return ConstraintRows(np.zeros((n, 0)), np.zeros((n, 0, self.model.nv)), np.zeros((n, 0)))
+        return self._rows(self.closure_function, q, v)
 
-    def own_rows(self, q: np.ndarray, v: np.ndarray | None = None) -> Rows:
-        """y, W and Ẇv of the closures' own joints, as `closure_rows`."""
-        return self._rows(self._own, q, v)
+    def own_rows(self, q: np.ndarray, v: np.ndarray | None = None) -> ConstraintRows:
+        """Return y, W and Ẇv of the closures' own joints, as `closure_rows`."""
+        return self._rows(self.own_function, q, v)
 
-    def _rows(self, function: ca.Function, q: np.ndarray, v: np.ndarray | None) -> Rows:
+    def _rows(self, function: ca.Function, q: np.ndarray, v: np.ndarray | None) -> ConstraintRows:
         v = np.zeros((len(q), self.model.nv)) if v is None else v
         value, rate, drift = self._evaluate(function, q, v)
-        return Rows(value[..., 0], rate, drift[..., 0])
+        return ConstraintRows(value[..., 0], rate, drift[..., 0])
 
     def newton(
         self, names: tuple[str, ...], q: np.ndarray, y: np.ndarray
@@ -156,7 +148,7 @@ class Kinematics:
 
             K δq = [−Φ; y − y_u(q)]        K = [J; W_u], by QR; no step is longer than 0.5 rad or m
 
-        Returns q (n, nq), the size of the last step (n,) and what is left open (n,) [rad | m].
+        Returns q (n, nq), the size of the last step (n,) and the remaining error (n,) [rad | m].
         Where K has no full column rank, q may be anything. For mechanisms of scalar joints.
 
         Args:
@@ -165,8 +157,8 @@ class Kinematics:
         """
         if names not in self._newtons:
             self._newtons[names] = self._newton(names)
-        q, size, left = self._evaluate(self._newtons[names], q, y)
-        return q[..., 0], size[:, 0, 0], left[:, 0, 0]
+        q, size, error = self._evaluate(self._newtons[names], q, y)
+        return q[..., 0], size[:, 0, 0], error[:, 0, 0]
 
     @cached_property
     def _newtons(self) -> dict[tuple[str, ...], ca.Function]:
@@ -175,63 +167,55 @@ class Kinematics:
     def _newton(self, names: tuple[str, ...]) -> ca.Function:
         (q, _), y = self._symbols, ca.SX.sym("y", len(names))
         own = {joint.name: joint for joint in self.own}
-        off = [-terms.phi for terms in self._terms]
+        rows = [-each.phi for each in self._constraints]
         for i, name in enumerate(names):
             if name in self.coordinates:
-                off.append(y[i] - q[self.coordinates[name]])
+                rows.append(y[i] - q[self.coordinates[name]])
                 continue
             apart = y[i] - own[name].expression
             turns = ca.floor(apart / (2 * np.pi) + 0.5) if own[name].rotational else 0.0
-            off.append(apart - 2 * np.pi * turns)  # an angle is known up to whole turns
-        left = ca.vertcat(*off)
-        Q, R = ca.qr(ca.densify(-ca.jacobian(left, q)))
-        step = ca.solve(R, Q.T @ left)
+            rows.append(apart - 2 * np.pi * turns)  # an angle is known up to whole turns
+        error = ca.vertcat(*rows)
+        Q, R = ca.qr(ca.densify(-ca.jacobian(error, q)))
+        step = ca.solve(R, Q.T @ error)
         size = ca.mmax(ca.fabs(step))
-        moved = q + step * ca.fmin(1.0, 0.5 / (size + 1e-300))
-        once = ca.Function("once", [q, y], [moved, size, ca.mmax(ca.fabs(left))])
+        moved = q + step * ca.fmin(1.0, LARGEST_STEP / (size + 1e-300))
+        once = ca.Function("once", [q, y], [moved, size, ca.mmax(ca.fabs(error))])
         twice, size, _ = once(once(q, y)[0], y)
-        _, _, left = once(twice, y)
-        return ca.Function(f"newton_{len(self._newtons)}", [q, y], [twice, size, left])
+        _, _, error = once(twice, y)
+        return ca.Function(f"newton_{len(self._newtons)}", [q, y], [twice, size, error])
 
     def _evaluate(self, function: ca.Function, q: np.ndarray, x: np.ndarray) -> list[np.ndarray]:
-        """Outputs (n, …) of a function of q (n, nq) and x (n, …)."""
-        if len(q) <= CHUNK:
-            return self._mapped(function, len(q))(q, x)
-        parts = [
-            self._mapped(function, len(q[start : start + CHUNK]))(
-                q[start : start + CHUNK], x[start : start + CHUNK]
-            )
-            for start in range(0, len(q), CHUNK)
-        ]
-        return [np.concatenate(each) for each in zip(*parts, strict=True)]
-
-    def _mapped(self, function: ca.Function, n: int) -> Mapped:
-        """The function over n samples, kept: a motion is gone over many times."""
-        kept = self._kept
-        key = function.name(), n
-        if key not in kept:
-            while len(kept) >= KEPT:
-                kept.pop(next(iter(kept)))
-            kept[key] = Mapped(function, n)
-        return kept[key]
+        """Return outputs (n, …) of a function of q (n, nq) and x (n, …)."""
+        parts = []
+        for start in range(0, max(len(q), 1), CHUNK):
+            part = slice(start, start + CHUNK)
+            key = function.name(), len(q[part])
+            if key not in self._maps:  # a motion is evaluated many times
+                while len(self._maps) >= MAPS:
+                    self._maps.pop(next(iter(self._maps)))
+                self._maps[key] = Mapped(function, key[1])
+            parts.append(self._maps[key](q[part], x[part]))
+        return parts[0] if len(parts) == 1 else [np.concatenate(x) for x in zip(*parts, strict=True)]
 
     @cached_property
-    def _kept(self) -> dict[tuple[str, int], Mapped]:
+    def _maps(self) -> dict[tuple[str, int], Mapped]:
         return {}
 
     def assemble(self, q: np.ndarray) -> tuple[np.ndarray, float]:
-        """The configuration nearest to q at which all closures hold, and what is left open."""
-        left = 0.0
+        """Return the configuration nearest to q at which all closures hold, and the error [rad | m]."""
+        error = 0.0
         for _ in range(50 if self.closures else 0):
             rows = self.closure_rows(q[None])
-            left = float(np.abs(rows.value).max())
-            if left < 1e-13:
+            error = float(np.abs(rows.value).max())
+            if error < 1e-13:
                 break
             step = np.linalg.lstsq(rows.rate[0], -rows.value[0], rcond=1e-10)[0]
-            q = pin.integrate(self.model, q, step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-300)))
-        return q, left
+            step *= min(1.0, LARGEST_STEP / max(np.abs(step).max(), 1e-300))
+            q = pin.integrate(self.model, q, step)
+        return q, error
 
 
 def rank_of(J: np.ndarray) -> int:
-    """Rank of a Jacobian (m, nv)."""
+    """Return the rank of a Jacobian (m, nv)."""
     return int(np.linalg.matrix_rank(J, tol=1e-8 * max(1.0, np.abs(J).max(initial=0.0))))

@@ -1,37 +1,31 @@
-"""From files to a Mechanism."""
+"""From a folder, a mechanism.toml or a bare URDF (or MuJoCo model, or SDF) to a Mechanism."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+from ident.description.document import Source
 from ident.description.urdf import parse_urdf, read_source
-from ident.effects import KINDS, Effect, read_user_effect
-from ident.effects import create as create_effect
-from ident.errors import MechanismError, one_of
+from ident.effects import KINDS, Effect, create, read_user_effect
+from ident.errors import MechanismError, not_there, one_of
 from ident.log import Column
-from ident.mechanism.closures import AnyClosure, Linear
-from ident.mechanism.consistency import read_consistency
-from ident.mechanism.forward import is_rotational
-from ident.mechanism.mechanism import DEGREES, Joint, Mechanism, Multipliers
-from ident.mechanism.model import Tree, build_tree
-from ident.mechanism.parameters import Bodies
-from ident.mechanism.read_closure import read_closure
-from ident.mechanism.settings import (
-    GRAVITY,
-    Settings,
-    check_keys,
-    number,
-    read_settings,
-    text,
-    with_source,
-    words,
-)
+from ident.mechanism.closures import Closure, Context, LinearClosure, read_closure
+from ident.mechanism.mechanism import Joint, Mechanism, Multipliers, multipliers
+from ident.mechanism.parameters import Bodies, read_consistency
+from ident.mechanism.toml import Section, read_toml
+from ident.mechanism.tree import Tree, build_tree, is_rotational
+
+TOP = ("urdf", "gravity", "joints", "closure", "parameters", "multipliers", "log", "effect")
+GRAVITY = (0.0, 0.0, -9.81)  # [m/s²]
+FORMATS = (".urdf", ".xml", ".mjcf", ".sdf", ".world")
+LIMITLESS = 1e8  # from which a limit of a URDF is none
+CHANNELS = ("q", "v", "a", "tau")
 
 
 def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
@@ -47,58 +41,185 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
     Raises:
         MechanismError: one line that names the file, what is wrong and what would be valid.
     """
-    settings = read_settings(Path(path))
-    where = settings.where
-    source = read_source(settings.urdf)
-    settings = with_source(settings, source)
-    urdf = str(settings.urdf)
-    tree = build_tree(parse_urdf(source.urdf, urdf), settings.gravity or GRAVITY, urdf)
-    tree = replace(
-        tree,
-        auxiliary=(*tree.auxiliary, *source.auxiliary),
-        notes=(*source.notes, *tree.notes),
-    )
-    joints = _tree_joints(tree)
-    names = [joint.name for joint in joints]
-    check_keys(settings.joints, ("passive", "start"), f"{where}: [joints]")
-    given = words(settings.joints, "passive", f"{where}: [joints]") or ()
-    for name in given:
-        if name not in names:
+    path = Path(path)
+    toml = _toml_of(path)
+    if toml is None:
+        return Reader(Section(str(path)), path, None, allow_code).mechanism(path.stem)
+    top = read_toml(toml)
+    top.check(*TOP)
+    if "urdf" not in top:
+        raise top.error("has no key 'urdf'; write urdf = \"<name>.urdf\"")
+    urdf = toml.parent / top.text("urdf")
+    if not urdf.is_file():
+        raise top.error(f"urdf = '{top.data['urdf']}': no such file in {toml.parent}")
+    return Reader(top, urdf, toml, allow_code).mechanism(toml.parent.resolve().name)
+
+
+def _toml_of(path: Path) -> Path | None:
+    """The mechanism.toml that a path names, or None for a bare URDF.
+
+    Raises:
+        MechanismError: if it names neither.
+    """
+    if path.is_dir():
+        if not (path / "mechanism.toml").is_file():
             raise MechanismError(
-                f"{where}: [joints] passive: no joint '{name}'; {one_of(name, names)}"
+                f"{path}: the folder has no mechanism.toml; give a URDF or add one"
             )
-    mimicking = [mimic.joint for mimic in tree.mimics]
-    passive = tuple(name for name in names if name in given or name in mimicking)
-    bodies = Bodies(tree.links)
-    mechanism = Mechanism(
-        name=_name(Path(path), settings),
-        model=tree.model,
-        bodies=bodies,
-        joints=joints,
-        closures=_closures(settings, tree, joints, allow_code),
-        driven=tuple(name for name in names if name not in passive),
-        passive=passive,
-        start=_start(settings, tree, joints),
-        unknown=_unknown(settings, bodies, tree.auxiliary),
-        multipliers=_multipliers(settings),
-        columns=_columns(settings),
-        urdf=settings.urdf,
-        toml=settings.toml,
-        notes=tree.notes,
-        consistency=read_consistency(settings.parameters, bodies, f"{where}: [parameters]"),
+        return path / "mechanism.toml"
+    if not path.exists():
+        raise MechanismError(
+            f"{path}: {not_there(path)}; give a folder, a mechanism.toml or a .urdf"
+        )
+    if path.suffix.lower() in (*FORMATS, ".toml"):
+        return path if path.suffix.lower() == ".toml" else None
+    raise MechanismError(
+        f"{path}: is no mechanism; give a folder, a mechanism.toml, a .urdf, an .xml of MuJoCo or "
+        "an .sdf"
     )
-    mechanism = replace(
-        mechanism, notes=(*tree.notes, *_undriven(mechanism), *_massless(mechanism))
-    )
-    mechanism = with_own_joints(mechanism)
-    _check_columns(mechanism, settings)
-    return _with_effects(mechanism, settings, allow_code)
 
 
-def _name(path: Path, settings: Settings) -> str:
-    if settings.urdf == path:
-        return path.stem
-    return settings.folder.resolve().name
+def stated(data: Mapping[str, Any], source: Source) -> dict[str, Any]:
+    """The [joints] and gravity of a mechanism.toml, and where it is silent those of its URDF."""
+    given = data.get("joints", {})
+    joints = {**({"passive": list(source.passive)} if source.passive else {}), **given}
+    if source.start and isinstance(given.get("start", {}), dict):
+        joints["start"] = {**source.start, **given.get("start", {})}
+    gravity = data.get("gravity", list(source.gravity or GRAVITY))
+    return {**data, "joints": joints, "gravity": gravity}
+
+
+@dataclass(frozen=True)
+class Reader:
+    """Makes a mechanism of the sections of a mechanism.toml, or of none.
+
+    Args:
+        top: the file's top level, empty for a bare URDF.
+        urdf: path of the URDF, or of what stands in its place.
+        toml: path of the mechanism.toml.
+        allow_code: whether Python files may be run.
+    """
+
+    top: Section
+    urdf: Path
+    toml: Path | None
+    allow_code: bool
+
+    @property
+    def folder(self) -> Path:
+        """The folder from which paths count."""
+        return (self.toml or self.urdf).parent
+
+    def mechanism(self, name: str) -> Mechanism:
+        """Return the mechanism.
+
+        Raises:
+            MechanismError: naming the place of what is wrong.
+        """
+        for key in ("joints", "parameters", "multipliers", "log"):
+            self.top.table(key)
+        closures, effects = (self.top.tables(key) for key in ("closure", "effect"))
+        source = read_source(self.urdf)
+        top = replace(self.top, data=stated(self.top.data, source))
+        gravity = top.vector("gravity", 3)
+        tree = build_tree(parse_urdf(source.urdf, str(self.urdf)), gravity, str(self.urdf))
+        notes = (*source.notes, *tree.notes)
+        joints, bodies = _tree_joints(tree), Bodies(tree.links)
+        names = [joint.name for joint in joints]
+        section, parameters = top.table("joints"), top.table("parameters")
+        section.check("passive", "start")
+        given = section.words("passive")
+        for each in given:
+            if each not in names:
+                raise section.error(f"passive: no joint '{each}'; {one_of(each, names)}")
+        passive = {*given, *(mimic.joint for mimic in tree.mimics)}
+        parameters.check("unknown", "bounds", "total_mass")
+        auxiliary = (*tree.auxiliary, *source.auxiliary)
+        asked = parameters.words("unknown") if "unknown" in parameters else [
+            link for link in bodies.links if link not in auxiliary
+        ]  # fmt: skip
+        beside = [
+            Section(f"{self.urdf}: loop {i}", each) for i, each in enumerate(source.closures, 1)
+        ]
+        mechanism = Mechanism(
+            name=name,
+            model=tree.model,
+            bodies=bodies,
+            joints=joints,
+            closures=self._closures([*beside, *closures], tree, joints),
+            driven=tuple(each for each in names if each not in passive),
+            passive=tuple(each for each in names if each in passive),
+            start=_start(section, tree, joints),
+            unknown=bodies.select(asked, parameters.where),
+            multipliers=_multipliers(top.table("multipliers")),
+            columns=_columns(top.table("log")),
+            urdf=self.urdf,
+            toml=self.toml,
+            consistency=read_consistency(parameters, bodies),
+        )
+        mechanism = replace(mechanism, notes=(*notes, *_remarks(mechanism))).with_own_joints()
+        for column in mechanism.columns:  # a mapped name that nothing reads would be ignored
+            prefix, _, joint = column.partition(".")
+            if prefix in CHANNELS and joint not in mechanism.joint_index:
+                raise top.error(
+                    f"[log] \"{column}\": no joint '{joint}'; "
+                    f"{one_of(joint, mechanism.joint_index)}"
+                )
+        for table in effects:
+            mechanism = self._with_effect(mechanism, table)
+        return mechanism
+
+    def _closures(
+        self, tables: list[Section], tree: Tree, joints: tuple[Joint, ...]
+    ) -> tuple[Closure, ...]:
+        closures: dict[str, Closure] = {}
+        rotational = {joint.name: joint.rotational for joint in joints}
+        context = Context(tree.model, rotational, self.folder, self.allow_code)
+        for table in tables:
+            closure = read_closure(table, context)
+            if closure.name in closures:
+                raise self.top.error(f"two closures are named '{closure.name}'")
+            closures[closure.name] = closure
+        mimics = (
+            LinearClosure(
+                f"mimic.{mimic.joint}",
+                (mimic.joint, mimic.of),
+                (1.0, -mimic.multiplier),
+                mimic.offset,
+                rotational[mimic.joint],
+            )
+            for mimic in tree.mimics
+        )
+        return (*closures.values(), *mimics)
+
+    def _with_effect(self, mechanism: Mechanism, table: Section) -> Mechanism:
+        try:
+            effect = self._effect(table)
+            if effect.label in {own.label for own in mechanism.effects}:
+                raise MechanismError(f"has the effect '{effect.label}' already")
+            return mechanism + effect
+        except MechanismError as error:
+            message = str(error)
+            raise (error if table.where in message else table.error(message)) from None
+
+    def _effect(self, table: Section) -> Effect:
+        """The effect of one [[effect]]: of the library, or with `file` one of the user's own."""
+        kind = table.text("kind")
+        values = {
+            key: table.number(key) for key in table.data if key not in ("kind", "joint", "file")
+        }
+        if "file" in table:
+            file = self.folder / table.text("file")
+            joints = tuple(part.strip() for part in table.text("joint").split(","))
+            read = read_user_effect(file, kind, allow_code=self.allow_code, where=table.where)
+            return read(joints, values)
+        if kind not in KINDS:
+            raise table.error(
+                f"there is no effect '{kind}'; {one_of(kind, KINDS)}; one of your own needs "
+                'file = "….py"'
+            )
+        alone = KINDS[kind].arity == 0 and "joint" not in table
+        return create(kind, "" if alone else table.text("joint"), values)
 
 
 def _tree_joints(tree: Tree) -> tuple[Joint, ...]:
@@ -106,181 +227,64 @@ def _tree_joints(tree: Tree) -> tuple[Joint, ...]:
     joints = []
     for index in range(1, model.njoints):
         at = model.idx_vs[index]
-        joints.append(
-            Joint(
-                name=model.names[index],
-                rotational=is_rotational(model, index),
-                index=at,
-                lower=_limit(model.lowerPositionLimit[at]),
-                upper=_limit(model.upperPositionLimit[at]),
-                velocity=_limit(model.upperVelocityLimit[at]),
-                effort=_limit(model.upperEffortLimit[at]),
+        limits = (
+            float(x[at]) if abs(x[at]) < LIMITLESS else float(np.copysign(np.inf, x[at]))
+            for x in (
+                model.lowerPositionLimit, model.upperPositionLimit,
+                model.upperVelocityLimit, model.upperEffortLimit,
             )
-        )
+        )  # fmt: skip
+        joints.append(Joint(model.names[index], is_rotational(model, index), at, True, *limits))
     return tuple(joints)
 
 
-def _limit(value: float) -> float:
-    return float(value) if abs(value) < 1e8 else float(np.copysign(np.inf, value))
-
-
-def _closures(
-    settings: Settings, tree: Tree, joints: tuple[Joint, ...], allow_code: bool
-) -> tuple[AnyClosure, ...]:
-    found: list[AnyClosure] = []
-    rotational = {joint.name: joint.rotational for joint in joints}
-    places = [f"{settings.urdf}: loop {i + 1}" for i in range(len(settings.beside))]
-    places += [f"{settings.where}: closure {i + 1}" for i in range(len(settings.closures))]
-    for table, where in zip((*settings.beside, *settings.closures), places, strict=True):
-        closure = read_closure(table, where, tree.model, rotational, settings.folder, allow_code)
-        if closure.name in {other.name for other in found}:
-            raise MechanismError(f"{settings.where}: two closures are named '{closure.name}'")
-        found.append(closure)
-    for mimic in tree.mimics:
-        found.append(
-            Linear(
-                f"mimic.{mimic.joint}",
-                (mimic.joint, mimic.of),
-                (1.0, -mimic.multiplier),
-                mimic.offset,
-                rotational[mimic.joint],
-            )
-        )
-    return tuple(found)
-
-
-def with_own_joints(mechanism: Mechanism) -> Mechanism:
-    """The mechanism with the closures' own joints among its joints, passive."""
-    own = tuple(
-        Joint(joint.name, joint.rotational, index, in_tree=False)
-        for index, joint in enumerate(mechanism.kinematics.own)
-        if joint.name not in mechanism.joint_index
-    )
-    return replace(mechanism, joints=(*mechanism.joints, *own)) if own else mechanism
-
-
-def _start(settings: Settings, tree: Tree, joints: tuple[Joint, ...]) -> np.ndarray:
+def _start(section: Section, tree: Tree, joints: tuple[Joint, ...]) -> np.ndarray:
     q = pin.neutral(tree.model)
-    table = settings.joints.get("start", {})
-    where = f"{settings.where}: [joints] start"
+    table = section.data.get("start", {})
     if not isinstance(table, dict):
-        raise MechanismError(f"{where} = {table!r}; write {{ joint = 0.0, … }}")
-    names = {joint.name: joint.index for joint in joints}
+        raise section.error(f"start = {table!r}; write {{ joint = 0.0, … }}")
+    start, places = Section(f"{section.where} start", table), {j.name: j.index for j in joints}
     for name in table:
-        if name not in names:
-            raise MechanismError(f"{where}: no joint '{name}'; {one_of(name, names)}")
-        q[names[name]] = number(table, name, where)
+        if name not in places:
+            raise start.error(f"no joint '{name}'; {one_of(name, places)}")
+        q[places[name]] = start.number(name)
     return q
 
 
-def _undriven(mechanism: Mechanism) -> list[str]:
-    """Whether no torque would be measured."""
-    if mechanism.driven or not mechanism.passive:
-        return []
-    return [
-        "nothing is driven: [joints] passive names every joint, so no torque is compared with a "
-        "model; leave out the joints whose torque is logged"
-    ]
-
-
-def _massless(mechanism: Mechanism) -> list[str]:
-    """Bodies to be identified of which the URDF says nothing."""
+def _remarks(mechanism: Mechanism) -> list[str]:
+    """What a user may not have meant: no drive at all, bodies of which the URDF says nothing."""
     asked = {name.rsplit(".", 1)[0] for name in mechanism.unknown}
-    return [
+    remarks = [
         f"link '{link}' has no <inertial>; its prior is massless"
         for link in mechanism.bodies.links
         if link in asked and not mechanism.prior[mechanism.bodies.columns(link)].any()
     ]
-
-
-def _unknown(settings: Settings, bodies: Bodies, auxiliary: tuple[str, ...]) -> tuple[str, ...]:
-    where = f"{settings.where}: [parameters]"
-    check_keys(settings.parameters, ("unknown", "bounds", "total_mass"), where)
-    patterns = words(settings.parameters, "unknown", where)
-    if patterns is None:
-        patterns = tuple(link for link in bodies.links if link not in auxiliary)
-    return bodies.select(patterns, where)
-
-
-def _multipliers(settings: Settings) -> Multipliers:
-    where = f"{settings.where}: [multipliers]"
-    check_keys(settings.multipliers, ("basis", "spacing"), where)
-    basis = text({"basis": "free", **settings.multipliers}, "basis", where)
-    return multipliers(basis, number(settings.multipliers, "spacing", where, 0.0), where)
-
-
-def multipliers(basis: str, spacing: float, where: str) -> Multipliers:
-    """A checked time basis.
-
-    Raises:
-        MechanismError: for a basis that is not there, or one that needs a spacing [s] and has none.
-    """
-    if basis not in DEGREES:
-        raise MechanismError(f"{where}: basis = '{basis}'; {one_of(basis, DEGREES)}")
-    if basis != "free" and not 0 < spacing < np.inf:
-        raise MechanismError(
-            f"{where}: basis '{basis}' needs a spacing above 0 s, such as 0.01; given: {spacing:g}"
+    if mechanism.passive and not mechanism.driven:
+        remarks.insert(
+            0,
+            "nothing is driven: [joints] passive names every joint, so no torque is compared with "
+            "a model; leave out the joints whose torque is logged",
         )
-    return Multipliers(basis, spacing)
+    return remarks
 
 
-def _columns(settings: Settings) -> Mapping[str, Column]:
-    found = {}
-    for name, entry in settings.log.items():
-        where = f'{settings.where}: [log] "{name}"'
+def _multipliers(table: Section) -> Multipliers:
+    table.check("basis", "spacing")
+    return multipliers(table.text("basis", "free"), table.number("spacing", 0.0), table.where)
+
+
+def _columns(table: Section) -> Mapping[str, Column]:
+    columns = {}
+    for name, entry in table.data.items():
+        where = f'{table.where} "{name}"'
         if isinstance(entry, str):
             entry = {"column": entry}
         if not isinstance(entry, dict):
             raise MechanismError(f'{where} = {entry!r}; write {{ column = "…", scale = 1.0 }}')
-        check_keys(entry, ("column", "scale", "offset"), where)
-        scale = number(entry, "scale", where, 1.0)
+        column = Section(where, entry)
+        column.check("column", "scale", "offset")
+        scale = column.number("scale", 1.0)
         if scale == 0:
-            raise MechanismError(f"{where}: scale = 0 would erase the column")
-        found[name] = Column(
-            text(entry, "column", where), scale, number(entry, "offset", where, 0.0)
-        )
-    return found
-
-
-def _check_columns(mechanism: Mechanism, settings: Settings) -> None:
-    """A mapped name that nothing reads would be silently ignored."""
-    for name in mechanism.columns:
-        prefix, _, joint = name.partition(".")
-        if prefix in ("q", "v", "a", "tau") and joint not in mechanism.joint_index:
-            raise MechanismError(
-                f"{settings.where}: [log] \"{name}\": no joint '{joint}'; "
-                f"{one_of(joint, mechanism.joint_index)}"
-            )
-
-
-def _with_effects(mechanism: Mechanism, settings: Settings, allow_code: bool) -> Mechanism:
-    for i, table in enumerate(settings.effects):
-        where = f"{settings.where}: effect {i + 1}"
-        try:
-            effect = _effect(table, where, settings.folder, allow_code)
-            if effect.label in {own.label for own in mechanism.effects}:
-                raise MechanismError(f"has the effect '{effect.label}' already")
-            mechanism = mechanism + effect
-        except MechanismError as error:
-            message = str(error)
-            raise MechanismError(message if where in message else f"{where}: {message}") from None
-    return mechanism
-
-
-def _effect(table: Mapping[str, Any], where: str, folder: Path, allow_code: bool) -> Effect:
-    """The effect of one [[effect]]: of the library, or with `file` one of the user's own."""
-    kind = text(table, "kind", where)
-    values = {
-        key: number(table, key, where) for key in table if key not in ("kind", "joint", "file")
-    }
-    if "file" in table:
-        file = folder / text(table, "file", where)
-        joints = tuple(part.strip() for part in text(table, "joint", where).split(","))
-        return read_user_effect(file, kind, allow_code=allow_code, where=where)(joints, values)
-    if kind not in KINDS:
-        raise MechanismError(
-            f"{where}: there is no effect '{kind}'; {one_of(kind, KINDS)}; one of your own needs "
-            'file = "….py"'
-        )
-    alone = KINDS[kind].arity == 0 and "joint" not in table
-    return create_effect(kind, "" if alone else text(table, "joint", where), values)
+            raise column.error("scale = 0 would erase the column")
+        columns[name] = Column(column.text("column"), scale, column.number("offset", 0.0))
+    return columns

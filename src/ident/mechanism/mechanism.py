@@ -1,29 +1,28 @@
-"""The mechanism: a tree, its closures, what drives it, what is known of it, and its effects."""
+"""The mechanism: a tree, its closures, its drives, what is known of it, and its effects."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from markupsafe import Markup
 
-from ident.effects import KINDS, Effect, parse
-from ident.effects import create as create_effect
+from ident.display import Displayed, render
+from ident.effects import KINDS, Correction, Effect, Sites, candidates, create, parse
 from ident.errors import MechanismError, one_of
 from ident.log import Column
-from ident.mechanism.closures import AnyClosure
-from ident.mechanism.consistency import Consistency
+from ident.mechanism.closures import Closure
 from ident.mechanism.kinematics import Kinematics, rank_of
-from ident.mechanism.parameters import Bodies, dynamic_parameters
-from ident.show.html import Shown, definitions, folded, items, strong, table
+from ident.mechanism.parameters import Bodies, Consistency, dynamic_parameters
 
-if TYPE_CHECKING:
-    from ident.show.view3d import View
+CLOSED = 1e-9  # [rad | m] of Φ up to which a loop is assembled
+AWAY = 0.05  # [rad | m] from the assembled configuration to one in general position
+SHORTEST = 1e-6  # [m] of a length of the drawing that may be wrong
+DEGREES = {"free": -1, "linear": 1, "cubic": 3, "quintic": 5}
 
 
 @dataclass(frozen=True)
@@ -68,12 +67,23 @@ class Multipliers:
         return DEGREES[self.basis]
 
 
-AWAY = 0.05  # [rad | m] from the assembled configuration to one in general position
-DEGREES = {"free": -1, "linear": 1, "cubic": 3, "quintic": 5}
+def multipliers(basis: str, spacing: float, where: str) -> Multipliers:
+    """A checked time basis.
+
+    Raises:
+        MechanismError: for an unknown basis, or one that needs a spacing [s] and has none.
+    """
+    if basis not in DEGREES:
+        raise MechanismError(f"{where}: basis = '{basis}'; {one_of(basis, DEGREES)}")
+    if basis != "free" and not 0 < spacing < np.inf:
+        raise MechanismError(
+            f"{where}: basis '{basis}' needs a spacing above 0 s, such as 0.01; given: {spacing:g}"
+        )
+    return Multipliers(basis, spacing)
 
 
-@dataclass(frozen=True, eq=False)
-class Mechanism(Shown):
+@dataclass(frozen=True, eq=False, repr=False)
+class Mechanism(Displayed):
     """What is known of a machine before the log is looked at. `mechanism + effect` is a new one.
 
     Attributes:
@@ -97,7 +107,7 @@ class Mechanism(Shown):
     model: pin.Model
     bodies: Bodies
     joints: tuple[Joint, ...]
-    closures: tuple[AnyClosure, ...]
+    closures: tuple[Closure, ...]
     driven: tuple[str, ...]
     passive: tuple[str, ...]
     start: np.ndarray
@@ -109,6 +119,8 @@ class Mechanism(Shown):
     toml: Path | None = None
     notes: tuple[str, ...] = ()
     consistency: Consistency = field(default_factory=Consistency)
+
+    # --- kinematics -----------------------------------------------------------------------------
 
     @cached_property
     def kinematics(self) -> Kinematics:
@@ -146,10 +158,7 @@ class Mechanism(Shown):
     @cached_property
     def rank(self) -> int:
         """Rank of J in general position, where its redundant equations show."""
-        if not self.closures:
-            return 0
-        J = self.kinematics.closure_rows(self.general[None]).rate[0]
-        return rank_of(J)
+        return rank_of(self.kinematics.closure_rows(self.general[None]).rate[0])
 
     @cached_property
     def general(self) -> np.ndarray:
@@ -163,11 +172,9 @@ class Mechanism(Shown):
         J = self.kinematics.closure_rows(q[None]).rate[0]
         free = np.linalg.svd(J)[2][rank_of(J) :]  # directions in which it moves
         step = random.normal(size=len(free)) @ free
-        away = pin.integrate(
-            self.model, q, AWAY * step / max(np.abs(step).max(initial=0.0), 1e-300)
-        )
-        found, left = self.kinematics.assemble(away)
-        return found if left < 1e-9 else q
+        step *= AWAY / max(np.abs(step).max(initial=0.0), 1e-300)
+        general, error = self.kinematics.assemble(pin.integrate(self.model, q, step))
+        return general if error < CLOSED else q
 
     @cached_property
     def assembled(self) -> np.ndarray:
@@ -176,8 +183,8 @@ class Mechanism(Shown):
         Raises:
             MechanismError: if the loops cannot be assembled from `start`.
         """
-        q, left = self.kinematics.assemble(self.start)
-        if left < 1e-9:
+        q, error = self.kinematics.assemble(self.start)
+        if error < CLOSED:
             return q
         worst = np.abs(self.kinematics.closure_rows(q[None]).value[0])
         at = int(worst.argmax())
@@ -188,6 +195,48 @@ class Mechanism(Shown):
             f"left at {worst.max():.3g}{unit}; give a start near an assembled position, and check "
             "the closures' frames"
         )
+
+    # --- effects --------------------------------------------------------------------------------
+
+    @cached_property
+    def sites(self) -> Sites:
+        """Everything on which an effect can sit; `logged` are all joints, as no log is known."""
+        tree = [j.name for j in self.joints if j.in_tree and self.model.existJointName(j.name)]
+        names = tuple(joint.name for joint in self.joints)
+        own = tuple(joint.name for joint in self.joints if not joint.in_tree)
+        of_joints = [f"{name}.{axis}" for name in tree for axis in "xyz"]
+        places = (*of_joints, *(place for each in self.closures for place in each.places))
+        return Sites(
+            joint=names, driven=self.driven, loaded=(*self.driven, *own), logged=names,
+            link=self.bodies.links, place=places,
+            closure=tuple(closure.name for closure in self.closures),
+            loop=tuple(closure.name for closure in self.closures if closure.frames),
+            length=tuple(place for place in places if abs(self._length(place)) > SHORTEST),
+        )  # fmt: skip
+
+    def _length(self, place: str) -> float:
+        """The length [m] of a place that could be wrong; 0 for a place before the first joint."""
+        owner, _, axis = place.rpartition(".")
+        if self.model.existJointName(owner):
+            index = self.model.getJointId(owner)
+            at = self.model.jointPlacements[index].translation
+            return float(at["xyz".index(axis)]) if self.model.parents[index] else 0.0
+        return next(each for each in self.closures if place in each.places).length_at(place)
+
+    def candidates(
+        self, logged: Collection[str] | None = None, columns: Collection[str] = ()
+    ) -> list[Effect]:
+        """Every effect of the library that could be missing, in the library's order.
+
+        Args:
+            logged: joints whose position is logged; all, where they are not known.
+            columns: further columns of the logs, such as `temperature.elbow`.
+        """
+        sites = self.sites if logged is None else replace(self.sites, logged=tuple(logged))
+        return [
+            replace(effect, rotational=self._rotational(effect))
+            for effect in candidates(sites, self.effects, columns)
+        ]
 
     def with_effect(self, text: str, values: Mapping[str, float] | None = None) -> Mechanism:
         """This mechanism with the effect(s) that `kind:joint[,joint]` or `kind` names.
@@ -204,20 +253,18 @@ class Mechanism(Shown):
         """
         kind, joints = parse(text)
         cls = KINDS[kind]
-        if joints or cls.sits == "mechanism":
-            return self + create_effect(kind, joints, values)
-        everywhere = {"link": self.bodies.links, "closure": [c.name for c in self.closures]}
-        sites = everywhere.get(cls.sits, self.driven)
-        if cls.arity != 1 or cls.sits == "place":
-            create_effect(kind, joints)  # says how many it needs
+        if joints or cls.arity != 1 or cls.sits == "place":
+            return self + create(kind, joints, values)
+        everywhere = {"link": self.bodies.links, "closure": self.sites.closure}
         present = {effect.label for effect in self.effects}
-        missing = [name for name in sites if f"{kind}:{name}" not in present]
+        every = [create(kind, name, values) for name in everywhere.get(cls.sits, self.driven)]
+        missing = [effect for effect in every if effect.label not in present]
         if not missing:
             what = "link" if cls.sits == "link" else "driven joint"
             raise MechanismError(f"{self.name}: every {what} has '{kind}' already")
         grown = self
-        for name in missing:
-            grown = grown + create_effect(kind, name, values)
+        for effect in missing:
+            grown = grown + effect
         return grown
 
     def without(self, label: str) -> Mechanism:
@@ -237,44 +284,72 @@ class Mechanism(Shown):
     def __add__(self, effect: Effect) -> Mechanism:
         if not isinstance(effect, Effect):
             return NotImplemented
-        rotational = self._sits(effect)
-        new = replace(effect, rotational=rotational)
+        new = replace(effect, rotational=self._rotational(effect))
         labels = [own.label for own in self.effects]
         if effect.label not in labels:
             return replace(self, effects=(*self.effects, new))
         at = labels.index(effect.label)
         if effect.known or not self.effects[at].known:
             raise MechanismError(f"{self.name}: has the effect '{effect.label}' already")
-        # what was known is known no more
+        # its known values become unknown
         return replace(self, effects=(*self.effects[:at], new, *self.effects[at + 1 :]))
 
-    def _sits(self, effect: Effect) -> bool:
-        """Whether what an effect sits on turns; refuses what it cannot sit on."""
-        if effect.sits == "link":
-            valid: Sequence[str] = self.bodies.links
-        elif effect.sits == "closure":
-            valid = [closure.name for closure in self.closures]
-        elif effect.sits == "place":
-            from ident.mechanism.places import places  # it moves mechanisms, so it knows this file
-
-            valid = places(self)
-        else:
-            joints = [self.joint(name) for name in effect.joints]
-            if effect.sits == "driven":
-                undriven = [joint.name for joint in joints if joint.name not in self.driven]
-                if undriven:
-                    raise MechanismError(
-                        f"{self.name}: effect '{effect.label}' is of a drive, and "
-                        f"'{undriven[0]}' has none; {one_of(undriven[0], self.driven)}"
-                    )
-            return joints[0].rotational if joints else True
+    def _rotational(self, effect: Effect) -> bool:
+        """Whether the joint of an effect is rotational; refuses a site that it cannot have."""
+        valid = getattr(self.sites, effect.sits, ())
         for name in effect.joints:
-            if name not in valid:
+            if name in valid:
+                continue
+            if effect.site == "joint":
+                self.joint(name)  # says that there is none
                 raise MechanismError(
-                    f"{self.name}: effect '{effect.label}': no {effect.sits} '{name}'; "
+                    f"{self.name}: effect '{effect.label}' is of a drive, and '{name}' has none; "
                     f"{one_of(name, valid)}"
                 )
-        return True
+            raise MechanismError(
+                f"{self.name}: effect '{effect.label}': no {effect.sits} '{name}'; "
+                f"{one_of(name, valid)}"
+            )
+        return effect.site != "joint" or not effect.joints or self.joint(effect.joints[0]).rotational
+
+    # --- changed --------------------------------------------------------------------------------
+
+    def corrected(self, correction: Correction) -> Mechanism:
+        """The mechanism with the tilt of its base and the lengths of a correction."""
+        mechanism, (x, y) = self, correction.tilt
+        if x or y:  # g → Rᵀ g, R = Rx(x) Ry(y)
+            model = self.model.copy()
+            R = pin.rpy.rpyToMatrix(x, 0.0, 0.0) @ pin.rpy.rpyToMatrix(0.0, y, 0.0)
+            model.gravity.linear = R.T @ model.gravity.linear
+            mechanism = self.with_model(model)
+        for place, by in correction.moved.items():
+            mechanism = mechanism.moved(place, by)
+        return mechanism
+
+    def moved(self, place: str, by: float) -> Mechanism:
+        """The mechanism with a place of the drawing moved.
+
+        Args:
+            place: `<joint>.<x|y|z>`, a joint's origin in its parent's axes, or a closure's place.
+            by: displacement along the axis [m].
+
+        Raises:
+            MechanismError: if there is no such place.
+        """
+        if place not in self.sites.place:
+            raise MechanismError(
+                f"{self.name}: no place '{place}'; {one_of(place, self.sites.place)}"
+            )
+        owner, _, axis = place.rpartition(".")
+        if self.model.existJointName(owner):
+            model = self.model.copy()
+            index = model.getJointId(owner)
+            at = model.jointPlacements[index]
+            step = by * np.eye(3)["xyz".index(axis)]
+            model.jointPlacements[index] = pin.SE3(at.rotation, at.translation + step)
+            return replace(self, model=model)
+        closures = [c.moved(place, by) if place in c.places else c for c in self.closures]
+        return replace(self, closures=tuple(closures))
 
     def with_model(self, model: pin.Model) -> Mechanism:
         """The mechanism with another model of the same kinematics: other gravity or inertias."""
@@ -282,51 +357,22 @@ class Mechanism(Shown):
         other.__dict__["kinematics"] = self.kinematics  # compiled functions of q alone
         return other
 
+    def with_own_joints(self) -> Mechanism:
+        """The mechanism with the closures' own joints among its joints, passive."""
+        own = tuple(
+            Joint(joint.name, joint.rotational, index, in_tree=False)
+            for index, joint in enumerate(self.kinematics.own)
+            if joint.name not in self.joint_index
+        )
+        return replace(self, joints=(*self.joints, *own)) if own else self
+
     def __getstate__(self) -> dict[str, object]:
         """Its fields: other processes compile their functions themselves."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
-    def view(self) -> View:
+    def view(self) -> Any:
         """The mechanism in 3-D, as it is assembled: a recording in a notebook, `.serve()` a page.
 
         Loops that do not close are shown as they start, with a note of what is left open.
         """
-        from ident.mechanism.shown import view_of  # it looks at mechanisms, so it knows this file
-
-        return view_of(self)
-
-    def _freedom(self) -> str:
-        try:
-            return f"of rank {self.rank}, {self.degrees_of_freedom} degrees of freedom"
-        except MechanismError as error:  # what cannot be assembled can still be printed
-            return f"that do not close: {error}"
-
-    def __str__(self) -> str:
-        lines = [
-            f"mechanism {self.name}: {self.model.nv} coordinates, "
-            f"{len(self.kinematics.multipliers)} closure equations {self._freedom()}",
-            f"  driven:   {', '.join(self.driven) or 'none'}",
-            f"  passive:  {', '.join(self.passive) or 'none'}",
-        ]
-        lines += [f"  closure:  {closure.name} ({closure.kind})" for closure in self.closures]
-        lines += [f"  effect:   {effect.label}" for effect in self.effects]
-        lines += [f"  unknown:  {len(self.unknown)} of {len(self.bodies.names)} dynamic parameters"]
-        return "\n".join([*lines, *(f"  note:     {note}" for note in self.notes)])
-
-    __repr__ = __str__
-
-    def _blocks(self) -> tuple[Markup, ...]:
-        said = {
-            "Coordinates": str(self.model.nv),
-            "Closures": f"{len(self.kinematics.multipliers)} equations {self._freedom()}"
-            if self.closures else "",
-            "Closed by": ", ".join(f"{each.name} ({each.kind})" for each in self.closures),
-            "Effects": ", ".join(each.label for each in self.effects) or "none",
-            "Unknown": f"{len(self.unknown)} of {len(self.bodies.names)} dynamic parameters",
-        }  # fmt: skip
-        rows = [["joint", "", "lower", "upper", "unit"]]
-        for joint in self.joints:
-            state = "driven" if joint.name in self.driven else "passive"
-            rows.append([joint.name, state, f"{joint.lower:.4g}", f"{joint.upper:.4g}", joint.unit])
-        notes = folded("Notes", items(self.notes)) if self.notes else Markup("")
-        return strong(f"Mechanism {self.name}"), definitions(said), table(rows, "Joints"), notes
+        return render(self, "view")

@@ -1,4 +1,4 @@
-"""The names of bodies' dynamic parameters and where they stand: the only file that counts them.
+"""Dynamic parameters of bodies: names, places in Γ, and limits; the only file that counts them.
 
 Ten a body in Pinocchio's order, about the joint frame's origin, which is what Γ multiplies:
 
@@ -9,13 +9,15 @@ Ten a body in Pinocchio's order, about the joint frame's origin, which is what �
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
 
+from ident.effects import KINDS
 from ident.errors import MechanismError, one_of
+from ident.mechanism.toml import HUGE, Section
 
 DYNAMIC = ("m", "mx", "my", "mz", "Lxx", "Lxy", "Lyy", "Lxz", "Lyz", "Lzz")
 CENTROIDAL = {name: "I" + name[1:] for name in DYNAMIC if name.startswith("L")}
@@ -23,6 +25,7 @@ CENTROIDAL = {name: "I" + name[1:] for name in DYNAMIC if name.startswith("L")}
 # inertias first, masses last, from the base to the tip
 READING_ORDER = ("Lxx", "Lxy", "Lxz", "Lyy", "Lyz", "Lzz", "mx", "my", "mz", "m")
 COUNT = len(DYNAMIC)
+WORDS = (*DYNAMIC, *CENTROIDAL.values())
 
 
 def unit_of(parameter: str) -> str:
@@ -53,26 +56,104 @@ class Bodies:
         return np.array([COUNT * i + k for i in range(len(self.links)) for k in within], dtype=int)
 
     def select(self, patterns: Iterable[str], where: str) -> tuple[str, ...]:
-        """Full names of `rod`, `rod.*`, `rod.Ixx` or `rod.Lxx`, in Γ's order."""
+        """Return full names of `rod`, `rod.*`, `rod.Ixx` or `rod.Lxx`, in Γ's order."""
         chosen: set[str] = set()
         for pattern in patterns:
             link, _, word = pattern.rpartition(".") if "." in pattern else (pattern, "", "*")
-            if pattern in self.links:  # a link's own name may hold a dot
+            if pattern in self.links:  # a link's own name may contain a dot
                 link, word = pattern, "*"
             if link not in self.links:
                 raise MechanismError(
                     f"{where}: unknown = '{pattern}': no moving link is named '{link}'; "
                     f"{one_of(link, self.links)} (a link fixed to another is one body with it)"
                 )
-            if word != "*" and word not in DYNAMIC and word not in CENTROIDAL.values():
-                words = [*DYNAMIC, *CENTROIDAL.values()]
+            if word not in ("*", *WORDS):
                 raise MechanismError(
                     f"{where}: unknown = '{pattern}': a link has no parameter '{word}'; "
-                    f"{one_of(word, words)}"
+                    f"{one_of(word, WORDS)}"
                 )
             wanted = DYNAMIC if word == "*" else ("L" + word[1:] if word[0] == "I" else word,)
             chosen.update(f"{link}.{each}" for each in wanted)
         return tuple(name for name in self.names if name in chosen)
+
+    def check(self, name: str, where: str) -> None:
+        """Refuse a name that is no body's parameter and can be no effect's.
+
+        Raises:
+            MechanismError: with the nearest valid name.
+        """
+        link, _, word = name.rpartition(".")
+        if link in self.links and word not in WORDS:
+            raise MechanismError(
+                f"{where}: '{name}': a link has no '{word}'; {one_of(word, WORDS)}"
+            )
+        # an effect, which may be added later, has names of three parts
+        if link not in self.links and name.count(".") < 2 and link not in KINDS:
+            raise MechanismError(
+                f"{where}: '{name}' is no parameter of a link or effect: no link '{link}'; "
+                f"{one_of(link, self.links)}"
+            )
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """Physical consistency asked of a fit: possible bodies, no negative friction, and these limits.
+
+    Args:
+        bounds: (lowest, highest) by parameter's name, in its unit; ±inf where there is none.
+        total_mass: of all moving bodies [kg].
+
+    Raises:
+        MechanismError: for bounds that are no two numbers in order, or a mass that is not positive.
+    """
+
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    total_mass: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in self.bounds.items():
+            if np.isnan(low) or np.isnan(high) or low > high:
+                raise MechanismError(
+                    f"bounds of {name}: [{low:g}, {high:g}]; give the lower one first"
+                )
+        if self.total_mass is not None and not 0 < self.total_mass < HUGE:
+            raise MechanismError(f"total_mass = {self.total_mass:g}; give kilograms above 0")
+
+    def __or__(self, other: Consistency) -> Consistency:
+        """Both; where they limit the same, the other's."""
+        mass = self.total_mass if other.total_mass is None else other.total_mass
+        return Consistency({**self.bounds, **other.bounds}, mass)
+
+
+def read_consistency(table: Section, bodies: Bodies) -> Consistency:
+    """Return `bounds` and `total_mass` of [parameters].
+
+    Raises:
+        MechanismError: naming what is wrong, and what would be valid.
+    """
+    given = table.data.get("bounds", {})
+    if not isinstance(given, dict):
+        raise table.error(f'bounds = {given!r}; write {{ "link.m" = [0.4, 0.6] }}')
+    bounds = {}
+    for name, pair in given.items():
+        bodies.check(name, f"{table.where} bounds")
+        if not isinstance(pair, list) or len(pair) != 2 or not all(map(_is_real, pair)):
+            raise MechanismError(
+                f'{table.where} bounds: "{name}" = {pair!r}; give two numbers, [lowest, highest]; '
+                "-inf and inf are valid"
+            )
+        bounds[name] = (float(pair[0]), float(pair[1]))
+    mass = table.data.get("total_mass")
+    if mass is not None and not _is_real(mass):
+        raise table.error(f"total_mass = {mass!r}; give a number of kilograms")
+    try:
+        return Consistency(bounds, None if mass is None else float(mass))
+    except MechanismError as error:
+        raise table.error(str(error)) from None
+
+
+def _is_real(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def dynamic_parameters(model: pin.Model) -> np.ndarray:

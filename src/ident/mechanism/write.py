@@ -1,6 +1,6 @@
-"""mechanism.toml written: an effect added, or a whole folder with everything identified as known.
+"""Files written: mechanism.toml with further effects or known values, inertias of a URDF.
 
-What the user wrote stays as it is, comments included.
+What the user wrote stays as it is, comments included: as little of the text is changed as will do.
 """
 
 from __future__ import annotations
@@ -10,15 +10,23 @@ import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+import pinocchio as pin
 import tomlkit
+from lxml import etree
 
 from ident.description.document import Source
-from ident.description.urdf import read_source, source_of
-from ident.effects import Effect, UserEffect
+from ident.description.spans import Change, Span, first_child, set_attributes
+from ident.description.urdf import numbers, read_source, source_of
+from ident.effects import KINDS, Effect
 from ident.errors import MechanismError
 from ident.files import write_all
+from ident.mechanism.load import stated
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.settings import Settings, with_source
+from ident.mechanism.parameters import COUNT, about_origin, join, split
+
+TERMS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+UPPER = np.triu_indices(3)
 
 
 def effect_table(
@@ -49,7 +57,7 @@ def own_file(effect: Effect) -> Path | None:
     Raises:
         MechanismError: for one whose function came from no file.
     """
-    if not isinstance(effect, UserEffect):
+    if effect.kind in KINDS:
         return None
     if effect.file is None:
         raise MechanismError(
@@ -133,7 +141,7 @@ def folder_files(
         del document["effect"]
     files = {urdf_name: urdf}
     for closure in document.get("closure", []):
-        if closure.get("kind") == "function" and mechanism.toml is not None:
+        if "file" in closure and mechanism.toml is not None:
             file = mechanism.toml.parent / str(closure["file"])
             closure["file"] = _copied(files, file, str(closure["name"]))
     if effects:
@@ -148,22 +156,19 @@ def folder_files(
 
 
 def _spell_out(document: tomlkit.TOMLDocument, mechanism: Mechanism, source: Source) -> None:
-    """Everything that a MuJoCo model or an SDF says beside its bodies and joints."""
-    settings = with_source(Settings("", Path(), Path(), joints=document.get("joints", {})), source)
-    if "gravity" not in document:
-        document["gravity"] = list(settings.gravity or ())
-    joints = tomlkit.table()
-    for key, value in settings.joints.items():
-        if isinstance(value, dict):
-            inline = tomlkit.inline_table()
-            inline.update(value)
-            joints[key] = inline
-        else:
+    """Write what a MuJoCo model or an SDF states beside its bodies and joints."""
+    data = stated(document, source)
+    document.setdefault("gravity", data["gravity"])
+    if data["joints"]:
+        joints = tomlkit.table()
+        for key, value in data["joints"].items():
             joints[key] = value
-    if settings.joints:
+            if isinstance(value, dict):
+                joints[key] = tomlkit.inline_table()
+                joints[key].update(value)
         document["joints"] = joints
-    asked = [link for link in mechanism.bodies.links if link not in source.auxiliary]
     if source.auxiliary and "unknown" not in document.get("parameters", {}):
+        asked = [link for link in mechanism.bodies.links if link not in source.auxiliary]
         document.setdefault("parameters", tomlkit.table())["unknown"] = asked
     tables = tomlkit.aot()
     for table in (*source.closures, *document.pop("closure", [])):
@@ -179,3 +184,93 @@ def _copied(files: dict[str, bytes], file: Path, owner: str) -> str:
         name = f"{owner}_{name}"
     files[name] = content
     return name
+
+
+def fixed_parameters(robot: etree._Element, link: str) -> np.ndarray:
+    """Return the ten dynamic parameters (10,) that links fixed to `link` add to its body."""
+    total = np.zeros(COUNT)
+    links = {element.get("name"): element for element in robot.findall("link")}
+    for joint in robot.findall("joint"):
+        if joint.get("type") != "fixed" or joint.find("parent").get("link") != link:
+            continue
+        child = joint.find("child").get("link")
+        pi = _own_parameters(links[child]) + fixed_parameters(robot, child)
+        if np.any(pi):
+            inertia = pin.Inertia.FromDynamicParameters(pi)
+            total += _placement(joint.find("origin")).act(inertia).toDynamicParameters()
+    return total
+
+
+def _own_parameters(link: etree._Element) -> np.ndarray:
+    """The ten dynamic parameters (10,) of a link's `<inertial>`, in the link's frame."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return np.zeros(COUNT)
+    place = _placement(inertial.find("origin"))
+    I = np.zeros((3, 3))  # noqa: E741
+    I[UPPER] = [numbers(inertial.find("inertia"), key, "0", 1, "")[0] for key in TERMS]
+    I = place.rotation @ (I + np.triu(I, 1).T) @ place.rotation.T  # noqa: E741
+    m = numbers(inertial.find("mass"), "value", "0", 1, "")[0]
+    moments = m * place.translation
+    # not by pin.Inertia, which refuses the tensors of impossible bodies; files have them
+    return join(m, moments, I + about_origin(m, moments))
+
+
+def _placement(origin: etree._Element | None) -> pin.SE3:
+    if origin is None:
+        return pin.SE3.Identity()
+    rpy = numbers(origin, "rpy", "0 0 0", 3, "")
+    return pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(numbers(origin, "xyz", "0 0 0", 3, "")))
+
+
+def inertial_changes(
+    text: bytes, spans: Mapping[etree._Element, Span], link: etree._Element, pi: np.ndarray
+) -> list[Change]:
+    """Return the changes of the text by which a link gets these ten dynamic parameters.
+
+    Args:
+        text: of the URDF.
+        spans: positions of its elements in the text.
+        link: whose `<inertial>` gets other numbers; one that has none gets one.
+        pi: (10,) in the link's frame, in Pinocchio's order.
+    """
+    m, moments, L = split(pi)
+    centre = moments / m if m else np.zeros(3)
+    terms = dict(zip(TERMS, (L - about_origin(m, moments))[UPPER], strict=True))
+    inertial = link.find("inertial")
+    if inertial is None:
+        lines = [
+            "<inertial>",
+            f'  <origin xyz="{_words(centre)}" rpy="0 0 0"/>',
+            f'  <mass value="{_words([m])}"/>',
+            "  <inertia " + " ".join(f'{key}="{_words([x])}"' for key, x in terms.items()) + "/>",
+            "</inertial>",
+        ]
+        return [first_child(text, spans[link], lines)] if np.any(pi) else []
+    changes = []
+    origin = inertial.find("origin")
+    if origin is not None:
+        new = _other(origin, "xyz", centre, "0 0 0") | _other(origin, "rpy", np.zeros(3), "0 0 0")
+        changes += set_attributes(text, spans[origin], new)
+    elif np.any(centre):
+        line = f'<origin xyz="{_words(centre)}" rpy="0 0 0"/>'
+        changes.append(first_child(text, spans[inertial], [line]))
+    mass, tensor = inertial.find("mass"), inertial.find("inertia")
+    changes += set_attributes(text, spans[mass], _other(mass, "value", [m], ""))
+    new = {}
+    for key, value in terms.items():
+        new |= _other(tensor, key, [value], "0" if key in ("ixy", "ixz", "iyz") else "")
+    return changes + set_attributes(text, spans[tensor], new)
+
+
+def _other(
+    element: etree._Element, key: str, values: Sequence[float] | np.ndarray, default: str
+) -> dict[str, str]:
+    """The attribute with these values, if it has others; equal ones stay as they are written."""
+    if numbers(element, key, default, len(values), "") == [float(x) for x in values]:
+        return {}
+    return {key: _words(values)}
+
+
+def _words(values: Sequence[float] | np.ndarray) -> str:
+    return " ".join(repr(float(x)) for x in values)

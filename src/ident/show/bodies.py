@@ -1,6 +1,6 @@
-"""What a URDF says of the looks of its links: meshes where they are, primitives, colours.
+"""Shapes of bodies: meshes, primitives and colours of a URDF, or rods and the inertia's ellipsoid.
 
-Looks are no part of the mechanism: what cannot be shown is left out with a note.
+Shapes are no part of the mechanism: what cannot be shown is left out with a note.
 """
 
 from __future__ import annotations
@@ -18,22 +18,24 @@ from lxml import etree
 
 from ident.description.urdf import numbers, read_urdf
 from ident.errors import MechanismError
-from ident.show.view3d import Shape, box, cylinder, sphere
+from ident.mechanism import Mechanism
+from ident.show.view3d import Shape, box, capsule, cylinder, ellipsoid, sphere
 
 MESHES = (".stl", ".obj", ".ply", ".dae", ".glb", ".gltf", ".off")
 LARGEST = 100_000_000  # bytes of a mesh
 FACES = 200_000  # of a mesh; more would stutter in a browser
-Looks = dict[str, list[Shape]]
+ROD = 0.012  # radius over the mechanism's size
+WIDEST, THINNEST = 0.05, 0.015  # semi-axes of an inertia's ellipsoid over the size
 
 
-def looks(urdf: Path) -> tuple[Looks, list[str]]:
-    """Shapes in their link's axes, by link, and what was left out, in words."""
+def urdf_shapes(urdf: Path) -> tuple[dict[str, list[Shape]], list[str]]:
+    """Return shapes in their link's axes, by link, and notes of those left out."""
     try:
         robot = read_urdf(urdf)
     except MechanismError:
         return {}, [f"{urdf.name}: is no URDF, so simple bodies are shown"]
     colours = _colours(robot.findall("material"))
-    found: Looks = {}
+    found: dict[str, list[Shape]] = {}
     notes: list[str] = []
     for link in robot.findall("link"):
         for visual in link.findall("visual"):
@@ -148,3 +150,46 @@ def _colours(materials: list[etree._Element]) -> Mapping[str, tuple[int, int, in
             r, g, b = (round(255 * min(max(part, 0.0), 1.0)) for part in rgb)
             found[material.get("name") or ""] = (r, g, b)
     return found
+
+
+def sites(mechanism: Mechanism) -> list[list[np.ndarray]]:
+    """Return points (3,) [m] on each body, the ground first: joints and closures' frames."""
+    model = mechanism.model
+    points: list[list[np.ndarray]] = [[] for _ in range(model.njoints)]
+    for index in range(1, model.njoints):
+        points[model.parents[index]].append(np.array(model.jointPlacements[index].translation))
+        points[index].append(np.zeros(3))
+    for closure in mechanism.closures:
+        for frame in closure.frames:
+            points[frame.joint].append(np.array(frame.placement.translation))
+    return points
+
+
+def simple_body(mechanism: Mechanism, index: int, size: float) -> list[Shape]:
+    """Return rods from the body's joint to its other points, and the ellipsoid of its inertia.
+
+    Args:
+        mechanism: the mechanism.
+        index: of the body, from 1 on.
+        size: of the mechanism [m].
+    """
+    origin, *others = sites(mechanism)[index] or [np.zeros(3)]
+    shapes = [
+        capsule(origin, other, ROD * size)
+        for other in others
+        if np.linalg.norm(other - origin) > 1e-6 * size
+    ]
+    inertia = mechanism.model.inertias[index]
+    return [*shapes, *([_inertia_ellipsoid(inertia, size)] if inertia.mass > 0 else [])]
+
+
+def _inertia_ellipsoid(inertia: pin.Inertia, size: float) -> Shape:
+    """Of even density with the same inertia, made smaller where it would hide the mechanism."""
+    # I_x = m (b² + c²) / 5, so a² = 5 (I_y + I_z − I_x) / (2 m)
+    moments, axes = np.linalg.eigh(inertia.inertia)
+    squares = 2.5 * (moments.sum() - 2 * moments) / inertia.mass
+    semi = np.sqrt(np.maximum(squares, 0.0))
+    semi = np.maximum(semi * min(1.0, WIDEST * size / max(semi.max(), 1e-300)), THINNEST * size)
+    if np.linalg.det(axes) < 0:
+        axes = axes * [1, 1, -1]
+    return ellipsoid(semi).moved(axes, inertia.lever)

@@ -1,0 +1,244 @@
+"""The tree: from a checked URDF to Pinocchio's model, and its forward kinematics in CasADi.
+
+Pinocchio stores a continuous joint as (cos, sin) and a planar one as (x, y, cos, sin). Here every
+coordinate is an angle or a length, as logs and tables have them: a continuous joint becomes a
+revolute one without limits, a planar joint the chain x, y, rz with massless links between.
+Mimicking joints stay joints; the mechanism gets a `linear` closure for each.
+
+PyPI's `pin` has no CasADi binding, so placements are written here from the model's own data: a
+joint's placement in its parent, then the joint's motion. Tested against Pinocchio.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+from lxml import etree
+
+from ident.description.axes import perpendicular
+from ident.description.urdf import numbers
+from ident.errors import MechanismError, one_of
+
+UNLIMITED = ("-1e9", "1e9")
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """q_joint = multiplier · q_of + offset."""
+
+    joint: str
+    of: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Pinocchio's model of a URDF with the names that it does not keep.
+
+    Attributes:
+        model: one scalar coordinate a joint, `model.nq == model.nv`.
+        links: the URDF link that each joint moves, by Pinocchio's joint index from 1 on.
+        mimics: joints that follow another.
+        auxiliary: links between the steps of a planar joint, massless and in no URDF.
+        notes: interpretations that differ from the text of the URDF.
+    """
+
+    model: pin.Model
+    links: tuple[str, ...]
+    mimics: tuple[Mimic, ...]
+    auxiliary: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def build_tree(robot: etree._Element, gravity: tuple[float, float, float], where: str) -> Tree:
+    """Return Pinocchio's model of a checked `<robot>`.
+
+    Raises:
+        MechanismError: if a joint mimics one that does not exist, or nothing moves.
+    """
+    robot = copy.deepcopy(robot)
+    notes: list[str] = []
+    names = {link.get("name") for link in robot.findall("link")}
+    used = {joint.find("parent").get("link") for joint in robot.findall("joint")}
+    if "world" in used - names:
+        robot.insert(0, etree.Element("link", name="world"))
+        notes.append("the URDF does not declare the link 'world'; it is taken as the ground")
+    # nothing here uses these, and urdfdom stumbles over some of them
+    etree.strip_elements(
+        robot, "dynamics", "safety_controller", "calibration", "visual", "collision", with_tail=False
+    )
+    for element in robot.iter("limit", "mass", "inertia"):
+        for key, value in element.items():  # urdfdom stumbles over blanks around a number
+            element.set(key, value.strip())
+    for inertia in robot.iterfind("link/inertial/inertia"):  # urdfdom requires them
+        for key in ("ixy", "ixz", "iyz"):
+            inertia.set(key, inertia.get(key, "0"))
+    mimics = tuple(_take_mimics(robot, where))
+    for joint in robot.findall("joint"):
+        if joint.get("type") == "continuous":
+            joint.set("type", "revolute")
+            if (limit := joint.find("limit")) is not None:
+                limit.attrib.update(lower=UNLIMITED[0], upper=UNLIMITED[1])
+        if joint.get("type") == "planar":
+            _split_planar(robot, joint, where)
+    for joint in robot.findall("joint"):
+        if joint.get("type") != "fixed":
+            limit = joint.find("limit")
+            if limit is None:
+                limit = etree.SubElement(joint, "limit", lower=UNLIMITED[0], upper=UNLIMITED[1])
+            for key in ("effort", "velocity"):
+                limit.set(key, limit.get(key, UNLIMITED[1]))
+    try:
+        model = pin.buildModelFromXML(etree.tostring(robot).decode())
+    except (RuntimeError, ValueError) as error:
+        raise MechanismError(
+            f"{where}: Pinocchio refuses it: {' '.join(str(error).split())}"
+        ) from None
+    if model.nv == 0:
+        raise MechanismError(f"{where}: has no joint that moves; every joint is fixed")
+    model.gravity.linear = np.array(gravity)
+    child = {j.get("name"): j.find("child").get("link") for j in robot.findall("joint")}
+    links = tuple(child[name] for name in list(model.names)[1:])
+    auxiliary = tuple(link for link in links if link not in names)
+    return Tree(model, links, mimics, auxiliary, tuple(notes))
+
+
+def _take_mimics(robot: etree._Element, where: str) -> list[Mimic]:
+    scalar = [j for j in robot.findall("joint") if j.get("type") not in ("fixed", "planar")]
+    moving = [joint.get("name") for joint in scalar]
+    mimics = []
+    for joint in robot.findall("joint"):
+        mimic, name = joint.find("mimic"), joint.get("name")
+        if mimic is None:
+            continue
+        of = mimic.get("joint") or ""
+        if of not in moving or of == name:
+            raise MechanismError(
+                f"{where}:{mimic.sourceline}: joint '{name}' mimics '{of}', which is no other "
+                f"joint of one coordinate; {one_of(of, [each for each in moving if each != name])}"
+            )
+        (multiplier,), (offset,) = (
+            numbers(mimic, key, default, 1, where)
+            for key, default in (("multiplier", "1"), ("offset", "0"))
+        )
+        mimics.append(Mimic(name, of, multiplier, offset))
+        joint.remove(mimic)
+    return mimics
+
+
+def _split_planar(robot: etree._Element, joint: etree._Element, where: str) -> None:
+    name, child = joint.get("name"), joint.find("child").get("link")
+    element = joint.find("axis")
+    axis = np.array([1.0, 0, 0] if element is None else numbers(element, "xyz", "1 0 0", 3, where))
+    x, y = perpendicular(axis)
+    parent, origin = joint.find("parent").get("link"), joint.find("origin")
+    place = robot.index(joint)
+    robot.remove(joint)
+    steps = (("x", "prismatic", x), ("y", "prismatic", y), ("rz", "revolute", axis))
+    for suffix, kind, direction in steps:
+        to = child if suffix == "rz" else f"{name}.{suffix}.link"
+        if to != child:
+            robot.append(etree.Element("link", name=to))
+        part = etree.Element("joint", name=f"{name}.{suffix}", type=kind)
+        robot.insert(place, part)
+        etree.SubElement(part, "parent", link=parent)
+        etree.SubElement(part, "child", link=to)
+        etree.SubElement(part, "axis", xyz=" ".join(repr(float(value)) for value in direction))
+        if suffix == "x" and origin is not None:
+            part.append(copy.deepcopy(origin))
+        parent = to
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A frame in the world: rotation R (3, 3) and origin p (3,) [m], CasADi or NumPy."""
+
+    R: ca.SX
+    p: ca.SX
+
+    def __mul__(self, other: Placement) -> Placement:
+        return Placement(self.R @ other.R, self.R @ other.p + self.p)
+
+    @staticmethod
+    def of(M: pin.SE3) -> Placement:
+        """Return Pinocchio's constant placement, without rounding errors beside 0 and 1."""
+        return Placement(ca.SX(_tidy(M.rotation)), ca.SX(_tidy(M.translation)))
+
+
+def _tidy(values: np.ndarray) -> np.ndarray:
+    nearest = np.round(values)
+    return np.where(np.abs(values - nearest) < 1e-12, nearest, values)
+
+
+def _motion_subspace(model: pin.Model, index: int) -> np.ndarray:
+    """S (6, nv of the joint), linear then angular, from Pinocchio, so that no type needs a case."""
+    joint = model.joints[index]
+    data = joint.createData()
+    joint.calc(data, np.zeros(model.nq))
+    return np.asarray(data.S).reshape(6, -1)
+
+
+def joint_axis(model: pin.Model, index: int) -> np.ndarray:
+    """Return the unit axis (3,) of a joint with one coordinate, in the joint's frame."""
+    S = _motion_subspace(model, index)
+    if S.shape[1] != 1:
+        raise MechanismError(f"joint '{model.names[index]}' has {S.shape[1]} coordinates, not one")
+    return _tidy(S[:3, 0] + S[3:, 0])
+
+
+def is_rotational(model: pin.Model, index: int) -> bool:
+    """Return whether the joint's coordinate is an angle."""
+    return bool(np.abs(_motion_subspace(model, index)[3:]).max() > 0.5)
+
+
+def placements(model: pin.Model, q: ca.SX) -> list[Placement]:
+    """Return world placements of all joints' frames, index 0 being the world.
+
+    Args:
+        model: Pinocchio's model.
+        q: (nq,) in Pinocchio's order [rad | m | unit quaternion].
+    """
+    placed = [Placement(ca.SX.eye(3), ca.SX.zeros(3))]
+    for index in range(1, model.njoints):
+        fixed = placed[model.parents[index]] * Placement.of(model.jointPlacements[index])
+        at = model.idx_qs[index]
+        if model.joints[index].nq == 7:
+            own = Placement(_rotation_of_quaternion(q[at + 3 : at + 7]), q[at : at + 3])
+        elif is_rotational(model, index):
+            own = Placement(_rotation_about(joint_axis(model, index), q[at]), ca.SX.zeros(3))
+        else:
+            own = Placement(ca.SX.eye(3), ca.SX(joint_axis(model, index)) * q[at])
+        placed.append(fixed * own)
+    return placed
+
+
+def _rotation_about(axis: np.ndarray, angle: ca.SX) -> ca.SX:
+    # Rodrigues: R = I + sin(q) [a]× + (1 − cos(q)) [a]×²
+    cross = ca.skew(ca.SX(axis))
+    return ca.SX.eye(3) + ca.sin(angle) * cross + (1 - ca.cos(angle)) * (cross @ cross)
+
+
+def _rotation_of_quaternion(xyzw: ca.SX) -> ca.SX:
+    cross = ca.skew(xyzw[:3])
+    return ca.SX.eye(3) + 2 * xyzw[3] * cross + 2 * (cross @ cross)
+
+
+def rates(model: pin.Model, q: ca.SX) -> ca.SX:
+    """Return N(q) (nq, nv) of q̇ = N(q) v: unit for scalar joints, a quaternion's for free bodies."""
+    N = ca.SX(model.nq, model.nv)
+    for index in range(1, model.njoints):
+        joint, iq, iv = model.joints[index], model.idx_qs[index], model.idx_vs[index]
+        if joint.nq == 1:
+            N[iq, iv] = 1
+            continue
+        xyzw = q[iq + 3 : iq + 7]
+        # ṗ = R v_lin ; quaternion rate = ½ quaternion ∘ (ω, 0), ω in the body's axes
+        N[iq : iq + 3, iv : iv + 3] = _rotation_of_quaternion(xyzw)
+        N[iq + 3 : iq + 6, iv + 3 : iv + 6] = 0.5 * (xyzw[3] * ca.SX.eye(3) + ca.skew(xyzw[:3]))
+        N[iq + 6, iv + 3 : iv + 6] = -0.5 * xyzw[:3].T
+    return N
