@@ -9,10 +9,10 @@ import pytest
 import ident
 from helpers import ROBOTS
 from ident.effects import KINDS
-from ident.show.effects import example, facts
 from ident.errors import MechanismError, MotionError
 from ident.mechanism.write import add_effects
 from ident.residual.predict import predict
+from ident.show.effects import example, facts
 from identification import motion_log, plant, robot
 
 SITES = {

@@ -7,7 +7,6 @@ import pytest
 from helpers import J, Truth, raw_configuration, tree_urdf, write_mechanism
 from ident.equations.columns import Columns
 from ident.equations.point import Point
-from ident.motion.regressor import FEW, regressor, supports
 from ident.errors import MechanismError
 from ident.mechanism import load
 from ident.mechanism.parameters import (
@@ -18,6 +17,7 @@ from ident.mechanism.parameters import (
     split,
     unit_of,
 )
+from ident.motion.regressor import FEW, regressor, supports
 
 TREES = {
     "revolute": [J("a", axis="1 0 0"), J("b", axis="0 -1 0", parent="a"), J("c", parent="b")],

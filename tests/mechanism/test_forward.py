@@ -9,7 +9,7 @@ from helpers import J, along, raw_configuration, tree_urdf, write_mechanism
 from ident.description.axes import align_z, perpendicular
 from ident.mechanism import load
 from ident.mechanism.absolute import absolute
-from ident.mechanism.forward import (
+from ident.mechanism.tree import (
     is_rotational,
     joint_axis,
     placements,

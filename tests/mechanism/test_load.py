@@ -8,8 +8,10 @@ from helpers import J, tree_urdf, write_mechanism
 from ident.errors import MechanismError
 from ident.log import Column
 from ident.mechanism import load
-from ident.mechanism.closures import KINDS
+from ident.mechanism.closures import KINDS as ALL
+from ident.mechanism.closures import FrameClosure
 
+KINDS = [k for k, c in ALL.items() if issubclass(c, FrameClosure) and k != "distance"]
 TREE = [
     J("hip", axis="0 1 0"),
     J("slide", "prismatic", "1 0 0", "hip"),

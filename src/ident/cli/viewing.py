@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -18,10 +19,9 @@ from ident.cli.arguments import (
     output_file,
 )
 from ident.cli.console import notes, progress, result
+from ident.display import render
 from ident.errors import IdentError
 from ident.fit.saved import read_fit
-from ident.mechanism.shown import view_of
-from ident.mechanism.track import Track
 from ident.residual.predict import predict
 from ident.show.view3d.record import kept
 from ident.show.view3d.view import SUFFIXES
@@ -59,20 +59,16 @@ def view(
     model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute)
     saved = None if fit is None else read_fit(fit, model)
     model = model if saved is None else saved.mechanism
-    tracks: list[Track] = []
+    experiments: Sequence[Any] = ()
+    predictions: Sequence[Any] = ()
     with progress() as told:
         if logs:
             # torques are needed only where a residual is shown
             motion = motion_of(model, logs, "auto", told, saved is not None, smoothing)
-            tracks = [Track(e.name, e.t, e.q) for e in motion.experiments]
+            experiments = motion.experiments
             if saved is not None:
-                tracks = [
-                    Track.of(e, p)
-                    for e, p in zip(
-                        motion.experiments, predict(model, motion, saved.point), strict=True
-                    )
-                ]
-        shown = view_of(model, tracks)
+                predictions = predict(model, motion, saved.point)
+        shown = render(model, "view", experiments, predictions)
         notes(shown.notes)
         if out is not None:
             told(f"recording {out.name}", 0.5)

@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import pinocchio as pin
 from scipy.interpolate import CubicSpline
 from scipy.signal import oaconvolve
 
@@ -20,7 +19,6 @@ from ident.equations.filter import Decimator
 from ident.equations.point import Point
 from ident.equations.samples import Samples
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.places import moved
 from ident.motion import Experiment
 from ident.motion.place import again, displaced
 
@@ -63,15 +61,8 @@ def _corrected(
     cutoff: float | None,
     margin: float,
 ) -> tuple[Mechanism, Experiment]:
-    if any(what.tilt):
-        model = mechanism.model.copy()
-        R = pin.rpy.rpyToMatrix(what.tilt[0], 0.0, 0.0) @ pin.rpy.rpyToMatrix(
-            0.0, what.tilt[1], 0.0
-        )
-        model.gravity.linear = R.T @ model.gravity.linear
-        mechanism = mechanism.with_model(model)
-    for place, by in what.moved.items():
-        mechanism = moved(mechanism, place, by)
+    mechanism = mechanism.corrected(what)
+    if what.moved:
         e = again(mechanism, e, {})
     for name, d in what.delay.items():
         e = _early(e, mechanism.driven.index(name), d, margin)

@@ -12,9 +12,8 @@ from ident.errors import FitError
 from ident.fit.bodies import MARGIN, VERIFIED, smallest_eigenvalue
 from ident.fit.consistent import Program
 from ident.information.cone import Point
-from ident.mechanism.consistency import Consistency
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import COUNT
+from ident.mechanism.parameters import COUNT, Consistency
 
 PUSHED = 0.1  # standard errors of white noise by which a limit must push to count as active
 WORTH = 0.05  # of the error: a rise that asks for an explanation

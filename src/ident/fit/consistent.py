@@ -30,9 +30,8 @@ from ident.fit.limits import limits_of
 from ident.fit.regression import Regression
 from ident.fit.within import concerned, nearest_within, restricted
 from ident.information.cone import Limit, Point, conflict, smat, svec
-from ident.mechanism.consistency import Consistency
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import COUNT
+from ident.mechanism.parameters import COUNT, Consistency
 
 PULL = 0.01  # ρ: bodies' own sizes in which the prior counts as one standard deviation
 STILL = 0.1  # rows that all rows of a coordinate at standstill count as

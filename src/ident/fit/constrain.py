@@ -14,7 +14,7 @@ from ident.fit.estimate import Estimate, estimate, totals
 from ident.fit.regression import Regression
 from ident.fit.score import rise
 from ident.information.cone import Point
-from ident.mechanism.consistency import Consistency
+from ident.mechanism.parameters import Consistency
 from ident.progress import Told
 from ident.residual.error import Squares
 

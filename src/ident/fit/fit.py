@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
+from ident.display import render
 from ident.effects import Effect
 from ident.equations.columns import Columns
 from ident.equations.point import Point
@@ -37,8 +38,6 @@ from ident.fit.values import (
     rigid_values,
 )
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.shown import view_of
-from ident.mechanism.track import Track
 from ident.motion import Motion
 from ident.residual import Residual, residual_of
 from ident.residual.error import Error, Squares
@@ -242,8 +241,7 @@ class Fit(Shown):
 
     def view(self) -> View:
         """The mechanism in 3-D: reaction forces as arrows, joints coloured by their residual."""
-        pairs = zip(self.motion.experiments, self.predict(), strict=True)
-        return view_of(self.mechanism, [Track.of(e, p) for e, p in pairs])
+        return render(self.mechanism, "view", self.motion.experiments, self.predict())
 
     @cached_property
     def residual(self) -> Residual:

@@ -16,8 +16,8 @@ from ident.fit.fit import Fit
 from ident.fit.noisy import MATTERS, can_move, one_step, refined, share_of_motion
 from ident.fit.regression import Regression
 from ident.fit.settle import settled
-from ident.mechanism.consistency import Consistency
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import Consistency
 from ident.motion import Motion
 from ident.progress import Told
 

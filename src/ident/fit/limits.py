@@ -11,9 +11,8 @@ from ident.equations.columns import Columns
 from ident.errors import FitError, one_of
 from ident.fit.bodies import MARGIN, basis, unit_ball
 from ident.information.cone import Limit, svec
-from ident.mechanism.consistency import Consistency
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import CENTROIDAL, COUNT, DYNAMIC, about_origin, split
+from ident.mechanism.parameters import CENTROIDAL, COUNT, DYNAMIC, Consistency, about_origin, split
 
 CENTROID = {centroidal: about for about, centroidal in CENTROIDAL.items()}
 

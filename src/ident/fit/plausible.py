@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 
 from ident.equations.columns import Columns
-from ident.mechanism.closures import Closure
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, split
 
@@ -50,8 +49,8 @@ def body_scales(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
     count = len(mechanism.bodies.links)
     steps = [model.jointPlacements[i].translation for i in range(1, model.njoints)]
     for closure in mechanism.closures:  # in absolute coordinates these are all the steps there are
-        if isinstance(closure, Closure):
-            ends = (closure.a.placement.translation, closure.b.placement.translation)
+        if closure.frames:
+            ends = (frame.placement.translation for frame in closure.frames)
             steps.append(max(ends, key=np.linalg.norm))
     reach = sum(float(np.linalg.norm(step)) for step in steps)
     bodies = mechanism.prior.reshape(count, COUNT)

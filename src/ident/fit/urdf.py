@@ -11,9 +11,8 @@ from ident.description.spans import Change, ascii_bytes, changed, removal, spans
 from ident.description.urdf import parse_urdf, urdf_bytes
 from ident.errors import FitError
 from ident.fit.sanity import LEAST
-from ident.mechanism.inertial import inertial_changes
 from ident.mechanism.parameters import COUNT, pseudo_inertia
-from ident.mechanism.placing import fixed_parameters
+from ident.mechanism.write import fixed_parameters, inertial_changes
 
 if TYPE_CHECKING:
     from ident.fit.fit import Fit

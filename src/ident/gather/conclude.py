@@ -21,7 +21,7 @@ from ident.gather.joined import Joined
 from ident.gather.passes import Passed
 from ident.gather.planned import looked_at, with_logs
 from ident.gather.portion import cells_of
-from ident.mechanism.consistency import Consistency
+from ident.mechanism.parameters import Consistency
 from ident.residual.error import Error
 
 

@@ -19,8 +19,8 @@ from ident.gather.passes import passes
 from ident.gather.plan import SAMPLES, Plan
 from ident.gather.planned import looked_at, with_logs
 from ident.log.folder import expanded
-from ident.mechanism.consistency import Consistency
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import Consistency
 from ident.motion.derive import AUTO
 from ident.motion.freedom import check_freedom
 from ident.progress import Told

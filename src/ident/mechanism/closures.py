@@ -23,8 +23,8 @@ import pinocchio as pin
 
 from ident.errors import MechanismError, one_of
 from ident.files import module_of
-from ident.mechanism.tree import Placement
 from ident.mechanism.toml import Section
+from ident.mechanism.tree import Placement
 
 Coordinates = Mapping[str, ca.SX]
 
@@ -245,7 +245,12 @@ class PointClosure(FrameClosure):
     kind: ClassVar[str] = "point"
     keys: ClassVar[tuple[str, ...]] = ("a", "b", "axes")
 
-    position: str = "xyz"  # type: ignore[misc]
+    axes: str = "xyz"
+
+    @property
+    def position(self) -> str:  # type: ignore[override]
+        """Some of the world's axes."""
+        return self.axes
 
     @classmethod
     def read(cls, name: str, table: Section, context: Context) -> PointClosure:
@@ -254,7 +259,7 @@ class PointClosure(FrameClosure):
         if set(axes) - set("xyz") or len(set(axes)) != len(axes):
             raise table.error(f"axes = '{axes}'; some of the letters xyz, each once")
         axes = "".join(sorted(axes))
-        return cls(name, context.frame(table, "a"), context.frame(table, "b"), position=axes)
+        return cls(name, context.frame(table, "a"), context.frame(table, "b"), axes=axes)
 
 
 class RevoluteClosure(FrameClosure):

@@ -52,8 +52,8 @@ class Mapped:
         ]
         for i, x in enumerate(self._inputs):
             self._buffer.set_arg(i, memoryview(x))  # type: ignore[call-arg, arg-type]
-        for i, x in enumerate(self._outputs):
-            self._buffer.set_res(i, memoryview(x))  # type: ignore[call-arg, arg-type]
+        for i, y in enumerate(self._outputs):
+            self._buffer.set_res(i, memoryview(y))  # type: ignore[call-arg, arg-type]
 
     def __call__(self, first: np.ndarray, second: np.ndarray) -> list[np.ndarray]:
         """Return the function's outputs, each (n, rows, columns)."""
@@ -129,7 +129,9 @@ class Kinematics:
         """Return Φ (n, m), J (n, m, nv), J̇v (n, m) of q (n, nq), v (n, nv); v = 0 if left out."""
         if not self.closures:
             n = len(q)
-            return ConstraintRows(np.zeros((n, 0)), np.zeros((n, 0, self.model.nv)), np.zeros((n, 0)))
+            return ConstraintRows(
+                np.zeros((n, 0)), np.zeros((n, 0, self.model.nv)), np.zeros((n, 0))
+            )
         return self._rows(self.closure_function, q, v)
 
     def own_rows(self, q: np.ndarray, v: np.ndarray | None = None) -> ConstraintRows:
@@ -196,14 +198,16 @@ class Kinematics:
                     self._maps.pop(next(iter(self._maps)))
                 self._maps[key] = Mapped(function, key[1])
             parts.append(self._maps[key](q[part], x[part]))
-        return parts[0] if len(parts) == 1 else [np.concatenate(x) for x in zip(*parts, strict=True)]
+        return (
+            parts[0] if len(parts) == 1 else [np.concatenate(x) for x in zip(*parts, strict=True)]
+        )
 
     @cached_property
     def _maps(self) -> dict[tuple[str, int], Mapped]:
         return {}
 
     def assemble(self, q: np.ndarray) -> tuple[np.ndarray, float]:
-        """Return the configuration nearest to q at which all closures hold, and the error [rad | m]."""
+        """Return the configuration nearest to q at which all closures hold, and its error."""
         error = 0.0
         for _ in range(50 if self.closures else 0):
             rows = self.closure_rows(q[None])

@@ -310,7 +310,9 @@ class Mechanism(Displayed):
                 f"{self.name}: effect '{effect.label}': no {effect.sits} '{name}'; "
                 f"{one_of(name, valid)}"
             )
-        return effect.site != "joint" or not effect.joints or self.joint(effect.joints[0]).rotational
+        return (
+            effect.site != "joint" or not effect.joints or self.joint(effect.joints[0]).rotational
+        )
 
     # --- changed --------------------------------------------------------------------------------
 

@@ -12,6 +12,7 @@ joint's placement in its parent, then the joint's motion. Tested against Pinocch
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -55,7 +56,7 @@ class Tree:
     notes: tuple[str, ...]
 
 
-def build_tree(robot: etree._Element, gravity: tuple[float, float, float], where: str) -> Tree:
+def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> Tree:
     """Return Pinocchio's model of a checked `<robot>`.
 
     Raises:
@@ -70,7 +71,13 @@ def build_tree(robot: etree._Element, gravity: tuple[float, float, float], where
         notes.append("the URDF does not declare the link 'world'; it is taken as the ground")
     # nothing here uses these, and urdfdom stumbles over some of them
     etree.strip_elements(
-        robot, "dynamics", "safety_controller", "calibration", "visual", "collision", with_tail=False
+        robot,
+        "dynamics",
+        "safety_controller",
+        "calibration",
+        "visual",
+        "collision",
+        with_tail=False,
     )
     for element in robot.iter("limit", "mass", "inertia"):
         for key, value in element.items():  # urdfdom stumbles over blanks around a number
@@ -83,7 +90,7 @@ def build_tree(robot: etree._Element, gravity: tuple[float, float, float], where
         if joint.get("type") == "continuous":
             joint.set("type", "revolute")
             if (limit := joint.find("limit")) is not None:
-                limit.attrib.update(lower=UNLIMITED[0], upper=UNLIMITED[1])
+                limit.attrib.update({"lower": UNLIMITED[0], "upper": UNLIMITED[1]})
         if joint.get("type") == "planar":
             _split_planar(robot, joint, where)
     for joint in robot.findall("joint"):
@@ -229,7 +236,7 @@ def _rotation_of_quaternion(xyzw: ca.SX) -> ca.SX:
 
 
 def rates(model: pin.Model, q: ca.SX) -> ca.SX:
-    """Return N(q) (nq, nv) of q̇ = N(q) v: unit for scalar joints, a quaternion's for free bodies."""
+    """Return N(q) (nq, nv) of q̇ = N(q) v: 1 for scalar joints, a quaternion's for free bodies."""
     N = ca.SX(model.nq, model.nv)
     for index in range(1, model.njoints):
         joint, iq, iv = model.joints[index], model.idx_qs[index], model.idx_vs[index]

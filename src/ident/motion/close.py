@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from ident.errors import MotionError
-from ident.mechanism.kinematics import Rows
+from ident.mechanism.kinematics import ConstraintRows
 from ident.mechanism.mechanism import Mechanism
 
 STRIDE = 32  # samples between the anchors that are reached one after the other
@@ -70,7 +70,7 @@ class Closer:
         model = mechanism.model
         self._compiled = model.nq == model.nv <= LARGEST and not self.surplus
 
-    def coordinates(self, q: np.ndarray, v: np.ndarray | None = None) -> Rows:
+    def coordinates(self, q: np.ndarray, v: np.ndarray | None = None) -> ConstraintRows:
         """y (n, d), W_u (n, d, nv) and Ẇ_u v (n, d) of the joints."""
         n, d, nv = len(q), len(self.joints), self.mechanism.model.nv
         y, W, drift = np.empty((n, d)), np.zeros((n, d, nv)), np.zeros((n, d))
@@ -82,7 +82,7 @@ class Closer:
                 assert own is not None
                 y[:, i], W[:, i] = own.value[:, joint.index], own.rate[:, joint.index]
                 drift[:, i] = own.drift[:, joint.index]
-        return Rows(y, W, drift)
+        return ConstraintRows(y, W, drift)
 
     def _residual(self, q: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         closure, own = self.mechanism.kinematics.closure_rows(q), self.coordinates(q)

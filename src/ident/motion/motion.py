@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from ident.display import render
 from ident.errors import MotionError
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.shown import view_of
-from ident.mechanism.track import Track
 from ident.motion.channels import Smoothed
 from ident.motion.clock import runs
 from ident.motion.smooth import Smooth
@@ -152,7 +151,7 @@ class Motion(Shown):
             raise MotionError(
                 "this motion knows no mechanism to show; one of ident.complete(mechanism, log) does"
             )
-        return view_of(self.mechanism, [Track(e.name, e.t, e.q) for e in self.experiments])
+        return render(self.mechanism, "view", self.experiments)
 
     def __str__(self) -> str:
         return "\n".join([self.summary, *(f"  note: {note}" for note in self.notes)])

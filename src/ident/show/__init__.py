@@ -6,6 +6,7 @@ from ident.display import Displayed, renders
 
 MODULES: dict[str, str] = {
     "Log": "log",
+    "Mechanism": "mechanism",
     "MonteCarlo": "montecarlo",
     "Studies": "montecarlo",
 }

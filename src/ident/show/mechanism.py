@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from typing import Any
 
 import casadi as ca
@@ -21,7 +20,7 @@ from ident.mechanism.closures import FrameClosure
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Placement, joint_axis
 from ident.show.bodies import simple_body, sites, urdf_shapes
-from ident.show.html import definitions, folded, items, strong, table
+from ident.show.html import definitions, folded, in_frame, items, strong, table
 from ident.show.view3d import (
     Body,
     Film,
@@ -80,9 +79,9 @@ def html(mechanism: Mechanism) -> str:
     for joint in m.joints:
         state = "driven" if joint.name in m.driven else "passive"
         rows.append([joint.name, state, f"{joint.lower:.4g}", f"{joint.upper:.4g}", joint.unit])
-    notes = folded("Notes", items(m.notes)) if m.notes else ""
-    return "".join(
-        [strong(f"Mechanism {m.name}"), definitions(parts), table(rows, "Joints"), notes]
+    notes = [folded("Notes", items(m.notes))] if m.notes else []
+    return in_frame(
+        [strong(f"Mechanism {m.name}"), definitions(parts), table(rows, "Joints"), *notes]
     )
 
 
@@ -283,22 +282,28 @@ def loads_of(
     """
     n = len(multipliers)
     names: list[str] = []
-    at, force, moment = [], [], []
+    at: list[np.ndarray] = []
+    force: list[np.ndarray] = []
+    moment: list[np.ndarray] = []
     for closure in _tied(mechanism):
-        (Ra, pa), (Rb, pb) = (_in_world(frame.placement, frame.joint, poses) for frame in closure.frames)
+        (Ra, pa), (Rb, pb) = (
+            _in_world(frame.placement, frame.joint, poses) for frame in closure.frames
+        )
         rows = [
             i for i, name in enumerate(mechanism.kinematics.multipliers)
             if name.rpartition(".")[0] == closure.name
         ]  # fmt: skip
         wrenches = _reaction(closure).map(n)(
-            *(R.transpose(0, 2, 1).reshape(3 * n, 3).T for R in (Ra, Rb)),
+            *(R.transpose(1, 0, 2).reshape(3, 3 * n) for R in (Ra, Rb)),
             pa.T, pb.T, multipliers[:, rows].T,
         )  # fmt: skip
         Fa, Ma, Fb, Mb = (x.full().T for x in wrenches)
         if closure.sliding:  # both act at b
             Ma, pa = Ma - np.cross(pb - pa, Fa), pb
         names += [f"{closure.name} on {frame.link}" for frame in closure.frames]
-        at, force, moment = [*at, pa, pb], [*force, Fa, Fb], [*moment, Ma, Mb]
+        at += [pa, pb]
+        force += [Fa, Fb]
+        moment += [Ma, Mb]
     stacked = (np.stack(x, axis=1) if x else np.zeros((n, 0, 3)) for x in (at, force, moment))
     return Loads(tuple(names), np.arange(len(names)) % 2 == 1, *stacked)
 

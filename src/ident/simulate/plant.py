@@ -7,19 +7,18 @@ Z and J⁺ come from one singular value decomposition of J, so that closures may
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from ident.effects import Correcting
+from ident.effects import Signals
 from ident.equations.point import Point
 from ident.errors import MotionError
-from ident.mechanism.forward import rates
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.places import moved
+from ident.mechanism.tree import rates
 from ident.simulate.laws import Laws
 from ident.simulate.rigid import Rigid
 
@@ -260,14 +259,11 @@ class Plant:
 def corrected_mechanism(mechanism: Mechanism, point: Point) -> Mechanism:
     """The mechanism with the gravity and the lengths that its effects say."""
     for effect in mechanism.effects:
-        if not isinstance(effect, Correcting):
+        if not effect.corrects or effect.implicit:
             continue
-        _, shape = point.of(effect)
-        if effect.kind == "gravity_tilt" and any(shape.values()):
-            model = mechanism.model.copy()
-            R = pin.rpy.rpyToMatrix(shape["x"], 0.0, 0.0) @ pin.rpy.rpyToMatrix(0, shape["y"], 0)
-            model.gravity.linear = R.T @ model.gravity.linear
-            mechanism = mechanism.with_model(model)
-        elif effect.kind == "geometry" and shape["Delta"]:
-            mechanism = moved(mechanism, effect.joints[0], shape["Delta"])
+        none = np.zeros((1, len(effect.joints)))
+        signals = Signals(np.zeros(1), none, none, none, none[0])
+        mechanism = mechanism.corrected(
+            effect.correction(replace(signals, shape=point.of(effect)[1]))
+        )
     return mechanism

@@ -16,8 +16,7 @@ import pinocchio as pin
 import pytest
 
 import ident
-from ident.mechanism.shown import view_of
-from ident.mechanism.track import Track
+from ident.show.mechanism import ShownMotion, view_of
 from ident.show.view3d.colours import BODIES, ENDS
 
 
@@ -35,7 +34,7 @@ def test_a_recording_plays_without_a_network(five_bar, look, tmp_path):
     mechanism, motion = five_bar
     e = motion.experiments[0]
     forces = np.tile([8.0, 0.0, 0.0], (len(e.t), 1))
-    view = view_of(mechanism, [Track(e.name, e.t, e.q, forces)])
+    view = view_of(mechanism, [ShownMotion(e.name, e.t, e.q, forces)])
     path = view.write(tmp_path / "five_bar.html")
     k = int(np.argmin(np.abs(e.t - 1.0)))
     tip = tip_of(mechanism, e.q[k])
@@ -110,8 +109,8 @@ def test_the_controls_do_what_they_say(five_bar, look):
     mechanism, motion = five_bar
     e = motion.experiments[0]
     forces = np.tile([8.0, 0.0, 0.0], (len(e.t), 1))
-    second = Track("second", e.t[:101] + 5.0, e.q[100:201], forces[:101])
-    view = view_of(mechanism, [Track("first", e.t, e.q, forces), second])
+    second = ShownMotion("second", e.t[:101] + 5.0, e.q[100:201], forces[:101])
+    view = view_of(mechanism, [ShownMotion("first", e.t, e.q, forces), second])
     told = {}
 
     def play(page) -> None:

@@ -12,9 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import ident
 from helpers import J, tree_urdf, write_mechanism
-from ident.mechanism.loads import loads_of
-from ident.mechanism.shown import view_of
-from ident.mechanism.track import Track
+from ident.show.mechanism import ShownMotion, loads_of, view_of
 from ident.show.view3d import rotations
 
 KINDS = ("point", "revolute", "prismatic", "cylindrical", "universal", "planar", "fixed")
@@ -97,7 +95,7 @@ def test_the_rod_rests_on_the_crank_with_half_its_weight(slider, robots):
     e = motion.experiments[0]
     names = mechanism.kinematics.multipliers
     forces = np.stack([np.interp(e.t, known.t, known.columns[name]) for name in names], axis=1)
-    view = view_of(mechanism, [Track(e.name, e.t, e.q, forces)])
+    view = view_of(mechanism, [ShownMotion(e.name, e.t, e.q, forces)])
     film = view.films[0]
     on_crank, on_rod = film.loads.force[0, 0], film.loads.force[0, 1]
     assert film.loads.names == ("ball on crank", "ball on rod")
@@ -116,7 +114,7 @@ def test_a_fit_colours_joints_and_moves_no_body(robots):
     motion = ident.complete(mechanism, robots / "five_bar" / "run.csv")
     fit = ident.identify(mechanism, motion)
     (e,), (p,) = motion.experiments, fit.predict()
-    film = view_of(mechanism, [Track.of(e, p)]).films[0]
+    film = view_of(mechanism, [ShownMotion.of(e, p)]).films[0]
     at = {pivot.name: i for i, pivot in enumerate(view_of(mechanism).stage.pivots)}
     usable = np.flatnonzero(p.usable)
     k = len(film) // 2
@@ -179,7 +177,7 @@ def test_a_gear_has_no_arrow_and_says_so(robots, tmp_path):
         '[[closure]]\nname = "gear"\nkind = "linear"\njoints = ["a", "b"]\nratios = [1.0, -2.0]\n'
     )
     mechanism = ident.load(write_mechanism(tmp_path, tree_urdf([J("a"), J("b", parent="a")]), toml))
-    view = view_of(mechanism, [Track("run", np.zeros(1), np.zeros((1, 2)), np.ones((1, 1)))])
+    view = view_of(mechanism, [ShownMotion("run", np.zeros(1), np.zeros((1, 2)), np.ones((1, 1)))])
     assert view.films[0].loads.names == ()
     assert "gear" in view.notes[0]
 
