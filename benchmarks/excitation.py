@@ -19,11 +19,7 @@ import numpy as np
 
 import ident
 from ident import Excitation, Limits, Mechanism, Noise
-from ident.excite.course import Course
-from ident.excite.criterion import Criterion
-from ident.excite.draw import drawn
-from ident.excite.outcome import outcome
-from ident.excite.prepare import Ready, prepared
+from ident.excite.excite import DesignProblem
 
 ROBOTS = Path(__file__).resolve().parent.parent / "robots"
 DURATION, PERIODS, RATE, HARMONICS, SEED = 30.0, 3, 100.0, 5, 0
@@ -42,9 +38,9 @@ def main() -> None:
 
 def compared(mechanism: Mechanism, count: int, logs: int) -> None:
     began = time.perf_counter()
-    ready = prepared(mechanism, Limits(), DURATION / PERIODS, HARMONICS, {}, SEED)
+    problem = DesignProblem.of(mechanism, Limits(), DURATION / PERIODS, HARMONICS, {}, SEED)
     names = (f"best log det of {count}", f"best condition of {count}")
-    tried = dict(zip(names, best_of(ready, count), strict=True))
+    tried = dict(zip(names, best_of(problem, count), strict=True))
     drawing = time.perf_counter() - began
     found, *others = (
         ident.excite(
@@ -74,30 +70,26 @@ def compared(mechanism: Mechanism, count: int, logs: int) -> None:
     print("± and error: of the base parameters, geometric mean, those of `excite` = 1")
 
 
-def best_of(ready: Ready, count: int) -> tuple[Excitation, Excitation]:
+def best_of(problem: DesignProblem, count: int) -> tuple[Excitation, Excitation]:
     """The random motions with the largest log-determinant and the smallest condition number."""
     random = np.random.default_rng(SEED + 1000)
-    criterion = Criterion.of_all(ready.base.rank, 0.0)
+    criterion = problem.criterion(None, 0.0)
     by_det: tuple[float, np.ndarray] | None = None
     by_condition: tuple[float, np.ndarray] | None = None
     for _ in range(count):
-        found = drawn(ready.track, random)
-        if found is None:
+        if (candidate := problem.draw(random, criterion)) is None:
             continue
-        x, seen, z = found
-        course = Course.judged(ready.track, criterion, ready.scale, x.reshape(-1), seen, z)
-        if course is None:
-            continue
-        W = ready.scale.of(seen.A)
+        W = problem.W(candidate.rows)
         condition = float(np.linalg.cond(W / np.linalg.norm(W, axis=0)))
-        if by_det is None or course.worth > by_det[0]:
-            by_det = course.worth, x
+        if by_det is None or by_det[0] < candidate.J:
+            by_det = candidate.J, candidate.x
         if by_condition is None or condition < by_condition[0]:
-            by_condition = condition, x
+            by_condition = condition, candidate.x
     assert by_det is not None
     assert by_condition is not None
     a, b = (
-        outcome(ready, x, DURATION, PERIODS, RATE, None, SEED) for _, x in (by_det, by_condition)
+        problem.excitation(x, DURATION, PERIODS, RATE, None, SEED)
+        for _, x in (by_det, by_condition)
     )
     return a, b
 

@@ -10,11 +10,7 @@ from scipy.interpolate import CubicSpline
 import ident
 from helpers import ROBOTS, Series, Truth
 from ident import Excitation, Limits, Noise
-from ident.excite.course import Course
-from ident.excite.criterion import Criterion
-from ident.excite.draw import drawn
-from ident.excite.outcome import outcome
-from ident.excite.prepare import prepared
+from ident.excite.excite import DesignProblem
 
 SHORT = {"duration": 12.0, "periods": 2, "harmonics": 3, "rate": 50.0, "tries": 1}
 ROOM = {"arm": Limits(speed=2.0, acceleration=4.0, torque={"shoulder": 30.0}), "five_bar": Limits()}
@@ -132,13 +128,12 @@ def test_better_than_random_motions(found):
     """Of the same family and limits; the best of each, which need not be the same motion."""
     name, x = found
     mechanism = ident.load(ROBOTS / name)
-    ready = prepared(mechanism, ROOM[name], x.period, x.harmonics, {}, 7)
-    criterion, random = Criterion.of_all(ready.base.rank, 0.0), np.random.default_rng(5)
+    problem = DesignProblem.of(mechanism, ROOM[name], x.period, x.harmonics, {}, 7)
+    criterion, random = problem.criterion(None, 0.0), np.random.default_rng(5)
     det, condition = [], []
     for _ in range(40):
-        c, seen, z = drawn(ready.track, random)
-        if Course.judged(ready.track, criterion, ready.scale, c.reshape(-1), seen, z):
-            other = outcome(ready, c, 12.0, 2, 25.0, None, 0)
+        if (candidate := problem.draw(random, criterion)) is not None:
+            other = problem.excitation(candidate.x, 12.0, 2, 25.0, None, 0)
             det.append(other.log_det + len(other.base) * np.log(2.0))  # of as many samples
             condition.append(other.condition_number)
     assert x.log_det > max(det) + 2 * len(x.base) * np.log(1.2)  # errors a fifth larger

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
 import ident
 from helpers import ROBOTS
 from ident import Limits
-from ident.excite.box import Box, Side
-from ident.excite.climb import climb
-from ident.excite.course import Course
 from ident.excite.criterion import Criterion, log_condition
-from ident.excite.draw import drawn
-from ident.excite.fourier import Fourier
-from ident.excite.prepare import prepared
+from ident.excite.excite import DesignProblem
+from ident.excite.limits import LimitBox, Quantity
+from ident.excite.trajectory import Fourier
 
 
 def slope(f, x: np.ndarray, h: float = 1e-6) -> np.ndarray:
@@ -57,7 +52,7 @@ def test_series_begin_at_rest_and_are_the_derivatives():
     family = Fourier(4.0, 3, np.array([0.3, -1.0]), np.ones(2), np.full(2, 2.0), np.full(2, np.inf))
     x = np.random.default_rng(2).normal(size=family.shape)
     t = np.linspace(0, 8, 4001)
-    y, v, a = family.states(x, t)
+    y, v, a = family.states(x, family.basis(t))
     np.testing.assert_allclose(np.array([v[0], a[0]]), 0.0, atol=1e-12)
     np.testing.assert_allclose(np.gradient(y, t, axis=0)[1:-1], v[1:-1], atol=1e-3)
     np.testing.assert_allclose(np.gradient(v, t, axis=0)[1:-1], a[1:-1], atol=1e-2)
@@ -70,64 +65,52 @@ def test_nothing_between_samples_exceeds_the_bound():
     family = Fourier(1.0, H, np.zeros(1), np.ones(1), np.full(1, 1e9), np.full(1, np.inf))
     for _ in range(50):
         x = random.normal(size=family.shape)
-        coarse = np.abs(family.states(x, np.arange(n) / n)[0]).max()
-        whole = np.abs(family.states(x, np.linspace(0, 1, 6001))[0]).max()
+        coarse = np.abs(family.states(x, family.basis(np.arange(n) / n))[0]).max()
+        whole = np.abs(family.states(x, family.basis(np.linspace(0, 1, 6001)))[0]).max()
         assert whole <= coarse / family.between(n) + 1e-12
 
 
-def test_barrier_and_its_slope():
-    sides = tuple(Side("j", kind, "1") for kind in ("position", "speed", "singularity", "torque"))
-    box = Box(sides, np.array([-1.0, -2.0, -np.inf, -np.inf]), np.array([2.0, 2.0, 5.0, np.inf]))
+def test_room_in_a_box():
+    kinds = ("position", "speed", "singularity", "torque")
+    quantities = tuple(Quantity("j", kind, "1") for kind in kinds)
+    low, high = np.array([-1.0, -2.0, -np.inf, -np.inf]), np.array([2.0, 2.0, 5.0, np.inf])
+    box = LimitBox(quantities, low, high)
     z = np.random.default_rng(4).uniform(-0.9, 1.9, size=(6, 4))
-    _, dB = box.barrier(z)
-    np.testing.assert_allclose(dB, slope(lambda x: box.barrier(x)[0], z), rtol=1e-6, atol=1e-9)
-    assert box.holds(z)
-    assert not box.holds(z + 2.0)
+    assert box.room(z).shape == (6 * 5,)
+    assert box.room(z).min() > 0 > box.room(z + 2.0).min()
+    dz = np.random.default_rng(5).normal(size=(6, 4, 3))
+    change = (box.room(z + 1e-6 * dz[..., 1]) - box.room(z)) / 1e-6
+    np.testing.assert_allclose(box.room_slope(dz)[:, 1], change, atol=1e-8)
     assert box.broken(z + np.array([0, 0, 9.0, 0])).kind == "singularity"
     assert box.broken(z) is None
 
 
-@dataclass(frozen=True)
-class Ball:
-    """J = c·x, largest at c/|c| in the unit ball, whose barrier is −log(1 − |x|²)."""
-
-    x: np.ndarray
-    c = np.array([3.0, -4.0, 12.0]) / 13
-
-    @property
-    def worth(self):
-        return float(self.c @ self.x)
-
-    @property
-    def barrier(self):
-        return -float(np.log(1 - self.x @ self.x))
-
-    def slopes(self):
-        return self.c, 2 * self.x / (1 - self.x @ self.x)
-
-    def moved(self, x):
-        return Ball(x) if x @ x < 1 else None
-
-
-def test_climb_finds_the_edge_and_never_crosses_it():
-    shares = []
-    found = climb(Ball(np.array([0.5, 0.5, 0.0])), Ball.moved, 200, shares.append)
-    np.testing.assert_allclose(found.x, Ball.c, atol=1e-2)
-    assert found.worth > 0.999
-    assert shares == sorted(shares)
-    assert shares[-1] == 1.0
-
-
 @pytest.mark.parametrize("name", ["arm", "five_bar"])
-def test_slopes_of_a_course(name):
-    ready = prepared(ident.load(ROBOTS / name), Limits(), 6.0, 2, {}, 0)
-    x, seen, z = drawn(ready.track, np.random.default_rng(0))
-    criterion = Criterion.of_all(ready.base.rank, 0.5)
-    here = Course.judged(ready.track, criterion, ready.scale, x.reshape(-1), seen, z)
-    dJ, dB = here.slopes()
+def test_slopes_of_a_motion(name):
+    problem = DesignProblem.of(ident.load(ROBOTS / name), Limits(), 6.0, 2, {}, 0)
+    criterion = problem.criterion(None, 0.5)
+    here = problem.draw(np.random.default_rng(0), criterion)
+    dJ, dz = here.slopes
+
+    def moved(x):
+        x = x.reshape(here.x.shape)
+        return problem.candidate(x, problem.family.motion(x, here.rows.e), criterion)
+
     np.testing.assert_allclose(
-        dJ, slope(lambda p: here.moved(p).worth, here.x, 1e-6), atol=2e-5 * np.abs(dJ).max()
+        dJ, slope(lambda x: moved(x).J, here.x.ravel()), atol=2e-5 * np.abs(dJ).max()
     )
+    weights = np.random.default_rng(1).normal(size=here.z.shape)
     np.testing.assert_allclose(
-        dB, slope(lambda p: here.moved(p).barrier, here.x, 1e-6), atol=1e-3 * np.abs(dB).max()
+        np.einsum("nz,nzp->p", weights, dz),
+        slope(lambda x: float((weights * moved(x).z).sum()), here.x.ravel()),
+        atol=1e-3 * np.abs(dz).max(),
     )
+
+
+def test_the_search_stays_inside_and_gains():
+    problem = DesignProblem.of(ident.load(ROBOTS / "five_bar"), Limits(), 6.0, 2, {}, 0)
+    criterion = problem.criterion(None, 0.5)
+    start = problem.draw(np.random.default_rng(0), criterion)
+    found = problem.search(start, criterion)
+    assert found.J > start.J + 0.1
+    assert problem.exact.room(found.z).min() > 0

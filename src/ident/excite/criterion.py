@@ -1,4 +1,4 @@
-"""What is maximised: log-determinants of the information of some unknowns.
+"""The criterion that is maximised: log-determinants of the information of some unknowns.
 
     W = A_I / σ     M = WᵀW     J = Σ w_j log det M_j − w log κ
     d log det M = Σ G ∘ dW,  G = 2 Q R⁻ᵀ
@@ -8,8 +8,8 @@ for the condition number κ of W with unit columns, which costs little to lower:
 Separation:    J = (log det S_a / r_a + log det S_b / r_b) / 4, S_a the information on a where all
 else, b too, is refitted: det S_a = det M / det M without a. −J is the same mean, over a and b.
 
-D-optimality: Swevers et al. 1997 (see fourier.py); partial (D_s) optimality: Atkinson, Donev,
-Optimum Experimental Designs, 1992, sect. 10.3.
+D-optimality: Swevers et al. 1997 (see `trajectory.Fourier`); partial (D_s) optimality: Atkinson,
+Donev, Optimum Experimental Designs, 1992, sect. 10.3.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
-TINY = 1e-13  # of R's diagonal, below which the columns say nothing of some unknown
+TINY = 1e-13  # of R's diagonal: below, the columns do not determine some unknown
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,18 +36,18 @@ class Criterion:
 
     @classmethod
     def of_all(cls, r: int, balance: float) -> Criterion:
-        """D-optimality of r unknowns, with so much weight on the condition number."""
+        """D-optimality of r unknowns, with a weight of the condition number."""
         return cls(((0.5 / r, np.arange(r)),), balance)
 
     @classmethod
     def of_pair(cls, r: int, a: Sequence[int], b: Sequence[int]) -> Criterion:
-        """Of two rivals' columns a and b among r."""
+        """Separation of two rivals' columns a and b among r."""
         wa, wb = 0.25 / len(a), 0.25 / len(b)
         every = np.arange(r)
         return cls(((wa + wb, every), (-wa, np.setdiff1d(every, a)), (-wb, np.setdiff1d(every, b))))
 
     def at(self, W: np.ndarray) -> tuple[float, np.ndarray] | None:
-        """J and G (N, r) of rows W (N, r); None where W does not determine all unknowns."""
+        """Return J and G (N, r) of rows W (N, r); None where W does not determine all unknowns."""
         value, slope = 0.0, np.zeros_like(W)
         for weight, columns in self.parts:
             Q, R = np.linalg.qr(W[:, columns])
@@ -63,7 +63,7 @@ class Criterion:
 
 
 def log_condition(W: np.ndarray) -> tuple[float, np.ndarray]:
-    """log κ of W (N, r) with columns of unit norm, and its slope by W.
+    """Return log κ of W (N, r) with columns of unit norm, and its slope by W.
 
     d log σ = uᵀ dN v / σ of a singular value of N = W / |W_j|;  dN_j = (I − N_j N_jᵀ) dW_j / |W_j|.
     """
@@ -74,48 +74,23 @@ def log_condition(W: np.ndarray) -> tuple[float, np.ndarray]:
     return float(np.log(s[0] / s[-1])), (G - N * (N * G).sum(axis=0)) / size
 
 
-@dataclass(frozen=True)
-class Separation:
-    """How well a motion tells two effects apart.
-
-    Attributes:
-        first, second: their labels.
-        cosine: the largest between what both predict, all else projected out; 1: no difference.
-        share: of each one's torque, what nothing else explains, the other among it.
-        stderr: of each one's first unknown when everything is refitted; units: theirs.
-    """
-
-    first: str
-    second: str
-    cosine: float
-    share: tuple[float, float]
-    stderr: tuple[float, float]
-    units: tuple[str, str]
-
-    def __str__(self) -> str:
-        (a, b), (ea, eb), (ua, ub) = self.share, self.stderr, self.units
-        return (
-            f"{self.first} and {self.second}: cosine {self.cosine:.4g} beside all else; of their "
-            f"torque {100 * a:.3g} % and {100 * b:.3g} % is explained by nothing else; expected "
-            f"standard errors {ea:.2g} {ua} and {eb:.2g} {ub}"
-        )
-
-
-def apart(W: np.ndarray, a: Sequence[int], b: Sequence[int]) -> tuple[float, tuple[float, float]]:
-    """(cosine, shares) of the columns a and b of W (N, r) beside the others."""
+def cosine_and_shares(
+    W: np.ndarray, a: Sequence[int], b: Sequence[int]
+) -> tuple[float, tuple[float, float]]:
+    """Return (cosine, shares) of the columns a and b of W (N, r) beside the others."""
     rest = np.setdiff1d(np.arange(W.shape[1]), [*a, *b])
-    Ca, Cb = (_beside(W[:, rest], W[:, list(each)]) for each in (a, b))
+    Ca, Cb = (_projected(W[:, rest], W[:, list(each)]) for each in (a, b))
     Qa, Qb = (np.linalg.qr(each)[0] for each in (Ca, Cb))
     cosine = float(np.linalg.svd(Qa.T @ Qb, compute_uv=False).max())
-    found = []
-    for C, Q, own in ((Ca, Qb, a), (Cb, Qa, b)):
-        left = C - Q @ (Q.T @ C)
-        found.append(float(np.linalg.norm(left) / np.linalg.norm(W[:, list(own)])))
-    return min(cosine, 1.0), (found[0], found[1])
+    shares = [
+        float(np.linalg.norm(C - Q @ (Q.T @ C)) / np.linalg.norm(W[:, list(own)]))
+        for C, Q, own in ((Ca, Qb, a), (Cb, Qa, b))
+    ]
+    return min(cosine, 1.0), (shares[0], shares[1])
 
 
-def _beside(A: np.ndarray, C: np.ndarray) -> np.ndarray:
-    """What of the columns C the columns A cannot make; those may depend on each other."""
+def _projected(A: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """Return the part of C orthogonal to the columns of A, which may depend on each other."""
     size = np.linalg.norm(A, axis=0)
     U, s, _ = np.linalg.svd(A / np.where(size > 0, size, 1.0), full_matrices=False)
     Q = U[:, s > 1e-10 * s.max(initial=1e-300)]

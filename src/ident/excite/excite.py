@@ -1,29 +1,53 @@
-"""The verb `excite`: a periodic motion that tells most of a mechanism."""
+"""The verb `excite`: the periodic motion that determines the unknown parameters best."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from scipy.optimize import minimize
 
-from ident.errors import MotionError
-from ident.excite.climb import climb
-from ident.excite.course import Course
-from ident.excite.criterion import Criterion
-from ident.excite.draw import drawn, grown
-from ident.excite.excitation import Excitation
-from ident.excite.limits import Limits
-from ident.excite.outcome import outcome
-from ident.excite.prepare import Ready, prepared
-from ident.excite.rivals import columns_of, with_rivals
-from ident.mechanism.mechanism import Mechanism
+from ident.effects import KINDS, parse
+from ident.equations.columns import Columns
+from ident.errors import MechanismError, MotionError, one_of
+from ident.excite.criterion import Criterion, cosine_and_shares
+from ident.excite.excitation import Excitation, ExpectedValue, LimitUse, Separation
+from ident.excite.limits import LimitBox, Limits, LimitsInForce, Quantity
+from ident.excite.trajectory import (
+    Family,
+    Fourier,
+    MotionModel,
+    MotionRows,
+    at_rest,
+    moved_joints,
+    with_standstill,
+)
+from ident.fit.estimate import TOLERANCE
+from ident.fit.naming import base_names
+from ident.fit.settle import initial
+from ident.log import Log
+from ident.mechanism.mechanism import Joint, Mechanism
+from ident.motion import Band, Experiment, Motion
+from ident.motion.close import Closer
 from ident.progress import Told
+from ident.solve.factor import Factor
+from ident.solve.rank import Base, reveal, solve
 
-DRAWS = 25  # random courses, the best of which each climb starts from
-STEPS = 150  # of each climb, at most
-FINE = 10  # times the samples of the search at which the result is checked
-SHRINK = 0.99  # of what breaks a limit between the samples
-SHRINKS = 20
+SAMPLES = 24  # of the search, a period of the highest harmonic
+FINE = 10  # times these samples at which the result is checked
+MARGIN = 0.97  # share of the limits that follow from the drives' motion, at the samples
+DRAWS = 25  # random motions, the best of which each search starts from
+PILOTS = 12, 40  # random motions whose rows give base and scale; draws at most
+STEPS, GAIN = 150, 1e-5  # steps of each search at most, and gain of J below which it ends
+SLACK = 1e-3  # of half a limit's width, by which the optimum may exceed the tightened limits
+WORTHLESS = 1e3  # −J of a motion that cannot be followed: no step of the search leads there
+SHRINK, SHRINKS = 0.99, 20  # of a motion that breaks a limit between the samples
+INSIDE = 0.97  # of the drives' limits that a random motion reaches
+AWAY = 0.05  # of its range, the distance of home from a joint's limits
+SOFT = 0.02  # share of the top speed within which the search smooths the step of dry friction
+NOISE = 0.01  # of the limit of torque: the noise expected of a torque signal
 
 
 def excite(
@@ -41,18 +65,18 @@ def excite(
     seed: int = 0,
     progress: Told | None = None,
 ) -> Excitation:
-    """The periodic motion of the drives that makes the base parameters most certain.
+    """Return the periodic motion of the drives that makes the base parameters most certain.
 
     Args:
         mechanism: with the effects that are to be identified too.
         duration: of the whole log [s], `periods` times the same motion.
-        periods: 2 or more let what repeats be told from noise.
+        periods: 2 or more distinguish what repeats from noise.
         rate: of the log [Hz].
         harmonics: of the Fourier series, 2 or more; the highest frequency is that many a period.
         limits: in place of the URDF's.
-        separate: two effects' labels; then the motion that tells them best apart.
+        separate: two effects' labels; then the motion that distinguishes them best.
         noise: expected of the torques, by drive [N m | N]; default 1 % of the limit of torque.
-        balance: weight of the condition number beside the log-determinant; 0 leaves it alone.
+        balance: weight of the condition number beside the log-determinant; 0 ignores it.
         tries: searches, each from the best of 25 random motions.
         seed: of these; the same seed gives the same motion.
         progress: called with (what is being done, share done).
@@ -60,37 +84,36 @@ def excite(
     Raises:
         MechanismError, MotionError: for limits that exclude every motion, with the one that does;
             for a mechanism with fewer drives than degrees of freedom; for rivals that no motion
-            tells apart.
+            distinguishes.
     """
     _check(duration, periods, rate, harmonics, tries)
     if not 0 <= balance < np.inf:
         raise MotionError(f"balance {balance:g}; a number from 0 is expected")
-    limits = limits or Limits()
     if separate is not None:
         separate = (separate[0], separate[1])
         mechanism = with_rivals(mechanism, separate)
-    ready = prepared(mechanism, limits, duration / periods, harmonics, noise or {}, seed)
-    criterion = _criterion(ready, separate, balance)
-    best: Course | None = None
+    problem = DesignProblem.of(
+        mechanism, limits or Limits(), duration / periods, harmonics, noise or {}, seed
+    )
+    criterion = problem.criterion(separate, balance)
+    best: Candidate | None = None
     for i in range(tries):
-        start = _start(ready, criterion, seed, i)
-        if start is None:
-            continue
-
-        def told(share: float, i: int = i) -> None:
-            if progress:
-                progress(f"exciting {mechanism.name}, try {i + 1} of {tries}", (i + share) / tries)
-
-        told(0.0)
-        found = climb(start, Course.moved, STEPS, told)
-        if best is None or found.worth > best.worth:
-            best = found
+        if progress:
+            progress(f"exciting {mechanism.name}, try {i + 1} of {tries}", i / tries)
+        random = np.random.default_rng([seed, 2, i])
+        starts = [problem.draw(random, criterion) for _ in range(DRAWS)]
+        known = [start for start in starts if start is not None]
+        if known:
+            found = problem.search(max(known, key=lambda c: c.J), criterion)
+            best = found if best is None or found.J > best.J else best
     if best is None:
         raise MotionError(
             f"{mechanism.name}: no random motion inside the limits determines all parameters; "
             "give wider limits, or more harmonics"
         )
-    return outcome(ready, _settled(ready, best, rate), duration, periods, rate, separate, seed)
+    if progress:
+        progress(f"exciting {mechanism.name}", 1.0)
+    return problem.excitation(problem.inside(best.x, rate), duration, periods, rate, separate, seed)
 
 
 def _check(duration: float, periods: int, rate: float, harmonics: int, tries: int) -> None:
@@ -111,48 +134,458 @@ def _check(duration: float, periods: int, rate: float, harmonics: int, tries: in
         )
 
 
-def _criterion(ready: Ready, separate: tuple[str, str] | None, balance: float) -> Criterion:
-    """D-optimality, or the separation of two effects.
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A motion: x (d, P), its rows, limited quantities z (n, Z), criterion J and G = ∂J/∂W."""
+
+    problem: DesignProblem
+    x: np.ndarray
+    rows: MotionRows
+    z: np.ndarray
+    J: float
+    G: np.ndarray
+
+    @cached_property
+    def slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        """∂J/∂x (d P,) and ∂z/∂x (n, Z, d P).
+
+        Rows and quantities depend on their own sample (y, ẏ, ÿ) alone, hence
+        ∂J/∂x = Σ_n (G_n ∘ ∂W_n/∂(y, ẏ, ÿ)) · basis_n.
+        """
+        problem, family = self.problem, self.problem.family
+        _, n, d, P = family.basis.shape
+        dJ, dz = np.zeros((d, P)), np.zeros((*self.z.shape, d, P))
+        for channel, u, above, below, width in family.model.neighbours(self.rows, family.series):
+            basis = family.basis[channel, :, u]
+            dW = (problem.W(above) - problem.W(below)) / width
+            dJ[u] += (self.G * dW).reshape(n, -1).sum(axis=1) @ basis
+            own = (problem.box.z(above.e) - problem.box.z(below.e)) / width
+            dz[:, :, u] += own[:, :, None] * basis[:, None]
+        return dJ.ravel(), dz.reshape(*self.z.shape, d * P)
+
+
+@dataclass(frozen=True, eq=False)
+class DesignProblem:
+    """Motions of one mechanism, their limits, and the scales in which they are compared.
+
+    Attributes:
+        family: of motions; exact: their limits; box: the same, tightened for samples.
+        names: of the drives that are moved; notes: assumptions.
+        base: what can be identified at all; size: usual norms of its columns.
+        sigma: (d,) expected noise of the torques [N m | N]; pinv: ‖K⁺‖ at home, 1 in a tree.
+    """
+
+    family: Family
+    exact: LimitBox
+    box: LimitBox
+    names: tuple[str, ...]
+    notes: tuple[str, ...]
+    base: Base
+    size: np.ndarray
+    sigma: np.ndarray
+    pinv: float
+
+    @classmethod
+    def of(
+        cls,
+        mechanism: Mechanism,
+        limits: Limits,
+        period: float,
+        harmonics: int,
+        noise: Mapping[str, float],
+        seed: int,
+    ) -> DesignProblem:
+        """Prepare a search.
+
+        Raises:
+            MechanismError, MotionError: where the limits exclude every motion, with the limit that
+                does; where nothing is unknown.
+        """
+        columns = Columns.of(mechanism)
+        if not len(columns):
+            raise MotionError(f"{mechanism.name}: nothing is unknown, so no motion is needed")
+        names = moved_joints(mechanism)
+        start = Closer(mechanism, names).coordinates(mechanism.assembled[None]).value[0]
+        known = dict(zip(names, start, strict=True))
+        in_force = LimitsInForce.of(mechanism, limits, names, known)
+        index = [mechanism.joint_index[name] for name in names]
+        joints = [in_force.joints[i] for i in index]
+        home, notes = _home(mechanism, joints, start)
+        series = Fourier(
+            period, harmonics, home,
+            half=np.array([0.5 * (j.upper - j.lower) for j in joints]),
+            speed=np.array([j.velocity for j in joints]),
+            acceleration=np.array([in_force.acceleration[i] for i in index]),
+        )  # fmt: skip
+        n = SAMPLES * harmonics
+        t = period * np.arange(n) / n
+        rest = at_rest(mechanism, names, home, t)
+        # one wide band of standstill for all motions, so that the criterion is a smooth function
+        # of x where otherwise it has a step for each sample and reversal
+        top = series.top_speed
+        reached = top if rest.leverage is None else np.abs(rest.leverage[0]) @ top
+        rest = replace(rest, still=np.maximum(SOFT * reached, 1e-9))
+        motion = Motion((rest,), names, Band(0.0, 0.0, None), 0.0)
+        model = MotionModel(mechanism, columns, initial(mechanism, motion))
+        pinv = 1.0 if rest.pinv is None else float(np.linalg.norm(rest.pinv[0]))
+        exact = LimitBox.of(mechanism, limits, in_force, pinv)
+        z = exact.z(model.rows(rest.at_samples(slice(0, 1))).e)
+        if (quantity := exact.broken(z)) is not None:
+            at = exact.quantities.index(quantity)
+            raise MotionError(
+                f"{mechanism.name}: the limits leave no motion: "
+                f"{_excluded(quantity, z[0, at], exact.low[at], exact.high[at], limits.reserve)}"
+            )
+        box = exact.tightened(names, series.between(n), MARGIN)
+        family = Family(model, series, rest, series.basis(t))
+        pilots = _pilots(family, box, seed)
+        sigma = _noise(joints, pilots, noise)
+        W = np.concatenate([rows.A for rows in pilots]) / sigma[:, None]
+        W = W.reshape(-1, W.shape[2])
+        base = reveal(Factor.of(W, np.zeros(len(W))), TOLERANCE)
+        size = np.linalg.norm(W[:, base.independent], axis=0) / np.sqrt(len(pilots))
+        return cls(family, exact, box, names, (*in_force.notes, *notes), base, size, sigma, pinv)
+
+    def criterion(self, separate: tuple[str, str] | None, balance: float) -> Criterion:
+        """Return D-optimality, or the separation of two effects.
+
+        Raises:
+            MotionError: where an effect's columns are combinations of others' in every motion.
+        """
+        if separate is None:
+            return Criterion.of_all(self.base.rank, balance)
+        columns, independent = self.family.model.columns, list(self.base.independent)
+        places = []
+        for label in separate:
+            own = _places(columns, label)
+            if lost := [columns.names[i] for i in own if i not in independent]:
+                raise MotionError(
+                    f"{self.family.model.mechanism.name}: no motion tells {label} from everything "
+                    f"else: the column of {lost[0]} is made by the others in all motions that were "
+                    "tried; open the loop, change the load or the base, or measure more torques"
+                )
+            places.append([independent.index(i) for i in own])
+        return Criterion.of_pair(self.base.rank, *places)
+
+    def W(self, rows: MotionRows) -> np.ndarray:
+        """Return the rows (n d, r) of the base parameters, over the noise and the usual size."""
+        A = rows.A[:, :, self.base.independent] / self.size / self.sigma[:, None]
+        return A.reshape(-1, len(self.size))
+
+    def draw(self, random: np.random.Generator, criterion: Criterion) -> Candidate | None:
+        """Return a random motion inside the limits; None if it is home alone or not informative."""
+        found = _draw(self.family, self.box, random)
+        return None if found is None else self.candidate(*found, criterion)
+
+    def candidate(self, x: np.ndarray, rows: MotionRows, criterion: Criterion) -> Candidate | None:
+        """Evaluate a motion; None where it does not determine all unknowns."""
+        found = criterion.at(self.W(rows))
+        return None if found is None else Candidate(self, x, rows, self.box.z(rows.e), *found)
+
+    def search(self, start: Candidate, criterion: Criterion) -> Candidate:
+        """Maximise J inside the tightened limits by sequential quadratic programming (SLSQP).
+
+        It starts again with a fresh Hessian from the best motion until that gains no more. A motion
+        that cannot be followed is worth so little that the line search turns back.
+        """
+        shape, bound = start.x.shape, self.family.series.largest
+        visited = {start.x.tobytes(): start}
+        best = near = start
+
+        def at(x: np.ndarray) -> Candidate:
+            nonlocal best, near
+            key = x.tobytes()
+            if key not in visited:
+                visited.clear()
+                rows = self.family.motion(x.reshape(shape), near.rows.e)
+                c = rows and self.candidate(x.reshape(shape).copy(), rows, criterion)
+                near = c or near
+                visited[key] = c or replace(near, J=-WORTHLESS)
+                if c and c.J > best.J and self.box.room(c.z).min() > -SLACK:
+                    best = c
+            return visited[key]
+
+        while True:
+            before = best.J
+            minimize(
+                lambda x: -at(x).J, best.x.ravel(), jac=lambda x: -at(x).slopes[0],
+                method="SLSQP", bounds=[(-bound, bound)] * best.x.size,
+                constraints={
+                    "type": "ineq",
+                    "fun": lambda x: self.box.room(at(x).z),
+                    "jac": lambda x: self.box.room_slope(at(x).slopes[1]),
+                },
+                options={"maxiter": STEPS, "ftol": GAIN},
+            )  # fmt: skip
+            if best.J - before < 100 * GAIN:
+                return best
+
+    def inside(self, x: np.ndarray, rate: float) -> np.ndarray:
+        """Return x (d, P), shrunk towards home where a limit is broken between the samples."""
+        period = self.family.series.period
+        n = max(FINE * len(self.family.rest), int(np.ceil(period * rate)))
+        fine = self.family.at(period * np.arange(n) / n)
+        for _ in range(SHRINKS):
+            grown = fine.grow(x, lambda rows: self.exact.broken(self.exact.z(rows.e)) is None)
+            if grown is not None and np.allclose(grown[0], x, rtol=1e-9, atol=0.0):
+                return x
+            x = SHRINK * x
+        raise MotionError(
+            f"{self.family.model.mechanism.name}: the motion found breaks a limit between its "
+            "samples; try another seed, or fewer harmonics"
+        )
+
+    def excitation(
+        self,
+        x: np.ndarray,
+        duration: float,
+        periods: int,
+        rate: float,
+        separate: tuple[str, str] | None,
+        seed: int,
+    ) -> Excitation:
+        """Return the excitation of the motion x (d, P), with the log of all periods."""
+        model, series = self.family.model, self.family.series
+        t = np.arange(round(duration * rate) + 1) / rate
+        grown = self.family.at(t).grow(x, lambda rows: True)
+        assert grown is not None  # it is known to close
+        rows = model.rows(with_standstill(grown[1].e))
+        result = Determined.of(model, rows, self.sigma)
+        z = self.exact.z(rows.e)
+        low, high, share = z.min(axis=0), z.max(axis=0), self.exact.used(z)
+        limits = zip(self.exact.low, self.exact.high, strict=True)
+        uses = tuple(
+            LimitUse(q.joint, q.kind, float(low[i]), float(high[i]), float(lower), float(upper),
+                     q.unit, float(share[i]))
+            for i, (q, (lower, upper)) in enumerate(zip(self.exact.quantities, limits, strict=True))
+        )  # fmt: skip
+        return Excitation(
+            name=model.mechanism.name,
+            log=_log(model.mechanism, rows.e),
+            period=duration / periods,
+            periods=periods,
+            harmonics=series.harmonics,
+            series=dict(zip(self.names, series.coefficients(x), strict=True)),
+            uses=uses,
+            home=0.0 if rows.e.pinv is None else float(high[-1]) / self.pinv,
+            unknowns=len(model.columns),
+            base=result.expected(model),
+            condition_number=result.base.condition_number,
+            log_det=result.log_det,
+            noise=dict(zip(self.names, self.sigma, strict=True)),
+            separation=None if separate is None else result.separation(model.columns, separate),
+            seed=seed,
+            notes=self.notes,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Determined:
+    """The base parameters that the rows of a motion determine.
+
+    Attributes:
+        W: (N, k) informing rows over the noise; base: the independent columns.
+        C: covariance of the base parameters; log_det: of its inverse.
+    """
+
+    W: np.ndarray
+    base: Base
+    C: np.ndarray
+    log_det: float
+
+    @classmethod
+    def of(cls, model: MotionModel, rows: MotionRows, sigma: np.ndarray) -> Determined:
+        """Factorise the rows of a motion over the noise (d,) of the torques."""
+        W = (rows.informing / sigma[:, None]).reshape(-1, len(model.columns))
+        factor = Factor.of(W, np.zeros(len(W)))
+        base = reveal(factor, TOLERANCE)
+        R = factor.restricted(base.independent).R
+        log_det = 2 * float(np.log(np.abs(R.diagonal())).sum())
+        return cls(W, base, solve(factor, base).C, log_det)
+
+    @property
+    def stderr(self) -> np.ndarray:
+        """Standard errors of the base parameters (r,)."""
+        return np.sqrt(self.C.diagonal())
+
+    def expected(self, model: MotionModel) -> tuple[ExpectedValue, ...]:
+        """Return prior and standard error of every base parameter."""
+        columns, base = model.columns, self.base
+        x = columns.prior_at(model.point.values)
+        prior = x[base.independent] + base.K @ x[base.dependent]
+        units = [columns.units[i] for i in base.independent]
+        named = zip(base_names(columns, base), prior, self.stderr, units, strict=True)
+        return tuple(ExpectedValue(name, float(p), float(s), unit) for name, p, s, unit in named)
+
+    def separation(self, columns: Columns, pair: tuple[str, str]) -> Separation:
+        """Return how well two effects are distinguished."""
+        independent = list(self.base.independent)
+        a, b = (_places(columns, label) for label in pair)
+        cosine, share = cosine_and_shares(self.W, a, b)
+        errors = [
+            float(self.stderr[independent.index(own[0])]) if own[0] in independent else np.inf
+            for own in (a, b)
+        ]
+        units = columns.units[a[0]], columns.units[b[0]]
+        return Separation(*pair, cosine, share, (errors[0], errors[1]), units)
+
+
+def separation(
+    mechanism: Mechanism, pair: tuple[str, str], motion: Motion, noise: float = 1.0
+) -> Separation:
+    """Return how well a motion distinguishes two effects, whatever moves.
+
+    Args:
+        mechanism: the model; the effects are added where it lacks them.
+        pair: labels of the two.
+        motion: completed; of several experiments the first.
+        noise: of all torques [N m | N], for the standard errors.
 
     Raises:
-        MotionError: where an effect's columns are made by others' in every motion.
+        MechanismError: for labels that are no pair of effects of this mechanism.
     """
-    r = ready.base.rank
-    if separate is None:
-        return Criterion.of_all(r, balance)
-    stage = ready.track.stage
-    a, b = (columns_of(stage.mechanism, stage.columns, ready.base, label) for label in separate)
-    return Criterion.of_pair(r, a, b)
+    mechanism = with_rivals(mechanism, pair)
+    model = MotionModel(mechanism, Columns.of(mechanism), initial(mechanism, motion))
+    rows = model.rows(motion.experiments[0])
+    sigma = np.full(rows.A.shape[1], noise)
+    return Determined.of(model, rows, sigma).separation(model.columns, pair)
 
 
-def _start(ready: Ready, criterion: Criterion, seed: int, i: int) -> Course | None:
-    """The best of some random courses."""
-    random = np.random.default_rng([seed, 2, i])
-    best: Course | None = None
-    for _ in range(DRAWS):
-        found = drawn(ready.track, random)
-        if found is None:
+def with_rivals(mechanism: Mechanism, pair: tuple[str, str]) -> Mechanism:
+    """Return the mechanism with both effects, their parameters unknown.
+
+    Raises:
+        MechanismError: for a label that names no single effect, or the same one twice.
+    """
+    if len(set(pair)) != 2:
+        raise MechanismError(f"separate {' '.join(pair)}: two different effects are expected")
+    for label in pair:
+        own = {effect.label: effect for effect in mechanism.effects}
+        if label in own and not own[label].known:
             continue
-        x, seen, z = found
-        course = Course.judged(ready.track, criterion, ready.scale, x.reshape(-1), seen, z)
-        if course is not None and (best is None or course.worth > best.worth):
-            best = course
-    return best
+        kind, joints = parse(label)
+        if not joints and KINDS[kind].sits != "mechanism":
+            raise MechanismError(f"separate {label}: of which joint? write {label}:JOINT")
+        mechanism = mechanism.with_effect(label)
+    return mechanism
 
 
-def _settled(ready: Ready, course: Course, rate: float) -> np.ndarray:
-    """x (d, P), shrunk towards home where a limit is broken between the samples of the search."""
-    track = ready.track
-    period = track.fourier.period
-    n = max(FINE * len(track.rest), int(np.ceil(period * rate)))
-    fine = track.at(period * np.arange(n) / n, ready.exact)
-    x = course.x.reshape(track.fourier.shape)
-    for _ in range(SHRINKS):
-        found = grown(fine, x)
-        if found is not None and np.allclose(found[0], x, rtol=1e-9, atol=0.0):
-            return x
-        x = SHRINK * x
-    raise MotionError(
-        f"{track.stage.mechanism.name}: the motion found breaks a limit between its samples; try "
-        "another seed, or fewer harmonics"
+def _places(columns: Columns, label: str) -> list[int]:
+    """Return the indices of an effect's unknowns; of a correction, which has none, its shapes.
+
+    The sensitivity of another effect's shape is zero as long as its unknowns are.
+    """
+    effect, places = next((e, at) for e, at in columns.effects if e.label == label)
+    own = places[: len(effect.unknowns)] if effect.unknowns else places
+    return [int(i) for i in own if i >= 0]
+
+
+def _home(
+    mechanism: Mechanism, joints: list[Joint], start: np.ndarray
+) -> tuple[np.ndarray, list[str]]:
+    """Return the home (d,) [rad | m]: the start, moved into the ranges of a tree's joints.
+
+    Raises:
+        MotionError: for a mechanism with closures that starts outside a range.
+    """
+    home, notes = start.copy(), []
+    for i, joint in enumerate(joints):
+        inside = joint.lower <= start[i] <= joint.upper
+        if mechanism.closures and not inside:
+            raise MotionError(
+                f"{mechanism.name}: [joints] start has {joint.name} at {start[i]:.4g} "
+                f"{joint.unit}, outside its range {joint.lower:.4g} to {joint.upper:.4g}; widen "
+                "the range, or give a start inside it"
+            )
+        if not mechanism.closures:
+            margin = AWAY * (joint.upper - joint.lower)
+            home[i] = np.clip(start[i], joint.lower + margin, joint.upper - margin)
+        if not inside:
+            notes.append(
+                f"{joint.name} starts outside its range: {home[i]:.4g} {joint.unit} is home instead"
+            )
+    return home, notes
+
+
+def _excluded(q: Quantity, value: float, low: float, high: float, reserve: float) -> str:
+    """Return why even standing still at home breaks a limit."""
+    if q.kind == "position":
+        return (
+            f"at home {q.joint} is at {value:.4g} {q.unit}, its range is {low:.4g} to {high:.4g}; "
+            "widen it, or give another [joints] start"
+        )
+    return (
+        f"to stand still at home asks {value:.4g} {q.unit} of {q.joint}, and its limit is "
+        f"{high:.4g} {q.unit} (the reserve of {100 * reserve:.3g} % taken off); "
+        "raise its limit of torque, lower the reserve, or give another [joints] start"
     )
+
+
+def _draw(
+    family: Family, box: LimitBox, random: np.random.Generator
+) -> tuple[np.ndarray, MotionRows] | None:
+    """Return a random motion x (d, P) inside a box, with its rows.
+
+    Each drive's series is as large as its own limits allow and lies anywhere in its range; then
+    the motion is grown from home.
+    """
+    series, basis = family.series, family.basis
+    x = random.standard_normal(series.shape)
+    shift = random.uniform(-1.0, 1.0, len(x))
+    x[:, 0] = 0.0
+    y, v, a = series.states(x, basis)
+    y = y - series.home
+    joints = family.model.mechanism.joint_index
+    middle = box.middle[[joints[name] for name in family.rest.independent]]
+    low, high = y.min(axis=0), y.max(axis=0)
+    rates = np.minimum(
+        series.speed / np.abs(v).max(axis=0), series.acceleration / np.abs(a).max(axis=0)
+    )
+    size = INSIDE * np.minimum(2 * series.half / (high - low), rates)
+    x *= size[:, None]
+    free = INSIDE * series.half - 0.5 * size * (high - low)
+    x[:, 0] = (middle - series.home - 0.5 * size * (high + low) + shift * free) / series.half
+    return family.grow(x, lambda rows: bool((box.room(box.z(rows.e)) > 0).all()))
+
+
+def _pilots(family: Family, box: LimitBox, seed: int) -> list[MotionRows]:
+    """Return the rows of some random motions.
+
+    Raises:
+        MotionError: if none is inside the limits.
+    """
+    random = np.random.default_rng([seed, 1])
+    wanted, most = PILOTS
+    pilots: list[MotionRows] = []
+    for _ in range(most):
+        if len(pilots) < wanted and (found := _draw(family, box, random)) is not None:
+            pilots.append(found[1])
+    if not pilots:
+        raise MotionError(
+            f"{family.model.mechanism.name}: none of {most} random motions from home keeps the "
+            "limits; home is too near a limit or a singular position: give another [joints] "
+            "start, or wider limits"
+        )
+    return pilots
+
+
+def _noise(joints: list[Joint], pilots: list[MotionRows], given: Mapping[str, float]) -> np.ndarray:
+    """Return (d,) expected noise of torques: given, else 1 % of the limit, else of the rms."""
+    names = [joint.name for joint in joints]
+    for name, x in given.items():
+        if name not in names:
+            raise MechanismError(f"noise: no drive '{name}' is moved; {one_of(name, names)}")
+        if not 0 < x < np.inf:
+            raise MechanismError(f"noise: {name} = {x:g}; a number above 0 is expected")
+    rms = max(float(np.sqrt(np.mean(np.concatenate([p.e.tau for p in pilots]) ** 2))), 1e-9)
+    usual = {j.name: j.effort if np.isfinite(j.effort) else rms for j in joints}
+    return np.array([given.get(name, NOISE * usual[name]) for name in names])
+
+
+def _log(mechanism: Mechanism, e: Experiment) -> Log:
+    columns = {}
+    for channel, series in (("q", e.y), ("v", e.yd), ("a", e.ydd)):
+        for name in mechanism.driven:
+            columns[f"{channel}.{name}"] = series[:, mechanism.joint_index[name]]
+    columns |= {f"tau.{name}": e.tau[:, i] for i, name in enumerate(mechanism.driven)}
+    return Log.from_arrays(f"{mechanism.name} excited", e.t, columns)

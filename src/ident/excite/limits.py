@@ -1,4 +1,7 @@
-"""What an exciting motion must keep: limits of the URDF, or others in their place."""
+"""Limits of a motion: the URDF's or others in their place, and all of them as one box.
+
+low < z(t) < high,    z = (y, ẏ, ÿ of all joints, τ of the drives, ‖K⁺‖)
+"""
 
 from __future__ import annotations
 
@@ -9,9 +12,10 @@ import numpy as np
 
 from ident.errors import MechanismError, one_of
 from ident.mechanism.mechanism import Joint, Mechanism
+from ident.motion import Experiment
 
-TURN = 2 * np.pi
-PACE = 1.0  # s in which a joint without a limit of speed may cross its range
+CROSSING = 1.0  # [s] in which a joint without a limit of speed may cross its range
+ROUNDING = 1e-9  # of the box's width: a joint may stand at its limit
 Given = float | Mapping[str, float] | None
 
 
@@ -22,10 +26,10 @@ class Limits:
 
     Attributes:
         range: by joint, (lower, upper) [rad | m].
-        speed: [rad/s | m/s]; acceleration: [rad/s² | m/s²], of which a URDF knows none.
+        speed: [rad/s | m/s]; acceleration: [rad/s² | m/s²], of which a URDF has none.
         torque: [N m | N].
-        reserve: share of the torque that is left to what the model does not know, friction first.
-        singular: times its value at home that ‖K⁺‖ may reach: the distance to loop singularities.
+        reserve: share of the torque that is reserved for unmodelled effects, friction first.
+        singular: multiple of its value at home that ‖K⁺‖ may reach: the distance to singularities.
 
     Raises:
         MechanismError: for a number that is no limit.
@@ -61,71 +65,63 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Kept:
-    """The limits that hold, one `Joint` each, with what was assumed where there are none.
+class LimitsInForce:
+    """Limits of every joint, with the assumptions where none are given.
 
     Attributes:
         joints: the mechanism's, with the limits in force.
         acceleration: by joint [rad/s² | m/s²], inf where there is none.
-        reserve, singular: see `Limits`.
-        notes: what was assumed.
+        notes: assumptions.
     """
 
     joints: tuple[Joint, ...]
     acceleration: tuple[float, ...]
-    reserve: float
-    singular: float
     notes: tuple[str, ...]
 
+    @classmethod
+    def of(
+        cls,
+        mechanism: Mechanism,
+        limits: Limits,
+        independent: tuple[str, ...],
+        start: Mapping[str, float],
+    ) -> LimitsInForce:
+        """Combine the URDF's limits with those in their place.
 
-def kept(
-    mechanism: Mechanism, limits: Limits, independent: tuple[str, ...], start: Mapping[str, float]
-) -> Kept:
-    """The limits in force for every joint of a mechanism.
+        Args:
+            mechanism: with the URDF's limits.
+            limits: in their place.
+            independent: joints that are moved; these need a range and a speed.
+            start: their positions [rad | m].
 
-    Args:
-        mechanism: with the URDF's limits.
-        limits: in their place.
-        independent: joints that are moved; these need a range and a speed.
-        start: their positions [rad | m].
-
-    Raises:
-        MechanismError: for a joint that is not there, or a sliding drive without a range.
-    """
-    _check_names(mechanism, limits)
-    joints, notes = [], []
-    for joint in mechanism.joints:
-        driven = joint.name in mechanism.driven
-        low, high = limits.range.get(joint.name, (joint.lower, joint.upper))
-        given = replace(
-            joint,
-            lower=low,
-            upper=high,
-            velocity=_limit(limits.speed, joint.name, driven, joint.velocity or np.inf),
-            effort=_limit(limits.torque, joint.name, driven, joint.effort or np.inf),
-        )
-        if joint.name in independent:
-            given, said = _bounded(given, start[joint.name])
-            notes += said
-        joints.append(given)
-    acceleration = [
-        _limit(limits.acceleration, joint.name, joint.name in mechanism.driven, np.inf)
-        for joint in joints
-    ]
-    return Kept(tuple(joints), tuple(acceleration), limits.reserve, limits.singular, tuple(notes))
-
-
-def _check_names(mechanism: Mechanism, limits: Limits) -> None:
-    tables = [limits.range, limits.speed, limits.acceleration, limits.torque]
-    for table in (each for each in tables if isinstance(each, Mapping)):
-        for name in table:
-            mechanism.joint(name)
-    for name in limits.torque if isinstance(limits.torque, Mapping) else ():
-        if name not in mechanism.driven:
-            raise MechanismError(
-                f"{mechanism.name}: limit of torque: '{name}' is passive; "
-                f"{one_of(name, mechanism.driven)}"
+        Raises:
+            MechanismError: for an unknown joint, or a sliding drive without a range.
+        """
+        for given in (limits.range, limits.speed, limits.acceleration, limits.torque):
+            for name in given if isinstance(given, Mapping) else ():
+                mechanism.joint(name)
+                if given is limits.torque and name not in mechanism.driven:
+                    raise MechanismError(
+                        f"{mechanism.name}: limit of torque: '{name}' is passive; "
+                        f"{one_of(name, mechanism.driven)}"
+                    )
+        joints, acceleration, notes = [], [], []
+        for joint in mechanism.joints:
+            name, driven = joint.name, joint.name in mechanism.driven
+            low, high = limits.range.get(name, (joint.lower, joint.upper))
+            joint = replace(
+                joint,
+                lower=low,
+                upper=high,
+                velocity=_limit(limits.speed, name, driven, joint.velocity or np.inf),
+                effort=_limit(limits.torque, name, driven, joint.effort or np.inf),
             )
+            if name in independent:
+                joint, assumed = _bounded(joint, start[name])
+                notes += assumed
+            joints.append(joint)
+            acceleration.append(_limit(limits.acceleration, name, driven, np.inf))
+        return cls(tuple(joints), tuple(acceleration), tuple(notes))
 
 
 def _limit(given: Given, name: str, driven: bool, urdf: float) -> float:
@@ -135,9 +131,9 @@ def _limit(given: Given, name: str, driven: bool, urdf: float) -> float:
 
 
 def _bounded(joint: Joint, start: float) -> tuple[Joint, list[str]]:
-    """A driven joint with a range and a speed, where the URDF gives none."""
+    """Return a driven joint with a range and a speed, where the URDF gives none."""
     notes = []
-    if joint.rotational and joint.upper - joint.lower > TURN:
+    if joint.rotational and joint.upper - joint.lower > 2 * np.pi:
         joint = replace(joint, lower=start - np.pi, upper=start + np.pi)
         notes.append(f"{joint.name} may turn on and on: moved by up to half a turn either way")
     if not np.isfinite(joint.upper - joint.lower):
@@ -146,8 +142,109 @@ def _bounded(joint: Joint, start: float) -> tuple[Joint, list[str]]:
             f"--range {joint.name}=LOWER:UPPER"
         )
     if not np.isfinite(joint.velocity):
-        joint = replace(joint, velocity=(joint.upper - joint.lower) / PACE)
+        joint = replace(joint, velocity=(joint.upper - joint.lower) / CROSSING)
         notes.append(
             f"{joint.name} has no limit of speed: {joint.velocity:.3g} {joint.unit}/s is taken"
         )
     return joint, notes
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One limited quantity: its joint, kind (position, speed, …) and unit."""
+
+    joint: str
+    kind: str
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class LimitBox:
+    """Limits of all quantities z.
+
+    Attributes:
+        quantities: (Z,); low, high: (Z,) their limits, infinite where there are none.
+    """
+
+    quantities: tuple[Quantity, ...]
+    low: np.ndarray
+    high: np.ndarray
+
+    @classmethod
+    def of(
+        cls, mechanism: Mechanism, limits: Limits, in_force: LimitsInForce, size: float
+    ) -> LimitBox:
+        """Make the box from the limits in force and ‖K⁺‖ at home (unused in a tree)."""
+        rows: list[tuple[str, str, str, float, float]] = []
+        joints = in_force.joints
+        rows += [(j.name, "position", j.unit, j.lower, j.upper) for j in joints]
+        rows += [(j.name, "speed", f"{j.unit}/s", -j.velocity, j.velocity) for j in joints]
+        for j, most in zip(joints, in_force.acceleration, strict=True):
+            rows.append((j.name, "acceleration", f"{j.unit}/s²", -most, most))
+        for j in (joints[mechanism.joint_index[name]] for name in mechanism.driven):
+            most = (1 - limits.reserve) * j.effort
+            rows.append((j.name, "torque", j.force_unit, -most, most))
+        if mechanism.closures:
+            rows.append(("", "singularity", "1", -np.inf, limits.singular * size))
+        quantities = tuple(Quantity(*row[:3]) for row in rows)
+        low, high = np.array([row[3:] for row in rows]).T
+        return cls(quantities, low, high)
+
+    def z(self, e: Experiment) -> np.ndarray:
+        """Return z (n, Z) of an experiment that has its predicted torques."""
+        parts = [e.y, e.yd, e.ydd, e.tau]
+        if e.pinv is not None:
+            parts.append(np.linalg.norm(e.pinv, axis=(1, 2))[:, None])
+        return np.hstack(parts)
+
+    @property
+    def middle(self) -> np.ndarray:
+        """(Z,) centre of both limits; 0 where there are not both."""
+        closed = np.isfinite(self.low) & np.isfinite(self.high)
+        return 0.5 * (np.where(closed, self.low, 0.0) + np.where(closed, self.high, 0.0))
+
+    @property
+    def half(self) -> np.ndarray:
+        """(Z,) half of the width; the upper limit where there is no lower one, else 1."""
+        width = np.where(np.isfinite(self.low), 0.5 * (self.high - self.low), self.high)
+        return np.where(np.isfinite(width), np.maximum(np.abs(width), 1e-300), 1.0)
+
+    def tightened(self, moved: tuple[str, ...], between: float, margin: float) -> LimitBox:
+        """Return a smaller box for samples.
+
+        The share `between` applies to the positions and rates of the joints that are moved, whose
+        series is bounded between samples too, `margin` to everything that follows from them.
+        """
+        share = np.array([
+            between if q.joint in moved and q.kind in ("position", "speed", "acceleration")
+            else margin for q in self.quantities
+        ])  # fmt: skip
+        low, high = (self.middle + share * (x - self.middle) for x in (self.low, self.high))
+        return replace(self, low=low, high=high)
+
+    def room(self, z: np.ndarray) -> np.ndarray:
+        """Return distances of z (n, Z) from all finite limits, in half widths; flat, ≥ 0 inside."""
+        below, above = np.isfinite(self.low), np.isfinite(self.high)
+        low = ((z - self.low) / self.half)[:, below]
+        return np.concatenate([low.ravel(), ((self.high - z) / self.half)[:, above].ravel()])
+
+    def room_slope(self, dz: np.ndarray) -> np.ndarray:
+        """Return the derivatives of `room` (n finite limits, N) from those of z (n, Z, N)."""
+        dz = dz / self.half[:, None]
+        parts = dz[:, np.isfinite(self.low)], -dz[:, np.isfinite(self.high)]
+        return np.concatenate([part.reshape(-1, dz.shape[2]) for part in parts])
+
+    def broken(self, z: np.ndarray) -> Quantity | None:
+        """Return the quantity that is farthest outside in units of the width; None if none is."""
+        over = np.maximum(self.low - z, z - self.high).max(axis=0) / self.half
+        worst = int(over.argmax())
+        return self.quantities[worst] if over[worst] > ROUNDING else None
+
+    def used(self, z: np.ndarray) -> np.ndarray:
+        """Return (Z,) the share of each limit that is used, 0 where there is none; of ranges the
+        share that is covered.
+        """
+        position = np.array([q.kind == "position" for q in self.quantities])
+        closed = np.isfinite(self.low) & np.isfinite(self.high)
+        covered = np.where(closed, np.ptp(z, axis=0) / (2 * self.half), 0.0)
+        return np.where(position, covered, np.abs(z).max(axis=0) / self.high)

@@ -7,6 +7,7 @@ from ident.display import Displayed, renders
 MODULES: dict[str, str] = {
     "Log": "log",
     "Mechanism": "mechanism",
+    "Excitation": "excite",
     "MonteCarlo": "montecarlo",
     "Studies": "montecarlo",
 }

@@ -1,0 +1,327 @@
+"""Periodic motions of the drives: Fourier series, followed through the closures, with their rows.
+
+    y(t) = c + Σ_k a_k sin(kωt) + b_k cos(kωt)          ω = 2π/T, k = 1 … H
+    ẏ(0) = 0:  Σ k a_k = 0            ÿ(0) = 0:  Σ k² b_k = 0
+    τ̂ = A x₀ − b         rows of the motion, x₀ the prior, b of a motion without torques
+
+Source: Swevers, Ganseman, Tükel, De Schutter, Van Brussel, IEEE Trans. Robot. Autom. 13(5), 1997,
+eq. 12. Both conditions are linear, so that the series which satisfy them are a linear space too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import null_space
+
+from ident.equations.columns import Columns
+from ident.equations.point import Point
+from ident.equations.rows import informing, reach
+from ident.equations.scene import Scene
+from ident.equations.terms import terms
+from ident.errors import MotionError
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Experiment
+from ident.motion.independent import best_conditioned
+from ident.motion.place import again, in_tree, reduced, through_closures
+from ident.motion.rest import STILL
+
+LEAP = 0.4  # [rad | m] by which a drive may move in one step along the branch
+SLIP, GAIN = 0.05, 2.0  # [rad | m] and times ‖K⁺‖ of that step, by which the others may
+HALVINGS = 4  # of the last step along a line
+STEP = (
+    1e-5,
+    0.06,
+    1e-3,
+)  # of differences in y, ẏ, ÿ: shares of half range, top speed, acceleration
+EVERY = slice(None)
+
+
+@dataclass(frozen=True, eq=False)
+class Fourier:
+    """Series of d joints about their home positions: y = home + basis(t) x.
+
+    Attributes:
+        period: T [s]; harmonics: H, 2 or more.
+        home: (d,) [rad | m], the positions at x = 0.
+        half: (d,) half of the joints' ranges; speed, acceleration: (d,) the largest allowed.
+    """
+
+    period: float
+    harmonics: int
+    home: np.ndarray
+    half: np.ndarray
+    speed: np.ndarray
+    acceleration: np.ndarray
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Shape of x: d joints, 2 H − 1 numbers each, of which the first moves the centre c."""
+        return len(self.home), 2 * self.harmonics - 1
+
+    @property
+    def largest(self) -> float:
+        """Bound of every |x| inside the limits: amplitudes are at most 4/π of a function's."""
+        return max(2.0, 4 / np.pi * np.sqrt(self.harmonics))
+
+    @cached_property
+    def _frequencies(self) -> np.ndarray:
+        """k ω (H,) [rad/s]."""
+        return 2 * np.pi / self.period * np.arange(1, self.harmonics + 1)
+
+    @cached_property
+    def top_speed(self) -> np.ndarray:
+        """(d,) speed that the limits allow the highest harmonic."""
+        return np.minimum(self.speed, self.half * self._frequencies[-1])
+
+    @cached_property
+    def _free(self) -> np.ndarray:
+        """(d, 2 H + 1, 2 H − 1): c, a, b of every joint from its x.
+
+        The unit of an amplitude is the largest that the limits allow its harmonic alone, so that
+        all x have the same scale.
+        """
+        H, w = self.harmonics, self._frequencies
+        free = np.zeros((len(self.home), 2 * H + 1, 2 * H - 1))
+        for u, out in enumerate(free):
+            largest = np.minimum(self.half[u], self.speed[u] / w)
+            largest = np.minimum(largest, self.acceleration[u] / w**2)
+            out[0, 0] = self.half[u]
+            for rows, power, at in ((slice(1, H + 1), 1, 1), (slice(H + 1, None), 2, H)):
+                condition = (w**power * largest)[None]
+                out[rows, at : at + H - 1] = largest[:, None] * null_space(condition)
+        return free
+
+    def coefficients(self, x: np.ndarray) -> np.ndarray:
+        """Return c, a_1 … a_H, b_1 … b_H (d, 2 H + 1) of the series x (d, 2 H − 1) [rad | m]."""
+        series = np.einsum("dkp,dp->dk", self._free, x)
+        series[:, 0] += self.home
+        return series
+
+    def basis(self, t: np.ndarray) -> np.ndarray:
+        """Return (3, n, d, 2 H − 1): ∂(y, ẏ, ÿ)/∂x at the times t (n,) [s]."""
+        w = self._frequencies
+        sin, cos = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
+        one, none = np.ones((len(t), 1)), np.zeros((len(t), 1))
+        waves = np.stack([
+            np.hstack([one, sin, cos]),
+            np.hstack([none, w * cos, -w * sin]),
+            np.hstack([none, -(w**2) * sin, -(w**2) * cos]),
+        ])  # fmt: skip
+        return np.einsum("cnk,dkp->cndp", waves, self._free)
+
+    def states(self, x: np.ndarray, basis: np.ndarray) -> np.ndarray:
+        """Return y, ẏ, ÿ (3, n, d) of the series x (d, 2 H − 1) on a basis (3, n, d, 2 H − 1)."""
+        states = np.einsum("cndp,dp->cnd", basis, x)
+        states[0] += self.home
+        return states
+
+    def between(self, n: int) -> float:
+        """Share of a bound that n even samples a period may reach, so that nothing between them
+        exceeds it: cos(π H / n) (Ehlich, Zeller, Math. Z. 86, 1964).
+        """
+        return float(np.cos(np.pi * self.harmonics / n))
+
+
+@dataclass(frozen=True, eq=False)
+class MotionRows:
+    """Rows of the equations at n samples of a motion.
+
+    Attributes:
+        e: the experiment, with the torques that the model predicts.
+        A: (n, d, k) rows; informed: (n, d), false where dry friction leaves the torque open.
+    """
+
+    e: Experiment
+    A: np.ndarray
+    informed: np.ndarray
+
+    @property
+    def informing(self) -> np.ndarray:
+        """A (n, d, k) with zeros where it does not inform."""
+        return self.A * self.informed[:, :, None]
+
+
+@dataclass(frozen=True, eq=False)
+class MotionModel:
+    """The equations of a mechanism, evaluated on motions of its drives."""
+
+    mechanism: Mechanism
+    columns: Columns
+    point: Point
+
+    def follow(self, near: Experiment, states: np.ndarray) -> Experiment | None:
+        """Return the experiment at y, ẏ, ÿ (3, n, d) of its drives, on the branch of a near one.
+
+        None where the closures cannot be satisfied, or another branch was reached: the joints
+        moved by more than K⁺ predicts. Speeds of standstill do not change.
+        """
+        at = [self.mechanism.joint_index[name] for name in near.independent]
+        step = states - np.stack([x[:, at] for x in (near.y, near.yd, near.ydd)])
+        if self.mechanism.closures and np.abs(step[0]).max() > LEAP:
+            return None
+        moved = {name: tuple(step[:, :, i]) for i, name in enumerate(near.independent)}
+        try:
+            with np.errstate(all="ignore"):
+                e = again(self.mechanism, near, moved)
+        except (MotionError, np.linalg.LinAlgError):
+            return None
+        if not e.usable.all():
+            return None
+        if near.pinv is not None:
+            size = np.linalg.norm(near.pinv, axis=(1, 2)) * np.linalg.norm(step[0], axis=1)
+            if (np.abs(e.q - near.q).max(axis=1) > SLIP + GAIN * size).any():
+                return None
+        return e
+
+    def rows(self, e: Experiment) -> MotionRows:
+        """Return the rows and predicted torques of an experiment."""
+        x = self.columns.prior_at(self.point.values)
+        e = replace(e, tau=np.zeros((len(e), len(self.mechanism.driven))))
+        scene = Scene.of(self.mechanism, self.columns, e, self.point)
+        found = terms(scene, EVERY)
+        e = replace(e, tau=self._drives(e, found.A @ x - found.b))
+        if any(effect.corrects for effect in self.mechanism.effects):  # these depend on torques
+            scene = Scene.of(self.mechanism, self.columns, e, self.point)
+            found = terms(scene, EVERY)
+        informed = informing(scene.samples(EVERY), found.told, reach(scene.e))
+        return MotionRows(e, found.A, informed)
+
+    def _drives(self, e: Experiment, torque: np.ndarray) -> np.ndarray:
+        """Return (n, driven) from torques in independent coordinates; surplus drives share them."""
+        driven = self.mechanism.driven
+        if e.leverage is None:
+            return torque[:, [self.mechanism.joint(name).index for name in driven]]
+        if tuple(driven) == e.independent:
+            return torque
+        at = [self.mechanism.joint_index[name] for name in driven]
+        return np.einsum("ndj,nd->nj", np.linalg.pinv(e.leverage[:, at], rcond=1e-6), torque)
+
+    def neighbours(
+        self, here: MotionRows, series: Fourier
+    ) -> Iterator[tuple[int, int, MotionRows, MotionRows, float]]:
+        """Yield (channel, drive, rows above, rows below, width) of all differences by y, ẏ, ÿ.
+
+        Central ones in y and ẏ, forward ones in ÿ. Rows of rigid bodies are linear in ÿ and
+        quadratic in ẏ, so that wide steps are exact there; in ẏ they also show how dry friction
+        changes sign at a reversal, which narrow ones would miss.
+        """
+        e = here.e
+        at = [self.mechanism.joint_index[name] for name in e.independent]
+        states = np.stack([x[:, at] for x in (e.y, e.yd, e.ydd)])
+        sizes = series.half, *np.abs(states[1:]).max(axis=1)
+        for channel, u in np.ndindex(3, len(at)):
+            h = STEP[channel] * sizes[channel][u]
+            above, below = states.copy(), states.copy()
+            above[channel, :, u] += h
+            below[channel, :, u] -= h
+            high = self.follow(e, above)
+            low = e if channel == 2 else self.follow(e, below)
+            if high is not None and low is not None and h > 0:
+                other = here if channel == 2 else self.rows(low)
+                yield channel, u, self.rows(high), other, h if channel == 2 else 2 * h
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """All series of one mechanism at the n samples of a period.
+
+    Attributes:
+        model: the equations; series: the family of series.
+        rest: the mechanism at home, at the samples; basis: (3, n, d, P) of the series there.
+    """
+
+    model: MotionModel
+    series: Fourier
+    rest: Experiment
+    basis: np.ndarray
+
+    def at(self, t: np.ndarray) -> Family:
+        """Return the same family at other times t (n,) [s]."""
+        rest = at_rest(self.model.mechanism, self.rest.independent, self.series.home, t)
+        return replace(self, rest=rest, basis=self.series.basis(t))
+
+    def motion(self, x: np.ndarray, near: Experiment) -> MotionRows | None:
+        """Return the rows of the motion x (d, P), along the straight line from a motion near it.
+
+        None where the closures cannot be followed.
+        """
+        goal = self.series.states(x, self.basis)
+        at = [self.model.mechanism.joint_index[name] for name in near.independent]
+        start = np.stack([v[:, at] for v in (near.y, near.yd, near.ydd)])
+        far = np.abs(goal[0] - start[0]).max() if self.model.mechanism.closures else 0.0
+        count = max(int(np.ceil(far / (0.9 * LEAP))), 1)
+        e: Experiment | None = near
+        for share in np.arange(1, count + 1) / count:
+            e = e and self.model.follow(e, start + share * (goal - start))
+        return None if e is None else self.model.rows(e)
+
+    def grow(
+        self, x: np.ndarray, allowed: Callable[[MotionRows], bool]
+    ) -> tuple[np.ndarray, MotionRows] | None:
+        """Return the largest share of x (d, P), from home outward, whose motions are all allowed.
+
+        So every sample is on the branch of home, and no loop passes a singular position on its way.
+        """
+        far = np.abs(self.series.states(x, self.basis)[0] - self.series.home).max()
+        count = int(np.ceil(far / (0.9 * LEAP))) if self.model.mechanism.closures else 1
+        near, best, share, step, halved = self.rest, None, 0.0, 1.0 / max(count, 1), 0
+        while share < 1.0 - 1e-12 and halved <= HALVINGS:
+            rows = self.motion((share + step) * x, near)
+            if rows is not None and allowed(rows):
+                share, near = share + step, rows.e
+                best = share * x, rows
+                if not halved:
+                    continue
+            step, halved = 0.5 * step, halved + 1
+        return best
+
+
+def at_rest(
+    mechanism: Mechanism, names: tuple[str, ...], home: np.ndarray, t: np.ndarray
+) -> Experiment:
+    """Return an experiment in which the drives `names` stay at home (d,), at the times t (n,) [s].
+
+    Raises:
+        MotionError: if the closures cannot be followed there from the start.
+    """
+    none = np.empty(0)
+    base = Experiment(
+        name=f"a motion of {mechanism.name}", t=t, q=none, v=none, a=none, y=none, yd=none,
+        ydd=none, tau=np.zeros((len(t), len(mechanism.driven))), wrench=None, pinv=None,
+        leverage=None, usable=np.ones(len(t), dtype=bool), still=none, logged=names,
+        independent=names,
+    )  # fmt: skip
+    known = np.zeros((3, len(t), len(home)))
+    known[0] = home
+    if not mechanism.closures:
+        return with_standstill(in_tree(mechanism, base, names, known))
+    closed = through_closures(mechanism, base, names, known)
+    return with_standstill(reduced(mechanism, closed, names)[0])
+
+
+def with_standstill(e: Experiment) -> Experiment:
+    """Return the experiment with the speeds of standstill that a log of this motion would get."""
+    return replace(e, still=np.maximum(STILL * np.abs(e.yd).max(axis=0), 1e-9))
+
+
+def moved_joints(mechanism: Mechanism) -> tuple[str, ...]:
+    """Return the drives whose positions determine the motion.
+
+    Raises:
+        MotionError: if there are fewer drives than degrees of freedom.
+    """
+    if mechanism.closures:
+        names = best_conditioned(mechanism, mechanism.assembled[None])
+    else:
+        names = tuple(joint.name for joint in mechanism.joints)
+    free = [name for name in names if name not in mechanism.driven]
+    if free:
+        raise MotionError(
+            f"{mechanism.name}: {', '.join(free)} moves freely, without a drive, so no motion can "
+            "be asked of it; `excite` needs as many drives as degrees of freedom"
+        )
+    return names
