@@ -27,6 +27,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 
 MOST = 20_000  # rows; of more, one in so many is kept: they decide, they are not fitted
+WORDS = ("torque", "load")
 FINE = 16.0  # samples a period of the cut-off at which smooth sensitivities are evaluated
 
 
@@ -176,7 +177,11 @@ class Table:
         each = [self.samples(number).signals(effect.joints) for number in range(len(self.scenes))]
         if len(each) == 1:
             return each[0]
-        torque, load = (np.concatenate([getattr(s, x) for s in each]) for x in ("torque", "load"))
+
+        def predicted() -> tuple[np.ndarray, np.ndarray]:  # a place of the drawing has none
+            torque, load = (np.concatenate([getattr(s, x) for s in each]) for x in WORDS)
+            return torque, load
+
         return replace(
             each[0],
             t=np.concatenate([s.t for s in each]),
@@ -184,5 +189,5 @@ class Table:
             v=np.concatenate([s.v for s in each]),
             a=np.concatenate([s.a for s in each]),
             still=np.min([s.still for s in each], axis=0),
-            predicted=lambda: (torque, load),
+            predicted=predicted,
         )

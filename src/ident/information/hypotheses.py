@@ -1,0 +1,479 @@
+"""Which columns explain what a model leaves, everything else refitted, by blocks of time left out.
+
+Rows (or triangles) of blocks of time and coordinates hold X = [A | C] and Y = [b | r_1 … r_B]:
+columns of the model and of all candidates, measured torques, and residuals that would be seen if
+nothing were missing. With the rows divided by the coordinates' σ,
+
+    Q: orthonormal, spans A          x̃ = x − Q Qᵀx          L_k = (I − Q_k Q_kᵀ)⁻¹ of block k
+    S₋k(x, y) = x̃ᵀỹ − x̃_kᵀ L_k ỹ_k          θ₋k = S₋k(C, C)⁻¹ S₋k(C, b)
+    e_k = L_k b̃_k − L_k C̃_k θ₋k              D_k = |L_k b̃_k|² − |e_k|²          G = Σ_k D_k
+
+are the errors of blocks that were left out of all refits, without a single refit: partial
+regression (Frisch, Waugh, Lovell) with block downdating (Belsley, Kuh, Welsch, Regression
+Diagnostics, 1980). The largest G over all candidates on r_1 … r_B is the null distribution of the
+largest G on b (Westfall, Young, Resampling-Based Multiple Testing, 1993).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ident.information.blocks import Information
+from ident.information.triangle import Array, Index
+
+RANK = 1e-8  # of the largest singular value of unit columns: below, a direction is rounding
+VISIBLE = 1e-4  # share of a column that must be new; squares of less are rounding
+UNDETERMINED = 1e-8  # of 1: a direction that only the left-out block excites is not predicted in it
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Rows of one coordinate in the order of blocks, or triangles of them.
+
+    Attributes:
+        coordinate: whose weight they have.
+        columns: (s,) which of all columns these rows have; the others are zero in them.
+        X: (m, s); Y: (m, 1 + B).
+        edges: (blocks + 1,) rows at which blocks begin, equally many in all parts.
+    """
+
+    coordinate: int
+    columns: Index
+    X: Array
+    Y: Array
+    edges: Index
+
+    def block(self, k: int) -> slice:
+        """Rows of one block."""
+        return slice(int(self.edges[k]), int(self.edges[k + 1]))
+
+
+@dataclass(frozen=True, eq=False)
+class Gains:
+    """What groups of columns do to the left-out squared error.
+
+    Attributes:
+        D: (groups, blocks) by how much the left-out squares of b fall.
+        null: (groups, B) total fall of the left-out squares of r_1 … r_B.
+        visible: (groups,) share of the columns that the model does not have.
+    """
+
+    D: Array
+    null: Array
+    visible: Array
+
+    @property
+    def G(self) -> Array:
+        """(groups,) total fall."""
+        return self.D.sum(axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Refit:
+    """One group of columns, everything refitted.
+
+    Attributes:
+        D: (blocks,) fall of the left-out squares.
+        loss: (blocks, d) left-out squares with the group.
+        theta, stderr: (u,) coefficients from all rows and their standard errors at unit noise.
+        by: (d,) in-sample fall of the squares in each coordinate.
+        visible: share of the columns that the model does not have.
+        direction: (rows,) of C̃ θ, of unit length.
+    """
+
+    D: Array
+    loss: Array
+    theta: Array
+    stderr: Array
+    by: Array
+    visible: float
+    direction: Array
+
+    @property
+    def G(self) -> float:
+        """Total fall."""
+        return float(self.D.sum())
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """Blocks of rows with a model projected out.
+
+    Attributes:
+        parts: one a coordinate, or several.
+        model: (k,) columns of the model.
+        weight: (d,) 1/σ of each coordinate.
+    """
+
+    parts: tuple[Part, ...]
+    model: Index
+    weight: Array
+
+    @classmethod
+    def of(
+        cls, information: Information, weight: Array, model: Index, reference: Array | None = None
+    ) -> Regression:
+        """The question which columns explain some information beside the model's.
+
+        Args:
+            information: in all columns, the model's and the candidates'.
+            weight: (d,) 1/σ of each coordinate.
+            model: columns that are refitted whatever is asked; the others are candidates.
+            reference: (k,) values of all columns that are taken off first, as a reference that is
+                known: what is left is b − X reference.
+        """
+        parts = []
+        times = information.times
+        for u in range(information.d):
+            mine = {(b.log, b.block): b for b in information if b.coordinate == u}
+            if not mine:
+                continue
+            support = next(iter(mine.values())).support
+            known = np.zeros(information.k) if reference is None else reference
+            rows = [
+                mine[t].triangle.stack() if t in mine else np.zeros((0, len(support) + 1))
+                for t in times
+            ]
+            edges = np.cumsum([0, *map(len, rows)])
+            both = np.concatenate(rows)
+            y = both[:, -1] - both[:, :-1] @ known[support]
+            parts.append(Part(u, support, both[:, :-1], y[:, None], edges))
+        return cls(tuple(parts), np.asarray(model, dtype=np.intp), np.asarray(weight, dtype=float))
+
+    @property
+    def d(self) -> int:
+        """Coordinates."""
+        return len(self.weight)
+
+    @property
+    def blocks(self) -> int:
+        """Blocks of time."""
+        return len(self.parts[0].edges) - 1
+
+    @cached_property
+    def columns(self) -> int:
+        """All columns, the model's and the candidates'."""
+        return 1 + max(int(part.columns.max(initial=-1)) for part in self.parts)
+
+    @cached_property
+    def squares(self) -> Array:
+        """(columns, d) squares of each column in each coordinate, unweighted."""
+        found = np.zeros((self.columns, self.d))
+        for part in self.parts:
+            found[part.columns, part.coordinate] += np.einsum("ij,ij->j", part.X, part.X)
+        return found
+
+    @cached_property
+    def size(self) -> Array:
+        """(columns,) weighted norms; 1 where a column is zero."""
+        size = np.sqrt(self.squares @ self.weight**2)
+        return np.where(size > 0, size, 1.0)
+
+    @cached_property
+    def Q(self) -> tuple[Array, ...]:
+        """Q (m, rank) of every part."""
+        mine = [_taken(part, self.model, self._factor(part)) for part in self.parts]
+        k = len(self.model)
+        R = np.concatenate([np.asarray(np.linalg.qr(A, mode="r")) for A in mine])
+        if not k or not R.any():
+            return tuple(np.zeros((len(A), 0)) for A in mine)
+        _, s, Vt = np.linalg.svd(R)
+        good = s > RANK * s[0]
+        T = Vt[: len(s)][good].T / s[good]
+        Q = [A @ T for A in mine]
+        for _ in range(2):  # what rounding leaves of QᵀQ − I goes
+            T = np.linalg.inv(np.linalg.cholesky(sum(q.T @ q for q in Q))).T
+            Q = [q @ T for q in Q]
+        return tuple(Q)
+
+    def _factor(self, part: Part) -> Array:
+        return self.weight[part.coordinate] / self.size
+
+    @property
+    def rank(self) -> int:
+        """Of the model."""
+        return self.Q[0].shape[1]
+
+    @cached_property
+    def residual(self) -> tuple[Array, ...]:
+        """Ỹ (m, 1 + B) of every part, weighted."""
+        Y = [part.Y * self.weight[part.coordinate] for part in self.parts]
+        for _ in range(2):
+            total = sum(q.T @ y for q, y in zip(self.Q, Y, strict=True))
+            Y = [y - q @ total for q, y in zip(self.Q, Y, strict=True)]
+        return tuple(Y)
+
+    @cached_property
+    def _block(self) -> tuple[Array, ...]:
+        """By block G = QᵀQ, M = (I − G)⁻¹ (blocks, rank, rank), QᵀỸ (blocks, rank, 1 + B) and
+        |L ỹ|² (blocks, 1 + B).
+        """
+        n, rank = self.blocks, self.rank
+        G = np.zeros((n, rank, rank))
+        q = np.zeros((n, rank, self.residual[0].shape[1]))
+        yy = np.zeros((n, q.shape[2]))
+        for part, Q, Y in zip(self.parts, self.Q, self.residual, strict=True):
+            for k in range(n):
+                rows = part.block(k)
+                G[k] += Q[rows].T @ Q[rows]
+                q[k] += Q[rows].T @ Y[rows]
+                yy[k] += np.einsum("ij,ij->j", Y[rows], Y[rows])
+        M = np.linalg.pinv(np.eye(rank) - G, rcond=1e-10, hermitian=True)
+        loss = yy + np.einsum("kir,kir->kr", q, (M + M @ M - np.eye(rank)) @ q)
+        return G, M, q, loss + np.einsum("kir,kir->kr", q, q)
+
+    @property
+    def loss(self) -> Array:
+        """(blocks,) left-out squares of b with the model as it is."""
+        return self._block[3][:, 0]
+
+    @cached_property
+    def left_out(self) -> tuple[Array, ...]:
+        """L b̃ (m,) of every part: the errors of blocks that were left out."""
+        return tuple(x[:, 0] for x in self._left_out([y[:, :1] for y in self.residual]))
+
+    def _left_out(self, X: Sequence[Array]) -> list[Array]:
+        """L x̃ of projected columns."""
+        M, out = self._block[1], [x.copy() for x in X]
+        for k in range(self.blocks):
+            rows = [part.block(k) for part in self.parts]
+            q = sum(Q[i].T @ x[i] for Q, x, i in zip(self.Q, X, rows, strict=True))
+            for Q, x, i in zip(self.Q, out, rows, strict=True):
+                x[i] += Q[i] @ (M[k] @ q)
+        return out
+
+    def by_coordinate(self, values: Sequence[Array]) -> Array:
+        """(blocks, d) sums of values (m,) of every part."""
+        found = np.zeros((self.blocks, self.d))
+        for part, x in zip(self.parts, values, strict=True):
+            found[:, part.coordinate] += np.add.reduceat(np.append(x, 0.0), part.edges[:-1]) * (
+                np.diff(part.edges) > 0
+            )
+        return found
+
+    @cached_property
+    def rows(self) -> Array:
+        """(d,) rows of each coordinate."""
+        return self.by_coordinate([np.ones(len(p.X)) for p in self.parts]).sum(axis=0)
+
+    @cached_property
+    def losses(self) -> Array:
+        """(blocks, d) left-out squares with the model as it is."""
+        return self.by_coordinate([e**2 for e in self.left_out])
+
+    # --- candidates ----------------------------------------------------------------------------
+
+    def gains(self, groups: Sequence[Index]) -> Gains:
+        """What each of some groups of columns would do by itself, everything refitted."""
+        B = self.residual[0].shape[1] - 1
+        D, null = np.zeros((len(groups), self.blocks)), np.zeros((len(groups), B))
+        visible = np.zeros(len(groups))
+        sizes = np.array([len(group) for group in groups])
+        for u in np.unique(sizes[sizes > 0]):
+            which = np.flatnonzero(sizes == u)
+            for some in np.array_split(which, -(-len(which) * u // 600)):
+                found = self._gains(np.array([groups[i] for i in some]))
+                D[some], null[some], visible[some] = found.D, found.null, found.visible
+        return Gains(D, null, visible)
+
+    def _gains(self, groups: Index) -> Gains:
+        """Of groups (n, u) of equal size."""
+        n, u = groups.shape
+        flat = groups.ravel()
+        G, M, q, _ = self._block
+        blocks, rank = self.blocks, self.rank
+        p = np.zeros((blocks, rank, n * u))
+        cc = np.zeros((blocks, n, u, u))
+        cy = np.zeros((blocks, n * u, q.shape[2]))
+        for part, Q, Y in zip(self.parts, self.Q, self.residual, strict=True):
+            at = _places(part.columns, self.columns)[flat].reshape(n, u)
+            mine = np.flatnonzero((at >= 0).any(axis=1))
+            if not len(mine):
+                continue
+            X = _columns(part.X, at[mine].ravel()) * self._factor(part)[groups[mine].ravel()]
+            place = (mine[:, None] * u + np.arange(u)).ravel()
+            for k in range(blocks):
+                rows = part.block(k)
+                x = X[rows]
+                p[k][:, place] += Q[rows].T @ x
+                cy[k][place] += x.T @ Y[rows]
+                each = x.reshape(len(x), len(mine), u)
+                cc[k, mine] += np.einsum("mgi,mgj->gij", each, each, optimize=u > 1)
+        P = p.sum(axis=0)
+        whole = P.reshape(rank, n, u)
+        for k in range(blocks):
+            before = p[k].reshape(rank, n, u)
+            cross = np.einsum("rgi,rgj->gij", before, whole, optimize=True)
+            p[k] -= G[k] @ P
+            # x̃_kᵀx̃_k = xᵀx − pᵀP − Pᵀp + PᵀGP, p before the projection
+            GP = (G[k] @ P).reshape(rank, n, u)
+            cc[k] += np.einsum("rgi,rgj->gij", whole, GP, optimize=True)
+            cc[k] -= cross + cross.transpose(0, 2, 1)
+            cy[k] -= P.T @ q[k]
+        S, s = cc.sum(axis=0), cy.sum(axis=0).reshape(n, u, -1)
+        values, V = np.linalg.eigh(S)
+        new = values > VISIBLE**2
+        V = V * (new / np.sqrt(np.where(new, values, 1.0)))[:, None, :]
+        s = V.transpose(0, 2, 1) @ s
+        idle = np.eye(u) * ~new[:, None, :]
+        D = np.zeros((n, blocks))
+        null = np.zeros((n, q.shape[2] - 1))
+        for k in range(blocks):
+            Mp, Wp = M[k] @ p[k], M[k] @ (M[k] @ p[k])
+            three = p[k].reshape(rank, n, u)
+            first, second = (
+                np.einsum("rgi,rgj->gij", three, z.reshape(rank, n, u), optimize=True)
+                for z in (Mp, Wp)
+            )
+            a1 = V.transpose(0, 2, 1) @ (cc[k] + first) @ V
+            a2 = V.transpose(0, 2, 1) @ (cc[k] + first + second) @ V
+            c1 = cy[k] + Mp.T @ q[k]
+            c2 = c1 + Wp.T @ q[k]
+            c1, c2 = (V.transpose(0, 2, 1) @ c.reshape(n, u, -1) for c in (c1, c2))
+            theta = _solved(np.eye(u) * new[:, None, :] - a1 + idle, s - c1)
+            fall = 2 * (theta * c2).sum(axis=1) - (theta * (a2 @ theta)).sum(axis=1)
+            D[:, k] = fall[:, 0]
+            null += fall[:, 1:]
+        return Gains(D, null, np.sqrt(np.clip(values.sum(axis=1), 0.0, None) / u))
+
+    def refit(self, columns: Index) -> Refit:
+        """One group of columns in detail."""
+        size = self.size[columns]
+        return self._refit([_taken(p, columns, self._factor(p)) for p in self.parts], size)
+
+    def refit_with(self, C: Sequence[Array]) -> Refit:
+        """Columns C (m, u), one array a part, that are not among the candidates'."""
+        C = [c * self.weight[p.coordinate] for p, c in zip(self.parts, C, strict=True)]
+        size = np.sqrt(sum((c**2).sum(axis=0) for c in C))
+        size = np.where(size > 0, size, 1.0)
+        return self._refit([c / size for c in C], size)
+
+    def _refit(self, C: list[Array], size: Array) -> Refit:
+        norm = np.sqrt(max(sum(float((c**2).sum()) for c in C), 1e-300))
+        for _ in range(2):  # twice: what is left may be tiny
+            P = sum(q.T @ c for q, c in zip(self.Q, C, strict=True))
+            C = [c - q @ P for q, c in zip(self.Q, C, strict=True)]
+        S = sum(c.T @ c for c in C)
+        values, V = np.linalg.eigh(S)
+        new = values > VISIBLE**2
+        V = V[:, new] / np.sqrt(values[new])
+        C = [c @ V for c in C]
+        LC = self._left_out(C)
+        r = [y[:, 0] for y in self.residual]
+        alpha = sum((c.T @ y for c, y in zip(C, r, strict=True)), np.zeros(V.shape[1]))
+        part_of = [c @ alpha for c in C]
+        by = self.by_coordinate([2 * y * x - x**2 for y, x in zip(r, part_of, strict=True)])
+        errors = [e.copy() for e in self.left_out]
+        for k in range(self.blocks):
+            rows = [part.block(k) for part in self.parts]
+            together = list(zip(C, LC, self.left_out, rows, strict=True))
+            H = np.eye(len(alpha)) - sum(c[i].T @ lc[i] for c, lc, _, i in together)
+            g = alpha - sum(c[i].T @ e[i] for c, _, e, i in together)
+            theta = _solved(H[None], g[None, :, None])[0, :, 0]
+            for lc, e, i in zip(LC, errors, rows, strict=True):
+                e[i] -= lc[i] @ theta
+        loss = self.by_coordinate([e**2 for e in errors])
+        direction = np.concatenate(part_of)
+        return Refit(
+            (self.losses - loss).sum(axis=1),
+            loss,
+            V @ alpha / size,
+            np.sqrt((V**2).sum(axis=1)) / size,
+            by.sum(axis=0),
+            float(np.sqrt(max(values.sum(), 0.0)) / norm),
+            direction / max(float(np.linalg.norm(direction)), 1e-300),
+        )
+
+    def extended(self, columns: Index) -> Regression:
+        """The same rows with further columns in the model."""
+        return replace(self, model=np.append(self.model, columns))
+
+    def without(self, columns: Index) -> Regression:
+        """The same rows without some of the model's columns."""
+        return replace(self, model=self.model[~np.isin(self.model, columns)])
+
+    def weighted(self, weight: Array) -> Regression:
+        """The same rows with other weights."""
+        return replace(self, weight=np.asarray(weight, dtype=float))
+
+    def judging(self, Y: Sequence[Array]) -> Regression:
+        """The same rows with other right-hand sides Y (m, 1 + B), one a part."""
+        parts = zip(self.parts, Y, strict=True)
+        return replace(self, parts=tuple(replace(part, Y=y) for part, y in parts))
+
+    @property
+    def theta(self) -> Array:
+        """(k,) coefficients of the model, of the smallest norm."""
+        A = np.concatenate([_taken(p, self.model, self._factor(p)) for p in self.parts])
+        b = np.concatenate([p.Y[:, 0] * self.weight[p.coordinate] for p in self.parts])
+        return np.linalg.lstsq(A, b, rcond=RANK)[0] / self.size[self.model]
+
+
+def _places(columns: Index, total: int) -> Index:
+    """(total,) where each column is among a part's, −1 where it is not."""
+    found = np.full(total, -1, dtype=np.intp)
+    found[columns] = np.arange(len(columns))
+    return found
+
+
+def _columns(X: Array, at: Index) -> Array:
+    """Columns `at` of X, zero where `at` is −1."""
+    if (at >= 0).all():
+        return X[:, at]
+    found = np.zeros((len(X), len(at)))
+    found[:, at >= 0] = X[:, at[at >= 0]]
+    return found
+
+
+def _taken(part: Part, columns: Index, factor: Array) -> Array:
+    """Some of all columns in a part's rows, weighted and scaled."""
+    at = _places(part.columns, len(factor))[columns]
+    return _columns(part.X, at) * factor[columns]
+
+
+def _solved(H: Array, g: Array) -> Array:
+    """H⁻¹ g (n, u, R) in the directions that are determined, zero in the others."""
+    values, vectors = np.linalg.eigh(H)
+    good = values > UNDETERMINED
+    along = vectors.transpose(0, 2, 1) @ g
+    return vectors @ (along * (good / np.where(good, values, 1.0))[:, :, None])
+
+
+# --- the null distribution and comparisons ------------------------------------------------------
+
+
+def surrogates(r: Array, runs: Sequence[slice], count: int, random: np.random.Generator) -> Array:
+    """Series (N, d, count) that have the spectra of r (N, d) and nothing else of it.
+
+    Each run of equal steps is mirrored at its end, so that its two ends meet, and its phases are
+    turned at random, in all coordinates alike: what goes with what stays.
+    """
+    found = np.zeros((*r.shape, count))
+    for run in runs:
+        x = r[run]
+        n = len(x)
+        if n < 2:
+            continue
+        F = np.fft.rfft(np.concatenate([x, x[::-1]]), axis=0)
+        turn = np.exp(2j * np.pi * random.random((len(F), 1, count)))
+        turn[0] = np.sign(random.standard_normal((1, count)))
+        made = np.fft.irfft(F[:, :, None] * turn, 2 * n, axis=0)[:n]
+        found[run] = made
+    return found
+
+
+def quantile(null: Array, alpha: float) -> float:
+    """The (1 − alpha) quantile of the largest G of each draw; null (groups, draws)."""
+    if not null.size:
+        return 0.0
+    return float(np.quantile(null.max(axis=0), 1 - alpha, method="higher"))
+
+
+def zscore(D: Array) -> float:
+    """Mean over standard error of differences (blocks,); 0 where nothing differs."""
+    spread = float(D.std(ddof=1)) / np.sqrt(len(D)) if len(D) > 1 else 0.0
+    return float(D.mean()) / spread if spread > 0 else 0.0

@@ -1,0 +1,154 @@
+"""Partial regression by blocks left out, against refits; the null distribution on planted data."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ident.information.blocks import Block, Information
+from ident.information.hypotheses import Part, Regression, quantile, surrogates, zscore
+from ident.information.triangle import Triangle
+
+BLOCKS, ROWS, K = 6, 25, 14
+WEIGHT = np.array([1.0, 2.5])
+GROUPS = [np.array(g) for g in ([5], [6, 7], [8, 9, 10], [4, 6], [11], [12, 13])]
+
+
+def parts(seed: int = 0) -> tuple[Part, ...]:
+    """Two coordinates, of which the second lacks some columns; three further right-hand sides."""
+    random = np.random.default_rng(seed)
+    found = []
+    for u, columns in enumerate((np.arange(K), np.setdiff1d(np.arange(K), [2, 4, 5, 12]))):
+        X = random.standard_normal((BLOCKS * ROWS, len(columns)))
+        Y = random.standard_normal((BLOCKS * ROWS, 4))
+        found.append(Part(u, columns, X, Y, np.arange(BLOCKS + 1) * ROWS))
+    return tuple(found)
+
+
+def refitted(given: tuple[Part, ...], columns: np.ndarray) -> np.ndarray:
+    """(blocks, right-hand sides) squares of blocks left out, by one fit a block."""
+    X, Y, block = [], [], []
+    for part in given:
+        whole = np.zeros((len(part.X), K))
+        whole[:, part.columns] = part.X
+        X.append(whole[:, columns] * WEIGHT[part.coordinate])
+        Y.append(part.Y * WEIGHT[part.coordinate])
+        block.append(np.repeat(np.arange(BLOCKS), ROWS))
+    X, Y, block = (np.concatenate(x) for x in (X, Y, block))
+    loss = np.zeros((BLOCKS, Y.shape[1]))
+    for k in range(BLOCKS):
+        mine = block == k
+        x = np.linalg.lstsq(X[~mine], Y[~mine], rcond=None)[0]
+        loss[k] = ((Y[mine] - X[mine] @ x) ** 2).sum(axis=0)
+    return loss
+
+
+def test_gains_are_those_of_refits():
+    given = parts()
+    regression = Regression(given, np.arange(4), WEIGHT)
+    before = refitted(given, np.arange(4))
+    np.testing.assert_allclose(regression.loss, before[:, 0], rtol=1e-10)
+    np.testing.assert_allclose(regression.losses.sum(axis=1), before[:, 0], rtol=1e-10)
+    gains = regression.gains(GROUPS)
+    for i, group in enumerate(GROUPS):
+        D = before - refitted(given, np.append(np.arange(4), group))
+        np.testing.assert_allclose(gains.D[i], D[:, 0], atol=1e-10)
+        np.testing.assert_allclose(gains.null[i], D[:, 1:].sum(axis=0), atol=1e-10)
+        refit = regression.refit(group)
+        np.testing.assert_allclose(refit.D, D[:, 0], atol=1e-10)
+        assert refit.visible == pytest.approx(gains.visible[i])
+
+
+def test_adding_a_group_is_the_gain_that_was_announced():
+    regression = Regression(parts(), np.arange(4), WEIGHT)
+    for group in GROUPS:
+        after = regression.extended(group)
+        assert regression.loss.sum() - after.loss.sum() == pytest.approx(
+            regression.refit(group).G, abs=1e-9
+        )
+        assert after.without(group).loss.sum() == pytest.approx(regression.loss.sum())
+        theta = after.theta[-len(group) :]
+        np.testing.assert_allclose(theta, regression.refit(group).theta, atol=1e-10)
+
+
+def test_columns_that_the_model_has_are_not_visible():
+    given = parts()
+    twin = tuple(
+        Part(p.coordinate, np.append(p.columns, K), np.column_stack([p.X, 3 * p.X[:, :2].sum(1)]),
+             p.Y, p.edges)
+        for p in given
+    )  # fmt: skip
+    gains = Regression(twin, np.arange(4), WEIGHT).gains([np.array([K]), np.array([K, 6])])
+    assert gains.visible[0] < 1e-6
+    np.testing.assert_allclose(gains.D[0], 0.0, atol=1e-10)
+    alone = Regression(given, np.arange(4), WEIGHT).gains([np.array([6])])
+    np.testing.assert_allclose(gains.D[1], alone.D[0], atol=1e-8)
+
+
+def test_triangles_say_what_their_rows_say():
+    given = parts()
+    blocks = []
+    for part in given:
+        for k in range(BLOCKS):
+            rows = part.block(k)
+            triangle = Triangle.empty(part.X.shape[1]).updated(part.X[rows], part.Y[rows, 0])
+            rest = Triangle.empty(part.X.shape[1])
+            blocks.append(Block(0, k, part.coordinate, triangle, rest, part.columns, 1.0, (0, 1)))
+    information = Information.of(blocks, K, 2)
+    of_triangles = Regression.of(information, WEIGHT, np.arange(4))
+    of_rows = Regression(given, np.arange(4), WEIGHT)
+    np.testing.assert_allclose(of_triangles.loss, of_rows.loss, rtol=1e-9)
+    np.testing.assert_allclose(of_triangles.gains(GROUPS).D, of_rows.gains(GROUPS).D, atol=1e-9)
+    x = np.random.default_rng(1).standard_normal(K)
+    off = Regression.of(information, WEIGHT, np.zeros(0, dtype=int), x)
+    left = sum(
+        WEIGHT[p.coordinate] ** 2 * ((p.Y[:, 0] - p.X @ x[p.columns]) ** 2).sum() for p in given
+    )
+    assert off.loss.sum() == pytest.approx(left)
+
+
+def coloured(n: int, random: np.random.Generator, rho: float = 0.9) -> np.ndarray:
+    """Noise that remembers (n, 2)."""
+    e = random.standard_normal((n, 2))
+    for i in range(1, n):
+        e[i] += rho * e[i - 1]
+    return e
+
+
+def test_surrogates_have_the_spectrum_and_nothing_else():
+    random = np.random.default_rng(0)
+    r = coloured(4000, random)
+    made = surrogates(r, [slice(0, 2500), slice(2500, 4000)], 50, random)
+    np.testing.assert_allclose(made.std(axis=0).mean(axis=1), r.std(axis=0), rtol=0.15)
+    lag = [(x[1:] * x[:-1]).mean() / (x**2).mean() for x in made[:, 0].T]
+    assert np.mean(lag) == pytest.approx((r[1:, 0] * r[:-1, 0]).mean() / r[:, 0].var(), abs=0.03)
+    assert abs(np.mean([np.corrcoef(x, r[:, 0])[0, 1] for x in made[:, 0].T])) < 0.1
+
+
+def credible(seed: int, size: float) -> tuple[bool, int]:
+    """Whether the best of 30 slow candidates is, in coloured noise, and which it is."""
+    random = np.random.default_rng(seed)
+    n = 600
+    C = np.column_stack([coloured(n, random, 0.97) for _ in range(15)])
+    r = coloured(n, random)[:, :1] + size * C[:, 17:18]
+    edges = np.arange(21) * (n // 20)
+    A = np.ones((n, 1))
+
+    def asked(Y: np.ndarray) -> Regression:
+        X = np.column_stack([A, C])
+        return Regression((Part(0, np.arange(31), X, Y, edges),), np.arange(1), np.ones(1))
+
+    left = asked(r).residual[0]
+    null = surrogates(left, [slice(0, n)], 100, random)[:, 0]
+    found = asked(np.column_stack([r, null])).gains([np.array([i]) for i in range(1, 31)])
+    return found.G.max() > quantile(found.null, 0.01), int(found.G.argmax())
+
+
+def test_coloured_noise_makes_no_candidate_credible_and_an_effect_is_found():
+    assert sum(credible(seed, 0.0)[0] for seed in range(40)) <= 2
+    assert all(credible(seed, 1.0) == (True, 17) for seed in range(10))
+
+
+def test_differences_that_do_not_differ_have_no_z():
+    assert zscore(np.zeros(5)) == 0.0
+    assert zscore(np.array([1.0, 1.1, 0.9, 1.0])) > 10
