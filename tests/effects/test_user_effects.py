@@ -84,6 +84,15 @@ def test_a_function_becomes_a_kind():
     )
 
 
+def test_units_may_be_given():
+    def rough(s, w: "rad" = (0.1, 0.02, 0.6)):  # noqa: F821
+        return {"A [N m]": ca.exp(-((s.q / w) ** 2)), "B": s.v}
+
+    effect = ident.user_effect("rough", rough)(("elbow",))
+    assert effect.names == ("rough.elbow.A", "rough.elbow.B", "rough.elbow.w")
+    assert effect.units == ("N m", "?", "rad")
+
+
 def test_of_several_joints_the_torque_acts_on_the_first(file):
     effect = read(file, "cross")(("elbow", "shoulder"))
     s = signals(2)

@@ -17,20 +17,16 @@ JANOT = "Janot, Vandanjon, Gautier, IEEE Trans. Control Syst. Technol. 22(1), 20
 class RotorInertia(Effect):
     """The motor rotor's inertia, seen at the joint (gear ratio squared times its own)."""
 
-    kind: ClassVar[str] = "rotor_inertia"
-    watched: ClassVar[str] = "request"
-    common: ClassVar[bool] = True
-    sits: ClassVar[str] = "driven"
-    unknowns: ClassVar = (
-        Unknown("Ia", ("kg m²", "kg"), "rotor inertia at the joint", True, acts="inertia"),
-    )
-    equation: ClassVar[str] = "Ia a"
-    signature: ClassVar[str] = "the residual against acceleration is a straight line"
-    confused_with: ClassVar = ("the link's own Lzz on a first joint",)
-    remedy: ClassVar[str] = (
-        "give its link's inertia from the drawing, or log once more with a known load"
-    )
-    source: ClassVar[str] = KHALIL
+    kind = "rotor_inertia"
+    watched = "request"
+    common = True
+    sits = "driven"
+    unknowns = (Unknown("Ia", ("kg m²", "kg"), "rotor inertia at the joint", True, acts="inertia"),)
+    equation = "Ia a"
+    signature = "the residual against acceleration is a straight line"
+    confused_with = ("the link's own Lzz on a first joint",)
+    remedy = "give its link's inertia from the drawing, or log once more with a known load"
+    source = KHALIL
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = a."""
@@ -40,21 +36,19 @@ class RotorInertia(Effect):
 class Coupling(Effect):
     """Inertia and friction at the sum of two joints' rates, felt by both joints alike."""
 
-    kind: ClassVar[str] = "coupling"
-    arity: ClassVar[int] = 2
-    sits: ClassVar[str] = "driven"
-    watched: ClassVar[str] = "request"
-    unknowns: ClassVar = (
+    kind = "coupling"
+    arity = 2
+    sits = "driven"
+    watched = "request"
+    unknowns = (
         Unknown("Im", ("kg m²", "kg"), "inertia of what turns with both", True, acts="inertia"),
         Unknown("Fvm", ("N m s/rad", "N s/m"), "its viscous friction", True, acts="linear"),
         Unknown("Fcm", ("N m", "N"), "its Coulomb friction", True, acts="level"),
     )
-    equation: ClassVar[str] = "Im (a1 + a2) + Fvm (v1 + v2) + Fcm sign(v1 + v2), on both joints"
-    signature: ClassVar[str] = (
-        "the residuals of two joints are alike and step with their speeds' sum"
-    )
-    confused_with: ClassVar = ("viscous and coulomb of the two joints, if they always move alike",)
-    source: ClassVar[str] = JANOT
+    equation = "Im (a1 + a2) + Fvm (v1 + v2) + Fcm sign(v1 + v2), on both joints"
+    signature = "the residuals of two joints are alike and step with their speeds' sum"
+    confused_with = ("viscous and coulomb of the two joints, if they always move alike",)
+    source = JANOT
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = [a1 + a2, v1 + v2, sign(v1 + v2)] for both joints."""
@@ -71,17 +65,17 @@ class Coupling(Effect):
 class TorqueOffset(Effect):
     """A constant error of the torque channel, or asymmetric Coulomb friction."""
 
-    kind: ClassVar[str] = "torque_offset"
-    common: ClassVar[bool] = True
-    sits: ClassVar[str] = "driven"
-    watched: ClassVar[str] = "always"
-    unknowns: ClassVar = (Unknown("c", ("N m", "N"), "constant torque", acts="linear"),)
-    equation: ClassVar[str] = "c"
-    signature: ClassVar[str] = "the residual is shifted by a constant, in both directions of motion"
-    confused_with: ClassVar = ("spring", "coulomb that differs with direction")
-    remedy: ClassVar[str] = "read the torque with the drive unloaded, or tilt the base"
-    nested_in: ClassVar = ("spring", "cable")
-    source: ClassVar[str] = JANOT
+    kind = "torque_offset"
+    common = True
+    sits = "driven"
+    watched = "always"
+    unknowns = (Unknown("c", ("N m", "N"), "constant torque", acts="linear"),)
+    equation = "c"
+    signature = "the residual is shifted by a constant, in both directions of motion"
+    confused_with = ("spring", "coulomb that differs with direction")
+    remedy = "read the torque with the drive unloaded, or tilt the base"
+    nested_in = ("spring", "cable")
+    source = JANOT
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = 1."""
@@ -91,20 +85,20 @@ class TorqueOffset(Effect):
 class TorqueGain(Effect):
     """A torque channel with a wrong scale, such as a motor constant a few percent off."""
 
-    kind: ClassVar[str] = "torque_gain"
-    watched: ClassVar[str] = "always"
-    sits: ClassVar[str] = "driven"
-    unknowns: ClassVar = (Unknown("g", ("1", "1"), "share of the torque", largest=0.5),)
-    equation: ClassVar[str] = "g τ, with the torque τ that the model predicts"
-    signature: ClassVar[str] = "the residual against the joint's own torque is a straight line"
-    confused_with: ClassVar = ("all inertias at once, where one joint alone shows them", "viscous")
-    remedy: ClassVar[str] = "log once more with a known mass on the last link"
+    kind = "torque_gain"
+    watched = "always"
+    sits = "driven"
+    unknowns = (Unknown("g", ("1", "1"), "share of the torque", largest=0.5),)
+    equation = "g τ, with the torque τ that the model predicts"
+    signature = "the residual against the joint's own torque is a straight line"
+    confused_with = ("all inertias at once, where one joint alone shows them", "viscous")
+    remedy = "log once more with a known mass on the last link"
     separated_by: ClassVar = {
         "rotor_inertia": "repeat the motion with a known mass on the last link"
     }
-    source: ClassVar[str] = "Gautier, Briot, ASME J. Dyn. Syst. Meas. Control 136(5), 2014"
-    implicit: ClassVar[bool] = True
-    asks: ClassVar = ("torque",)
+    source = "Gautier, Briot, ASME J. Dyn. Syst. Meas. Control 136(5), 2014"
+    implicit = True
+    asks = ("torque",)
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = τ."""
@@ -114,15 +108,15 @@ class TorqueGain(Effect):
 class Drift(Effect):
     """An offset that grows with time, from the log's beginning."""
 
-    kind: ClassVar[str] = "drift"
-    sits: ClassVar[str] = "driven"
-    unknowns: ClassVar = (Unknown("c", ("N m/s", "N/s"), "growth of the offset"),)
-    equation: ClassVar[str] = "c (t − t0), t0 the log's first sample"
-    signature: ClassVar[str] = "the residual against time climbs along a straight line"
-    confused_with: ClassVar = ("temperature_friction", "torque_offset")
-    source: ClassVar[str] = "Fraden, Handbook of Modern Sensors, ch. 3"
-    memory: ClassVar[bool] = True  # it counts from the first sample
-    not_integrable: ClassVar[str] = ""  # its state is the time
+    kind = "drift"
+    sits = "driven"
+    unknowns = (Unknown("c", ("N m/s", "N/s"), "growth of the offset"),)
+    equation = "c (t − t0), t0 the log's first sample"
+    signature = "the residual against time climbs along a straight line"
+    confused_with = ("temperature_friction", "torque_offset")
+    source = "Fraden, Handbook of Modern Sensors, ch. 3"
+    memory = True  # it counts from the first sample
+    not_integrable = ""  # its state is the time
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = t − t0."""
@@ -132,18 +126,16 @@ class Drift(Effect):
 class Delay(Correcting):
     """A torque channel that is late against the positions."""
 
-    kind: ClassVar[str] = "delay"
-    watched: ClassVar[str] = "request"
-    margin: ClassVar[float] = LATEST
-    sits: ClassVar[str] = "driven"
-    shapes: ClassVar = (Unknown("d", ("s", "s"), "by which the torque is late"),)
-    equation: ClassVar[str] = "τ(t) logged at t + d"
-    signature: ClassVar[str] = "the residual is large where the torque changes fast, with its slope"
-    confused_with: ClassVar = ("viscous", "coulomb", "elasticity")
-    remedy: ClassVar[str] = (
-        "log a motion of two frequencies, the higher at least three times the lower"
-    )
-    source: ClassVar[str] = "Björklund, Ljung, IEEE CDC 2003"
+    kind = "delay"
+    watched = "request"
+    margin = LATEST
+    sits = "driven"
+    shapes = (Unknown("d", ("s", "s"), "by which the torque is late"),)
+    equation = "τ(t) logged at t + d"
+    signature = "the residual is large where the torque changes fast, with its slope"
+    confused_with = ("viscous", "coulomb", "elasticity")
+    remedy = "log a motion of two frequencies, the higher at least three times the lower"
+    source = "Björklund, Ljung, IEEE CDC 2003"
 
     def correction(self, s: Signals) -> Correction:
         """τ(t) = τ_logged(t + d)."""

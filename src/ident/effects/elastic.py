@@ -15,24 +15,22 @@ DEGREE = 7  # the highest of a cable's polynomial
 class Spring(Effect):
     """A linear spring across a joint, with its preload."""
 
-    kind: ClassVar[str] = "spring"
-    watched: ClassVar[str] = "request"
-    unknowns: ClassVar = (
+    kind = "spring"
+    watched = "request"
+    unknowns = (
         Unknown("k", ("N m/rad", "N/m"), "stiffness", True, acts="linear"),
         Unknown("b", ("N m", "N"), "torque at q = 0", acts="linear"),
     )
-    equation: ClassVar[str] = "k q + b"
-    signature: ClassVar[str] = "the residual against position is a straight line, at rest as well"
-    confused_with: ClassVar = ("gravity over a small range", "torque_offset", "cable")
-    remedy: ClassVar[str] = (
-        "tilt the base by a known angle, so that gravity changes and springs do not"
-    )
+    equation = "k q + b"
+    signature = "the residual against position is a straight line, at rest as well"
+    confused_with = ("gravity over a small range", "torque_offset", "cable")
+    remedy = "tilt the base by a known angle, so that gravity changes and springs do not"
     separated_by: ClassVar = {
         "gravity_tilt": "repeat the motion with the base tilted by a known angle",
         "encoder_offset": "repeat the motion with the base tilted by a known angle",
     }
-    nested_in: ClassVar = ("cable",)
-    source: ClassVar[str] = "Hooke, De Potentia Restitutiva, 1678"
+    nested_in = ("cable",)
+    source = "Hooke, De Potentia Restitutiva, 1678"
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = [q, 1]."""
@@ -52,17 +50,13 @@ def per(unit: str, power: int) -> str:
 class Cable(Effect):
     """Hoses and cables along a joint: a smooth curve over position."""
 
-    kind: ClassVar[str] = "cable"
+    kind = "cable"
     settings: ClassVar = {"degree": 3.0}
-    equation: ClassVar[str] = "k0 + k1 q + … + kd q^d, degree d ≤ 7 (default 3)"
-    signature: ClassVar[str] = "the residual against position is a smooth curve, at rest as well"
-    confused_with: ClassVar = ("spring", "gravity over a small range", "end_stop")
-    remedy: ClassVar[str] = (
-        "tilt the base by a known angle, so that gravity changes and cables do not"
-    )
-    source: ClassVar[str] = (
-        "Lin, Hui, Wang, Deguet, Kazanzides, Au, IEEE Robot. Autom. Lett. 4(4), 2019"
-    )
+    equation = "k0 + k1 q + … + kd q^d, degree d ≤ 7 (default 3)"
+    signature = "the residual against position is a smooth curve, at rest as well"
+    confused_with = ("spring", "gravity over a small range", "end_stop")
+    remedy = "tilt the base by a known angle, so that gravity changes and cables do not"
+    source = "Lin, Hui, Wang, Deguet, Kazanzides, Au, IEEE Robot. Autom. Lett. 4(4), 2019"
 
     def __post_init__(self) -> None:
         """Check the degree before the parameters' names."""
@@ -87,16 +81,16 @@ class Cable(Effect):
 class EndStop(Effect):
     """A bumper that a joint runs into at one end of its travel."""
 
-    kind: ClassVar[str] = "end_stop"
-    unknowns: ClassVar = (Unknown("k", ("N m/rad", "N/m"), "stiffness", nonnegative=True),)
-    shapes: ClassVar = (
+    kind = "end_stop"
+    unknowns = (Unknown("k", ("N m/rad", "N/m"), "stiffness", nonnegative=True),)
+    shapes = (
         Unknown("q1", ("rad", "m"), "where it begins"),
         Unknown("side", ("1", "1"), "+1: beyond q1, −1: below q1", discrete=True),
     )
-    equation: ClassVar[str] = "k max(0, q − q1) for side +1, k min(0, q − q1) for side −1"
-    signature: ClassVar[str] = "the residual against position is flat, then rises at one end"
-    confused_with: ClassVar = ("spring", "cable")
-    source: ClassVar[str] = "Flores, Lankarani, Contact Force Models for Multibody Dynamics, ch. 2"
+    equation = "k max(0, q − q1) for side +1, k min(0, q − q1) for side −1"
+    signature = "the residual against position is flat, then rises at one end"
+    confused_with = ("spring", "cable")
+    source = "Flores, Lankarani, Contact Force Models for Multibody Dynamics, ch. 2"
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = max(0, q − q1) or min(0, q − q1)."""
@@ -121,16 +115,16 @@ class EndStop(Effect):
 class Ripple(Effect):
     """A torque that repeats with position: cogging, gear teeth, an eccentric gear."""
 
-    kind: ClassVar[str] = "ripple"
-    unknowns: ClassVar = (
+    kind = "ripple"
+    unknowns = (
         Unknown("A", ("N m", "N"), "of the sine"),
         Unknown("B", ("N m", "N"), "of the cosine"),
     )
-    shapes: ClassVar = (Unknown("N", ("1", "rad/m"), "waves a turn (radians a metre)"),)
-    equation: ClassVar[str] = "A sin(N q) + B cos(N q)"
-    signature: ClassVar[str] = "the residual against position is a wave"
-    confused_with: ClassVar = ("gravity, for N = 1", "cable, for less than a wave")
-    source: ClassVar[str] = "Piccoli, Yim, Int. J. Robotics Research 35(1-3), 2016"
+    shapes = (Unknown("N", ("1", "rad/m"), "waves a turn (radians a metre)"),)
+    equation = "A sin(N q) + B cos(N q)"
+    signature = "the residual against position is a wave"
+    confused_with = ("gravity, for N = 1", "cable, for less than a wave")
+    source = "Piccoli, Yim, Int. J. Robotics Research 35(1-3), 2016"
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = [sin(N q), cos(N q)]."""

@@ -23,21 +23,21 @@ def direction(v: np.ndarray, still: np.ndarray) -> np.ndarray:
 class Viscous(Effect):
     """Friction torque in proportion to speed."""
 
-    kind: ClassVar[str] = "viscous"
-    common: ClassVar[bool] = True
-    companions: ClassVar = ("coulomb",)
-    watched: ClassVar[str] = "always"
-    unknowns: ClassVar = (
+    kind = "viscous"
+    common = True
+    companions = ("coulomb",)
+    watched = "always"
+    unknowns = (
         Unknown("Fv", ("N m s/rad", "N s/m"), "viscous friction coefficient", True, acts="linear"),
     )
-    equation: ClassVar[str] = "Fv v"
-    signature: ClassVar[str] = "the residual against speed is a straight line through zero"
-    confused_with: ClassVar = ("drag", "torque_gain", "delay")
+    equation = "Fv v"
+    signature = "the residual against speed is a straight line through zero"
+    confused_with = ("drag", "torque_gain", "delay")
     separated_by: ClassVar = {
         "torque_gain": "repeat the motion with a known mass on the last link",
         "delay": "log two frequencies, the higher at least three times the lower",
     }
-    source: ClassVar[str] = ARMSTRONG
+    source = ARMSTRONG
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = v."""
@@ -55,19 +55,19 @@ class Dry(Effect):
 class Coulomb(Dry):
     """Dry friction: constant against the direction of motion."""
 
-    kind: ClassVar[str] = "coulomb"
-    common: ClassVar[bool] = True
-    companions: ClassVar = ("viscous",)
-    watched: ClassVar[str] = "always"
-    unknowns: ClassVar = (Unknown("Fc", ("N m", "N"), "Coulomb friction", True, acts="level"),)
-    equation: ClassVar[str] = "Fc sign(v); a sample at standstill does not inform it"
-    signature: ClassVar[str] = "the residual against speed is a step at zero: two level bands"
-    confused_with: ClassVar = ("stribeck", "hysteresis", "load_friction", "delay")
+    kind = "coulomb"
+    common = True
+    companions = ("viscous",)
+    watched = "always"
+    unknowns = (Unknown("Fc", ("N m", "N"), "Coulomb friction", True, acts="level"),)
+    equation = "Fc sign(v); a sample at standstill does not inform it"
+    signature = "the residual against speed is a step at zero: two level bands"
+    confused_with = ("stribeck", "hysteresis", "load_friction", "delay")
     separated_by: ClassVar = {
         "load_friction": "repeat the motion with a known payload: load friction grows"
     }
-    nested_in: ClassVar = ("stribeck", "hysteresis")  # their limits for large vs, small z0
-    source: ClassVar[str] = ARMSTRONG
+    nested_in = ("stribeck", "hysteresis")  # their limits for large vs, small z0
+    source = ARMSTRONG
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = sign(v)."""
@@ -77,18 +77,18 @@ class Coulomb(Dry):
 class Stribeck(Dry):
     """Dry friction that is higher at low speed."""
 
-    kind: ClassVar[str] = "stribeck"
-    slow: ClassVar[bool] = True
-    unknowns: ClassVar = (
+    kind = "stribeck"
+    slow = True
+    unknowns = (
         Unknown("Fs", ("N m", "N"), "friction at the least speed beyond Coulomb", True, acts="dry"),
     )
-    shapes: ClassVar = (
+    shapes = (
         Unknown("vs", ("rad/s", "m/s"), "speed at which it has fallen to 1/e", nonnegative=True),
     )
-    equation: ClassVar[str] = "Fs sign(v) exp(−(v/vs)²)"
-    signature: ClassVar[str] = "the residual against speed has a hump on either side of zero"
-    confused_with: ClassVar = ("coulomb", "hysteresis", "delay")
-    source: ClassVar[str] = ARMSTRONG
+    equation = "Fs sign(v) exp(−(v/vs)²)"
+    signature = "the residual against speed has a hump on either side of zero"
+    confused_with = ("coulomb", "hysteresis", "delay")
+    source = ARMSTRONG
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = sign(v) exp(−(v/vs)²)."""
@@ -109,17 +109,13 @@ class Stribeck(Dry):
 class Drag(Effect):
     """Resistance of a fluid: with the square of speed."""
 
-    kind: ClassVar[str] = "drag"
-    watched: ClassVar[str] = "request"
-    unknowns: ClassVar = (
-        Unknown("Fd", ("N m s²/rad²", "N s²/m²"), "drag coefficient", nonnegative=True),
-    )
-    equation: ClassVar[str] = "Fd v |v|"
-    signature: ClassVar[str] = "the residual against speed is a parabola, turned over below zero"
-    confused_with: ClassVar = ("viscous", "coulomb")
-    source: ClassVar[str] = (
-        "Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 6"
-    )
+    kind = "drag"
+    watched = "request"
+    unknowns = (Unknown("Fd", ("N m s²/rad²", "N s²/m²"), "drag coefficient", nonnegative=True),)
+    equation = "Fd v |v|"
+    signature = "the residual against speed is a parabola, turned over below zero"
+    confused_with = ("viscous", "coulomb")
+    source = "Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 6"
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = v |v|."""
@@ -129,20 +125,18 @@ class Drag(Effect):
 class LoadFriction(Dry):
     """Dry friction that grows with the load that the joint passes on."""
 
-    kind: ClassVar[str] = "load_friction"
-    tried: ClassVar[str] = "loaded"
-    watched: ClassVar[str] = "request"
-    unknowns: ClassVar = (
+    kind = "load_friction"
+    tried = "loaded"
+    watched = "request"
+    unknowns = (
         Unknown("mu", ("1", "1"), "share of the load (closures: a lever in m)", True, acts="dry"),
     )
-    equation: ClassVar[str] = "mu |load| sign(v); load: rigid-body torque, in closures |λ|"
-    signature: ClassVar[str] = "the two bands of the residual against speed widen with the load"
-    confused_with: ClassVar = ("coulomb", "torque_gain")
-    source: ClassVar[str] = (
-        "Dohring, Lee, Newman, IEEE ICRA 1993; Hamon, Gautier, Garrec, IROS 2010"
-    )
-    implicit: ClassVar[bool] = True
-    asks: ClassVar = ("load",)
+    equation = "mu |load| sign(v); load: rigid-body torque, in closures |λ|"
+    signature = "the two bands of the residual against speed widen with the load"
+    confused_with = ("coulomb", "torque_gain")
+    source = "Dohring, Lee, Newman, IEEE ICRA 1993; Hamon, Gautier, Garrec, IROS 2010"
+    implicit = True
+    asks = ("load",)
 
     def columns(self, s: Signals) -> np.ndarray:
         """E = |load| sign(v)."""
@@ -152,20 +146,18 @@ class LoadFriction(Dry):
 class Hysteresis(Effect):
     """Presliding friction: a spring of small reach that yields (Dahl)."""
 
-    kind: ClassVar[str] = "hysteresis"
-    slow: ClassVar[bool] = True
-    unknowns: ClassVar = (
+    kind = "hysteresis"
+    slow = True
+    unknowns = (
         Unknown("sigma", ("N m/rad", "N/m"), "stiffness before sliding", True, acts="state"),
     )
-    shapes: ClassVar = (Unknown("z0", ("rad", "m"), "reach of the spring", nonnegative=True),)
-    equation: ClassVar[str] = "sigma z, ż = v − |v| z/z0"
-    signature: ClassVar[str] = "the residual against position makes a loop after every reversal"
-    confused_with: ClassVar = ("coulomb", "stribeck", "spring")
-    source: ClassVar[str] = (
-        "Dahl, A Solid Friction Model, Aerospace Corp. TOR-0158(3107-18)-1, 1968"
-    )
-    memory: ClassVar[bool] = True
-    fades: ClassVar[bool] = True
+    shapes = (Unknown("z0", ("rad", "m"), "reach of the spring", nonnegative=True),)
+    equation = "sigma z, ż = v − |v| z/z0"
+    signature = "the residual against position makes a loop after every reversal"
+    confused_with = ("coulomb", "stribeck", "spring")
+    source = "Dahl, A Solid Friction Model, Aerospace Corp. TOR-0158(3107-18)-1, 1968"
+    memory = True
+    fades = True
 
     def state_rate(self, z: np.ndarray, v: np.ndarray, shape: Shape) -> np.ndarray:
         """ż = v − |v| z/z0."""
@@ -198,16 +190,16 @@ class Hysteresis(Effect):
 class TemperatureFriction(Effect):
     """Viscous friction that changes with temperature."""
 
-    kind: ClassVar[str] = "temperature_friction"
-    unknowns: ClassVar = (Unknown("kappa", ("1/K", "1/K"), "relative change a degree"),)
+    kind = "temperature_friction"
+    unknowns = (Unknown("kappa", ("1/K", "1/K"), "relative change a degree"),)
     settings: ClassVar = {"T0": 25.0}
-    equation: ClassVar[str] = "Fv v kappa (T − T0), Fv of `viscous`; T: temperature.<joint>; T0 25"
-    signature: ClassVar[str] = "the slope of the residual against speed changes with temperature"
-    confused_with: ClassVar = ("drift", "viscous at constant temperature")
+    equation = "Fv v kappa (T − T0), Fv of `viscous`; T: temperature.<joint>; T0 25"
+    signature = "the slope of the residual against speed changes with temperature"
+    confused_with = ("drift", "viscous at constant temperature")
     separated_by: ClassVar = {"drift": "log the motors' temperatures, `temperature.<joint>`"}
-    source: ClassVar[str] = "Bittencourt, Wernholt, Sander-Tavallaey, Brogårdh, IROS 2010"
-    needs: ClassVar = ("viscous",)
-    implicit: ClassVar[bool] = True
+    source = "Bittencourt, Wernholt, Sander-Tavallaey, Brogårdh, IROS 2010"
+    needs = ("viscous",)
+    implicit = True
 
     def reads(self) -> tuple[str, ...]:
         """The joint's temperature [°C, as T0]."""

@@ -15,17 +15,15 @@ from ident.effects.effect import Bounds, Correcting, Correction, Signals, Unknow
 class EncoderOffset(Correcting):
     """An encoder whose zero is off, at a joint whose position is logged."""
 
-    kind: ClassVar[str] = "encoder_offset"
-    tried: ClassVar[str] = "logged"
-    watched: ClassVar[str] = "always"
-    shapes: ClassVar = (Unknown("delta", ("rad", "m"), "true minus logged coordinate"),)
-    equation: ClassVar[str] = "q = q_logged + delta"
-    signature: ClassVar[str] = "the residual of all joints follows the slope of gravity with q"
-    confused_with: ClassVar = ("gravity_tilt", "the centre of mass of a last link")
-    remedy: ClassVar[str] = (
-        "put the joint against a reference, or turn the base about a horizontal axis"
-    )
-    source: ClassVar[str] = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, ch. 6"
+    kind = "encoder_offset"
+    tried = "logged"
+    watched = "always"
+    shapes = (Unknown("delta", ("rad", "m"), "true minus logged coordinate"),)
+    equation = "q = q_logged + delta"
+    signature = "the residual of all joints follows the slope of gravity with q"
+    confused_with = ("gravity_tilt", "the centre of mass of a last link")
+    remedy = "put the joint against a reference, or turn the base about a horizontal axis"
+    source = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, ch. 6"
 
     def correction(self, s: Signals) -> Correction:
         """q + delta."""
@@ -41,22 +39,22 @@ class EncoderOffset(Correcting):
 class GravityTilt(Correcting):
     """A base that is not level."""
 
-    kind: ClassVar[str] = "gravity_tilt"
-    arity: ClassVar[int] = 0
-    sits: ClassVar[str] = "mechanism"
-    watched: ClassVar[str] = "always"
-    shapes: ClassVar = (
+    kind = "gravity_tilt"
+    arity = 0
+    sits = "mechanism"
+    watched = "always"
+    shapes = (
         Unknown("x", ("rad", "rad"), "rotation of the base about its x axis"),
         Unknown("y", ("rad", "rad"), "then about its new y axis"),
     )
-    equation: ClassVar[str] = "g → Rᵀ g, R = Rx(x) Ry(y): the base is turned by R"
-    signature: ClassVar[str] = "joints that gravity should not feel show it, with their angle"
-    confused_with: ClassVar = ("encoder_offset",)
-    remedy: ClassVar[str] = "level the base, or turn it about a horizontal axis by a known angle"
+    equation = "g → Rᵀ g, R = Rx(x) Ry(y): the base is turned by R"
+    signature = "joints that gravity should not feel show it, with their angle"
+    confused_with = ("encoder_offset",)
+    remedy = "level the base, or turn it about a horizontal axis by a known angle"
     separated_by: ClassVar = {
         "encoder_offset": "repeat it with the first joint turned by a right angle"
     }
-    source: ClassVar[str] = "Featherstone, Rigid Body Dynamics Algorithms, ch. 5"
+    source = "Featherstone, Rigid Body Dynamics Algorithms, ch. 5"
 
     def correction(self, s: Signals) -> Correction:
         """R = Rx(x) Ry(y)."""
@@ -70,21 +68,17 @@ class GravityTilt(Correcting):
 class Elasticity(Correcting):
     """A drive that twists under load: the joint lags behind the motor's encoder."""
 
-    kind: ClassVar[str] = "elasticity"
-    watched: ClassVar[str] = "request"
-    asks: ClassVar = ("load",)
-    rare: ClassVar[bool] = True
-    sits: ClassVar[str] = "driven"
-    shapes: ClassVar = (
-        Unknown("compliance", ("rad/(N m)", "m/N"), "1/K, twist a unit of torque", True),
-    )
-    equation: ClassVar[str] = (
-        "q = q_logged − load/K; load: rigid-body torque, friction is before it"
-    )
-    signature: ClassVar[str] = "the residual follows the second derivative of the load"
-    confused_with: ClassVar = ("delay", "rotor_inertia")
-    source: ClassVar[str] = "Spong, ASME J. Dyn. Syst. Meas. Control 109(4), 1987"
-    implicit: ClassVar[bool] = True
+    kind = "elasticity"
+    watched = "request"
+    asks = ("load",)
+    rare = True
+    sits = "driven"
+    shapes = (Unknown("compliance", ("rad/(N m)", "m/N"), "1/K, twist a unit of torque", True),)
+    equation = "q = q_logged − load/K; load: rigid-body torque, friction is before it"
+    signature = "the residual follows the second derivative of the load"
+    confused_with = ("delay", "rotor_inertia")
+    source = "Spong, ASME J. Dyn. Syst. Meas. Control 109(4), 1987"
+    implicit = True
 
     def correction(self, s: Signals) -> Correction:
         """q − compliance · load."""
@@ -100,19 +94,19 @@ class Elasticity(Correcting):
 class Backlash(Correcting):
     """Play between motor and joint."""
 
-    kind: ClassVar[str] = "backlash"
-    watched: ClassVar[str] = "request"
-    slow: ClassVar[bool] = True
-    whole_log: ClassVar[bool] = True  # the rms of its load
-    asks: ClassVar = ("load",)
-    rare: ClassVar[bool] = True
-    sits: ClassVar[str] = "driven"
-    shapes: ClassVar = (Unknown("width", ("rad", "m"), "of the play", nonnegative=True),)
-    equation: ClassVar[str] = "q = q_logged − width/2 · sign(load)"
-    signature: ClassVar[str] = "the residual jumps or spikes where the torque changes its sign"
-    confused_with: ClassVar = ("coulomb", "delay", "elasticity")
-    source: ClassVar[str] = "Nordin, Gutman, Automatica 38(10), 2002"
-    implicit: ClassVar[bool] = True
+    kind = "backlash"
+    watched = "request"
+    slow = True
+    whole_log = True  # the rms of its load
+    asks = ("load",)
+    rare = True
+    sits = "driven"
+    shapes = (Unknown("width", ("rad", "m"), "of the play", nonnegative=True),)
+    equation = "q = q_logged − width/2 · sign(load)"
+    signature = "the residual jumps or spikes where the torque changes its sign"
+    confused_with = ("coulomb", "delay", "elasticity")
+    source = "Nordin, Gutman, Automatica 38(10), 2002"
+    implicit = True
 
     def correction(self, s: Signals) -> Correction:
         """q − width/2 · sign(load), rounded off below a twentieth of its rms."""
@@ -129,17 +123,17 @@ class Backlash(Correcting):
 class Geometry(Correcting):
     """A length that differs from the URDF's."""
 
-    kind: ClassVar[str] = "geometry"
-    rare: ClassVar[bool] = True
-    sits: ClassVar[str] = "place"
-    tried: ClassVar[str] = "length"
-    watched: ClassVar[str] = "request"
-    shapes: ClassVar = (Unknown("Delta", ("m", "m"), "displacement along the axis"),)
-    equation: ClassVar[str] = "place <joint>.<x|y|z> or <closure>.<a|b>.<x|y|z> moved by Delta"
-    signature: ClassVar[str] = "coupling and gravity terms are wrong in proportion"
-    confused_with: ClassVar = ("inertias and centres of mass", "encoder_offset")
-    remedy: ClassVar[str] = "measure this length, or log passive joints' angles too"
-    source: ClassVar[str] = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, ch. 6"
+    kind = "geometry"
+    rare = True
+    sits = "place"
+    tried = "length"
+    watched = "request"
+    shapes = (Unknown("Delta", ("m", "m"), "displacement along the axis"),)
+    equation = "place <joint>.<x|y|z> or <closure>.<a|b>.<x|y|z> moved by Delta"
+    signature = "coupling and gravity terms are wrong in proportion"
+    confused_with = ("inertias and centres of mass", "encoder_offset")
+    remedy = "measure this length, or log passive joints' angles too"
+    source = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, ch. 6"
 
     def correction(self, s: Signals) -> Correction:
         """The place moved by Delta."""
@@ -153,21 +147,21 @@ class Geometry(Correcting):
 class ClosureCompliance(Correcting):
     """A closure that yields under its force."""
 
-    kind: ClassVar[str] = "closure_compliance"
-    rare: ClassVar[bool] = True
-    sits: ClassVar[str] = "closure"
-    tried: ClassVar[str] = "loop"
-    watched: ClassVar[str] = "always"
-    not_integrable: ClassVar[str] = (
+    kind = "closure_compliance"
+    rare = True
+    sits = "closure"
+    tried = "loop"
+    watched = "always"
+    not_integrable = (
         "a closure that yields would vibrate, and this effect has no inertia to do it with"
     )
-    shapes: ClassVar = (Unknown("C", ("m/N", "m/N"), "compliance", nonnegative=True),)
-    equation: ClassVar[str] = "Φ = C λ, in the directions in which λ is a force"
-    signature: ClassVar[str] = "dependent joints leave the closure, and inertias act, as λ changes"
-    confused_with: ClassVar = ("geometry",)
-    remedy: ClassVar[str] = "log passive joints' angles too, under a known load"
-    source: ClassVar[str] = "Pashkevich, Chablat, Wenger, Mech. Mach. Theory 44(5), 2009"
-    implicit: ClassVar[bool] = True
+    shapes = (Unknown("C", ("m/N", "m/N"), "compliance", nonnegative=True),)
+    equation = "Φ = C λ, in the directions in which λ is a force"
+    signature = "dependent joints leave the closure, and inertias act, as λ changes"
+    confused_with = ("geometry",)
+    remedy = "log passive joints' angles too, under a known load"
+    source = "Pashkevich, Chablat, Wenger, Mech. Mach. Theory 44(5), 2009"
+    implicit = True
 
     def correction(self, s: Signals) -> Correction:
         """Φ = C λ."""

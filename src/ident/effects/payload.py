@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from ident.effects.effect import Effect, Signals, Unknown
@@ -14,10 +12,10 @@ WORDS = ("m", "mx", "my", "mz", "Lxx", "Lxy", "Lyy", "Lxz", "Lyz", "Lzz")
 class Payload(Effect):
     """A body on a link, with ten parameters about the frame of the link's joint."""
 
-    kind: ClassVar[str] = "payload"
-    sits: ClassVar[str] = "link"
-    watched: ClassVar[str] = "always"
-    unknowns: ClassVar = tuple(
+    kind = "payload"
+    sits = "link"
+    watched = "always"
+    unknowns = tuple(
         Unknown(word, (unit, unit), meaning, acts="body")  # a load put down has a negative mass
         for word, unit, meaning in zip(
             WORDS,
@@ -26,11 +24,11 @@ class Payload(Effect):
             strict=True,
         )
     )
-    equation: ClassVar[str] = "Γ_link p, the link's own columns once more"
-    signature: ClassVar[str] = "all joints below the link show one more load, in proportion to it"
-    confused_with: ClassVar = ("the link's own parameters, as long as these are unknown",)
-    remedy: ClassVar[str] = "log the same motion with the load and without it"
-    source: ClassVar[str] = "Khalil, Gautier, Lemoine, IEEE ICRA 2007"
+    equation = "Γ_link p, the link's own columns once more"
+    signature = "all joints below the link show one more load, in proportion to it"
+    confused_with = ("the link's own parameters, as long as these are unknown",)
+    remedy = "log the same motion with the load and without it"
+    source = "Khalil, Gautier, Lemoine, IEEE ICRA 2007"
 
     def columns(self, s: Signals) -> np.ndarray:
         """No torque of a joint: the equations take Γ's columns of the link."""

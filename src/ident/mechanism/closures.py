@@ -140,16 +140,12 @@ class Closure(ABC):
         """
 
     @property
-    def places(self) -> tuple[str, ...]:
-        """Lengths of the drawing on which it depends, `<name>.<a|b>.<x|y|z>` or `<name>.length`."""
-        return ()
+    def places(self) -> Mapping[str, float]:
+        """Lengths [m] on which it depends: `<name>.<a|b>.<x|y|z>`, `<name>.length`."""
+        return {}
 
     def moved(self, place: str, by: float) -> Closure:
         """Return the closure with one of its `places` changed by a length [m]."""
-        raise ValueError(place)
-
-    def length_at(self, place: str) -> float:
-        """Return the length [m] of one of its `places`."""
         raise ValueError(place)
 
 
@@ -210,20 +206,19 @@ class FrameClosure(Closure):
         return OwnJoint(self.own_joint(free), True, angle)
 
     @property
-    def places(self) -> tuple[str, ...]:
+    def places(self) -> Mapping[str, float]:
         """The coordinates of both frames in their links' axes."""
-        return tuple(f"{self.name}.{end}.{axis}" for end in "ab" for axis in "xyz")
+        return {
+            f"{self.name}.{end}.{axis}": float(frame.placement.translation[i])
+            for end, frame in zip("ab", self.frames, strict=True)
+            for i, axis in enumerate("xyz")
+        }
 
     def moved(self, place: str, by: float) -> Closure:
         """Return the closure with a frame displaced along one of its axes."""
         _, end, axis = place.rsplit(".", 2)
         step = by * np.eye(3)["xyz".index(axis)]
         return replace(self, **{end: getattr(self, end).moved(step)})
-
-    def length_at(self, place: str) -> float:
-        """Return a coordinate of a frame in its link's axes."""
-        _, end, axis = place.rsplit(".", 2)
-        return float(getattr(self, end).placement.translation["xyz".index(axis)])
 
 
 def _rotation_row(row: str, Ra: ca.SX, Rb: ca.SX) -> ca.SX:
@@ -339,19 +334,15 @@ class DistanceClosure(FrameClosure):
         return Constraint(ca.norm_2(b.p - a.p) - self.length, (f"{self.name}.1",), ("N",))
 
     @property
-    def places(self) -> tuple[str, ...]:
+    def places(self) -> Mapping[str, float]:
         """The coordinates of both frames, and the length."""
-        return (*super().places, f"{self.name}.length")
+        return {**super().places, f"{self.name}.length": self.length}
 
     def moved(self, place: str, by: float) -> Closure:
         """Return the rod with another length or end."""
         if place == f"{self.name}.length":
             return replace(self, length=self.length + by)
         return super().moved(place, by)
-
-    def length_at(self, place: str) -> float:
-        """Return the length, or a coordinate of a frame."""
-        return self.length if place == f"{self.name}.length" else super().length_at(place)
 
 
 @dataclass(frozen=True)

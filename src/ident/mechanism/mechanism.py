@@ -201,27 +201,24 @@ class Mechanism(Displayed):
     @cached_property
     def sites(self) -> Sites:
         """Everything on which an effect can sit; `logged` are all joints, as no log is known."""
-        tree = [j.name for j in self.joints if j.in_tree and self.model.existJointName(j.name)]
         names = tuple(joint.name for joint in self.joints)
         own = tuple(joint.name for joint in self.joints if not joint.in_tree)
-        of_joints = [f"{name}.{axis}" for name in tree for axis in "xyz"]
-        places = (*of_joints, *(place for each in self.closures for place in each.places))
+        places: dict[str, float] = {}
+        for joint in self.joints:
+            if joint.in_tree and self.model.existJointName(joint.name):
+                index = self.model.getJointId(joint.name)
+                at = self.model.jointPlacements[index].translation
+                inside = self.model.parents[index] > 0  # torques do not depend on the first one's
+                places |= {f"{joint.name}.{a}": x * inside for a, x in zip("xyz", at, strict=True)}
+        for closure in self.closures:
+            places |= closure.places
         return Sites(
             joint=names, driven=self.driven, loaded=(*self.driven, *own), logged=names,
-            link=self.bodies.links, place=places,
+            link=self.bodies.links, place=tuple(places),
             closure=tuple(closure.name for closure in self.closures),
             loop=tuple(closure.name for closure in self.closures if closure.frames),
-            length=tuple(place for place in places if abs(self._length(place)) > SHORTEST),
+            length=tuple(place for place, x in places.items() if abs(x) > SHORTEST),
         )  # fmt: skip
-
-    def _length(self, place: str) -> float:
-        """The length [m] of a place that could be wrong; 0 for a place before the first joint."""
-        owner, _, axis = place.rpartition(".")
-        if self.model.existJointName(owner):
-            index = self.model.getJointId(owner)
-            at = self.model.jointPlacements[index].translation
-            return float(at["xyz".index(axis)]) if self.model.parents[index] else 0.0
-        return next(each for each in self.closures if place in each.places).length_at(place)
 
     def candidates(
         self, logged: Collection[str] | None = None, columns: Collection[str] = ()
