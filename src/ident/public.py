@@ -11,15 +11,12 @@ from ident.explore import Exploration, explore
 from ident.fit import Fit, identify
 from ident.fit.output import write_fit
 from ident.fit.saved import Saved, read_fit
-from ident.gather import Gathered, Verdicts, diagnose_each, gather
 from ident.health import Health, health
 from ident.log import Column, Log, read_log
 from ident.mechanism import Consistency, Mechanism, Multipliers, load
 from ident.mechanism.absolute import absolute
-from ident.monitor import Alarm, Monitor
 from ident.montecarlo import MonteCarlo, Studies, monte_carlo, monte_carlo_each
 from ident.motion import Motion, complete
-from ident.online import Online, Snapshot
 from ident.residual import Residual, residual_of, where
 from ident.simulate import (
     PD,
@@ -31,6 +28,16 @@ from ident.simulate import (
     integrate,
     replay,
     simulate,
+)
+from ident.streams import (
+    Alarm,
+    Gathered,
+    Monitor,
+    Online,
+    Snapshot,
+    Verdicts,
+    diagnose_each,
+    gather,
 )
 
 __all__ = [

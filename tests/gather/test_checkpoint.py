@@ -16,7 +16,7 @@ from test_stream import log_of
 import ident
 from helpers import ROBOTS
 
-checkpoint = import_module("ident.gather.checkpoint")
+checkpoint = import_module("ident.streams.checkpoint")
 ROWS, SAMPLES = 20_000, 1024
 RUN = """
 import sys
@@ -24,7 +24,7 @@ from importlib import import_module
 
 import ident
 
-checkpoint = import_module("ident.gather.checkpoint")
+checkpoint = import_module("ident.streams.checkpoint")
 checkpoint.PORTIONS, checkpoint.SECONDS = 2, 0.0
 mechanism = ident.load(sys.argv[1]).with_effect("viscous").with_effect("coulomb")
 ident.gather(
@@ -142,11 +142,12 @@ def test_a_run_that_searches_shapes_goes_on_in_the_pass_that_it_was_in(arm, tmp_
         if "pass 2" in what and share > 0.5:
             raise RuntimeError("stopped")
 
-    module = import_module("ident.gather.shapes")
+    module = import_module("ident.streams.gather")
     out = tmp_path / "out"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(import_module("ident.gather.stretches").stretches, "__defaults__", (900,))
-        patch.setattr(import_module("ident.gather.excerpt"), "SAMPLES", 900)
+        logs = import_module("ident.streams.logs")
+        patch.setattr(logs.LogSummary.stretches, "__defaults__", (900,))
+        patch.setattr(logs, "SAMPLES", 900)
         patch.setattr(module, "RESTING", 1e-5)
         with pytest.raises(RuntimeError, match="stopped"):
             gathered(mechanism, run, out, progress=told)

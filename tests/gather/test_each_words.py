@@ -2,8 +2,8 @@
 
 import pytest
 
-from ident.gather.disagree import Disagreement
-from ident.gather.each import Alone, Each
+from ident.display import render
+from ident.streams.many_logs import Disagreement, LogRow, LogTable
 
 
 def odd(share=0.99, parts=("hand", "forearm"), clear=True):
@@ -12,23 +12,25 @@ def odd(share=0.99, parts=("hand", "forearm"), clear=True):
 
 def logs(*disagreements, own=0.01):
     found = [
-        Alone(f"{i}.csv", 500, 1.1 * own, own, "elbow", d) for i, d in enumerate(disagreements)
+        LogRow(f"{i}.csv", 500, 1.1 * own, own, "elbow", d) for i, d in enumerate(disagreements)
     ]
-    return Each(tuple(found))
+    return LogTable(tuple(found))
 
 
 def test_a_model_that_leaves_much_is_not_said_to_fit_all_logs():
     same = odd(clear=False)
-    assert "no log disagrees with the others; of 100 folders" in logs(same, same, same).words
-    poor = logs(same, same, same, own=0.45).words
+    assert "no log disagrees with the others; of 100 folders" in render(
+        logs(same, same, same), "sentence"
+    )
+    poor = render(logs(same, same, same, own=0.45), "sentence")
     assert "45 %" in poor
     assert "see what it lacks first" in poor
 
 
 def test_two_logs_disagree_with_each_other():
-    assert "0.csv, 1.csv disagree with each other" in logs(odd(), odd()).words
-    assert (
-        "0.csv disagrees with the others" in logs(odd(), odd(clear=False), odd(clear=False)).words
+    assert "0.csv, 1.csv disagree with each other" in render(logs(odd(), odd()), "sentence")
+    assert "0.csv disagrees with the others" in render(
+        logs(odd(), odd(clear=False), odd(clear=False)), "sentence"
     )
 
 
@@ -42,4 +44,4 @@ def test_two_logs_disagree_with_each_other():
 )
 def test_what_differs_is_named_as_far_as_it_can_be(found, said):
     same = odd(clear=False)
-    assert said in " ".join(logs(found, same, same).summary.split())
+    assert said in " ".join(str(logs(found, same, same)).split())

@@ -14,12 +14,11 @@ from scipy.signal import lfilter
 
 import ident
 from ident.errors import IdentError, LogError
-from ident.fit.accumulate import Cell
-from ident.fit.estimate import estimate, totals
-from ident.gather.disagree import disagreements
-from ident.gather.one_by_one import each_of
+from ident.information.blocks import Block, Information
+from ident.information.estimate import estimate
+from ident.information.triangle import Triangle
 from ident.log.folder import expanded, logs_in
-from ident.solve.factor import Factor
+from ident.streams.many_logs import compare_logs, disagreements
 
 HEAVIER = {"hand.m": 0.7638 + 0.5}  # kg; the URDF's and a load at the hand's origin
 DOUBLED = {"coulomb.elbow.Fc": 1.0}  # N m, 0.5 in the others
@@ -40,7 +39,7 @@ def each(mechanism, logs, **options):
     motion = ident.complete(mechanism, logs)
     fit = ident.identify(mechanism, motion, estimator="least-squares", **options)
     names = {i: e.name for i, e in enumerate(motion.experiments)}
-    return each_of(fit.regression, names, {e.name: len(e) for e in motion.experiments})
+    return compare_logs(fit.regression, names, {e.name: len(e) for e in motion.experiments})
 
 
 def test_logs_that_are_alike_do_not_disagree(mechanism, clean):
@@ -129,13 +128,13 @@ def chances(random, logs, k, blocks, rows, rho):
             A = autoregressive(random, rho, (rows, k)) * sizes[u]
             b = A @ x + autoregressive(random, rho, rows) * (1 + u) * (1 + log / logs)
             for block, at in enumerate(np.array_split(np.arange(rows), blocks)):
-                factor, none = Factor.of(A[at], b[at]), Factor.empty(k)
-                cells.append(Cell(log, block, u, factor, none, np.arange(k), 1.0, (at[0], at[-1])))
-    cells.sort(key=lambda cell: (cell.experiment, cell.block, cell.coordinate))
+                factor, none = Triangle.of(A[at], b[at]), Triangle.empty(k)
+                cells.append(Block(log, block, u, factor, none, np.arange(k), 1.0, (at[0], at[-1])))
     names = tuple(f"link.{i}" for i in range(k))
     columns = SimpleNamespace(names=names, units=("",) * k, rigid=np.arange(k), effects=())
-    joint = estimate(totals(cells, k, 2), np.zeros(k), np.ones(2))
-    found = disagreements(cells, joint, columns)
+    information = Information.of(cells, k, 2)
+    joint = estimate(information.totals, np.zeros(k), np.ones(2))
+    found = disagreements(information, joint, columns)
     return [each.p_value for each in found.values()], any(each.clear for each in found.values())
 
 

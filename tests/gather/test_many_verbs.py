@@ -179,8 +179,8 @@ def test_a_folder_without_logs_is_said(spoken, tmp_path, command):
 
 @pytest.mark.slow
 def test_of_long_logs_stretches_are_judged_together(without_elbow, folder, monkeypatch):
-    monkeypatch.setattr(sys.modules["ident.gather.diagnose_each"], "TOGETHER", 2000)
-    monkeypatch.setattr(sys.modules["ident.gather.excerpt"], "SAMPLES", 1500)
+    monkeypatch.setattr(sys.modules["ident.streams.diagnose_each"], "TOGETHER", 2000)
+    monkeypatch.setattr(sys.modules["ident.streams.logs"], "SAMPLES", 1500)
     found = ident.diagnose_each(without_elbow, folder, jobs=2)
     said = "all logs together are judged on 1494 of their 2400 samples"  # 3 stretches of each
     assert said in found.notes

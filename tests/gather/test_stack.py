@@ -1,5 +1,6 @@
 """Multipliers in a time basis: portions have no seam between them."""
 
+import json
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -9,11 +10,10 @@ import polars as pl
 import pytest
 
 import ident
-from ident.gather import gather
-from ident.gather.checkpoint import Checkpoint
-from ident.gather.packed import packed_stretches, unpacked_stretches
-from ident.solve.chunk import Chunk
-from ident.solve.stretch import Stretch
+from ident.information.band import Stretch
+from ident.information.reduction import Chunk
+from ident.streams import gather
+from ident.streams.checkpoint import Checkpoint, _packed, _unpacked
 
 ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 LOG = ROBOTS / "slider_crank" / "run.csv"
@@ -21,7 +21,7 @@ LOG = ROBOTS / "slider_crank" / "run.csv"
 
 @pytest.fixture(autouse=True)
 def short_portions(monkeypatch):
-    monkeypatch.setattr(sys.modules["ident.gather.survey"], "STRIDE", 64)
+    monkeypatch.setattr(sys.modules["ident.streams.logs"], "STRIDE", 64)
 
 
 def crank(basis="linear", spacing=0.005):
@@ -98,7 +98,9 @@ def test_a_stretch_is_the_same_after_it_was_kept():
         rng.standard_normal(200),
     )  # fmt: skip
     stretch = Stretch.of(chunk)
-    again = unpacked_stretches(packed_stretches({3: stretch}))[3]
+    numbers = []
+    text = json.dumps(_packed({3: stretch}, numbers))
+    again = _unpacked(json.loads(text), np.concatenate(numbers))[3]
     assert [f.rows for f in again.closed()] == [f.rows for f in stretch.closed()]
     np.testing.assert_array_equal(again.closed()[0].R, stretch.closed()[0].R)
 

@@ -12,8 +12,7 @@ import pytest
 import ident
 from helpers import ROBOTS
 from ident.errors import FitError, IdentError
-from ident.gather.joined import Joined
-from ident.gather.portion import cells_of
+from ident.streams.portions import Sum, absorbed
 
 ROWS = 5000
 EXACT = 1e-9  # relative: rounding
@@ -201,12 +200,12 @@ def test_shapes_and_memory_settle_where_those_of_one_piece_do(arm, tmp_path):
 
 def test_the_order_in_which_portions_end_changes_no_bit(arm, run):
     plan = ident.gather(arm, run, cutoff=None, samples=1024).plan
-    done = [cells_of(plan, portion) for portion in plan.portions()]
+    done = [absorbed(plan, portion) for portion in plan.portions()]
     rng, first = np.random.default_rng(0), None
     for _ in range(3):
-        joined = Joined()
+        joined = Sum()
         for i in rng.permutation(len(done)):
-            joined.add(int(i), done[i].cells)
+            joined.add(int(i), done[i])
         cells = joined.without(())
         first = first or cells
         for one, other in zip(first, cells, strict=True):
@@ -215,13 +214,9 @@ def test_the_order_in_which_portions_end_changes_no_bit(arm, run):
 
 
 def test_the_fit_is_one_like_any_other_and_counts_all_samples(arm, run, tmp_path, monkeypatch):
-    from ident.gather import excerpt, stretches
-
-    for module in (excerpt, stretches):  # as if the log were far too long for pictures
-        if hasattr(module, "LONGEST"):
-            monkeypatch.setattr(module, "LONGEST", 500)
-    monkeypatch.setattr(excerpt, "SAMPLES", 1500)
-    monkeypatch.setattr(stretches.stretches, "__defaults__", (1500,))
+    logs = import_module("ident.streams.logs")  # as if the log were far too long for pictures
+    monkeypatch.setattr(logs, "SAMPLES", 1500)
+    monkeypatch.setattr(logs.LogSummary.stretches, "__defaults__", (1500,))
     found = ident.gather(arm, run, cutoff=None, samples=1024)
     fit = found.fit
     assert [len(e) for e in fit.motion.experiments] == [500, 500, 500]
@@ -276,7 +271,7 @@ def test_a_broken_stretch_far_inside_is_found_and_named_by_its_line(arm, run, tm
 
 
 def test_stamps_repeated_across_a_cut_are_one(arm, run, tmp_path, monkeypatch):
-    survey = import_module("ident.gather.survey")
+    survey = import_module("ident.streams.logs")
     monkeypatch.setattr(survey, "LOOK", 1024)
     twice = pl.read_parquet(run)
     twice = pl.concat([twice[:1024], twice[1023:]])
@@ -287,7 +282,7 @@ def test_stamps_repeated_across_a_cut_are_one(arm, run, tmp_path, monkeypatch):
 
 
 def test_a_clock_that_is_set_back_between_two_pieces_is_refused(arm, run, tmp_path, monkeypatch):
-    survey = import_module("ident.gather.survey")
+    survey = import_module("ident.streams.logs")
     monkeypatch.setattr(survey, "LOOK", 1024)
     log = pl.read_parquet(run)
     pl.concat([log[:1024], log[500:]]).write_parquet(tmp_path / "back.parquet")

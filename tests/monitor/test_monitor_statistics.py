@@ -5,15 +5,28 @@ import pytest
 from scipy.signal import lfilter
 
 import ident
-from ident.monitor.body import load
-from ident.monitor.charts import Charts, Design, Statistics
-from ident.monitor.clean import MARGIN, Clean, settled
-from ident.monitor.interval import Cutter, Interval, Piece
-from ident.monitor.lift import lift
-from ident.monitor.naming import named, onset
-from ident.monitor.rehearse import rehearsed
-from ident.monitor.watched import Suspect
-from ident.solve.factor import Factor
+from ident.information.triangle import Triangle
+from ident.streams.charts import (
+    MARGIN,
+    Charts,
+    Cutter,
+    Design,
+    NormalRunning,
+    Statistics,
+    WatchedInterval,
+    WatchedRows,
+    calibrated,
+    intervals_of,
+    moved_reference,
+)
+from ident.streams.stream import part_of
+from ident.streams.suspects import (
+    Suspect,
+    load_change,
+    multiplier_sensitivity,
+    name_change,
+    onset,
+)
 
 ROWS, K, D = 12, 5, 2
 
@@ -27,13 +40,12 @@ def pieces(rng, count, x, rho=0.0, change=None, spread=1.0):
     if change is not None:
         b[n // 2 :] += A[n // 2 :] @ change
     t = np.arange(n) * 0.5 / ROWS
-    return Piece(t, A, b, b, np.ones((n, D), dtype=bool), np.zeros((n, 0, D)))
+    whole = np.ones((n, D), dtype=bool)
+    return WatchedRows(t, np.arange(n), A, b, b, whole, np.zeros((n, 0, D)))
 
 
 def intervals(piece, x):
-    cutter = Cutter(0.5)
-    found = [*cutter.cut(piece), *cutter.flush()]
-    return [Interval.of(part, np.ones(D), x) for part in found]
+    return intervals_of([piece], 0.5, np.ones(D), x)
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +53,7 @@ def clean():
     rng = np.random.default_rng(0)
     x = rng.standard_normal(K)
     seen = intervals(pieces(rng, 400, x), x)
-    return x, seen, Clean.of(seen, np.ones(D), x, 0.0)
+    return x, seen, NormalRunning.of(seen, np.ones(D), x, 0.0)
 
 
 def test_an_interval_is_its_rows():
@@ -49,7 +61,7 @@ def test_an_interval_is_its_rows():
     x, other = rng.standard_normal((2, K))
     piece = pieces(rng, 1, x)
     sigma = np.array([0.5, 2.0])
-    interval = Interval.of(piece, sigma, x)
+    interval = WatchedInterval.of(piece, sigma, x)
     A = (piece.A / sigma[:, None]).reshape(-1, K)
     b = (piece.b / sigma).reshape(-1)
     np.testing.assert_allclose(interval.score(other), A.T @ (b - A @ other), rtol=1e-9)
@@ -65,7 +77,7 @@ def test_intervals_are_the_same_however_rows_come():
     whole = [part.t for part in Cutter(0.5).cut(piece)]
     cutter, split = Cutter(0.5), []
     for i in range(0, len(piece.t), 5):
-        split += [part.t for part in cutter.cut(piece.cut(slice(i, i + 5)))]
+        split += [part.t for part in cutter.cut(part_of(piece, slice(i, i + 5)))]
     assert len(whole) == len(split) == 5
     for a, b in zip(whole, split, strict=True):
         np.testing.assert_array_equal(a, b)
@@ -77,14 +89,14 @@ def test_long_run_variance_is_that_of_the_noise(rho):
     x = np.zeros(K)
     piece = pieces(rng, 1500, x, rho)
     piece.A[:] = 1.0  # a column that feels the noise's own correlation
-    found = Clean.of(intervals(piece, x), np.ones(D), x, 0.0).spread[0] / MARGIN
+    found = NormalRunning.of(intervals(piece, x), np.ones(D), x, 0.0).spread[0] / MARGIN
     true = (1 + rho) / (1 - rho)
     assert 0.75 * true < found < 1.7 * true  # the largest of several estimates
 
 
 def test_charts_keep_the_stated_rate_on_other_data(clean):
     x, seen, normal = clean
-    design = rehearsed(normal, np.ones(K, dtype=bool), seen, x).design
+    design = calibrated(normal, np.ones(K, dtype=bool), seen, x).design
     assert design.weight.sum() == pytest.approx(1.0)
     rng = np.random.default_rng(4)
     other = Statistics.of(intervals(pieces(rng, 6000, x), x), x)
@@ -115,23 +127,27 @@ def test_evidence_is_a_likelihood_ratio(clean):
     np.testing.assert_allclose(ratio, 1.0, atol=0.02)
 
 
-def test_heavy_tails_are_rehearsed(clean):
+def test_heavy_tails_are_calibrated(clean):
     x, _, _ = clean
     rng = np.random.default_rng(6)
     piece = pieces(rng, 400, x)
     piece.b[:] = piece.A @ x + 0.5 * rng.standard_t(2.0, piece.b.shape)
     seen = intervals(piece, x)
-    found = rehearsed(Clean.of(seen, np.ones(D), x, 0.0), np.ones(K, dtype=bool), seen, x)
+    found = calibrated(NormalRunning.of(seen, np.ones(D), x, 0.0), np.ones(K, dtype=bool), seen, x)
     assert found.alarms <= found.stated
 
 
 def test_the_reference_moves_to_the_clean_log_where_it_knows(clean):
     x, seen, _ = clean
-    factor = Factor.merge([each.factor for each in seen])
-    np.testing.assert_allclose(settled(factor, x + 0.1), settled(factor, x), atol=1e-9)
+    triangle = Triangle.merge([each.triangle for each in seen])
+    np.testing.assert_allclose(
+        moved_reference(triangle, x + 0.1), moved_reference(triangle, x), atol=1e-9
+    )
     rng = np.random.default_rng(7)
     A = rng.standard_normal((300, 3)) @ np.diag([1.0, 1.0, 0.0])  # nothing feels the third
-    moved = settled(Factor.of(A, A @ np.array([1.0, 2.0, 0.0])), np.array([0.0, 0.0, 5.0]))
+    moved = moved_reference(
+        Triangle.of(A, A @ np.array([1.0, 2.0, 0.0])), np.array([0.0, 0.0, 5.0])
+    )
     np.testing.assert_allclose(moved, [1.0, 2.0, 5.0], atol=1e-9)
 
 
@@ -142,23 +158,19 @@ def suspect(label, *places):
     return Suspect((effect,), np.array(places), effect.unknowns, ("Fc",), units)
 
 
-class Suspects:
-    """What `named` asks of the watched."""
-
-    suspects = (suspect("torque_offset:a", 0), suspect("torque_offset:b", 1),
-                suspect("torque_offset:c", 2))  # fmt: skip
+SUSPECTS = tuple(suspect(f"torque_offset:{joint}", i) for i, joint in enumerate("abc"))
 
 
 def test_the_name_is_that_of_the_column(clean):
     x, _, normal = clean
     rng = np.random.default_rng(8)
     held = intervals(pieces(rng, 40, x, change=np.array([0.0, 0.4, 0.0, 0.0, 0.0])), x)
-    naming = named(Suspects, held[20:], x, normal, 11.0)
+    naming = name_change(SUSPECTS, held[20:], x, normal, 11.0)
     assert naming.sound
     assert naming.rivals == ()
     assert naming.best.suspect.label == "torque_offset:b"
-    A = np.concatenate([each.factor.R for each in held[20:]])  # the same squares as the rows
-    d = np.concatenate([each.factor.d for each in held[20:]])
+    A = np.concatenate([each.triangle.R for each in held[20:]])  # the same squares as the rows
+    d = np.concatenate([each.triangle.d for each in held[20:]])
     true = float(A[:, 1] @ (d - A @ x) / (A[:, 1] @ A[:, 1]))
     assert naming.best.theta[0] == pytest.approx(true, rel=1e-9)
     assert abs(true - 0.4) < 4 * naming.best.stderr[0]
@@ -172,7 +184,7 @@ def test_columns_that_are_the_same_are_rivals(clean):
     piece.A[:, :, 2] = piece.A[:, :, 1]
     change = np.array([0.0, 0.4, 0.0, 0.0, 0.0])
     piece.b[:] = piece.A @ (x + change) + rng.standard_normal(piece.b.shape)
-    naming = named(Suspects, intervals(piece, x), x, normal, 11.0)
+    naming = name_change(SUSPECTS, intervals(piece, x), x, normal, 11.0)
     labels = {naming.best.suspect.label, *(each.suspect.label for each in naming.rivals)}
     assert labels == {"torque_offset:b", "torque_offset:c"}
 
@@ -182,7 +194,7 @@ def test_what_no_suspect_explains_is_not_sound(clean):
     rng = np.random.default_rng(10)
     change = np.array([0.0, 0.5, 0.0, 0.5, 0.0])  # the fourth column is nobody's
     held = intervals(pieces(rng, 40, x, change=change), x)
-    assert not named(Suspects, held[20:], x, normal, 11.0).sound
+    assert not name_change(SUSPECTS, held[20:], x, normal, 11.0).sound
 
 
 def test_a_load_is_a_body_that_can_exist():
@@ -192,12 +204,14 @@ def test_a_load_is_a_body_that_can_exist():
     L = m * (c @ c * np.eye(3) - np.outer(c, c))
     body = np.array([m, *(m * c), L[0, 0], L[0, 1], L[1, 1], L[0, 2], L[1, 2], L[2, 2]])
     for sign in (1.0, -1.0):  # put on, taken off
-        np.testing.assert_allclose(load(C, C @ (sign * body)), sign * body, atol=1e-5)
+        np.testing.assert_allclose(load_change(C, C @ (sign * body)), sign * body, atol=1e-5)
     planar = C * np.isin(np.arange(10), (0, 1, 2, 9))  # a loop in a plane feels m, mx, my, Lzz
-    found = 1e4 * planar @ load(1e4 * planar, 1e4 * planar @ body)  # however sure the rows are
+    found = (
+        1e4 * planar @ load_change(1e4 * planar, 1e4 * planar @ body)
+    )  # however sure the rows are
     np.testing.assert_allclose(found, 1e4 * planar @ body, atol=0.1)
     impossible = np.array([0.1, 1.0, 0, 0, 0, 0, 0, 0, 0, 0])  # a first moment without inertia
-    left = np.linalg.norm(C @ load(C, C @ impossible) - C @ impossible)
+    left = np.linalg.norm(C @ load_change(C, C @ impossible) - C @ impossible)
     assert left > 0.1 * np.linalg.norm(C @ impossible)
 
 
@@ -206,7 +220,7 @@ def test_lift_is_what_least_squares_makes_of_a_residual(robots):
     mechanism = ident.load(robots / "five_bar")
     q = mechanism.assembled[None]
     independent = ("left", "right")
-    G = lift(mechanism, independent, q)[0]
+    G = multiplier_sensitivity(mechanism, independent, q)[0]
     J = mechanism.kinematics.closure_rows(q).rate[0]
     rng = np.random.default_rng(12)
     force, r = rng.standard_normal(len(J)), rng.standard_normal(2)
@@ -216,4 +230,5 @@ def test_lift_is_what_least_squares_makes_of_a_residual(robots):
         f[mechanism.joint(name).index] += x
     found = np.linalg.lstsq(J.T, f, rcond=1e-9)[0]
     np.testing.assert_allclose(found - force, G @ r, atol=1e-9)
-    assert lift(ident.load(robots / "arm"), ("yaw",), np.zeros((3, 4))).shape == (3, 0, 1)
+    tree = ident.load(robots / "arm")
+    assert multiplier_sensitivity(tree, ("yaw",), np.zeros((3, 4))).shape == (3, 0, 1)

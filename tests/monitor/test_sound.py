@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from ident.monitor.naming import Naming
+from ident.streams.suspects import Naming
 
 
 @pytest.mark.parametrize(

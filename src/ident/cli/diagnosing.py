@@ -34,8 +34,7 @@ from ident.diagnose.grow import Step
 from ident.diagnose.ladder import head, rung
 from ident.diagnose.output import refuse_own
 from ident.fit import identify
-from ident.gather.diagnose_each import diagnose_each
-from ident.gather.verdicts import Verdicts
+from ident.streams import Verdicts, diagnose_each
 
 Seed = Annotated[
     int, typer.Option(metavar="N", min=0, help="Of the noise in the clean logs to compare with.")

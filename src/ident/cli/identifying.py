@@ -39,7 +39,6 @@ from ident.fit.reactions import compare_multipliers
 from ident.fit.saved import read_fit
 from ident.fit.structure import channels, describe, structure
 from ident.fit.summary import summary
-from ident.gather import Gathered, gather
 from ident.log import read_log
 from ident.log.folder import expanded
 from ident.log.pieces import likely_rows
@@ -47,6 +46,7 @@ from ident.mechanism import Consistency
 from ident.show.charts import SUFFIXES
 from ident.simulate import replay
 from ident.simulate.replay import WINDOW
+from ident.streams import Gathered, gather
 
 MOST_IN_MEMORY = 1_000_000  # samples of all logs that are read at once
 ADVICE = 4  # sentences on what another motion would tell

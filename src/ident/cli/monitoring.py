@@ -30,9 +30,8 @@ from ident.equations.rows import Rows
 from ident.errors import FitError, LogError, not_there
 from ident.fit import Fit, identify
 from ident.log.follow import Line, follow
-from ident.monitor import Alarm, Monitor
-from ident.monitor.watched import STICKING
-from ident.online import Online, Setting, Snapshot, Stream
+from ident.streams import Alarm, Monitor, Online, Setting, Snapshot, Stream
+from ident.streams.suspects import STICKING
 
 SAID = 20  # lines that are left out, of which each is said; then they are counted
 

@@ -11,9 +11,8 @@ from pathlib import Path
 
 from ident.errors import IdentError
 from ident.mechanism import Mechanism
-from ident.monitor import Alarm
-from ident.online import Snapshot
-from ident.online.reactions import Multipliers
+from ident.streams import Alarm, Snapshot
+from ident.streams.online import Forces
 
 PARAMETERS = ("t", "quantity", "value", "stderr", "unit", "state")
 ALARMS = ("onset", "detected", "named", "verdict", "suspects", "evidence", "text")
@@ -50,7 +49,7 @@ class Record(AbstractContextManager["Record"]):
         """Its parameters and errors."""
         self._write("parameters", _parameter_rows(found))
 
-    def multipliers(self, found: Multipliers | None) -> None:
+    def multipliers(self, found: Forces | None) -> None:
         """λ of some samples."""
         if found is not None:
             self._write("multipliers", _multiplier_rows(found))
@@ -119,7 +118,7 @@ def _parameter_rows(found: Snapshot) -> list[tuple[object, ...]]:
     return rows
 
 
-def _multiplier_rows(found: Multipliers) -> list[list[object]]:
+def _multiplier_rows(found: Forces) -> list[list[object]]:
     """A row a sample; a multiplier that is not determined has empty cells."""
     each = zip(found.t.tolist(), found.values.tolist(), found.stderr.tolist(), strict=True)
     return [[t, *("" if x != x else x for x in (*values, *errors))] for t, values, errors in each]

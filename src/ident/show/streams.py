@@ -1,0 +1,303 @@
+"""Gathered fits, many logs one by one, snapshots, alarms and monitors as text and HTML."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+from markupsafe import Markup
+
+from ident.diagnose.phrases import listed
+from ident.display import renders
+from ident.fit.summary import summary
+from ident.show.html import Section, definitions, in_frame, items, strong
+from ident.show.html import table as html_table
+from ident.streams.diagnose_each import Verdicts
+from ident.streams.gathered import Gathered
+from ident.streams.many_logs import RATE, Disagreement, LogTable
+from ident.streams.monitor import Alarm, Cause, Monitor, ParameterChange
+from ident.streams.online import Forces, Snapshot
+from ident.tables import percent, rounded, table
+
+NAMED = 6  # logs in a sentence; more are counted
+SHOWN = 6  # parameters in one line
+POOR = 0.05  # of the torque: a model that leaves more hides differences between logs
+MOSTLY = 0.9  # of a log's difference, that a part must explain to be named
+TINY = 1e-12  # a smaller chance is printed as this
+BLIND = 10.0  # times a change: a standard error beyond which it is not printed
+OTHERWISE = {
+    "likely": "likely, but not first, in",
+    "no": "not missing in",
+    "hidden": "not to be seen in",
+}
+
+
+# --- many logs -----------------------------------------------------------------------------------
+
+
+@renders(LogTable, "sentence")
+def who_disagrees(x: LogTable) -> str:
+    """Return how many logs disagree, and at which rate logs that are alike would."""
+    count, used = len(x.odd), x.used
+    own = [each.own for each in used if each.own is not None]
+    left = float(np.median(own)) if own else 0.0
+    if not count and left > POOR:
+        return (
+            f"no log disagrees with the others by more than what the model leaves in each, "
+            f"{percent(left)}, and that is much: see what it lacks first (ident diagnose)"
+        )
+    names = ", ".join(x.odd) if count <= NAMED else f"{count} of {len(x.logs)} logs"
+    whom = "each other" if len(used) == 2 and count == 2 else "the others"
+    return (
+        f"{names or 'no log'} {'disagree' if count > 1 else 'disagrees'} with {whom}; of 100 "
+        f"folders of logs that are alike, {100 * RATE:g} or fewer would have one that seems to"
+    )
+
+
+def log_rows(x: LogTable) -> list[list[str]]:
+    """Return one row a log, the head first."""
+    rows = [["log", "samples", "error", "own fit", "chance", "differs in"]]
+    for each in x.logs:
+        if each.left_out:
+            rows.append([each.log, "–", "–", "–", "–", "left out"])
+            continue
+        odd = each.disagreement
+        chance = "–" if odd is None else _chance(odd.p_value)
+        what = _difference(odd) if odd is not None and odd.clear else ""
+        errors = percent(each.error), percent(each.own)
+        rows.append([each.log, str(each.samples), *errors, chance, what])
+    return rows
+
+
+def _chance(p: float) -> str:
+    return f"< {TINY:.0e}" if p < TINY else f"{p:.2g}"
+
+
+def _difference(odd: Disagreement) -> str:
+    share = f"{100 * odd.share:.0f} %"
+    if odd.share < MOSTLY:
+        return f"no part of the model alone: {odd.parts[0]} explains {share}" if odd.parts else ""
+    change = f"{'+' if odd.change > 0 else ''}{rounded(odd.change, odd.stderr)} {odd.unit}"
+    several = "each of " if len(odd.parts) > 1 else ""
+    return f"{odd.unknown} by {change}; {several}{', '.join(odd.parts)} explains {share}"
+
+
+@renders(LogTable, "summary")
+def log_summary(x: LogTable) -> str:
+    """Return the table and who disagrees, without the notes."""
+    head = "log by log; chance: that a log like the others looks as odd"
+    return "\n".join([head, *table(log_rows(x)), who_disagrees(x)])
+
+
+@renders(LogTable, "text")
+def log_text(x: LogTable) -> str:
+    """Return the summary and the notes."""
+    return "\n".join([log_summary(x), *(f"note: {note}" for note in x.notes)])
+
+
+@renders(LogTable, "html")
+def log_html(x: LogTable) -> str:
+    """Return the table, and below it who disagrees."""
+    return in_frame([html_table(log_rows(x), "Log by log"), items([who_disagrees(x), *x.notes])])
+
+
+@renders(LogTable, "section")
+def log_section(x: LogTable) -> Section:
+    """Return the section of a report."""
+    said = items([who_disagrees(x), *x.notes])
+    return Section("Log by log", (html_table(log_rows(x), "Logs"), said))
+
+
+@renders(Gathered, "summary")
+def gathered_summary(x: Gathered) -> str:
+    """Return the summary of the fit and, of several logs, the logs one by one."""
+    return f"{summary(x.fit)}\n\n{log_summary(x.each)}" if x.several else summary(x.fit)
+
+
+@renders(Gathered, "text")
+def gathered_text(x: Gathered) -> str:
+    """Return the summary and the notes."""
+    return "\n".join([gathered_summary(x), *(f"note: {note}" for note in x.notes)])
+
+
+# --- many diagnoses ------------------------------------------------------------------------------
+
+
+@renders(Verdicts, "votes")
+def votes(x: Verdicts) -> list[str]:
+    """Return for each effect that is asked for how many logs name it, and which say otherwise."""
+    found, used = [], [each for each in x.logs if each.verdict]
+    for label in x.asked:
+        by: dict[str, list[str]] = {}
+        for each in used:
+            by.setdefault(each.about(label), []).append(each.log)
+        said = [f"named by {len(by.get('named', ()))} of {len(used)} logs"]
+        said += [f"{words} {listed(by[kind])}" for kind, words in OTHERWISE.items() if kind in by]
+        found.append(f"{label}: {'; '.join(said)}")
+    return found
+
+
+def verdict_rows(x: Verdicts) -> list[list[str]]:
+    """Return one row a log, the head first."""
+    rows = [["log", "samples", "verdict", "of", "error", "with it"]]
+    for each in x.logs:
+        if each.left_out:
+            rows.append([each.log, "–", "left out", "", "", ""])
+            continue
+        verdict = each.verdict + (f": {' or '.join(each.named)}" if each.named else "")
+        errors = (percent(each.before), percent(each.after)) if each.named else ("", "")
+        rows.append([each.log, str(each.samples), verdict, each.joint, *errors])
+    return rows
+
+
+@renders(Verdicts, "text")
+def verdicts_text(x: Verdicts) -> str:
+    """Return each log's verdict, the votes, and the diagnosis of all logs together."""
+    lines = ["each log by itself", *table(verdict_rows(x)), *votes(x), "", "all logs together"]
+    return "\n".join([*lines, str(x.together)])
+
+
+@renders(Verdicts, "html")
+def verdicts_html(x: Verdicts) -> str:
+    """Return the same as tables."""
+    said = [items(votes(x))] if x.asked else []
+    each = [html_table(verdict_rows(x), "Each log by itself"), *said]
+    return in_frame(each) + x.together._repr_html_()
+
+
+@renders(Verdicts, "section")
+def verdicts_section(x: Verdicts) -> Section:
+    """Return the section of a report."""
+    said = [*votes(x), *x.notes]
+    blocks = html_table(verdict_rows(x), "Each by itself"), *((items(said),) if said else ())
+    return Section("Log by log", blocks)
+
+
+# --- online --------------------------------------------------------------------------------------
+
+
+@renders(Forces, "text")
+def forces_text(x: Forces) -> str:
+    """Return the multipliers of the last sample."""
+    if not len(x):
+        return "no multipliers"
+    each = zip(x.names, x.values[-1], x.stderr[-1], x.units, strict=True)
+    said = [f"{name} = {rounded(v, error)} {unit}" for name, v, error, unit in each if v == v]
+    return ", ".join(said) or "no multiplier is determined"
+
+
+@renders(Snapshot, "line")
+def snapshot_line(x: Snapshot) -> str:
+    """Return what is identified, the multipliers and the errors, in one line."""
+    known = x.identified
+    said = [str(value) for value in known[:SHOWN]]
+    said += [f"… ({len(known) - SHOWN} more)"] if len(known) > SHOWN else []
+    said += [str(x.multipliers)] if x.multipliers is not None else []
+    said += [f"error of {name} {percent(e.relative)}" for name, e in x.errors.items()]
+    return f"t = {x.t:.6g} s: {', '.join(said)}; lag {1e3 * x.lag:.3g} ms"
+
+
+@renders(Snapshot, "text")
+def snapshot_text(x: Snapshot) -> str:
+    """Return tables of parameters and errors, and notes."""
+    rows = [["parameter", "value", "prior", "unit", ""]]
+    for v in x.identified:
+        state = "held" if v.name in x.held else ""
+        rows.append([v.name, rounded(v.value, v.stderr), f"{v.prior:.5g}", v.unit, state])
+    errors = [["error", "all", "ahead", "rms", "unit"]]
+    for name, e in x.errors.items():
+        ahead = percent(x.ahead[name].relative if name in x.ahead else None)
+        errors.append([name, percent(e.relative), ahead, f"{e.rms:.4g}", e.unit])
+    return "\n".join(
+        [
+            f"at t = {x.t:.6g} s: {x.samples} samples, {x.rows:.6g} equations a coordinate, "
+            f"{x.rank} base parameters, condition number {x.condition_number:.3g}; lag "
+            f"{1e3 * x.lag:.3g} ms",
+            *(table(rows) if len(rows) > 1 else ["  no parameter is determined by itself"]),
+            *([] if x.multipliers is None else [f"  {x.multipliers}"]),
+            *table(errors),
+            *(f"note: {note}" for note in x.notes),
+        ]
+    )
+
+
+# --- monitor -------------------------------------------------------------------------------------
+
+
+@renders(ParameterChange, "text")
+def change_text(x: ParameterChange) -> str:
+    """Return `Fc +0.31 ± 0.01 N m`."""
+    said = rounded(x.change, x.stderr)
+    return f"{x.name} {'' if said.startswith('-') else '+'}{said} {x.unit}".rstrip()
+
+
+@renders(Cause, "text")
+def cause_text(x: Cause) -> str:
+    """Return the cause and the changes of its parameters that are known."""
+    known = [step for step in x.steps if step.stderr is not None]
+    # what the motion does not determine by itself has an error without bound
+    sure = [step for step in known if (step.stderr or 0.0) < BLIND * abs(step.change)]
+    return f"{x.label}: {', '.join(map(str, sure or known or x.steps))}"
+
+
+@renders(Alarm, "headline")
+def headline(x: Alarm) -> str:
+    """Return the alarm in one line."""
+    since = f"since {x.onset:.2f} s"
+    if not x.suspects or x.best is None:
+        near = f"; nearest, but no explanation: {x.best.label}" if x.best else ""
+        return f"{since} something has changed, cannot tell what{near}"
+    if x.verdict == "named":
+        return f"{since} changed: {x.best}"
+    return f"{since} changed: one of {', '.join(x.suspects)}"
+
+
+def alarm_lines(x: Alarm) -> list[str]:
+    """Return what the headline does not say."""
+    found = [
+        f"sure at {x.detected:.2f} s by {x.seen_by}, evidence {x.evidence:.1f} of "
+        f"{x.threshold:.1f}; named at {x.named:.2f} s"
+    ]
+    for cause in (x.best, *x.rivals) if x.best else ():
+        found.append(f"{cause}, explains {100 * cause.explains:.0f} %")
+        felt = [f"{name} by {v:.2g}" for name, v in cause.reactions.items() if v > 0]
+        if felt:
+            found.append(f"  it would change the reaction {', '.join(felt)} rms")
+    ratios = ", ".join(f"{name} {v:.3g}" for name, v in x.errors.items())
+    return [*found, f"errors over their normal size: {ratios}"]
+
+
+@renders(Alarm, "text")
+def alarm_text(x: Alarm) -> str:
+    """Return the headline and what it does not say."""
+    return "\n".join([headline(x), *(f"  {line}" for line in alarm_lines(x))])
+
+
+@renders(Alarm, "html")
+def alarm_html(x: Alarm) -> str:
+    """Return the same as a list."""
+    said = {
+        "Sure at": f"{x.detected:.2f} s, by {x.seen_by}",
+        "Named at": f"{x.named:.2f} s",
+        "Verdict": x.verdict,
+    }
+    blocks: tuple[Markup, ...] = strong(headline(x)), definitions(said), items(alarm_lines(x))
+    return in_frame(blocks)
+
+
+@renders(Monitor, "text")
+def monitor_text(x: Monitor) -> str:
+    """Return what the monitor rests on, watches and has found."""
+    alone = (s.effects[0].kind for s in x.watched.suspects if len(s.effects) == 1)
+    kinds = ", ".join(f"{kind} ({count})" for kind, count in Counter(alone).items())
+    return "\n".join(
+        [
+            f"monitor of {x.watched.mechanism.name}: {x.design.normal.triangle.rows} rows of "
+            f"normal running, intervals of {x.seconds:g} s",
+            f"  {x.false_alarms_per_hour:g} false alarms an hour at most, while the machine runs "
+            f"as it did then; on normal running drawn again {x.calibration.alarms} alarms where "
+            f"{x.calibration.stated:g} were allowed",
+            f"  watches, at so many places: {kinds}",
+            f"  alarms: {len(x.alarms)}, evidence {x.evidence:.1f} of {x.threshold:.1f}",
+        ]
+    )

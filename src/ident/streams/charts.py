@@ -1,0 +1,452 @@
+"""Control charts: how much likelier each change makes the rows, summed since it could have begun.
+
+    of a parameter   ℓ = (δ s − δ² I/2) / φ²                     of a change δ from the reference
+    of an error      ℓ = ν/2 ((1 − 1/c) e − log c)               of a variance c times normal
+    R ← (1 + R) exp ℓ,      alarm where Σ w R ≥ A
+
+R is the Shiryaev-Roberts statistic; as long as E exp ℓ ≤ 1 in normal running, given all that was
+before, Σ w R − n is a supermartingale for any weights of sum 1, so that the mean time to a false
+alarm is at least A intervals, however many charts there are and however they depend on each other
+(Pollak, Ann. Stat. 13(1), 1985; mixtures: Shin, Ramdas, Rinaldo, New England J. Stat. Data Sci.
+2(2), 2024). Of scores that are alike from interval to interval a long-run φ² makes that hold about,
+not exactly: what lasts as long as the log of normal running alarms more often. The onset is where
+the cumulative sum of the leading chart was last at zero (Page, Biometrika 41, 1954).
+
+An interval of time is one triangle of all coordinates' rows, each divided by its σ:
+
+    score  s = Aᵀ(b − A x),  information  I_k = |A_k|²,  squares  Σ r_u², Σ (G r)_j²
+
+Normal running is what a log of it shows, and the reference is moved there, since its own error
+would be seen as a change in the long run. Changes are watched for from δ_k on:
+
+    σ_u² = mean r_u²                                                   weighs the rows
+    φ_k² = MARGIN · max over L of  Σ (Σ_L s_k)² / Σ I_k                block sums of L intervals
+    δ_k  = max(FLOOR · φ_k / √ΣI_k,  material · √(Σ τ²/σ² / ΣI_k))
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+
+from ident.equations.rows import Rows
+from ident.errors import FitError
+from ident.information.triangle import Triangle
+from ident.streams.stream import concatenated, part_of
+
+SIZES = 2.0 ** np.arange(6)  # times the least change watched for
+RATIOS = np.array([3.0, 9.0, 27.0])  # c: noise may grow by a third and is no fault
+CLIP = 4.0  # standard deviations beyond which a score counts no more
+PARAMETERS = 0.75  # weight of all charts of parameters; the rest is for errors
+FLOOR = 6.0  # standard errors of the normal log: a smaller change could be its own error
+MARGIN = 1.5  # for what a log of minutes has not shown yet
+BLOCKS = 8  # at least, in the longest sums, and drawn from a log
+FEWEST = 40  # intervals of a log of normal running
+USUAL = 0.5  # of the rows that an interval usually has; one with fewer is left out
+FELT = 1e-6  # of the largest column: a smaller one has no effect
+KNOWN = 0.03  # of the largest singular value of unit columns: a direction known less well stays
+REMAINS = 3.0  # times what is left of a change that has been named: that is no new change
+STREAMS, STEPS = 20, 2000  # simulated beside each other, and intervals of each
+OFTEN = 20.0  # alarms that a calibration would have at the stated rate, at a lowered threshold
+WIDER, MOST = 1.15, 12  # factor of φ² a step, and steps
+
+
+@dataclass(frozen=True, eq=False)
+class WatchedRows(Rows):
+    """Rows with G (n, m, d), which turns residuals into errors of the m multipliers."""
+
+    G: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class WatchedInterval:
+    """The rows of one interval of time that inform, weighted.
+
+    Attributes:
+        start, end: first and last row [s].
+        triangle: of [A | b] over all coordinates, each divided by its σ.
+        squares, rows: (d + m,) sums of squares of the residual of each coordinate, over σ², and of
+            the error of each multiplier [N² | (N m)²]; and of how many rows.
+        torque: sum of squares of the measured torques over σ².
+    """
+
+    start: float
+    end: float
+    triangle: Triangle
+    squares: np.ndarray
+    rows: np.ndarray
+    torque: float
+
+    @classmethod
+    def of(cls, rows: WatchedRows, sigma: np.ndarray, x: np.ndarray) -> WatchedInterval:
+        """Absorb some rows; sigma (d,) weighs them, the residual is that of x (k,)."""
+        weight = np.where(rows.informed, 1.0 / sigma, 0.0)
+        informed = rows.informed.ravel()
+        A = (rows.A * weight[:, :, None]).reshape(-1, rows.A.shape[2])
+        r = np.where(rows.informed, rows.b - rows.A @ x, 0.0)
+        lifted = np.einsum("nmd,nd->nm", rows.G, r)
+        whole = rows.informed.all(axis=1)
+        squares = [((r * weight) ** 2).sum(axis=0), (lifted[whole] ** 2).sum(axis=0)]
+        counts = [rows.informed.sum(axis=0), np.full(lifted.shape[1], whole.sum())]
+        return cls(
+            start=float(rows.t[0]),
+            end=float(rows.t[-1]),
+            triangle=Triangle.of(A[informed], (rows.b * weight).ravel()[informed]),
+            squares=np.concatenate(squares),
+            rows=np.concatenate(counts),
+            torque=float(((rows.tau * weight) ** 2).sum()),
+        )
+
+    def score(self, x: np.ndarray) -> np.ndarray:
+        """Return s (k,) at x."""
+        return self.triangle.gradient(x)
+
+    @property
+    def information(self) -> np.ndarray:
+        """(k,) I."""
+        return (self.triangle.R**2).sum(axis=0)
+
+
+@dataclass(eq=False)
+class Cutter:
+    """Cuts rows at multiples of `seconds`; holds the rows of the interval that is not over yet."""
+
+    seconds: float
+    at: int | None = None
+    waiting: list[WatchedRows] = field(default_factory=list)
+    usual: int = 0
+
+    def cut(self, rows: WatchedRows) -> Iterator[WatchedRows]:
+        """Yield the rows of every interval that these rows complete."""
+        number = np.floor(rows.t / self.seconds).astype(int)
+        edges = [0, *(np.flatnonzero(np.diff(number)) + 1), len(number)]
+        for i, j in pairwise(edges):
+            if j > i and number[i] != self.at:
+                yield from self.flush()
+                self.at = int(number[i])
+            self.waiting += [part_of(rows, slice(i, j))] if j > i else []
+
+    def flush(self) -> Iterator[WatchedRows]:
+        """Yield the rows held, if they are about as many as usual."""
+        waiting, self.waiting = self.waiting, []
+        count = sum(len(part.t) for part in waiting)
+        self.usual = max(self.usual, count)
+        if count and count >= USUAL * self.usual:
+            yield concatenated(waiting)
+
+
+def intervals_of(
+    rows: Sequence[WatchedRows], seconds: float, sigma: np.ndarray, x: np.ndarray
+) -> list[WatchedInterval]:
+    """Cut rows into intervals of so many seconds; sigma (d,) weighs them, x (k,) the reference."""
+    cutter = Cutter(seconds)
+    parts = [part for each in rows for part in cutter.cut(each)]
+    return [WatchedInterval.of(part, sigma, x) for part in [*parts, *cutter.flush()]]
+
+
+@dataclass(frozen=True, eq=False)
+class NormalRunning:
+    """Normal running: d coordinates, m multipliers, k columns.
+
+    Attributes:
+        sigma: (d,) rms of the residual of each coordinate [N m | N].
+        triangle: of all rows.
+        spread: (k,) φ² of the scores.
+        least: (k,) δ, the smallest changes watched for; infinite where a column has no effect.
+        energy: (d + m,) mean squares of an interval, 0 where there are none; freedom: (d + m,) ν,
+            so that squares over rows and energy scatter like χ²_ν/ν.
+    """
+
+    sigma: np.ndarray
+    triangle: Triangle
+    spread: np.ndarray
+    least: np.ndarray
+    energy: np.ndarray
+    freedom: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        intervals: Sequence[WatchedInterval],
+        sigma: np.ndarray,
+        x: np.ndarray,
+        material: float,
+    ) -> NormalRunning:
+        """Learn normal running from `FEWEST` intervals or more.
+
+        Args:
+            intervals: of a log; sigma: (d,) by which rows were weighed.
+            x: (k,) the reference.
+            material: share of the torques that a change must be.
+        """
+        triangle = Triangle.merge([each.triangle for each in intervals])
+        s = np.array([each.score(x) for each in intervals])
+        norm = triangle.column_norms()
+        felt = norm > FELT * norm.max(initial=0.0)
+        total = np.where(felt, norm**2, 1.0)
+        lengths = np.unique(np.geomspace(1, len(s) // BLOCKS, 8).astype(int))
+        spread = np.max([_block_variance(s, total, int(n)) for n in lengths], axis=0)
+        spread = MARGIN * np.maximum(spread, 1.0)
+        torque = sum(each.torque for each in intervals)
+        least = np.sqrt(np.maximum(FLOOR**2 * spread, material**2 * torque) / total)
+        squares, rows = (np.array([getattr(e, n) for e in intervals]) for n in ("squares", "rows"))
+        energy = squares.sum(axis=0) / np.maximum(rows.sum(axis=0), 1)
+        each = squares / (np.maximum(rows, 1) * np.where(energy > 0, energy, 1.0))
+        freedom = 2.0 / np.maximum(each.var(axis=0, ddof=1), 1e-3) / MARGIN
+        return cls(sigma, triangle, spread, np.where(felt, least, np.inf), energy, freedom)
+
+    @property
+    def typical(self) -> float:
+        """φ² of a typical column."""
+        felt = np.isfinite(self.least)
+        return float(np.median(self.spread[felt])) if felt.any() else MARGIN
+
+    def wider(self, factor: float) -> NormalRunning:
+        """Return normal running that scatters more."""
+        return replace(
+            self,
+            spread=factor * self.spread,
+            least=factor**0.5 * self.least,
+            freedom=self.freedom / factor,
+        )
+
+    def moved(
+        self,
+        places: np.ndarray,
+        root: np.ndarray,
+        since: Sequence[WatchedInterval],
+        x: np.ndarray,
+    ) -> NormalRunning:
+        """Return normal running after a change has been made part of the reference.
+
+        Its error, seen as a change of column k, is I_k,g θ̃ / I_kk; and what it does not explain
+        is normal from now on.
+
+        Args:
+            places: (g,) columns that changed; root: (g, r) of their covariance.
+            since: intervals since the change; x: (k,) the reference now.
+        """
+        R, rest = self.triangle.R, Triangle.merge([each.triangle for each in since])
+        own = np.maximum((R**2).sum(axis=0), 1e-300)
+        error = np.linalg.norm((R.T @ R[:, places]) @ root, axis=1) / own
+        left = np.abs(rest.gradient(x)) / np.maximum((rest.R**2).sum(axis=0), 1e-300)
+        least = np.sqrt(self.least**2 + (FLOOR * error) ** 2 + (REMAINS * left) ** 2)
+        return replace(self, least=least)
+
+    def worse(
+        self, since: Sequence[WatchedInterval], x: np.ndarray, remains: float
+    ) -> NormalRunning:
+        """Return normal running with something in it that nothing explains.
+
+        Args:
+            since: intervals that have it; x: (k,) the reference now.
+            remains: mean square of what is left, 1 in normal running.
+        """
+        now = NormalRunning.of(since, self.sigma, x, 0.0)
+        return replace(
+            self,
+            spread=np.maximum(self.spread, now.spread),
+            least=np.maximum(self.least, now.least),
+            energy=self.energy * max(remains, 1.0),
+            freedom=np.minimum(self.freedom, now.freedom),
+        )
+
+
+def _block_variance(s: np.ndarray, total: np.ndarray, length: int) -> np.ndarray:
+    """(k,) Σ (Σ_L s)² / Σ I over the blocks of some length; all s together add up to zero."""
+    whole = len(s) // length
+    sums = s[: whole * length].reshape(whole, length, -1).sum(axis=1)
+    return (sums**2).sum(axis=0) / total * (len(s) / (whole * length)) / (1 - 1 / whole)
+
+
+def moved_reference(triangle: Triangle, x: np.ndarray) -> np.ndarray:
+    """Move the reference to where normal running has it, in the directions that it knows well.
+
+        x ← x + A⁺ (b − A x)
+
+    Args:
+        triangle: of the weighted rows of normal running.
+        x: (k,) the reference as it was identified.
+    """
+    size = triangle.column_norms()
+    safe = np.where(size > FELT * size.max(initial=0.0), size, np.inf)
+    U, s, Vt = np.linalg.svd(triangle.R / safe)
+    known = s > KNOWN * s[0]
+    return x + Vt[known].T @ ((U[:, known].T @ (triangle.d - triangle.R @ x)) / s[known]) / safe
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """What charts take of intervals (…): score, information (…, k); squares, rows (…, d + m)."""
+
+    score: np.ndarray
+    information: np.ndarray
+    squares: np.ndarray
+    rows: np.ndarray
+
+    @classmethod
+    def of(cls, intervals: Sequence[WatchedInterval], x: np.ndarray) -> Statistics:
+        """Collect those of some intervals (n,) at the reference x (k,)."""
+        return cls(
+            np.array([each.score(x) for each in intervals]),
+            np.array([each.information for each in intervals]),
+            np.array([each.squares for each in intervals]),
+            np.array([each.rows for each in intervals]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """What the charts of normal running look for.
+
+    Attributes:
+        normal: normal running.
+        mask: (k,) columns that have charts.
+        delta: (signs · sizes, k) changes; weight: (charts,) of all, parameters' first.
+    """
+
+    normal: NormalRunning
+    mask: np.ndarray
+    delta: np.ndarray
+    weight: np.ndarray
+
+    @classmethod
+    def of(cls, normal: NormalRunning, mask: np.ndarray) -> Design:
+        """Design charts of the columns `mask` (k,) that have an effect, and of all errors."""
+        use, errors = mask & np.isfinite(normal.least), normal.energy > 0
+        delta = np.concatenate([SIZES, -SIZES])[:, None] * np.where(use, normal.least, 0.0)
+        parts = [(PARAMETERS, use, len(delta)), (1 - PARAMETERS, errors, len(RATIOS))]
+        weight = [
+            np.broadcast_to(share * some / max(int(some.sum()), 1) / count, (count, len(some)))
+            for share, some, count in parts
+        ]
+        return cls(normal, mask, delta, np.concatenate([each.ravel() for each in weight]))
+
+    def evidence(self, seen: Statistics) -> np.ndarray:
+        """Return ℓ (…, charts) of intervals."""
+        normal, info = self.normal, seen.information
+        most = CLIP * np.sqrt(normal.spread * info)
+        s = np.clip(seen.score, -most, most)[..., None, :]
+        change = (self.delta * s - 0.5 * self.delta**2 * info[..., None, :]) / normal.spread
+        usual = seen.rows * normal.energy
+        e = np.where(usual > 0, seen.squares / np.where(usual > 0, usual, 1.0), 1.0)
+        e = np.minimum(e, 1 + CLIP * np.sqrt(2 / normal.freedom))[..., None, :]
+        c = RATIOS[:, None]
+        error = 0.5 * normal.freedom * ((1 - 1 / c) * e - np.log(c))
+        flat = [x.reshape(*x.shape[:-2], -1) for x in (change, error)]
+        return np.concatenate(flat, axis=-1)
+
+    def about(self, chart: int) -> tuple[int | None, int | None]:
+        """Return the column, or else the error, that a chart is about."""
+        if chart < self.delta.size:
+            return chart % self.delta.shape[1], None
+        return None, (chart - self.delta.size) % len(self.normal.energy)
+
+
+@dataclass(eq=False)
+class Charts:
+    """The running state of all charts, of one stream or of several beside each other.
+
+    Attributes:
+        log_R: (…, charts); total: (…, charts) cumulative sums G; since: (…, charts) intervals
+            since G was last at zero.
+    """
+
+    log_R: np.ndarray
+    total: np.ndarray
+    since: np.ndarray
+
+    @classmethod
+    def fresh(cls, charts: int, streams: tuple[int, ...] = ()) -> Charts:
+        """Return charts before the first interval."""
+        shape = (*streams, charts)
+        return cls(np.full(shape, -np.inf), np.zeros(shape), np.zeros(shape, dtype=int))
+
+    def update(self, evidence: np.ndarray) -> None:
+        """Add one interval's ℓ (…, charts)."""
+        self.log_R = np.logaddexp(0.0, self.log_R) + evidence
+        self.total = np.maximum(self.total + evidence, 0.0)
+        self.since = np.where(self.total > 0, self.since + 1, 0)
+
+    def restart(self, which: np.ndarray) -> None:
+        """Forget everything in the streams of a mask (streams,)."""
+        self.log_R[which], self.total[which], self.since[which] = -np.inf, 0.0, 0
+
+    def height(self, weight: np.ndarray) -> np.ndarray:
+        """Return log Σ w R (…,)."""
+        most = self.log_R.max(axis=-1, keepdims=True)
+        most = np.where(np.isfinite(most), most, 0.0)
+        return most[..., 0] + np.log(np.exp(self.log_R - most) @ weight + 1e-300)
+
+    def leader(self, weight: np.ndarray) -> int:
+        """Return the chart that has the most of Σ w R, of one stream."""
+        return int((self.log_R + np.log(weight + 1e-300)).argmax())
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Result of the charts on intervals of normal running, drawn again in blocks, hour after hour.
+
+    The theorem holds if scores scatter like a normal distribution of variance φ² I, one interval
+    from the next. Blocks of a log keep its tails and its correlation; where the charts alarm more
+    often on them than stated, φ² is raised until they do not.
+
+    Attributes:
+        design: of the charts; raised: factor by which φ² had to be raised.
+        alarms: counted, at a threshold so low that they can be; stated: that the theory allows.
+    """
+
+    design: Design
+    raised: float
+    alarms: int
+    stated: float
+
+
+def calibrated(
+    normal: NormalRunning,
+    mask: np.ndarray,
+    intervals: Sequence[WatchedInterval],
+    x: np.ndarray,
+    seed: int = 0,
+) -> Calibration:
+    """Raise φ² until charts keep their rate on the intervals of normal running.
+
+    Args:
+        normal: normal running; mask: (k,) columns with a chart.
+        intervals: of its log; x: (k,) the reference.
+        seed: of the blocks drawn.
+    """
+    seen, random = Statistics.of(intervals, x), np.random.default_rng(seed)
+    length = len(intervals) // BLOCKS
+    first = random.integers(0, len(intervals) - length + 1, (-(-STEPS // length), 1, STREAMS))
+    order = (first + np.arange(length)[:, None]).reshape(-1, STREAMS)[:STEPS]
+    threshold, raised = float(np.log(STEPS * STREAMS / OFTEN)), 1.0
+    for _ in range(MOST):
+        design, alarms = Design.of(normal.wider(raised), mask), 0
+        evidence = design.evidence(seen)
+        charts = Charts.fresh(evidence.shape[1], (STREAMS,))
+        for at in order:
+            charts.update(evidence[at])
+            over = charts.height(design.weight) > threshold
+            alarms += int(over.sum())
+            charts.restart(over)
+        if alarms <= OFTEN:
+            break
+        raised *= WIDER
+    return Calibration(design, raised, alarms, OFTEN)
+
+
+def check_long_enough(intervals: Sequence[WatchedInterval]) -> None:
+    """Refuse a log of a few intervals.
+
+    Raises:
+        FitError: saying how many it has, and how many are needed.
+    """
+    if len(intervals) < FEWEST:
+        raise FitError(
+            f"normal running: {len(intervals)} intervals; valid: {FEWEST} or more, better a "
+            "thousand: give longer logs, or shorter intervals"
+        )

@@ -1,0 +1,217 @@
+"""A file with the progress of a long run, from which the same run goes on after it was killed.
+
+The file is replaced whole. It holds JSON and one vector of numbers, and a digest of all that the
+run depends on: the mechanism, the logs, the settings, the plan made from them, and ident's version.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
+from pathlib import Path
+from types import CodeType, FunctionType
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+import ident
+from ident.equations.point import Point
+from ident.errors import IdentError
+from ident.files import whole
+from ident.information.band import Freed, Part, Stretch
+from ident.information.blocks import Block
+from ident.information.triangle import Triangle
+from ident.streams.plan import Plan
+
+NAME = ".gathered.npz"
+PORTIONS, SECONDS = 8, 20.0  # after so many portions and so much time the file is replaced
+
+
+@dataclass(frozen=True, eq=False)
+class SearchStep:
+    """Progress of the search for what is not linear.
+
+    Attributes:
+        point: of the next pass.
+        best: the best point so far, from which it is a step; None before the first pass.
+        loss: sum of squares there, weighted by `sigma` (d,) [N m | N], those of the first pass.
+        moves: standard errors by which predictions move with the step.
+    """
+
+    point: Point
+    best: Point | None = None
+    loss: float = np.inf
+    sigma: np.ndarray | None = None
+    moves: float = np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """Progress of a run.
+
+    Attributes:
+        passed: passes over all portions before this one; step: led to the point of this one.
+        absorbed: portions of this pass, from the first; blocks: their sum.
+        stretches: by log, what these portions leave of its stack.
+        broken: by name of a log, why it is left out.
+    """
+
+    passed: int
+    step: SearchStep
+    absorbed: int = 0
+    blocks: Sequence[Block] = ()
+    stretches: Mapping[int, Stretch] = field(default_factory=dict)
+    broken: Mapping[str, str] = field(default_factory=dict)
+
+
+NOUNS = {
+    c.__name__: c for c in (Progress, SearchStep, Point, Block, Triangle, Stretch, Part, Freed)
+}
+
+
+class Checkpoint:
+    """The file of a run, replaced now and then.
+
+    Args:
+        folder: that it is in, made if it is not there.
+        plan: of the run.
+
+    Attributes:
+        file: its path.
+        other: whether the file that was found is of another run.
+    """
+
+    def __init__(self, folder: Path, plan: Plan) -> None:
+        self.file = folder / NAME
+        self.key = digest(plan)
+        self.other = False
+        self._saved = (0, time.monotonic())
+
+    def read(self) -> Progress | None:
+        """Return the progress of an interrupted run of the same key; None where there is none."""
+        try:
+            with self.file.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
+                text = json.loads(str(arrays["text"]))
+                if text["key"] == self.key:
+                    found = _unpacked(text["progress"], arrays["numbers"])
+                    assert isinstance(found, Progress)
+                    return found
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
+            pass
+        self.other = True
+        return None
+
+    def due(self, absorbed: int) -> bool:
+        """Whether enough was done since the file was replaced."""
+        portions, since = self._saved
+        return absorbed - portions >= PORTIONS and time.monotonic() - since >= SECONDS
+
+    def write(self, progress: Progress) -> None:
+        """Replace the file.
+
+        Raises:
+            IdentError: if it cannot be written.
+        """
+        numbers: list[np.ndarray] = [np.empty(0)]
+        text = json.dumps({"key": self.key, "progress": _packed(progress, numbers)})
+        try:
+            self.file.parent.mkdir(parents=True, exist_ok=True)
+            with whole(self.file) as stream:
+                np.savez(stream, allow_pickle=False, text=text, numbers=np.concatenate(numbers))
+        except OSError as error:
+            raise IdentError(
+                f"{self.file}: cannot be written ({error.strerror}); name a folder that you may "
+                "write"
+            ) from None
+        self._saved = (progress.absorbed, time.monotonic())
+
+    def remove(self) -> None:
+        """Remove the file, when all is done."""
+        self.file.unlink(missing_ok=True)
+
+
+def _packed(thing: Any, numbers: list[np.ndarray]) -> Any:
+    """Return a noun as JSON; its arrays, named by shape and type, are appended to `numbers`."""
+    if isinstance(thing, np.ndarray):
+        numbers.append(thing.ravel().astype(float))
+        return {"shape": thing.shape, "type": thing.dtype.str}
+    if isinstance(thing, Mapping):
+        return {"pairs": [[key, _packed(each, numbers)] for key, each in thing.items()]}
+    if (name := type(thing).__name__) in NOUNS:
+        names = getattr(thing, "_fields", None) or [each.name for each in fields(thing)]
+        return {"noun": name, "values": [_packed(getattr(thing, n), numbers) for n in names]}
+    if isinstance(thing, list | tuple):
+        return [_packed(each, numbers) for each in thing]
+    return thing.item() if isinstance(thing, np.generic) else thing
+
+
+def _unpacked(text: Any, numbers: np.ndarray) -> Any:
+    """Return what `_packed` made JSON and numbers of."""
+    at = 0
+
+    def made(text: Any) -> Any:
+        nonlocal at
+        if isinstance(text, list):
+            return tuple(map(made, text))
+        if not isinstance(text, dict):
+            return text
+        if "noun" in text:
+            return NOUNS[text["noun"]](*map(made, text["values"]))
+        if "pairs" in text:
+            return {key: made(each) for key, each in text["pairs"]}
+        size = int(np.prod(text["shape"]))
+        array = numbers[at : at + size].astype(text["type"]).reshape(text["shape"])
+        array.flags.writeable = False
+        at += size
+        return array
+
+    return made(text)
+
+
+def digest(plan: Plan) -> str:
+    """Digest all that the triangles of a plan depend on, but for the working point."""
+    found = hashlib.sha256(version().encode())
+    _feed(found, [getattr(plan, each.name) for each in fields(plan) if each.name != "point"])
+    return found.hexdigest()
+
+
+def version() -> str:
+    """Version of ident."""
+    return str(ident.__version__)
+
+
+def _feed(found: Any, thing: Any) -> None:
+    """Add a plan's nouns to a digest, the arrays and numbers in them by their bytes."""
+    found.update(type(thing).__name__.encode())
+    if isinstance(thing, np.ndarray):
+        found.update(repr(thing.shape).encode() + np.ascontiguousarray(thing).tobytes())
+    elif isinstance(thing, pin.Model):
+        found.update(thing.saveToString().encode())
+    elif is_dataclass(thing):
+        _feed(found, [getattr(thing, each.name) for each in fields(thing)])
+        code = getattr(thing, "file", None)  # of a user's effect
+        if isinstance(code, Path):
+            found.update(code.read_bytes())
+        elif (own := getattr(thing, "function", None)) is not None:
+            _feed(found, own)
+    elif isinstance(thing, Mapping):
+        _feed(found, [*thing.items()])
+    elif isinstance(thing, list | tuple):
+        for each in thing:
+            _feed(found, each)
+    elif isinstance(thing, pin.SE3):
+        _feed(found, thing.homogeneous)
+    elif isinstance(thing, FunctionType):
+        cells = [cell.cell_contents for cell in thing.__closure__ or ()]
+        _feed(found, [thing.__code__, thing.__defaults__, thing.__kwdefaults__, cells])
+    elif isinstance(thing, CodeType):
+        _feed(found, [thing.co_code, thing.co_names, thing.co_consts])
+    else:
+        found.update(repr(thing).encode())

@@ -1,0 +1,239 @@
+"""Many logs, each diagnosed by itself, beside the diagnosis of all of them together."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import polars as pl
+
+from ident.diagnose import Diagnosis, diagnose
+from ident.diagnose.output import write_diagnosis
+from ident.display import Displayed, render
+from ident.errors import FitError
+from ident.fit import identify
+from ident.log import read_log
+from ident.log.folder import expanded, names_of
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Motion, complete
+from ident.motion.derive import AUTO
+from ident.progress import Told
+from ident.streams.logs import Workers, excerpt, summarise
+
+TOGETHER = 300_000  # samples of all logs, from which stretches stand for them
+EACH = 0.8  # of the work is done when each log has been diagnosed
+Given = str | os.PathLike[str]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The diagnosis of one log, in short.
+
+    Attributes:
+        log: its name; samples: of it.
+        verdict: as `Diagnosis.verdict`.
+        named: labels of the effect that it names and of those it cannot tell from it.
+        likely: of all effects for which something speaks in this log; hidden: of those that it
+            cannot show.
+        joint: whose error the first of `named` lowers; before, after: held out, as a share.
+        left_out: why there is no diagnosis; empty if there is.
+    """
+
+    log: str
+    samples: int = 0
+    verdict: str = ""
+    named: tuple[str, ...] = ()
+    likely: tuple[str, ...] = ()
+    hidden: tuple[str, ...] = ()
+    joint: str = ""
+    before: float | None = None
+    after: float | None = None
+    left_out: str = ""
+
+    @classmethod
+    def of(cls, log: str, samples: int, d: Diagnosis) -> Verdict:
+        """Shorten a log's diagnosis."""
+        named = () if d.best is None else tuple(e.label for e in (d.best, *d.rivals))
+        first = d.candidates[0] if named else None
+        return cls(
+            log,
+            samples,
+            d.verdict,
+            named,
+            tuple(e.candidate.effect.label for e in d.choice.evidence if e.credible),
+            tuple(each.effect.label for each in d.invisible),
+            first.joint if first else "",
+            first.error_before if first else None,
+            first.error_after if first else None,
+        )
+
+    def about(self, label: str) -> str:
+        """Return what the log says about an effect: `named`, `likely`, `hidden` or `no`."""
+        kinds = {"named": self.named, "likely": self.likely, "hidden": self.hidden}
+        return next((kind for kind, labels in kinds.items() if label in labels), "no")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Verdicts(Displayed):
+    """Diagnoses of many logs. Made by `ident.diagnose_each`.
+
+    Attributes:
+        together: the diagnosis of all logs as one.
+        logs: the diagnosis of each by itself, in the order in which they were given.
+    """
+
+    together: Diagnosis
+    logs: tuple[Verdict, ...]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Which logs were left out and why, and notes of the fit of all logs."""
+        out = [f"{each.log}: left out: {each.left_out}" for each in self.logs if each.left_out]
+        return (*out, *self.together.fit.warnings)
+
+    @property
+    def asked(self) -> tuple[str, ...]:
+        """Labels of effects that the logs together name, else of those that any names."""
+        d = self.together
+        if d.best is not None:
+            return tuple(each.label for each in (d.best, *d.rivals))
+        return tuple(dict.fromkeys(label for each in self.logs for label in each.named))
+
+    @cached_property
+    def table(self) -> pl.DataFrame:
+        """One row a log: `log`, `samples`, `verdict`, `named`, `joint`, `error_before`,
+        `error_after` (held out, as a share), `left_out` (why), and for each of `asked` a column
+        with `named`, `likely`, `hidden` or `no`.
+        """
+        rows = [
+            {
+                "log": each.log,
+                "samples": each.samples,
+                "verdict": each.verdict or None,
+                "named": " ".join(each.named) or None,
+                "joint": each.joint or None,
+                "error_before": each.before,
+                "error_after": each.after,
+                "left_out": each.left_out or None,
+                **{label: each.about(label) if each.verdict else None for label in self.asked},
+            }
+            for each in self.logs
+        ]
+        words = ("log", "verdict", "named", "joint", "left_out", *self.asked)
+        types = dict.fromkeys(words, pl.String) | dict.fromkeys(
+            ("error_before", "error_after"), pl.Float64
+        )
+        return pl.DataFrame(rows, schema_overrides=types)
+
+    @property
+    def votes(self) -> tuple[str, ...]:
+        """For each of `asked`, how many logs name it, and which say otherwise."""
+        return tuple(render(self, "votes"))
+
+    def write(self, folder: str | Path) -> list[Path]:
+        """Write diagnosis.json and report.html of all logs together, and logs.csv.
+
+        Args:
+            folder: made if it is not there.
+
+        Returns:
+            The files written, all of them or none.
+
+        Raises:
+            IdentError: if the folder cannot be written.
+        """
+        more = {"logs.csv": self.table.write_csv().encode()}
+        return write_diagnosis(self.together, folder, more, [render(self, "section")])
+
+
+@dataclass(frozen=True, eq=False)
+class _Settings:
+    """What all logs have in common, as `diagnose_each` takes it."""
+
+    mechanism: Mechanism
+    cutoff: float | str | None
+    smoothing: float | str | None
+    seed: int
+
+
+def diagnose_each(
+    mechanism: Mechanism,
+    logs: Given | Sequence[Given],
+    *,
+    cutoff: float | str | None = "auto",
+    smoothing: float | str | None = AUTO,
+    seed: int = 0,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    progress: Told | None = None,
+) -> Verdicts:
+    """Diagnose each log by itself, and all of them together.
+
+    A log that cannot be read, completed or identified from is left out, with the reason.
+
+    Args:
+        mechanism: with what is unknown and which effects it has.
+        logs: paths of logs and of folders of logs.
+        cutoff, smoothing: as `complete` takes them.
+        seed: of the clean logs' noise.
+        jobs: processes; None: one a core; 1: this one alone.
+        scheduler: address of a Dask scheduler whose workers do it, in place of processes.
+        progress: called with (what is being done, share done).
+
+    Returns:
+        The diagnosis of all logs as one, and each log's verdict in short.
+
+    Raises:
+        IdentError: if no log is left.
+    """
+    paths = expanded([logs] if isinstance(logs, str | os.PathLike) else logs)
+    if scheduler is not None:  # its workers are in folders of their own
+        paths = [path.absolute() for path in paths]
+    names, settings = names_of(paths), _Settings(mechanism, cutoff, smoothing, seed)
+
+    def on_progress(what: str, share: float) -> None:
+        if progress:
+            count = round(share * len(paths))
+            progress(f"log {count} of {len(paths)}", EACH * share)
+
+    workers = Workers(jobs, scheduler, False, on_progress)
+    tasks = list(zip(names, paths, strict=True))
+    done = dict(workers.over(_verdict, tasks, settings, names, "logs"))
+    verdicts = tuple(
+        done[i] or Verdict(name, left_out=workers.broken[name]) for i, name in enumerate(names)
+    )
+    good = [path for path, each in zip(paths, verdicts, strict=True) if not each.left_out]
+    if not good:
+        raise FitError(
+            f"none of {len(paths)} logs can be used; {verdicts[0].log}: {verdicts[0].left_out}"
+            if verdicts else "no log given; valid: paths of logs, and of folders of them"
+        )  # fmt: skip
+    if sum(each.samples for each in verdicts) <= TOGETHER:
+        motion = _motion(settings, good)
+    else:
+        looked_at = [summarise(mechanism, path) for path in good]
+        some = excerpt(mechanism, looked_at, cutoff, smoothing, {})
+        shown = sum(len(each) for each in some.experiments)
+        note = f"all logs together are judged on {shown} of their {some.samples} samples"
+        motion = replace(some, notes=(*some.notes, note))
+    fit = identify(mechanism, motion, estimator="least-squares")
+    last = progress and (lambda what, share: progress(what, EACH + (1 - EACH) * share))
+    return Verdicts(diagnose(fit, seed=seed, progress=last), verdicts)
+
+
+def _verdict(settings: _Settings, task: tuple[str, Path]) -> Verdict:
+    """Diagnose one log."""
+    name, path = task
+    motion = _motion(settings, [path])
+    fit = identify(settings.mechanism, motion, estimator="least-squares")
+    samples = sum(len(each) for each in motion.experiments)
+    return Verdict.of(name, samples, diagnose(fit, seed=settings.seed))
+
+
+def _motion(settings: _Settings, paths: Sequence[Path]) -> Motion:
+    mechanism = settings.mechanism
+    logs = [read_log(path, mechanism.columns) for path in paths]
+    return complete(mechanism, logs, cutoff=settings.cutoff, smoothing=settings.smoothing)

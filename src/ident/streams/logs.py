@@ -1,0 +1,288 @@
+"""Logs on disk: a summary of each from one look at all rows, and stretches that stand for it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Container, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.errors import IdentError, LogError
+from ident.log import Log
+from ident.log.pieces import Pieces, open_log
+from ident.log.sources import STRIDE
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Motion, complete
+from ident.motion.clock import UNEVEN
+from ident.motion.decided import Clock
+from ident.motion.measure import is_signal
+from ident.pool import spread
+from ident.progress import Told
+
+LOOK = 64 * STRIDE  # rows that are read together
+STEPS = 1_000_000  # time steps from which their median is taken
+STRETCHES, LONGEST = 3, 16_384  # of one log for pictures and decisions, and samples of each
+SAMPLES = STRETCHES * LONGEST  # of all logs together in an excerpt
+LOGS = 12  # from which stretches are taken
+NUMBER = re.compile(r"\d+")
+
+
+@dataclass(frozen=True, eq=False)
+class Workers:
+    """Processes that do the work, and the logs that turned out to be broken.
+
+    Attributes:
+        jobs, scheduler: as `pool.spread` takes them.
+        alone: whether there is one log only, so that what is wrong with it is an error.
+        on_progress: called with (what is being done, share done).
+        broken: by name of a log, why it is left out.
+    """
+
+    jobs: int | None = 1
+    scheduler: str | None = None
+    alone: bool = True
+    on_progress: Told | None = None
+    broken: dict[str, str] = field(default_factory=dict)
+
+    def over(
+        self,
+        function: Callable[[Any, Any], Any],
+        tasks: Sequence[Any],
+        common: Any,
+        names: Sequence[str],
+        what: str,
+    ) -> Iterator[tuple[int, Any]]:
+        """Yield (index, value) of the tasks in the order in which they end; None for a failed one.
+
+        Args:
+            function: of `common` and a task.
+            tasks: what is done.
+            common: sent once to each process.
+            names: of each task's log.
+            what: is being done, for the progress.
+
+        Raises:
+            IdentError: if the only log is broken.
+        """
+        done = spread(function, tasks, common=common, jobs=self.jobs, scheduler=self.scheduler)
+        with closing(done):
+            for count, each in enumerate(done, start=1):
+                if self.on_progress:
+                    self.on_progress(what, count / len(tasks))
+                if each.error is not None:
+                    if self.alone:
+                        raise IdentError(each.error)
+                    self.broken.setdefault(names[each.index], each.error)
+                yield each.index, each.value
+
+
+@dataclass(frozen=True, eq=False)
+class LogSummary:
+    """A log on disk after one look at all of its rows.
+
+    Attributes:
+        log: the opened log.
+        clock: uniform, of the median step.
+        starts: (k,) [s] times of the rows 0, STRIDE, 2 STRIDE, …
+        top: largest speed in each `v.` column, by name.
+        values: number of values of each signal, by name.
+        repairs: what was changed, in words.
+        stamp: size [bytes] and time of the last change [ns] of the file.
+    """
+
+    log: Pieces
+    clock: Clock
+    starts: np.ndarray
+    top: dict[str, float]
+    values: dict[str, int]
+    repairs: tuple[str, ...]
+    stamp: tuple[int, int]
+
+    @property
+    def name(self) -> str:
+        """Name of the log."""
+        return self.log.name
+
+    def at(self, row: int) -> float:
+        """Return the time [s] of a row that is a multiple of STRIDE."""
+        return float(self.starts[row // STRIDE])
+
+    def borders(self, samples: int) -> list[int]:
+        """Return the rows (k + 1,) between k portions of about so many samples."""
+        count = max(1, round(self.log.rows / samples))
+        each = STRIDE * max(1, round(self.log.rows / count / STRIDE))
+        return [*range(0, max(self.log.rows - each // 2, 1), each), self.log.rows]
+
+    def stretches(self, samples: int = SAMPLES) -> list[Log]:
+        """Return the middles of the thirds of a long log, of so many samples; all of a short one.
+
+        At its ends a machine stands still.
+        """
+        rows = self.log.rows
+        if rows <= 1.5 * samples:
+            return [replace(self.log.piece(0, rows), name=self.name)]
+        each, found = samples // STRETCHES, []
+        for k in range(STRETCHES):
+            first = rows * (2 * k + 1) // (2 * STRETCHES) - each // 2
+            log = self.log.piece(first, first + each)
+            found.append(replace(log, name=f"{self.name}, {log.t[0]:.6g} to {log.t[-1]:.6g} s"))
+        return found
+
+
+def summarise(mechanism: Mechanism, path: Path) -> LogSummary:
+    """Read a log once, piece by piece.
+
+    Args:
+        mechanism: whose names of columns it has.
+        path: of the log.
+
+    Raises:
+        LogError: where `read_log` would raise one.
+    """
+    log = open_log(path, mechanism.columns)
+    signals = [name for name in log.columns if is_signal(name)]
+    top = {name: 0.0 for name in signals if name.startswith("v.")}
+    values, repairs = dict.fromkeys(signals, 0), {}
+    starts, steps, deviations = [], [], []  # of pieces
+    first, before, count, guess = 0.0, -np.inf, 0, 1.0
+    ends = [*range(LOOK, log.rows - LOOK // 2, LOOK), log.rows]
+    for at, stop in zip([0, *ends[:-1]], ends, strict=True):
+        piece = log.piece(at, stop, ["t", *signals])
+        t = piece.t[1:] if piece.t[0] == before else piece.t  # a stamp repeated across the cut
+        if not at:
+            first, guess = float(t[0]), float(np.median(np.diff(t)))
+        if t[0] < before:
+            raise LogError(
+                f"{log.path}: t goes backward at row {at}: {t[0]} after {before} (a clock reset, "
+                "or two logs in one file?); split the file there"
+            )
+        step = np.diff(t, prepend=before if at else t[0] - guess)
+        steps.append(step[:: -(-log.rows // STEPS)])
+        off = t - first - guess * np.arange(count, count + len(t))
+        deviations += [(i, off.min(), off.max()) for i in (count, count + len(t) - 1)]
+        rows = np.arange(0, stop - at, STRIDE)  # without repeated stamps, which are left out
+        starts.append(t[rows * len(t) // (stop - at)])
+        count, before = count + len(t), float(t[-1])
+        for name in signals:
+            values[name] += int(np.isfinite(piece.columns[name]).sum())
+        for name in top:
+            top[name] = max(top[name], float(np.nanmax(np.abs(piece.columns[name]), initial=0.0)))
+        for repair in piece.repairs:
+            repairs.setdefault(NUMBER.sub("#", repair), []).append(repair)
+    dt = float(np.median(np.concatenate(steps)))
+    instants = round((before - first) / dt) + 1
+    every = (before - first) / (instants - 1)
+    drift = every - guess
+    uneven = max(max(high - i * drift, i * drift - low) for i, low, high in deviations)
+    even = bool(instants == count and uneven < UNEVEN * dt)
+    said = [
+        each[0] + (f" (and so in {len(each) - 1} more pieces)" if len(each) > 1 else "")
+        for each in repairs.values()
+        if not each[0].endswith(" is empty")
+    ]
+    file = log.path.stat()
+    return LogSummary(
+        log, Clock(first, every, instants, even), np.concatenate(starts), top, values,
+        tuple(said), (file.st_size, file.st_mtime_ns),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Excerpt(Motion):
+    """The motion of some stretches, which stands for that of whole logs and counts their samples.
+
+    Attributes:
+        recorded: (name, samples, rate [Hz]) of the logs.
+    """
+
+    recorded: tuple[tuple[str, int, float], ...] = ()
+
+    def without(self, logs: Container[str]) -> Excerpt:
+        """Return the excerpt without some logs, if any is left to be shown."""
+        recorded = tuple(each for each in self.recorded if each[0] not in logs)
+        out = [name for name in self.names if name in logs]
+        kept = tuple(e for e in self.experiments if not any(_is_of(e.name, n) for n in out))
+        return replace(self, recorded=recorded, experiments=kept or self.experiments)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the logs."""
+        return tuple(name for name, _, _ in self.recorded)
+
+    @property
+    def samples(self) -> int:
+        """Samples of all logs."""
+        return sum(samples for _, samples, _ in self.recorded)
+
+    @property
+    def rows(self) -> list[list[str]]:
+        """The logs as a table: name, samples, duration, rate, samples in pictures; head first."""
+        rows = [["log", "samples", "duration", "rate", "in pictures"]]
+        for name, samples, rate in self.recorded:
+            shown = str(sum(len(e) for e in self.experiments if _is_of(e.name, name)))
+            rows.append([name, str(samples), f"{samples / rate:.4g} s", f"{rate:.4g} Hz", shown])
+        return rows
+
+
+def _is_of(stretch: str, log: str) -> bool:
+    return stretch == log or stretch.startswith(f"{log}, ")
+
+
+def excerpt(
+    mechanism: Mechanism,
+    summaries: Sequence[LogSummary],
+    cutoff: float | str | None,
+    smoothing: float | str | None,
+    broken: dict[str, str],
+) -> Excerpt:
+    """Complete stretches of the logs.
+
+    Args:
+        mechanism: the mechanism.
+        summaries: of the logs.
+        cutoff, smoothing: as `complete` takes them.
+        broken: by name of a log, why it is left out; those that cannot be completed are added.
+
+    Raises:
+        IdentError: if no log can be completed.
+    """
+    left = [each for each in summaries if each.name not in broken]
+    every = max(1, -(-len(left) // LOGS))
+    chosen = left if sum(each.log.rows for each in left) <= SAMPLES else left[::every]
+
+    def completed(some: Sequence[LogSummary]) -> tuple[Motion, list[Log]]:
+        pieces = [each.stretches(SAMPLES // len(chosen)) for each in some]
+        logs = [log for mine in pieces for log in mine]
+        motion = complete(mechanism, logs, cutoff=cutoff, smoothing=smoothing)
+        return motion, [replace(mine[0], name=s.name) for mine, s in zip(pieces, some, strict=True)]
+
+    try:
+        motion, logs = completed(chosen)
+    except IdentError:
+        faults = {}
+        for each in chosen:
+            try:
+                completed([each])
+            except IdentError as error:
+                faults[each.name] = " ".join(str(error).split())
+        if len(summaries) == 1 or not faults or len(faults) == len(left):
+            raise
+        broken.update(faults)
+        return excerpt(mechanism, summaries, cutoff, smoothing, broken)
+    notes = [f"{each.name}: {repair}" for each in left for repair in each.repairs]
+    for note in motion.notes:  # once for each log, and nothing about the ends of stretches
+        for each in left:
+            head, comma, tail = note.partition(f"{each.name}, ")
+            if not head and comma:
+                said = tail.partition(" s:")[2]
+                note = "" if said.endswith("left out") else f"{each.name}:{said}"
+        notes += [note] if note else []
+    return Excerpt(
+        motion.experiments, motion.independent, motion.band, motion.closure_error,
+        tuple(dict.fromkeys(notes)), tuple(logs), mechanism,
+        tuple((s.name, s.clock.count, 1 / s.clock.step) for s in left),
+    )  # fmt: skip

@@ -1,0 +1,373 @@
+"""Many logs one by one: errors of the joint model and of their own, and which logs disagree.
+
+Were a log like all others but for one unknown j, that unknown would differ by δ_j:
+
+    δ_j = w_jᵀ g / h_j,   h_j = w_jᵀ H w_j,   H = Σ AᵀA / σ²,   g = Aᵀ(b − A β) / σ²
+    Var δ_j = s² D_j / h_j + w_jᵀ H C H w_j / h_j²,             z_j = δ_j / √Var δ_j
+
+β, C: base parameters of all other logs and their covariance; w_j: what j changes of them, made
+orthogonal (under H) to what the other logs do not determine. s² is the noise of this log, what its
+own fit leaves; D_j, the ratio of the variance of j to that of white residuals, from the blocks of
+all logs in their own fits, and so is C (`information.covariance`): a difference between logs is in
+none of them. Of m numbers, the largest |z_j| is no surprise:
+
+    p = 1 − (1 − min_j p_j)^m,   m = (Σ √λ)² / Σ λ
+
+with λ the eigenvalues of the z's correlation (N. W. Galwey, Genetic Epidemiology 33(7), 2009). A
+log that disagrees makes the others look odd: the one that does so most is set aside, and the rest
+judged again without it, until none is left or the majority would be lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import polars as pl
+from scipy.stats import t as student
+
+from ident.display import Displayed
+from ident.equations.columns import Columns
+from ident.fit.regression import Regression
+from ident.information.blocks import Information
+from ident.information.covariance import FEWEST_SQUARES, long_run, scores
+from ident.information.estimate import Estimate, estimate
+
+RATE = 0.01  # of folders of logs that are alike, in which one is said to disagree
+SAME = 1e-6  # of the largest fall of squared error, within which two are the same
+NEARLY = 0.05  # of what a log's difference explains: parts as near as that are not told apart
+UNKNOWN = 1e-12  # of the largest eigenvalue of H, below which logs do not determine a direction
+BELIEVED = 0.5  # of ν: far out in the tail it counts that how long blocks are alike is estimated
+CERTAIN = 1e-6  # a block that is all that is known of a direction leaves no residual there
+LEAST_NOISE = 0.01, 1e-3  # of σ² of a log's own rows, and of the joint residual: the least believed
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """Difference of one log from the majority of the others.
+
+    Attributes:
+        p_value: chance that a log like the others looks as odd as this one.
+        clear: whether that is less than `RATE` over the number of logs.
+        unknown: which one alone explains it best; change: by how much it differs, ± stderr, unit.
+        parts: bodies and effects of which each alone explains it nearly as well as the best, that
+            first; share: what the best explains of the excess of squared error.
+    """
+
+    p_value: float
+    clear: bool
+    unknown: str
+    change: float
+    stderr: float
+    unit: str
+    parts: tuple[str, ...]
+    share: float
+
+
+@dataclass(frozen=True)
+class LogRow:
+    """One log among others.
+
+    Attributes:
+        log: its name; samples: of it.
+        error, own: of the joint model and of the log's own fit in this log, a share of the typical
+            torque, all joints weighed alike; None where nothing could be compared.
+        worst: the joint in which the joint model does worst beside the own fit.
+        disagreement: with the majority of the others; None where there are none.
+        left_out: why it is in no fit; empty if it is.
+    """
+
+    log: str
+    samples: int = 0
+    error: float | None = None
+    own: float | None = None
+    worst: str = ""
+    disagreement: Disagreement | None = None
+    left_out: str = ""
+
+    @property
+    def disagrees(self) -> bool:
+        """Whether it clearly disagrees with the others."""
+        return self.disagreement is not None and self.disagreement.clear
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LogTable(Displayed):
+    """Logs one by one, beside the fit of all of them.
+
+    Attributes:
+        logs: in the order in which they were given, those that were left out last.
+    """
+
+    logs: tuple[LogRow, ...]
+
+    @cached_property
+    def table(self) -> pl.DataFrame:
+        """One row a log.
+
+        Columns: `log`, `samples`, `error`, `own_error` [share of the typical torque],
+        `worst_joint`, `p_value`, `disagrees`, `unknown` that alone explains it best, `change` ±
+        `stderr` [`unit`], `part` of the model that does, its `share` of the excess of squared
+        error, `left_out` (why).
+        """
+        rows = []
+        for each in self.logs:
+            odd = each.disagreement
+            rows.append(
+                {
+                    "log": each.log, "samples": each.samples, "error": each.error,
+                    "own_error": each.own, "worst_joint": each.worst or None,
+                    "p_value": odd and odd.p_value, "disagrees": each.disagrees,
+                    "unknown": odd and odd.unknown, "change": odd and odd.change,
+                    "stderr": odd and odd.stderr, "unit": odd and odd.unit,
+                    "part": odd and ", ".join(odd.parts), "share": odd and odd.share,
+                    "left_out": each.left_out or None,
+                }
+            )  # fmt: skip
+        numbers = ("error", "own_error", "p_value", "change", "stderr", "share")
+        words = ("log", "worst_joint", "unknown", "unit", "part", "left_out")
+        types = dict.fromkeys(numbers, pl.Float64) | dict.fromkeys(words, pl.String)
+        return pl.DataFrame(rows, schema_overrides=types)
+
+    @property
+    def used(self) -> tuple[LogRow, ...]:
+        """The logs that were not left out."""
+        return tuple(each for each in self.logs if not each.left_out)
+
+    @property
+    def odd(self) -> tuple[str, ...]:
+        """Names of the logs that clearly disagree with the others."""
+        return tuple(each.log for each in self.logs if each.disagrees)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Which logs were left out and why, and what the table cannot say."""
+        said = [f"{each.log}: left out: {each.left_out}" for each in self.logs if each.left_out]
+        if len(self.used) == 2 and self.odd:
+            said.append("of two logs that disagree nothing says which one is odd")
+        elif self.odd and 2 * len(self.odd) >= len(self.used):
+            said.append(
+                "half of the logs or more disagree: they differ by more than their noise, or the "
+                "model lacks what differs between them (ident diagnose); the joint fit is a mean"
+            )
+        return tuple(said)
+
+
+def compare_logs(
+    r: Regression,
+    names: Mapping[int, str],
+    samples: Mapping[str, int],
+    left_out: Mapping[str, str] | None = None,
+) -> LogTable:
+    """Compare each log with the fit of all logs and with a fit of its own.
+
+    Args:
+        r: rows of all logs.
+        names: of the logs by `Block.log`, in the order in which they were given.
+        samples: of each log by name.
+        left_out: by name of a log, why it is in no fit.
+    """
+    broken, whole = left_out or {}, Information.of(r.cells, len(r.columns), r.d)
+    by_log = {log: whole.of_log(log) for log in whole.logs}
+    joint = estimate(whole.totals, r.prior, r.torque, r.sensible)
+    own = {log: _own_fit(r, mine, joint) for log, mine in by_log.items()}
+    left, rows = np.zeros(r.d), np.zeros(r.d)  # weights of what own fits leave: logs differ in none
+    for block in whole:
+        x = own[block.log][block.support]
+        left[block.coordinate] += block.triangle.residual_norm(x) ** 2
+        rows[block.coordinate] += block.triangle.rows
+    sigma = np.maximum(np.sqrt(left / np.maximum(rows, 1)), LEAST_NOISE[1] * joint.sigma)
+    weighed = estimate(whole.totals, r.prior, r.torque, sigma=sigma, held=joint.held)
+    odd = disagreements(whole, weighed, r.columns)
+    torque = np.where(r.torque > 0, r.torque, np.inf) ** 2
+    found = [LogRow(name, left_out=broken[name]) for name in broken if name not in names.values()]
+    for number, name in names.items():
+        mine, count = by_log.get(number), samples.get(name, 0)
+        if name in broken or mine is None:
+            why = broken.get(name, "no sample of it can be used")
+            found.append(LogRow(name, count, left_out=why))
+            continue
+        both = [mine.squares(x) for x in (joint.x, own[number])]
+        if not (total := float(both[0].rows[np.isfinite(torque)].sum())):
+            found.append(LogRow(name, count, disagreement=odd.get(number)))
+            continue
+        shares = [each.error / torque for each in both]
+        worst = r.motion.independent[int(np.argmax(shares[0] - shares[1]))]
+        error, alone = (float(np.sqrt(share.sum() / total)) for share in shares)
+        found.append(LogRow(name, count, error, alone, worst, odd.get(number)))
+    return LogTable(tuple(sorted(found, key=lambda each: bool(each.left_out))))
+
+
+def _own_fit(r: Regression, mine: Information, joint: Estimate) -> np.ndarray:
+    """(k,) the fit of one log; the joint one in what it does not determine."""
+    if not len(joint.x) or not any(each.rows for each in mine.totals):
+        return joint.x
+    return estimate(mine.totals, joint.x, r.torque, sigma=joint.sigma, held=joint.held).x
+
+
+def disagreements(
+    information: Information, joint: Estimate, columns: Columns
+) -> Mapping[int, Disagreement]:
+    """Find which logs disagree with the majority.
+
+    Args:
+        information: of all logs.
+        joint: estimate of all of them together; its weights and base are kept.
+        columns: names of its unknowns.
+
+    Returns:
+        By number of the log; empty for fewer than two logs with rows.
+    """
+    numbers = information.where(lambda block: block.triangle.rows > 0).logs
+    if len(numbers) < 2 or not joint.base.rank:
+        return {}
+    logs, least = _Logs(information, joint, columns), RATE / len(numbers)
+    agreeing = numbers
+    while True:
+        odd = [i for i in agreeing if logs.against(agreeing, i, least).clear]
+        if not odd or 2 * (len(agreeing) - 1) <= len(numbers):
+            break
+        worst = max(odd, key=lambda i: logs.fall(agreeing, i))
+        agreeing = [i for i in agreeing if i != worst]
+    return {i: logs.against(agreeing, i, least) for i in numbers}
+
+
+class _Logs:
+    """Logs in the n base parameters, scaled to columns of unit norm.
+
+    Attributes:
+        H, g: by log (n, n) and (n,), at the estimate; noise: by log s².
+        S: by log (n, n), covariance of g, of its blocks in its own fit; nu: by log, the number of
+            squares that this rests on.
+        ways: (n, k) what a unit of each unknown changes of the base parameters.
+        parts: unknowns by body and effect, those of the fewest first.
+    """
+
+    def __init__(self, information: Information, joint: Estimate, columns: Columns) -> None:
+        base, self.columns = joint.base, columns
+        norm = joint.factor.column_norms()[base.independent]
+        ways = np.zeros((base.rank, len(joint.solution.x)))
+        ways[np.arange(base.rank), base.independent] = 1.0
+        ways[:, base.dependent] = base.K
+        self.ways = ways * norm[:, None]
+        parts: dict[str, list[int]] = {}
+        for i in range(len(columns.rigid)):
+            parts.setdefault(columns.names[i].rpartition(".")[0], []).append(i)
+        for effect, places in columns.effects:
+            if own := [int(place) for place in places if place >= 0]:
+                parts[effect.label] = own
+        self.parts = dict(sorted(parts.items(), key=lambda item: len(item[1])))
+        self.H, self.g, self.noise, self.S, self.nu = {}, {}, {}, {}, {}
+        for log in information.logs:
+            mine = information.of_log(log)
+            keys, H_b, g_b, _ = scores(mine, joint, norm)
+            if not keys:
+                continue
+            H, g = H_b.sum(axis=0), g_b.sum(axis=0)
+            inverse, open_ = _inverse(H)
+            own = inverse @ g
+            left = [
+                c.triangle.residual_norm(joint.x[c.support]) / joint.sigma[c.coordinate]
+                for c in mine
+            ]
+            spare = max(sum(c.triangle.rows for c in mine) - base.rank + open_.shape[1], 1)
+            errors = _left_out(H, H_b, g_b - H_b @ own)
+            self.H[log], self.g[log] = H, g
+            self.noise[log] = max((np.sum(np.square(left)) - g @ own) / spare, LEAST_NOISE[0])
+            self.S[log], nu = long_run(keys, errors, np.diagonal(H_b, axis1=1, axis2=2))
+            self.nu[log] = float(np.median(nu))
+
+    def against(self, agreeing: Sequence[int], log: int, least: float) -> Disagreement:
+        """Compare a log with all others of those that agree; it is clear from p < `least` on."""
+        others = [i for i in agreeing if i != log]
+        H, H_o = self.H[log], np.sum([self.H[i] for i in others], axis=0)
+        inverse, open_ = _inverse(H_o)
+        beta = inverse @ np.sum([self.g[i] for i in others], axis=0)
+        # what the others leave open, this log may choose
+        free = open_ @ np.linalg.pinv(open_.T @ H @ open_, rcond=UNKNOWN, hermitian=True) @ open_.T
+        own = beta + free @ (self.g[log] - H @ beta)
+        W = self.ways - free @ (H @ self.ways)
+        h = _along(H, W)
+        known = np.flatnonzero(h > UNKNOWN * _along(H + H_o, self.ways))
+        if not len(known):
+            return Disagreement(1.0, False, "", 0.0, np.nan, "", (), 0.0)
+        W, h, g = W[:, known], h[known], self.g[log] - H @ own
+        delta, project = W.T @ g / h, H @ W / h  # of an error of β onto δ
+        more, nu = self._spread({i: S / self.noise[i] for i, S in self.S.items()}, W)
+        white = _along(np.sum(list(self.H.values()), axis=0), W)
+        V = self.noise[log] * np.maximum(more / white, 1.0) / h
+        V_o, nu_o = self._spread({i: self.S[i] for i in others}, inverse @ project)
+        stderr = np.sqrt(V + V_o)
+        nu = BELIEVED * (V + V_o) ** 2 / (V**2 / nu + V_o**2 / nu_o)
+        p_each = 2 * student.sf(np.abs(delta / stderr), np.maximum(nu, FEWEST_SQUARES))
+        p = _of_many(p_each, W.T @ H @ W / np.outer(h, h) + project.T @ inverse @ project)
+        fall, shares = delta**2 * h, {}
+        whole = g @ np.linalg.pinv(H, rcond=UNKNOWN, hermitian=True) @ g
+        for name, unknowns in self.parts.items():  # what each part explains by itself
+            D = W[:, np.isin(known, unknowns)]
+            mine = (D.T @ g) @ np.linalg.pinv(D.T @ H @ D, rcond=1e-9, hermitian=True) @ (D.T @ g)
+            shares[name] = float(np.clip(mine / whole, 0.0, 1.0)) if whole > 0 else 0.0
+        best = max(shares.values(), default=0.0)
+        near = [name for name, share in shares.items() if share >= best - NEARLY]
+        j = int((fall >= (1 - SAME) * fall.max()).argmax())  # of multiples of each other the first
+        return Disagreement(
+            p, p < least, self.columns.names[known[j]], float(delta[j]), float(stderr[j]),
+            self.columns.units[known[j]], tuple(sorted(near, key=lambda n: -shares[n])), best,
+        )  # fmt: skip
+
+    def fall(self, agreeing: Sequence[int], log: int) -> float:
+        """Return the fall of the squared error if a log may have parameters of its own."""
+
+        def explained(logs: Sequence[int]) -> float:  # from the estimate to their own fit
+            H, g = (np.sum([each[i] for i in logs], axis=0) for each in (self.H, self.g))
+            return float(g @ _inverse(H)[0] @ g)
+
+        others = [i for i in agreeing if i != log]
+        return explained([log]) + explained(others) - explained(agreeing)
+
+    def _spread(
+        self, covariances: Mapping[int, np.ndarray], D: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Variances (m,) of sums over logs along directions D (n, m), and the numbers of squares
+        that they rest on (Satterthwaite).
+        """
+        each = _along(np.array(list(covariances.values())), D)
+        nu = np.array([self.nu[log] for log in covariances])[:, None]
+        total, tiny = each.sum(axis=0), np.finfo(float).tiny
+        return total, total**2 / np.maximum((each**2 / nu).sum(axis=0), tiny)
+
+
+def _along(S: np.ndarray, D: np.ndarray) -> np.ndarray:
+    """dᵀ S d (…, m) for each direction d of D (n, m), of one S (n, n) or several."""
+    return np.asarray((D * (S @ D)).sum(axis=-2))
+
+
+def _inverse(H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Inverse in the directions that H determines, and the others (n, n − rank)."""
+    values, vectors = np.linalg.eigh(H)
+    known = values > UNKNOWN * values.max(initial=0.0)
+    return (vectors[:, known] / values[known]) @ vectors[:, known].T, vectors[:, ~known]
+
+
+def _left_out(H: np.ndarray, H_b: np.ndarray, g_b: np.ndarray) -> np.ndarray:
+    """(B, n) scores of blocks at the fit of all other blocks, from those at the fit of all.
+
+    With K_b = H^(-1/2) H_b H^(-1/2), H^(1/2) (1 − K_b)⁻¹ H^(-1/2) g_b (as in `covariance`).
+    """
+    values, vectors = np.linalg.eigh(H)
+    known = values > UNKNOWN * values.max(initial=0.0)
+    root = np.sqrt(values[known])
+    down, up = vectors[:, known] / root, vectors[:, known] * root
+    shares, axes = np.linalg.eigh(down.T @ H_b @ down)
+    along = np.einsum("bij,bi->bj", axes, g_b @ down) / np.maximum(1 - shares, CERTAIN)
+    return np.einsum("bij,bj->bi", axes, along) @ up.T
+
+
+def _of_many(p: np.ndarray, covariance: np.ndarray) -> float:
+    """Chance that the smallest of m p-values is as small as that of these."""
+    size = np.sqrt(np.diag(covariance))
+    values = np.maximum(np.linalg.eigvalsh(covariance / np.outer(size, size)), 0.0)
+    m = np.sqrt(values).sum() ** 2 / values.sum()
+    return float(-np.expm1(m * np.log1p(-min(p.min(), 1.0 - 1e-16))))

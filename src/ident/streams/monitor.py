@@ -1,0 +1,369 @@
+"""The monitor: rows in, alarms out.
+
+watching  intervals → charts                     until Σ w R ≥ A
+naming    intervals since the onset → suspects   until one leads alone, or patience ends
+then      x_ref ← x_ref + θ: what was named is the new normal, and watching goes on
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from ident.display import Displayed, render
+from ident.equations.rows import Rows
+from ident.errors import FitError
+from ident.fit import Fit
+from ident.information.triangle import Triangle
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Motion
+from ident.streams.charts import (
+    Calibration,
+    Charts,
+    Cutter,
+    Design,
+    NormalRunning,
+    Statistics,
+    WatchedInterval,
+    WatchedRows,
+    calibrated,
+    check_long_enough,
+    intervals_of,
+    moved_reference,
+)  # fmt: skip
+from ident.streams.suspects import WATCHED, Naming, Reading, Watched, name_since_onset
+
+HELD = 240  # intervals kept, of which the onset can be one
+ENOUGH = 4  # intervals since the onset before anything is named
+STEADY = 3  # intervals in a row for which one suspect must lead alone
+
+
+@dataclass(frozen=True, repr=False)
+class ParameterChange(Displayed):
+    """Change of one parameter; the standard error is None where it is not determined alone."""
+
+    name: str
+    change: float
+    stderr: float | None
+    unit: str
+
+
+@dataclass(frozen=True, repr=False)
+class Cause(Displayed):
+    """One cause of an alarm, and what it would have done.
+
+    Attributes:
+        label: `coulomb:elbow`.
+        steps: of its parameters.
+        explains: share of the squares beyond noise that it explains.
+        reactions: by multiplier, rms of the change of its force in normal running [N | N m].
+    """
+
+    label: str
+    steps: tuple[ParameterChange, ...]
+    explains: float
+    reactions: Mapping[str, float]
+
+
+@dataclass(frozen=True, repr=False)
+class Alarm(Displayed):
+    """Something has changed.
+
+    Attributes:
+        onset, detected, named: since when, when it was sure, when it was named [s].
+        verdict: `named`, `one of` (what this motion does not tell apart) or `cannot tell` (nothing
+            in the library explains it).
+        best: the likeliest cause; rivals: others that it may be.
+        seen_by: what the leading chart is about.
+        evidence: logarithm of the charts' sum when it was sure; threshold: at which that was.
+        errors: by joint and multiplier, rms of the error over its normal size, until it was named.
+    """
+
+    onset: float
+    detected: float
+    named: float
+    verdict: str
+    best: Cause | None
+    rivals: tuple[Cause, ...]
+    seen_by: str
+    evidence: float
+    threshold: float
+    errors: Mapping[str, float]
+
+    @property
+    def suspects(self) -> tuple[str, ...]:
+        """Labels of all that it may be, the likeliest first; none where that cannot be told."""
+        if self.verdict == "cannot tell" or self.best is None:
+            return ()
+        return (self.best.label, *(each.label for each in self.rivals))
+
+    @property
+    def headline(self) -> str:
+        """The alarm in one line."""
+        return str(render(self, "headline"))
+
+    def json(self) -> dict[str, Any]:
+        """Return the alarm for a file of alarms."""
+        return asdict(self)
+
+
+@dataclass
+class _Raised:
+    """An alarm that waits for its name.
+
+    Attributes:
+        at: when it was sure [s]; height: evidence; by: what the leading chart is about.
+        since: intervals since the onset; waited: since it was sure.
+        leader: the suspect that leads alone, for `lead` intervals; named: whether it is named.
+    """
+
+    at: float
+    height: float
+    by: str
+    since: int
+    waited: int = 0
+    leader: str = ""
+    lead: int = 0
+    named: bool = False
+
+    def ready(self, naming: Naming, length: int) -> bool:
+        """Whether one suspect has led alone for long enough, on a window of `length` intervals."""
+        alone = naming.best is not None and naming.sound and not naming.rivals
+        leader = naming.best.suspect.label if naming.best and alone else ""
+        self.lead = self.lead + 1 if leader and leader == self.leader else int(alone)
+        self.leader = leader
+        return self.lead >= STEADY and length >= ENOUGH
+
+
+class Monitor(Displayed):
+    """Watches a machine against its reference; made by `Monitor.of`.
+
+    Args:
+        watched: the reference and the suspects; its `mechanism`, `columns`, `point` and `cutoff`
+            are those of the rows that `absorb` takes.
+        calibration: the charts, and how they did on the log of normal running.
+        reference: (k,) what normal running has of all columns.
+        multipliers: triangles of ∂λ/∂x.
+        seconds: of an interval; patience: longest time for naming [s].
+        false_alarms_per_hour: stated.
+
+    Attributes:
+        normal: (k,) as given; reference: (k,) with the changes that have been named.
+        alarms: all so far.
+        raised: the change that is being named or learnt, if there is one; no other is watched for.
+    """
+
+    def __init__(
+        self,
+        watched: Watched,
+        calibration: Calibration,
+        reference: np.ndarray,
+        multipliers: Sequence[Triangle],
+        seconds: float,
+        patience: float,
+        false_alarms_per_hour: float,
+    ) -> None:
+        self.watched, self.calibration, self.multipliers = watched, calibration, multipliers
+        self.seconds, self.patience = seconds, patience
+        self.false_alarms_per_hour = false_alarms_per_hour
+        self.normal, self.reference = reference, reference.copy()
+        self.design = calibration.design
+        self.alarms: list[Alarm] = []
+        self.raised: _Raised | None = None
+        self._charts = Charts.fresh(len(self.design.weight))
+        self._cutter = Cutter(seconds)
+        self._unexplained = False  # what nothing has explained, later changes have to explain
+        self._held: deque[WatchedInterval] = deque(maxlen=HELD)
+
+    @classmethod
+    def of(
+        cls,
+        reference: Fit | Mechanism,
+        motion: Motion,
+        *,
+        kinds: Sequence[str] = WATCHED,
+        interval: float = 0.5,
+        false_alarms_per_hour: float = 0.1,
+        material: float = 0.003,
+        patience: float = 20.0,
+    ) -> Monitor:
+        """Make a monitor from a reference and logs of normal running.
+
+        Args:
+            reference: a fit, or a mechanism of which everything is known (`identified/`).
+            motion: of normal running, as varied as it is; best not what was fitted. Its filter is
+                that of all rows.
+            kinds: of effects that could change.
+            interval: of time that is judged at once [s].
+            false_alarms_per_hour: in normal running, at most, on average.
+            material: share of the torques below which a change does not matter.
+            patience: longest time from an alarm to its name, and time in which a change is learnt
+                before another is watched for [s].
+
+        Raises:
+            FitError: for a reference that is not known, a log of normal running that is too short,
+                or a kind, interval or rate that cannot be.
+        """
+        if not (interval > 0 and false_alarms_per_hour > 0 and patience > 0 and material >= 0):
+            raise FitError(
+                f"interval {interval:g} s, {false_alarms_per_hour:g} false alarms an hour, "
+                f"patience {patience:g} s, material {material:g}; valid: above 0"
+            )
+        watched = Watched.of(reference, motion, kinds)
+        x, parts = watched.reference, [p for e in motion.experiments for p in watched.rows(e)]
+        count = sum(part.informed.sum(axis=0) for part in parts)
+        squares = sum((np.where(p.informed, p.b - p.A @ x, 0.0) ** 2).sum(axis=0) for p in parts)
+        sigma = np.sqrt(np.maximum(squares / np.maximum(count, 1), 1e-300))
+        first = intervals_of(parts, interval, sigma, x)
+        check_long_enough(first)
+        x = moved_reference(Triangle.merge([each.triangle for each in first]), x)
+        intervals = intervals_of(parts, interval, sigma, x)
+        normal = NormalRunning.of(intervals, sigma, x, material)
+        calibration = calibrated(normal, watched.charted, intervals, x)
+        multipliers = watched.multiplier_triangles(motion)
+        return cls(watched, calibration, x, multipliers, interval, patience, false_alarms_per_hour)
+
+    def fresh(self) -> Monitor:
+        """Return the same monitor before it has seen anything, as after a repair."""
+        return Monitor(
+            self.watched, self.calibration, self.normal, self.multipliers, self.seconds,
+            self.patience, self.false_alarms_per_hour,
+        )  # fmt: skip
+
+    @property
+    def threshold(self) -> float:
+        """log A: the mean time to a false alarm is A intervals or more."""
+        return float(np.log(3600.0 / (self.false_alarms_per_hour * self.seconds)))
+
+    @property
+    def evidence(self) -> float:
+        """Logarithm of the charts' sum now; an alarm is raised at `threshold`."""
+        return float(self._charts.height(self.design.weight))
+
+    def watch(self, motion: Motion) -> list[Alarm]:
+        """Return the alarms of a motion; one that waits for its name goes on with the next motion.
+
+        Args:
+            motion: completed with the filter, and best the knots, of normal running.
+        """
+        return self._absorbed(rows for e in motion.experiments for rows in self.watched.rows(e))
+
+    def absorb(self, rows: Rows, q: np.ndarray | None = None) -> list[Alarm]:
+        """Return the alarms that further rows raise. Memory stays as it is.
+
+        Args:
+            rows: of `watched.columns`, in order of time.
+            q: (n, nq) configurations, for the errors of the multipliers; None: without these.
+        """
+        return self._absorbed([self.watched.with_multipliers(rows, q)])
+
+    def finish(self) -> list[Alarm]:
+        """Return the alarm that waits for its name, named by what there is."""
+        if self.raised is None or self.raised.named:
+            return []
+        return [self._alarm(self.raised, *self._naming(self.raised))]
+
+    def _absorbed(self, parts: Iterable[WatchedRows]) -> list[Alarm]:
+        found = []
+        for rows in (whole for part in parts for whole in self._cutter.cut(part)):
+            interval = WatchedInterval.of(rows, self.design.normal.sigma, self.reference)
+            if (alarm := self._step(interval)) is not None:
+                found.append(alarm)
+        return found
+
+    def _step(self, interval: WatchedInterval) -> Alarm | None:
+        self._held.append(interval)
+        if self.raised is None:
+            seen = Statistics.of([interval], self.reference)
+            self._charts.update(self.design.evidence(seen)[0])
+            if self.evidence < self.threshold:
+                return None
+            leader = self._charts.leader(self.design.weight)
+            column, error = self.design.about(leader)
+            by = f"error of {self.watched.errors[error or 0]}"
+            by = by if column is None else self.watched.columns.names[column]
+            since = max(int(self._charts.since[leader]), 1)
+            self.raised = _Raised(interval.end, self.evidence, by, since)
+        else:
+            self.raised.since += 1
+            self.raised.waited += 1
+        raised = self.raised
+        late = raised.waited * self.seconds >= self.patience
+        if raised.named and not late:
+            return None
+        naming, window = self._naming(raised)
+        ready = raised.ready(naming, len(window)) or late
+        alarm = self._alarm(raised, naming, window) if ready and not raised.named else None
+        if late:
+            self._go_on(naming, window)
+        return alarm
+
+    def _naming(self, raised: _Raised) -> tuple[Naming, list[WatchedInterval]]:
+        return name_since_onset(
+            self.watched.suspects, list(self._held), raised.since, self.reference,
+            self.calibration.design.normal, self.threshold, forgiving=not self._unexplained,
+        )  # fmt: skip
+
+    def _alarm(self, raised: _Raised, naming: Naming, window: Sequence[WatchedInterval]) -> Alarm:
+        normal, best = self.design.normal, naming.best
+        rows = np.maximum(np.sum([each.rows for each in window], axis=0), 1)
+        usual = rows * np.where(normal.energy > 0, normal.energy, np.inf)
+        rms = np.sqrt(np.sum([each.squares for each in window], axis=0) / usual)
+        excess = best.fall / naming.explained if best else 1.0
+        alarm = Alarm(
+            onset=window[0].start,
+            detected=raised.at,
+            named=window[-1].end,
+            verdict="cannot tell" if not naming.sound else "one of" if naming.rivals else "named",
+            best=self._cause(best, excess) if best else None,
+            rivals=tuple(self._cause(each, excess) for each in naming.rivals),
+            seen_by=raised.by,
+            evidence=raised.height,
+            threshold=self.threshold,
+            errors={
+                name: float(x)
+                for name, x, energy in zip(self.watched.errors, rms, normal.energy, strict=True)
+                if energy > 0
+            },
+        )
+        self.alarms.append(alarm)
+        raised.named = True
+        return alarm
+
+    def _cause(self, reading: Reading, excess: float) -> Cause:
+        """The cause of a reading, of the squares `excess` beyond noise."""
+        suspect, dx = reading.suspect, np.zeros(len(self.watched.columns))
+        dx[suspect.places] = reading.theta
+        parts = zip(suspect.names, reading.theta, reading.stderr, suspect.units, strict=True)
+        steps = tuple(
+            ParameterChange(name, float(x), None if np.isnan(s) else float(s), unit)
+            for name, x, s, unit in parts
+        )
+        forces = {
+            name: float(np.linalg.norm(triangle.R @ dx)) / max(triangle.rows, 1) ** 0.5
+            for name, triangle in zip(
+                self.watched.mechanism.kinematics.multipliers, self.multipliers, strict=True
+            )
+        }
+        explains = float(np.clip(reading.fall / excess, 0.0, 1.0))
+        return Cause(suspect.label, steps, explains, forces)
+
+    def _go_on(self, naming: Naming, window: Sequence[WatchedInterval]) -> None:
+        """Take what was named for normal from now on, and begin the charts again."""
+        normal, since = self.design.normal, window[1:] or window
+        places, root = np.empty(0, dtype=int), np.empty((0, 0))
+        if naming.best is not None:
+            places, root = naming.best.suspect.places, naming.best.root
+            self.reference[places] += naming.best.theta
+        normal = normal.moved(places, root, since, self.reference)
+        if not naming.sound:
+            self._unexplained = True
+            normal = normal.worse(since, self.reference, naming.remains)
+        self.design = Design.of(normal, self.design.mask)
+        self._charts = Charts.fresh(len(self.design.weight))
+        self._held.clear()
+        self.raised = None

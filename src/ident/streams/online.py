@@ -1,0 +1,637 @@
+"""Identification while samples come: the equations and triangles of a batch, a fixed lag later.
+
+An old equation counts less, by the weight exp(−age/T) on its square; its triangle shrinks with
+
+    R → exp(−Δt/2T) R,   d → exp(−Δt/2T) d,   ρ → exp(−Δt/2T) ρ
+
+and Σ exp(−age/T) equations count. Source: L. Ljung, System Identification, 2nd ed., sect. 11.2. A
+parameter that no row determines any more stays at its last value, and its standard error grows by
+
+    exp(Δt/2T)        the root of what an equation's weight exp(−Δt/T) leaves of its information
+
+The closures' forces at a sample follow from all of its rows A x = b, without the measured torques
+of the independent joints; C is the covariance of the base parameters, σ_s the noise of a further
+drive s. What torques do not determine stays at its prior: λ may depend on it, unseen.
+
+    λ = K⁺ᵀ_λ (b − A x),     Var λ = G C Gᵀ + Σ_s (K⁺ᵀ_λ W_s)² σ_s²,     G = −K⁺ᵀ_λ A_I
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import floor
+
+import numpy as np
+
+from ident.display import Displayed, render
+from ident.equations.columns import Columns
+from ident.equations.point import Point
+from ident.equations.rows import Rows, row_supports
+from ident.equations.scene import Scene
+from ident.equations.terms import terms
+from ident.errors import FitError, LogError, one_of
+from ident.fit import Fit
+from ident.fit.accumulate import LENGTH
+from ident.fit.plausible import plausible
+from ident.fit.reach import identifiable_multipliers
+from ident.fit.settle import settled
+from ident.fit.values import BaseValue, Value, base_values, effect_values, rigid_values
+from ident.information.blocks import Block, Error, Information, Squares
+from ident.information.covariance import covariance
+from ident.information.estimate import Estimate, estimate
+from ident.information.triangle import Triangle
+from ident.log import Log
+from ident.mechanism import Mechanism, Multipliers
+from ident.motion import Motion, complete
+from ident.streams.stream import (
+    LATENCY,
+    Sample,
+    SampleParser,
+    Setting,
+    Stream,
+    Window,
+    check_causal,
+    concatenated,
+    part_of,
+)  # fmt: skip
+
+WARMUP = 5.0  # [s] from which a stream learns what it is like
+LONGEST = 100_000  # samples that a warm-up keeps at most
+INTERVALS, SLACK = 32, 1.25  # of time; times as many, while pairs are merged one after the other
+FADING = 8.0  # intervals in a time constant of forgetting
+TOGETHER = 16  # samples whose rows are absorbed at once
+
+
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """Multipliers λ of n samples.
+
+    Attributes:
+        names, units: (m,).
+        t: (n,) [s]; values, stderr: (n, m); NaN where a multiplier is not determined.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    t: np.ndarray
+    values: np.ndarray
+    stderr: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __str__(self) -> str:
+        return str(render(self, "text"))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Snapshot(Displayed):
+    """Parameters, reaction forces and errors after some samples. Made by `Online.snapshot`.
+
+    Attributes:
+        t: of the last sample whose equations are in it [s].
+        samples: how many have come; rows: how many equations a coordinate count, old ones less.
+        parameters: unknown dynamic parameters, then those of effects. One that is not identifiable
+            stays at its prior or, where it was known and its information is forgotten, at its last
+            value, with a standard error that grows.
+        base_parameters: the combinations that the rows determine.
+        held: names of the parameters that are held at their last value.
+        multipliers: λ of the last sample; none for a tree.
+        errors: by joint, of the rows that count, with these parameters.
+        ahead: by joint, of the rows since the snapshot before, predicted by its parameters.
+        rank: number of base parameters; condition_number: of their columns.
+        lag: by how much `t` is behind the last sample at most [s].
+        notes: what a person should know.
+    """
+
+    t: float
+    samples: int
+    rows: float
+    parameters: tuple[Value, ...]
+    base_parameters: tuple[BaseValue, ...]
+    held: tuple[str, ...]
+    multipliers: Forces | None
+    errors: Mapping[str, Error]
+    ahead: Mapping[str, Error]
+    rank: int
+    condition_number: float
+    lag: float
+    notes: tuple[str, ...] = ()
+
+    def __getitem__(self, name: str) -> Value:
+        """Return a parameter by its name.
+
+        Raises:
+            KeyError: with the nearest name.
+        """
+        own = {value.name: value for value in self.parameters}
+        if name not in own:
+            raise KeyError(f"no parameter '{name}'; {one_of(name, own)}")
+        return own[name]
+
+    @property
+    def identified(self) -> tuple[Value, ...]:
+        """The parameters that the data determine, or did."""
+        return tuple(v for v in self.parameters if v.identifiable or v.name in self.held)
+
+    @property
+    def line(self) -> str:
+        """What is identified, the multipliers and the errors, in one line."""
+        return str(render(self, "line"))
+
+
+@dataclass(frozen=True, eq=False)
+class Interval:
+    """The triangles of some time.
+
+    Attributes:
+        at: the time to which weights refer [s].
+        blocks: one a coordinate.
+        weights: (2, d) Σ exp(−age/T) of the rows that inform, and of those that do not.
+    """
+
+    at: float
+    blocks: tuple[Block, ...]
+    weights: np.ndarray
+
+    @classmethod
+    def empty(cls, supports: Sequence[np.ndarray], t: float) -> Interval:
+        """Return an interval without rows, from the time t [s] on."""
+        blocks = []
+        for u, support in enumerate(supports):
+            none = Triangle.empty(len(support))
+            blocks.append(Block(0, 0, u, none, none, support, 0.0, (t, t)))
+        return cls(t, tuple(blocks), np.zeros((2, len(blocks))))
+
+    def updated(self, rows: Rows, T: float | None) -> Interval:
+        """Add later rows; T is the time constant of forgetting [s], None: all count alike."""
+        at = float(rows.t[-1])
+        w = np.ones(len(rows.t)) if T is None else np.exp((rows.t - at) / (2 * T))
+        old, blocks, informed = self.aged(at, T), [], rows.informed
+        for u, block in enumerate(old.blocks):
+            A, b = rows.A[:, u, block.support] * w[:, None], rows.b[:, u] * w
+            triangle, rest = (
+                before.updated(A[some], b[some]) if some.any() else before
+                for before, some in (
+                    (block.triangle, informed[:, u]), (block.rest, ~informed[:, u])
+                )
+            )  # fmt: skip
+            torque = block.torque + float(w**2 @ rows.tau[:, u] ** 2)
+            span = block.span[0], at
+            blocks.append(Block(0, 0, u, triangle, rest, block.support, torque, span))
+        return Interval(
+            at, tuple(blocks), old.weights + np.stack([w**2 @ informed, w**2 @ ~informed])
+        )
+
+    def aged(self, to: float, T: float | None) -> Interval:
+        """Return the same with weights that refer to a later time [s]."""
+        if T is None or to == self.at:
+            return replace(self, at=to)
+        w = float(np.exp((self.at - to) / (2 * T)))
+        return Interval(to, tuple(block.scaled(w) for block in self.blocks), w**2 * self.weights)
+
+    def merged(self, later: Interval, T: float | None) -> Interval:
+        """Add a later interval."""
+        mine = self.aged(later.at, T)
+        both = tuple(a + b for a, b in zip(mine.blocks, later.blocks, strict=True))
+        return Interval(later.at, both, mine.weights + later.weights)
+
+    def numbered(self, block: int) -> list[Block]:
+        """Return the blocks of one block of time, with the number of rows that count."""
+        count = np.rint(self.weights).astype(int)
+        return [
+            replace(
+                each,
+                block=block,
+                triangle=replace(each.triangle, rows=int(count[0, u])),
+                rest=replace(each.rest, rows=int(count[1, u])),
+            )
+            for u, each in enumerate(self.blocks)
+        ]
+
+
+class Accumulator:
+    """Absorbs rows as they come, in bounded memory: intervals of time stay few.
+
+    Without forgetting, intervals grow twice as long when there are too many, neighbours merged pair
+    by pair, so that they remain equal blocks for the jackknife; with forgetting the oldest merge.
+
+    Args:
+        supports: for each coordinate the unknowns that can appear in its rows.
+        forget: T, the time constant of forgetting [s]; None: all rows count alike.
+        period: time between two rows [s].
+
+    Attributes:
+        now: time of the last row [s]; informed: of the last that informs.
+    """
+
+    def __init__(self, supports: Sequence[np.ndarray], forget: float | None, period: float) -> None:
+        self._supports, self._T = list(supports), forget
+        self._length = LENGTH * period if forget is None else forget / FADING
+        self._start = 0.0
+        self._intervals: list[Interval] = []
+        self._open: Interval | None = None
+        self._closed: Interval | None = None  # all intervals but the open one, together
+        self._waiting: list[Rows] = []
+        self.now = self.informed = -np.inf
+
+    def absorb(self, rows: Rows) -> None:
+        """Add rows, which come in the order of time."""
+        if self.now == -np.inf:
+            self._start = float(rows.t[0])
+        self._waiting.append(rows)
+        self.now = float(rows.t[-1])
+        if sum(len(each.t) for each in self._waiting) >= TOGETHER:
+            self._absorb_waiting()
+
+    def information(self, k: int) -> tuple[Information, Information]:
+        """Return all rows on k columns, by interval of time and together; weights refer to now."""
+        self._absorb_waiting()
+        parts = [each for each in (self._closed, self._open) if each]
+        if len(parts) > 1:
+            parts = [parts[0].merged(parts[1], self._T)]
+        found = []
+        for some in ([*self._intervals, *([self._open] if self._open else [])], parts):
+            aged = [each.aged(self.now, self._T) for each in some]
+            blocks = [block for i, each in enumerate(aged) for block in each.numbered(i)]
+            found.append(Information.of(blocks, k, len(self._supports)))
+        return found[0], found[1]
+
+    def _absorb_waiting(self) -> None:
+        """Absorb what waits, interval by interval; merge a pair where there are too many."""
+        waiting, self._waiting = self._waiting, []
+        if not waiting:
+            return
+        rows = concatenated(waiting)
+        number = np.array([self._number(t) for t in rows.t.tolist()])
+        for each in np.unique(number):
+            some = part_of(rows, number == each)
+            old = self._open
+            if old is not None and self._number_of(old) != each:
+                self._intervals.append(old)
+                self._closed = self._closed.merged(old, self._T) if self._closed else old
+                old = None
+            if (informed := some.informed.any(axis=1)).any():
+                self.informed = float(some.t[informed][-1])
+            old = old or Interval.empty(self._supports, float(some.t[0]))
+            self._open = old.updated(some, self._T)
+            self._merge()
+            while len(self._intervals) > SLACK * INTERVALS:
+                self._merge()
+
+    def _number(self, t: float) -> int:
+        """Number of the interval in which t [s] lies, at the present length of intervals."""
+        return floor((t - self._start) / self._length + 1e-9)
+
+    def _number_of(self, each: Interval) -> int:
+        return self._number(sum(each.blocks[0].span) / 2)
+
+    def _merge(self) -> None:
+        """Merge the two oldest intervals or, without forgetting, a pair that makes a longer one;
+        intervals are twice as long where there is no pair left.
+        """
+        full = len(self._intervals) >= INTERVALS
+        if self._T is not None:
+            pair = 0 if full else None
+        else:
+            if (pair := self._pair()) is None and full:
+                self._length *= 2
+                pair = self._pair()
+        if pair is not None:
+            both = self._intervals[pair].merged(self._intervals[pair + 1], self._T)
+            self._intervals[pair : pair + 2] = [both]
+
+    def _pair(self) -> int | None:
+        """The first interval that has the same number as the next."""
+        numbers = pairwise(map(self._number_of, self._intervals))
+        return next((i for i, (a, b) in enumerate(numbers) if a == b), None)
+
+
+class Online:
+    """Identifies a mechanism sample by sample, in constant memory.
+
+    The equations are those of `identify` with the estimator least-squares. Where nothing is
+    filtered and positions, velocities and accelerations are given, parameters are the same after
+    every sample; else they are a fixed lag late.
+
+    Args:
+        mechanism: with what is unknown and which effects it has.
+        like: a motion of the same machine, or a fit, from which is taken what a batch chooses from
+            the whole log: the filter, smoothing, speeds of standstill; and values of shapes, which
+            are held. Without it the first seconds are kept and looked at; they count like all
+            others, and should show the machine moving as it will.
+        forget: time constant [s] after which an equation counts e times less; None: all count
+            alike.
+        latency: how long samples may wait for others [s]: rows are made faster together.
+        warmup: how many seconds are looked at where `like` is not given.
+        cutoff, smoothing: as `complete` takes them, where `like` is not given.
+
+    Raises:
+        FitError: for an effect that cannot be had sample by sample, or a time that is none.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        *,
+        like: Motion | Fit | None = None,
+        forget: float | None = None,
+        latency: float = LATENCY,
+        warmup: float = WARMUP,
+        cutoff: float | str | None = "auto",
+        smoothing: float | str | None = "auto",
+    ) -> None:
+        check_causal(mechanism)
+        _check_time("latency", latency, least=0.0)
+        _check_time("warmup", warmup)
+        if forget is not None:
+            _check_time("forget", forget)
+        self.notes: tuple[str, ...] = ()
+        if mechanism.multipliers.basis != "free":
+            basis = mechanism.multipliers.basis
+            self.notes = (f"multipliers are free, one value a sample, and not {basis}",)
+            mechanism = replace(mechanism, multipliers=Multipliers())
+        self.mechanism = mechanism
+        self._forget, self._latency, self._warmup = forget, latency, warmup
+        self._cutoff, self._smoothing = cutoff, smoothing
+        reads = [name for effect in mechanism.effects for name in effect.reads()]
+        self._parser = SampleParser(mechanism.name, mechanism.columns, None, reads)
+        self._first: list[np.ndarray] = []  # samples of the warm-up
+        self._recursion = None if like is None else self._started(like)
+
+    @property
+    def samples(self) -> int:
+        """How many have come."""
+        return self._recursion.stream.samples if self._recursion else sum(map(len, self._first))
+
+    @property
+    def warm(self) -> bool:
+        """Whether the warm-up is over."""
+        return self._recursion is not None
+
+    @property
+    def t(self) -> float:
+        """Time of the last sample [s]; NaN before the first."""
+        last = self._recursion.stream.t if self._recursion else self._parser.last
+        return last if np.isfinite(last) else float("nan")
+
+    @property
+    def lag(self) -> float:
+        """By how much equations are behind the last sample at most [s]; NaN in the warm-up."""
+        return self._recursion.stream.lag if self._recursion else float("nan")
+
+    @property
+    def multipliers(self) -> Forces | None:
+        """λ of the samples that the last `update` or `snapshot` completed, by the parameters of the
+        last snapshot; None before the first one, for a tree, and where none was completed.
+        """
+        return self._recursion.multipliers if self._recursion else None
+
+    def update(self, sample: Sample) -> None:
+        """Take a sample or a block of them.
+
+        Args:
+            sample: numbers, or arrays (n,), by column, under this robot's own names or ident's:
+                `t`, `q.<joint>`, `tau.<joint>`, …; or a `Log`.
+
+        Raises:
+            LogError: for a sample that is not whole, or not later than those before. It is left
+                out, and others may follow.
+            MotionError: if the first seconds do not determine the motion.
+        """
+        if self._recursion is not None:
+            self._recursion.push(sample)
+            return
+        self._first.append(self._parser(sample))
+        if self.t - self._first[0][0, 0] >= self._warmup or self.samples >= LONGEST:
+            self._start()
+
+    def snapshot(self) -> Snapshot:
+        """Return parameters, multipliers and errors by now; this ends a warm-up.
+
+        Raises:
+            FitError: if no equation is known yet.
+            LogError, MotionError: if the samples so far do not determine the motion.
+        """
+        recursion = self._recursion or self._start()
+        found = recursion.snapshot()
+        return replace(found, notes=(*self.notes, *found.notes))
+
+    def _start(self) -> _Recursion:
+        """End the warm-up: look at its samples as at a whole log, and take them like all others."""
+        if not self._first:
+            raise LogError(f"{self.mechanism.name}: no sample yet; give `update` some")
+        X, names = np.concatenate(self._first), self._parser.columns
+        columns = dict(zip(names[1:], X.T[1:], strict=True))
+        log = Log.from_arrays(self.mechanism.name, X[:, 0], columns)
+        like = complete(self.mechanism, log, cutoff=self._cutoff, smoothing=self._smoothing)
+        self.notes = (*self.notes, *like.notes)
+        self._recursion = self._started(like)
+        self._recursion.push(log)
+        self._first = []
+        return self._recursion
+
+    def _started(self, like: Motion | Fit) -> _Recursion:
+        motion = like.motion if isinstance(like, Fit) else like
+        if not isinstance(motion, Motion):
+            raise FitError(
+                f"like needs a motion or a fit, given: {type(like).__name__}; write "
+                "like=ident.complete(mechanism, log)"
+            )
+        start = like.point if isinstance(like, Fit) else None
+        point = settled(self.mechanism, motion, start)
+        known = _with_known_shapes(self.mechanism, point)
+        return _Recursion(known, motion, point, self._forget, self._latency)
+
+
+def _check_time(name: str, value: float, least: float = 1e-9) -> None:
+    """Raise FitError for a number that is no time."""
+    if not (np.isfinite(value) and value >= least):
+        raise FitError(f"{name} {value:g}; valid: a time in seconds{', above 0' if least else ''}")
+
+
+def _with_known_shapes(mechanism: Mechanism, point: Point) -> Mechanism:
+    """Hold all shape parameters at their values in `point`; FitError for one without a value."""
+    effects = []
+    for effect in mechanism.effects:
+        _, shape = point.of(effect)
+        names = [each.name for each in effect.searched]
+        if lacking := [name for name in names if name not in shape]:
+            raise FitError(
+                f"{mechanism.name}: effect '{effect.label}' has no value for {', '.join(lacking)}, "
+                "which is not linear and is not searched online; give like= a fit, or its value"
+            )
+        effects.append(
+            replace(effect, values={**effect.values, **{name: shape[name] for name in names}})
+        )
+    return replace(mechanism, effects=tuple(effects))
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """The estimate of a batch on the rows so far.
+
+    Attributes:
+        estimate: solution, base, weights; covariance: (n_ind, n_ind) of the base parameters.
+        squares: what the solution leaves in the rows.
+        parameters: unknown dynamic parameters, then those of effects; base: their combinations.
+    """
+
+    estimate: Estimate
+    covariance: np.ndarray
+    squares: Squares
+    parameters: tuple[Value, ...]
+    base: tuple[BaseValue, ...]
+
+
+class _Recursion:
+    """A stream of rows, the triangles that absorb it, and what they say when it is asked for.
+
+    Args:
+        mechanism: with all shapes of its effects known.
+        like: a motion of this machine.
+        point: the working point.
+        forget: time constant [s]; None: all rows count alike.
+        latency: how long samples may wait for others [s].
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        like: Motion,
+        point: Point,
+        forget: float | None,
+        latency: float,
+    ) -> None:
+        self._mechanism, self._point, self._T = mechanism, point, forget
+        self._columns = Columns.of(mechanism)
+        self._setting = setting = Setting.of(mechanism, like)
+        self.stream = Stream(mechanism, self._columns, setting, point, latency)
+        supports = row_supports(mechanism, self._columns, like.experiments[0])
+        self.accumulator = Accumulator(supports, forget, self.stream.period)
+        self._determined = identifiable_multipliers(mechanism, like)
+        self._noise = np.array([setting.noise.get(f"tau.{name}", 0.0) for name in mechanism.driven])
+        self._units = [mechanism.joint(name).force_unit for name in setting.independent]
+        self._solved: _Solved | None = None
+        self._known: dict[str, tuple[Value, float]] = {}  # identified parameters, and when [s]
+        self._most = 0  # base parameters that were known at once
+        self._ahead = Squares.zero(len(setting.independent))
+        self._last: Window | None = None
+
+    def push(self, sample: Sample) -> None:
+        """Take a sample or a block."""
+        self._absorb(self.stream.push(sample))
+
+    def snapshot(self) -> Snapshot:
+        """Return what is known by now.
+
+        Raises:
+            FitError: if no row informs yet.
+        """
+        self._absorb(self.stream.flush())
+        solved, informed = self._solve()
+        parameters, held = self._stated(solved, informed)
+        ahead, self._ahead = self._ahead, Squares.zero(len(self._units))
+        names, (lost, why) = self._setting.independent, self.stream.lost
+        base = solved.estimate.base
+        return Snapshot(
+            t=self.accumulator.now,
+            samples=self.stream.samples,
+            rows=float(solved.squares.rows.mean()),
+            parameters=parameters,
+            base_parameters=solved.base,
+            held=held,
+            multipliers=self._forces([self._last] if self._last else []),
+            errors=solved.squares.errors(names, self._units),
+            ahead=ahead.errors(names, self._units) if ahead.rows.any() else {},
+            rank=base.rank,
+            condition_number=base.condition_number,
+            lag=self.stream.lag,
+            notes=(f"{lost} samples are left out, the last since {why}",) if lost else (),
+        )
+
+    @property
+    def multipliers(self) -> Forces | None:
+        """λ of the samples that the last call completed; None where there are none."""
+        return self._forces(self.stream.windows)
+
+    def _absorb(self, made: list[Rows]) -> None:
+        if windows := self.stream.windows:
+            end = windows[-1].inside.stop
+            self._last = replace(windows[-1], inside=slice(end - 1, end))
+        for rows in made:
+            if self._solved is not None:
+                off = rows.b - rows.A @ self._solved.estimate.x
+                count = np.full(off.shape[1], float(len(off)))
+                squares = (off**2).sum(axis=0), (rows.tau**2).sum(axis=0)
+                self._ahead = self._ahead + Squares(*squares, count)
+            self.accumulator.absorb(rows)
+
+    def _solve(self) -> tuple[_Solved, bool]:
+        """What the rows say, and whether any has informed lately; else what they said last."""
+        old, columns = self._solved, self._columns
+        if old and self._T and self.accumulator.now - self.accumulator.informed > self._T:
+            return old, False
+        by_time, total = self.accumulator.information(len(columns))
+        # what is forgotten stays where it was
+        prior = old.estimate.x if old is not None and self._T else columns.prior
+        before = total.squares(columns.prior)
+        torque = np.sqrt(before.torque / np.maximum(before.rows, 1))
+        size = sum(t.column_norms() ** 2 / max(t.rows, 1) for t in total.totals)
+        sensible = plausible(self._mechanism, columns, torque, np.sqrt(size))
+        found = estimate(total.totals, prior, torque, sensible)
+        cov = covariance(by_time, found)
+        after = self._point.at(self._mechanism, columns, found.x)
+        values = [*rigid_values(self._mechanism, columns, found, cov)]
+        for each in effect_values(columns, found, cov, after):
+            values += [value for value in each.parameters if value.name in columns.index]
+        base = base_values(columns, found, cov)
+        self._solved = _Solved(found, cov, total.squares(found.x), tuple(values), base)
+        return self._solved, True
+
+    def _stated(self, solved: _Solved, informed: bool) -> tuple[tuple[Value, ...], tuple[str, ...]]:
+        """The parameters, and the names of those that are held at their last value."""
+        values, held, now = [], [], self.accumulator.now
+        rank = solved.estimate.base.rank
+        if informed and rank >= self._most:  # as much is known as ever: none is lost
+            self._most, self._known = rank, {}
+        for value in solved.parameters:
+            if value.identifiable and informed:
+                self._known[value.name] = value, now
+            elif self._T and value.name in self._known:
+                last, t = self._known[value.name]
+                growth = float(np.exp((now - t) / (2 * self._T)))
+                stderr = growth * (last.stderr or 0.0)
+                value = replace(last, stderr=stderr, identifiable=False)
+                held.append(value.name)
+            values.append(value)
+        return tuple(values), tuple(held)
+
+    def _forces(self, windows: Sequence[Window]) -> Forces | None:
+        """λ of the samples of some windows by the last solution; None where there is none."""
+        if self._solved is None or not self._mechanism.closures or not windows:
+            return None
+        kinematics, mechanism = self._mechanism.kinematics, self._mechanism
+        x, cov, base = self._solved.estimate.x, self._solved.covariance, self._solved.estimate.base
+        m, parts = len(kinematics.multipliers), []
+        for window in windows:
+            around, part = window.e, window.inside
+            scene = Scene.of(mechanism, self._columns, around, self._point, self._setting.cutoff)
+            e, found, s = scene.e, terms(scene, part, full=True), scene.generalised(part)
+            assert e.pinv is not None
+            K_T = e.pinv[part, :, :m].transpose(0, 2, 1)
+            b = found.b - s.measured(e.independent)
+            values = np.einsum("nmi,ni->nm", K_T, b - found.A @ x)
+            G = -K_T @ found.A[:, :, base.independent]
+            variance = np.einsum("nmi,ij,nmj->nm", G, cov, G)
+            for name, sigma in zip(mechanism.driven, self._noise, strict=True):
+                if name not in e.independent and sigma > 0:
+                    W = np.zeros(s.shape)
+                    s.add_torque(W, name, np.ones(len(s)))
+                    variance += (np.einsum("nmi,ni->nm", K_T, W) * sigma) ** 2
+            parts.append((e.t[part], values, np.sqrt(variance)))
+        t, values, stderr = (np.concatenate(each) for each in zip(*parts, strict=True))
+        open_ = np.where(self._determined, 0.0, np.nan)
+        return Forces(kinematics.multipliers, kinematics.units, t, values + open_, stderr + open_)

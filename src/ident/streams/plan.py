@@ -1,0 +1,375 @@
+"""What all portions of all logs have in common, so that their equations are those of one fit.
+
+A log of one portion decides by itself what `complete` decides: its clock, smoothing, standstill. A
+longer log decides once for all of its portions: smoothing and noise on some stretches, the speed
+below which a joint stands still by its top speed, and so by every sample. What several logs share
+(the filter, the joints in which errors count, the working point) is decided on an excerpt.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from ident.equations.columns import Columns
+from ident.equations.filter import Decimator
+from ident.equations.point import Point
+from ident.errors import FitError, MotionError, one_of
+from ident.log.folder import names_of
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Experiment
+from ident.motion.close import Closer
+from ident.motion.decided import Decided
+from ident.motion.derive import derive
+from ident.motion.experiment import experiment_of
+from ident.motion.measure import measure
+from ident.motion.motion import Band
+from ident.motion.place import HOPELESS, SINGULAR, nearness, reduced, with_leverage
+from ident.motion.rest import noise_of_speeds, standstill, thresholds, top_speeds
+from ident.streams.logs import LogSummary, Workers, summarise
+from ident.streams.stream import margin_of
+
+KNOTS = 40  # from a sample to another whose noise moves a spline there by 1e-7 of itself
+MEMORY = 4096  # samples after which an effect has forgotten where its memory began
+FEWEST = 64  # samples of a margin: what is interpolated reaches no farther
+THINNED = 8  # samples of which one is followed to know the branch of the closures
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedLog:
+    """A log and what is decided for all of its portions.
+
+    Attributes:
+        survey: summary of the log.
+        borders: rows (k + 1,) between its k portions.
+        decided: clock, smoothing, noise; None for a log of one portion, which decides by itself.
+        still: (J,) speed [rad/s | m/s] below which a joint stands still.
+        farthest: (J, d) largest leverage of every joint; None for a tree.
+        largest: ‖K⁺‖ beyond which a sample is near a singular position.
+        anchors: (k, nq) a configuration near the beginning of each portion; None for a tree.
+    """
+
+    survey: LogSummary
+    borders: tuple[int, ...]
+    decided: Decided | None = None
+    still: np.ndarray | None = None
+    farthest: np.ndarray | None = None
+    largest: float = np.inf
+    anchors: np.ndarray | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the log."""
+        return self.survey.name
+
+    @property
+    def samples(self) -> int:
+        """Samples on the log's clock."""
+        return self.survey.clock.count
+
+
+@dataclass(frozen=True)
+class Portion:
+    """A stretch of one log, with margins on both sides.
+
+    Attributes:
+        log: number of the log; number: of the portion in the log.
+        begin, end: rows that are read.
+        since, until: [s] of the samples that count in this portion and in no other.
+    """
+
+    log: int
+    number: int
+    begin: int
+    end: int
+    since: float
+    until: float
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What portions have in common.
+
+    Attributes:
+        mechanism: that is identified.
+        logged: joints that determine the motion; independent: those in which errors count.
+        band: with the cut-off of the rows' filter.
+        smoothing: as it was asked for.
+        parts: one a log.
+        point: values of all parameters, at which what is not linear is evaluated.
+    """
+
+    mechanism: Mechanism
+    logged: tuple[str, ...]
+    independent: tuple[str, ...]
+    band: Band
+    smoothing: float | str | None
+    parts: tuple[PlannedLog, ...]
+    point: Point
+
+    @property
+    def columns(self) -> Columns:
+        """The unknowns."""
+        return Columns.of(self.mechanism)
+
+    @property
+    def stacked(self) -> bool:
+        """Whether multipliers have a time basis, so that parameters come from the paper's stack."""
+        return bool(self.mechanism.closures) and self.mechanism.multipliers.basis != "free"
+
+    def margin(self, part: PlannedLog) -> int:
+        """Return how many rows beside a portion its filter, splines, delays, memory depend on."""
+        clock, decided = part.survey.clock, part.decided
+        samples = Decimator.of(self.band.cutoff, 1 / clock.step).half + FEWEST
+        if decided is not None:
+            samples += int(np.ceil((KNOTS * decided.knots + decided.ends) / clock.step))
+        if self.stacked:
+            samples += int(np.ceil(KNOTS * self.mechanism.multipliers.spacing / clock.step))
+        if any(effect.memory for effect in self.mechanism.effects):
+            samples += MEMORY
+        samples += margin_of(self.mechanism, 1 / clock.step, self.band.cutoff)
+        return int(np.ceil(samples * max(1.0, part.survey.log.rows / clock.count)))
+
+    def portions(self, log: int | None = None) -> Iterator[Portion]:
+        """Yield all portions in order of log and time, or those of one log."""
+        for i, part in enumerate(self.parts):
+            if log not in (None, i):
+                continue
+            every = Decimator.of(self.band.cutoff, 1 / part.survey.clock.step).factor
+            margin, rows, at = self.margin(part), part.survey.log.rows, part.survey.at
+            for k, (first, stop) in enumerate(pairwise(part.borders)):
+                yield Portion(
+                    log=i,
+                    number=k,
+                    begin=max(0, (first - margin) // every * every),  # one grid of rows for the log
+                    end=min(rows, stop + margin),
+                    since=at(first) if first else -np.inf,
+                    until=at(stop) if stop < rows else np.inf,
+                )
+
+
+def summaries(mechanism: Mechanism, paths: Sequence[Path], workers: Workers) -> list[LogSummary]:
+    """Look at all logs that can be opened and give them names that differ.
+
+    Args:
+        mechanism: whose logs they are.
+        paths: of the logs.
+        workers: who does it.
+
+    Raises:
+        IdentError: if none can be opened, or the only one cannot.
+    """
+    names = names_of(paths)
+    found: dict[int, LogSummary] = {}
+    for index, each in workers.over(summarise, paths, mechanism, names, "looking at the logs"):
+        if each is not None:
+            found[index] = replace(each, log=replace(each.log, name=names[index]))
+    _check_some(mechanism, workers, found)
+    return [found[index] for index in sorted(found)]
+
+
+def with_logs(plan: Plan, logs: Sequence[LogSummary], samples: int, workers: Workers) -> Plan:
+    """Return the plan with these logs and with what long ones decide for all of their portions.
+
+    Args:
+        plan: with what logs have in common.
+        logs: summaries of them.
+        samples: of a portion, about.
+        workers: who does it.
+
+    Raises:
+        IdentError: if no log is left.
+    """
+    parts = []
+    for survey in logs:
+        if survey.name in workers.broken:
+            continue
+        try:
+            _check_columns(plan, survey)
+            parts.append(PlannedLog(survey, tuple(survey.borders(samples))))
+        except MotionError as error:
+            if workers.alone:
+                raise
+            workers.broken[survey.name] = str(error)
+    _check_some(plan.mechanism, workers, parts)
+    plan = replace(plan, parts=tuple(parts))
+    several = [i for i, part in enumerate(parts) if len(part.borders) > 2]
+    names = [parts[i].name for i in several]
+    noise = {}
+    for index, found in workers.over(_decided, several, plan, names, "deciding on smoothing"):
+        if found is not None:
+            parts[several[index]], noise[several[index]] = found
+    plan = replace(plan, parts=tuple(parts))
+    if plan.mechanism.effects:  # else nothing asks whether a joint stands still
+        extremes = {i: [] if (x := _logged_speeds(plan, i)) is None else [x] for i in noise}
+        unknown = [p for i, mine in extremes.items() if not mine for p in plan.portions(i)]
+        names = [parts[portion.log].name for portion in unknown]
+        for index, x in workers.over(_extremes, unknown, plan, names, "top speeds"):
+            if x is not None:
+                extremes[unknown[index].log].append(x)
+        for i, mine in extremes.items():
+            if mine:
+                far = [farthest for _, farthest in mine if farthest is not None]
+                parts[i] = replace(
+                    parts[i],
+                    still=thresholds(np.max([top for top, _ in mine], axis=0), noise[i]),
+                    farthest=np.max(far, axis=0) if far else None,
+                )
+    left = tuple(part for part in parts if part.name not in workers.broken)
+    _check_some(plan.mechanism, workers, left)
+    return replace(plan, parts=left)
+
+
+def _check_some(mechanism: Mechanism, workers: Workers, left: object) -> None:
+    """Raise FitError if no log is left, with the reason that most logs share."""
+    if not left:
+        alike = Counter(why.replace(name, "") for name, why in workers.broken.items())
+        ((most, count),) = alike.most_common(1)
+        name, why = next(x for x in workers.broken.items() if x[1].replace(x[0], "") == most)
+        same = f" ({count} of them say the same)" if count > 1 else ""
+        raise FitError(
+            f"{mechanism.name}: none of {len(workers.broken)} logs can be used; {name}: {why}{same}"
+        )
+
+
+def _check_columns(plan: Plan, survey: LogSummary) -> None:
+    """Raise MotionError for a log that lacks a column that the others have."""
+    for prefix, joints in (("q", plan.logged), ("tau", plan.mechanism.driven)):
+        for name in (f"{prefix}.{joint}" for joint in joints):
+            if name not in survey.log.columns:
+                raise MotionError(
+                    f"{survey.name}: has no column '{name}', which the other logs have; "
+                    f"{one_of(name, survey.log.columns)}"
+                )
+
+
+def _decided(plan: Plan, number: int) -> tuple[PlannedLog, np.ndarray]:
+    """Decide for a log of several portions; (J,) are the speeds that noise of the log imitates."""
+    part, mechanism = plan.parts[number], plan.mechanism
+    clock = part.survey.clock
+    whole = [measure(mechanism, log) for log in part.survey.stretches()]
+    made = [experiment_of(mechanism, s, plan.logged, plan.band, plan.smoothing)[0] for s in whole]
+    if mechanism.closures:
+        made = [reduced(mechanism, e, plan.independent)[0] for e in made]
+    derived = [derive(s, plan.logged, plan.band, plan.smoothing) for s in whole]
+    grid = Decimator.of(plan.band.cutoff, 1 / clock.step).factor
+    common = Decided(replace(clock, grid=grid), ends=max(each.ends for each in derived))
+    if smooth := [e.smooth for e in made if e.smooth is not None]:
+        noisy = {name for d in derived if d.smooth for name in d.smooth.names}
+        surplus = len(plan.logged) > mechanism.degrees_of_freedom
+        spacing = min(each.spacing for each in smooth)  # at rest coarser ones would do
+        length = clock.t_end - clock.t0
+        sigma: dict[str, list[float]] = {}
+        for channel in (c for s in smooth for c in s.channels):
+            sigma.setdefault(channel.column, []).append(channel.sigma)
+        common = replace(
+            common,
+            noisy=tuple(n for n in plan.logged if n in noisy or surplus),
+            carriers=smooth[0].names,
+            knots=length / np.ceil(length / spacing - 1e-9),
+            noise={name: float(np.median(each)) for name, each in sigma.items()},
+        )
+    largest, anchors = np.inf, None
+    if mechanism.closures:
+        largest = min(HOPELESS, SINGULAR * float(np.median(np.concatenate([*map(nearness, made)]))))
+        anchors = _anchors(plan, number)
+    noise = [
+        noise_of_speeds(mechanism, s, e, plan.logged) for s, e in zip(whole, made, strict=True)
+    ]
+    return replace(part, decided=common, largest=largest, anchors=anchors), np.max(noise, axis=0)
+
+
+def _anchors(plan: Plan, number: int) -> np.ndarray:
+    """(portions, nq) configurations near their beginnings, each followed from the one before.
+
+    A portion alone would be reached straight from [joints] start: on another branch, perhaps.
+    """
+    mechanism, part, found = plan.mechanism, plan.parts[number], []
+    closer = Closer(mechanism, plan.logged)
+    columns = [f"q.{name}" for name in plan.logged]
+    portions = list(plan.portions(number))
+    q = y = None
+    for portion, after in zip(portions, [*portions[1:], portions[-1]], strict=True):
+        log = part.survey.log.piece(portion.begin, portion.end, ["t", *columns])
+        x = np.stack([log.columns[name] for name in columns], axis=1)
+        known = np.flatnonzero(np.isfinite(x).all(axis=1))[::THINNED]
+        if not len(known):
+            found.append(mechanism.assembled if q is None else q)
+            continue
+        t, target = log.t[known], x[known]
+        if q is None or y is None:
+            path = closer.follow(target, t)
+        else:
+            path = closer.onward(q, y, target, t)
+        found.append(path[0])
+        at = max(int(np.searchsorted(known, after.begin - portion.begin)) - 1, 0)
+        q, y = path[at], target[at]
+    return np.array(found)
+
+
+def _logged_speeds(plan: Plan, number: int) -> tuple[np.ndarray, None] | None:
+    """Top speeds (J,) of a tree whose speeds are taken as logged; None for others."""
+    part, mechanism = plan.parts[number], plan.mechanism
+    assert part.decided is not None
+    top, rows = part.survey.top, part.survey.log.rows
+    names = [f"v.{joint.name}" for joint in mechanism.joints]
+    whole = all(count in (0, rows) for count in part.survey.values.values())
+    if mechanism.closures or part.decided.noisy or not whole or not {*names} <= {*top}:
+        return None
+    return np.array([top[name] for name in names]), None
+
+
+def _extremes(plan: Plan, portion: Portion) -> tuple[np.ndarray, np.ndarray | None] | None:
+    """Top speeds (J,) and largest leverages (J, d) of a portion; None where nothing is usable."""
+    e, _ = motion_of(plan, portion)
+    if e is None:
+        return None
+    e = replace(e, usable=e.usable & (e.t >= portion.since) & (e.t < portion.until))
+    if e.leverage is None:
+        return top_speeds(e), None
+    return top_speeds(e), np.abs(e.leverage[e.usable]).max(axis=0, initial=0.0)
+
+
+def motion_of(plan: Plan, portion: Portion) -> tuple[Experiment | None, list[str]]:
+    """Complete the motion of a portion with its margins, as the whole log would have made it.
+
+    Returns:
+        The experiment, None where no sample can be used, and notes.
+
+    Raises:
+        LogError, MotionError: where `read_log` or `complete` would raise one.
+    """
+    part, mechanism = plan.parts[portion.log], plan.mechanism
+    log = replace(part.survey.log.piece(portion.begin, portion.end), name=part.name)
+    if part.decided is None:  # the whole log: what `complete` makes of it
+        signals = measure(mechanism, log)
+        e, notes = experiment_of(mechanism, signals, plan.logged, plan.band, plan.smoothing)
+        if mechanism.closures:
+            e, _, more = reduced(mechanism, e, plan.independent)
+            notes = [*notes, *more]
+        still = standstill(mechanism, signals, e, plan.logged)
+        return replace(e, still=still), [*signals.notes, *notes]
+    asked = {name for effect in mechanism.effects for name in effect.reads()}
+    asked |= {name for name, count in part.survey.values.items() if count > 1}
+    absent = [n for n in sorted(asked & {*log.columns}) if np.isfinite(log.columns[n]).sum() < 2]
+    where = f"{part.name}: rows {portion.begin} to {portion.end - 1}"
+    if absent:
+        return None, [f"{where}: {absent[0]} is empty; they are left out"]
+    signals = measure(mechanism, log, part.decided)
+    if not signals.usable.any():
+        return None, [f"{where}: no run at which all columns have samples; they are left out"]
+    if part.anchors is not None:  # on the branch on which the log arrives
+        near = replace(mechanism, start=part.anchors[portion.number])
+        near.__dict__["kinematics"] = mechanism.kinematics  # compiled functions, of no start
+        mechanism = near
+    e, _ = experiment_of(mechanism, signals, plan.logged, plan.band, plan.smoothing, part.decided)
+    if mechanism.closures:
+        e, _ = with_leverage(mechanism, e, plan.independent)
+        e = replace(e, usable=e.usable & (nearness(e) < part.largest))
+    still = np.full(len(mechanism.joints), 1e-9) if part.still is None else part.still
+    return (replace(e, still=still) if e.usable.any() else None), []

@@ -1,0 +1,740 @@
+"""Samples in, rows of equations out, as they come: the equations of a batch, a fixed lag later.
+
+    sample → clock → q, v, a of the logged joints → all joints through the closures
+           → Γ p + E c = τ in the independent coordinates → the rows' filter
+
+Rows are made for a few samples together, since most of the time that one takes is not arithmetic.
+Derivatives are those of one polynomial a sample and joint, over the channels k of the joint:
+
+    min_c Σ_k Σ_i |x_k(t_i) − u^(k)(t_i)|² / σ_k²,    u(t) = Σ_j c_j (t − t₀)^j,   |t_i − t₀| ≤ M dt
+
+It is linear in the samples, so that its coefficients are made once. Source: A. Savitzky, M. Golay,
+Anal. Chem. 36(8), 1964; here with several derivatives measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
+from math import factorial
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ident.equations.columns import Columns
+from ident.equations.correct import WIDER
+from ident.equations.filter import Decimator
+from ident.equations.point import Point
+from ident.equations.rows import CHUNK, STICKING, Rows, raw_rows, reach
+from ident.equations.scene import Scene
+from ident.errors import FitError, LogError, MotionError, one_of
+from ident.log import Column, Log
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Experiment, Motion
+from ident.motion.clock import GAP, UNEVEN
+from ident.motion.close import Closer
+from ident.motion.derive import AS_LOGGED
+from ident.motion.measure import LARGEST, is_signal
+from ident.motion.place import HOPELESS, SINGULAR, in_tree, nearness, stated, with_leverage
+from ident.motion.wrench import wrenches
+
+LATENCY = 0.02  # [s] that samples may wait for others
+TOGETHER = 32  # samples that need not wait longer
+ORDERS = "qva"
+PLACES = 64  # configurations from which a stream may set out
+DEGREE = 6  # of the local polynomial
+WIDTH = 1.6  # knots of the log's splines on either side of a sample, see `_half`
+CLEAN = 3  # samples on either side, of signals that need no smoothing: they are interpolated
+SHARPEST = 1e-9  # of what a channel of unit size can be trusted to, as `complete` has it
+SPLINE, TWICE = 12, 2  # samples: where a cubic spline forgets its ends; lost by two differences
+
+Sample = Mapping[str, Any] | Log
+"""One sample, or a block of them, by column: numbers, or arrays (n,)."""
+
+SomeRows = TypeVar("SomeRows", bound=Rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What a batch chooses from a whole log, and a stream must know before its first sample.
+
+    Attributes:
+        rate: samples a second [Hz].
+        logged: joints that determine the motion; independent: those in which errors are compared.
+        channels: what is logged of each of `logged`, of "qva".
+        wrenches: columns of external wrenches.
+        cutoff: of the rows' zero-phase filter [Hz]; None: no filter.
+        half: M, samples on either side from which derivatives are made; 0: taken as logged.
+        taken: joints of `logged` whose q, v and a are taken as they are.
+        noise: standard deviation of white noise, by column.
+        still: (J,) speed below which a joint stands still [rad/s | m/s].
+        farthest: (J, d) largest leverage of every joint; None for a tree.
+        scale: (logged,) by which coordinates are divided where more are logged than needed.
+        singular: ‖K⁺‖ from which on a sample is too near a singular position.
+        y, q: (places, logged), (places, nq), configurations on the way of this machine.
+    """
+
+    rate: float
+    logged: tuple[str, ...]
+    independent: tuple[str, ...]
+    channels: tuple[str, ...]
+    wrenches: tuple[str, ...]
+    cutoff: float | None
+    half: int
+    taken: tuple[str, ...]
+    noise: Mapping[str, float]
+    still: np.ndarray
+    farthest: np.ndarray | None
+    scale: np.ndarray
+    singular: float
+    y: np.ndarray
+    q: np.ndarray
+
+    @classmethod
+    def of(cls, mechanism: Mechanism, motion: Motion) -> Setting:
+        """Take what `complete` chose from logs of the same machine.
+
+        Args:
+            mechanism: that moves.
+            motion: of earlier logs, or of the first seconds.
+
+        Raises:
+            MotionError: for a motion that was not completed from logs.
+        """
+        if not motion.logs:
+            raise MotionError(
+                "this motion has no log, so nothing says what is logged; one of "
+                "ident.complete(mechanism, log) has"
+            )
+        e, log = motion.experiments[0], motion.logs[0]
+        at = [mechanism.joint_index[name] for name in e.logged]
+        some = np.flatnonzero(e.usable)
+        some = some[:: max(1, len(some) // PLACES)]
+        far = [x for x in map(reach, motion.experiments) if x is not None]
+        size = np.inf if e.pinv is None else SINGULAR * float(np.median(nearness(e)))
+        channels = tuple(
+            "".join(o for o in ORDERS if f"{o}.{name}" in log.columns) for name in e.logged
+        )
+        clean = {channel.column for channel in e.channels if channel.how == AS_LOGGED}
+        taken = tuple(
+            name
+            for name, orders in zip(e.logged, channels, strict=True)
+            if orders == ORDERS and f"q.{name}" in clean
+        )
+        return cls(
+            rate=e.rate,
+            logged=e.logged,
+            independent=motion.independent,
+            channels=channels,
+            wrenches=tuple(name for name in log.columns if name.startswith("wrench.")),
+            cutoff=motion.band.cutoff,
+            half=0 if taken == e.logged else _half(e),
+            taken=taken,
+            noise={channel.column: channel.noise for channel in e.channels} | dict(e.noise),
+            still=np.max([each.still for each in motion.experiments], axis=0),
+            farthest=np.max(far, axis=0) if far else None,
+            scale=np.maximum(e.y[:, at].std(axis=0), 1e-9),
+            singular=min(HOPELESS, size),
+            y=e.y[some][:, at],
+            q=e.q[some],
+        )
+
+    @property
+    def motion_columns(self) -> tuple[str, ...]:
+        """Columns of the log from which the motion is made."""
+        pairs = zip(self.logged, self.channels, strict=True)
+        return tuple(f"{order}.{name}" for name, orders in pairs for order in orders)
+
+
+def _half(e: Experiment) -> int:
+    """Samples on either side that a local polynomial needs to smooth as the log's splines do.
+
+    One of degree N over 2 M + 1 samples passes what is below (N + 1)/(3.2 M − 4.6) of half the rate
+    (R. Schafer, IEEE Signal Process. Mag. 28(4), 2011, eq. 11): of degree 6 over 1.6 knots to
+    either side 1.4 times what splines pass, and leaves as much noise as they do.
+    """
+    widest = max((channel.spacing for channel in e.channels), default=0.0) * e.rate
+    return max(CLEAN, round(WIDTH * widest))
+
+
+class SampleParser:
+    """Takes samples under this robot's own names or ident's, checks them and scales them to SI.
+
+    Args:
+        name: of the mechanism, for messages.
+        mapping: this robot's own names, scales and offsets: [log] of mechanism.toml.
+        columns: names that are needed beside `t`; None: those of the first sample, in every one.
+        reads: of the columns of the first sample, those that effects need; others than these and
+            signals may be empty.
+
+    Attributes:
+        columns: of the arrays that it makes, `t` first; empty before the first sample.
+        last: time of the last sample [s].
+    """
+
+    def __init__(
+        self,
+        name: str,
+        mapping: Mapping[str, Column],
+        columns: Sequence[str] | None = None,
+        reads: Sequence[str] = (),
+    ) -> None:
+        self._name, self._mapping, self._reads = name, dict(mapping), {"t", *reads}
+        self._any = columns is None
+        self.columns: tuple[str, ...] = () if columns is None else ("t", *columns)
+        self.last = -np.inf
+
+    def __call__(self, sample: Sample) -> np.ndarray:
+        """Return a sample or a block as an array (n, columns).
+
+        Raises:
+            MotionError: for a column that is missing.
+            LogError: for a number that is not finite, times that do not increase, or columns that
+                the samples before did not have; nothing of the sample is taken then.
+        """
+        log = isinstance(sample, Log)
+        given = {"t": sample.t, **sample.columns} if isinstance(sample, Log) else sample
+        names = self._names(given, log) if self._any else self.columns
+        values = [self._value(given, name, log) for name in names]
+        if self.columns and {*names} != {*self.columns}:
+            off = ", ".join(sorted({*names} ^ {*self.columns}))
+            raise LogError(
+                f"{self._name}: a sample has other columns than those before ({off}); every "
+                "sample needs the same"
+            )
+        try:
+            X = np.array(values, dtype=float).reshape(len(values), -1).T
+        except (TypeError, ValueError):
+            raise LogError(
+                f"{self._name}: a sample is neither numbers nor arrays of equal length; give one "
+                "number a column, or one array (n,) a column"
+            ) from None
+        needed = np.array([not self._any or n in self._reads or is_signal(n) for n in names])
+        bad = ~(np.abs(X) < LARGEST) & needed
+        if bad.any():
+            row, at = np.argwhere(bad)[0]
+            raise LogError(
+                f"{self._name}: {names[at]} = {X[row, at]:.4g} in the sample at t = "
+                f"{X[row, 0]:.6g} s; every column needs a finite number in every sample"
+            )
+        t = np.append(self.last, X[:, 0])
+        if not (np.diff(t) > 0).all():
+            at = int(np.argmax(~(np.diff(t) > 0)))
+            raise LogError(
+                f"{self._name}: a sample at t = {t[at + 1]:.6g} s comes after one at {t[at]:.6g} "
+                "s; times must increase"
+            )
+        if self._any and self.columns and names != self.columns:
+            X = X[:, [names.index(name) for name in self.columns]]
+        self.columns, self.last = self.columns or names, float(t[-1])
+        return X
+
+    def _names(self, given: Mapping[str, Any], log: bool) -> tuple[str, ...]:
+        sources = set() if log else {source.column for source in self._mapping.values()}
+        mapped = [n for n, source in self._mapping.items() if source.column in given and not log]
+        own = [name for name in given if name not in sources]
+        return tuple(dict.fromkeys(("t", *own, *mapped)))
+
+    def _value(self, given: Mapping[str, Any], name: str, log: bool) -> Any:
+        source = self._mapping.get(name)
+        if log and name in given:  # read under ident's names
+            return given[name]
+        if source is not None and source.column in given:
+            value = given[source.column]
+            return source.scale * (value if np.ndim(value) == 0 else np.asarray(value)) + (
+                source.offset
+            )
+        if name in given:
+            return given[name]
+        wanted = f"{source.column!r}, which [log] makes {name!r}" if source else repr(name)
+        raise MotionError(f"{self._name}: a sample has no column {wanted}; {one_of(name, given)}")
+
+
+Block = tuple[int, np.ndarray]
+"""Number of the first sample, in steps of the clock, and samples (n, columns) without a gap."""
+
+
+class StreamClock:
+    """Puts samples on a uniform clock as they come, as `complete` does with a whole log.
+
+    Samples that are in step are taken as they are; the clock follows them. Others are interpolated
+    on it, one sample late. Beyond a gap it begins anew: there numbers jump.
+
+    Args:
+        rate: of the clock [Hz].
+        free: whether nothing needs a uniform clock: then every sample is taken as it is.
+    """
+
+    def __init__(self, rate: float, free: bool) -> None:
+        self._dt, self._free = 1.0 / rate, free
+        self._last: np.ndarray | None = None  # the last sample that came
+        self._t, self._number = 0.0, -1  # of the last instant of the clock
+
+    def __call__(self, X: np.ndarray) -> Iterator[Block]:
+        """Yield the blocks that samples X (n, columns), `t` first, make."""
+        t = X[:, 0]
+        if self._last is None:
+            yield self._begun(X[:1])
+            X, t = X[1:], t[1:]
+        if not len(X):
+            return
+        count = np.arange(1, len(t) + 1)
+        due = self._t + self._dt * count
+        drift = (t[-1] - due[-1]) * count / len(t)
+        uneven = (
+            abs(drift[-1]) > UNEVEN * self._dt * len(t)
+            or np.abs(t - due - drift).max() > UNEVEN * self._dt
+        )
+        if self._free or not uneven:
+            yield self._taken(X)
+            return
+        waiting: list[Block] = []
+        for number, part in self._resampled(X):
+            if waiting and waiting[-1][0] + len(waiting[-1][1]) != number:
+                yield waiting[0][0], np.concatenate([each for _, each in waiting])
+                waiting = []
+            waiting.append((number, part))
+        if waiting:
+            yield waiting[0][0], np.concatenate([each for _, each in waiting])
+
+    def _begun(self, X: np.ndarray) -> Block:
+        """Begin with the sample X (1, columns), after whatever was missing."""
+        if self._number >= 0:
+            self._number += max(2, round((X[0, 0] - self._t) / self._dt)) - 1
+        return self._taken(X)
+
+    def _taken(self, X: np.ndarray) -> Block:
+        block = self._number + 1, X
+        self._last, self._t, self._number = X[-1], float(X[-1, 0]), self._number + len(X)
+        return block
+
+    def _resampled(self, X: np.ndarray) -> Iterator[Block]:
+        for sample in X:
+            assert self._last is not None
+            if sample[0] - self._last[0] > GAP * self._dt:
+                yield self._begun(sample[None])
+                continue
+            count = int((sample[0] - self._t) / self._dt + UNEVEN)
+            if count < 1:
+                self._last = sample
+                continue
+            due = self._t + self._dt * np.arange(1, count + 1)
+            if count == 1 and abs(sample[0] - due[0]) < UNEVEN * self._dt:
+                yield self._taken(sample[None])
+                continue
+            share = np.clip((due - self._last[0]) / (sample[0] - self._last[0]), 0.0, 1.0)
+            between = self._last + share[:, None] * (sample - self._last)
+            between[:, 0] = due
+            yield self._number + 1, between
+            self._last, self._t, self._number = sample, float(due[-1]), self._number + count
+
+
+class Overlap:
+    """Puts the last samples before those that come; they are needed as neighbours.
+
+    Args:
+        count: of samples; a gap in the numbers leaves none.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count, self._number, self._last = count, 0, None
+
+    def __call__(self, number: int, new: Any) -> tuple[int, Any]:
+        """Return the number of the first sample and all samples: arrays, or an `Experiment`."""
+        last = self._last
+        if not self._count:
+            return number, new
+        if last is not None and self._number + len(last) == number:
+            number, new = self._number, _joined(last, new)
+        first = max(0, len(new) - self._count)
+        kept = slice(first, None)
+        self._number = number + first
+        self._last = new.at_samples(kept) if isinstance(new, Experiment) else new[kept]
+        return number, new
+
+
+def _joined(a: Any, b: Any) -> Any:
+    """One block of samples after the other: arrays, `Experiment`s or `Rows`."""
+    if isinstance(a, np.ndarray):
+        return np.concatenate([a, b])
+    both: dict[str, Any] = {
+        each.name: np.concatenate([x, getattr(b, each.name)])
+        for each in fields(a)
+        if each.name != "still" and isinstance(x := getattr(a, each.name), np.ndarray)
+    }
+    if isinstance(a, Experiment):
+        both["extra"] = {name: np.concatenate([x, b.extra[name]]) for name, x in a.extra.items()}
+    return replace(a, **both)
+
+
+def _derivative_weights(setting: Setting) -> tuple[np.ndarray, np.ndarray]:
+    """(channels, 2 M + 1, 3) how samples of each channel add to q, v, a, and (channels,) of which
+    of the logged joints.
+    """
+    found, joint, M = [], [], setting.half
+    for i, (name, orders) in enumerate(zip(setting.logged, setting.channels, strict=True)):
+        joint += [i] * len(orders)
+        if name in setting.taken:
+            own = np.zeros((3, 2 * M + 1, 3))
+            own[range(3), M, range(3)] = 1.0
+            found.append(own)
+            continue
+        unit = M / setting.rate  # [s], so that powers are of numbers up to 1
+        s, j = np.arange(-M, M + 1) / max(M, 1), np.arange(min(DEGREE, 2 * M) + 1)
+        sigma = [max(setting.noise.get(f"{order}.{name}", 0.0), SHARPEST) for order in orders]
+        rows = []
+        for order, noise in zip(orders, sigma, strict=True):
+            k = ORDERS.index(order)
+            fall = np.array([factorial(n) / factorial(n - k) if n >= k else 0.0 for n in j])
+            rows.append(fall * s[:, None] ** np.maximum(j - k, 0) / unit**k / noise)
+        fit = np.linalg.pinv(np.concatenate(rows))[:3] / np.repeat(sigma, 2 * M + 1)  # c = fit x
+        fit *= (np.array([1.0, 1.0, 2.0]) / unit ** np.arange(3))[:, None]
+        found.append(fit.T.reshape(len(orders), 2 * M + 1, 3))
+    return np.concatenate(found), np.array(joint, dtype=int)
+
+
+class Follower:
+    """Completes motions of the logged joints through the closures, block by block.
+
+    A position at which the closures cannot follow, or that is singular, is left out and counted;
+    the next sample sets out from the last position that was good.
+
+    Args:
+        mechanism: that moves.
+        setting: of its logs.
+
+    Attributes:
+        lost: how many samples could not be completed; why: of the last of them.
+    """
+
+    def __init__(self, mechanism: Mechanism, setting: Setting) -> None:
+        self._mechanism, self._setting = mechanism, setting
+        self._closer = Closer(mechanism, setting.logged, setting.scale)
+        self._q: np.ndarray | None = None
+        self._y = np.empty(0)
+        self._turning = [
+            (i, joint.name)
+            for i, joint in enumerate(mechanism.joints)
+            if joint.rotational and not joint.in_tree
+        ]
+        self._own: dict[str, np.ndarray] = {}  # where closures' own joints were last: whole turns
+        self.lost, self.why = 0, ""
+
+    def __call__(self, base: Experiment, known: np.ndarray) -> tuple[Experiment, np.ndarray]:
+        """Return the samples that can be completed, and their places (kept,) in the block.
+
+        Args:
+            base: with t, tau and extra.
+            known: (3, n, logged) of the logged joints.
+        """
+        mechanism, names = self._mechanism, self._setting.logged
+        if not mechanism.closures:
+            return in_tree(mechanism, base, names, known), np.arange(len(base))
+        q = self._followed(known[0], base.t)
+        closed = np.flatnonzero(np.isfinite(q).all(axis=1))
+        if not len(closed):
+            return base.at_samples(closed), closed
+        if len(closed) < len(q):
+            base, known, q = base.at_samples(closed), known[:, closed], q[closed]
+        v, a = self._closer.rates(q, *known[1:])
+        near = {**self._own, **dict(zip(names, known[0].T, strict=True))}
+        e = stated(mechanism, base, q, v, a, near)
+        self._own = {name: e.y[-1:, i] for i, name in self._turning}
+        e, _ = with_leverage(mechanism, e, self._setting.independent)
+        regular = nearness(e) < self._setting.singular
+        if not regular.all():
+            at = float(e.t[np.argmin(regular)])
+            self._lose(int((~regular).sum()), f"t = {at:.6g} s is near a singular position")
+            e, closed = e.at_samples(regular), closed[regular]
+        return e, closed
+
+    def _followed(self, y: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """Configurations (n, nq) at the coordinates y (n, logged); NaN where there are none."""
+        if self._q is None:  # from the known place that is nearest
+            nearest = int(np.abs(self._setting.y - y[0]).max(axis=1).argmin())
+            self._q, self._y = self._setting.q[nearest], self._setting.y[nearest]
+        try:
+            q = self._closer.onward(self._q, self._y, y, t)
+        except MotionError as error:
+            if len(y) == 1:
+                self._lose(1, str(error))
+                self._q = None  # the next sample begins from a place that is known
+                return np.full((1, self._mechanism.model.nq), np.nan)
+            half = len(y) // 2
+            return np.concatenate(
+                [self._followed(y[:half], t[:half]), self._followed(y[half:], t[half:])]
+            )
+        self._q, self._y = q[-1], y[-1]
+        return q
+
+    def _lose(self, count: int, why: str) -> None:
+        self.lost, self.why = self.lost + count, why
+
+
+class FixedLag:
+    """The rows' zero-phase filter, as a fixed lag of half its length.
+
+    A symmetric filter of 2 M + 1 taps has all that it needs of a row M samples later, so filtered
+    rows that come with this lag are those of a batch, number by number.
+
+    Args:
+        cutoff: of the filter [Hz], None passes all rows as they come; rate: of the rows [Hz].
+        sticking: a row informs if less than this share of it comes from samples that do not.
+    """
+
+    def __init__(self, cutoff: float | None, rate: float, sticking: float = STICKING) -> None:
+        self._filter, self._sticking = Decimator.of(cutoff, rate), sticking
+        self.half, self.every = self._filter.half, self._filter.factor
+        self._waiting: list[Rows] = []
+        self._first, self._end, self._next = 0, -1, 0  # numbers of rows; the next row that is kept
+
+    def __call__(self, raw: Rows) -> Rows | None:
+        """Return the rows that are known by now, of raw rows that follow one by one."""
+        if self._filter.taps is None:
+            return raw
+        if raw.sample[0] != self._end:  # nothing is filtered across a gap
+            self._first, self._waiting = int(raw.sample[0]), []
+            self._next = self._first + self.half
+        self._waiting.append(raw)
+        self._end = int(raw.sample[-1]) + 1
+        centres = np.arange(self._next, self._end - self.half, self.every)
+        if not len(centres):
+            return None
+        rows = concatenated(self._waiting)
+        inside, local = slice(0, len(rows.t)), centres - self._first
+        A, b, tau = (self._filter.apply(x, inside, local) for x in (rows.A, rows.b, rows.tau))
+        shut = (~rows.informed).astype(float)
+        informed = self._filter.apply(shut, inside, local, absolute=True) < self._sticking
+        self._next = int(centres[-1]) + self.every
+        spent = min(self._next - self.half, self._end) - self._first
+        self._first, self._waiting = self._first + spent, [part_of(rows, slice(spent, None))]
+        return Rows(rows.t[local], centres, A, b, tau, informed)
+
+
+def concatenated(parts: Sequence[SomeRows]) -> SomeRows:
+    """Put rows one after the other."""
+    if len(parts) == 1:
+        return parts[0]
+    kind = type(parts[0])
+    names = kind.__dataclass_fields__
+    return kind(*(np.concatenate([getattr(x, name) for x in parts]) for name in names))
+
+
+def part_of(rows: SomeRows, which: slice | np.ndarray) -> SomeRows:
+    """Return some of the rows."""
+    return type(rows)(*(getattr(rows, name)[which] for name in type(rows).__dataclass_fields__))
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """Consecutive samples, of which those `inside` have all neighbours that they need.
+
+    Attributes:
+        e: the samples; number: of the first, in steps of the clock.
+        inside: which of them the window stands for.
+    """
+
+    e: Experiment
+    number: int
+    inside: slice
+
+
+class Stream:
+    """The equations of a mechanism, made of samples as they come.
+
+    Args:
+        mechanism: the mechanism; its effects must follow from a sample and its surroundings.
+        columns: the unknowns of the equations.
+        setting: what is chosen for all samples.
+        point: the working point, for effects that are not linear; default: the prior.
+        latency: how long samples may wait for others, so that rows are made together [s]; 0 makes
+            the rows of every sample at once.
+        sticking: share of a filtered row that may come from samples that do not inform it.
+
+    Attributes:
+        windows: the samples of which the last call made rows.
+        samples: how many have come.
+
+    Raises:
+        FitError: for an effect that a whole log decides, naming it.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        columns: Columns,
+        setting: Setting,
+        point: Point | None = None,
+        latency: float = LATENCY,
+        sticking: float = STICKING,
+    ) -> None:
+        check_causal(mechanism)
+        self.mechanism, self.columns, self.setting = mechanism, columns, setting
+        self.point = Point.prior(mechanism) if point is None else point
+        self.samples = 0
+        self.windows: list[Window] = []
+        torques = tuple(f"tau.{name}" for name in mechanism.driven)
+        reads = tuple(x for effect in mechanism.effects for x in effect.reads())
+        others = tuple(dict.fromkeys((*torques, *setting.wrenches, *reads)))
+        needed = (*setting.motion_columns, *others)
+        self._parser = SampleParser(mechanism.name, mechanism.columns, needed)
+        place = self._parser.columns.index
+        self._others = {name: place(name) for name in others}
+        self._torques = [place(name) for name in torques]
+        self._motion = np.array([place(name) for name in setting.motion_columns])
+        self._weights, self._joint = _derivative_weights(setting)
+        self._margin = margin_of(mechanism, setting.rate, setting.cutoff)
+        self._raw, self._completed = Overlap(2 * setting.half), Overlap(2 * self._margin)
+        self._follower = Follower(mechanism, setting)
+        self._filter = FixedLag(setting.cutoff, setting.rate, sticking)
+        free = setting.half == self._margin == 0 and setting.cutoff is None
+        self._clock = StreamClock(setting.rate, free)
+        self._block = int(np.clip(round(latency * setting.rate), 1, TOGETHER))
+        self._waiting: list[np.ndarray] = []
+        self._lately: list[tuple[np.ndarray, np.ndarray]] = []  # numbers and q of samples
+
+    @property
+    def t(self) -> float:
+        """Time of the last sample [s]."""
+        return self._parser.last
+
+    @property
+    def lag(self) -> float:
+        """By how much the newest row is older than the newest sample, at most [s]."""
+        around = self.setting.half + self._margin + self._filter.half
+        return (around + self._filter.every - 1 + self._block - 1) / self.setting.rate
+
+    @property
+    def period(self) -> float:
+        """Time between two rows [s]."""
+        return self._filter.every / self.setting.rate
+
+    @property
+    def lost(self) -> tuple[int, str]:
+        """Samples that could not be completed, and why the last of them."""
+        return self._follower.lost, self._follower.why
+
+    def push(self, sample: Sample) -> list[Rows]:
+        """Return the rows that are known with a further sample, or a block of them.
+
+        Args:
+            sample: numbers, or arrays (n,), by column: this robot's own names or ident's; or a
+                `Log`.
+
+        Raises:
+            LogError: for a sample that is not whole, or not later than those before; it is left
+                out, and others may follow.
+        """
+        X = self._parser(sample)
+        self.samples += len(X)
+        self._waiting.append(X)
+        if sum(map(len, self._waiting)) >= self._block:
+            return self.flush()
+        self.windows = []
+        return []
+
+    def flush(self) -> list[Rows]:
+        """Return the rows of samples that wait for others."""
+        self.windows, waiting, self._waiting = [], self._waiting, []
+        X = np.concatenate(waiting) if waiting else np.empty((0, 1))
+        return [
+            rows
+            for start in range(0, len(X), CHUNK)
+            for block in self._clock(X[start : start + CHUNK])
+            for rows in self._rows_of(*block)
+        ]
+
+    def configurations(self, rows: Rows) -> np.ndarray:
+        """Return the configurations (n, nq) at rows of the last call.
+
+        Args:
+            rows: as they were made.
+        """
+        number, q = (np.concatenate(each) for each in zip(*self._lately, strict=True))
+        return np.asarray(q[np.searchsorted(number, rows.sample)])
+
+    def _rows_of(self, number: int, X: np.ndarray) -> Iterator[Rows]:
+        """Yield the rows that a block of samples X (n, columns) completes."""
+        half, margin = self.setting.half, self._margin
+        number, X = self._raw(number, X)
+        X, known = X[half : len(X) - half], self._derived(X)
+        if not len(X):
+            return
+        e, kept = self._experiment(X, known)
+        jumps = np.flatnonzero(np.diff(kept) != 1) + 1
+        for i, j in pairwise([0, *jumps, len(kept)]):
+            if i == j:
+                continue
+            first, around = self._completed(number + half + int(kept[i]), e.at_samples(slice(i, j)))
+            if len(around) <= 2 * margin:
+                continue
+            window = Window(around, first, slice(margin, len(around) - margin))
+            self.windows.append(window)
+            sample = np.arange(first + margin, first + len(around) - margin)
+            self._remember(sample, around.q[window.inside])
+            setting = self.setting
+            scene = Scene.of(self.mechanism, self.columns, around, self.point, setting.cutoff)
+            raw = raw_rows(scene, window.inside, setting.farthest)
+            if (rows := self._filter(replace(raw, sample=sample))) is not None:
+                yield rows
+
+    def _derived(self, X: np.ndarray) -> np.ndarray:
+        """q, v, a (3, n, logged) of the samples that have neighbours on both sides."""
+        half, x = self.setting.half, X[:, self._motion]
+        if not half:  # every channel of every joint is there, q, v, a of one after another
+            return x.reshape(len(X), -1, len(ORDERS)).transpose(2, 0, 1)
+        known = np.zeros((len(self.setting.logged), max(len(X) - 2 * half, 0), 3))
+        if known.shape[1]:
+            windows = np.lib.stride_tricks.sliding_window_view(x, 2 * half + 1, axis=0)
+            np.add.at(known, self._joint, windows.transpose(1, 0, 2) @ self._weights)
+        return known.transpose(2, 1, 0)
+
+    def _experiment(self, X: np.ndarray, known: np.ndarray) -> tuple[Experiment, np.ndarray]:
+        empty, setting = np.empty(0), self.setting
+        base = Experiment(
+            name=self.mechanism.name, t=X[:, 0], q=empty, v=empty, a=empty, y=empty, yd=empty,
+            ydd=empty, tau=X[:, self._torques], wrench=None, pinv=None, leverage=None,
+            usable=np.ones(len(X), dtype=bool), still=setting.still,
+            extra={name: X[:, at] for name, at in self._others.items()},
+            logged=setting.logged, independent=setting.independent,
+        )  # fmt: skip
+        e, kept = self._follower(base, known)
+        if setting.wrenches and len(e):
+            e = replace(e, wrench=wrenches(self.mechanism, e.name, e.extra, e.q))
+        return e, kept
+
+    def _remember(self, sample: np.ndarray, q: np.ndarray) -> None:
+        """Keep configurations for as long as the filter holds rows back."""
+        self._lately.append((sample, q))
+        needed = 2 * (self._filter.half + CHUNK)
+        while sum(len(number) for number, _ in self._lately[1:]) > needed:
+            self._lately.pop(0)
+
+
+def margin_of(mechanism: Mechanism, rate: float, cutoff: float | None) -> int:
+    """Return how many samples on either side the corrections of a mechanism depend on."""
+    most = 0
+    for effect in mechanism.effects:
+        if effect.margin:
+            most = max(most, int(np.ceil(effect.margin * rate)) + SPLINE)
+        elif effect.corrects and effect.implicit:
+            wide = WIDER * cutoff if cutoff and WIDER * cutoff < 0.5 * rate else None
+            most = max(most, Decimator.of(wide, rate).half + TWICE)
+    return most
+
+
+def check_causal(mechanism: Mechanism) -> None:
+    """Refuse effects whose columns at one sample depend on more than its surroundings.
+
+    Raises:
+        FitError: naming the effect, and what to do.
+    """
+    for effect in mechanism.effects:
+        why = "depends on all that was before" if effect.memory else ""
+        why = "depends on the load of a whole log" if effect.whole_log else why
+        if why:
+            raise FitError(
+                f"{mechanism.name}: effect '{effect.label}' {why}, which is not there sample by "
+                f"sample; leave out {effect.label}, or identify whole logs (ident identify)"
+            )

@@ -1,0 +1,466 @@
+"""What could change, and which change explains the intervals since an onset.
+
+    r = b − A x_ref          A: columns of all bodies' parameters and of all suspects, x_ref: known
+
+A suspect is a cause and its columns of A: an effect's own, or for a payload those of its link. All
+else is arithmetic on the triangle R of the intervals, in all columns:
+
+    θ_g = argmin |e − R_g θ|²,   F_g = |R_g θ_g|²          e = d − R x_ref
+    worth  q_g = F_g / φ² − k_g log(n / φ²)                 parsimony: a payload has ten columns
+    apart  z_gh = (q_g − q_h) / (2 |R_g θ_g − R_h θ_h| / φ)
+
+If g is the truth, F_g − F_h scatters with twice the distance of the two predictions, so z is the
+evidence for g over h in its own standard errors (Vuong, Econometrica 57(2), 1989, with the noise
+known from normal running); suspects within APART of the best are its rivals. A load is a body that
+can exist, put on or taken off, since ten free columns explain much that no body does:
+
+    θ = argmin |C θ − e|²     such that P(θ) ⪰ 0, or P(−θ) ⪰ 0     (the 4 × 4 pseudo-inertia)
+
+Free multipliers are no further sensors: their error is the torques' error r, through the loop.
+
+    λ̂ = (Jᵀ)⁺ (τ − Γ p − E c),    λ̂ − λ_ref = G r,    G = (Jᵀ)⁺ W_uᵀ,    Δλ = −K⁺ᵀ_λ A Δx
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.diagnose.sites import candidates
+from ident.effects import KINDS, Effect
+from ident.effects.effect import Unknown
+from ident.equations.columns import Columns
+from ident.equations.point import Point
+from ident.equations.rows import Rows, rows
+from ident.equations.scene import Scene
+from ident.equations.terms import terms
+from ident.errors import FitError, one_of
+from ident.fit import Fit
+from ident.information.cone import Limit, nearest, svec
+from ident.information.triangle import Triangle
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import COUNT, pseudo_inertia
+from ident.motion import Experiment, Motion
+from ident.motion.close import Closer
+from ident.streams.charts import NormalRunning, WatchedInterval, WatchedRows
+
+WATCHED = tuple(kind for kind, cls in KINDS.items() if cls.watched == "always")
+STICKING = 0.02  # share of a row that may come from standstill, where dry friction is open
+DIRECT = 4  # columns of a suspect that have charts; of a payload the mass and its first moments
+APART = 3.0  # standard errors within which two suspects are not told apart
+RANK = 1e-4  # of the largest singular value of unit columns; below, a direction is not asked for
+SURPLUS = 2.5  # standard errors by which what is left may exceed noise
+EXPLAINS = 0.999  # or share of what is beyond noise that is explained: no model is that exact
+MOSTLY = 0.8  # share that a cause must explain however little is left
+BLURRED = 1e-6  # share of a parameter in directions that are not asked for: it is not told alone
+NEGATIVE = 2.0  # standard errors below zero at which a value is one that no such thing can have
+EARLIER = 10  # intervals before the leading chart's onset in which it can have been
+LATELY = 10, 40  # least and most intervals before the onset that show how large errors were before
+RIDGE = 1e-3  # of unit columns, for what the intervals do not determine of a load
+FELT = 1e-6  # of the largest column of a load
+REDUNDANT = 1e-6  # of the largest singular value of J
+THINNED = 600  # samples of an experiment in which Δλ is taken
+BODIES = np.stack([svec(pseudo_inertia(each)) for each in np.eye(COUNT)], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Suspect:
+    """A cause that could change, and its k columns.
+
+    Attributes:
+        effects: kind and place; several that change together.
+        places: (k,) of its columns among all.
+        parameters: (k,) what they are; names, units: (k,) of them.
+    """
+
+    effects: tuple[Effect, ...]
+    places: np.ndarray
+    parameters: tuple[Unknown, ...]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+
+    @classmethod
+    def of(cls, effects: tuple[Effect, ...], columns: Columns) -> Suspect:
+        """Make the suspect whose columns are those of some effects."""
+        parameters: list[Unknown] = []
+        full: list[str] = []
+        for effect in effects:
+            open_ = effect.unknowns or effect.shapes
+            parameters += open_
+            known = zip(effect.names, effect.parameters, strict=True)
+            if effect.loaded_link:  # its columns are the link's own
+                full += [f"{effect.loaded_link}.{each.name}" for each in open_]
+            else:
+                full += [name for name, each in known if each in open_]
+        places = np.array([columns.index[name] for name in full])
+        units = tuple(columns.units[i] for i in places)
+        return cls(effects, places, tuple(parameters), tuple(p.name for p in parameters), units)
+
+    @property
+    def label(self) -> str:
+        """`coulomb:elbow`, `viscous:elbow + coulomb:elbow`."""
+        return " + ".join(effect.label for effect in self.effects)
+
+    def contains(self, other: Suspect) -> bool:
+        """Whether it is the other one and more."""
+        return set(map(int, other.places)) < set(map(int, self.places))
+
+
+@dataclass(frozen=True, eq=False)
+class Watched:
+    """The reference, opened for everything that could change.
+
+    Attributes:
+        mechanism: with all suspects; columns: its k unknowns; point: where rows are evaluated.
+        reference: (k,) x_ref.
+        suspects: what could change.
+        joints: of the d coordinates in which torques are compared.
+        cutoff: of the rows' filter [Hz].
+    """
+
+    mechanism: Mechanism
+    columns: Columns
+    point: Point
+    reference: np.ndarray
+    suspects: tuple[Suspect, ...]
+    joints: tuple[str, ...]
+    cutoff: float | None
+
+    @classmethod
+    def of(cls, reference: Fit | Mechanism, motion: Motion, kinds: Sequence[str]) -> Watched:
+        """Open the reference for suspects of some kinds.
+
+        Args:
+            reference: a fit, or a mechanism of which everything is known.
+            motion: of normal running.
+            kinds: of effects that could change.
+
+        Raises:
+            FitError: for a kind that cannot be watched for, or a reference of which something is
+                not known.
+        """
+        valid = [*WATCHED, *(kind for kind, cls in KINDS.items() if cls.watched == "request")]
+        for kind in kinds:
+            if kind not in valid:
+                raise FitError(f"no change of '{kind}' can be watched for; {one_of(kind, valid)}")
+        known, values = _known(reference)
+        whole = replace(known, unknown=known.bodies.names, effects=())
+        for effect in known.effects:
+            whole = whole + (effect.freed if effect.kind in kinds else effect)
+        found = [each for each in candidates(known, motion) if each.kind in kinds]
+        shapes: dict[str, float] = {}
+        for effect in found:
+            if effect.loaded_link:
+                continue
+            if effect.label not in {own.label for own in whole.effects}:
+                whole = whole + effect
+            if effect.corrects:
+                shapes |= {name: values.values.get(name, 0.0) for name in effect.names}
+        point = Point(values.pi, {**values.values, **shapes})
+        columns = Columns.of(whole)
+        x = np.array([point.values.get(name, 0.0) for name in columns.names])
+        x[: len(columns.rigid)] = point.pi[columns.rigid]
+        groups = [(effect,) for effect in found]  # each alone, and companions of a joint together
+        for name in dict.fromkeys(e.joints[0] for e in found if e.companions):
+            together = tuple(e for e in found if e.companions and e.joints[0] == name)
+            groups += [together] if len(together) > 1 else []
+        return cls(
+            whole, columns, point, x, tuple(Suspect.of(group, columns) for group in groups),
+            motion.independent, motion.band.cutoff,
+        )  # fmt: skip
+
+    @property
+    def charted(self) -> np.ndarray:
+        """(k,) columns that have charts."""
+        mask = np.zeros(len(self.columns), dtype=bool)
+        for suspect in self.suspects:
+            mask[suspect.places[:DIRECT]] = True
+        return mask
+
+    @property
+    def errors(self) -> tuple[str, ...]:
+        """(d + m,) names of the joints and multipliers whose errors are watched."""
+        return (*self.joints, *self.mechanism.kinematics.multipliers)
+
+    def scene(self, e: Experiment) -> Scene:
+        """Return an experiment as these equations see it."""
+        return Scene.of(self.mechanism, self.columns, e, self.point, self.cutoff)
+
+    def rows(self, e: Experiment) -> Iterator[WatchedRows]:
+        """Yield all rows of an experiment."""
+        scene = self.scene(e)
+        for part in rows(scene, self.cutoff, STICKING):
+            yield self.with_multipliers(part, scene.e.q[part.sample])
+
+    def with_multipliers(self, part: Rows, q: np.ndarray | None = None) -> WatchedRows:
+        """Add G at the configurations q (n, nq), if these are given."""
+        m = len(self.mechanism.kinematics.multipliers)
+        G = np.zeros((len(part.t), m, len(self.joints)))
+        if q is not None:
+            G = multiplier_sensitivity(self.mechanism, self.joints, q)
+        return WatchedRows(part.t, part.sample, part.A, part.b, part.tau, part.informed, G)
+
+    def multiplier_triangles(self, motion: Motion) -> tuple[Triangle, ...]:
+        """Return for every multiplier the triangle of ∂λ/∂x (samples, k) over a motion.
+
+        Torques alone do not show it: of suspects that they cannot tell apart, a force sensor in a
+        closure may tell.
+        """
+        m = len(self.mechanism.kinematics.multipliers)
+        found = [Triangle.empty(len(self.columns)) for _ in range(m)]
+        for e in motion.experiments if m else ():
+            at = np.flatnonzero(e.usable)[:: max(1, len(e) // THINNED)]
+            scene = self.scene(e.at_samples(at))
+            assert scene.e.pinv is not None
+            A = terms(scene, slice(None), full=True).A
+            slope = -scene.e.pinv[:, :, :m].transpose(0, 2, 1) @ A
+            found = [f.updated(slope[:, j], np.zeros(len(at))) for j, f in enumerate(found)]
+        return tuple(found)
+
+
+def _known(reference: Fit | Mechanism) -> tuple[Mechanism, Point]:
+    """The mechanism with its effects at known values, and all values."""
+    if isinstance(reference, Fit):
+        effects = []
+        for effect, solution in reference.effect_solution:
+            named = zip(effect.parameters, solution, strict=True)
+            values = {each.name: float(v) for each, v in named}
+            effects.append(replace(effect, values={**effect.values, **values}))
+        mechanism = replace(reference.mechanism, effects=tuple(effects), unknown=())
+        return mechanism, Point(reference.point.pi, Point.prior(mechanism).values)
+    open_ = [*reference.unknown, *(e.label for e in reference.effects if not e.known)]
+    if open_:
+        raise FitError(
+            f"{reference.name}: a reference must be known, and {open_[0]} is not; give a fit, or "
+            "the folder identified/ that a fit writes"
+        )
+    return reference, Point.prior(reference)
+
+
+def multiplier_sensitivity(
+    mechanism: Mechanism, independent: tuple[str, ...], q: np.ndarray
+) -> np.ndarray:
+    """Compute G (n, m, d), which turns residuals into errors of a loop's multipliers.
+
+    Args:
+        mechanism: with m closure equations; none for a tree.
+        independent: names of the d joints in whose coordinates errors are compared.
+        q: (n, nq).
+    """
+    if not mechanism.closures:
+        return np.zeros((len(q), 0, len(independent)))
+    J = mechanism.kinematics.closure_rows(q).rate
+    W = Closer(mechanism, independent).coordinates(q).rate
+    return np.linalg.pinv(J.transpose(0, 2, 1), rcond=REDUNDANT) @ W.transpose(0, 2, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """One suspect fitted.
+
+    Attributes:
+        theta: (k,) change of its parameters; stderr: (k,), NaN where it is not determined alone.
+        root: (k, r) a root of θ's covariance.
+        fall: F; worth: q; predicted: (all columns,) R_g θ_g in the triangle's coordinates.
+    """
+
+    suspect: Suspect
+    theta: np.ndarray
+    stderr: np.ndarray
+    root: np.ndarray
+    fall: float
+    worth: float
+    predicted: np.ndarray
+
+    @classmethod
+    def of(
+        cls, suspect: Suspect, R: np.ndarray, e: np.ndarray, x: np.ndarray, phi2: float, n: float
+    ) -> Reading | None:
+        """Fit a suspect; None where its columns have no effect, or values come out impossible."""
+        C = R[:, suspect.places]
+        size = np.linalg.norm(C, axis=0)
+        if not (size > 0).any():
+            return None
+        safe = np.where(size > 0, size, 1.0)
+        U, s, Vt = np.linalg.svd(C / safe, full_matrices=False)
+        good = s > RANK * s[0]
+        theta = Vt[good].T @ ((U[:, good].T @ e) / s[good]) / safe
+        root = np.sqrt(phi2) * (Vt[good].T / s[good]) / safe[:, None]
+        error = np.linalg.norm(root, axis=1)
+        alone = (size > 0) & ~((Vt[~good] ** 2).sum(axis=0) > BLURRED)
+        if suspect.effects[0].loaded_link:
+            theta = load_change(C, e)
+        elif any(
+            (each.nonnegative and value < -NEGATIVE * se) or abs(value) > each.largest + se
+            for each, value, se in zip(
+                suspect.parameters, x[suspect.places] + theta, error, strict=True
+            )
+        ):
+            return None
+        predicted = C @ theta
+        fall = float(e @ e - np.sum((e - predicted) ** 2))
+        worth = fall / phi2 - len(theta) * float(np.log(n))
+        if worth <= 0:
+            return None
+        return cls(suspect, theta, np.where(alone, error, np.nan), root, fall, worth, predicted)
+
+    def apart_from(self, other: Reading, phi2: float) -> float:
+        """Return z over another; two that predict nearly the same differ by their worth only."""
+        distance = float(np.linalg.norm(self.predicted - other.predicted)) / np.sqrt(phi2)
+        return (self.worth - other.worth) / (2.0 * max(distance, 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Naming:
+    """All suspects by their worth, and how many of them are tied.
+
+    Attributes:
+        readings: best first; rivals: of the best one.
+        surplus: standard errors by which what the best leaves exceeds noise; explained: share of
+            the squares beyond noise that it removes; remains: mean square of what is left, 1 in
+            normal running.
+        least: worth that a cause must have to be one.
+    """
+
+    readings: tuple[Reading, ...]
+    rivals: tuple[Reading, ...]
+    surplus: float
+    explained: float
+    remains: float
+    least: float
+
+    @property
+    def best(self) -> Reading | None:
+        """The likeliest; None where no suspect fits better than none at all."""
+        return self.readings[0] if self.readings else None
+
+    @property
+    def sound(self) -> bool:
+        """Whether the best is likely enough by itself, and leaves nothing to be explained."""
+        likely = self.best is not None and self.best.worth >= self.least
+        enough = self.surplus < SURPLUS and self.explained >= MOSTLY
+        return likely and (self.explained >= EXPLAINS or enough)
+
+
+def name_change(
+    suspects: Sequence[Suspect],
+    window: Sequence[WatchedInterval],
+    x: np.ndarray,
+    normal: NormalRunning,
+    least: float,
+    before: Sequence[WatchedInterval] = (),
+) -> Naming:
+    """Fit all suspects to the intervals of a window.
+
+    Args:
+        suspects: what could have changed.
+        window: intervals since the onset.
+        x: (k,) the reference; normal: normal running.
+        least: worth that a cause must have to be one.
+        before: intervals before the onset; where their errors are larger than usual already, that
+            is nothing that the cause has to explain.
+    """
+    triangle = Triangle.merge([each.triangle for each in window])
+    e, phi2 = triangle.d - triangle.R @ x, normal.typical
+    n = max(triangle.rows, 2) / phi2
+    fitted = (Reading.of(suspect, triangle.R, e, x, phi2, n) for suspect in suspects)
+    found = sorted(filter(None, fitted), key=lambda each: -each.worth)
+    best, d = found[0] if found else None, len(normal.sigma)
+    level = normal.energy[:d]  # mean squares, as learnt, or as they have been of late if more
+    if len(before) >= LATELY[0]:
+        squares, count = (
+            np.sum([getattr(b, n)[:d] for b in before], axis=0) for n in ("squares", "rows")
+        )
+        level = np.maximum(level, squares / np.maximum(count, 1))
+    usual = np.array([each.rows[:d] for each in window]) * level
+    expected = float(usual.sum())
+    scatter = float(np.sqrt((2.0 / normal.freedom[:d] * usual**2).sum()))
+    squares = float(e @ e + triangle.rho**2)
+    rest = squares - (best.fall if best else 0.0)
+    return Naming(
+        readings=tuple(found),
+        rivals=tuple(
+            each
+            for each in found[1:]
+            if best  # what is the best one and more is no other
+            and not each.suspect.contains(best.suspect)
+            and best.apart_from(each, phi2) < APART
+        ),
+        surplus=(rest - expected) / scatter,
+        explained=(squares - rest) / max(squares - expected, 1e-300),
+        remains=rest / expected,
+        least=least,
+    )
+
+
+def onset(held: Sequence[WatchedInterval], x: np.ndarray, best: Reading) -> int:
+    """Return the likeliest begin of a change θ: argmax_j Σ_{i ≥ j} θᵀs_i − |R_i θ|²/2.
+
+    Args:
+        held: intervals, the last one now.
+        x: (k,) the reference; best: what has changed.
+    """
+    places, theta = best.suspect.places, best.theta
+    gain = [
+        float(each.score(x)[places] @ theta)
+        - 0.5 * float(np.sum((each.triangle.R[:, places] @ theta) ** 2))
+        for each in held
+    ]
+    return int(np.cumsum(gain[::-1])[::-1].argmax())
+
+
+def name_since_onset(
+    suspects: Sequence[Suspect],
+    held: Sequence[WatchedInterval],
+    since: int,
+    x: np.ndarray,
+    normal: NormalRunning,
+    least: float,
+    *,
+    forgiving: bool,
+) -> tuple[Naming, list[WatchedInterval]]:
+    """Fit all suspects to the intervals since the onset that the best of them gives.
+
+    Args:
+        suspects: what could have changed.
+        held: intervals, the last one now; since: of them, since the leading chart's onset.
+        x: (k,) the reference; normal: normal running.
+        least: worth that a cause must have to be one.
+        forgiving: whether errors that have been larger of late need no explanation.
+    """
+
+    def naming_from(start: int) -> Naming:
+        window = held[start + 1 :] or held[start:]  # without the interval in which the onset was
+        before = held[max(start - LATELY[1], 0) : start] if forgiving else []
+        return name_change(suspects, window, x, normal, least, before)
+
+    start = max(len(held) - since, 0)
+    naming = naming_from(start)
+    if naming.best is not None:
+        first = max(start - EARLIER, 0)
+        start = first + onset(held[first:], x, naming.best)
+        naming = naming_from(start)
+    return naming, list(held[start:])
+
+
+def load_change(C: np.ndarray, e: np.ndarray) -> np.ndarray:
+    """Fit θ (10,) of a body put on or taken off, whichever is likelier; zero if neither is found.
+
+    Args:
+        C: (rows, 10), columns of the link's parameters.
+        e: (rows,) what they are to explain.
+    """
+    size = np.linalg.norm(C, axis=0)
+    size = np.where(size > FELT * size.max(), size, size.max())
+    Q, R = np.linalg.qr(np.vstack([C / size, RIDGE * np.eye(COUNT)]))
+    d = Q[: len(e)].T @ e
+    found = [np.zeros(COUNT)]
+    for sign in (1.0, -1.0):
+        body = Limit("a possible body", "psd", sign * BODIES / size, np.zeros(len(BODIES)))
+        try:
+            found.append(nearest(R, d, [body]).x / size)
+        except FitError:  # far from any body, or no number left to tell
+            continue
+    return min(found, key=lambda theta: float(np.linalg.norm(C @ theta - e)))
