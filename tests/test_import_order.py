@@ -37,9 +37,7 @@ ORDER = [
     "montecarlo",
     "demo",
     "explore",
-    "gather",
-    "online",
-    "monitor",
+    "streams",
     "cli",
 ]
 LEAVES = {"pool", "solve"}  # these import nothing else

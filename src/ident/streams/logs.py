@@ -146,7 +146,8 @@ def summarise(mechanism: Mechanism, path: Path) -> LogSummary:
     log = open_log(path, mechanism.columns)
     signals = [name for name in log.columns if is_signal(name)]
     top = {name: 0.0 for name in signals if name.startswith("v.")}
-    values, repairs = dict.fromkeys(signals, 0), {}
+    values = dict.fromkeys(signals, 0)
+    repairs: dict[str, list[str]] = {}
     starts, steps, deviations = [], [], []  # of pieces
     first, before, count, guess = 0.0, -np.inf, 0, 1.0
     ends = [*range(LOOK, log.rows - LOOK // 2, LOOK), log.rows]

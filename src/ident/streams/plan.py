@@ -39,6 +39,9 @@ MEMORY = 4096  # samples after which an effect has forgotten where its memory be
 FEWEST = 64  # samples of a margin: what is interpolated reaches no farther
 THINNED = 8  # samples of which one is followed to know the branch of the closures
 
+Extremes = tuple[np.ndarray, np.ndarray | None]
+"""Top speeds (J,) and largest leverages (J, d), None for a tree, of some samples."""
+
 
 @dataclass(frozen=True, eq=False)
 class PlannedLog:
@@ -206,7 +209,7 @@ def with_logs(plan: Plan, logs: Sequence[LogSummary], samples: int, workers: Wor
             parts[several[index]], noise[several[index]] = found
     plan = replace(plan, parts=tuple(parts))
     if plan.mechanism.effects:  # else nothing asks whether a joint stands still
-        extremes = {i: [] if (x := _logged_speeds(plan, i)) is None else [x] for i in noise}
+        extremes: dict[int, list[Extremes]] = {i: _logged_speeds(plan, i) for i in noise}
         unknown = [p for i, mine in extremes.items() if not mine for p in plan.portions(i)]
         names = [parts[portion.log].name for portion in unknown]
         for index, x in workers.over(_extremes, unknown, plan, names, "top speeds"):
@@ -312,20 +315,20 @@ def _anchors(plan: Plan, number: int) -> np.ndarray:
     return np.array(found)
 
 
-def _logged_speeds(plan: Plan, number: int) -> tuple[np.ndarray, None] | None:
-    """Top speeds (J,) of a tree whose speeds are taken as logged; None for others."""
+def _logged_speeds(plan: Plan, number: int) -> list[Extremes]:
+    """Top speeds (J,) of a tree whose speeds are taken as logged; nothing for others."""
     part, mechanism = plan.parts[number], plan.mechanism
     assert part.decided is not None
     top, rows = part.survey.top, part.survey.log.rows
     names = [f"v.{joint.name}" for joint in mechanism.joints]
     whole = all(count in (0, rows) for count in part.survey.values.values())
     if mechanism.closures or part.decided.noisy or not whole or not {*names} <= {*top}:
-        return None
-    return np.array([top[name] for name in names]), None
+        return []
+    return [(np.array([top[name] for name in names]), None)]
 
 
-def _extremes(plan: Plan, portion: Portion) -> tuple[np.ndarray, np.ndarray | None] | None:
-    """Top speeds (J,) and largest leverages (J, d) of a portion; None where nothing is usable."""
+def _extremes(plan: Plan, portion: Portion) -> Extremes | None:
+    """Extremes of a portion; None where nothing is usable."""
     e, _ = motion_of(plan, portion)
     if e is None:
         return None

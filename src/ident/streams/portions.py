@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.equations.rows import row_supports, rows
+from ident.equations.rows import Rows, row_supports, rows
 from ident.equations.scene import Scene
 from ident.equations.stack import stack
 from ident.fit.accumulate import block_cells, block_edges, split
@@ -67,7 +67,8 @@ def absorbed(plan: Plan, portion: Portion) -> PortionRows:
         clock = part.decided.clock
         edges = block_edges(cutoff, clock.t0, clock.t_end, clock.count)
     scene = Scene.of(plan.mechanism, columns, e, plan.point, cutoff)
-    total, waiting, block, count = Sum(), [], 0, 0
+    total, block, count = Sum(), 0, 0
+    waiting: list[Rows] = []
     for piece in rows(scene, cutoff, farthest=part.farthest):
         own = (piece.t >= portion.since) & (piece.t < portion.until)
         if not own.any():

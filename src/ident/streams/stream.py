@@ -338,7 +338,8 @@ class Overlap:
     """
 
     def __init__(self, count: int) -> None:
-        self._count, self._number, self._last = count, 0, None
+        self._count, self._number = count, 0
+        self._last: Any = None
 
     def __call__(self, number: int, new: Any) -> tuple[int, Any]:
         """Return the number of the first sample and all samples: arrays, or an `Experiment`."""

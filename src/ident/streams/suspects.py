@@ -162,7 +162,9 @@ class Watched:
         columns = Columns.of(whole)
         x = np.array([point.values.get(name, 0.0) for name in columns.names])
         x[: len(columns.rigid)] = point.pi[columns.rigid]
-        groups = [(effect,) for effect in found]  # each alone, and companions of a joint together
+        groups: list[tuple[Effect, ...]] = [
+            (each,) for each in found
+        ]  # each alone, and companions of a joint together
         for name in dict.fromkeys(e.joints[0] for e in found if e.companions):
             together = tuple(e for e in found if e.companions and e.joints[0] == name)
             groups += [together] if len(together) > 1 else []
