@@ -24,8 +24,8 @@ from ident.information.blocks import Error, Information
 from ident.information.covariance import covariance
 from ident.information.estimate import Estimate, estimate
 from ident.log.folder import expanded
-from ident.mechanism.parameters import Consistency
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import Consistency
 from ident.motion.derive import AUTO
 from ident.motion.freedom import check_freedom
 from ident.progress import Told
