@@ -21,7 +21,6 @@ ORDER = [
     "log",
     "solve",
     "effects",
-    "description",
     "mechanism",
     "formats",
     "motion",

@@ -6,7 +6,8 @@ A package adds a format by a function and one line of its pyproject.toml:
     "log.dat" = "my_package:read_dat"
 
 `log.dat` reads logs whose files end in .dat: `read_dat(path)` returns the columns by name, as
-arrays or a data frame.
+arrays or a data frame. `mechanism.usd` reads mechanisms: its function returns the text of a URDF,
+or an `ident.mechanism.description.Description` that states closures and all else, too.
 """
 
 from __future__ import annotations
@@ -27,6 +28,11 @@ OWN = tuple(
         "log.npz": "ident.log.storage:read_npz",
         "log.mcap": "ident.formats.rosbag:read_bag",
         "log.db3": "ident.formats.rosbag:read_bag",
+        "mechanism.urdf": "ident.mechanism.description:unchanged",
+        "mechanism.xml": "ident.formats.mjcf:read_mjcf",
+        "mechanism.mjcf": "ident.formats.mjcf:read_mjcf",
+        "mechanism.sdf": "ident.formats.sdf:read_sdf",
+        "mechanism.world": "ident.formats.sdf:read_sdf",
     }.items()
 )
 Kind = Literal["log", "mechanism"]
@@ -38,6 +44,11 @@ def suffixes(kind: Kind) -> tuple[str, ...]:
     names = [each.name for each in (*OWN, *entry_points(group=GROUP))]
     found = [f".{name.partition('.')[2].lower()}" for name in names if name.startswith(f"{kind}.")]
     return tuple(dict.fromkeys(found))
+
+
+def is_own(kind: Kind, suffix: str) -> bool:
+    """Return whether a format is one of ident's own."""
+    return any(own.name == f"{kind}{suffix}" for own in OWN)
 
 
 def reader_of(kind: Kind, suffix: str) -> Callable[..., Any] | None:

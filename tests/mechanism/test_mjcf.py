@@ -13,10 +13,10 @@ from formats import MJCF
 
 import ident
 from helpers import ROBOTS
-from ident.description.urdf import read_urdf
 from ident.equations.regressor import regressor
 from ident.errors import MechanismError
 from ident.mechanism import load
+from ident.mechanism.description import read_urdf
 from ident.mechanism.write import add_effects, folder_files
 
 mujoco = pytest.importorskip("mujoco")

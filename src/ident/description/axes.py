@@ -1,20 +1,9 @@
-"""Frames about an axis."""
+"""Former place of names, see `ident.description`."""
 
-from __future__ import annotations
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-
-def perpendicular(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors x, y with x × y = axis, x nearest to the frame's own x (or y)."""
-    axis = axis / np.linalg.norm(axis)
-    seed = np.eye(3)[0] if abs(axis[0]) < 0.9 else np.eye(3)[1]
-    x = seed - axis * (axis @ seed)
-    x /= np.linalg.norm(x)
-    return x, np.cross(axis, x)
-
-
-def align_z(axis: np.ndarray) -> np.ndarray:
-    """A rotation (3, 3) whose z is `axis`, for closures that stand for a joint about it."""
-    x, y = perpendicular(axis)
-    return np.column_stack([x, y, axis / np.linalg.norm(axis)])
+if TYPE_CHECKING:
+    from ident.mechanism.description import align_z as align_z
+    from ident.mechanism.description import perpendicular as perpendicular
+else:
+    from ident.description import moved as __getattr__  # noqa: F401

@@ -1,0 +1,350 @@
+"""A MuJoCo model (MJCF) as a URDF with closures, from what MuJoCo's own compiler makes of it.
+
+Pinocchio reads MJCF too, but not all of it as MuJoCo does: several joints of one body lose their
+names, and limits of sliding joints are read as degrees.
+
+    body frame = parent · body pose · Π [ T(anchor) · joint motion(q - ref) · T(-anchor) ]
+
+A URDF's link has its origin at its joint: at the anchor of the body's last one.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pinocchio as pin
+
+from ident.errors import MechanismError
+from ident.mechanism.description import (
+    Description,
+    JointLimits,
+    RigidBody,
+    UrdfWriter,
+    Visual,
+    effect_notes,
+    place_table,
+    words,
+)
+from ident.mechanism.urdf import parse_xml
+
+if TYPE_CHECKING:
+    import mujoco
+
+DEEPEST = 20  # includes within includes
+MOST = 500  # joints
+SHOWN = 2  # the last group of shapes that MuJoCo shows unasked
+FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
+SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = range(2, 8)  # mjtGeom
+CONNECT, WELD, JOINT = range(3)  # mjtEq
+OTHER_EQUALITIES = {3: "tendon", 4: "flex"}
+SITE = 6  # mjtObj
+BY_JOINT, BY_TENDON = (0, 1), 3  # mjtTrn
+EFFECTS = {  # properties of a joint that are effects here
+    "damping": "viscous", "frictionloss": "coulomb", "armature": "rotor_inertia",
+    "stiffness": "spring",
+}  # fmt: skip
+
+
+def read_mjcf(path: Path, data: bytes) -> Description:
+    """Read a MuJoCo model's bodies, joints and equalities.
+
+    Args:
+        path: of the file; what it includes is beside it.
+        data: its text.
+
+    Raises:
+        MechanismError: if MuJoCo is not installed or refuses the file, and for what has no
+            counterpart here: ball and free joints, equalities of tendons and flexible bodies.
+    """
+    model, warnings = _compiled(path, data)
+    return _Model(model, path).description(warnings)
+
+
+def _compiled(path: Path, data: bytes) -> tuple[mujoco.MjModel, list[str]]:
+    """Return the model that MuJoCo makes of a file, and its warnings."""
+    try:
+        import mujoco
+    except ImportError:
+        raise MechanismError(
+            f'{path}: reading MuJoCo models needs MuJoCo: pip install "ident[mjcf]", or give a URDF'
+        ) from None
+    _check_includes(path, data, path.parent.resolve(), ())
+    warnings: list[str] = []
+    before = getattr(mujoco, "get_mju_user_warning", lambda: None)()  # not in every version
+    mujoco.set_mju_user_warning(warnings.append)  # else it writes a MUJOCO_LOG.TXT
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except Exception as error:  # a compiler given anything: every fault is the file's
+        what = " ".join(str(error).split())[:300]
+        raise MechanismError(f"{path}: MuJoCo refuses it: {what or type(error).__name__}") from None
+    finally:
+        mujoco.set_mju_user_warning(before)
+    if model.nflex:
+        raise MechanismError(f"{path}: has flexible bodies (flex); a mechanism is of rigid ones")
+    if model.njnt > MOST:
+        raise MechanismError(f"{path}: {model.njnt} joints; a mechanism has at most {MOST}")
+    return model, [f"MuJoCo: {' '.join(each.split())}" for each in warnings]
+
+
+def _check_includes(path: Path, data: bytes, folder: Path, above: tuple[Path, ...]) -> None:
+    """Refuse files from outside of the model's folder, which MuJoCo would read."""
+    if len(above) > DEEPEST or path.resolve() in above:
+        raise MechanismError(f"{path}: includes itself; remove that <include>")
+    for include in parse_xml(data, str(path)).iter("include"):
+        name = include.get("file") or ""
+        place = f"{path}:{include.sourceline}: includes '{name}'"
+        file = (folder / name).resolve()  # MuJoCo: of the main file's folder
+        if folder not in file.parents:
+            raise MechanismError(f"{place}, outside of the model's folder; copy it into that")
+        try:
+            inside = file.read_bytes()
+        except OSError as error:
+            raise MechanismError(f"{place}, which cannot be read: {error.strerror}") from None
+        _check_includes(file, inside, folder, (*above, path.resolve()))
+
+
+class _Model:
+    """One compiled model; bodies and joints by MuJoCo's numbers.
+
+    Attributes:
+        links: names by body; a body without one gets a number.
+        joints: names by joint; one without a name gets its body's.
+        steps: by body, the names of massless links between its joints.
+        offsets: by body, where MuJoCo's body frame is in its link's.
+    """
+
+    def __init__(self, model: mujoco.MjModel, path: Path) -> None:
+        self.model, self.path = model, path
+        links = [model.body(i).name for i in range(model.nbody)]
+        self.links = [name or _free(f"body_{i}", links) for i, name in enumerate(links)]
+        self.joints = [model.joint(j).name for j in range(model.njnt)]
+        for j, name in enumerate(self.joints):
+            if not name:
+                body = self.links[model.jnt_bodyid[j]]
+                self.joints[j] = _free(f"{body}_joint", self.joints)
+        self.steps, self.offsets = [], []
+        for body in range(model.nbody):
+            own = self.joints_of(body)
+            self.steps.append([_free(f"{self.joints[j]}_link", self.links) for j in own[:-1]])
+            anchor = model.jnt_pos[own[-1]] if own else np.zeros(3)
+            self.offsets.append(_pose(-anchor))
+
+    def joints_of(self, body: int) -> range:
+        """Return a body's joints, in the order in which they act."""
+        first = int(self.model.body_jntadr[body])
+        return range(first, first + int(self.model.body_jntnum[body]))
+
+    def description(self, warnings: list[str]) -> Description:
+        """Return the model as a URDF with closures."""
+        m = self.model
+        name = bytes(m.names).split(b"\0")[0].decode()
+        urdf = UrdfWriter(
+            name if name not in ("", "MuJoCo Model") else self.path.stem,
+            "written from a MuJoCo model",
+        )
+        urdf.link("world")
+        for body in range(1, m.nbody):
+            self._add(urdf, body)
+        closures, notes = self._closures()
+        passive = tuple(self.joints[j] for j in self._undriven())
+        gx, gy, gz = map(float, m.opt.gravity)
+        return Description(
+            urdf=urdf.text(),
+            format="mjcf",
+            closures=tuple(closures),
+            passive=passive,
+            start={joint: self._ref(j) for j, joint in enumerate(self.joints)},
+            gravity=(gx, gy, gz),
+            auxiliary=tuple(name for links in self.steps for name in links),
+            notes=(*warnings, *self._notes(passive), *notes),
+        )
+
+    def _ref(self, j: int) -> float:
+        return float(self.model.qpos0[self.model.jnt_qposadr[j]])
+
+    def _add(self, urdf: UrdfWriter, body: int) -> None:
+        """Append a body's link, and its joints with massless links between them."""
+        m, joints = self.model, self.joints_of(body)
+        parent = int(m.body_parentid[body])
+        placement = self.offsets[parent] * _pose(m.body_pos[body], m.body_quat[body])
+        links = [self.links[parent], *self.steps[body], self.links[body]]
+        for name in self.steps[body]:
+            urdf.link(name)
+        inertia = RigidBody(float(m.body_mass[body]), np.zeros(3), np.diag(m.body_inertia[body]))
+        own = self.offsets[body] * _pose(m.body_ipos[body], m.body_iquat[body])
+        urdf.link(self.links[body], inertia.moved(own), self._visuals(body))
+        if not joints:
+            name = _free(f"{links[1]}_fixed", self.joints)
+            urdf.joint(name, "fixed", (links[0], links[1]), placement)
+        for k, j in enumerate(joints):
+            kind, axis, ref = int(m.jnt_type[j]), m.jnt_axis[j], self._ref(j)
+            if kind == HINGE:
+                back = pin.SE3(pin.exp3(-ref * axis), np.zeros(3))
+            elif kind == SLIDE:
+                back = _pose(-ref * axis)
+            else:
+                what, remedy = {
+                    FREE: ("free", "fix its body to the world, or state it as three slides and"),
+                    BALL: ("ball", "state it as"),
+                }[kind]
+                raise MechanismError(
+                    f"{self.path}: body '{self.links[body]}' has a {what} joint, whose orientation "
+                    f"is no column of a log; {remedy} three hinges in one body"
+                )
+            limits = self._limits(j)
+            name = "prismatic" if kind == SLIDE else "revolute"
+            if kind == HINGE and not np.isfinite(limits.lower):
+                name = "continuous"
+            at = placement * _pose(m.jnt_pos[j]) * back
+            urdf.joint(self.joints[j], name, (links[k], links[k + 1]), at, axis, limits)
+            placement = _pose(-m.jnt_pos[j])
+
+    def _limits(self, j: int) -> JointLimits:
+        m = self.model
+        effort = float(m.jnt_actfrcrange[j][1]) if m.jnt_actfrclimited[j] else np.inf
+        if not m.jnt_limited[j]:
+            return JointLimits(effort=effort)
+        return JointLimits(float(m.jnt_range[j][0]), float(m.jnt_range[j][1]), effort=effort)
+
+    def _visuals(self, body: int) -> list[Visual]:
+        """Return a body's shapes as those that a URDF has."""
+        m, visuals = self.model, []
+        first = int(m.body_geomadr[body])
+        for g in range(first, first + int(m.body_geomnum[body])):
+            if m.geom_group[g] > SHOWN:
+                continue
+            kind, size = int(m.geom_type[g]), m.geom_size[g]
+            at = self.offsets[body] * _pose(m.geom_pos[g], m.geom_quat[g])
+            if kind == SPHERE:
+                visuals.append(Visual("sphere", {"radius": words(size[:1])}, at))
+            elif kind in (CAPSULE, CYLINDER):  # a capsule is shown without its caps
+                along = {"radius": words(size[:1]), "length": words(2 * size[1:2])}
+                visuals.append(Visual("cylinder", along, at))
+            elif kind in (ELLIPSOID, BOX):  # an ellipsoid as the box around it
+                visuals.append(Visual("box", {"size": words(2 * size)}, at))
+            elif kind == MESH and (file := self._mesh_file(mesh := int(m.geom_dataid[g]))):
+                at = at * _pose(m.mesh_pos[mesh], m.mesh_quat[mesh]).inverse()
+                scale = words(m.mesh_scale[mesh])
+                visuals.append(Visual("mesh", {"filename": file, "scale": scale}, at))
+        return visuals
+
+    def _mesh_file(self, mesh: int) -> str:
+        """Return a mesh's path relative to the model's folder; empty if there is no such file."""
+        at, folder = int(self.model.mesh_pathadr[mesh]), self.path.parent
+        path = bytes(self.model.paths[at:]).split(b"\0")[0].decode() if at >= 0 else ""
+        if not path or not (folder / path).is_file():
+            return ""
+        return Path(os.path.relpath(folder / path, folder)).as_posix()
+
+    def _undriven(self) -> list[int]:
+        """Return the joints that nothing drives; none, where the file has no actuator at all."""
+        m, driven = self.model, set()
+        for kind, (target, _) in zip(m.actuator_trntype, m.actuator_trnid, strict=True):
+            if kind in BY_JOINT:
+                driven.add(int(target))
+            elif kind == BY_TENDON:
+                first = int(m.tendon_adr[target])
+                wraps = range(first, first + int(m.tendon_num[target]))
+                driven |= {int(m.wrap_objid[w]) for w in wraps if m.wrap_type[w] == 1}
+        return [j for j in range(m.njnt) if j not in driven] if driven else []
+
+    def _notes(self, passive: tuple[str, ...]) -> list[str]:
+        m, notes = self.model, []
+        if passive:
+            notes.append(
+                f"{', '.join(passive)}: no actuator, so passive (no torque); [joints] passive in a "
+                "mechanism.toml says otherwise"
+            )
+        values: dict[str, Any] = {
+            "damping": m.dof_damping[m.jnt_dofadr],
+            "frictionloss": m.dof_frictionloss[m.jnt_dofadr],
+            "armature": m.dof_armature[m.jnt_dofadr],
+            "stiffness": m.jnt_stiffness,
+        }
+        having = {
+            word: [self.joints[int(j)] for j in np.flatnonzero(values[word])] for word in EFFECTS
+        }
+        notes += effect_notes(having, EFFECTS)
+        away = [self.links[i] for i, at in enumerate(self.offsets) if np.any(at.translation)]
+        if away:
+            notes.append(f"{', '.join(away)}: the link's origin is at its joint, not at the body's")
+        return notes
+
+    # --- equalities -----------------------------------------------------------------------------
+
+    def _closures(self) -> tuple[list[dict[str, Any]], list[str]]:
+        """Return tables [[closure]]: connect is a point, weld fixed, a joint's line linear."""
+        m, closures, notes = self.model, [], []
+        for e in range(m.neq):
+            name = m.equality(e).name or f"equality_{e + 1}"
+            where = f"{self.path}: equality '{name}'"
+            kind = int(m.eq_type[e])
+            if not m.eq_active0[e]:
+                notes.append(f"equality '{name}' is inactive and left out")
+            elif kind == JOINT:
+                closures.append({"name": name, **self._linear(e, where)})
+            elif kind in (CONNECT, WELD):
+                closures.append({"name": name, **self._frames(e)})
+            else:
+                raise MechanismError(
+                    f"{where} is of kind {OTHER_EQUALITIES.get(kind, kind)}; valid: connect, weld, "
+                    'joint; set active="false", and write a [[closure]] in a mechanism.toml'
+                )
+        return closures, notes
+
+    def _frames(self, e: int) -> dict[str, Any]:
+        m = self.model
+        kind, data = int(m.eq_type[e]), m.eq_data[e]
+        bodies = [int(m.eq_obj1id[e]), int(m.eq_obj2id[e])]
+        if int(m.eq_objtype[e]) == SITE:
+            at = [_pose(m.site_pos[i], m.site_quat[i]) for i in bodies]
+            bodies = [int(m.site_bodyid[i]) for i in bodies]
+        elif kind == CONNECT:
+            at = [_pose(data[0:3]), _pose(data[3:6])]
+        else:  # the anchor in body 2, and where that is in body 1
+            at = [_pose(data[3:6], data[6:10]), _pose(data[0:3])]
+        a, b = (
+            place_table(self.links[body], self.offsets[body] * place)
+            for body, place in zip(bodies, at, strict=True)
+        )
+        if kind == CONNECT:
+            a, b = ({"link": end["link"], "xyz": end["xyz"]} for end in (a, b))
+        return {"kind": "point" if kind == CONNECT else "fixed", "a": a, "b": b}
+
+    def _linear(self, e: int, where: str) -> dict[str, Any]:
+        """q1 - ref1 = c0 + c1 (q2 - ref2): MuJoCo's polynomial with its higher terms zero."""
+        one, two = int(self.model.eq_obj1id[e]), int(self.model.eq_obj2id[e])
+        c0, c1, *higher = (float(x) for x in self.model.eq_data[e][:5])
+        if two < 0 or c1 == 0:
+            raise MechanismError(
+                f"{where} holds joint '{self.joints[one]}' where it is; remove the joint from its "
+                "body"
+            )
+        if any(higher):
+            raise MechanismError(
+                f"{where} is a curve, polycoef = {[c0, c1, *higher]}; only straight ones are read: "
+                "write it as a [[closure]] of kind function"
+            )
+        return {
+            "kind": "linear",
+            "joints": [self.joints[one], self.joints[two]],
+            "ratios": [1.0, -c1],
+            "offset": self._ref(one) + c0 - c1 * self._ref(two),
+        }
+
+
+def _free(name: str, taken: list[str]) -> str:
+    while name in taken:
+        name += "_"
+    return name
+
+
+def _pose(position: np.ndarray, wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> pin.SE3:
+    """Return a placement from MuJoCo's position and quaternion."""
+    w, x, y, z = (float(value) for value in wxyz)
+    rotation = pin.Quaternion(w, x, y, z).normalized().matrix()
+    return pin.SE3(rotation, np.array(position, dtype=float))

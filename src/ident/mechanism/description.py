@@ -1,0 +1,254 @@
+"""A mechanism's file as a URDF and what a URDF cannot state: closures, passive joints, gravity.
+
+A URDF describes itself. MuJoCo models, SDFs and formats of other packages are rewritten as a URDF,
+for which `UrdfWriter` is the tool.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from lxml import etree
+
+from ident.errors import MechanismError
+from ident.mechanism.urdf import parse_urdf, parse_xml
+from ident.plugins import is_own, reader_of
+
+LARGEST = 50_000_000  # bytes of a file
+UNLIMITED = 1e9  # what a URDF states where there is no limit
+FORMATS = {"mujoco": ".mjcf", "mujocoinclude": ".mjcf", "sdf": ".sdf"}  # by root element
+
+
+@dataclass(frozen=True)
+class Description:
+    """What a file states about a mechanism, as a URDF and the tables of a mechanism.toml.
+
+    Attributes:
+        urdf: the URDF's text; the file's own, where it is one.
+        format: `urdf`, or the name of the file's format.
+        closures: tables as in [[closure]].
+        passive: joints of [joints] passive.
+        start: [joints] start.
+        gravity: [m/s²], where the file gives it.
+        auxiliary: massless links between joints of one body, which the file does not name.
+        notes: what was understood otherwise than it is written, in words.
+    """
+
+    urdf: bytes
+    format: str = "urdf"
+    closures: tuple[Mapping[str, Any], ...] = ()
+    passive: tuple[str, ...] = ()
+    start: Mapping[str, float] = field(default_factory=dict)
+    gravity: tuple[float, float, float] | None = None
+    auxiliary: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def read_description(path: Path) -> Description:
+    """Read a URDF, a MuJoCo model, an SDF or a format of another package.
+
+    Raises:
+        MechanismError: if it cannot be read, is larger than any URDF, or states what has no
+            counterpart here.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise MechanismError(f"{path}: cannot be read: {error.strerror}") from None
+    if len(data) > LARGEST:
+        raise MechanismError(f"{path}: {len(data)} bytes; a URDF has at most {LARGEST}")
+    return description_of(data, path)
+
+
+def description_of(data: bytes, path: Path) -> Description:
+    """Read as `read_description` does, given the file's content, or a URDF in its place."""
+    suffix = path.suffix.lower()
+    if suffix == ".urdf":
+        return Description(data)
+    foreign = None if is_own("mechanism", suffix) else reader_of("mechanism", suffix)
+    if foreign is not None and b"<robot" not in data:
+        content = foreign(path)
+        if isinstance(content, str):
+            content = content.encode()
+        return Description(content, suffix[1:]) if isinstance(content, bytes) else content
+    reader = reader_of("mechanism", FORMATS.get(str(parse_xml(data, str(path)).tag), ".urdf"))
+    assert reader is not None
+    description: Description = reader(path, data)
+    return description
+
+
+def unchanged(path: Path, data: bytes) -> Description:
+    """Return the description of a URDF, which is checked when it is parsed."""
+    return Description(data)
+
+
+def urdf_bytes(path: Path) -> bytes:
+    """Return the URDF's text: the file's own, unchecked, or one written from another format.
+
+    Raises:
+        MechanismError: as `read_description`.
+    """
+    return read_description(path).urdf
+
+
+def read_urdf(path: Path) -> etree._Element:
+    """Return the checked `<robot>` element of a mechanism's file, comments included.
+
+    Raises:
+        MechanismError: naming file, line, what is wrong and what would be valid.
+    """
+    return parse_urdf(urdf_bytes(path), str(path))
+
+
+# --- a URDF written from bodies and joints ------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """A rigid body in a link's frame; not a pin.Inertia, which refuses impossible tensors.
+
+    Attributes:
+        mass: [kg]
+        centre: (3,) [m]
+        inertia: (3, 3) [kg m²] about the centre.
+    """
+
+    mass: float
+    centre: np.ndarray
+    inertia: np.ndarray
+
+    def moved(self, placement: pin.SE3) -> RigidBody:
+        """Return the body in a frame in which its own is at `placement`."""
+        R = placement.rotation
+        return RigidBody(self.mass, placement.act(self.centre), R @ self.inertia @ R.T)
+
+
+@dataclass(frozen=True)
+class Visual:
+    """A shape to be shown.
+
+    Attributes:
+        kind: `box`, `sphere`, `cylinder` or `mesh`.
+        attributes: of the URDF's element.
+        placement: in the link's frame.
+    """
+
+    kind: str
+    attributes: Mapping[str, str]
+    placement: pin.SE3
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Limits of a joint [rad | m, rad/s | m/s, N m | N]; infinite where there is none."""
+
+    lower: float = -np.inf
+    upper: float = np.inf
+    velocity: float = np.inf
+    effort: float = np.inf
+
+
+class UrdfWriter:
+    """A `<robot>` that grows link by link and joint by joint."""
+
+    def __init__(self, name: str, comment: str) -> None:
+        self.robot = etree.Element("robot", name=name or "robot")
+        self.robot.append(etree.Comment(f" {comment.replace('--', '- -')} "))
+
+    def link(
+        self, name: str, body: RigidBody | None = None, visuals: Sequence[Visual] = ()
+    ) -> None:
+        """Append a link with its inertia and its shapes."""
+        link = etree.SubElement(self.robot, "link", name=name)
+        if body is not None and (body.mass or np.any(body.inertia)):
+            inertial = etree.SubElement(link, "inertial")
+            etree.SubElement(inertial, "origin", xyz=words(body.centre), rpy="0 0 0")
+            etree.SubElement(inertial, "mass", value=words([body.mass]))
+            tensor = etree.SubElement(inertial, "inertia")
+            for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+                tensor.set("i" + "xyz"[i] + "xyz"[j], words([body.inertia[i, j]]))
+        for each in visuals:
+            visual = etree.SubElement(link, "visual")
+            self._origin(visual, each.placement)
+            geometry = etree.SubElement(visual, "geometry")
+            etree.SubElement(geometry, each.kind, dict(each.attributes))
+
+    def joint(
+        self,
+        name: str,
+        kind: str,
+        ends: tuple[str, str],
+        placement: pin.SE3,
+        axis: np.ndarray | None = None,
+        limits: JointLimits = JointLimits(),
+    ) -> None:
+        """Append a joint of type `kind` from a parent to a child link, both named by `ends`."""
+        joint = etree.SubElement(self.robot, "joint", name=name, type=kind)
+        etree.SubElement(joint, "parent", link=ends[0])
+        etree.SubElement(joint, "child", link=ends[1])
+        self._origin(joint, placement)
+        if axis is not None:
+            etree.SubElement(joint, "axis", xyz=words(axis))
+            values = vars(limits)
+            if kind != "continuous" or any(np.isfinite(x) for x in values.values()):
+                # urdfdom wants all four where there is a limit
+                full = {key: np.clip(x, -UNLIMITED, UNLIMITED) for key, x in values.items()}
+                etree.SubElement(joint, "limit", {key: words([x]) for key, x in full.items()})
+
+    @staticmethod
+    def _origin(element: etree._Element, placement: pin.SE3) -> None:
+        rpy = pin.rpy.matrixToRpy(placement.rotation)
+        etree.SubElement(element, "origin", xyz=words(placement.translation), rpy=words(rpy))
+
+    def text(self) -> bytes:
+        """Return the text of the file."""
+        etree.indent(self.robot)
+        text: bytes = etree.tostring(self.robot, xml_declaration=True, encoding="utf-8")
+        return text + b"\n"
+
+
+def place_table(link: str, placement: pin.SE3) -> dict[str, Any]:
+    """Return a closure's frame as mechanism.toml has it."""
+    rpy = [float(x) for x in pin.rpy.matrixToRpy(placement.rotation)]
+    table = {"link": link, "xyz": [float(x) for x in placement.translation]}
+    return table | ({"rpy": rpy} if any(rpy) else {})
+
+
+def effect_notes(having: Mapping[str, Sequence[str]], effects: Mapping[str, str]) -> list[str]:
+    """Return notes about properties of joints that are effects here, and how to identify them.
+
+    Args:
+        having: by property of the format, the joints that have it.
+        effects: by property of the format, the kind of effect.
+    """
+    return [
+        f"{word} of {', '.join(joints)} is not taken over; to identify it: --with "
+        + (effects[word] if len(joints) > 1 else f"{effects[word]}:{joints[0]}")
+        for word, joints in having.items()
+        if joints
+    ]
+
+
+def words(values: Sequence[float] | np.ndarray) -> str:
+    """Return numbers as XML has them, none of them rounded."""
+    return " ".join(repr(float(x) + 0.0) for x in values)
+
+
+def perpendicular(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return unit vectors x, y (3,) with x × y = axis, x nearest to the frame's own x (or y)."""
+    axis = axis / np.linalg.norm(axis)
+    seed = np.eye(3)[0] if abs(axis[0]) < 0.9 else np.eye(3)[1]
+    x = seed - axis * (axis @ seed)
+    x /= np.linalg.norm(x)
+    return x, np.cross(axis, x)
+
+
+def align_z(axis: np.ndarray) -> np.ndarray:
+    """Return a rotation (3, 3) whose z is `axis`, for a closure in place of a joint about it."""
+    x, y = perpendicular(axis)
+    return np.column_stack([x, y, axis / np.linalg.norm(axis)])
