@@ -2,6 +2,8 @@
 
 from typing import TYPE_CHECKING
 
+__all__ = ["align_z", "perpendicular"]
+
 if TYPE_CHECKING:
     from ident.mechanism.description import align_z as align_z
     from ident.mechanism.description import perpendicular as perpendicular

@@ -3,6 +3,8 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    pass
+    from ident.mechanism.description import Description
+
+    Source = Description
 else:
     from ident.description import moved as __getattr__  # noqa: F401

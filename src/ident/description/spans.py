@@ -2,6 +2,17 @@
 
 from typing import TYPE_CHECKING
 
+__all__ = [
+    "Change",
+    "Span",
+    "ascii_bytes",
+    "changed",
+    "first_child",
+    "removal",
+    "set_attributes",
+    "spans_of",
+]
+
 if TYPE_CHECKING:
     from ident.mechanism.urdf import Change as Change
     from ident.mechanism.urdf import Span as Span

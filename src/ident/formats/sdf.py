@@ -71,10 +71,13 @@ def read_sdf(path: Path, data: bytes) -> Description:
             )
     beside = len(place.findall("include"))
     notes = [f"{beside} <include> beside the model left out"] if beside else []
-    gravity = None if world is None else world.find("gravity")
+    element = None if world is None else world.find("gravity")
+    gravity = None
+    if element is not None:
+        x, y, z = _values(element, 3, where)
+        gravity = (x, y, z)
     version = [int(part) for part in (root.get("version") or "1.11").split(".") if part.isdigit()]
-    x = None if gravity is None else _values(gravity, 3, where)
-    return _Model(model, tuple(version), where).description(x and (x[0], x[1], x[2]), notes)
+    return _Model(model, tuple(version), where).description(gravity, notes)
 
 
 class _Model:
