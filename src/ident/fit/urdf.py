@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from lxml import etree
 
-from ident.description.spans import Change, ascii_bytes, changed, removal, spans_of
-from ident.description.urdf import parse_urdf, urdf_bytes
 from ident.errors import FitError
 from ident.fit.sanity import LEAST
+from ident.mechanism.description import urdf_bytes
 from ident.mechanism.parameters import COUNT, pseudo_inertia
+from ident.mechanism.urdf import Change, ascii_bytes, changed, parse_urdf, removal, spans_of
 from ident.mechanism.write import fixed_parameters, inertial_changes
 
 if TYPE_CHECKING:

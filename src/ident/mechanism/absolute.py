@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from ident.description.axes import align_z
 from ident.errors import MechanismError
 from ident.mechanism.closures import Closure, Frame, PrismaticClosure, RevoluteClosure
+from ident.mechanism.description import align_z
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.mechanism.tree import joint_axis
 

@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ident.description.document import Source
-from ident.description.urdf import parse_urdf, read_source
 from ident.effects import KINDS, Effect, create, read_user_effect
 from ident.errors import MechanismError, not_there, one_of
 from ident.log import Column
 from ident.mechanism.closures import Closure, Context, LinearClosure, read_closure
+from ident.mechanism.description import Description, read_description
 from ident.mechanism.mechanism import Joint, Mechanism, Multipliers, multipliers
 from ident.mechanism.parameters import Bodies, read_consistency
 from ident.mechanism.toml import Section, read_toml
 from ident.mechanism.tree import Tree, build_tree, is_rotational
+from ident.mechanism.urdf import parse_urdf
+from ident.plugins import suffixes
 
 TOP = ("urdf", "gravity", "joints", "closure", "parameters", "multipliers", "log", "effect")
 GRAVITY = (0.0, 0.0, -9.81)  # [m/s²]
-FORMATS = (".urdf", ".xml", ".mjcf", ".sdf", ".world")
 LIMITLESS = 1e8  # from which a limit of a URDF is none
 CHANNELS = ("q", "v", "a", "tau")
 
@@ -71,15 +71,17 @@ def _toml_of(path: Path) -> Path | None:
         raise MechanismError(
             f"{path}: {not_there(path)}; give a folder, a mechanism.toml or a .urdf"
         )
-    if path.suffix.lower() in (*FORMATS, ".toml"):
-        return path if path.suffix.lower() == ".toml" else None
+    if path.suffix.lower() == ".toml":
+        return path
+    if path.suffix.lower() in suffixes("mechanism"):
+        return None
     raise MechanismError(
-        f"{path}: is no mechanism; give a folder, a mechanism.toml, a .urdf, an .xml of MuJoCo or "
-        "an .sdf"
+        f"{path}: is no mechanism; give a folder, a mechanism.toml, or a file of "
+        f"{', '.join(suffixes('mechanism'))}"
     )
 
 
-def stated(data: Mapping[str, Any], source: Source) -> dict[str, Any]:
+def stated(data: Mapping[str, Any], source: Description) -> dict[str, Any]:
     """The [joints] and gravity of a mechanism.toml, and where it is silent those of its URDF."""
     given = data.get("joints", {})
     joints = {**({"passive": list(source.passive)} if source.passive else {}), **given}
@@ -119,7 +121,7 @@ class Reader:
         for key in ("joints", "parameters", "multipliers", "log"):
             self.top.table(key)
         closures, effects = (self.top.tables(key) for key in ("closure", "effect"))
-        source = read_source(self.urdf)
+        source = read_description(self.urdf)
         top = replace(self.top, data=stated(self.top.data, source))
         gravity = top.vector("gravity", 3)
         tree = build_tree(parse_urdf(source.urdf, str(self.urdf)), gravity, str(self.urdf))

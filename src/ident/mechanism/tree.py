@@ -20,9 +20,9 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
-from ident.description.axes import perpendicular
-from ident.description.urdf import numbers
 from ident.errors import MechanismError, one_of
+from ident.mechanism.description import perpendicular
+from ident.mechanism.urdf import numbers
 
 UNLIMITED = ("-1e9", "1e9")
 

@@ -15,15 +15,14 @@ import pinocchio as pin
 import tomlkit
 from lxml import etree
 
-from ident.description.document import Source
-from ident.description.spans import Change, Span, first_child, set_attributes
-from ident.description.urdf import numbers, read_source, source_of
 from ident.effects import KINDS, Effect
 from ident.errors import MechanismError
 from ident.files import write_all
+from ident.mechanism.description import Description, description_of, read_description
 from ident.mechanism.load import stated
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, about_origin, join, split
+from ident.mechanism.urdf import Change, Span, first_child, numbers, set_attributes
 
 TERMS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 UPPER = np.triu_indices(3)
@@ -128,10 +127,10 @@ def folder_files(
         unknown: for [parameters]; None leaves it as it is.
     """
     document = document_of(mechanism)
-    source = read_source(mechanism.urdf)
+    source = read_description(mechanism.urdf)
     urdf_name = mechanism.urdf.name
     if source.format != "urdf":  # what the file says of loops is said in mechanism.toml from now on
-        urdf = source_of(urdf, mechanism.urdf).urdf
+        urdf = description_of(urdf, mechanism.urdf).urdf
         urdf_name = mechanism.urdf.with_suffix(".urdf").name
         _spell_out(document, mechanism, source)
     document["urdf"] = urdf_name
@@ -155,7 +154,7 @@ def folder_files(
     return files
 
 
-def _spell_out(document: tomlkit.TOMLDocument, mechanism: Mechanism, source: Source) -> None:
+def _spell_out(document: tomlkit.TOMLDocument, mechanism: Mechanism, source: Description) -> None:
     """Write what a MuJoCo model or an SDF states beside its bodies and joints."""
     data = stated(document, source)
     document.setdefault("gravity", data["gravity"])

@@ -16,9 +16,10 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
-from ident.description.urdf import numbers, read_urdf
 from ident.errors import MechanismError
 from ident.mechanism import Mechanism
+from ident.mechanism.description import read_urdf
+from ident.mechanism.urdf import numbers
 from ident.show.view3d import Shape, box, capsule, cylinder, ellipsoid, sphere
 
 MESHES = (".stl", ".obj", ".ply", ".dae", ".glb", ".gltf", ".off")

@@ -13,10 +13,10 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from ident.description.axes import align_z
 from ident.display import renders
 from ident.errors import MechanismError
 from ident.mechanism.closures import FrameClosure
+from ident.mechanism.description import align_z
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Placement, joint_axis
 from ident.show.bodies import simple_body, sites, urdf_shapes
