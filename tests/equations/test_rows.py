@@ -146,10 +146,10 @@ def test_rows_are_the_same_in_pieces_of_any_size(name, cutoff, robots, monkeypat
         pieces = list(rows(scene, cutoff))
         return {n: np.concatenate([getattr(p, n) for p in pieces]) for n in vars(pieces[0])}
 
-    monkeypatch.setattr("ident.equations.rows.CHUNK", 10**6)
+    monkeypatch.setattr("ident.equations.filter.CHUNK", 10**6)
     expected = whole()
     for size in (1, 7, 100):
-        monkeypatch.setattr("ident.equations.rows.CHUNK", size)
+        monkeypatch.setattr("ident.equations.filter.CHUNK", size)
         for key, value in whole().items():
             np.testing.assert_allclose(value, expected[key], rtol=1e-12, atol=1e-12)
 

@@ -6,7 +6,7 @@ samples are kept, in pieces, and what is lost at the ends of an experiment is kn
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,8 @@ from scipy.signal import firwin
 
 RIPPLE = 60.0  # dB in the stop band
 OVERSAMPLING = 4.0  # samples kept a period of the cut-off
+STICKING = 0.2  # share of a filtered row that may come from samples that do not inform it
+CHUNK = 4096  # samples that are in memory at once
 ROUNDING = 1e-6  # of a sample: parts of a log, whose rates differ by it, are decimated alike
 
 
@@ -44,6 +46,68 @@ class Decimator:
     def half(self) -> int:
         """Samples that the filter needs on either side."""
         return 0 if self.taps is None else len(self.taps) // 2
+
+    def filtered(
+        self,
+        segment: slice,
+        make: Callable[[slice], Sequence[np.ndarray]],
+        sticking: float = STICKING,
+    ) -> Iterator[tuple[np.ndarray, list[np.ndarray]]]:
+        """Series of a run of samples, filtered and decimated: (samples kept (n,), series (n, …)).
+
+        Every sample is made once. A series of booleans says which samples inform: a filtered row
+        does if less than the share `sticking` of it, by |taps|, comes from samples that do not.
+
+        Args:
+            segment: the run; what the filter needs at its ends is lost.
+            make: gives the series of some samples, each (samples, …); columns that stand whole in
+                memory are not copied.
+            sticking: for the series of booleans.
+        """
+        parts = (
+            slice(start, min(start + CHUNK, segment.stop))
+            for start in range(segment.start, segment.stop, CHUNK)
+        )
+        if self.taps is None:
+            for part in parts:
+                yield np.arange(part.start, part.stop), list(make(part))
+            return
+        half = self.half
+        kept = np.arange(segment.start + half, segment.stop - half, self.factor)
+        done = 0
+        sums: list[np.ndarray] = []
+        for part in parts if len(kept) else ():
+            series = make(part)
+            stop = int(np.searchsorted(kept, part.stop + half))  # rows that these samples enter
+            flat = [_flat(x) for x in series]
+            more = stop - done - (sums[0].shape[1] if sums else 0)
+            new = [np.zeros((len(x), more)) for x in flat]
+            sums = [np.hstack(each) for each in zip(sums, new, strict=True)] if sums else new
+            self._add(sums, flat, part, kept[done:stop])
+            ready = int(np.searchsorted(kept, part.stop - half)) - done
+            if ready > 0:
+                found = [
+                    _shaped(y[:, :ready], x, sticking) for y, x in zip(sums, series, strict=True)
+                ]
+                yield kept[done : done + ready], found
+                sums, done = [y[:, ready:] for y in sums], done + ready
+
+    def _add(
+        self, sums: list[np.ndarray], flat: list[np.ndarray], part: slice, kept: np.ndarray
+    ) -> None:
+        """Adds to rows (columns, kept) what the samples of a part contribute, (columns, n)."""
+        assert self.taps is not None
+        padded = np.concatenate([[0.0], self.taps, [0.0]])
+        step = max(self.half // 2, 64)  # samples of one dense product, of which a half is zeros
+        for start in range(part.start, part.stop, step):
+            sample = np.arange(start, min(start + step, part.stop))
+            first, last = np.searchsorted(kept, (sample[0] - self.half, sample[-1] + self.half + 1))
+            place = sample - kept[first:last, None] + self.half + 1
+            weights = padded[np.clip(place, 0, len(padded) - 1)].T
+            inside = slice(sample[0] - part.start, sample[-1] + 1 - part.start)
+            for total, x in zip(sums, flat, strict=True):
+                w = np.abs(weights) if x.dtype == bool else weights
+                total[:, first:last] += x[:, inside] @ w
 
     def pieces(self, segment: slice, chunk: int) -> Iterator[tuple[slice, slice]]:
         """(samples needed, samples answered for) of each piece of a segment."""
@@ -79,3 +143,15 @@ class Decimator:
             reached = flat[:, first - inside.start : last - inside.start]
             out[:, i : i + len(centre)] = reached @ weights.T
         return np.moveaxis(out.reshape(*x.shape[1:], len(sample)), -1, 0)
+
+
+def _flat(x: np.ndarray) -> np.ndarray:
+    """Series (n, …) as (columns, n); of booleans, where they are false."""
+    flat = np.moveaxis(x, 0, -1).reshape(int(np.prod(x.shape[1:])), len(x))
+    return ~flat if x.dtype == bool else flat
+
+
+def _shaped(found: np.ndarray, like: np.ndarray, sticking: float) -> np.ndarray:
+    """Filtered columns (columns, kept) as a series (kept, …)."""
+    series = np.moveaxis(found.reshape(*like.shape[1:], found.shape[1]), -1, 0)
+    return series < sticking if like.dtype == bool else series

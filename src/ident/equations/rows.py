@@ -1,4 +1,4 @@
-"""The reduced rows of the stack: one an independent coordinate and sample, multipliers eliminated.
+"""Filtered rows of the reduced equations: one an independent coordinate and sample, no multipliers.
 
     Zᵀ (Γ p + E c) = Zᵀ (τ + f_e) − known        J Z = 0, W_u Z = 1
 
@@ -13,19 +13,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.equations.columns import Columns
-from ident.equations.filter import Decimator
-from ident.equations.regressor import supports
-from ident.equations.samples import Samples
-from ident.equations.scene import Scene
-from ident.equations.terms import terms
+from ident.equations.corrections import Scene
+from ident.equations.filter import STICKING, Decimator
+from ident.equations.terms import Samples, with_bodies
+from ident.equations.unknowns import Columns
 from ident.mechanism.mechanism import Mechanism
-from ident.motion import Experiment
+from ident.motion.regressor import supports
+from ident.motion.state import State
 
-CHUNK = 1024  # samples whose rows are in memory at once
-STICKING = 0.2  # share of a filtered row that may come from samples that do not inform it
+CHUNK = 1024  # samples of a stream whose raw rows are in memory at once
 LEVER = 0.1  # a joint that barely moves with a coordinate may stand still without harm
-ROUNDING = 1e-9  # of a joint's largest leverage: below, it does not move with a coordinate
+ROUNDING = 1e-9  # of a joint's largest transmission: below, it does not move with a coordinate
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +33,7 @@ class Rows:
     With n samples, d independent coordinates and k unknowns:
 
     Attributes:
-        t: (n,) [s]; sample: (n,) index into the experiment.
+        t: (n,) [s]; sample: (n,) index into the state.
         A: (n, d, k); b: (n, d), with all that is known moved to the right.
         tau: (n, d), the measured torques Zᵀτ alone.
         informed: (n, d), false where dry friction at standstill leaves the torque open.
@@ -49,7 +47,7 @@ class Rows:
     informed: np.ndarray
 
 
-def dof(mechanism: Mechanism, e: Experiment) -> int:
+def dof(mechanism: Mechanism, e: State) -> int:
     """Independent coordinates."""
     return mechanism.model.nv if e.leverage is None else e.leverage.shape[2]
 
@@ -58,12 +56,12 @@ def raw_rows(scene: Scene, part: slice, farthest: np.ndarray | None = None) -> R
     """The rows of some samples as they are, unfiltered.
 
     Args:
-        scene: the experiment as the equations see it.
+        scene: the state with its corrections.
         part: the samples.
-        farthest: (J, d), what `reach` says of the experiment, if it is at hand.
+        farthest: (J, d), the result of `reach` for the state, if it is at hand.
     """
     s, e = scene.samples(part), scene.e
-    found = terms(scene, part)
+    found = scene.terms(part)
     informed = informing(s, found.told, reach(e) if farthest is None else farthest)
     sample = np.arange(part.start, part.stop)
     return Rows(e.t[part], sample, found.A, found.b, found.tau, informed)
@@ -82,8 +80,8 @@ def informing(
     return informed
 
 
-def reach(e: Experiment) -> np.ndarray | None:
-    """Largest leverage (J, d) of every joint over the experiment; None for a tree."""
+def reach(e: State) -> np.ndarray | None:
+    """Largest transmission (J, d) of every joint over the state; None for a tree."""
     if e.leverage is None:
         return None
     return np.abs(e.leverage[e.usable]).max(axis=0, initial=0.0)
@@ -95,42 +93,65 @@ def rows(
     sticking: float = STICKING,
     farthest: np.ndarray | None = None,
 ) -> Iterator[Rows]:
-    """All rows of an experiment in pieces, filtered at `cutoff` [Hz] and decimated.
+    """All rows of a state in pieces, filtered at `cutoff` [Hz] and decimated.
 
     A row informs if less than the share `sticking` of it comes from samples that do not; `farthest`
-    is what `reach` says of the whole log, if the experiment is a part of one.
+    is the result of `reach` for the whole log, if the state is a part of one. Filtered columns of Γ
+    are kept with the state: they hang on no parameter, effect or torque.
     """
-    e = scene.e
-    decimator = Decimator.of(cutoff, e.rate)
+    e, model = scene.e, scene.mechanism.model
     farthest = reach(e) if farthest is None else farthest
+    key = "Γ", cutoff, e.leverage is not None
+    kept = e.store.get(key, model)
+    spans = _spans(scene.mechanism, e)
+    supports = row_supports(scene.mechanism, scene.columns, e)
+    before = len(scene.columns.rigid)
+    of_effects = [mine[mine >= before] - before for mine in supports]
+    fresh: list[list[np.ndarray]] | None = [] if kept is None else None
+
+    def make(part: slice) -> list[np.ndarray]:
+        """Γ by row, effects' columns by row, b, τ, informed of some samples."""
+        s = scene.samples(part)
+        found = scene.effects(s)
+        gamma = [] if kept is not None else [s.gamma[:, u, span] for u, span in enumerate(spans)]
+        effects = [found.A[:, u, mine] for u, mine in enumerate(of_effects)]
+        informed = informing(s, found.told, farthest)
+        return [*gamma, *effects, found.b, found.tau, informed]
+
+    d, done, size = len(spans), 0, 0
     for segment in e.segments():
-        raw = None
-        for inside, part in decimator.pieces(segment, CHUNK):
-            raw = _continued(raw, scene, inside, farthest)
-            if decimator.taps is None:
-                yield raw
-                continue
-            sample = decimator.centres(part, segment)
-            if not len(sample):  # shorter than from one row to the next
-                continue
-            A, b, tau = (decimator.apply(x, inside, sample) for x in (raw.A, raw.b, raw.tau))
-            open_ = decimator.apply((~raw.informed).astype(float), inside, sample, absolute=True)
-            yield Rows(e.t[sample], sample, A, b, tau, open_ < sticking)
+        for sample, series in Decimator.of(cutoff, e.rate).filtered(segment, make, sticking):
+            n = len(sample)
+            if kept is not None:
+                gamma = [x[:, done : done + n].T for x in kept]
+            else:
+                gamma, series = series[:d], series[d:]
+                size += sum(x.nbytes for x in gamma)
+                fresh = fresh if fresh is not None and e.store.fits(size) else None
+                if fresh is not None:
+                    fresh.append(gamma)
+            done += n
+            A = np.zeros((d, len(scene.columns) - before, n)).transpose(2, 0, 1)
+            for u, mine in enumerate(of_effects):
+                A[:, u, mine] = series[u]
+            b, tau, informed = series[d:]
+            A, b = with_bodies(scene.columns, scene.point, gamma, A, b, spans)
+            yield Rows(e.t[sample], sample, A, b, tau, informed)
+    if fresh:
+        e.store.put(
+            key, model, [np.hstack([x.T for x in each]) for each in zip(*fresh, strict=True)]
+        )
 
 
-def _continued(before: Rows | None, scene: Scene, part: slice, farthest: np.ndarray | None) -> Rows:
-    """The rows of some samples; those that the piece before has are not made again."""
-    if before is None or before.sample[-1] < part.start:
-        return raw_rows(scene, part, farthest)
-    end = int(before.sample[-1]) + 1
-    new, known = raw_rows(scene, slice(end, part.stop), farthest), slice(part.start - end, None)
-    names = Rows.__dataclass_fields__
-    return Rows(
-        *(np.concatenate([getattr(before, name)[known], getattr(new, name)]) for name in names)
-    )
+def _spans(mechanism: Mechanism, e: State) -> list[slice]:
+    """For each independent coordinate the stretch of Γ's columns that can differ from zero."""
+    if e.leverage is not None:
+        return [slice(0, len(mechanism.prior))] * dof(mechanism, e)
+    found = supports(mechanism.model)
+    return [slice(int(mine[0]), int(mine[-1]) + 1) if len(mine) else slice(0, 0) for mine in found]
 
 
-def row_supports(mechanism: Mechanism, columns: Columns, e: Experiment) -> list[np.ndarray]:
+def row_supports(mechanism: Mechanism, columns: Columns, e: State) -> list[np.ndarray]:
     """For each independent coordinate the unknowns that can appear in its rows."""
     k = len(columns)
     if e.leverage is not None:

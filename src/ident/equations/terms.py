@@ -1,27 +1,301 @@
-"""The equations of motion without multipliers, the only place where they are put together.
+"""The equations of motion at some samples, without multipliers; the only place where they are made.
 
     Γ p + E c + S s = τ + f_e − known + S s₀      A = [Γ E S] of what is unknown, b the right side
 
-S are the sensitivities of shape parameters s at the working point s₀. In generalised coordinates
-Jᵀλ is missing, and `stack` expands it in time; in the independent ones all terms are projected by
-Zᵀ, and there is none. The samples know which coordinates they are in.
+S are the sensitivities of shape parameters s at the working point s₀. In generalised coordinates v
+the forces Jᵀλ are missing, and `multipliers` expands them in time; in the independent coordinates u
+all terms are projected by Zᵀ, and there are none:
+
+    generalised     f        a joint's torque τ, ẏ = W v, is the force Wᵀτ
+    independent   Zᵀ f       and there (W Z)ᵀτ, its velocity transmission      J Z = 0, W_uZ = 1
+
+A joint of the tree has a unit row W: its torque stands in one row of all generalised forces, and no
+W is written out for it. The transmission of every joint is in the state already, so that reduced
+equations never evaluate the slow W of closures' own joints.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from ident.effects import Effect
-from ident.equations.point import Point
-from ident.equations.samples import Samples
-from ident.equations.scene import Scene
+from ident.effects import Effect, Signals
+from ident.equations.unknowns import Columns, Point
+from ident.mechanism.mechanism import Mechanism
+from ident.motion.regressor import regressor, rigid_forces
+from ident.motion.state import State
+
+STEP = 1e-3  # of the range of a shape parameter, for differences
+CHUNK = 4096  # samples whose regressor is in memory at once
+UNIT = np.ones((1, 1))  # W of a joint of the tree, in its own row
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """The samples `part` of a state, in r coordinates: r = nv generalised or d independent ones.
+
+    Args:
+        mechanism: the mechanism.
+        e: its state.
+        part: a slice, or an index of samples.
+        point: the working point, for what depends on the present model.
+        memo: of what is slow to make for the whole state, shared by its parts.
+        independent: whether forces are in the independent coordinates of a mechanism with closures;
+            those of a tree are its generalised coordinates.
+    """
+
+    mechanism: Mechanism
+    e: State
+    part: slice | np.ndarray
+    point: Point | None = None
+    memo: dict[object, np.ndarray] = field(default_factory=dict)
+    independent: bool = False
+
+    def __len__(self) -> int:
+        return len(self.e.t[self.part])
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(n, r) of forces in these coordinates."""
+        return len(self), self._Z.shape[2] if self.independent else self.mechanism.model.nv
+
+    @cached_property
+    def _Z(self) -> np.ndarray:
+        """The part (n, nv, d) of K⁺ = [J; W_u]⁺ that belongs to u."""
+        assert self.e.pinv is not None
+        assert self.e.leverage is not None
+        return self.e.pinv[self.part][:, :, -self.e.leverage.shape[2] :]
+
+    def reduce(self, f: np.ndarray) -> np.ndarray:
+        """Generalised forces f (n, nv, …) in these coordinates (n, r, …); f itself where it can."""
+        if not self.independent:
+            return f
+        if f.ndim == 2:
+            return np.einsum("niu,ni->nu", self._Z, f)
+        return np.asarray(self._Z.transpose(0, 2, 1) @ f)
+
+    @cached_property
+    def gamma(self) -> np.ndarray:
+        """Γ (n, r, 10 · bodies)."""
+        e, part = self.e, self.part
+        return self.reduce(regressor(self.mechanism.model, e.q[part], e.v[part], e.a[part]))
+
+    def rigid(self, pi: np.ndarray) -> np.ndarray:
+        """Γ π (n, r) of dynamic parameters π (10 · bodies,)."""
+        e, part = self.e, self.part
+        model = self.mechanism.model
+        return self.reduce(rigid_forces(model, e.q[part], e.v[part], e.a[part], pi))
+
+    @cached_property
+    def wrench(self) -> np.ndarray | None:
+        """f_e (n, r) [N m | N] of measured external wrenches, if there are any."""
+        return None if self.e.wrench is None else self.reduce(self.e.wrench[self.part])
+
+    @cached_property
+    def _own(self) -> np.ndarray:  # slow, so it is not asked for unless such a joint has a torque
+        return self.mechanism.kinematics.own_rows(self.e.q[self.part]).rate
+
+    @cached_property
+    def _signals(self) -> dict[tuple[str, ...], Signals]:
+        return {}
+
+    def signals(self, joints: tuple[str, ...]) -> Signals:
+        """The series that an effect on these joints depends on."""
+        if joints not in self._signals:
+            e, part = self.e, self.part
+            index = self.mechanism.joint_index
+            at = [index[name] for name in joints if name in index]
+            bare = self.generalised(part)  # no reference back to what is cached here
+            self._signals[joints] = Signals(
+                t=e.t[part],
+                q=e.y[part][:, at],
+                v=e.yd[part][:, at],
+                a=e.ydd[part][:, at],
+                still=e.still[at],
+                extra={name: x[part] for name, x in e.extra.items()},
+                present=self.point.values if self.point else {},
+                predicted=(lambda: bare.predicted(joints)) if self.point else None,
+            )
+        return self._signals[joints]
+
+    def columns(self, effect: Effect, shape: Mapping[str, float]) -> np.ndarray:
+        """E (n, arity, unknowns) of an effect at a shape."""
+        if not effect.memory:
+            return effect.columns(replace(self.signals(effect.joints), shape=shape))
+        key = (effect.label, *sorted(shape.items()))
+        if key not in self.memo:
+            whole = self.generalised(slice(None)).signals(effect.joints)
+            self.memo[key] = effect.columns(replace(whole, shape=shape))
+        return self.memo[key][self.part]
+
+    def add_effect(
+        self, out: np.ndarray, effect: Effect, c: np.ndarray, shape: Mapping[str, float]
+    ) -> None:
+        """Adds the forces E c of one effect to `out`, in these coordinates.
+
+        The only place where an effect becomes forces: torques E (n, joints, unknowns) of its
+        joints, each spread by its W; a load of a link has the link's columns of Γ.
+
+        Args:
+            out: (n, r), or (n, r, c) for c combinations of the effect's unknowns.
+            effect: the effect.
+            c: values (unknowns,), or combinations (unknowns, c).
+            shape: of the effect.
+        """
+        if effect.loaded_link:
+            link = self.mechanism.bodies.columns(effect.loaded_link)
+            if c.ndim == 2:
+                out += self.gamma[:, :, link] @ c
+            elif c.any():
+                pi = np.zeros(len(self.mechanism.prior))
+                pi[link] = c
+                out += self.rigid(pi)
+            return
+        E = self.columns(effect, shape)
+        for i, name in enumerate(effect.joints):
+            self.add_torque(out, name, E[:, i] @ c)
+
+    def add_sensitivity(
+        self,
+        out: np.ndarray,
+        effect: Effect,
+        c: np.ndarray,
+        shape: Mapping[str, float],
+        name: str,
+    ) -> None:
+        """Adds ∂(E(s) c)/∂s (n, r) of one shape parameter, by central differences."""
+        h = self.step(effect, shape, name)
+        for sign in (1, -1):
+            beside = {**shape, name: shape[name] + sign * h}
+            self.add_effect(out, effect, sign * c / (2 * h), beside)
+
+    def step(self, effect: Effect, shape: Mapping[str, float], name: str) -> float:
+        """h of a shape's central difference, from its range over the whole state."""
+        key = ("range", effect.label, name)
+        if key not in self.memo:
+            whole = self.generalised(slice(None)).signals(effect.joints)
+            low, high = effect.bounds(replace(whole, shape=shape)).get(name, (0.0, 1.0))
+            self.memo[key] = np.array(high - low)
+        h = min(STEP * float(self.memo[key]), 1e-2 * abs(shape[name]) or np.inf)
+        return max(h, 1e-9)
+
+    def generalised(self, part: slice | np.ndarray) -> Samples:
+        """Other samples of the same state, in generalised coordinates."""
+        return Samples(self.mechanism, self.e, part, self.point, self.memo)
+
+    def lever(self, name: str) -> tuple[slice, np.ndarray]:
+        """The rows in which a joint's torque works, and W (n | 1, rows) there."""
+        if self.independent:
+            assert self.e.leverage is not None
+            return slice(None), self.e.leverage[self.part, self.mechanism.joint_index[name]]
+        joint = self.mechanism.joint(name)
+        if joint.in_tree:
+            return slice(joint.index, joint.index + 1), UNIT
+        return slice(None), self._own[:, joint.index]
+
+    def add_torque(self, out: np.ndarray, name: str, torque: np.ndarray) -> None:
+        """Adds Wᵀτ to forces `out`: (n, r) for τ (n,), (n, r, c) for τ (n, c) of c columns."""
+        rows, W = self.lever(name)
+        if torque.ndim == 2:
+            W = W[:, :, None]
+        out[:, rows] += W * torque[:, None]
+
+    def measured(self, names: Iterable[str]) -> np.ndarray:
+        """Σ Wᵀτ (n, r) [N m | N] of the measured torques of some driven joints."""
+        total, chosen = np.zeros(self.shape), {*names}
+        for i, name in enumerate(self.mechanism.driven):
+            if name in chosen:
+                self.add_torque(total, name, self.e.tau[self.part, i])
+        return total
+
+    # --- predictions of the present model, none of which sees the measured torque of the joint ----
+
+    def forces(self) -> tuple[np.ndarray, np.ndarray]:
+        """Generalised forces (n, nv): rigid bodies less wrenches; explicit effects."""
+        key = ("forces",)
+        if key not in self.memo:
+            n, nv = len(self.e), self.mechanism.model.nv
+            found = np.empty((2, n, nv))
+            for start in range(0, n, CHUNK):
+                part = slice(start, min(start + CHUNK, n))
+                found[:, part] = self.generalised(part)._forces()
+            self.memo[key] = found
+        rigid, others = self.memo[key]
+        return rigid[self.part], others[self.part]
+
+    def _forces(self) -> list[np.ndarray]:
+        assert self.point is not None
+        rigid = self.rigid(self.point.pi)
+        if self.wrench is not None:
+            rigid = rigid - self.wrench
+        others = np.zeros(self.shape)
+        for effect in self.mechanism.effects:
+            c, shape = self.point.of(effect)
+            if not effect.implicit and effect.unknowns and len(shape) == len(effect.shapes):
+                self.add_effect(others, effect, c, shape)
+        return [rigid, others]
+
+    def multipliers(self) -> np.ndarray:
+        """λ = −(K⁺ᵀ f)_λ (n, m) [N | N m], f less the torques of drives that are not in u."""
+        e, m = self.e, len(self.mechanism.kinematics.multipliers)
+        assert e.pinv is not None
+        others = (name for name in self.mechanism.driven if name not in e.independent)
+        f = sum(self.forces()) - self.generalised(self.part).measured(others)
+        return -np.einsum("nij,ni->nj", e.pinv[self.part][:, :, :m], f)
+
+    def predicted(self, joints: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+        """(torque, load), both (n, joints) [N m | N]; zero at passive joints.
+
+        load  f_j = Γ_j π − f_e       torque  τ̂_j = f_j + Σ E_j c of effects that are explicit; in
+        a closure's own joint both are |λ|, the size of its force.
+        """
+        e, mechanism, part = self.e, self.mechanism, self.part
+        rigid, others = self.forces()
+        torque, load = np.zeros((2, len(self), len(joints)))
+        for i, name in enumerate(joints):
+            joint = mechanism.joint(name)
+            if e.pinv is None:
+                load[:, i] = rigid[:, joint.index]
+                torque[:, i] = load[:, i] + others[:, joint.index]
+            elif name in e.independent:
+                extract = e.pinv[part][:, :, e.independent.index(name) - len(e.independent)]
+                surplus = [each for each in mechanism.driven if each not in e.independent]
+                known = self.generalised(part).measured(surplus) if surplus else 0.0
+                load[:, i] = np.einsum("ni,ni->n", extract, rigid - known)
+                torque[:, i] = load[:, i] + np.einsum("ni,ni->n", extract, others)
+            elif name in mechanism.driven:
+                torque[:, i] = load[:, i] = e.tau[part][:, mechanism.driven.index(name)]
+            elif not joint.in_tree:
+                bare = name.removeprefix("closure.")  # closure.<name>[.z|.rz] or joint.<name>
+                owners = {bare, bare.removesuffix(".z").removesuffix(".rz"), f"joint.{name}"}
+                kinematics = mechanism.kinematics
+                named = zip(kinematics.multipliers, kinematics.units, strict=True)
+                mine = [
+                    k for k, (n, unit) in enumerate(named)
+                    if n.rpartition(".")[0] in owners and unit == "N"
+                ]  # fmt: skip
+                torque[:, i] = load[:, i] = np.linalg.norm(self.multipliers()[:, mine], axis=1)
+        return torque, load
+
+
+def reduced(
+    mechanism: Mechanism,
+    e: State,
+    part: slice | np.ndarray,
+    point: Point | None = None,
+    memo: dict[object, np.ndarray] | None = None,
+) -> Samples:
+    """Samples in the independent coordinates."""
+    return Samples(mechanism, e, part, point, {} if memo is None else memo, e.leverage is not None)
 
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """The equations of n samples, r rows each: r = nv, or d if the samples are reduced.
+    """The equations of n samples, r rows each.
 
     Attributes:
         A: (n, r, k), the columns of the unknowns x.
@@ -37,41 +311,85 @@ class Terms:
     told: list[tuple[str, np.ndarray]]
 
 
-def terms(scene: Scene, part: slice | np.ndarray, *, full: bool = False) -> Terms:
-    """A x = b of some samples, in the independent coordinates or in full."""
-    columns, point = scene.columns, scene.point
-    s = scene.generalised(part) if full else scene.samples(part)
+def effect_terms(
+    s: Samples, columns: Columns, sensitivities: Sequence[tuple[int, float, np.ndarray]] = ()
+) -> Terms:
+    """The equations without Γ: A (n, r, k − rigid) holds the columns of effects only.
+
+    Args:
+        s: the samples, with the working point.
+        columns: the unknowns.
+        sensitivities: of shapes of corrections: place in x, value s₀, S (n, r).
+    """
+    assert s.point is not None
     tau = s.measured(s.mechanism.driven)
     b = tau.copy() if s.wrench is None else tau + s.wrench
     n, r = s.shape
-    # columns stand whole in memory: that is how they are filled, cut in time and factored
-    A = np.zeros((r, len(columns), n)).transpose(2, 0, 1)
-    for place, column in enumerate(columns.rigid):
-        A[:, :, place] = s.gamma[:, :, column]
-    if len(columns.known):
-        b -= s.gamma[:, :, columns.known] @ columns.known_values
+    before = len(columns.rigid)
+    # columns stand whole in memory: that is how they are filled, filtered and factored
+    A = np.zeros((r, len(columns) - before, n)).transpose(2, 0, 1)
     told = []
     for effect, places in columns.effects:
-        if effect.corrects:
+        if effect.corrects or effect.loaded_link:
             continue
-        c, shape = point.of(effect)
+        c, shape = s.point.of(effect)
         u = len(effect.unknowns)
         unknown = places[:u] >= 0
         if unknown.any():
-            mine = places[:u][unknown]  # neighbours in x, so that a view of A can be added to
+            mine = places[:u][unknown] - before  # neighbours in x: a view of A can be added to
             s.add_effect(A[:, :, mine[0] : mine[-1] + 1], effect, np.eye(u)[:, unknown], shape)
         if not unknown.all():
             s.add_effect(b, effect, -np.where(unknown, 0.0, c), shape)
         for at, name in zip(places[u:], (each.name for each in effect.shapes), strict=True):
             if at >= 0:  # ∂(E c)/∂s
-                s.add_sensitivity(A[:, :, at], effect, c, shape, name)
-                b += A[:, :, at] * shape[name]
+                s.add_sensitivity(A[:, :, at - before], effect, c, shape, name)
+                b += A[:, :, at - before] * shape[name]
         told += told_by(s, effect)
-    for beside, above, below in scene.sensitivities(part, full):
-        S = -(unbalanced(above, point) - unbalanced(below, point)) / (2 * beside.h)
-        A[:, :, beside.place] = S
-        b += S * beside.value
+    for place, value, S in sensitivities:
+        A[:, :, place - before] = S
+        b += S * value
     return Terms(A, b, tau, told)
+
+
+def with_bodies(
+    columns: Columns,
+    point: Point,
+    gamma: Sequence[np.ndarray],
+    A: np.ndarray,
+    b: np.ndarray,
+    spans: Sequence[slice] = (),
+) -> tuple[np.ndarray, np.ndarray]:
+    """A (n, r, k) and b (n, r) with the rigid bodies, from those of the effects alone.
+
+    Args:
+        columns, point: the unknowns and their values.
+        gamma: of each row Γ's columns (n, span); spans: which, by default all.
+        A: (n, r, k − rigid); b: (n, r).
+    """
+    n, r = b.shape
+    whole = np.zeros((r, len(columns), n)).transpose(2, 0, 1)
+    whole[:, :, len(columns.rigid) :] = A
+    known = {int(i): float(x) for i, x in zip(columns.known, columns.known_values, strict=True)}
+    loads = [effect for effect, _ in columns.effects if effect.loaded_link]
+    for (link, places), effect in zip(columns.loads, loads, strict=True):
+        for i, place, x in zip(link, places, point.of(effect)[0], strict=True):
+            if place < 0:
+                known[i] = known.get(i, 0.0) + x
+    b = b.copy() if known else b
+    for row, each in enumerate(gamma):
+        first, stop = (spans[row].start, spans[row].stop) if spans else (0, each.shape[1])
+        for column, place in zip(*columns.of_gamma, strict=True):
+            if first <= column < stop:
+                whole[:, row, place] += each[:, column - first]
+        for column, value in known.items():
+            if first <= column < stop and value:
+                b[:, row] -= each[:, column - first] * value
+    return whole, b
+
+
+def terms(scene: Any, part: slice | np.ndarray, *, full: bool = False) -> Terms:
+    """Former name of `Scene.terms`."""
+    return scene.terms(part, full=full)  # type: ignore[no-any-return]
 
 
 def told_by(s: Samples, effect: Effect) -> list[tuple[str, np.ndarray]]:
@@ -86,7 +404,7 @@ def told_by(s: Samples, effect: Effect) -> list[tuple[str, np.ndarray]]:
 
 def unbalanced(s: Samples, point: Point) -> np.ndarray:
     """b − A x (n, r) at the working point."""
-    f = s.measured(s.mechanism.driven) - s.gamma @ point.pi
+    f = s.measured(s.mechanism.driven) - s.rigid(point.pi)
     if s.wrench is not None:
         f += s.wrench
     for effect in s.mechanism.effects:

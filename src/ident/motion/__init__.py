@@ -1,6 +1,9 @@
 """The motion of the whole mechanism, completed from a log."""
 
-from ident.motion.complete import complete
-from ident.motion.motion import Band, Experiment, Motion
+from ident.motion.motion import Motion, complete
+from ident.motion.recipe import Band, Recipe
+from ident.motion.state import State
 
-__all__ = ["Band", "Experiment", "Motion", "complete"]
+Experiment = State
+
+__all__ = ["Band", "Experiment", "Motion", "Recipe", "State", "complete"]

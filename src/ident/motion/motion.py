@@ -1,129 +1,57 @@
-"""The motion of all coordinates in an experiment, and the forces applied to the mechanism."""
+"""The verb `complete`: logs become the motion of the whole mechanism, a `Motion`."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
-from typing import Any
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, cast
 
 import numpy as np
-from markupsafe import Markup
 
-from ident.display import render
-from ident.errors import MotionError
-from ident.log import Log
+from ident.display import Displayed, render
+from ident.errors import MotionError, one_of
+from ident.log import Log, read_log
+from ident.log.frames import is_frame
 from ident.mechanism.mechanism import Mechanism
-from ident.motion.channels import Smoothed
-from ident.motion.clock import runs
-from ident.motion.smooth import Smooth
-from ident.show.html import Shown, definitions, folded, items, strong, table
-from ident.show.view3d import View
+from ident.motion.closures import best_conditioned, check_freedom, independent_joints
+from ident.motion.recipe import AUTO, CLEAN, Band, Recipe, band_of, standstill
+from ident.motion.signals import Signals, Smoothed, channels_of, measure, noise_level, runs
+from ident.motion.smoothing import (
+    AS_LOGGED,
+    along,
+    derive,
+    fused,
+    missed,
+    reweighted,
+    smoothed,
+    through_motion,
+)
+from ident.motion.state import State, wrenches
+from ident.progress import Told
+
+Given = Log | str | os.PathLike[str] | Any  # a polars or pandas data frame
+AGREE = 1e-9  # share of its motion below which a logged joint differs by rounding only
+CONTRADICTION = 0.3  # share of its own motion by which a logged joint may miss the closures
+ROUNDING = 1e-6  # of a sampling step, within which two times are the same
+TWICE = 2.0  # times a channel's noise: a larger residual of smoothing is not noise
 
 
-@dataclass(frozen=True, eq=False)
-class Experiment:
-    """One log's motion on a uniform clock.
-
-    With n samples, J named joints and d independent coordinates:
-
-    Attributes:
-        name: the log's.
-        t: (n,) [s], uniform.
-        q, v, a: (n, nq), (n, nv), (n, nv) of the model.
-        y, yd, ydd: (n, J) coordinate, rate and acceleration of the mechanism's joints.
-        tau: (n, driven) measured torques, in the order of `mechanism.driven`.
-        wrench: (n, nv) generalised forces of measured external wrenches, or None.
-        pinv: (n, nv, m + d), the pseudo-inverse of [J; W_u]; None for a tree.
-        leverage: (n, J, d), ẏ_j for unit rate of each independent coordinate; None for a tree.
-        usable: (n,), false where a sample takes no part, with the reason in `Motion.notes`.
-        still: (J,) speed below which a joint counts as standing still [rad/s | m/s].
-        extra: the log's other columns on this clock.
-        logged: names of the joints from whose coordinates the motion was completed.
-        independent: names of the joints to which `leverage` refers.
-        noise: standard deviation of white noise in the logged channels, by column.
-        smooth: the splines behind the motion; None where the log was taken as it is.
-        channels: what was done to each channel of the motion.
-    """
-
-    name: str
-    t: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    y: np.ndarray
-    yd: np.ndarray
-    ydd: np.ndarray
-    tau: np.ndarray
-    wrench: np.ndarray | None
-    pinv: np.ndarray | None
-    leverage: np.ndarray | None
-    usable: np.ndarray
-    still: np.ndarray
-    extra: Mapping[str, np.ndarray] = field(default_factory=dict)
-    logged: tuple[str, ...] = ()
-    independent: tuple[str, ...] = ()
-    noise: Mapping[str, float] = field(default_factory=dict)
-    smooth: Smooth | None = None
-    channels: tuple[Smoothed, ...] = ()
-
-    def __len__(self) -> int:
-        return len(self.t)
-
-    @property
-    def rate(self) -> float:
-        """Samples a second [Hz]."""
-        return (len(self.t) - 1) / float(self.t[-1] - self.t[0])
-
-    def thinned(self, every: int) -> Experiment:
-        """One sample of `every`, for what is smooth."""
-        return self if every == 1 else self.at_samples(slice(None, None, every))
-
-    def at_samples(self, index: slice | np.ndarray) -> Experiment:
-        """Some samples only."""
-        cut: dict[str, Any] = {
-            each.name: value[index]
-            for each in fields(self)
-            if each.name != "still"
-            and isinstance(value := getattr(self, each.name), np.ndarray)
-            and len(value) == len(self)  # not yet completed ones are empty
-        }
-        return replace(self, **cut, extra={name: x[index] for name, x in self.extra.items()})
-
-    def segments(self) -> Iterator[slice]:
-        """Runs of usable samples; nothing is filtered or differentiated across their ends."""
-        yield from runs(self.usable)
-
-
-@dataclass(frozen=True)
-class Band:
-    """What the log's spectrum says.
-
-    Attributes:
-        motion: frequency below which 99.9 % of the velocities' power lies [Hz].
-        noise: largest share of noise found in a channel that the regression uses.
-        cutoff: of the zero-phase filter on all columns [Hz]; None: nothing to filter.
-    """
-
-    motion: float
-    noise: float
-    cutoff: float | None
-
-
-@dataclass(frozen=True, eq=False)
-class Motion(Shown):
+@dataclass(frozen=True, eq=False, repr=False)
+class Motion(Displayed):
     """Experiments of one mechanism, completed through its closures.
 
     Attributes:
         experiments: one a log.
         independent: names of the joints in whose coordinates errors are compared.
-        band: what the spectra say, over all logs.
+        band: bandwidth, noise and filter, over all logs.
         closure_error: largest |Φ| left [m | rad].
         notes: what was repaired, derived or left out, in words.
         logs: as they were read, under ident's column names.
         mechanism: that moves; None where a motion was made up without one.
     """
 
-    experiments: tuple[Experiment, ...]
+    experiments: tuple[State, ...]
     independent: tuple[str, ...]
     band: Band
     closure_error: float
@@ -141,21 +69,6 @@ class Motion(Shown):
         """Over all experiments."""
         return sum(len(experiment) for experiment in self.experiments)
 
-    def view(self) -> View:
-        """The mechanism moving in 3-D: a recording in a notebook, `.serve()` a page with controls.
-
-        Raises:
-            MotionError: for a motion that was made up without a mechanism.
-        """
-        if self.mechanism is None:
-            raise MotionError(
-                "this motion knows no mechanism to show; one of ident.complete(mechanism, log) does"
-            )
-        return render(self.mechanism, "view", self.experiments)
-
-    def __str__(self) -> str:
-        return "\n".join([self.summary, *(f"  note: {note}" for note in self.notes)])
-
     @property
     def rows(self) -> list[list[str]]:
         """The logs as a table: name, samples, duration, rate, samples left out; the head first."""
@@ -169,28 +82,347 @@ class Motion(Shown):
     @property
     def summary(self) -> str:
         """Logs, independent coordinates, bandwidth and filter, without the notes."""
-        lines = [f"motion: {len(self.experiments)} experiment(s), {self.samples} samples"]
-        for e in self.experiments:
-            lines.append(
-                f"  {e.name}: {len(e)} samples, {e.t[-1] - e.t[0]:.3g} s at {e.rate:.4g} Hz"
+        return str(render(self, "summary"))
+
+    def view(self) -> Any:
+        """The mechanism moving in 3-D: a recording in a notebook, `.serve()` a page with controls.
+
+        Raises:
+            MotionError: for a motion that was made up without a mechanism.
+        """
+        if self.mechanism is None:
+            raise MotionError(
+                "this motion knows no mechanism to show; one of ident.complete(mechanism, log) does"
             )
-        lines.append(f"  independent: {', '.join(self.independent)}")
-        cut = "none" if self.band.cutoff is None else f"{self.band.cutoff:.3g} Hz"
-        lines.append(f"  bandwidth of the motion: {self.band.motion:.3g} Hz; filter: {cut}")
-        if self.closure_error > 0:
-            lines.append(f"  closure error: {self.closure_error:.2g}")
-        return "\n".join(lines)
+        return render(self.mechanism, "view", self.experiments)
 
-    __repr__ = __str__
 
-    def _blocks(self) -> tuple[Markup, ...]:
-        cut = "none" if self.band.cutoff is None else f"{self.band.cutoff:.3g} Hz"
-        said = {
-            "Compared in": ", ".join(self.independent),
-            "Bandwidth of the motion": f"{self.band.motion:.3g} Hz",
-            "Zero-phase filter": cut,
-            "Closure error": f"{self.closure_error:.2g}" if self.closure_error > 0 else "",
-        }
-        notes = folded("Repaired, derived or left out", items(self.notes)) if self.notes else ""
-        title = f"Motion of {self.samples} samples"
-        return strong(title), table(self.rows, "Logs"), definitions(said), Markup(notes)
+def complete(
+    mechanism: Mechanism,
+    logs: Given | Sequence[Given],
+    *,
+    cutoff: float | str | None = "auto",
+    torques: bool = True,
+    smoothing: float | str | None = AUTO,
+    progress: Told | None = None,
+) -> Motion:
+    """All positions, velocities and accelerations, completed through the closures.
+
+    Args:
+        mechanism: the mechanism.
+        logs: one log or several, or their paths, or polars or pandas data frames: separate
+            experiments of the same mechanism.
+        cutoff: of the zero-phase filter that the equations will use [Hz]; "auto" chooses it from
+            the data, None filters nothing.
+        smoothing: spacing of the knots [s] of the splines that noisy channels are smoothed by;
+            "auto" chooses it from the data; None takes all channels as logged.
+        torques: whether every driven joint must have its `tau.` column; else missing ones are zero.
+        progress: called with (what is being done, share done).
+
+    Returns:
+        The motion, with everything repaired, derived or left out said in `notes`.
+
+    Raises:
+        MotionError: if the logs do not determine the motion or contradict the closures.
+        MechanismError: if its loops do not let the mechanism move.
+        LogError: if a path or a data frame cannot be read.
+    """
+    check_freedom(mechanism)
+    several = isinstance(logs, Iterable) and not isinstance(logs, str | Mapping)
+    given: list[Any] = [*cast(Any, logs)] if several and not is_frame(logs) else [logs]
+    if not given:
+        raise MotionError(f"{mechanism.name}: no log given")
+    read = _distinct([_log(mechanism, each) for each in given])
+    measured = [measure(mechanism, log) for log in read]
+    for signals in measured if torques else []:
+        _check_torques(mechanism, signals)
+    names = _determining(mechanism, measured)
+    smoothing = _checked_smoothing(smoothing, measured)
+    band = band_of(mechanism, measured, names)
+    if cutoff != "auto":
+        band = replace(band, cutoff=None if cutoff is None else _checked(cutoff, measured))
+    notes = [note for signals in measured for note in signals.notes]
+    for signals in [] if torques else measured:
+        missing = [f"tau.{n}" for n in mechanism.driven if f"tau.{n}" not in signals.columns]
+        if missing:
+            notes.append(
+                f"{signals.log.name}: has no {', '.join(missing)}: a motion, no experiment"
+            )
+    if band.cutoff is None and cutoff == "auto" and band.noise > CLEAN:
+        notes.append(
+            f"the motion reaches {band.motion:.3g} Hz, too near the sampling rate for a filter, "
+            f"but some channel is noisy ({100 * band.noise:.2g} % of it): accelerations and "
+            "inertias will suffer; log faster, or give --cutoff"
+        )
+    experiments: list[State] = []
+    for i, signals in enumerate(measured):
+        if progress:
+            progress(f"completing {signals.log.name}", i / len(measured))
+        experiment, said = state_of(mechanism, signals, names, band, smoothing)
+        experiments.append(experiment)
+        notes += said
+    independent, worst = names, 0.0
+    if mechanism.closures:
+        independent = best_conditioned(mechanism, np.concatenate([e.q for e in experiments]))
+        for i, experiment in enumerate(experiments):
+            experiments[i] = experiment.transmitted(mechanism, independent)
+            notes += left_out(experiment, experiments[i])
+            error = np.abs(mechanism.kinematics.closure_rows(experiment.q).value).max()
+            worst = max(worst, float(error))
+    for i, signals in enumerate(measured):
+        still = standstill(mechanism, signals, experiments[i], names)
+        experiments[i] = replace(experiments[i], still=still)
+    noted = tuple(dict.fromkeys(notes))
+    return Motion(tuple(experiments), independent, band, worst, noted, tuple(read), mechanism)
+
+
+def _log(mechanism: Mechanism, given: Given) -> Log:
+    if isinstance(given, Log):
+        return given
+    if isinstance(given, str | os.PathLike):
+        return read_log(given, mechanism.columns)
+    return Log.from_frame(given, columns=mechanism.columns)
+
+
+def _distinct(logs: list[Log]) -> list[Log]:
+    """The logs with names that differ: run.csv of two folders become run.csv and run.csv (2)."""
+    seen: dict[str, int] = {}
+    found = []
+    for log in logs:
+        seen[log.name] = seen.get(log.name, 0) + 1
+        count = seen[log.name]
+        found.append(log if count == 1 else replace(log, name=f"{log.name} ({count})"))
+    return found
+
+
+def _checked(cutoff: float | str, measured: list[Signals]) -> float:
+    slowest = max(measured, key=lambda signals: signals.dt)
+    nyquist = 0.5 / slowest.dt
+    try:
+        value = float(cutoff)
+    except (TypeError, ValueError):
+        raise MotionError(f"cut-off {cutoff!r}; valid: a number [Hz], 'auto' or none") from None
+    lowest = 1 / max(float(signals.t[-1] - signals.t[0]) for signals in measured)
+    if 0 < value < lowest:
+        raise MotionError(
+            f"cut-off {value:g} Hz: no log is long enough for it; valid: above {lowest:.3g} Hz"
+        )
+    if not 0 < value < nyquist:
+        raise MotionError(
+            f"{slowest.log.name}: cut-off {value:g} Hz; valid: above 0 and below {nyquist:.4g} Hz, "
+            "half this log's rate, or none"
+        )
+    return value
+
+
+def _check_torques(mechanism: Mechanism, signals: Signals) -> None:
+    for name in mechanism.driven:
+        if f"tau.{name}" not in signals.columns:
+            has = [c for c in signals.columns if c.startswith("tau.")]
+            raise MotionError(
+                f"{signals.log.name}: joint '{name}' is driven, but there is no column 'tau.{name}'"
+                f" ({one_of('tau.' + name, has or signals.columns)}); log it, map it in [log], or "
+                f"put '{name}' among the passive joints"
+            )
+
+
+def _determining(mechanism: Mechanism, measured: list[Signals]) -> tuple[str, ...]:
+    logged = [
+        joint.name
+        for joint in mechanism.joints
+        if all(f"q.{joint.name}" in signals.columns for signals in measured)
+    ]
+    order = [name for name in logged if name in mechanism.driven] + logged
+    names = independent_joints(mechanism, order)
+    if len(names) == mechanism.degrees_of_freedom:
+        return tuple(logged)
+    if len(names) < mechanism.degrees_of_freedom:
+        free = [
+            joint.name
+            for joint in mechanism.joints
+            if joint.name not in logged
+            and len(independent_joints(mechanism, [*names, joint.name])) > len(names)
+        ]
+        shown = ", ".join(f"q.{name}" for name in free) or "none"
+        fewest = min(
+            measured, key=lambda s: sum(f"q.{j.name}" in s.columns for j in mechanism.joints)
+        )
+        has = ", ".join(f"q.{name}" for name in logged) or "none"
+        held = [f"q.{name}" for name in logged if not independent_joints(mechanism, [name])]
+        fixed = f": the closures let {', '.join(held)} not move at all, check them" if held else ""
+        raise MotionError(
+            f"{fewest.log.name}: {mechanism.name} has {mechanism.degrees_of_freedom} degrees of "
+            f"freedom, but the positions logged ({has}) determine only {len(names)}{fixed}; "
+            f"log one more of: {shown}"
+        )
+    return names
+
+
+def _checked_smoothing(spacing: float | str | None, measured: list[Signals]) -> float | str | None:
+    if spacing is None or spacing == AUTO:
+        return spacing
+    finest = max(signals.dt for signals in measured)
+    longest = min(float(signals.t[-1] - signals.t[0]) for signals in measured) / 2
+    try:
+        value = float(spacing)
+    except (TypeError, ValueError):
+        raise MotionError(
+            f"smoothing {spacing!r}; valid: knots' spacing [s], 'auto' or none"
+        ) from None
+    if not finest <= value <= longest:
+        raise MotionError(
+            f"smoothing {value:g} s; valid: knots every {finest:.3g} s (one sample) to "
+            f"{longest:.3g} s"
+        )
+    return value
+
+
+# --- one log -------------------------------------------------------------------------------------
+
+
+def state_of(
+    mechanism: Mechanism,
+    signals: Signals,
+    names: tuple[str, ...],
+    band: Band,
+    smoothing: float | str | None,
+    recipe: Recipe | None = None,
+) -> tuple[State, list[str]]:
+    """The experiment of a log, and what a person should know of how it was had.
+
+    Args:
+        mechanism: the mechanism; signals: the log.
+        names: joints from which the motion follows.
+        band: what the spectra say.
+        smoothing: spacing of the knots [s], "auto" or None.
+        recipe: of a part of a log: recipe of the whole log.
+    """
+    n, log = len(signals.t), signals.log.name
+    derived = derive(signals, names, band, smoothing, recipe)
+    tau = np.zeros((n, len(mechanism.driven)))
+    for i, name in enumerate(mechanism.driven):
+        tau[:, i] = signals.columns.get(f"tau.{name}", 0.0)
+    base = State(
+        name=log, t=signals.t, q=np.empty(0), v=np.empty(0), a=np.empty(0), y=np.empty(0),
+        yd=np.empty(0), ydd=np.empty(0), tau=tau, wrench=None, pinv=None, leverage=None,
+        usable=_without_ends(signals, derived.ends), still=np.empty(0), logged=names,
+        independent=names,
+        extra={k: x for k, x in signals.columns.items() if not k.startswith(("q.", "v.", "a."))},
+        noise=_noise(mechanism, signals, names), smooth=derived.smooth,
+        channels=tuple(derived.table),
+    )  # fmt: skip
+    notes: list[str] = []
+    experiment = base.at(mechanism, derived.known, names, start="follow")
+    if len(names) > mechanism.degrees_of_freedom:
+        if recipe is None:  # a part may hardly move, and then disagree by noise alone
+            notes = disagreements(mechanism, experiment, names, derived.known[0])
+        if derived.smooth is not None:
+            experiment = _together(mechanism, signals, experiment, band, recipe)
+    said: dict[str, list[str]] = {}
+    for channel in experiment.channels:
+        if channel.how != AS_LOGGED:
+            said.setdefault(channel.how, []).append(channel.column)
+    notes = [f"{log}: {', '.join(same)}: {how}" for how, same in said.items()] + notes
+    why = "the knots are too far apart (--smoothing)"
+    if len(experiment.channels) > 1:
+        why = f"it contradicts other channels, or {why}"
+    notes += [
+        f"{log}: smoothing leaves {c.residual / c.noise:.3g} times the noise of {c.column}: {why}"
+        for c in experiment.channels
+        if c.spacing and c.residual > TWICE * c.noise
+    ]
+    if (lost := int((signals.usable & ~base.usable).sum())) > 0:
+        notes.append(
+            f"{log}: {lost} samples within {1e3 * derived.ends:.3g} ms of where splines end are "
+            "left out"
+        )
+    wrench = wrenches(mechanism, log, signals.columns, experiment.q)
+    return replace(experiment, wrench=wrench), notes
+
+
+def _together(
+    mechanism: Mechanism,
+    signals: Signals,
+    e: State,
+    band: Band,
+    recipe: Recipe | None,
+) -> State:
+    """More joints logged than needed, with noise: one smooth motion made by all their channels.
+
+    Its knots are those that the channels of single joints asked for.
+    """
+    assert e.smooth is not None
+    names = best_conditioned(mechanism, e.q) if recipe is None else recipe.carriers
+    channels = channels_of(signals, e.logged)
+    through = through_motion(mechanism, e, names)
+    own = recipe and replace(recipe, noise={})
+    e = along(mechanism, e, smoothed(signals, through, names, band, e.smooth.spacing, own)[0])
+    white = [channel.sigma for channel in channels]
+    if recipe is not None:
+        channels = [channel.with_noise(recipe.noise[channel.column]) for channel in channels]
+    else:
+        e = along(mechanism, e, fused(mechanism, e, channels))
+        channels = reweighted(mechanism, e, channels)
+    smooth = fused(mechanism, e, channels)
+    e = along(mechanism, e, smooth)
+    how = f"spline in {', '.join(names)}, knots {1e3 * smooth.spacing:.3g} ms"
+    table = [
+        Smoothed(c.column, how, sigma, float(np.sqrt(np.mean(off**2))), smooth.spacing)
+        for c, sigma, off in zip(channels, white, missed(mechanism, e, channels), strict=True)
+    ]
+    return replace(e, channels=tuple(table))
+
+
+def _noise(mechanism: Mechanism, signals: Signals, names: tuple[str, ...]) -> dict[str, float]:
+    wanted = [f"{channel}.{name}" for name in names for channel in "qva"]
+    wanted += [f"tau.{name}" for name in mechanism.driven]
+    return {name: noise_level(signals.even(name)[0]) for name in wanted if name in signals.columns}
+
+
+def _without_ends(signals: Signals, ends: float) -> np.ndarray:
+    """Usable samples (n,) that are `ends` [s] away from both ends of their run, if any are."""
+    usable, rounding = signals.usable.copy(), ROUNDING * signals.dt
+    for run in runs(signals.usable):
+        t = signals.t[run]
+        usable[run] = (t >= t[0] + ends - rounding) & (t <= t[-1] - ends + rounding)
+    return usable if usable.any() else signals.usable
+
+
+def disagreements(
+    mechanism: Mechanism, experiment: State, names: tuple[str, ...], logged: np.ndarray
+) -> list[str]:
+    """More joints logged than needed: how far the closures' answer is from what was logged."""
+    notes = []
+    for i, name in enumerate(names):
+        joint = mechanism.joint(name)
+        off = (experiment.y[:, mechanism.joint_index[name]] - logged[:, i])[experiment.usable]
+        if joint.rotational:
+            off = (off + np.pi) % (2 * np.pi) - np.pi
+        rms, spread = float(np.sqrt(np.mean(off**2))), float(np.std(logged[:, i]))
+        said = (
+            f"{experiment.name}: q.{name} differs from what the closures and the other joints give "
+            f"by {rms:.3g} {joint.unit} rms, {np.abs(off).max():.3g} at most"
+        )
+        # noise of this column is no contradiction, nor is any part of its spread a motion
+        noise = min(experiment.noise.get(f"q.{name}", 0.0), spread)
+        own = float(np.sqrt(spread**2 - noise**2))
+        if rms > CONTRADICTION * own + 1.5 * noise:
+            raise MotionError(
+                f"{said}, while it moves by {spread:.3g} rms: the positions contradict the "
+                "closures; check sign, unit and zero of this column and the closures' frames"
+            )
+        agree = rms <= AGREE * spread
+        notes.append(f"{experiment.name}: q.{name} agrees with the closures" if agree else said)
+    return notes
+
+
+def left_out(before: State, after: State) -> list[str]:
+    """The note on samples that are near a singular position, and not usable any more."""
+    singular = before.usable & ~after.usable
+    if not singular.any():
+        return []
+    return [
+        f"{after.name}: {int(singular.sum())} of {len(after)} samples are near a singular "
+        f"position of {', '.join(after.independent)} (first at t = "
+        f"{after.t[np.argmax(singular)]:.4g} s) and are left out"
+    ]

@@ -39,16 +39,64 @@ def regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> 
         for i in range(n):
             gamma[:, :, i] = pin.computeJointTorqueRegressor(model, data, q[i], v[i], a[i])
         return gamma.transpose(2, 0, 1)
-    joints: list[_Joint] = []
-    for body in range(1, model.njoints):
-        joints.append(_Joint.of(model, body, joints))
-    gravity = -np.asarray(model.gravity.linear)[:, None]
+    joints = _joints(model)
     widths = [3, *(3 + 2 * len(joint.rows) for joint in joints)]
     work = [np.empty((3, width, min(n, CHUNK))) for width in widths]
     for start in range(0, n, CHUNK):
         part = slice(start, min(start + CHUNK, n))
-        _fill(gamma[:, :, part], joints, gravity, q[part].T, v[part].T, a[part].T, work)
+        state = [x[part].T for x in (q, v, a)]
+        here = [x[:, :, : state[0].shape[1]] for x in work]
+        _at_rest(here[0], model)
+        for body, joint in enumerate(joints):
+            _move(joint, here[joint.parent], here[body + 1], *state)
+            columns, rows = slice(COUNT * body, COUNT * (body + 1)), joint.rows
+            if len(rows) == rows[-1] - rows[0] + 1:  # neighbours: filled in place
+                _project(gamma[rows[0] : rows[-1] + 1, columns, part], here[body + 1])
+                continue
+            block = np.empty((len(rows), COUNT, state[0].shape[1]))
+            _project(block, here[body + 1])
+            gamma[rows, columns, part] = block
     return gamma.transpose(2, 0, 1)
+
+
+def rigid_forces(
+    model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray, pi: np.ndarray
+) -> np.ndarray:
+    """Γ π (n, nv) by the recursion of Newton and Euler, which needs no Γ.
+
+    Args:
+        model, q, v, a: as `regressor`.
+        pi: (10 · bodies,) dynamic parameters.
+    """
+    n, joints = len(q), _joints(model)
+    if n < FEW:
+        return np.asarray(regressor(model, q, v, a) @ pi)
+    found = np.empty((model.nv, n))
+    bodies = [(each[0], each[1:4], each[[[4, 5, 7], [5, 6, 8], [7, 8, 9]]]) for each in
+              pi.reshape(-1, COUNT)]  # fmt: skip
+    work = [np.empty((3, 3, min(n, CHUNK))) for _ in range(model.njoints)]
+    for start in range(0, n, CHUNK):
+        part = slice(start, min(start + CHUNK, n))
+        state = [x[part].T for x in (q, v, a)]
+        here = [x[:, :, : state[0].shape[1]] for x in work]
+        _at_rest(here[0], model)
+        forces, poses = [np.zeros((2, 3, state[0].shape[1]))], []
+        for body, joint in enumerate(joints):
+            poses.append(_move(joint, here[joint.parent], here[body + 1], *state))
+            omega, alpha, acc = here[body + 1].transpose(1, 0, 2)
+            m, mc, inertia = bodies[body]
+            force = m * acc + np.einsum("ijn,j->in", _about_centre(here[body + 1]), mc)
+            spin = np.einsum("ijn,jn->in", _skew(omega), inertia @ omega)
+            moment = inertia @ alpha + spin + pin.skew(mc) @ acc
+            forces.append(np.stack([force, moment]))
+        for body, joint in reversed([*enumerate(joints)]):
+            f, moment = forces[body + 1]
+            mine = slice(joint.row, joint.row + joint.size)
+            found[mine, part] = joint.S[:3].T @ f + joint.S[3:].T @ moment
+            R, p = poses[body]
+            moment = moment + np.einsum("ijn,jn->in", _skew(p), f)
+            forces[joint.parent] += np.einsum("ijn,kjn->kin", R, np.stack([f, moment]))
+    return found.T
 
 
 def supports(model: pin.Model) -> list[np.ndarray]:
@@ -124,49 +172,58 @@ class _Joint:
         return A[0] + A[1] * np.sin(x) + A[2] * (1.0 - np.cos(x)), self.place[:, None]
 
 
-def _fill(
-    gamma: np.ndarray,
-    joints: list[_Joint],
-    gravity: np.ndarray,
+def _joints(model: pin.Model) -> list[_Joint]:
+    """All joints of a model, parents before children."""
+    joints: list[_Joint] = []
+    for body in range(1, model.njoints):
+        joints.append(_Joint.of(model, body, joints))
+    return joints
+
+
+def _at_rest(world: np.ndarray, model: pin.Model) -> None:
+    """Sets ω, α, a (3, 3, n) of the world: all that stands still is accelerated against gravity."""
+    world[:] = 0.0
+    world[:, 2] = -np.asarray(model.gravity.linear)[:, None]
+
+
+def _move(
+    joint: _Joint,
+    before: np.ndarray,
+    here: np.ndarray,
     q: np.ndarray,
     v: np.ndarray,
     a: np.ndarray,
-    work: list[np.ndarray],
-) -> None:
-    """Γ (nv, 10 · bodies, n) of some samples; q (nq, n), v and a (nv, n).
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sets the motion of a body from its parent's; returns R (3, 3, n) and p (3, n) of its origin.
 
-    Each entry of `work` is (3, 3 + 2 rows, n): ω, α, a of a body, then the linear and the angular
-    part of every axis that moves it, in turn. The first is the world's.
+    Both are (3, 3 + 2 rows, n): ω, α, a of the body in its frame, then the linear and the angular
+    part of every axis that moves it, in turn; p is in its frame too. Axes may be left out.
+
+    Args:
+        joint: the body's; before: the parent's motion; here: the body's, which is set.
+        q, v, a: (nq, n), (nv, n), (nv, n) of the model.
     """
-    n = q.shape[1]
-    work[0][:], work[0][:, 2, :n] = 0.0, gravity
-    for body, joint in enumerate(joints):
-        before, here = work[joint.parent][:, :, :n], work[body + 1][:, :, :n]
-        R, p = joint.pose(q)
-        old = before.shape[1]
-        moved = np.einsum("jin,jmn->imn", R, before, out=here[:, :old])
-        p = np.einsum("jin,jn->in", R, p)
-        # the same at the body's own origin
-        moved[:, 2] += np.einsum("ijn,jn->in", _about_centre(moved), p)
+    R, p = joint.pose(q)
+    old = min(before.shape[1], here.shape[1])
+    moved = np.einsum("jin,jmn->imn", R, before[:, :old], out=here[:, :old])
+    p = np.einsum("jin,jn->in", R, p)
+    # the same at the body's own origin
+    moved[:, 2] += np.einsum("ijn,jn->in", _about_centre(moved), p)
+    if old > 3:
         moved[:, 3::2] -= np.einsum("ijn,jmn->imn", _skew(p), moved[:, 4::2])
-        mine = slice(joint.row, joint.row + joint.size)
-        S, rate, rise = joint.S, joint.S @ v[mine], joint.S @ a[mine]
-        spin = _skew(moved[:, 0])
-        if S[:3].any():  # 2 ω × v + ω_J × v + its own, ω of the parent
-            moved[:, 2] += rise[:3]
-            moved[:, 2] += np.einsum("ijn,jn->in", 2 * spin + _skew(rate[3:]), rate[:3])
-        if S[3:].any():
-            moved[:, 1] += rise[3:]
-            moved[:, 1] += np.einsum("ijn,jn->in", spin, rate[3:])
-            moved[:, 0] += rate[3:]
+    mine = slice(joint.row, joint.row + joint.size)
+    S, rate, rise = joint.S, joint.S @ v[mine], joint.S @ a[mine]
+    spin = _skew(moved[:, 0])
+    if S[:3].any():  # 2 ω × v + ω_J × v + its own, ω of the parent
+        moved[:, 2] += rise[:3]
+        moved[:, 2] += np.einsum("ijn,jn->in", 2 * spin + _skew(rate[3:]), rate[:3])
+    if S[3:].any():
+        moved[:, 1] += rise[3:]
+        moved[:, 1] += np.einsum("ijn,jn->in", spin, rate[3:])
+        moved[:, 0] += rate[3:]
+    if here.shape[1] > old:
         here[:, old::2], here[:, old + 1 :: 2] = S[:3, :, None], S[3:, :, None]
-        columns, rows = slice(COUNT * body, COUNT * (body + 1)), joint.rows
-        if len(rows) == rows[-1] - rows[0] + 1:  # neighbours: filled in place
-            _project(gamma[rows[0] : rows[-1] + 1, columns], here)
-        else:
-            block = np.empty((len(rows), COUNT, n))
-            _project(block, here)
-            gamma[rows, columns] = block
+    return R, p
 
 
 def _project(out: np.ndarray, here: np.ndarray) -> None:

@@ -12,7 +12,6 @@ import numpy as np
 
 from ident.equations.filter import Decimator
 from ident.equations.point import Point
-from ident.equations.regressor import regressor
 from ident.equations.rows import STICKING, informing, reach
 from ident.equations.samples import Samples
 from ident.equations.scene import Scene
@@ -20,6 +19,7 @@ from ident.equations.terms import told_by
 from ident.errors import FitError
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment, Motion
+from ident.motion.regressor import rigid_forces
 from ident.residual.model import Model
 from ident.residual.predict import NOTHING, generalised
 from ident.residual.residual import CLOSURES, DRIVES, RIGID, WRENCHES, Residual, Trace
@@ -106,7 +106,7 @@ def _block(
     s, u = scene.generalised(part), scene.samples(part)
     forces = generalised(s, scene.point)
     q, zero = e.q[part], np.zeros_like(e.v[part])
-    gravity = regressor(mechanism.model, q, zero, zero) @ scene.point.pi
+    gravity = rigid_forces(mechanism.model, q, zero, zero, scene.point.pi)
     block = [u.measured(mechanism.driven), u.reduce(gravity), *(u.reduce(f) for f in forces)]
     if e.leverage is not None:
         block += _own(s, u, motion, forces)

@@ -92,7 +92,7 @@ def _predict(mechanism: Mechanism, motion: Motion, bare: Experiment, point: Poin
 
 def generalised(s: Samples, point: Point) -> list[np.ndarray]:
     """Generalised forces (n, nv) of the rigid bodies, of each effect, and less the wrenches."""
-    forces = [s.gamma @ point.pi]
+    forces = [s.rigid(point.pi)]
     for effect in s.mechanism.effects:
         if effect.unknowns:
             forces.append(np.zeros(s.shape))

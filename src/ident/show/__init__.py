@@ -18,6 +18,7 @@ MODULES: dict[str, str] = {
     "Snapshot": "streams",
     "Verdicts": "streams",
     "MonteCarlo": "montecarlo",
+    "Motion": "motion",
     "Studies": "montecarlo",
 }
 """The module of this package that renders a class, by the name of the class."""

@@ -1,0 +1,408 @@
+"""Errors in variables: torques and motion weighed against each other, as maximum likelihood asks.
+
+    min over x, c     |U (c − ĉ)|²  +  Σ |b(c) − A(c) x|² / σ²
+
+The smooth motion u = B c may move within what its channels allow (U, ĉ: `motion.spline`) where
+that makes the torques agree. Linear in (x, c), these are rows with a band in c, and c is eliminated
+as multipliers are: what is left are equations of x alone, whitened by the noise of torques and
+motion together.
+
+    torque    A x − F G B (c − ĉ) = b − F G B (c₀ − ĉ)        each over its σ; F: the rows' filter
+    motion             U (c − ĉ) = 0
+    G_uir = ∂r_u/∂u_i^(r),    r = b − A x,    r = 0, 1, 2 for position, velocity, acceleration
+    Var r = G P Gᵀ + σ²       P = (UᵀU)⁻¹ through B, Ḃ, B̈: the covariance of the smooth motion
+
+G is found by differences: everything that a motion enters is in them, closures, effects and
+corrections too. At standstill dry friction is open, and no motion is asked to make it otherwise.
+
+Sources: W. Fuller, Measurement Error Models, 1987, sect. 3.2 (functional model); K. Schittkowski,
+Numerical Data Fitting in Dynamical Systems, 2002; direct collocation as in L. Biegler, Nonlinear
+Programming, 2010, ch. 10, with the equations of motion weighed by the noise of torques in place of
+held exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from ident.equations.corrections import Corrected, Scene, corrected
+from ident.equations.filter import Decimator
+from ident.equations.rows import informing, reach, rows
+from ident.equations.terms import reduced, told_by, unbalanced
+from ident.equations.unknowns import Columns, Point
+from ident.information.band import Elimination, eliminate
+from ident.information.reduction import Chunk
+from ident.information.splines import Basis
+from ident.mechanism.mechanism import Mechanism
+from ident.motion.smoothing import through_motion
+from ident.motion.spline import WIDTH, Smooth, Spline, fitted
+from ident.motion.state import State
+
+STEP = 1e-6  # of the spread of a coordinate or its derivative
+CHUNK = 4096
+LOOKED_AT = 60  # samples of a log whose motion's noise is looked at
+LONGEST = 2000  # functions of a run that are looked at
+BLOCKS = 40
+FASTER = 2.0  # cut-off of the rows over the rate of the motion's knots: all that splines resolve
+NYQUIST = 0.4  # of the log's rate, above which nothing is filtered
+STICKING = 0.01  # share of a row that may come from standstill, where friction jumps
+PERIOD = 8.0  # samples of G to a period of the rows' cut-off; between them it is interpolated
+
+
+def gain(
+    mechanism: Mechanism,
+    e: State,
+    names: tuple[str, ...],
+    point: Point,
+    cutoff: float | None,
+) -> np.ndarray:
+    """G (n, d, coordinates, 3) of all samples of an state, for the joints `names`.
+
+    Args:
+        mechanism, e: what is moved; e may be thinned.
+        names: coordinates that are moved; others of `e.logged` stay.
+        point: at which r is taken.
+        cutoff: of the rows' filter [Hz].
+    """
+    base = _residual(mechanism, e, point, cutoff)
+    G = np.empty((*base.shape, len(names), 3))
+    for i, order, step, beside in _beside(mechanism, e, names):
+        G[:, :, i, order] = (_residual(mechanism, beside, point, cutoff) - base) / step
+    whole = reduced(mechanism, e, slice(None), point)
+    told = [each for effect in mechanism.effects for each in told_by(whole, effect)]
+    G[~informing(whole, told, reach(e))] = 0.0
+    return G
+
+
+def _beside(
+    mechanism: Mechanism, e: State, names: tuple[str, ...]
+) -> Iterator[tuple[int, int, float, State]]:
+    """(coordinate, order, step, state) with one derivative of one coordinate displaced."""
+    surplus = len(e.logged) > mechanism.degrees_of_freedom
+    given = names if surplus else e.logged
+    known = e.known(mechanism, given)
+    for i, name in enumerate(names):
+        for order in range(3):
+            moved = known.copy()
+            series = moved[order][:, given.index(name)]
+            step = STEP * (float(np.std(series)) or 1.0)
+            series += step
+            yield i, order, step, e.at(mechanism, moved, given, start="same" if order else "near")
+
+
+def _residual(mechanism: Mechanism, e: State, point: Point, cutoff: float | None) -> np.ndarray:
+    """r = b − A x (n, d) at full rate."""
+    found = corrected(Corrected(mechanism, e), point, cutoff)
+    parts = (slice(start, start + CHUNK) for start in range(0, len(e), CHUNK))
+    return np.concatenate(
+        [
+            unbalanced(reduced(found.mechanism, found.e, part, point, found.memo), point)
+            for part in parts
+        ]
+    )
+
+
+def motion_noise(mechanism: Mechanism, e: State, point: Point, cutoff: float | None) -> np.ndarray:
+    """(d,) variance of r that noise of the smooth motion makes, over a log."""
+    assert e.smooth is not None
+    near = np.zeros(len(e), dtype=bool)
+    for run, spline in e.smooth.runs:
+        last = spline.basis.t0 + (LONGEST - WIDTH) * spline.basis.spacing
+        near[run] = e.t[run] < last
+    usable = np.flatnonzero(e.usable & near)
+    chosen = usable[:: max(1, len(usable) // LOOKED_AT)]
+    some = e.at_samples(chosen)
+    G = gain(mechanism, some, e.smooth.names, point, cutoff)
+    total = np.zeros(G.shape[1])
+    for run, spline in e.smooth.runs:
+        inside = (chosen >= run.start) & (chosen < run.stop)
+        if inside.any():
+            P = _spread(spline, e.t[chosen[inside]])
+            total += np.einsum("nuir,nirjs,nujs->u", G[inside], P, G[inside])
+    return total / max(len(chosen), 1)
+
+
+def torque_noise(mechanism: Mechanism, e: State, cutoff: float | None) -> np.ndarray:
+    """(d,) white noise of the measured torques that the rows' filter lets pass [N m | N]."""
+    taps = Decimator.of(cutoff, e.rate).taps
+    passed = 1.0 if taps is None else float(np.sqrt(taps @ taps))
+    sigma = np.array([e.noise.get(f"tau.{name}", 0.0) for name in mechanism.driven])
+    if e.leverage is None:
+        found = np.zeros(mechanism.model.nv)
+        found[[mechanism.joint(name).index for name in mechanism.driven]] = sigma
+        return passed * found
+    W = e.leverage[e.usable][:, [mechanism.joint_index[name] for name in mechanism.driven]]
+    return passed * np.asarray(np.sqrt(np.einsum("nju,j->u", W**2, sigma**2) / max(len(W), 1)))
+
+
+def _spread(spline: Spline, t: np.ndarray) -> np.ndarray:
+    """P (n, d, 3, d, 3) of u, u̇, ü at times t (n,)."""
+    basis, (count, d) = spline.basis, spline.c.shape
+    size = min(count, LONGEST) * d  # N's leading block is that of U
+    first = spline.first[:size]
+    row = np.repeat(np.arange(size), WIDTH * d)
+    column = (first[:, None] * d + np.arange(WIDTH * d)).ravel()
+    inside = column < size
+    entries = spline.leading(size).ravel()[inside]
+    U = sp.csr_matrix((entries, (row[inside], column[inside])), shape=(size, size))
+    factor = splu((U.T @ U).tocsc())
+    t = np.clip(t, basis.t0, basis.t_end)
+    B = np.zeros((len(t), d, 3, size))
+    for order in range(3):
+        first, values = basis.window(t, order)
+        for i in range(d):
+            for r in range(WIDTH):
+                B[np.arange(len(t)), i, order, (first + r) * d + i] = values[:, r]
+    flat = B.reshape(-1, size)
+    solved = factor.solve(flat.T).T.reshape(len(t), d, 3, size)
+    return np.asarray(np.einsum("nirk,njsk->nirjs", B, solved))
+
+
+@dataclass(frozen=True, eq=False)
+class Torques:
+    """The rows of one run, at c₀, before they are weighed.
+
+    With n rows of each of d independent coordinates, k unknowns and w functions in reach:
+
+    Attributes:
+        A: (n, d, k); b: (n, d); informed: (n, d).
+        first: (n,) the first function in reach; L: (n, w, coordinates, d), F G B.
+        t: (n,) [s].
+    """
+
+    A: np.ndarray
+    b: np.ndarray
+    informed: np.ndarray
+    first: np.ndarray
+    L: np.ndarray
+    t: np.ndarray
+
+    def informed_as(self, other: Torques) -> Torques:
+        """The rows, of which those inform that do in `other`, if they are the same instants."""
+        same = np.array_equal(self.t, other.t)
+        return replace(self, informed=other.informed) if same else self
+
+
+def through_filter(
+    basis: Basis, t: np.ndarray, G: np.ndarray, decimator: Decimator, sample: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """F G B: (first (n,), L (n, w, coordinates, d)) of rows kept at some samples of a run.
+
+    Args:
+        basis: of the splines; t: (N,) the run's clock [s].
+        G: (N, d, coordinates, 3).
+        decimator: F; sample: (n,) kept, counted from the start of the run.
+    """
+    inside = np.clip(t, basis.t0, basis.t_end)
+    first = basis.window(inside)[0]
+    values = np.zeros((len(t), WIDTH, G.shape[2], G.shape[1]))
+    for order in range(3):
+        B = basis.window(inside, order)[1]
+        values += B[:, :, None, None] * G[:, :, :, order].transpose(0, 2, 1)[:, None]
+    half = decimator.half
+    if decimator.taps is None:
+        return first[sample], values[sample]
+    span = 2 * half * (t[1] - t[0]) / basis.spacing
+    width = min(WIDTH + 1 + int(np.ceil(span)), basis.count)
+    low = np.minimum(first[sample - half], basis.count - width)
+    L = np.zeros((len(sample), width, *values.shape[2:]))
+    row = np.arange(len(sample))[:, None]
+    for tap, h in enumerate(decimator.taps):
+        at = sample - half + tap
+        L[row, (first[at] - low)[:, None] + np.arange(WIDTH)] += h * values[at]
+    return low, L
+
+
+def weighed(torques: Torques, spline: Spline, c: np.ndarray, sigma: np.ndarray) -> list[Chunk]:
+    """The run's rows divided by their noise, for `solve.eliminate`.
+
+    Args:
+        torques: the run's; spline: with ĉ and U.
+        c: (count, coordinates) the coefficients c₀ at which the rows were made.
+        sigma: (d,) noise of the torque rows.
+    """
+    w, d = torques.L.shape[1], torques.L.shape[3]
+    off = c - spline.c
+    known = np.einsum("nwid,nwi->nd", torques.L, off[torques.first[:, None] + np.arange(w)])
+    chunks = []
+    for u in range(d):
+        told = torques.informed[:, u]
+        chunks.append(
+            Chunk(
+                torques.first[told],
+                -torques.L[told, :, :, u] / sigma[u],
+                torques.A[told, u] / sigma[u],
+                (torques.b - known)[told, u] / sigma[u],
+            )
+        )
+    k, rows = torques.A.shape[2], len(spline.first)
+    first, U = widened(spline.first, spline.U, w, spline.basis)
+    return [*chunks, Chunk(first, U, np.zeros((rows, k)), np.zeros(rows))]
+
+
+def widened(
+    first: np.ndarray, U: np.ndarray, width: int, basis: Basis
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows with windows of WIDTH functions as rows with windows of `width`."""
+    low = np.minimum(first, basis.count - width)
+    wide = np.zeros((len(first), width, U.shape[2]))
+    row = np.arange(len(first))[:, None]
+    wide[row, (first - low)[:, None] + np.arange(WIDTH)] = U
+    return low, wide
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One run of samples with its motion eliminated.
+
+    Attributes:
+        experiment: its number; segment: its samples.
+        basis: of the motion; elimination: factors of the parameters and the way back to c − ĉ.
+    """
+
+    experiment: int
+    segment: slice
+    basis: Basis
+    elimination: Elimination
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """The likelihood of one experiment, linear about its present motion.
+
+    Attributes:
+        fine: splines with ĉ and U; c: by run, (count, coordinates) of the present motion.
+        torques: rows of each run that has any.
+    """
+
+    fine: Smooth
+    c: tuple[np.ndarray, ...]
+    torques: tuple[Torques | None, ...]
+
+    def eliminated(self, number: int, sigma: np.ndarray) -> list[Run]:
+        """All runs of experiment `number`, for torque rows of noise sigma (d,)."""
+        found = []
+        for (segment, spline), c, torques in zip(self.fine.runs, self.c, self.torques, strict=True):
+            if torques is not None:
+                count = spline.basis.count
+                blocks = max(1, min(BLOCKS, count // 4))
+                chunks = weighed(torques, spline, c, sigma)
+                found.append(Run(number, segment, spline.basis, eliminate(chunks, count, blocks)))
+        return found
+
+    def left(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(d,) Σ |b − A x|² of the rows that inform, and their number."""
+        squares, count = 0.0, 0.0
+        for torques in self.torques:
+            if torques is not None:
+                r = np.where(torques.informed, torques.b - torques.A @ x, 0.0)
+                squares, count = squares + (r**2).sum(axis=0), count + torques.informed.sum(axis=0)
+        return np.asarray(squares), np.asarray(count)
+
+    def loss(self, x: np.ndarray, sigma: np.ndarray) -> float:
+        """|U (c − ĉ)|² + Σ |b − A x|² / σ² at the present motion, for x (k,)."""
+        total = 0.0
+        for (_, spline), c, torques in zip(self.fine.runs, self.c, self.torques, strict=True):
+            if torques is None:
+                continue
+            off = (c - spline.c)[spline.first[:, None] + np.arange(spline.U.shape[1])]
+            total += float((np.einsum("nwi,nwi->n", spline.U, off) ** 2).sum())
+            r = (torques.b - torques.A @ x) / sigma
+            total += float((r[torques.informed] ** 2).sum())
+        return total
+
+    def between(self, other: Linear) -> Smooth:
+        """The motion halfway to another one."""
+        found = tuple(
+            (segment, replace(spline, c=0.5 * (a + b)))
+            for (segment, spline), a, b in zip(self.fine.runs, self.c, other.c, strict=True)
+        )
+        return Smooth(self.fine.names, self.fine.spacing, found, self.fine.channels)
+
+    def moved(self, runs: Sequence[Run], x: np.ndarray) -> Smooth:
+        """The motion that goes with the parameters x (k,)."""
+        by_segment = {run.segment.start: run for run in runs}
+        found = []
+        for (segment, spline), c in zip(self.fine.runs, self.c, strict=True):
+            if segment.start in by_segment:
+                step = by_segment[segment.start].elimination.back_substitute(x)
+                c = spline.c + step
+            found.append((segment, replace(spline, c=c)))
+        return Smooth(self.fine.names, self.fine.spacing, tuple(found), self.fine.channels)
+
+
+def rows_cutoff(fine: Smooth, rate: float) -> float | None:
+    """Of the likelihood's rows [Hz]: well above the motion, so that little is lost at reversals."""
+    cutoff = FASTER / fine.spacing
+    return cutoff if cutoff < NYQUIST * rate else None
+
+
+def linear(
+    mechanism: Mechanism,
+    columns: Columns,
+    e: State,
+    fine: Smooth,
+    point: Point,
+    like: Linear | None = None,
+) -> Linear:
+    """The likelihood about an experiment's motion.
+
+    Args:
+        mechanism, columns: the model and its unknowns.
+        e: the experiment, on a smooth motion.
+        fine: the splines of the likelihood, with what the channels say of them.
+        point: values of all parameters.
+        like: about an earlier motion, whose rows inform or not as they did there.
+    """
+    cutoff = rows_cutoff(fine, e.rate)
+    every = 1 if cutoff is None else max(1, int(e.rate / (PERIOD * cutoff)))
+    some = e.thinned(every)
+    G = gain(mechanism, some, fine.names, point, cutoff)
+    if every > 1:
+        G = _between(e.t, some.t, G)
+    decimator = Decimator.of(cutoff, e.rate)
+    scene = Scene.of(mechanism, columns, e, point, cutoff)
+    pieces = [*rows(scene, cutoff, STICKING)]
+    coefficients: list[np.ndarray] = []
+    torques: list[Torques | None] = []
+    for segment, spline in fine.runs:
+        coefficients.append(_coefficients(spline.basis, e, segment, fine.names, mechanism))
+        mine = [p for p in pieces if segment.start <= p.sample[0] < segment.stop]
+        if not mine:
+            torques.append(None)
+            continue
+        sample, A, b, told, t = (
+            np.concatenate([getattr(p, name) for p in mine])
+            for name in ("sample", "A", "b", "informed", "t")
+        )
+        first, L = through_filter(
+            spline.basis, e.t[segment], G[segment], decimator, sample - segment.start
+        )
+        torques.append(Torques(A, b, told, first, L, t))
+    if like is not None:
+        torques = [
+            now if now is None or before is None else now.informed_as(before)
+            for now, before in zip(torques, like.torques, strict=True)
+        ]
+    return Linear(fine, tuple(coefficients), tuple(torques))
+
+
+def _coefficients(
+    basis: Basis, e: State, segment: slice, names: tuple[str, ...], mechanism: Mechanism
+) -> np.ndarray:
+    """Of the experiment's motion (count, coordinates), which is a coarser spline or the same."""
+    inside = [channel.within(e.t[segment]) for channel in through_motion(mechanism, e, names)]
+    return fitted(basis, inside, names).c
+
+
+def _between(t: np.ndarray, at: np.ndarray, G: np.ndarray) -> np.ndarray:
+    """G at the times t (n,), linear between the times `at`."""
+    right = np.clip(np.searchsorted(at, t), 1, len(at) - 1)
+    share = (t - at[right - 1]) / (at[right] - at[right - 1])
+    share = np.clip(share, 0.0, 1.0)[:, None, None, None]
+    return (1 - share) * G[right - 1] + share * G[right]

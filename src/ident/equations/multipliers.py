@@ -1,0 +1,112 @@
+"""The paper's stack [Γ E | JᵀB] (eq. 7-8): all rows, multipliers expanded in a time basis.
+
+Γ p + E c + Jᵀ B a = τ + f_e − known          λ(t) = B(t) a
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ident.equations.corrections import Scene
+from ident.equations.filter import Decimator
+from ident.errors import FitError
+from ident.information.reduction import Chunk
+from ident.information.splines import Basis
+from ident.mechanism.mechanism import Mechanism
+from ident.motion.state import State
+
+ABSENT = 1e-9  # of a unit torque: below, it is not in a row
+FINEST = 20.0  # knots a sample; more say nothing, and fill the memory
+
+
+def basis_of(mechanism: Mechanism, segment: slice, e: State) -> Basis:
+    """The time basis of the multipliers over a run of usable samples.
+
+    Raises:
+        FitError: for knots far closer than samples.
+    """
+    settings = mechanism.multipliers
+    if settings.spacing * FINEST < 1 / e.rate:
+        raise FitError(
+            f"{e.name}: knots every {settings.spacing:g} s for samples every {1 / e.rate:.3g} s; "
+            "give a spacing of a few samples, or basis free"
+        )
+    return Basis.spanning(
+        float(e.t[segment.start]), float(e.t[segment.stop - 1]), settings.spacing, settings.degree
+    )
+
+
+def stack(
+    scene: Scene,
+    cutoff: float | None,
+    segment: slice,
+    basis: Basis,
+    since: float = -np.inf,
+    until: float = np.inf,
+) -> Iterator[Chunk]:
+    """The stack of one run of usable samples, in pieces, filtered like all columns.
+
+    Of a run with margins, the rows from `since` until before `until` [s].
+    """
+    e = scene.e
+    decimator = Decimator.of(cutoff, e.rate)
+    pieces = decimator.filtered(segment, lambda part: full_rows(scene, part))
+    for sample, (A, b, informed) in pieces:
+        inside = slice(sample[0] - decimator.half, sample[-1] + decimator.half + 1)
+        J_T = scene.mechanism.kinematics.closure_rows(e.q[inside]).rate.transpose(0, 2, 1)
+        first, values = basis.window(e.t[inside])
+        if decimator.taps is None:
+            chunk = Chunk.of_samples(first, values, J_T, A, b)
+        else:
+            first, L = _filtered_window(decimator, inside, sample, first, values, J_T, basis, e)
+            n, nv = b.shape
+            chunk = Chunk(
+                np.repeat(first, nv), L.reshape(n * nv, *L.shape[2:]),
+                A.reshape(n * nv, A.shape[2]), b.reshape(n * nv),
+            )  # fmt: skip
+        t = e.t[sample]
+        chosen = (informed & ((t >= since) & (t < until))[:, None]).reshape(-1)
+        yield Chunk(chunk.first[chosen], chunk.L[chosen], chunk.A[chosen], chunk.b[chosen])
+
+
+def full_rows(scene: Scene, part: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A (n, nv, k), b (n, nv) of [Γ E] and the known side, and (n, nv) whether a row informs."""
+    s, found = scene.generalised(part), scene.terms(part, full=True)
+    informed = np.ones(s.shape, dtype=bool)
+    for name, told in found.told:
+        rows, W = s.lever(name)
+        informed[:, rows] &= told[:, None] | (np.abs(W) < ABSENT)
+    return found.A, found.b, informed
+
+
+def _filtered_window(
+    decimator: Decimator,
+    inside: slice,
+    sample: np.ndarray,
+    first: np.ndarray,
+    values: np.ndarray,
+    J_T: np.ndarray,
+    basis: Basis,
+    e: State,
+) -> tuple[np.ndarray, np.ndarray]:
+    """First basis function (n,) and L (n, nv, width, m) of filtered JᵀB: a wider window."""
+    half, taps = decimator.half, decimator.taps
+    assert taps is not None
+    width = basis.degree + 2 + int(np.ceil(2 * half / e.rate / basis.spacing))
+    width = min(width, basis.count)
+    local = sample - inside.start
+    start = np.minimum(first[local - half], basis.count - width)
+    n, nv, m = len(sample), J_T.shape[1], J_T.shape[2]
+    L = np.zeros((n, nv, width, m))
+    offsets = np.arange(-half, half + 1)
+    for row, (centre, begin) in enumerate(zip(local, start, strict=True)):
+        at = centre + offsets
+        weights = np.zeros((len(at), width))
+        place = first[at] - begin
+        for j in range(values.shape[1]):
+            weights[np.arange(len(at)), place + j] += taps * values[at, j]
+        flat = J_T[at].reshape(len(at), nv * m)
+        L[row] = (weights.T @ flat).reshape(width, nv, m).transpose(1, 0, 2)
+    return start, L

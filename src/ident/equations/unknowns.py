@@ -1,0 +1,181 @@
+"""The unknowns x = [p; c; s]: the columns of [Γ E S] that belong to them, and their values.
+
+No other file counts columns.
+
+Rigid parameters stand first, in the order in which base parameters read best, then the effects in
+the order in which they were added, so that an effect that a rigid parameter can replace is the one
+that is regrouped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ident.effects import Effect
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import unit_of
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Names, units, priors and places of the unknowns x = [p; c].
+
+    Attributes:
+        names: (k,) full names; units: (k,).
+        prior: (k,) the URDF's values, 0 for effects.
+        rigid: columns of Γ that are unknown, in this order.
+        known: columns of Γ that are known, with `known_values`.
+        effects: every effect with, for each of its parameters (unknowns, then shapes), its place in
+            x, or −1 if it is known or discrete. A shape's column is its sensitivity.
+        loads: of every effect that is a load of a link, the link's columns of Γ and the places of
+            its parameters in x, or −1.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    prior: np.ndarray
+    rigid: np.ndarray
+    known: np.ndarray
+    known_values: np.ndarray
+    effects: tuple[tuple[Effect, np.ndarray], ...]
+    loads: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
+
+    @classmethod
+    def of(cls, mechanism: Mechanism) -> Columns:
+        """The unknowns of a mechanism."""
+        names = mechanism.bodies.names
+        unknown = set(mechanism.unknown)
+        order = mechanism.bodies.reading_order()
+        rigid = np.array([i for i in order if names[i] in unknown], dtype=int)
+        known = np.array([i for i in range(len(names)) if names[i] not in unknown], dtype=int)
+        known = known[mechanism.prior[known] != 0.0] if len(known) else known
+        all_names = [names[i] for i in rigid]
+        units = [unit_of(name) for name in all_names]
+        prior = list(mechanism.prior[rigid])
+        effects, loads = [], []
+        for effect in mechanism.effects:
+            places = []
+            for name, unit, parameter in zip(
+                effect.names, effect.units, effect.parameters, strict=True
+            ):
+                if parameter.name in effect.values or parameter.discrete:
+                    places.append(-1)
+                    continue
+                places.append(len(all_names))
+                all_names.append(name)
+                units.append(unit)
+                prior.append(0.0)
+            effects.append((effect, np.array(places, dtype=int)))
+            if effect.loaded_link:
+                link = np.arange(len(names))[mechanism.bodies.columns(effect.loaded_link)]
+                loads.append((link, effects[-1][1]))
+        return cls(
+            names=tuple(all_names),
+            units=tuple(units),
+            prior=np.array(prior),
+            rigid=rigid,
+            known=known,
+            known_values=mechanism.prior[known],
+            effects=tuple(effects),
+            loads=tuple(loads),
+        )
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @cached_property
+    def index(self) -> dict[str, int]:
+        """Where an unknown stands in x, by name."""
+        return {name: i for i, name in enumerate(self.names)}
+
+    @cached_property
+    def of_gamma(self) -> tuple[np.ndarray, np.ndarray]:
+        """Columns of Γ whose parameters are unknown, and their places in x."""
+        columns, places = [self.rigid], [np.arange(len(self.rigid))]
+        for link, mine in self.loads:
+            columns.append(link[mine >= 0])
+            places.append(mine[mine >= 0])
+        return np.concatenate(columns), np.concatenate(places)
+
+    @cached_property
+    def shapes(self) -> np.ndarray:
+        """Places (…,) in x of shape parameters, whose columns are sensitivities."""
+        found = [
+            places[len(effect.unknowns) :][places[len(effect.unknowns) :] >= 0]
+            for effect, places in self.effects
+        ]
+        return np.concatenate([np.empty(0, dtype=int), *found])
+
+    def prior_at(self, values: Mapping[str, float]) -> np.ndarray:
+        """(k,) the prior, with shapes at their present values: that is where they stay if no data
+        move them.
+        """
+        prior = self.prior.copy()
+        for i in self.shapes:
+            prior[i] = values.get(self.names[i], 0.0)
+        return prior
+
+    def dynamic_parameters(self, mechanism: Mechanism, x: np.ndarray) -> np.ndarray:
+        """All dynamic parameters (10 · bodies,) in Γ's order, unknown ones from x (k,)."""
+        pi = mechanism.prior.copy()
+        pi[self.rigid] = x[: len(self.rigid)]
+        return pi
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Values of all parameters of a mechanism.
+
+    Attributes:
+        pi: (10 · bodies,) dynamic parameters in Γ's order.
+        values: of all effects' parameters, by full name.
+    """
+
+    pi: np.ndarray
+    values: Mapping[str, float]
+
+    @classmethod
+    def prior(cls, mechanism: Mechanism) -> Point:
+        """The URDF's inertias; effects' known values."""
+        known = {
+            name: float(effect.values[parameter.name])
+            for effect in mechanism.effects
+            for name, parameter in zip(effect.names, effect.parameters, strict=True)
+            if parameter.name in effect.values
+        }
+        return cls(mechanism.prior, known)
+
+    def at(self, mechanism: Mechanism, columns: Columns, x: np.ndarray) -> Point:
+        """The point with the unknowns at x (k,)."""
+        found = {columns.names[i]: float(x[i]) for i in range(len(columns.rigid), len(columns))}
+        known = Point.prior(mechanism).values
+        return Point(columns.dynamic_parameters(mechanism, x), {**self.values, **known, **found})
+
+    def unknowns(self, columns: Columns) -> np.ndarray:
+        """x (k,), the values of the unknowns here."""
+        own = columns.names[len(columns.rigid) :]
+        return np.append(self.pi[columns.rigid], [self.values.get(name, 0.0) for name in own])
+
+    def with_values(self, values: Mapping[str, float]) -> Point:
+        """The point with some effects' parameters at other values."""
+        return replace(self, values={**self.values, **values})
+
+    def of(self, effect: Effect) -> tuple[np.ndarray, dict[str, float]]:
+        """c (unknowns,) and shapes s by name, 0 for unknowns that have no value yet."""
+        u = len(effect.unknowns)
+        c = np.array([self.values.get(name, 0.0) for name in effect.names[:u]])
+        s = {
+            shape.name: self.values[name]
+            for name, shape in zip(effect.names[u:], effect.shapes, strict=True)
+            if name in self.values
+        }
+        return c, s
+
+    def all_of(self, effect: Effect) -> np.ndarray:
+        """(parameters,) values of unknowns and shapes; NaN for a shape that has none."""
+        c, s = self.of(effect)
+        return np.concatenate([c, [s.get(shape.name, np.nan) for shape in effect.shapes]])

@@ -1,0 +1,406 @@
+"""Loop closures: which joints determine a motion, and all coordinates from theirs, by continuation.
+
+    K = [J; W_u]         W_u: rates of the independent joints u
+    position   K δq = [−Φ; y − y_u(q)]              (Newton, from a neighbouring sample)
+    velocity   v = K⁺ [0; ẏ]
+    acceleration a = K⁺ [−J̇v; ÿ − Ẇv]
+
+Where more joints are measured than there are degrees of freedom, these are least-squares solutions,
+then projected on the closures (by J⁺), so that the closures hold and every measurement counts.
+K⁺ also gives the reduced equations and the multipliers: W_uᵀτ_u − Jᵀλ = f  ⟹  [−λ; τ_u] = K⁺ᵀ f.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import combinations, islice, pairwise
+
+import numpy as np
+import pinocchio as pin
+
+from ident.errors import MechanismError, MotionError
+from ident.mechanism.kinematics import ConstraintRows
+from ident.mechanism.mechanism import Mechanism
+
+STRIDE = 32  # samples between the anchors that are solved one after the other
+CLOSED = 1e-11  # [m | rad] largest equation that Newton leaves
+OPEN = 1e-10  # [m | rad] largest equation at which a configuration counts as closed
+STEPS = 12
+LARGEST = 12  # coordinates up to which Newton's steps are compiled; their QR is written out
+FARTHEST = 1000.0  # [rad | m] from the start to the sample nearest to it; beyond, a unit is wrong
+BENT = 0.2  # share of a step by which it may differ from the prediction of the tangents at its ends
+LEAP = 20.0  # [rad | m] from one sample to the next
+PARALLEL = 1e-6  # sine of the angle between axes that are meant to be parallel
+
+
+def pseudo_inverse(K: np.ndarray) -> np.ndarray:
+    """K⁺ (n, nv, m + d) of stacked K (n, m + d, nv) with full column rank."""
+    try:
+        Q, R = np.linalg.qr(K)
+        return np.linalg.solve(R, Q.transpose(0, 2, 1))
+    except np.linalg.LinAlgError:
+        return np.linalg.pinv(K)
+
+
+def _times(M: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """M x (n, i) of stacked M (n, i, j) and x (n, j)."""
+    return np.asarray(np.einsum("nij,nj->ni", M, x))
+
+
+def _step(K: np.ndarray, off: np.ndarray) -> np.ndarray:
+    """K⁺ off (n, nv) of stacked K (n, m + d, nv)."""
+    if K.shape[1] == K.shape[2]:
+        try:
+            return np.asarray(np.linalg.solve(K, off[:, :, None])[:, :, 0])
+        except np.linalg.LinAlgError:
+            pass
+    return _times(pseudo_inverse(K), off)
+
+
+class LoopSolver:
+    """Finds configurations at which Φ = 0 and the joints `names` have given coordinates.
+
+    Args:
+        mechanism: the mechanism.
+        names: joints that determine the motion, or more than are needed.
+        scale: (d,) by which their coordinates are divided, where there are more than needed.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, names: Iterable[str], scale: np.ndarray | None = None
+    ) -> None:
+        self.mechanism = mechanism
+        self.joints = tuple(mechanism.joint(name) for name in names)
+        self.surplus = len(self.joints) > mechanism.degrees_of_freedom
+        self.scale = np.ones(len(self.joints)) if scale is None or not self.surplus else scale
+        model = mechanism.model
+        self._compiled = model.nq == model.nv <= LARGEST and not self.surplus
+
+    def coordinates(self, q: np.ndarray, v: np.ndarray | None = None) -> ConstraintRows:
+        """y (n, d), W_u (n, d, nv) and Ẇ_u v (n, d) of the joints."""
+        n, d, nv = len(q), len(self.joints), self.mechanism.model.nv
+        y, W, drift = np.empty((n, d)), np.zeros((n, d, nv)), np.zeros((n, d))
+        own = None
+        if not all(joint.in_tree for joint in self.joints):
+            own = self.mechanism.kinematics.own_rows(q, v)
+        for i, joint in enumerate(self.joints):
+            if joint.in_tree or own is None:
+                y[:, i], W[:, i, joint.index] = q[:, joint.index], 1.0
+            else:
+                y[:, i], W[:, i] = own.value[:, joint.index], own.rate[:, joint.index]
+                drift[:, i] = own.drift[:, joint.index]
+        return ConstraintRows(y, W, drift)
+
+    def _residual(self, q: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        closure, own = self.mechanism.kinematics.closure_rows(q), self.coordinates(q)
+        off = target - own.value
+        for i, joint in enumerate(self.joints):
+            if joint.rotational and not joint.in_tree:  # its angle is known up to whole turns
+                off[:, i] = (off[:, i] + np.pi) % (2 * np.pi) - np.pi
+        K = np.concatenate([closure.rate, own.rate / self.scale[:, None]], axis=1)
+        return np.concatenate([-closure.value, off / self.scale], axis=1), K
+
+    def newton(self, q: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Configurations (n, nq) near q at the targets (n, d), and what is left open (n,)."""
+        if not self._compiled:
+            return self._newton(q, target)
+        names = tuple(joint.name for joint in self.joints)
+        found = q
+        for _ in range(STEPS // 2):
+            found, size, left = self.mechanism.kinematics.newton(names, found, target)
+            if size.max() < CLOSED:
+                break
+        bad = ~(np.isfinite(found).all(axis=1) & (left < OPEN))
+        if bad.any():  # K is singular there, or nearly
+            found[bad], left[bad] = self._newton(q[bad], target[bad])
+        return found, left
+
+    def _newton(self, q: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        model, m = self.mechanism.model, len(self.mechanism.kinematics.multipliers)
+        for _ in range(STEPS):
+            off, K = self._residual(q, target)
+            step = _step(K, off)
+            largest = np.abs(step).max(axis=1, keepdims=True)
+            q = integrate(model, q, step * np.minimum(1.0, 0.5 / (largest + 1e-300)))
+            if largest.max() < CLOSED:
+                break
+        for _ in range(3 * self.surplus):
+            rows = self.mechanism.kinematics.closure_rows(q)
+            q = integrate(model, q, -_times(np.linalg.pinv(rows.rate, 1e-9), rows.value))
+        off, _ = self._residual(q, target)
+        return q, np.abs(off[:, :m] if self.surplus else off).max(axis=1, initial=0.0)
+
+    def rates(
+        self, q: np.ndarray, yd: np.ndarray, ydd: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """v and a (n, nv) that keep the closures, from the joints' rates (n, d)."""
+        J, own = self.mechanism.kinematics.closure_rows(q).rate, self.coordinates(q).rate
+        Kp = pseudo_inverse(np.concatenate([J, own / self.scale[:, None]], axis=1))
+        Jp = np.linalg.pinv(J, 1e-9) if self.surplus else None
+        v = _times(Kp[:, :, J.shape[1] :], yd / self.scale)
+        if Jp is not None:
+            v = v - _times(Jp, _times(J, v))
+        closing = self.mechanism.kinematics.closure_rows(q, v).drift
+        wanted = (ydd - self.coordinates(q, v).drift) / self.scale
+        a = _times(Kp, np.concatenate([-closing, wanted], axis=1))
+        if Jp is not None:
+            a = a - _times(Jp, _times(J, a) + closing)
+        return v, a
+
+    def follow(self, target: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """All configurations (n, nq) along the targets (n, d), on the branch of the start.
+
+        Raises:
+            MotionError: where the closures cannot follow, with time and joints.
+        """
+        n = len(target)
+        q = np.empty((n, self.mechanism.model.nq))
+        start = self.mechanism.assembled
+        there = self.coordinates(start[None]).value[0]
+        first = int(np.abs(target - there).max(axis=1).argmin())  # the branch is surest there
+        q[first] = self._travel(start, there, target[first], t[first], FARTHEST)
+        forward = [*range(first, n - 1, STRIDE), n - 1]
+        back = [*range(first, 0, -STRIDE), 0]
+        for stops in (forward, back):
+            self._march(q, target, t, stops)
+        self._between(q, target, t, sorted({*forward, *back}))
+        return q
+
+    def onward(self, q: np.ndarray, y: np.ndarray, target: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """Configurations (n, nq) along the targets (n, d), which come after q (nq,) at y (d,).
+
+        Raises:
+            MotionError: where the closures cannot follow, with time and joints.
+        """
+        n = len(target)
+        found, gap = self.newton(np.tile(q, (n, 1)), target)
+        path, target = np.concatenate([q[None], found]), np.concatenate([y[None], target])
+        if gap.max() < OPEN and self._straight(path, np.diff(target, axis=0)).all():
+            return found
+        t = np.concatenate([t[:1], t])
+        anchors = [*range(0, n, STRIDE), n]
+        self._march(path, target, t, anchors)
+        self._between(path, target, t, anchors)
+        return path[1:]
+
+    def _between(
+        self, q: np.ndarray, target: np.ndarray, t: np.ndarray, anchors: list[int]
+    ) -> None:
+        """Sets q between the anchors at which it is known, of which the last is the last of q."""
+        known, n = np.array(anchors), len(q)
+        while len(known) < n:  # halve the distances; each level is one call for all samples
+            left, right = known[:-1], known[1:]
+            wide = right - left > 1
+            left, right = left[wide], right[wide]
+            middle = (left + right) // 2
+            guess = _halfway(self.mechanism.model, q[left], q[right])
+            q[middle], gap = self.newton(guess, target[middle])
+            for bad in np.flatnonzero(gap > OPEN):
+                self._bridge(q, target, t, int(left[bad]), int(middle[bad]))
+            known = np.union1d(known, middle)
+
+    def _march(self, q: np.ndarray, target: np.ndarray, t: np.ndarray, stops: list[int]) -> None:
+        """Sets q at the stops, from each to the next; it is known at the first.
+
+        All steps are judged together; from the first bad one on, each is made with care.
+        """
+        done = stops[:1]
+        for a, b in pairwise(stops):
+            found, gap = self.newton(q[a : a + 1], target[b : b + 1])
+            if not gap[0] < OPEN:
+                break
+            q[b] = found[0]
+            done.append(b)
+        fine = self._straight(q[done], np.diff(target[done], axis=0))
+        good = int(np.append(fine, False).argmin())
+        for a, b in pairwise(stops[good:]):
+            self._bridge(q, target, t, a, b)
+
+    def _bridge(self, q: np.ndarray, target: np.ndarray, t: np.ndarray, a: int, b: int) -> None:
+        """Sets q[b] from q[a]; goes over the samples between them where that is too far."""
+        found, gap = self.newton(q[a : a + 1], target[b : b + 1])
+        moved = target[b] - target[a]
+        if gap[0] < OPEN and self._straight(np.stack([q[a], found[0]]), moved[None])[0]:
+            q[b] = found[0]
+        elif abs(b - a) > 1:
+            middle = (a + b) // 2
+            self._bridge(q, target, t, a, middle)
+            self._bridge(q, target, t, middle, b)
+        else:
+            q[b] = self._travel(q[a], target[a], target[b], t[b], LEAP)
+
+    def _straight(self, q: np.ndarray, moved: np.ndarray) -> np.ndarray:
+        """(n,) whether the tangents at both ends of each step between configurations q (n + 1, nq)
+        lead from one to the other, where the joints have moved by (n, d).
+
+        Newton may land on another branch where a singular position is near; there the step between
+        the two is not the predicted one, K⁺ [0; δy].
+        """
+        step = _difference(self.mechanism.model, q[:-1], q[1:])
+        size = np.abs(step).max(axis=1)
+        near = size < 0.2 + 3 * np.abs(moved).max(axis=1)
+        _, K = self._residual(q, np.zeros((len(q), len(self.joints))))
+        Z = pseudo_inverse(K)[:, :, K.shape[1] - moved.shape[1] :]
+        predicted = 0.5 * _times(Z[:-1] + Z[1:], moved / self.scale)
+        return np.asarray(near & (np.abs(step - predicted).max(axis=1) < 0.02 + BENT * size))
+
+    def _travel(
+        self, q: np.ndarray, y: np.ndarray, goal: np.ndarray, t: float, farthest: float
+    ) -> np.ndarray:
+        """From q at coordinates y to the goal in steps that Newton can take."""
+        far = int(np.abs(goal - y).argmax())
+        if abs(goal[far] - y[far]) > farthest:
+            raise MotionError(
+                f"{self.mechanism.name}: at t = {t:.4g} s {self.joints[far].name} jumps from "
+                f"{y[far]:.4g} to {goal[far]:.4g} {self.joints[far].unit}; give the column a scale "
+                "to rad or m in [log] (encoder counts, degrees?), or mend this sample"
+            )
+        done, step = 0.0, 1.0 / max(1.0, np.ceil(np.abs(goal - y).max() / 0.1))
+        while done < 1.0:
+            share = min(1.0, done + step)
+            found, gap = self.newton(q[None], (y + share * (goal - y))[None])
+            near = np.abs(_difference(self.mechanism.model, q[None], found)).max() < 1.0
+            if gap[0] < OPEN and near:
+                q, done, step = found[0], share, step * 1.5
+            elif step > 1e-4:
+                step *= 0.5
+            else:
+                wanted = ", ".join(
+                    f"{joint.name} = {value:.4g} {joint.unit}"
+                    for joint, value in zip(self.joints, y + share * (goal - y), strict=True)
+                )
+                raise MotionError(
+                    f"{self.mechanism.name}: the closures cannot follow at t = {t:.4g} s: nothing "
+                    f"closes at {wanted} (left open by {gap[0]:.2g}); check the unit, sign and "
+                    "zero of these columns, [joints] start and the closures' frames"
+                )
+        return q
+
+
+def integrate(model: pin.Model, q: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """q ⊕ step for all samples: a sum for scalar joints, on the quaternion for free bodies."""
+    if model.nq == model.nv:
+        return q + step
+    return np.array([pin.integrate(model, a, b) for a, b in zip(q, step, strict=True)])
+
+
+def _halfway(model: pin.Model, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    if model.nq == model.nv:
+        return 0.5 * (a + b)
+    return np.array([pin.interpolate(model, x, y, 0.5) for x, y in zip(a, b, strict=True)])
+
+
+def _difference(model: pin.Model, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """b ⊖ a (n, nv) of configurations (n, nq)."""
+    if model.nq == model.nv:
+        return b - a
+    found = [pin.difference(model, x, y) for x, y in zip(a, b, strict=True)]
+    return np.reshape(found, (len(a), model.nv))
+
+
+# --- which joints determine the motion -----------------------------------------------------------
+
+
+def independent_joints(mechanism: Mechanism, preferred: Iterable[str]) -> tuple[str, ...]:
+    """The first of the preferred joints whose rates determine all others through the closures.
+
+    Args:
+        preferred: names, most wanted first.
+
+    Returns:
+        As many names as there are degrees of freedom, or fewer if these joints do not determine
+        the motion, in the mechanism's order.
+    """
+    names = list(dict.fromkeys(preferred))
+    if not mechanism.closures:
+        return tuple(joint.name for joint in mechanism.joints if joint.name in names)
+    q = mechanism.general[None]
+    J = mechanism.kinematics.closure_rows(q).rate[0]
+    W = LoopSolver(mechanism, names).coordinates(q).rate[0]
+    _, sizes, directions = np.linalg.svd(J)
+    basis = list(directions[: int((sizes > 1e-8 * max(1.0, sizes.max(initial=0))).sum())])
+    chosen: list[str] = []
+    for strictness in (1e-3, 1e-7):  # a nearly dependent joint only if nothing better is there
+        for name, w in zip(names, W, strict=True):
+            if len(basis) == mechanism.model.nv or name in chosen:
+                continue
+            rest = w.copy()
+            for _ in range(2):
+                for direction in basis:
+                    rest = rest - direction * (direction @ rest)
+            if np.linalg.norm(rest) > strictness * np.linalg.norm(w):
+                basis.append(rest / np.linalg.norm(rest))
+                chosen.append(name)
+    return tuple(joint.name for joint in mechanism.joints if joint.name in chosen)
+
+
+def best_conditioned(mechanism: Mechanism, q: np.ndarray) -> tuple[str, ...]:
+    """The independent joints in which this motion is compared with measurements.
+
+    Driven joints before passive ones; among as many driven joints as are to be had, those in which
+    the motion stays farthest from a singular position.
+
+    Args:
+        q: (n, nq) configurations of the motion.
+    """
+    d = mechanism.degrees_of_freedom
+    q = q[:: max(1, len(q) // 200)]
+    fixed = independent_joints(mechanism, mechanism.driven)
+    if len(fixed) == d == len(mechanism.driven):
+        return fixed
+    if len(fixed) == d:
+        sets = [*combinations(mechanism.driven, d)]
+    else:
+        others = [joint.name for joint in mechanism.joints if joint.name not in fixed]
+        sets = [(*fixed, *more) for more in combinations(others, d - len(fixed))]
+    names = tuple(dict.fromkeys(name for each in sets for name in each))
+    J = mechanism.kinematics.closure_rows(q).rate
+    W = LoopSolver(mechanism, names).coordinates(q).rate
+    best, least = sets[0], np.inf
+    for each in islice(sets, 500):
+        K = np.concatenate([J, W[:, [names.index(name) for name in each]]], axis=1)
+        with np.errstate(all="ignore"):
+            size = np.linalg.norm(pseudo_inverse(K), axis=(1, 2)).max()
+        if size < 0.99 * least:
+            best, least = each, size
+    return tuple(joint.name for joint in mechanism.joints if joint.name in best)
+
+
+def check_freedom(mechanism: Mechanism) -> None:
+    """Refuses a mechanism that its loops hold still.
+
+    Raises:
+        MechanismError: if they leave no degree of freedom, with the axes that stand apart.
+    """
+    if mechanism.degrees_of_freedom > 0:
+        return
+    name = mechanism.name
+    if not mechanism.closures:
+        raise MechanismError(
+            f"{name}: no joint of it moves; valid: one revolute or prismatic, or more"
+        )
+    apart, others = _apart(mechanism)
+    why = "check the closures' kinds and frames, and the joints' <axis>"
+    if apart:
+        why = (
+            f"the axis of {', '.join(apart)} is not parallel to those of {', '.join(others)}, as "
+            "it is in a planar loop: check its <axis> (without one it is x of the joint's frame) "
+            "and the closures' frames and kinds"
+        )
+    raise MechanismError(
+        f"{name}: the loops leave 0 degrees of freedom, so nothing can move; {why}"
+    )
+
+
+def _apart(mechanism: Mechanism) -> tuple[list[str], list[str]]:
+    """Turning joints whose axes are not parallel to those of most, and the most; or none."""
+    model = mechanism.model
+    J = pin.computeJointJacobians(model, model.createData(), mechanism.assembled)
+    axes = {j.name: J[3:, j.index] for j in mechanism.joints if j.in_tree and j.rotational}
+    sets = [
+        [name for name, axis in axes.items() if np.linalg.norm(np.cross(one, axis)) < PARALLEL]
+        for one in axes.values()
+    ]
+    most = max(sets, key=len, default=[])
+    apart = [name for name in axes if name not in most]
+    return (apart, most) if len(apart) < len(most) else ([], [])

@@ -1,0 +1,199 @@
+"""What is decided once of a motion's logs, and obeyed by portions of them and by streams.
+
+The cut-off of the rows' filter and the knots of smoothing follow from the bandwidth and the noise
+that the logs show; the speeds below which joints stand still from their top speeds and their noise.
+A part of a log that decided anew would differ from its neighbours, and from the log in one piece.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ident.errors import MotionError
+from ident.mechanism.mechanism import Mechanism
+from ident.motion.signals import (
+    Clock,
+    Signals,
+    acceleration_noise_share,
+    acceleration_size,
+    motion_bandwidth,
+    noise_level,
+    noise_share,
+)
+from ident.motion.state import HOPELESS, State
+
+AUTO = "auto"
+CLEAN = 1e-3  # share of noise below which a channel is taken as it is
+NOISY = 0.02  # share of noise in an acceleration that the filter may let pass
+ROWS_OVER_MOTION = 5.0  # cut-off of the rows' filter over the motion's bandwidth
+ROWS_OVER_MOTION_LEAST = 2.0  # the same where accelerations are noisy
+STILL = 0.004  # share of a joint's top speed below which it counts as standing still
+NOISE = 4.0  # or so many times the noise of speeds, where that is more
+HARDLY = 0.5  # noise that is this share of the top speed is all that moves the joint
+LOOKED_AT = 500  # samples from which the closures' transmission is taken
+
+
+@dataclass(frozen=True)
+class Band:
+    """Bandwidth and noise of a motion, and the filter that follows from them.
+
+    Attributes:
+        motion: frequency below which 99.9 % of the velocities' power lies [Hz].
+        noise: largest share of noise found in a channel that the regression uses.
+        cutoff: of the zero-phase filter on all columns [Hz]; None: nothing to filter.
+    """
+
+    motion: float
+    noise: float
+    cutoff: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Recipe:
+    """Everything that is decided once of a log, and that its parts have in common.
+
+    Attributes:
+        clock: of the log.
+        noisy: joints that are smoothed.
+        carriers: joints in which the splines are; others than those that are smoothed where more
+            are logged than needed.
+        knots: their distance [s]; one is at the clock's first instant.
+        noise: of the smoothed channels, by column.
+        ends: time [s] at the ends of a run where splines are not to be trusted.
+        logged: joints that determine the motion; independent: those in which errors are compared.
+        band: with the cut-off of the rows' filter.
+        still: (J,) speed below which a joint stands still [rad/s | m/s].
+        singular: ‖K⁺‖ from which on a sample is too near a singular position.
+    """
+
+    clock: Clock
+    noisy: tuple[str, ...] = ()
+    carriers: tuple[str, ...] = ()
+    knots: float = 0.0
+    noise: Mapping[str, float] = field(default_factory=dict)
+    ends: float = 0.0
+    logged: tuple[str, ...] = ()
+    independent: tuple[str, ...] = ()
+    band: Band = Band(0.0, 0.0, None)
+    still: np.ndarray | None = None
+    singular: float = HOPELESS
+
+
+def band_of(mechanism: Mechanism, logs: list[Signals], names: tuple[str, ...]) -> Band:
+    """Bandwidth, noise and cut-off that the logs themselves suggest.
+
+    The cut-off is five times the bandwidth of the motion, so that accelerations pass and what lies
+    above (quantisation, ripple, vibration) does not, or less, down to twice, where accelerations
+    would be noisy; where the channels are clean nothing is filtered, as is right for simulated
+    logs.
+
+    Raises:
+        MotionError: if one log is too slow for the filter that the others need.
+    """
+    motion, noise = 0.0, 0.0
+    for signals in logs:
+        for name in names:
+            q, dt = signals.even(f"q.{name}")
+            motion = max(motion, *(_bandwidth(signals, name, order) for order in range(3)))
+            if f"a.{name}" in signals.columns:
+                noise = max(noise, noise_share(signals.even(f"a.{name}")[0]))
+            elif f"v.{name}" in signals.columns:
+                noise = max(noise, noise_share(np.diff(signals.even(f"v.{name}")[0])))
+            else:
+                noise = max(noise, acceleration_noise_share(q, dt))
+        for name in mechanism.driven:
+            if f"tau.{name}" in signals.columns:
+                noise = max(noise, noise_share(signals.even(f"tau.{name}")[0]))
+    cutoff = min(
+        [ROWS_OVER_MOTION * motion]
+        + [_calm_cutoff(signals, name, motion) for signals in logs for name in names]
+    )
+    slow = [signals for signals in logs if cutoff >= 0.25 / signals.dt]
+    filtered = noise > CLEAN and cutoff > 0.0 and len(slow) < len(logs)
+    if filtered and slow:
+        raise MotionError(
+            f"{slow[0].log.name}: at {1 / slow[0].dt:.4g} Hz it is too slow for the filter at "
+            f"{cutoff:.3g} Hz that the other logs need; leave it out, or give a cut-off"
+        )
+    return Band(motion, noise, cutoff if filtered else None)
+
+
+def _bandwidth(signals: Signals, name: str, order: int) -> float:
+    """Bandwidth [Hz] of a joint's motion in one of its channels; 0 where there is none."""
+    column = f"{'qva'[order]}.{name}"
+    return motion_bandwidth(*signals.even(column), order) if column in signals.columns else 0.0
+
+
+def _calm_cutoff(signals: Signals, name: str, motion: float) -> float:
+    """Cut-off [Hz] below which the acceleration of a logged joint holds little noise.
+
+    White noise σ of the k-th derivative, seen in the acceleration below f, with j = 2 − k:
+    σ_a² = σ² 2 dt (2π)^(2j) f^(2j+1) / (2j+1)      ≤ (NOISY · its rms)²
+    """
+    q, dt = signals.even(f"q.{name}")
+    size = acceleration_size(q, dt, motion)
+    lowest = ROWS_OVER_MOTION_LEAST * motion
+    best = 0.0
+    for k, channel in enumerate("qva"):
+        if f"{channel}.{name}" not in signals.columns:
+            continue
+        x, step = signals.even(f"{channel}.{name}")
+        j = 2 - k
+        noise = noise_level(x) * (2 * np.pi) ** j * np.sqrt(2 * step / (2 * j + 1))
+        best = max(best, (NOISY * size / max(noise, 1e-12 * size, 1e-300)) ** (2 / (2 * j + 1)))
+    return float(max(best, lowest))
+
+
+def standstill(
+    mechanism: Mechanism, signals: Signals, e: State, names: tuple[str, ...]
+) -> np.ndarray:
+    """(J,) speeds below which joints stand still; one that moves by noise alone never moves.
+
+    The noise of a logged joint's speed reaches the others through the closures, by how fast they
+    move for a unit of its rate.
+    """
+    return thresholds(top_speeds(e), noise_of_speeds(mechanism, signals, e, names))
+
+
+def top_speeds(e: State) -> np.ndarray:
+    """(J,) of the usable samples [rad/s | m/s]."""
+    return np.asarray(np.abs(e.yd[e.usable]).max(axis=0, initial=0.0))
+
+
+def noise_of_speeds(
+    mechanism: Mechanism, signals: Signals, e: State, names: tuple[str, ...]
+) -> np.ndarray:
+    """(J,) speeds that noise of the logged joints can feign."""
+    at = [mechanism.joint_index[name] for name in names]
+    noise = np.array([NOISE * speed_noise(signals, e, name) for name in names])
+    if e.leverage is None:
+        reached = np.zeros(e.yd.shape[1])
+        reached[at] = noise
+        return reached
+    some = e.leverage[e.usable][:: max(1, len(e) // LOOKED_AT)]
+    gain = some @ np.linalg.pinv(some[:, at])
+    return np.asarray(np.sqrt((gain**2).mean(axis=0) @ noise**2))
+
+
+def thresholds(top: np.ndarray, reached: np.ndarray) -> np.ndarray:
+    """(J,) speeds of standstill from top speeds and what noise reaches, both (J,)."""
+    speed = np.maximum(STILL * top, reached)
+    return np.maximum(np.where(speed < HARDLY * top, speed, 1.01 * top), 1e-9)
+
+
+def speed_noise(signals: Signals, e: State, name: str) -> float:
+    """Standard deviation of the noise left in the rate of a logged joint [rad/s | m/s].
+
+    Splines with knots every h pass what lies below f = 1/(2 h). Of white noise in v that is the
+    share 2 f dt of its power, of noise in q: σ_v² = σ_q² · 2 f dt · (2π f)² / 3.
+    """
+    if f"v.{name}" in signals.columns:
+        v, dt = signals.even(f"v.{name}")
+        share = min(1.0, dt / e.smooth.spacing) if e.smooth and name in e.smooth.names else 1.0
+        return float(noise_level(v) * np.sqrt(share))
+    q, dt = signals.even(f"q.{name}")
+    f = 1 / (2 * (e.smooth.spacing if e.smooth else 2 * dt))
+    return float(noise_level(q) * np.sqrt(2 * f * dt / 3) * 2 * np.pi * f)

@@ -1,0 +1,464 @@
+"""Signals of a log on one uniform clock, their noise and bandwidth, and channels of the motion.
+
+Columns may have gaps, empty cells, rates of their own and jittering time stamps; units and signs
+that contradict each other are refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ident.errors import MotionError, one_of
+from ident.log import Log
+from ident.mechanism.mechanism import Joint, Mechanism
+
+PREFIXES = ("q", "v", "a", "tau", "wrench")
+ORDERS = "qva"
+LARGEST = 1e30  # in any unit; what some loggers write for "no value" lies beyond
+UNEVEN = 1e-3  # jitter, as a share of the step, below which a clock counts as uniform
+GAP = 5.0  # median steps without a sample that make a gap
+SHORTEST = 12.0  # median steps that a run between two gaps must last to be used
+ORDER = 6  # of the difference that leaves little but noise
+POWER = 0.999  # share of the velocities' power that is the motion's
+VISIBLE = 200.0  # times the mean power of noise; real noise (quantised, jittering) is not white
+SHARPEST = 1e-3  # noise of a derivative over that of what it derives, a log's length
+GRAINS = 20  # changes of a signal from which its step can be known
+MOST = 1000.0  # steps between two samples beyond which multiples are no sign of anything
+NIL = 1e-12  # rad, m and their rates: what moves less stands still, but for rounding
+ROUNDING = 1e-9  # of its spread, or of 1 rad or m: no channel is trusted better
+WINDOW = 0.01  # s; increments over it are compared, in which noise is small
+FACTORS = {
+    180 / np.pi: "the first in degrees",
+    np.pi / 180: "the second in degrees",
+    1e3: "the first in millimetres",
+    1e-3: "the second in millimetres",
+    30 / np.pi: "the first in revolutions a minute",
+    np.pi / 30: "the second in revolutions a minute",
+    1 / (2 * np.pi): "the first in revolutions",
+    2 * np.pi: "the second in revolutions",
+}
+
+
+# --- the clock -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """The uniform clock of a whole log.
+
+    Attributes:
+        t0: its first time [s]; step [s]; count: of its instants.
+        even: whether the log's own times are uniform, and taken as they are.
+        grid: instants from one at which a part may begin to the next, so that filtered rows of all
+            parts are kept at the same ones.
+    """
+
+    t0: float
+    step: float
+    count: int
+    even: bool
+    grid: int = 1
+
+    @property
+    def t_end(self) -> float:
+        """Its last time [s]."""
+        return self.t0 + self.step * (self.count - 1)
+
+    def within(self, log: Log) -> np.ndarray:
+        """Its instants (n,) [s] within a part of the log."""
+        if self.even:
+            return np.asarray(log.t)
+        first = self.grid * np.ceil((log.t[0] - self.t0) / self.step / self.grid - 1e-9)
+        last = np.floor((log.t[-1] - self.t0) / self.step + 1e-9)
+        return self.t0 + self.step * np.arange(first, last + 1)
+
+
+def uniform_clock(log: Log) -> tuple[np.ndarray, bool]:
+    """Times (n,) [s] of the log's median step, and whether they are the log's own."""
+    dt = float(np.median(np.diff(log.t)))
+    count = round(log.duration / dt) + 1
+    uniform = log.t[0] + log.duration / (count - 1) * np.arange(count)
+    even = count == len(log.t) and float(np.abs(uniform - log.t).max()) < UNEVEN * dt
+    return (np.asarray(log.t), True) if even else (uniform, False)
+
+
+def holes(t: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """True (n,) where t lies in a gap of a column that has samples at the times `at`."""
+    step = float(np.median(np.diff(at)))
+    right = np.clip(np.searchsorted(at, t), 1, len(at) - 1)
+    outside = (t < at[0] - 0.5 * step) | (t > at[-1] + 0.5 * step)
+    return outside | (at[right] - at[right - 1] > GAP * step) & (
+        np.minimum(np.abs(at[right] - t), np.abs(t - at[right - 1])) > 1e-9
+    )
+
+
+def runs(usable: np.ndarray) -> list[slice]:
+    """The runs of true values (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], usable.astype(np.int8), [0]])))
+    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def without_short_runs(usable: np.ndarray, shortest: int) -> np.ndarray:
+    """`usable` (n,) without runs of fewer than `shortest` samples."""
+    kept = usable.copy()
+    for run in runs(usable):
+        if run.stop - run.start < shortest:
+            kept[run] = False
+    return kept
+
+
+def at_own_rate(t: np.ndarray, at: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, float]:
+    """A column (m,) within t (n,), uniform, no finer than its own samples, and its step."""
+    step = float(np.median(np.diff(at)))
+    dt = float(t[1] - t[0])
+    if step > 1.5 * dt:
+        first, last = np.searchsorted(at, (t[0] - 0.5 * dt, t[-1] + 0.5 * dt))
+        t, dt = np.arange(at[first], at[last - 1] + 1e-6 * step, step), step
+    return np.interp(t, at, x), dt
+
+
+# --- signals -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """One log on a uniform clock.
+
+    Attributes:
+        t: (n,) [s]; columns: by log name, each (n,), NaN nowhere; raw: (t, x) as logged.
+        usable: (n,), false inside gaps.
+        exact: whether the clock is the log's own.
+    """
+
+    log: Log
+    t: np.ndarray
+    columns: Mapping[str, np.ndarray]
+    usable: np.ndarray
+    exact: bool
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def dt(self) -> float:
+        """The step of the clock [s]."""
+        return float(self.t[1] - self.t[0])
+
+    def even(self, name: str) -> tuple[np.ndarray, float]:
+        """A column (m,) in the longest run, uniform, no finer than its samples; its step [s]."""
+        longest = max(runs(self.usable), key=lambda run: run.stop - run.start)
+        return at_own_rate(self.t[longest], *self.log.series(name))
+
+
+def measure(mechanism: Mechanism, log: Log, clock: Clock | None = None) -> Signals:
+    """A log's columns on a uniform clock of its median step.
+
+    Args:
+        mechanism: the mechanism.
+        log: the log, or a part of one.
+        clock: of the whole log, if this is a part of one; the log has been checked then.
+
+    Raises:
+        MotionError: if a column's unit or sign contradicts another column, or one that is needed
+            is missing.
+    """
+    log = _mapped(mechanism, log)
+    notes = [f"{log.name}: {repair}" for repair in log.repairs]
+    notes += _unknown_names(mechanism, log)
+    t, even = uniform_clock(log)
+    if clock is not None:
+        t, even = clock.within(log), clock.even
+    n = len(t)
+    largest, rms = log.jitter
+    dt = float(np.median(np.diff(log.t)))
+    if not even:
+        notes.append(
+            f"{log.name}: time stamps are uneven (step {1e3 * dt:.4g} ms ± {1e3 * rms:.2g} ms rms, "
+            f"largest {1e3 * largest:.3g} ms); everything is evaluated on a uniform clock of "
+            f"{n} samples"
+        )
+    usable = np.ones(n, dtype=bool)
+    columns, steps = {}, [dt]
+    for name in log.columns:
+        at, x = log.series(name)
+        if is_signal(name) and (absurd := np.abs(x) > LARGEST).any():
+            k = int(absurd.argmax())
+            raise MotionError(
+                f"{log.name}: {name} = {x[k]:.4g} at t = {at[k]:.6g} s is no measurement; leave "
+                "the cell empty where there is no value"
+            )
+        if len(x) < 2:
+            continue
+        columns[name] = x if even and len(x) == n else np.interp(t, at, x)
+        if is_signal(name):
+            empty = holes(t, at)
+            steps.append(float(np.median(np.diff(at))))
+            if (count := int((empty & usable).sum())) > 0:
+                notes.append(
+                    f"{log.name}: {name} has no sample near {count} of {n} instants "
+                    f"(first at t = {t[np.argmax(empty)]:.4g} s); they are left out"
+                )
+            usable &= ~empty
+            if len(x) < len(log.t):
+                notes.append(
+                    f"{log.name}: {name} is empty in {len(log.t) - len(x)} of {len(log.t)} rows; "
+                    "values between are interpolated"
+                )
+    shortest = round(SHORTEST * max(steps) / (t[1] - t[0]))
+    long = without_short_runs(usable, min(shortest, n))
+    if not long.any() and clock is None:
+        raise MotionError(
+            f"{log.name}: no run of {shortest} instants at which all columns have samples; log "
+            "all joints together, or remove columns that are mostly empty"
+        )
+    if (count := int((usable & ~long).sum())) > 0:
+        notes.append(f"{log.name}: {count} samples in short runs between gaps are left out")
+    signals = Signals(log, t, columns, long, even, tuple(notes))
+    for joint in mechanism.joints if clock is None else ():
+        check_units(log.name, columns, signals.dt, joint)
+    return signals
+
+
+def _mapped(mechanism: Mechanism, log: Log) -> Log:
+    """The log under ident's names, where it still has this robot's own."""
+    columns = dict(log.columns)
+    for name, source in mechanism.columns.items():
+        if name != "t" and name not in columns and source.column in columns:
+            columns[name] = source.scale * columns[source.column] + source.offset
+    return Log(log.name, columns, log.t, log.repairs, log.sha256)
+
+
+def is_signal(name: str) -> bool:
+    """Whether a column is motion, torque or wrench, without which a sample takes no part."""
+    return name.split(".", 1)[0] in PREFIXES and "." in name
+
+
+def _unknown_names(mechanism: Mechanism, log: Log) -> list[str]:
+    notes = []
+    names = [joint.name for joint in mechanism.joints]
+    for column in log.columns:
+        prefix, _, rest = column.partition(".")
+        if prefix in ("q", "v", "a", "tau") and rest and rest not in names:
+            notes.append(
+                f"{log.name}: column '{column}' names no joint and is not used; "
+                f"{one_of(rest, names)}"
+            )
+    return notes
+
+
+def check_units(name: str, columns: Mapping[str, np.ndarray], dt: float, joint: Joint) -> None:
+    """Refuse q, v and a of a joint whose increments disagree by more than a factor of two.
+
+    Args:
+        name: of the log, for the message.
+        columns: uniform, step dt [s].
+        joint: whose columns are compared, with its limits.
+
+    Raises:
+        MotionError: with the factor, what it may be, and the remedy.
+    """
+    for low, high in (("q", "v"), ("v", "a")):
+        first, second = columns.get(f"{low}.{joint.name}"), columns.get(f"{high}.{joint.name}")
+        if first is None or second is None or np.std(second) == 0 or np.std(first) == 0:
+            continue
+        smooth = min(max(1, round(WINDOW / dt)), len(first) - 1)
+        rise = first[smooth:] - first[:-smooth]
+        area = np.cumsum(np.concatenate([[0.0], 0.5 * dt * (second[1:] + second[:-1])]))
+        expected = area[smooth:] - area[:-smooth]
+        lengths = float(np.linalg.norm(rise)), float(np.linalg.norm(expected))
+        if not all(lengths):
+            continue
+        ratio = float(rise @ expected) / lengths[1] ** 2
+        match = float(rise @ expected) / lengths[0] / lengths[1]
+        where = f"{name}: {low}.{joint.name} and {high}.{joint.name} disagree"
+        if match < -0.5:
+            raise MotionError(f"{where}: one has the wrong sign; give it scale = -1 in [log]")
+        if match > 0.8 and not 0.5 < ratio < 2.0:
+            near = min(FACTORS, key=lambda factor: abs(np.log(abs(ratio) / factor)))
+            guess = f" ({FACTORS[near]}?)" if abs(np.log(abs(ratio) / near)) < 0.1 else ""
+            raise MotionError(
+                f"{where} by a factor of {ratio:.4g}{guess}; logs are in rad, m and s: give the "
+                "wrong one a scale in [log] of mechanism.toml"
+            )
+    _check_limits(name, columns.get(f"q.{joint.name}"), joint)
+
+
+def _check_limits(name: str, q: np.ndarray | None, joint: Joint) -> None:
+    if q is None or not joint.rotational or not np.isfinite(joint.upper - joint.lower):
+        return
+    most, reach = float(np.abs(q).max()), max(abs(joint.lower), abs(joint.upper))
+    if most > 3.0 * reach and most * np.pi / 180 <= 1.2 * reach:
+        raise MotionError(
+            f"{name}: q.{joint.name} reaches {most:.4g}, beyond the joint's limit of "
+            f"{reach:.4g} rad, and looks like degrees; logs are in rad: give it "
+            "scale = 0.017453292519943295 in [log] of mechanism.toml"
+        )
+
+
+# --- noise and bandwidth -------------------------------------------------------------------------
+
+
+def noise_level(x: np.ndarray) -> float:
+    """Standard deviation of white noise in a smooth, uniformly sampled signal (n,).
+
+    The 6th difference of a smooth signal is small, that of noise is large (√924 times the noise);
+    a quantile of it makes rare jumps, such as friction at reversals, harmless, and is not zero
+    where a quantised signal stands still for a while.
+    """
+    difference = np.diff(x, ORDER)
+    if not len(difference):
+        return 0.0
+    gain = np.sqrt(924.0)  # Σ binomial(6, k)²
+    return float(np.quantile(np.abs(difference), 0.8) / 1.2816 / gain)
+
+
+def noise_share(x: np.ndarray) -> float:
+    """Noise over the signal's standard deviation; 0 for a constant."""
+    spread = float(np.std(x))
+    return noise_level(x) / spread if spread > 0 else 0.0
+
+
+def acceleration_noise_share(q: np.ndarray, dt: float) -> float:
+    """Noise over signal of the second difference of q (n,), as it would be without smoothing."""
+    a = np.diff(q, 2) / dt**2
+    spread = float(np.std(a))
+    return float(np.sqrt(6.0)) * noise_level(q) / dt**2 / spread if spread > 0 else 0.0
+
+
+def motion_bandwidth(x: np.ndarray, dt: float, order: int = 0) -> float:
+    """Frequency [Hz] below which 99.9 % of the power of the velocity lies.
+
+    The noise's own share, measured in the upper half of the spectrum, is taken off first: what
+    does not stand out of it by VISIBLE cannot be told from it.
+
+    Args:
+        x: (n,) position, velocity or acceleration; dt: its step [s]; order: which, 0, 1 or 2.
+    """
+    x = np.diff(x) / dt if order == 0 else x
+    n = len(x)
+    window = np.hanning(n)
+    f = np.fft.rfftfreq(n, dt)
+    power = np.abs(np.fft.rfft((x - x.mean()) * window)) ** 2
+    # of white noise in the channel: differenced, as it is, or integrated
+    shape = (2 * np.sin(np.pi * f * dt)) ** 2 if order == 0 else np.ones(len(f))
+    noise = np.median(power[n // 4 :] / shape[n // 4 :]) / np.log(2) * shape
+    power = np.where(power > VISIBLE * noise, power - noise, 0.0)
+    if order == 2:
+        power = power / np.maximum(2 * np.pi * f, 2 * np.pi * f[1]) ** 2
+    total = np.cumsum(power)
+    if total[-1] <= 0:
+        return 0.0
+    return float(f[min(np.searchsorted(total, POWER * total[-1]), n // 2)])
+
+
+def acceleration_size(q: np.ndarray, dt: float, below: float) -> float:
+    """rms of the second derivative of q (n,) below a frequency [Hz]."""
+    n = len(q)
+    window = np.hanning(n)
+    x = (q - np.polyval(np.polyfit(np.arange(n), q, 1), np.arange(n))) * window
+    f = np.fft.rfftfreq(n, dt)
+    power = 2 * np.abs(np.fft.rfft(x)) ** 2 * (2 * np.pi * f) ** 4
+    return float(np.sqrt(power[f <= below].sum() / n / (window**2).sum()))
+
+
+# --- channels of the motion ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """What was logged of one derivative of one joint's coordinate.
+
+    Attributes:
+        joint: its name; order: 0 position, 1 velocity, 2 acceleration.
+        t, x: (n,) as logged; sigma: its noise; spread: its standard deviation.
+    """
+
+    joint: str
+    order: int
+    t: np.ndarray
+    x: np.ndarray
+    sigma: float
+    spread: float
+
+    @property
+    def column(self) -> str:
+        """Its name in the log."""
+        return f"{ORDERS[self.order]}.{self.joint}"
+
+    @property
+    def noise(self) -> float:
+        """Its noise as a share of its spread; 0 for a constant."""
+        return self.sigma / self.spread if self.spread > 0 else 0.0
+
+    def within(self, t: np.ndarray) -> Channel:
+        """Its samples in a run of the clock t (n,)."""
+        margin = 0.75 * (t[1] - t[0]) if len(t) > 1 else 0.0
+        a, b = np.searchsorted(self.t, (t[0] - margin, t[-1] + margin))
+        return replace(self, t=self.t[a:b], x=self.x[a:b])
+
+    def with_noise(self, sigma: float) -> Channel:
+        """The channel with another noise."""
+        return replace(self, sigma=sigma)
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """What smoothing did to a channel.
+
+    Attributes:
+        column: of the log; how: in words.
+        noise: its estimated white noise; a channel that the others contradict weighs less.
+        residual: rms of measured minus smoothed; 0 where it was taken as logged.
+        spacing: of the knots [s]; 0 where there are none.
+    """
+
+    column: str
+    how: str
+    noise: float
+    residual: float
+    spacing: float = 0.0
+
+
+def channels_of(signals: Signals, names: Sequence[str]) -> list[Channel]:
+    """All motion channels that a log has of some joints."""
+    found: list[Channel] = []
+    for name in names:
+        for order, letter in enumerate(ORDERS):
+            column = f"{letter}.{name}"
+            if column not in signals.columns:
+                continue
+            t, x = signals.log.series(column)
+            spread = _spread(x)
+            sigma = max(noise_level(signals.even(column)[0]), float(grain(x) / np.sqrt(12.0)))
+            sigma = max(sigma, ROUNDING * (spread or 1.0))
+            if found and found[-1].joint == name:  # beside noisy positions no rate is exact
+                before = found[-1]
+                sigma = max(sigma, SHARPEST * before.sigma / float(np.ptp(t)))
+            found.append(Channel(name, order, t, x, sigma, spread))
+    return found
+
+
+def _spread(x: np.ndarray) -> float:
+    """Standard deviation of a signal (n,); 0 for a constant, but for rounding."""
+    return float(np.std(x)) if float(np.ptp(x)) > NIL else 0.0
+
+
+def grain(x: np.ndarray) -> float:
+    """The step of a signal (n,) that only takes multiples of one; 0 for others."""
+    steps = np.abs(np.diff(x))
+    steps = steps[steps > 0]
+    if len(steps) < GRAINS:
+        return 0.0
+    least = float(steps.min())
+    if least * MOST < float(steps.max()):
+        return 0.0
+    off = steps / least
+    whole = np.round(off)
+    multiples = (np.abs(off - whole) < 0.01 * off).all()
+    return least if multiples and np.ptp(whole) > 0 else 0.0  # a ramp has one step only
+
+
+def periods(channels: Sequence[Channel]) -> float:
+    """The shortest median step among the channels [s]."""
+    return min(float(np.median(np.diff(channel.t))) for channel in channels)

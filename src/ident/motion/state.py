@@ -1,0 +1,298 @@
+"""The state of a mechanism over one log: motion of all coordinates, forces applied to it.
+
+`State.at` is the only way to another state: it completes all coordinates from those of some joints,
+and gives K⁺ = [J; W_u]⁺ and the velocity transmission ∂ẏ/∂u̇ that belong to them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, ClassVar
+
+import numpy as np
+import pinocchio as pin
+
+from ident.errors import MotionError, one_of
+from ident.mechanism.mechanism import Mechanism
+from ident.motion.closures import LoopSolver, pseudo_inverse
+from ident.motion.signals import Smoothed, runs
+from ident.motion.spline import Smooth
+
+SINGULAR = 50.0  # times the log's median ‖K⁺‖: beyond, a sample is near a singular position
+HOPELESS = 1e6  # ‖K⁺‖ at which a position is singular whatever the median is
+LEFT_OPEN = 1e-6  # [m | rad] largest equation of a sample that is used at other coordinates
+
+
+class Store:
+    """Arrays that are slow to make, kept with a state while all states stay below `LIMIT` bytes."""
+
+    LIMIT: ClassVar[int] = 128_000_000
+    _used: ClassVar[int] = 0
+
+    def __init__(self) -> None:
+        self._held: dict[object, tuple[object, Any]] = {}
+        self._size = 0
+
+    def get(self, key: object, owner: object) -> Any:
+        """The entry of a key that was made for this very owner; None if there is none."""
+        made_for, value = self._held.get(key, (None, None))
+        return value if made_for is owner else None
+
+    def put(self, key: object, owner: object, value: Sequence[np.ndarray]) -> None:
+        """Keeps arrays, if there is room."""
+        size = sum(x.nbytes for x in value)
+        if self.fits(size) and key not in self._held:
+            Store._used += size
+            self._size += size
+            self._held[key] = owner, value
+
+    @classmethod
+    def fits(cls, size: int) -> bool:
+        """Whether so many bytes more can be kept."""
+        return cls._used + size <= cls.LIMIT
+
+    def __del__(self) -> None:
+        Store._used -= self._size
+
+    def __reduce__(self) -> tuple[type[Store], tuple[()]]:
+        return Store, ()  # a copy in another process starts empty
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """One log's motion on a uniform clock.
+
+    With n samples, J named joints and d independent coordinates:
+
+    Attributes:
+        name: the log's.
+        t: (n,) [s], uniform.
+        q, v, a: (n, nq), (n, nv), (n, nv) of the model.
+        y, yd, ydd: (n, J) coordinate, rate and acceleration of the mechanism's joints.
+        tau: (n, driven) measured torques, in the order of `mechanism.driven`.
+        wrench: (n, nv) generalised forces of measured external wrenches, or None.
+        pinv: (n, nv, m + d), the pseudo-inverse of [J; W_u]; None for a tree.
+        leverage: (n, J, d), velocity transmission: ẏ_j for unit rate of each independent
+            coordinate; None for a tree.
+        usable: (n,), false where a sample takes no part, with the reason in `Motion.notes`.
+        still: (J,) speed below which a joint counts as standing still [rad/s | m/s].
+        extra: the log's other columns on this clock.
+        logged: names of the joints from whose coordinates the motion was completed.
+        independent: names of the joints to which `leverage` refers.
+        noise: standard deviation of white noise in the logged channels, by column.
+        smooth: the splines behind the motion; None where the log was taken as it is.
+        channels: how each channel of the motion was smoothed.
+        store: what is slow to make from these, for all that need it.
+    """
+
+    name: str
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    y: np.ndarray
+    yd: np.ndarray
+    ydd: np.ndarray
+    tau: np.ndarray
+    wrench: np.ndarray | None
+    pinv: np.ndarray | None
+    leverage: np.ndarray | None
+    usable: np.ndarray
+    still: np.ndarray
+    extra: Mapping[str, np.ndarray] = field(default_factory=dict)
+    logged: tuple[str, ...] = ()
+    independent: tuple[str, ...] = ()
+    noise: Mapping[str, float] = field(default_factory=dict)
+    smooth: Smooth | None = None
+    channels: tuple[Smoothed, ...] = ()
+    store: Store = field(default_factory=Store, init=False)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def rate(self) -> float:
+        """Samples a second [Hz]."""
+        return (len(self.t) - 1) / float(self.t[-1] - self.t[0])
+
+    def thinned(self, every: int) -> State:
+        """One sample of `every`, for what is smooth."""
+        return self if every == 1 else self.at_samples(slice(None, None, every))
+
+    def at_samples(self, index: slice | np.ndarray) -> State:
+        """Some samples only."""
+        cut: dict[str, Any] = {
+            each.name: value[index]
+            for each in fields(self)
+            if each.name != "still"
+            and isinstance(value := getattr(self, each.name), np.ndarray)
+            and len(value) == len(self)  # not yet completed ones are empty
+        }
+        return replace(self, **cut, extra={name: x[index] for name, x in self.extra.items()})
+
+    def segments(self) -> Iterator[slice]:
+        """Runs of usable samples; nothing is filtered or differentiated across their ends."""
+        yield from runs(self.usable)
+
+    def known(self, mechanism: Mechanism, names: Sequence[str] = ()) -> np.ndarray:
+        """Coordinates, rates, accelerations (3, n, d) of some joints, by default the logged."""
+        at = [mechanism.joint_index[name] for name in names or self.logged]
+        return np.stack([y[:, at] for y in (self.y, self.yd, self.ydd)])
+
+    def at(
+        self,
+        mechanism: Mechanism,
+        known: np.ndarray | None = None,
+        names: tuple[str, ...] = (),
+        *,
+        motion: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+        turns: Mapping[str, np.ndarray] | None = None,
+        start: str = "near",
+    ) -> State:
+        """The mechanism in another state, with all that follows from it.
+
+        K⁺ and the transmission are those of the new state if this one has them; samples that are
+        near a singular position, or at which the closures stay open, are not usable.
+
+        Args:
+            mechanism: that moves; it may have other lengths than before.
+            known: (3, n, d) coordinates, rates and accelerations of joints that determine the
+                motion; names: these joints, by default the logged ones.
+            motion: q, v, a of the model in place of these; turns: by joint, coordinates (n,) that
+                tell whole turns of closures' own joints, by default the present ones.
+            start: of the search for q: `near` its present value; `follow` the motion from the
+                assembled configuration; `same`, q is not moved.
+
+        Raises:
+            MotionError: if the closures cannot follow, or every sample is near a singular position.
+        """
+        usable = self.usable
+        if known is None and turns is None:
+            turns = {joint.name: self.y[:, i] for i, joint in enumerate(mechanism.joints)}
+        if known is not None:
+            names = names or self.logged
+            turns = dict(zip(names, known[0].T, strict=True))
+            if mechanism.closures:
+                solver = LoopSolver(mechanism, names, np.maximum(known[0].std(axis=0), 1e-9))
+                q = self.q
+                if start == "follow":
+                    q = solver.follow(known[0], self.t)
+                elif start == "near":
+                    q, left = solver.newton(q, known[0])
+                    usable = usable & (left < LEFT_OPEN)
+                motion = (q, *solver.rates(q, *known[1:]))
+            else:
+                order = np.argsort([mechanism.joint(name).index for name in names])
+                q, v, a = (np.ascontiguousarray(x[:, order]) for x in known)
+                motion = q, v, a
+        assert motion is not None
+        y, yd, ydd = _joints(mechanism, *motion, turns or {})
+        q, v, a = motion
+        found = replace(self, q=q, v=v, a=a, y=y, yd=yd, ydd=ydd, usable=usable)
+        if self.pinv is None:
+            return found
+        return found if start == "same" else found.transmitted(mechanism, self.independent)
+
+    def transmitted(
+        self, mechanism: Mechanism, independent: tuple[str, ...], largest: float | None = None
+    ) -> State:
+        """With K⁺ and velocity transmission in the independent coordinates.
+
+        Args:
+            mechanism: with closures; independent: joints to which they refer.
+            largest: ‖K⁺‖ from which on a sample is near a singular position and not usable;
+                default: of this state.
+
+        Raises:
+            MotionError: if every sample is near a singular position.
+        """
+        J = mechanism.kinematics.closure_rows(self.q).rate
+        every = LoopSolver(mechanism, (j.name for j in mechanism.joints)).coordinates(self.q).rate
+        W = every[:, [mechanism.joint_index[name] for name in independent]]
+        Kp = pseudo_inverse(np.concatenate([J, W], axis=1))
+        leverage = every @ Kp[:, :, J.shape[1] :]
+        found = replace(self, pinv=Kp, leverage=leverage, independent=independent)
+        size = nearness(found)
+        limit = largest_nearness(size) if largest is None else largest
+        usable = self.usable if limit == np.inf else self.usable & (size < limit)
+        if largest is None and not usable.any():
+            raise MotionError(
+                f"{self.name}: every sample is near a singular position of {mechanism.name}; "
+                "nothing can be identified from it"
+            )
+        return replace(found, usable=usable)
+
+
+def nearness(e: State) -> np.ndarray:
+    """‖K⁺‖ (n,) of every sample: it grows towards a singular position."""
+    assert e.pinv is not None
+    return np.asarray(np.linalg.norm(e.pinv, axis=(1, 2)))
+
+
+def largest_nearness(sizes: np.ndarray) -> float:
+    """‖K⁺‖ from which on a position counts as singular, in a motion with these (n,)."""
+    return min(HOPELESS, SINGULAR * float(np.median(sizes)))
+
+
+def _joints(
+    mechanism: Mechanism,
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    turns: Mapping[str, np.ndarray],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """y, ẏ, ÿ (n, J) of all joints, with the whole turns of `turns`."""
+    order = [joint.index for joint in mechanism.joints]
+    if all(joint.in_tree for joint in mechanism.joints):
+        if order == list(range(q.shape[1])):  # the same arrays: no second copy of long logs
+            return q, v, a
+        return q[:, order], v[:, order], a[:, order]
+    rows = LoopSolver(mechanism, (j.name for j in mechanism.joints)).coordinates(q, v)
+    value = rows.value.copy()
+    for i, joint in enumerate(mechanism.joints):
+        if joint.rotational and not joint.in_tree:
+            value[:, i] = np.unwrap(value[:, i])
+            if joint.name in turns:
+                off = value[:, i] - turns[joint.name]
+                value[:, i] -= 2 * np.pi * np.round(off / (2 * np.pi))
+    rates = np.einsum("njk,nk->nj", rows.rate, v)
+    return value, rates, np.einsum("njk,nk->nj", rows.rate, a) + rows.drift
+
+
+def wrenches(
+    mechanism: Mechanism, name: str, columns: Mapping[str, np.ndarray], q: np.ndarray
+) -> np.ndarray | None:
+    """Generalised forces (n, nv) of `wrench.<link>.<fx…mz>`, in the link's own frame.
+
+    Args:
+        mechanism: the mechanism.
+        name: of the log, for messages.
+        columns: of the log, each (n,).
+        q: (n, nq) its configurations.
+    """
+    parts = ("fx", "fy", "fz", "mx", "my", "mz")
+    frames: dict[str, np.ndarray] = {}
+    for column in columns:
+        if not column.startswith("wrench."):
+            continue
+        frame, _, part = column[len("wrench.") :].rpartition(".")
+        if part not in parts or not frame:
+            raise MotionError(f"{name}: column '{column}': write wrench.<link>.<{'|'.join(parts)}>")
+        if not mechanism.model.existFrame(frame, pin.FrameType.BODY):
+            known = [f.name for f in mechanism.model.frames if f.type == pin.FrameType.BODY]
+            raise MotionError(
+                f"{name}: column '{column}': no link '{frame}'; {one_of(frame, known)}"
+            )
+        wrench = frames.setdefault(frame, np.zeros((len(q), 6)))
+        wrench[:, parts.index(part)] = columns[column]
+    if not frames:
+        return None
+    model, data = mechanism.model, mechanism.model.createData()
+    total = np.zeros((len(q), model.nv))
+    for frame, wrench in frames.items():
+        index = model.getFrameId(frame, pin.FrameType.BODY)
+        for k in range(len(q)):
+            J = pin.computeFrameJacobian(model, data, q[k], index, pin.LOCAL)
+            total[k] += J.T @ wrench[k]
+    return total
