@@ -27,7 +27,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ident.errors import MechanismError, MotionError, one_of
+from ident.errors import MechanismError, one_of
 
 
 @dataclass(frozen=True)
@@ -71,16 +71,6 @@ class Signals:
         """(joints, 2) lowest and highest coordinate."""
         return np.stack([self.q.min(axis=0), self.q.max(axis=0)], axis=1)
 
-    def column(self, name: str) -> np.ndarray:
-        """Another column (n,) of the log.
-
-        Raises:
-            MotionError: if the log does not have it.
-        """
-        if name not in self.extra:
-            raise MotionError(f"the log has no column '{name}', which this effect needs; log it")
-        return self.extra[name]
-
 
 @dataclass(frozen=True)
 class Unknown:
@@ -98,7 +88,7 @@ class Unknown:
     """
 
     name: str
-    units: tuple[str, str]  # (rotational, linear)
+    units: tuple[str, ...]  # (rotational, linear)
     meaning: str
     nonnegative: bool = False
     discrete: bool = False

@@ -9,7 +9,7 @@ import numpy as np
 from ident.effects.effect import Bounds, Effect, Shape, Signals, Unknown
 from ident.errors import MechanismError
 
-DEGREE = 7  # the highest of a cable's polynomial
+RAISED = ("⁰", "", "²", "³", "⁴", "⁵", "⁶", "⁷")  # powers of a cable's polynomial
 
 
 class Spring(Effect):
@@ -37,16 +37,6 @@ class Spring(Effect):
         return np.stack([s.q, np.ones_like(s.q)], axis=-1)
 
 
-def raised(power: int) -> str:
-    """`²` for 2; nothing for 1."""
-    return "" if power == 1 else "⁰¹²³⁴⁵⁶⁷"[power]
-
-
-def per(unit: str, power: int) -> str:
-    """`/rad²` for 2; nothing for 0."""
-    return f"/{unit}{raised(power)}" if power else ""
-
-
 class Cable(Effect):
     """Hoses and cables along a joint: a smooth curve over position."""
 
@@ -61,16 +51,19 @@ class Cable(Effect):
     def __post_init__(self) -> None:
         """Check the degree before the parameters' names."""
         degree = self.setting("degree")
-        if degree not in range(1, DEGREE + 1):
+        if degree not in range(1, len(RAISED)):
             raise MechanismError(f"effect '{self.label}': degree = {degree:g}; valid: 1 to 7")
         super().__post_init__()
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:  # type: ignore[override]
         """One coefficient a power of q."""
+        pairs = (("N m", "rad"), ("N", "m"))
         return tuple(
-            Unknown(f"k{i}", (f"N m{per('rad', i)}", f"N{per('m', i)}"), f"of q{raised(i)}")
-            for i in range(int(self.setting("degree")) + 1)
+            Unknown(
+                f"k{i}", tuple(f"{f}/{q}{raised}" if i else f for f, q in pairs), f"of q{raised}"
+            )
+            for i, raised in enumerate(RAISED[: int(self.setting("degree")) + 1])
         )
 
     def columns(self, s: Signals) -> np.ndarray:

@@ -208,5 +208,5 @@ class TemperatureFriction(Effect):
     def columns(self, s: Signals) -> np.ndarray:
         """E = Fv v (T − T0); Fv = 1 as long as it is not known."""
         Fv = s.present.get(f"viscous.{self.joints[0]}.Fv", 1.0)
-        T = s.column(*self.reads())
+        (T,) = (s.extra[name] for name in self.reads())
         return (Fv * s.v * (T[:, None] - self.setting("T0")))[:, :, None]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -43,16 +43,57 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
     """
     path = Path(path)
     toml = _toml_of(path)
-    if toml is None:
-        return Reader(Section(str(path)), path, None, allow_code).mechanism(path.stem)
-    top = read_toml(toml)
-    top.check(*TOP)
-    if "urdf" not in top:
-        raise top.error("has no key 'urdf'; write urdf = \"<name>.urdf\"")
-    urdf = toml.parent / top.text("urdf")
-    if not urdf.is_file():
-        raise top.error(f"urdf = '{top.data['urdf']}': no such file in {toml.parent}")
-    return Reader(top, urdf, toml, allow_code).mechanism(toml.parent.resolve().name)
+    top, urdf, name = Section(str(path)), path, path.stem
+    if toml is not None:
+        top, name = read_toml(toml), toml.parent.resolve().name
+        top.check(*TOP)
+        if "urdf" not in top:
+            raise top.error("has no key 'urdf'; write urdf = \"<name>.urdf\"")
+        urdf = toml.parent / top.text("urdf")
+        if not urdf.is_file():
+            raise top.error(f"urdf = '{top.data['urdf']}': no such file in {toml.parent}")
+    for key in ("joints", "parameters", "multipliers", "log"):
+        top.table(key)
+    closures, effects = (top.tables(key) for key in ("closure", "effect"))
+    source = read_description(urdf)
+    loops = (Section(f"{urdf}: loop {i}", each) for i, each in enumerate(source.closures, 1))
+    top = replace(top, data=stated(top.data, source))
+    tree = build_tree(parse_urdf(source.urdf, str(urdf)), top.vector("gravity", 3), str(urdf))
+    bodies, joints = Bodies(tree.links), _tree_joints(tree)
+    folder = (toml or urdf).parent
+    context = Context(tree.model, {j.name: j.rotational for j in joints}, folder, allow_code)
+    passive, start = _passive_and_start(top.table("joints"), tree, joints)
+    parameters = top.table("parameters")
+    parameters.check("unknown", "bounds", "total_mass")
+    auxiliary = (*tree.auxiliary, *source.auxiliary)
+    asked = [link for link in bodies.links if link not in auxiliary]
+    asked = list(parameters.words("unknown")) if "unknown" in parameters else asked
+    mechanism = Mechanism(
+        name=name,
+        model=tree.model,
+        bodies=bodies,
+        joints=joints,
+        closures=_closures(top, [*loops, *closures], tree, context),
+        driven=tuple(joint.name for joint in joints if joint.name not in passive),
+        passive=tuple(joint.name for joint in joints if joint.name in passive),
+        start=start,
+        unknown=bodies.select(asked, parameters.where),
+        multipliers=_multipliers(top.table("multipliers")),
+        columns=_columns(top.table("log")),
+        urdf=urdf,
+        toml=toml,
+        consistency=read_consistency(parameters, bodies),
+    )
+    notes = (*source.notes, *tree.notes, *_remarks(mechanism))
+    mechanism = replace(mechanism, notes=notes).with_own_joints()
+    for column in mechanism.columns:  # a mapped name that nothing reads would be ignored
+        prefix, _, joint = column.partition(".")
+        if prefix in CHANNELS and joint not in mechanism.joint_index:
+            valid = one_of(joint, mechanism.joint_index)
+            raise top.error(f"[log] \"{column}\": no joint '{joint}'; {valid}")
+    for table in effects:
+        mechanism = _with_effect(mechanism, table, context)
+    return mechanism
 
 
 def _toml_of(path: Path) -> Path | None:
@@ -91,137 +132,50 @@ def stated(data: Mapping[str, Any], source: Description) -> dict[str, Any]:
     return {**data, "joints": joints, "gravity": gravity}
 
 
-@dataclass(frozen=True)
-class Reader:
-    """Makes a mechanism of the sections of a mechanism.toml, or of none.
-
-    Args:
-        top: the file's top level, empty for a bare URDF.
-        urdf: path of the URDF, or of what stands in its place.
-        toml: path of the mechanism.toml.
-        allow_code: whether Python files may be run.
-    """
-
-    top: Section
-    urdf: Path
-    toml: Path | None
-    allow_code: bool
-
-    @property
-    def folder(self) -> Path:
-        """The folder from which paths count."""
-        return (self.toml or self.urdf).parent
-
-    def mechanism(self, name: str) -> Mechanism:
-        """Return the mechanism.
-
-        Raises:
-            MechanismError: naming the place of what is wrong.
-        """
-        for key in ("joints", "parameters", "multipliers", "log"):
-            self.top.table(key)
-        closures, effects = (self.top.tables(key) for key in ("closure", "effect"))
-        source = read_description(self.urdf)
-        top = replace(self.top, data=stated(self.top.data, source))
-        gravity = top.vector("gravity", 3)
-        tree = build_tree(parse_urdf(source.urdf, str(self.urdf)), gravity, str(self.urdf))
-        notes = (*source.notes, *tree.notes)
-        joints, bodies = _tree_joints(tree), Bodies(tree.links)
-        names = [joint.name for joint in joints]
-        section, parameters = top.table("joints"), top.table("parameters")
-        section.check("passive", "start")
-        given = section.words("passive")
-        for each in given:
-            if each not in names:
-                raise section.error(f"passive: no joint '{each}'; {one_of(each, names)}")
-        passive = {*given, *(mimic.joint for mimic in tree.mimics)}
-        parameters.check("unknown", "bounds", "total_mass")
-        auxiliary = (*tree.auxiliary, *source.auxiliary)
-        asked = parameters.words("unknown") if "unknown" in parameters else [
-            link for link in bodies.links if link not in auxiliary
-        ]  # fmt: skip
-        beside = [
-            Section(f"{self.urdf}: loop {i}", each) for i, each in enumerate(source.closures, 1)
-        ]
-        mechanism = Mechanism(
-            name=name,
-            model=tree.model,
-            bodies=bodies,
-            joints=joints,
-            closures=self._closures([*beside, *closures], tree, joints),
-            driven=tuple(each for each in names if each not in passive),
-            passive=tuple(each for each in names if each in passive),
-            start=_start(section, tree, joints),
-            unknown=bodies.select(asked, parameters.where),
-            multipliers=_multipliers(top.table("multipliers")),
-            columns=_columns(top.table("log")),
-            urdf=self.urdf,
-            toml=self.toml,
-            consistency=read_consistency(parameters, bodies),
+def _closures(
+    top: Section, tables: list[Section], tree: Tree, context: Context
+) -> tuple[Closure, ...]:
+    closures: dict[str, Closure] = {}
+    for table in tables:
+        closure = read_closure(table, context)
+        if closure.name in closures:
+            raise top.error(f"two closures are named '{closure.name}'")
+        closures[closure.name] = closure
+    for mimic in tree.mimics:
+        name, ratios = f"mimic.{mimic.joint}", (1.0, -mimic.multiplier)
+        rotational = context.rotational[mimic.joint]
+        closures[name] = LinearClosure(
+            name, (mimic.joint, mimic.of), ratios, mimic.offset, rotational
         )
-        mechanism = replace(mechanism, notes=(*notes, *_remarks(mechanism))).with_own_joints()
-        for column in mechanism.columns:  # a mapped name that nothing reads would be ignored
-            prefix, _, joint = column.partition(".")
-            if prefix in CHANNELS and joint not in mechanism.joint_index:
-                raise top.error(
-                    f"[log] \"{column}\": no joint '{joint}'; "
-                    f"{one_of(joint, mechanism.joint_index)}"
-                )
-        for table in effects:
-            mechanism = self._with_effect(mechanism, table)
-        return mechanism
+    return tuple(closures.values())
 
-    def _closures(
-        self, tables: list[Section], tree: Tree, joints: tuple[Joint, ...]
-    ) -> tuple[Closure, ...]:
-        closures: dict[str, Closure] = {}
-        rotational = {joint.name: joint.rotational for joint in joints}
-        context = Context(tree.model, rotational, self.folder, self.allow_code)
-        for table in tables:
-            closure = read_closure(table, context)
-            if closure.name in closures:
-                raise self.top.error(f"two closures are named '{closure.name}'")
-            closures[closure.name] = closure
-        mimics = (
-            LinearClosure(
-                f"mimic.{mimic.joint}",
-                (mimic.joint, mimic.of),
-                (1.0, -mimic.multiplier),
-                mimic.offset,
-                rotational[mimic.joint],
-            )
-            for mimic in tree.mimics
+
+def _with_effect(mechanism: Mechanism, table: Section, context: Context) -> Mechanism:
+    try:
+        effect = _effect(table, context)
+        if effect.label in {own.label for own in mechanism.effects}:
+            raise MechanismError(f"has the effect '{effect.label}' already")
+        return mechanism + effect
+    except MechanismError as error:
+        raise (error if table.where in str(error) else table.error(str(error))) from None
+
+
+def _effect(table: Section, context: Context) -> Effect:
+    """The effect of one [[effect]]: of the library, or with `file` one of the user's own."""
+    kind = table.text("kind")
+    values = {key: table.number(key) for key in table.data if key not in ("kind", "joint", "file")}
+    if "file" in table:
+        file = context.folder / table.text("file")
+        joints = tuple(part.strip() for part in table.text("joint").split(","))
+        read = read_user_effect(file, kind, allow_code=context.allow_code, where=table.where)
+        return read(joints, values)
+    if kind not in KINDS:
+        raise table.error(
+            f"there is no effect '{kind}'; {one_of(kind, KINDS)}; one of your own needs "
+            'file = "….py"'
         )
-        return (*closures.values(), *mimics)
-
-    def _with_effect(self, mechanism: Mechanism, table: Section) -> Mechanism:
-        try:
-            effect = self._effect(table)
-            if effect.label in {own.label for own in mechanism.effects}:
-                raise MechanismError(f"has the effect '{effect.label}' already")
-            return mechanism + effect
-        except MechanismError as error:
-            message = str(error)
-            raise (error if table.where in message else table.error(message)) from None
-
-    def _effect(self, table: Section) -> Effect:
-        """The effect of one [[effect]]: of the library, or with `file` one of the user's own."""
-        kind = table.text("kind")
-        values = {
-            key: table.number(key) for key in table.data if key not in ("kind", "joint", "file")
-        }
-        if "file" in table:
-            file = self.folder / table.text("file")
-            joints = tuple(part.strip() for part in table.text("joint").split(","))
-            read = read_user_effect(file, kind, allow_code=self.allow_code, where=table.where)
-            return read(joints, values)
-        if kind not in KINDS:
-            raise table.error(
-                f"there is no effect '{kind}'; {one_of(kind, KINDS)}; one of your own needs "
-                'file = "….py"'
-            )
-        alone = KINDS[kind].arity == 0 and "joint" not in table
-        return create(kind, "" if alone else table.text("joint"), values)
+    alone = KINDS[kind].arity == 0 and "joint" not in table
+    return create(kind, "" if alone else table.text("joint"), values)
 
 
 def _tree_joints(tree: Tree) -> tuple[Joint, ...]:
@@ -240,17 +194,23 @@ def _tree_joints(tree: Tree) -> tuple[Joint, ...]:
     return tuple(joints)
 
 
-def _start(section: Section, tree: Tree, joints: tuple[Joint, ...]) -> np.ndarray:
-    q = pin.neutral(tree.model)
-    table = section.data.get("start", {})
+def _passive_and_start(
+    section: Section, tree: Tree, joints: tuple[Joint, ...]
+) -> tuple[set[str], np.ndarray]:
+    """Passive joints, mimicking ones among them, and the configuration (nq,) of [joints]."""
+    section.check("passive", "start")
+    q, places = pin.neutral(tree.model), {joint.name: joint.index for joint in joints}
+    passive, table = section.words("passive"), section.data.get("start", {})
     if not isinstance(table, dict):
         raise section.error(f"start = {table!r}; write {{ joint = 0.0, … }}")
-    start, places = Section(f"{section.where} start", table), {j.name: j.index for j in joints}
+    start = Section(f"{section.where} start", table)
+    for key, names in (("passive", passive), ("start", table)):
+        for name in names:
+            if name not in places:
+                raise section.error(f"{key}: no joint '{name}'; {one_of(name, places)}")
     for name in table:
-        if name not in places:
-            raise start.error(f"no joint '{name}'; {one_of(name, places)}")
         q[places[name]] = start.number(name)
-    return q
+    return {*passive, *(mimic.joint for mimic in tree.mimics)}, q
 
 
 def _remarks(mechanism: Mechanism) -> list[str]:

@@ -70,15 +70,8 @@ def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> T
         robot.insert(0, etree.Element("link", name="world"))
         notes.append("the URDF does not declare the link 'world'; it is taken as the ground")
     # nothing here uses these, and urdfdom stumbles over some of them
-    etree.strip_elements(
-        robot,
-        "dynamics",
-        "safety_controller",
-        "calibration",
-        "visual",
-        "collision",
-        with_tail=False,
-    )
+    unused = ("dynamics", "safety_controller", "calibration", "visual", "collision")
+    etree.strip_elements(robot, *unused, with_tail=False)
     for element in robot.iter("limit", "mass", "inertia"):
         for key, value in element.items():  # urdfdom stumbles over blanks around a number
             element.set(key, value.strip())

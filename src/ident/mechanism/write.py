@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import codecs
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -28,54 +29,6 @@ TERMS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 UPPER = np.triu_indices(3)
 
 
-def effect_table(
-    effect: Effect, values: Mapping[str, float], file: str | None = None
-) -> tomlkit.items.Table:
-    """`[[effect]]` of an effect, with its settings and the values of parameters that are known.
-
-    Args:
-        effect: the effect.
-        values: by short name.
-        file: of a user's own effect, relative to the folder.
-    """
-    table = tomlkit.table()
-    table["kind"] = effect.kind
-    if file is not None:
-        table["file"] = file
-    if effect.joints:
-        table["joint"] = ",".join(effect.joints)
-    settings = {name: effect.values[name] for name in effect.settings if name in effect.values}
-    for name, value in {**settings, **values}.items():
-        table[name] = float(value)
-    return table
-
-
-def own_file(effect: Effect) -> Path | None:
-    """The Python file of a user's own effect.
-
-    Raises:
-        MechanismError: for one whose function came from no file.
-    """
-    if effect.kind in KINDS:
-        return None
-    if effect.file is None:
-        raise MechanismError(
-            f"effect '{effect.label}': its function is in no file, so no mechanism.toml can name "
-            "it; write the function into a .py file and read it with ident.read_user_effect"
-        )
-    return effect.file
-
-
-def document_of(mechanism: Mechanism) -> tomlkit.TOMLDocument:
-    """The mechanism's own mechanism.toml, or a new one for a bare URDF."""
-    if mechanism.toml is not None:
-        raw = mechanism.toml.read_bytes()  # not as text, which would change the ends of lines
-        return tomlkit.parse(raw.removeprefix(codecs.BOM_UTF8))
-    document = tomlkit.document()
-    document["urdf"] = mechanism.urdf.name
-    return document
-
-
 def add_effects(mechanism: Mechanism, effects: Sequence[Effect]) -> Path:
     """Append effects to the mechanism.toml; a bare URDF gets one beside it.
 
@@ -92,22 +45,19 @@ def add_effects(mechanism: Mechanism, effects: Sequence[Effect]) -> Path:
         raise MechanismError(
             f"{path}: is there already; give it (or its folder) instead of {mechanism.urdf.name}"
         )
-    document = document_of(mechanism)
-    tables = document.get("effect", tomlkit.aot())
-    if "effect" not in document or not isinstance(tables, tomlkit.items.AoT):
-        present = document.pop("effect", [])  # written in line: a [[effect]] would not fit behind
-        tables = tomlkit.aot()
-        for each in present:
-            tables.append(tomlkit.item({**each}))
+    document = _document(mechanism)
+    tables = document.get("effect")
+    if not isinstance(tables, tomlkit.items.AoT):  # [[effect]] does not fit behind an array in line
+        tables = _array(document.pop("effect", []))
         document["effect"] = tables
     new = {effect.label for effect in effects}
-    for i in reversed(range(len(tables))):
-        if i < len(mechanism.effects) and mechanism.effects[i].label in new:
+    for i, effect in reversed(list(enumerate(mechanism.effects[: len(tables)]))):
+        if effect.label in new:
             del tables[i]
     for effect in effects:
-        file = own_file(effect)
+        file = _own_file(effect)
         beside = None if file is None else Path(os.path.relpath(file, path.parent)).as_posix()
-        tables.append(effect_table(effect, effect.values, beside))
+        tables.append(tomlkit.item(_effect_table(effect, effect.values, beside)))
     write_all(path.parent, {path.name: tomlkit.dumps(document).encode()})
     return path
 
@@ -126,32 +76,73 @@ def folder_files(
         effects: with the values that are known of each.
         unknown: for [parameters]; None leaves it as it is.
     """
-    document = document_of(mechanism)
+    document = _document(mechanism)
     source = read_description(mechanism.urdf)
     urdf_name = mechanism.urdf.name
-    if source.format != "urdf":  # what the file says of loops is said in mechanism.toml from now on
+    if source.format != "urdf":  # mechanism.toml takes over the loops of the file
         urdf = description_of(urdf, mechanism.urdf).urdf
         urdf_name = mechanism.urdf.with_suffix(".urdf").name
         _spell_out(document, mechanism, source)
     document["urdf"] = urdf_name
     if unknown is not None:
         document["parameters"] = {"unknown": list(unknown)}
-    if "effect" in document:
-        del document["effect"]
     files = {urdf_name: urdf}
     for closure in document.get("closure", []):
         if "file" in closure and mechanism.toml is not None:
             file = mechanism.toml.parent / str(closure["file"])
             closure["file"] = _copied(files, file, str(closure["name"]))
-    if effects:
-        tables = tomlkit.aot()
-        for effect, values in effects:
-            own = own_file(effect)
-            name = None if own is None else _copied(files, own, effect.kind)
-            tables.append(effect_table(effect, values, name))
-        document["effect"] = tables
+    document.pop("effect", None)
+    tables = []
+    for effect, values in effects:
+        own = _own_file(effect)
+        name = None if own is None else _copied(files, own, effect.kind)
+        tables.append(_effect_table(effect, values, name))
+    if tables:
+        document["effect"] = _array(tables)
     files["mechanism.toml"] = tomlkit.dumps(document).encode()
     return files
+
+
+def _document(mechanism: Mechanism) -> tomlkit.TOMLDocument:
+    """The mechanism's own mechanism.toml, or a new one for a bare URDF."""
+    if mechanism.toml is not None:
+        raw = mechanism.toml.read_bytes()  # not as text, which would change the ends of lines
+        return tomlkit.parse(raw.removeprefix(codecs.BOM_UTF8))
+    document = tomlkit.document()
+    document["urdf"] = mechanism.urdf.name
+    return document
+
+
+def _array(tables: Iterable[Mapping[str, Any]]) -> tomlkit.items.AoT:
+    array = tomlkit.aot()
+    for table in tables:
+        array.append(tomlkit.item({**table}))
+    return array
+
+
+def _effect_table(effect: Effect, values: Mapping[str, float], file: str | None) -> dict[str, Any]:
+    """`[[effect]]` with the file of a user's own kind, settings, and values by short name."""
+    settings = {name: effect.values[name] for name in effect.settings if name in effect.values}
+    table: dict[str, Any] = {"kind": effect.kind}
+    table |= {} if file is None else {"file": file}
+    table |= {"joint": ",".join(effect.joints)} if effect.joints else {}
+    return table | {name: float(value) for name, value in {**settings, **values}.items()}
+
+
+def _own_file(effect: Effect) -> Path | None:
+    """The Python file of a user's own effect.
+
+    Raises:
+        MechanismError: for one whose function came from no file.
+    """
+    if effect.kind in KINDS:
+        return None
+    if effect.file is None:
+        raise MechanismError(
+            f"effect '{effect.label}': its function is in no file, so no mechanism.toml can name "
+            "it; write the function into a .py file and read it with ident.read_user_effect"
+        )
+    return effect.file
 
 
 def _spell_out(document: tomlkit.TOMLDocument, mechanism: Mechanism, source: Description) -> None:
@@ -169,11 +160,8 @@ def _spell_out(document: tomlkit.TOMLDocument, mechanism: Mechanism, source: Des
     if source.auxiliary and "unknown" not in document.get("parameters", {}):
         asked = [link for link in mechanism.bodies.links if link not in source.auxiliary]
         document.setdefault("parameters", tomlkit.table())["unknown"] = asked
-    tables = tomlkit.aot()
-    for table in (*source.closures, *document.pop("closure", [])):
-        tables.append(tomlkit.item({**table}))
-    if len(tables):
-        document["closure"] = tables
+    if tables := [*source.closures, *document.pop("closure", [])]:
+        document["closure"] = _array(tables)
 
 
 def _copied(files: dict[str, bytes], file: Path, owner: str) -> str:
