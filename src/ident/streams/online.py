@@ -20,8 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
-from math import floor
 
 import numpy as np
 
@@ -49,9 +47,9 @@ from ident.streams.stream import (
     LATENCY,
     Sample,
     SampleParser,
+    SampleWindow,
     Setting,
     Stream,
-    Window,
     check_causal,
     concatenated,
     part_of,
@@ -59,7 +57,7 @@ from ident.streams.stream import (
 
 WARMUP = 5.0  # [s] from which a stream learns what it is like
 LONGEST = 100_000  # samples that a warm-up keeps at most
-INTERVALS, SLACK = 32, 1.25  # of time; times as many, while pairs are merged one after the other
+INTERVALS = 32  # of time, at most
 FADING = 8.0  # intervals in a time constant of forgetting
 TOGETHER = 16  # samples whose rows are absorbed at once
 
@@ -156,6 +154,11 @@ class Interval:
     blocks: tuple[Block, ...]
     weights: np.ndarray
 
+    @property
+    def start(self) -> float:
+        """Time of the first row [s]."""
+        return self.blocks[0].span[0]
+
     @classmethod
     def empty(cls, supports: Sequence[np.ndarray], t: float) -> Interval:
         """Return an interval without rows, from the time t [s] on."""
@@ -215,8 +218,9 @@ class Interval:
 class Accumulator:
     """Absorbs rows as they come, in bounded memory: intervals of time stay few.
 
-    Without forgetting, intervals grow twice as long when there are too many, neighbours merged pair
-    by pair, so that they remain equal blocks for the jackknife; with forgetting the oldest merge.
+    An interval is as long as the shortest before it. Of too many, the first pair that makes the
+    shortest one is merged, so that they remain about equal blocks for the jackknife and grow longer
+    together; with forgetting, all are equally long, and the two oldest merge.
 
     Args:
         supports: for each coordinate the unknowns that can appear in its rows.
@@ -228,9 +232,8 @@ class Accumulator:
     """
 
     def __init__(self, supports: Sequence[np.ndarray], forget: float | None, period: float) -> None:
-        self._supports, self._T = list(supports), forget
+        self._supports, self._T, self._period = list(supports), forget, period
         self._length = LENGTH * period if forget is None else forget / FADING
-        self._start = 0.0
         self._intervals: list[Interval] = []
         self._open: Interval | None = None
         self._closed: Interval | None = None  # all intervals but the open one, together
@@ -239,10 +242,10 @@ class Accumulator:
 
     def absorb(self, rows: Rows) -> None:
         """Add rows, which come in the order of time."""
-        if self.now == -np.inf:
-            self._start = float(rows.t[0])
         self._waiting.append(rows)
         self.now = float(rows.t[-1])
+        if (informed := rows.informed.any(axis=1)).any():
+            self.informed = float(rows.t[informed][-1])
         if sum(len(each.t) for each in self._waiting) >= TOGETHER:
             self._absorb_waiting()
 
@@ -260,53 +263,33 @@ class Accumulator:
         return found[0], found[1]
 
     def _absorb_waiting(self) -> None:
-        """Absorb what waits, interval by interval; merge a pair where there are too many."""
+        """Absorb what waits, interval by interval."""
         waiting, self._waiting = self._waiting, []
-        if not waiting:
+        rows = concatenated(waiting) if waiting else None
+        while rows is not None and len(rows.t):
+            self._open = self._open or Interval.empty(self._supports, float(rows.t[0]))
+            end = self._open.start + self._length - 0.5 * self._period
+            inside = int(np.searchsorted(rows.t, end))
+            if inside:
+                self._open = self._open.updated(part_of(rows, slice(inside)), self._T)
+                rows = part_of(rows, slice(inside, None))
+            if len(rows.t):
+                self._close(self._open)
+
+    def _close(self, last: Interval) -> None:
+        self._closed = self._closed.merged(last, self._T) if self._closed else last
+        self._intervals.append(last)
+        self._open = None
+        if len(self._intervals) <= INTERVALS:
             return
-        rows = concatenated(waiting)
-        number = np.array([self._number(t) for t in rows.t.tolist()])
-        for each in np.unique(number):
-            some = part_of(rows, number == each)
-            old = self._open
-            if old is not None and self._number_of(old) != each:
-                self._intervals.append(old)
-                self._closed = self._closed.merged(old, self._T) if self._closed else old
-                old = None
-            if (informed := some.informed.any(axis=1)).any():
-                self.informed = float(some.t[informed][-1])
-            old = old or Interval.empty(self._supports, float(some.t[0]))
-            self._open = old.updated(some, self._T)
-            self._merge()
-            while len(self._intervals) > SLACK * INTERVALS:
-                self._merge()
-
-    def _number(self, t: float) -> int:
-        """Number of the interval in which t [s] lies, at the present length of intervals."""
-        return floor((t - self._start) / self._length + 1e-9)
-
-    def _number_of(self, each: Interval) -> int:
-        return self._number(sum(each.blocks[0].span) / 2)
-
-    def _merge(self) -> None:
-        """Merge the two oldest intervals or, without forgetting, a pair that makes a longer one;
-        intervals are twice as long where there is no pair left.
-        """
-        full = len(self._intervals) >= INTERVALS
-        if self._T is not None:
-            pair = 0 if full else None
-        else:
-            if (pair := self._pair()) is None and full:
-                self._length *= 2
-                pair = self._pair()
-        if pair is not None:
-            both = self._intervals[pair].merged(self._intervals[pair + 1], self._T)
-            self._intervals[pair : pair + 2] = [both]
-
-    def _pair(self) -> int | None:
-        """The first interval that has the same number as the next."""
-        numbers = pairwise(map(self._number_of, self._intervals))
-        return next((i for i, (a, b) in enumerate(numbers) if a == b), None)
+        at = 0
+        if self._T is None:
+            lengths = [each.at - each.start + self._period for each in self._intervals]
+            at = int(np.argmin(np.round(np.add(lengths[1:], lengths[:-1]) / self._period)))
+        both = self._intervals[at].merged(self._intervals[at + 1], self._T)
+        self._intervals[at : at + 2] = [both]
+        if self._T is None:
+            self._length = min(each.at - each.start for each in self._intervals) + self._period
 
 
 class Online:
@@ -518,7 +501,7 @@ class _Recursion:
         self._known: dict[str, tuple[Value, float]] = {}  # identified parameters, and when [s]
         self._most = 0  # base parameters that were known at once
         self._ahead = Squares.zero(len(setting.independent))
-        self._last: Window | None = None
+        self._last: SampleWindow | None = None
 
     def push(self, sample: Sample) -> None:
         """Take a sample or a block."""
@@ -609,7 +592,7 @@ class _Recursion:
             values.append(value)
         return tuple(values), tuple(held)
 
-    def _forces(self, windows: Sequence[Window]) -> Forces | None:
+    def _forces(self, windows: Sequence[SampleWindow]) -> Forces | None:
         """λ of the samples of some windows by the last solution; None where there is none."""
         if self._solved is None or not self._mechanism.closures or not windows:
             return None

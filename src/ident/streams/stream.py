@@ -269,65 +269,38 @@ class StreamClock:
     def __init__(self, rate: float, free: bool) -> None:
         self._dt, self._free = 1.0 / rate, free
         self._last: np.ndarray | None = None  # the last sample that came
-        self._t, self._number = 0.0, -1  # of the last instant of the clock
+        self._t, self._number = 0.0, 0  # of the last instant of the clock, of the next one
 
     def __call__(self, X: np.ndarray) -> Iterator[Block]:
         """Yield the blocks that samples X (n, columns), `t` first, make."""
-        t = X[:, 0]
-        if self._last is None:
-            yield self._begun(X[:1])
-            X, t = X[1:], t[1:]
-        if not len(X):
+        dt, begun = self._dt, self._last is not None
+        if self._free:
+            self._number += len(X)
+            yield self._number - len(X), X
             return
-        count = np.arange(1, len(t) + 1)
-        due = self._t + self._dt * count
-        drift = (t[-1] - due[-1]) * count / len(t)
-        uneven = (
-            abs(drift[-1]) > UNEVEN * self._dt * len(t)
-            or np.abs(t - due - drift).max() > UNEVEN * self._dt
-        )
-        if self._free or not uneven:
-            yield self._taken(X)
-            return
-        waiting: list[Block] = []
-        for number, part in self._resampled(X):
-            if waiting and waiting[-1][0] + len(waiting[-1][1]) != number:
-                yield waiting[0][0], np.concatenate([each for _, each in waiting])
-                waiting = []
-            waiting.append((number, part))
-        if waiting:
-            yield waiting[0][0], np.concatenate([each for _, each in waiting])
-
-    def _begun(self, X: np.ndarray) -> Block:
-        """Begin with the sample X (1, columns), after whatever was missing."""
-        if self._number >= 0:
-            self._number += max(2, round((X[0, 0] - self._t) / self._dt)) - 1
-        return self._taken(X)
-
-    def _taken(self, X: np.ndarray) -> Block:
-        block = self._number + 1, X
-        self._last, self._t, self._number = X[-1], float(X[-1, 0]), self._number + len(X)
-        return block
-
-    def _resampled(self, X: np.ndarray) -> Iterator[Block]:
-        for sample in X:
-            assert self._last is not None
-            if sample[0] - self._last[0] > GAP * self._dt:
-                yield self._begun(sample[None])
-                continue
-            count = int((sample[0] - self._t) / self._dt + UNEVEN)
-            if count < 1:
-                self._last = sample
-                continue
-            due = self._t + self._dt * np.arange(1, count + 1)
-            if count == 1 and abs(sample[0] - due[0]) < UNEVEN * self._dt:
-                yield self._taken(sample[None])
-                continue
-            share = np.clip((due - self._last[0]) / (sample[0] - self._last[0]), 0.0, 1.0)
-            between = self._last + share[:, None] * (sample - self._last)
-            between[:, 0] = due
-            yield self._number + 1, between
-            self._last, self._t, self._number = sample, float(due[-1]), self._number + count
+        whole = X if self._last is None else np.concatenate([self._last[None], X])
+        self._last = X[-1]
+        gaps = np.flatnonzero(np.diff(whole[:, 0]) > GAP * dt) + 1
+        for i, j in pairwise([0, *gaps, len(whole)]):
+            run, parts = whole[i:j], []
+            if i or not begun:
+                if i:
+                    self._number += max(2, round((run[0, 0] - self._t) / dt)) - 1
+                parts, self._t = [run[:1]], float(run[0, 0])
+            samples, n = run[1:], np.arange(1, j - i)
+            if len(n):
+                off = samples[:, 0] - self._t - dt * n
+                drift = off[-1] * n / len(n)
+                if abs(off[-1]) > UNEVEN * dt * len(n) or np.abs(off - drift).max() > UNEVEN * dt:
+                    instants = int((samples[-1, 0] - self._t) / dt + UNEVEN)
+                    t = self._t + dt * np.arange(1, instants + 1)
+                    columns = [np.interp(t, run[:, 0], x) for x in run.T[1:]]
+                    samples = np.stack([t, *columns], axis=1)
+                parts.append(samples)
+            block = np.concatenate(parts) if parts else run[:0]
+            if len(block):
+                self._t, self._number = float(block[-1, 0]), self._number + len(block)
+                yield self._number - len(block), block
 
 
 class Overlap:
@@ -395,7 +368,7 @@ def _derivative_weights(setting: Setting) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(found), np.array(joint, dtype=int)
 
 
-class Follower:
+class ClosureFollower:
     """Completes motions of the logged joints through the closures, block by block.
 
     A position at which the closures cannot follow, or that is singular, is left out and counted;
@@ -528,7 +501,7 @@ def part_of(rows: SomeRows, which: slice | np.ndarray) -> SomeRows:
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
+class SampleWindow:
     """Consecutive samples, of which those `inside` have all neighbours that they need.
 
     Attributes:
@@ -574,7 +547,7 @@ class Stream:
         self.mechanism, self.columns, self.setting = mechanism, columns, setting
         self.point = Point.prior(mechanism) if point is None else point
         self.samples = 0
-        self.windows: list[Window] = []
+        self.windows: list[SampleWindow] = []
         torques = tuple(f"tau.{name}" for name in mechanism.driven)
         reads = tuple(x for effect in mechanism.effects for x in effect.reads())
         others = tuple(dict.fromkeys((*torques, *setting.wrenches, *reads)))
@@ -587,7 +560,7 @@ class Stream:
         self._weights, self._joint = _derivative_weights(setting)
         self._margin = margin_of(mechanism, setting.rate, setting.cutoff)
         self._raw, self._completed = Overlap(2 * setting.half), Overlap(2 * self._margin)
-        self._follower = Follower(mechanism, setting)
+        self._follower = ClosureFollower(mechanism, setting)
         self._filter = FixedLag(setting.cutoff, setting.rate, sticking)
         free = setting.half == self._margin == 0 and setting.cutoff is None
         self._clock = StreamClock(setting.rate, free)
@@ -670,7 +643,7 @@ class Stream:
             first, around = self._completed(number + half + int(kept[i]), e.at_samples(slice(i, j)))
             if len(around) <= 2 * margin:
                 continue
-            window = Window(around, first, slice(margin, len(around) - margin))
+            window = SampleWindow(around, first, slice(margin, len(around) - margin))
             self.windows.append(window)
             sample = np.arange(first + margin, first + len(around) - margin)
             self._remember(sample, around.q[window.inside])
