@@ -12,12 +12,12 @@ from ident.streams.charts import (
     Cutter,
     Design,
     NormalRunning,
-    Statistics,
     WatchedInterval,
     WatchedRows,
     calibrated,
     intervals_of,
     moved_reference,
+    statistics,
 )
 from ident.streams.stream import part_of
 from ident.streams.suspects import (
@@ -99,8 +99,8 @@ def test_charts_keep_the_stated_rate_on_other_data(clean):
     design = calibrated(normal, np.ones(K, dtype=bool), seen, x).design
     assert design.weight.sum() == pytest.approx(1.0)
     rng = np.random.default_rng(4)
-    other = Statistics.of(intervals(pieces(rng, 6000, x), x), x)
-    evidence = design.evidence(other).reshape(60, 100, -1)  # 60 streams
+    other = statistics(intervals(pieces(rng, 6000, x), x), x)
+    evidence = design.evidence(*other).reshape(60, 100, -1)  # 60 streams
     A = 200.0
     charts, alarms = Charts.fresh(evidence.shape[2], (60,)), 0
     for i in range(100):
@@ -119,11 +119,11 @@ def test_evidence_is_a_likelihood_ratio(clean):
     rng = np.random.default_rng(5)
     score = np.sqrt(normal.spread * info) * rng.standard_normal((200_000, K))
     least = design.delta[:3].ravel()  # the smaller changes; of the large ones the mean has no hold
-    seen = Statistics(
+    seen = (
         score, np.broadcast_to(info, score.shape), np.zeros((len(score), D)),
         np.zeros((len(score), D)),
     )  # fmt: skip
-    ratio = np.exp(design.evidence(seen)[:, : len(least)]).mean(axis=0)
+    ratio = np.exp(design.evidence(*seen)[:, : len(least)]).mean(axis=0)
     np.testing.assert_allclose(ratio, 1.0, atol=0.02)
 
 
@@ -155,7 +155,7 @@ def suspect(label, *places):
     kind, joint = label.split(":")
     effect = ident.effect(kind, joint)
     units = ("N m",) * len(places)
-    return Suspect((effect,), np.array(places), effect.unknowns, ("Fc",), units)
+    return Suspect((effect,), np.array(places), effect.unknowns, units)
 
 
 SUSPECTS = tuple(suspect(f"torque_offset:{joint}", i) for i, joint in enumerate("abc"))

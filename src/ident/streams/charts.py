@@ -33,7 +33,6 @@ from itertools import pairwise
 import numpy as np
 
 from ident.equations.rows import Rows
-from ident.errors import FitError
 from ident.information.triangle import Triangle
 from ident.streams.stream import concatenated, part_of
 
@@ -278,24 +277,10 @@ def moved_reference(triangle: Triangle, x: np.ndarray) -> np.ndarray:
     return x + Vt[known].T @ ((U[:, known].T @ (triangle.d - triangle.R @ x)) / s[known]) / safe
 
 
-@dataclass(frozen=True, eq=False)
-class Statistics:
-    """What charts take of intervals (…): score, information (…, k); squares, rows (…, d + m)."""
-
-    score: np.ndarray
-    information: np.ndarray
-    squares: np.ndarray
-    rows: np.ndarray
-
-    @classmethod
-    def of(cls, intervals: Sequence[WatchedInterval], x: np.ndarray) -> Statistics:
-        """Collect those of some intervals (n,) at the reference x (k,)."""
-        return cls(
-            np.array([each.score(x) for each in intervals]),
-            np.array([each.information for each in intervals]),
-            np.array([each.squares for each in intervals]),
-            np.array([each.rows for each in intervals]),
-        )
+def statistics(intervals: Sequence[WatchedInterval], x: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Collect score, information (n, k), squares, rows (n, d + m) of intervals at x (k,)."""
+    each = [(i.score(x), i.information, i.squares, i.rows) for i in intervals]
+    return tuple(np.array(some) for some in zip(*each, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,14 +310,16 @@ class Design:
         ]
         return cls(normal, mask, delta, np.concatenate([each.ravel() for each in weight]))
 
-    def evidence(self, seen: Statistics) -> np.ndarray:
-        """Return ℓ (…, charts) of intervals."""
-        normal, info = self.normal, seen.information
+    def evidence(
+        self, score: np.ndarray, info: np.ndarray, squares: np.ndarray, rows: np.ndarray
+    ) -> np.ndarray:
+        """Return ℓ (…, charts) of the `statistics` score, info, squares, rows of intervals."""
+        normal = self.normal
         most = CLIP * np.sqrt(normal.spread * info)
-        s = np.clip(seen.score, -most, most)[..., None, :]
+        s = np.clip(score, -most, most)[..., None, :]
         change = (self.delta * s - 0.5 * self.delta**2 * info[..., None, :]) / normal.spread
-        usual = seen.rows * normal.energy
-        e = np.where(usual > 0, seen.squares / np.where(usual > 0, usual, 1.0), 1.0)
+        usual = rows * normal.energy
+        e = np.where(usual > 0, squares / np.where(usual > 0, usual, 1.0), 1.0)
         e = np.minimum(e, 1 + CLIP * np.sqrt(2 / normal.freedom))[..., None, :]
         c = RATIOS[:, None]
         error = 0.5 * normal.freedom * ((1 - 1 / c) * e - np.log(c))
@@ -419,14 +406,14 @@ def calibrated(
         intervals: of its log; x: (k,) the reference.
         seed: of the blocks drawn.
     """
-    seen, random = Statistics.of(intervals, x), np.random.default_rng(seed)
+    seen, random = statistics(intervals, x), np.random.default_rng(seed)
     length = len(intervals) // BLOCKS
     first = random.integers(0, len(intervals) - length + 1, (-(-STEPS // length), 1, STREAMS))
     order = (first + np.arange(length)[:, None]).reshape(-1, STREAMS)[:STEPS]
     threshold, raised = float(np.log(STEPS * STREAMS / OFTEN)), 1.0
     for _ in range(MOST):
         design, alarms = Design.of(normal.wider(raised), mask), 0
-        evidence = design.evidence(seen)
+        evidence = design.evidence(*seen)
         charts = Charts.fresh(evidence.shape[1], (STREAMS,))
         for at in order:
             charts.update(evidence[at])
@@ -437,16 +424,3 @@ def calibrated(
             break
         raised *= WIDER
     return Calibration(design, raised, alarms, OFTEN)
-
-
-def check_long_enough(intervals: Sequence[WatchedInterval]) -> None:
-    """Refuse a log of a few intervals.
-
-    Raises:
-        FitError: saying how many it has, and how many are needed.
-    """
-    if len(intervals) < FEWEST:
-        raise FitError(
-            f"normal running: {len(intervals)} intervals; valid: {FEWEST} or more, better a "
-            "thousand: give longer logs, or shorter intervals"
-        )

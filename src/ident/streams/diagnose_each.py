@@ -26,6 +26,7 @@ from ident.streams.logs import Workers, excerpt, summarise
 TOGETHER = 300_000  # samples of all logs, from which stretches stand for them
 EACH = 0.8  # of the work is done when each log has been diagnosed
 Given = str | os.PathLike[str]
+Settings = tuple[Mechanism, float | str | None, float | str | None]
 
 
 @dataclass(frozen=True)
@@ -149,16 +150,6 @@ class Verdicts(Displayed):
         return write_diagnosis(self.together, folder, more, [render(self, "section")])
 
 
-@dataclass(frozen=True, eq=False)
-class _Settings:
-    """What all logs have in common, as `diagnose_each` takes it."""
-
-    mechanism: Mechanism
-    cutoff: float | str | None
-    smoothing: float | str | None
-    seed: int
-
-
 def diagnose_each(
     mechanism: Mechanism,
     logs: Given | Sequence[Given],
@@ -192,7 +183,7 @@ def diagnose_each(
     paths = expanded([logs] if isinstance(logs, str | os.PathLike) else logs)
     if scheduler is not None:  # its workers are in folders of their own
         paths = [path.absolute() for path in paths]
-    names, settings = names_of(paths), _Settings(mechanism, cutoff, smoothing, seed)
+    names, settings = names_of(paths), (mechanism, cutoff, smoothing)
 
     def on_progress(what: str, share: float) -> None:
         if progress:
@@ -201,7 +192,7 @@ def diagnose_each(
 
     workers = Workers(jobs, scheduler, False, on_progress)
     tasks = list(zip(names, paths, strict=True))
-    done = dict(workers.over(_verdict, tasks, settings, names, "logs"))
+    done = dict(workers.over(_verdict, tasks, (settings, seed), names, "logs"))
     verdicts = tuple(
         done[i] or Verdict(name, left_out=workers.broken[name]) for i, name in enumerate(names)
     )
@@ -212,7 +203,7 @@ def diagnose_each(
             if verdicts else "no log given; valid: paths of logs, and of folders of them"
         )  # fmt: skip
     if sum(each.samples for each in verdicts) <= TOGETHER:
-        motion = _motion(settings, good)
+        motion = _motion(*settings, good)
     else:
         looked_at = [summarise(mechanism, path) for path in good]
         some = excerpt(mechanism, looked_at, cutoff, smoothing, {})
@@ -224,16 +215,20 @@ def diagnose_each(
     return Verdicts(diagnose(fit, seed=seed, progress=last), verdicts)
 
 
-def _verdict(settings: _Settings, task: tuple[str, Path]) -> Verdict:
+def _verdict(common: tuple[Settings, int], task: tuple[str, Path]) -> Verdict:
     """Diagnose one log."""
-    name, path = task
-    motion = _motion(settings, [path])
-    fit = identify(settings.mechanism, motion, estimator="least-squares")
+    (settings, seed), (name, path) = common, task
+    motion = _motion(*settings, [path])
+    fit = identify(settings[0], motion, estimator="least-squares")
     samples = sum(len(each) for each in motion.experiments)
-    return Verdict.of(name, samples, diagnose(fit, seed=settings.seed))
+    return Verdict.of(name, samples, diagnose(fit, seed=seed))
 
 
-def _motion(settings: _Settings, paths: Sequence[Path]) -> Motion:
-    mechanism = settings.mechanism
+def _motion(
+    mechanism: Mechanism,
+    cutoff: float | str | None,
+    smoothing: float | str | None,
+    paths: Sequence[Path],
+) -> Motion:
     logs = [read_log(path, mechanism.columns) for path in paths]
-    return complete(mechanism, logs, cutoff=settings.cutoff, smoothing=settings.smoothing)
+    return complete(mechanism, logs, cutoff=cutoff, smoothing=smoothing)

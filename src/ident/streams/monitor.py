@@ -22,18 +22,18 @@ from ident.information.triangle import Triangle
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.streams.charts import (
+    FEWEST,
     Calibration,
     Charts,
     Cutter,
     Design,
     NormalRunning,
-    Statistics,
     WatchedInterval,
     WatchedRows,
     calibrated,
-    check_long_enough,
     intervals_of,
     moved_reference,
+    statistics,
 )  # fmt: skip
 from ident.streams.suspects import WATCHED, Naming, Reading, Watched, name_since_onset
 
@@ -219,7 +219,11 @@ class Monitor(Displayed):
         squares = sum((np.where(p.informed, p.b - p.A @ x, 0.0) ** 2).sum(axis=0) for p in parts)
         sigma = np.sqrt(np.maximum(squares / np.maximum(count, 1), 1e-300))
         first = intervals_of(parts, interval, sigma, x)
-        check_long_enough(first)
+        if len(first) < FEWEST:
+            raise FitError(
+                f"normal running: {len(first)} intervals; valid: {FEWEST} or more, better a "
+                "thousand: give longer logs, or shorter intervals"
+            )
         x = moved_reference(Triangle.merge([each.triangle for each in first]), x)
         intervals = intervals_of(parts, interval, sigma, x)
         normal = NormalRunning.of(intervals, sigma, x, material)
@@ -278,8 +282,8 @@ class Monitor(Displayed):
     def _step(self, interval: WatchedInterval) -> Alarm | None:
         self._held.append(interval)
         if self.raised is None:
-            seen = Statistics.of([interval], self.reference)
-            self._charts.update(self.design.evidence(seen)[0])
+            seen = statistics([interval], self.reference)
+            self._charts.update(self.design.evidence(*seen)[0])
             if self.evidence < self.threshold:
                 return None
             leader = self._charts.leader(self.design.weight)
@@ -338,10 +342,10 @@ class Monitor(Displayed):
         """The cause of a reading, of the squares `excess` beyond noise."""
         suspect, dx = reading.suspect, np.zeros(len(self.watched.columns))
         dx[suspect.places] = reading.theta
-        parts = zip(suspect.names, reading.theta, reading.stderr, suspect.units, strict=True)
+        parts = zip(suspect.parameters, reading.theta, reading.stderr, suspect.units, strict=True)
         steps = tuple(
-            ParameterChange(name, float(x), None if np.isnan(s) else float(s), unit)
-            for name, x, s, unit in parts
+            ParameterChange(each.name, float(x), None if np.isnan(s) else float(s), unit)
+            for each, x, s, unit in parts
         )
         forces = {
             name: float(np.linalg.norm(triangle.R @ dx)) / max(triangle.rows, 1) ** 0.5

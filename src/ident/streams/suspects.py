@@ -72,13 +72,12 @@ class Suspect:
     Attributes:
         effects: kind and place; several that change together.
         places: (k,) of its columns among all.
-        parameters: (k,) what they are; names, units: (k,) of them.
+        parameters: (k,) what they are; units: (k,) of them.
     """
 
     effects: tuple[Effect, ...]
     places: np.ndarray
     parameters: tuple[Unknown, ...]
-    names: tuple[str, ...]
     units: tuple[str, ...]
 
     @classmethod
@@ -96,7 +95,7 @@ class Suspect:
                 full += [name for name, each in known if each in open_]
         places = np.array([columns.index[name] for name in full])
         units = tuple(columns.units[i] for i in places)
-        return cls(effects, places, tuple(parameters), tuple(p.name for p in parameters), units)
+        return cls(effects, places, tuple(parameters), units)
 
     @property
     def label(self) -> str:
