@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ident.effects import KINDS
 from ident.show.effects import example, facts
-from making.signatures import picture
+from making.signatures import SHOWN, picture
 
 PICTURES = "signatures"
 
@@ -26,10 +26,11 @@ def library(folder: Path) -> str:
         "[the method](../method.md) how one that is missing is found.",
     ]
     for kind, each in KINDS.items():
-        drawn = picture(kind)
-        drawn.save(folder / PICTURES / f"{kind}.svg")
         parts.append(f"(effect-{kind})=\n## {kind}")
-        parts.append(f"```{{image}} {PICTURES}/{kind}.svg\n:alt: {drawn.words}\n```")
+        if kind in SHOWN:
+            drawn = picture(kind)
+            drawn.save(folder / PICTURES / f"{kind}.svg")
+            parts.append(f"```{{image}} {PICTURES}/{kind}.svg\n:alt: {drawn.words}\n```")
         said = [("write", f"`{example(each).call}`")]
         said += [(h, "; ".join(map(_text, lines))) for h, lines in facts(each).items()]
         parts.append("\n".join(["| | |", "|---|---|", *(f"| {h} | {text} |" for h, text in said)]))

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from formats import MJCF
 
 import ident
+from formats import MJCF
 from helpers import ROBOTS
 from ident.equations.regressor import regressor
 from ident.errors import MechanismError

@@ -6,9 +6,9 @@ import pinocchio as pin
 import pytest
 
 from helpers import J, along, raw_configuration, tree_urdf, write_mechanism
-from ident.mechanism.description import align_z, perpendicular
 from ident.mechanism import load
 from ident.mechanism.absolute import absolute
+from ident.mechanism.description import align_z, perpendicular
 from ident.mechanism.tree import (
     is_rotational,
     joint_axis,

@@ -53,11 +53,8 @@ def test_written_and_read_back(kind, tmp_path):
 
 FITTED = [
     ("arm", "stribeck:elbow", {"Fs": 0.8, "vs": 0.3}, {}),
-    ("arm", "end_stop:elbow", {"k": 20.0, "q1": 1.4, "side": 1.0}, {}),
     ("arm", "cable:elbow", {"k0": 0.1, "k1": 0.2, "k2": 0.3, "k3": 0.4, "k4": -0.2}, {"degree": 4}),
     ("arm", "gravity_tilt", {"x": 0.03, "y": -0.02}, {}),
-    ("arm", "geometry:elbow.x", {"Delta": 0.01}, {}),
-    ("arm", "encoder_offset:elbow", {"delta": 0.02}, {}),
     ("five_bar", "coupling:left,right", {"Im": 0.005, "Fvm": 0.03, "Fcm": 0.02}, {}),
     ("four_bar", "hysteresis:closure.pin", {"sigma": 5.0, "z0": 0.05}, {}),
     ("five_bar", "geometry:tip.a.x", {"Delta": 0.005}, {}),
