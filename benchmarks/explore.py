@@ -20,9 +20,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import arm6
 
 import ident
-from ident.explore.board import Board
-from ident.explore.exploration import Exploration
-from ident.explore.views import drawn
+from ident.show.explore.exploration import Exploration
+from ident.show.explore.page import Board
+from ident.show.explore.views import contents
 
 TARGET = 2.0  # s from a click to errors, ladder and pictures
 CLICKS = ("viscous:joint_1", "coulomb:joint_1", "viscous:joint_5", "coupling:joint_5,joint_6")
@@ -65,7 +65,7 @@ def stages(e: Exploration) -> None:
     rows.append(("torques predicted", clocked(fit.predict)[1:]))
     rows.append(("residual", clocked(lambda: fit.residual)[1:]))
     rows.append(("on what it depends", clocked(lambda: fit.residual.where)[1:]))
-    rows.append(("pictures of one joint", clocked(lambda: drawn(grown, "Joint", "joint_1"))[1:]))
+    rows.append(("pictures of one joint", clocked(lambda: contents(grown, "Joint", "joint_1"))[1:]))
     rows.append(("falls announced", clocked(grown.screened)[1:]))
     for name, (wall, cpu) in rows:
         print(f"{name:34s} {wall:6.2f} {cpu:6.2f}")

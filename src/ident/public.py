@@ -7,7 +7,7 @@ from ident.effects import Effect, read_user_effect, user_effect
 from ident.effects import create as effect
 from ident.errors import FitError, IdentError, LogError, MechanismError, MotionError
 from ident.excite import Excitation, Limits, excite
-from ident.explore import Exploration, explore
+from ident.show.explore import Exploration, explore
 from ident.fit import Fit, identify
 from ident.fit.output import write_fit
 from ident.fit.saved import Saved, read_fit

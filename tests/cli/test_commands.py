@@ -389,7 +389,7 @@ def test_a_reader_that_has_seen_enough():
 
 
 def test_a_fault_of_ident_is_one_line(slider, monkeypatch, ident):
-    monkeypatch.setattr("ident.cli.arguments.load", lambda *a, **k: 1 / 0)
+    monkeypatch.setattr("ident.mechanism.load", lambda *a, **k: 1 / 0)
     outcome = ident("check", slider)
     assert outcome.status == 1
     assert outcome.err.count("\n") == 1

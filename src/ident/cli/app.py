@@ -15,7 +15,7 @@ import ident
 from ident.cli.console import fail
 from ident.cli.late import HELP, Commands
 from ident.errors import IdentError
-from ident.show.html import running
+from ident.progress import running
 
 app = typer.Typer(
     name="ident",

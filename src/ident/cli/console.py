@@ -1,49 +1,85 @@
-"""What the command line writes where: results to standard output, all else to standard error."""
+"""Terminal output: results to standard output, notes and progress to standard error."""
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import NoReturn
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bar
 
-from ident.progress import Told
+from ident.progress import Progress
 
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
+NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.])")
 
 
 def result(text: object) -> None:
-    """A result, to standard output, as it is."""
+    """Write a result to standard output, as it is, at once."""
     sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
 
 
-def notes(said: Iterable[str]) -> None:
-    """What a person should know, one line each, to standard error."""
-    for line in dict.fromkeys(said):
+def notes(lines: Iterable[str]) -> None:
+    """Write notes to standard error, one line each; several of one kind are one line."""
+    for line in merged(lines):
         errors.print(f"note: {line}", markup=False, emoji=False)
 
 
+def merged(lines: Iterable[str]) -> list[str]:
+    """Join lines that differ in the log's name and in numbers only; numbers become ranges.
+
+    >>> merged(["a.csv: 9 samples are left out", "b.csv: 12 samples are left out", "x"])
+    ['a.csv … b.csv (2 logs): 9 to 12 samples are left out', 'x']
+    """
+    kinds: dict[str, list[tuple[str, str]]] = {}
+    for line in dict.fromkeys(lines):
+        log, colon, rest = line.partition(": ")
+        if not colon or " " in log:
+            log, rest = "", line
+        kinds.setdefault(NUMBER.sub("#", rest) if log else line, []).append((log, rest))
+    return [_one(kind) for kind in kinds.values()]
+
+
+def _one(kind: list[tuple[str, str]]) -> str:
+    logs, texts = list(dict.fromkeys(log for log, _ in kind)), [text for _, text in kind]
+    numbers = zip(*map(NUMBER.findall, texts), strict=True)
+    columns = (sorted(each, key=float) for each in numbers)
+    ranges = (f"{c[0]} to {c[-1]}" if c[0] != c[-1] else c[0] for c in columns)
+    text = NUMBER.sub(lambda _: next(ranges), texts[0])
+    if len(logs) > 1:
+        return f"{logs[0]} … {logs[-1]} ({len(logs)} logs): {text}"
+    return f"{logs[0]}: {text}" if logs[0] else text
+
+
+def wrote(paths: Iterable[object]) -> None:
+    """Note the files that were written."""
+    for path in paths:
+        errors.print(f"note: wrote {path}", markup=False, emoji=False)
+
+
 def fail(why: object) -> NoReturn:
-    """The one line that bad input gets; ends the command with status 1."""
+    """Write the one line that bad input gets, and end the command with status 1."""
     errors.print(f"error: {' '.join(str(why).split())}", markup=False, emoji=False)
     sys.exit(1)
 
 
 @contextmanager
-def progress() -> Iterator[Told]:
-    """A bar on standard error while something long runs; nothing where that is no terminal."""
-    with progress_and_results() as (told, _):
-        yield told
+def progress() -> Iterator[Progress]:
+    """Show a bar on standard error while something long runs; nothing where that is no terminal."""
+    with progress_and_results() as (on_progress, _):
+        yield on_progress
 
 
 @contextmanager
-def progress_and_results() -> Iterator[tuple[Told, Callable[[object], None]]]:
-    """The bar, and `result` for what is known before all is done; the bar makes way for it."""
+def progress_and_results() -> Iterator[tuple[Progress, Callable[[object], None]]]:
+    """Show the bar; the second function writes a result before all is done, without the bar."""
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(
+    with Bar(
         *columns,
         console=errors,
         transient=True,
@@ -53,13 +89,12 @@ def progress_and_results() -> Iterator[tuple[Told, Callable[[object], None]]]:
     ) as bar:
         task = bar.add_task("", total=1.0)
 
-        def told(what: str, share: float) -> None:
+        def on_progress(what: str, share: float) -> None:
             bar.update(task, description=what, completed=share)
 
         def shown(text: object) -> None:
             bar.stop()
             result(text)
-            sys.stdout.flush()
             bar.start()
 
-        yield told, shown
+        yield on_progress, shown

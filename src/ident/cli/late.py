@@ -11,20 +11,20 @@ from typer.core import TyperCommand, TyperGroup
 
 HELP = {"help_option_names": ["-h", "--help"]}
 COMMANDS = {  # in which module of this package, and the first line of its docstring
-    "check": ("identifying", "What was understood, and what could be identified."),
-    "identify": ("identifying", "Parameters, effects and multipliers from logs."),
-    "compare": ("identifying", "Models against measurement, joint by joint."),
-    "diagnose": ("diagnosing", "Where the model fails, and which effect is missing."),
-    "grow": ("diagnosing", "Add the best effect, refit, and repeat until none is missing."),
-    "add": ("modelling", "Write an effect into mechanism.toml."),
-    "effects": ("modelling", "The library of effects."),
-    "simulate": ("simulating", "A log of the model itself."),
-    "excite": ("exciting", "A periodic motion that tells most, inside all limits."),
-    "explore": ("exploring", "Add effects by hand, in a browser; watch the error fall."),
+    "check": ("identify", "What was understood, and what could be identified."),
+    "identify": ("identify", "Parameters, effects and multipliers from logs."),
+    "compare": ("identify", "Models against measurement, joint by joint."),
+    "diagnose": ("diagnose", "Where the model fails, and which effect is missing."),
+    "grow": ("diagnose", "Add the best effect, refit, and repeat until none is missing."),
+    "add": ("model", "Write an effect into mechanism.toml."),
+    "effects": ("model", "The library of effects."),
+    "simulate": ("simulate", "A log of the model itself."),
+    "excite": ("excite", "A periodic motion that tells most, inside all limits."),
+    "explore": ("diagnose", "Add effects by hand, in a browser; watch the error fall."),
     "montecarlo": ("montecarlo", "What noise makes of the estimates: bias and spread."),
-    "monitor": ("monitoring", "Identify a machine while it runs; say when it changes."),
-    "view": ("viewing", "The mechanism moving in 3-D, in a browser."),
-    "demo": ("demonstrating", "A hidden effect found, step by step, in half a minute."),
+    "monitor": ("monitor", "Identify a machine while it runs; say when it changes."),
+    "view": ("model", "The mechanism moving in 3-D, in a browser."),
+    "demo": ("demo", "A hidden effect found, step by step, in half a minute."),
 }
 
 

@@ -6,7 +6,7 @@ from functools import cache
 
 import ident
 from helpers import ROBOTS
-from ident.explore import Exploration
+from ident.show.explore import Exploration
 
 
 @cache

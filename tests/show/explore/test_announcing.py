@@ -9,21 +9,19 @@ import pytest
 from explored import given, grown, screened
 
 import ident
-from ident.explore.announce import Announced
-from ident.explore.exploration import Exploration
-from ident.explore.ground import Ground
-from ident.explore.kept import Kept, Store
-from ident.explore.rows import beside_verdict, rows_of
 from ident.fit.table import Table
+from ident.show.explore.exploration import Exploration
+from ident.show.explore.predicted import CachedTable, ColumnCache, PredictedGain, ScreeningContext
+from ident.show.explore.views import beside_verdict, rows_of
 
 ARM = ["viscous:elbow", "coulomb:wrist", "spring:shoulder", "coupling:shoulder,wrist"]
 
 
-def announced(e: Exploration, label: str, present: bool = False) -> Announced:
+def announced(e: Exploration, label: str, present: bool = False) -> PredictedGain:
     return next(x for x in e.candidates if x.label == label and x.present == present)
 
 
-def refitted(ground: Ground, label: str) -> np.ndarray:
+def refitted(ground: ScreeningContext, label: str) -> np.ndarray:
     """Σ e²/rms(τ)² of each block (blocks,) by one explicit fit to all the others a block."""
     table, screen, fit = ground.table, ground.screen, ground.fit
     row, u = screen.row, screen.coordinate
@@ -109,7 +107,7 @@ def test_what_cannot_be_seen_says_why():
 def test_columns_are_made_once_and_are_the_same(monkeypatch):
     e = screened()
     after = grown("viscous:elbow").fit
-    kept = Kept.of_fit(after, e.store)
+    kept = CachedTable.of_fit(after, e.store)
     plain = Table.of(after.mechanism, after.columns, after.motion, after.point)
     made = []
     monkeypatch.setattr(Table, "with_effect", lambda self, effect, shapes: made.append(effect))
@@ -128,8 +126,8 @@ def test_columns_of_a_corrected_motion_are_not_those_of_the_log():
     e = given()
     mechanism = e.mechanism.with_effect("encoder_offset:elbow")
     fit = ident.identify(mechanism, e.fit.motion, estimator="least-squares")
-    store = Store(dict(screened().store.columns))
-    kept = Kept.of_fit(fit, store)
+    store = ColumnCache(dict(screened().store.columns))
+    kept = CachedTable.of_fit(fit, store)
     effect = fit.mechanism.with_effect("spring:elbow").effects[-1]
     plain = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
     np.testing.assert_array_equal(kept.with_effect(effect, [{}]), plain.with_effect(effect, [{}]))

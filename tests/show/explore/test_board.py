@@ -16,8 +16,8 @@ from ident import FitError, MechanismError
 
 pytest.importorskip("panel")
 
-from ident.explore.board import Board
-from ident.explore.views import VIEWS
+from ident.show.explore.page import Board
+from ident.show.explore.views import VIEWS
 
 
 def run(work):
@@ -114,7 +114,7 @@ def test_a_fault_is_said_and_the_page_lives_on(monkeypatch):
     def broken(*args: object) -> None:
         raise ZeroDivisionError("by\nnought")
 
-    monkeypatch.setattr(sys.modules["ident.explore.exploration"], "identify", broken)
+    monkeypatch.setattr(sys.modules["ident.show.explore.exploration"], "identify", broken)
     run(board.toggle("viscous:elbow", False))
     assert board.controls.status.said.startswith("error: a fault of ident, not of yours: ")
     monkeypatch.undo()

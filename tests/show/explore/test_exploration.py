@@ -141,7 +141,7 @@ def test_it_prints_as_a_ladder():
 
 def test_the_noun_needs_no_page():
     code = (
-        "import sys, ident; from ident.explore import Exploration; import ident.cli.app; "
+        "import sys, ident; from ident.show.explore import Exploration; import ident.cli.app; "
         "bad = {'panel', 'bokeh', 'param', 'tornado'} & set(sys.modules); sys.exit(str(bad) if bad "
         "else 0)"
     )

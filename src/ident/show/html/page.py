@@ -5,20 +5,18 @@ from __future__ import annotations
 import hashlib
 import platform
 from collections.abc import Sequence
-from contextvars import ContextVar
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from markupsafe import Markup
 
+from ident.progress import running
 from ident.show.charts import Chart
 from ident.show.charts.live import scripts
 from ident.show.html.elements import code, definitions, macros, paragraph, table, text_of
 
 PACKAGES = ("ident", "pin", "casadi", "numpy", "scipy", "clarabel", "bokeh")
-
-running: ContextVar[str] = ContextVar("running", default="")  # the command line, where there is one
 
 
 @dataclass(frozen=True, eq=False)

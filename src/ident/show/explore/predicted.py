@@ -1,7 +1,8 @@
-"""What every effect would do, announced before anything is refitted; it announces, and judges not.
+"""Predicted fall of the held-out error for every effect, before anything is refitted.
 
-An announcement is the held-out fall of error of a refit that has not been done: exact for effects
-that are linear in their unknowns. Whether a fall means anything is what a diagnosis is for.
+The only file of this package that does arithmetic: `of_fit`, `announce`, `fall`, `delivered` ask
+the rows and candidates of a diagnosis. A prediction is the fall of a refit that has not been done:
+exact for effects that are linear in their unknowns. It judges nothing.
 """
 
 from __future__ import annotations
@@ -12,21 +13,113 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ident.diagnose.choose import ALIKE, APART
-from ident.diagnose.evidence import MINE, zscore
+from ident.diagnose.evidence import MINE, torque_squares, zscore
 from ident.diagnose.hidden import invisible, outright
 from ident.diagnose.phrases import what
+from ident.diagnose.quiet import quiet
+from ident.diagnose.screen import Screen
 from ident.diagnose.search import Candidate, search
 from ident.diagnose.sites import candidates
 from ident.diagnose.support import unsupported
 from ident.effects import Correcting, Effect
-from ident.explore.ground import Ground
-from ident.progress import Told
+from ident.fit import Fit
+from ident.fit.table import Table
+from ident.progress import Progress
+
+Shapes = Sequence[Mapping[str, float]]
+ROOM = 200_000_000  # bytes of columns that are kept
+
+
+@dataclass(frozen=True, eq=False)
+class ColumnCache:
+    """Columns (N, c, unknowns · shapes) by what they were asked for, of one motion."""
+
+    columns: dict[tuple[object, ...], np.ndarray] = field(default_factory=dict)
+
+    @property
+    def size(self) -> int:
+        """Bytes."""
+        return sum(x.nbytes for x in self.columns.values())
+
+
+@dataclass(frozen=True, eq=False)
+class CachedTable(Table):
+    """A table that looks a column up before it makes it."""
+
+    store: ColumnCache = field(default_factory=ColumnCache)
+
+    @classmethod
+    def of_fit(cls, fit: Fit, store: ColumnCache) -> CachedTable:
+        """The rows of a fit; what `store` has of the same motion is not made again."""
+        made = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
+        own = {name: getattr(made, name) for name in Table.__dataclass_fields__}
+        return cls(**own, store=store)
+
+    def with_effect(self, effect: Effect, shapes: Shapes) -> np.ndarray:
+        """As `Table.with_effect`."""
+        corrected = any(isinstance(each, Correcting) for each in self.mechanism.effects)
+        if corrected or effect.implicit or len(shapes) == 0:
+            return super().with_effect(effect, shapes)
+        asked = [tuple(sorted(each.items())) for each in (effect.values, *shapes)]
+        key = (type(effect), effect.label, self.motion.independent, *asked)
+        if key not in self.store.columns:
+            found = super().with_effect(effect, shapes)
+            if self.store.size + found.nbytes > ROOM:
+                return found
+            self.store.columns[key] = found
+        return self.store.columns[key]
+
+
+@dataclass(frozen=True, eq=False)
+class ScreeningContext:
+    """A fit with its rows, the model projected out of those that are away from reversals."""
+
+    fit: Fit
+    table: CachedTable
+    screen: Screen
+
+    @classmethod
+    def of(cls, fit: Fit, store: ColumnCache) -> ScreeningContext:
+        """Of a fit; its columns are looked up in `store` first."""
+        table = CachedTable.of_fit(fit, store)
+        return cls(fit, table, Screen.of(table, quiet(table), fit.worth, fit.estimate.held))
+
+    @property
+    def weight(self) -> np.ndarray:
+        """w (d,); 0 for a joint without torque."""
+        torque = torque_squares(self.table, self.screen)
+        return np.where(torque > 0, 1.0 / np.where(torque > 0, torque, 1.0), 0.0)
+
+    def difference(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """D (blocks,) of losses (blocks, d)."""
+        return (before - after) @ self.weight
+
+    def fall(self, after: np.ndarray) -> tuple[float, float]:
+        """Of the model's own losses to others (blocks, d), and its standard error over blocks."""
+        total = float((self.screen.loss @ self.weight).sum())
+        D = self.difference(self.screen.loss, after)
+        if total <= 0 or len(D) < 2:
+            return 0.0, 0.0
+        return float(D.sum() / total), float(D.std(ddof=1) * np.sqrt(len(D)) / total)
+
+    def without(self, held: np.ndarray) -> np.ndarray:
+        """(blocks, d) losses with further unknowns (k,) held where they are without data."""
+        return Screen.same_rows(self.screen, self.table, self.fit.estimate.held | held).loss
+
+    def delivered(self, after: ScreeningContext) -> float | None:
+        """The fall to another model, in the same rows and weights; None if its rows are others."""
+        mine, other = self.table, after.table
+        if len(mine.t) != len(other.t) or not np.array_equal(mine.sample, other.sample):
+            return None
+        loss = Screen.same_rows(self.screen, other, after.fit.estimate.held).loss
+        return self.fall(loss)[0]
+
 
 SOME = 2.0  # standard errors from which a fall is one
 
 
 @dataclass(frozen=True, eq=False)
-class Announced:
+class PredictedGain:
     """What one effect does to the held-out error, or would do.
 
     Attributes:
@@ -71,7 +164,9 @@ class Announced:
         return f"{self.label}: {100 * self.fall:.1f} ± {100 * self.error:.1f} %"
 
 
-def announce(ground: Ground, progress: Told | None = None) -> tuple[Announced, ...]:
+def predicted_gains(
+    ground: ScreeningContext, progress: Progress | None = None
+) -> tuple[PredictedGain, ...]:
     """All effects that could be missing, then those of the model; each part best first.
 
     Args:
@@ -89,24 +184,24 @@ def announce(ground: Ground, progress: Told | None = None) -> tuple[Announced, .
     hidden |= {e.label: f"could not be tried: {why}" for e, why in found.failed}
     seen = [each for each in found.candidates if each.effect.label not in hidden]
     open_ = _with_rivals(ground, seen, [_of(ground, each) for each in seen])
-    shut = [Announced(e, why=hidden[e.label]) for e in (*wanted, *(x.effect for x in absorbed))
+    shut = [PredictedGain(e, why=hidden[e.label]) for e in (*wanted, *(x.effect for x in absorbed))
             if e.label in hidden]  # fmt: skip
     best_first = sorted(open_, key=lambda each: -(each.fall or 0.0))
     return (*best_first, *shut, *_present(ground))
 
 
-def _of(ground: Ground, candidate: Candidate) -> Announced:
+def _of(ground: ScreeningContext, candidate: Candidate) -> PredictedGain:
     judged, joints = candidate.judged, ground.fit.motion.independent
     by = np.maximum(judged.by, 0.0)
     mends = [u for u in np.argsort(-by) if by[u] >= MINE * max(by.sum(), 1e-300)]
     fall, error = ground.fall(judged.loss)
     names = tuple(joints[u] for u in mends)
-    return Announced(candidate.effect, False, fall, error, names, shape=candidate.shape)
+    return PredictedGain(candidate.effect, False, fall, error, names, shape=candidate.shape)
 
 
 def _with_rivals(
-    ground: Ground, found: Sequence[Candidate], announced: Sequence[Announced]
-) -> list[Announced]:
+    ground: ScreeningContext, found: Sequence[Candidate], announced: Sequence[PredictedGain]
+) -> list[PredictedGain]:
     """Each with those that explain the same part as well, or better.
 
     cos(X̃_a θ_a, X̃_b θ_b) > ALIKE; better: mean(D_b − D_a) ≥ APART standard errors of its own, and
@@ -134,13 +229,13 @@ def _with_rivals(
     return result
 
 
-def _close(a: Announced, b: Announced) -> bool:
+def _close(a: PredictedGain, b: PredictedGain) -> bool:
     """Whether two falls differ by less than either is known: ranks of such falls say nothing."""
     apart = abs((a.fall or 0.0) - (b.fall or 0.0))
     return apart < max(a.error or 0.0, b.error or 0.0)
 
 
-def _present(ground: Ground) -> list[Announced]:
+def _present(ground: ScreeningContext) -> list[PredictedGain]:
     """Effects of the model: what they take away now, and what speaks against them."""
     fit = ground.fit
     doubts = {x.effect.label: x.why for x in unsupported(fit, ground.table, ground.screen)}
@@ -152,12 +247,12 @@ def _present(ground: Ground) -> list[Announced]:
             continue
         why = doubts.get(effect.label, "")
         if isinstance(effect, Correcting):  # it is undone by another motion, not by a column
-            found.append(Announced(effect, True, why=why))
+            found.append(PredictedGain(effect, True, why=why))
             continue
         held = np.zeros(len(fit.columns), dtype=bool)
         held[mine] = True
         D = ground.difference(ground.without(held), ground.screen.loss)
         before = max(total + float(D.sum()), 1e-300)
         error = float(D.std(ddof=1) * np.sqrt(len(D))) / before if len(D) > 1 else 0.0
-        found.append(Announced(effect, True, float(D.sum()) / before, error, why=why))
+        found.append(PredictedGain(effect, True, float(D.sum()) / before, error, why=why))
     return sorted(found, key=lambda each: -(each.fall or 0.0))

@@ -1,27 +1,167 @@
-"""The widget: an exploration on a page, in Jupyter or served.
+"""The page: a widget that adds effects by a click, in Jupyter or served.
 
 All heavy work runs in threads, one change at a time; what is shown is set on the event loop. A
-change is shown in stages: errors and ladder, pictures, then what is announced anew.
+change is shown in stages: errors and ladder, charts, then what is announced anew.
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+import json
+from collections.abc import Awaitable, Callable, Sequence
+from importlib import resources
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import panel
+import param
+from markupsafe import Markup
 
 from ident.errors import IdentError
-from ident.explore.controls import Controls
-from ident.explore.exploration import Exploration
-from ident.explore.views import drawn
-from ident.progress import Told
+from ident.progress import Progress
+from ident.show.charts import Chart
+from ident.show.charts.live import source
+from ident.show.explore.exploration import Exploration, ladder_rows
+from ident.show.explore.views import VIEWS, beside_verdict, contents, error_rows, rows_of
+from ident.show.html import table
+
+
+def _text(name: str) -> str:
+    return resources.files("ident.show.explore").joinpath(name).read_text(encoding="utf-8")
+
+
+CSS, PAGE, CHOICE = _text("parts.css"), _text("page.css"), _text("choice.css")
+FOLD = _text("fold.css")  # of rows whose parts stand one below the other where it is narrow
+
+
+class LiveChart(panel.custom.JSComponent):
+    """A chart that can be zoomed, drawn in the browser as in reports."""
+
+    data = param.String()
+    words = param.String()
+
+    _esm: ClassVar[Any] = (
+        f"const api = {json.dumps(source('bokeh-api.min.js'))};\n"
+        + source("charts.js")
+        + _text("chart.js")
+    )
+
+
+class Candidates(panel.custom.JSComponent):
+    """Effects with a button each; a click sends {"label", "present"}."""
+
+    rows = param.List()
+    said = param.String()
+    stale = param.Boolean()
+    locked = param.Boolean()
+
+    _esm: ClassVar[Any] = _text("candidates.js")
+    _stylesheets: ClassVar[Any] = [CSS]
+
+
+class Ladder(panel.custom.JSComponent):
+    """Rungs as rows, the head first; a click on an earlier one sends {"rung"}."""
+
+    rows = param.List()
+    locked = param.Boolean()
+
+    _esm: ClassVar[Any] = _text("ladder.js")
+    _stylesheets: ClassVar[Any] = [CSS]
+
+
+class Status(panel.custom.JSComponent):
+    """A title and one line that is read out: `kind` is done, busy or bad."""
+
+    title = param.String()
+    said = param.String()
+    kind = param.String("done")
+    share = param.Number(0.0)
+
+    _esm: ClassVar[Any] = _text("status.js")
+    _stylesheets: ClassVar[Any] = [CSS]
+
+
+LEFT, MIDDLE = 400, 285  # pixels of the effects and of the table of errors
+
+
+class Controls:
+    """Widgets by name, and `layout`, in which they stand."""
+
+    def __init__(self, e: Exploration, folder: str | Path | None) -> None:
+        motion, name = e.fit.motion, e.mechanism.name
+        logs = ", ".join(experiment.name for experiment in motion.experiments)
+        self.status = Status(title=f"{name} on {logs}", sizing_mode="stretch_width")
+        self.candidates = Candidates(width=LEFT)
+        self.ladder = Ladder(sizing_mode="stretch_width")
+        self.errors = panel.pane.HTML(stylesheets=[CSS], width=MIDDLE)
+        self.joint = panel.widgets.Select(
+            label="Joint", options=list(motion.independent), value=e.fit.residual.where[0].joint,
+            width=170, stylesheets=[CHOICE],
+        )  # fmt: skip
+        self.view = panel.widgets.RadioButtonGroup(
+            label="View", options=list(VIEWS), value=VIEWS[0], stylesheets=[CHOICE]
+        )
+        self.undo = panel.widgets.Button(label="Undo", width=70)
+        self.judge = panel.widgets.Button(label="Judge it", width=90)
+        self.save = panel.widgets.Button(label="Save", width=70)
+        self.folder = panel.widgets.TextInput(
+            label="Folder to save into", value=str(folder or f"{name}_explored"), width=230
+        )
+        self.shown = panel.Column(sizing_mode="stretch_width")
+        self.layout = self._laid_out()
+
+    def say(self, words: str, kind: str = "done", share: float = 0.0) -> None:
+        """In the line of status: `done`, `busy` with a share of it done, or `bad`."""
+        self.status.param.update(said=words, kind=kind, share=share)
+
+    def lock(self, busy: bool, first: bool) -> None:
+        """While a change is worked out, nothing else can be changed; at first nothing is undone."""
+        self.candidates.locked = self.ladder.locked = busy
+        self.judge.disabled = self.save.disabled = busy
+        self.undo.disabled = busy or first
+
+    def fill(self, e: Exploration) -> None:
+        """Everything but the pictures."""
+        rungs = e.rungs
+        before = rungs[-2] if len(rungs) > 1 else rungs[-1]
+        self.errors.object = str(table(error_rows(rungs[0], before, e.now), "Held-out error"))
+        self.ladder.rows = ladder_rows(rungs)
+        if e.now.candidates is None:
+            self.candidates.param.update(stale=True, said="announced for another model …")
+        else:
+            rows = rows_of(e.now.candidates, e.now.diagnosis)
+            said = f"{len(rows)} effects; fall of the held-out squares ± standard error"
+            if beside_verdict(e.now.candidates, e.now.diagnosis):
+                said += "; none of them is judged to be missing"
+            self.candidates.param.update(rows=rows, stale=False, said=said)
+
+    def show(self, pieces: Sequence[Chart | Markup]) -> None:
+        """Put charts and HTML in the place of those shown."""
+        self.shown[:] = [_pane(piece) for piece in pieces]
+
+    def _laid_out(self) -> Any:
+        wide = {"sizing_mode": "stretch_width"}
+        folded = {**wide, "stylesheets": [FOLD]}
+        bar = panel.Row(self.undo, self.judge, self.folder, self.save)
+        top = panel.Row(self.errors, self.ladder, **folded)
+        look = panel.Row(self.view, self.joint, **folded)
+        right = panel.Column(top, look, self.shown, **wide)
+        head = panel.Row(self.status, bar, **folded)
+        return panel.Column(head, panel.Row(self.candidates, right, **folded), **wide)
+
 
 T = TypeVar("T")
-Verb = Callable[[Exploration, Told], Exploration]
+Verb = Callable[[Exploration, Progress], Exploration]
 PAUSE = 0.1  # s between two looks at what work says of itself
+
+
+def _pane(piece: Chart | Markup) -> Any:
+    if isinstance(piece, Markup):
+        return panel.pane.HTML(str(piece), stylesheets=[CSS], sizing_mode="stretch_width")
+    live = piece.live()
+    return LiveChart(
+        data=live.data(), words=piece.words, height=live.height, sizing_mode="stretch_width"
+    )
 
 
 class Stale(Exception):
@@ -46,7 +186,7 @@ class Board(panel.viewable.Viewer):
         self._drawn = exploration, str(c.view.value), str(c.joint.value)
         self._wire()
         c.fill(exploration)
-        c.show(drawn(*self._drawn))
+        c.show(contents(*self._drawn))
         c.lock(False, exploration.before is None)
         c.say(_summary(exploration))
 
@@ -99,7 +239,7 @@ class Board(panel.viewable.Viewer):
         wanted = self._wanted()
         if wanted == self._drawn:
             return
-        picture = await asyncio.to_thread(drawn, *wanted)
+        picture = await asyncio.to_thread(contents, *wanted)
         if wanted == self._wanted():
             self._drawn = wanted
             self.controls.show(picture)
@@ -112,7 +252,7 @@ class Board(panel.viewable.Viewer):
         """
         mine, turn = self.exploration, self._turn
 
-        def screened(told: Told) -> Exploration:
+        def screened(told: Progress) -> Exploration:
             def checked(what: str, share: float) -> None:
                 if self._turn != turn:
                     raise Stale
@@ -147,7 +287,7 @@ class Board(panel.viewable.Viewer):
         try:
             self._is(await self._working(words, lambda told: verb(before, told)))
             wanted = self.exploration, str(self.controls.view.value), joint or self._wanted()[2]
-            picture = await asyncio.to_thread(drawn, *wanted)
+            picture = await asyncio.to_thread(contents, *wanted)
             self._drawn = wanted
             self.controls.show(picture)
             self.controls.joint.value = wanted[2]
@@ -161,7 +301,7 @@ class Board(panel.viewable.Viewer):
             await self.redrawn()  # where another view has been asked for meanwhile
         await self.announced(wrong)
 
-    async def _working(self, words: str, work: Callable[[Told], T]) -> T:
+    async def _working(self, words: str, work: Callable[[Progress], T]) -> T:
         """Runs it in a thread, and says how far it is."""
         heard: tuple[str, float] = words, 0.0
 
@@ -219,7 +359,7 @@ class Board(panel.viewable.Viewer):
         c.joint.param.watch(calls(self.redrawn), "value")
 
 
-def _added(e: Exploration, label: str, told: Told) -> Exploration:
+def _added(e: Exploration, label: str, told: Progress) -> Exploration:
     """With the effect that is announced under this label, whichever it is."""
     found = next((x.effect for x in e.candidates if x.label == label and not x.present), None)
     return e.with_effect(label if found is None else found, told)

@@ -5,23 +5,31 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
-from ident.cli.arguments import AllowCode, MechanismPath, With, mechanism_of, output_file
-from ident.cli.console import notes, progress, result
+from ident.cli.console import notes, progress, result, wrote
+from ident.cli.options import (
+    LOGS,
+    AllowCode,
+    MechanismPath,
+    Seed,
+    Texts,
+    With,
+    argument,
+    mechanism_of,
+    named,
+    option,
+    output_file,
+)
 from ident.errors import IdentError, one_of
-from ident.fit.saved import read_fit
-from ident.log import Log, read_log
-from ident.mechanism import Mechanism
-from ident.simulate import PD, ComputedTorque, Noise, Torques, integrate
-from ident.simulate import simulate as simulate_
-from ident.simulate.drives import Drive
-from ident.simulate.write import csv_text
 
-LOGS = (".csv", ".parquet", ".npz")
+if TYPE_CHECKING:
+    from ident.mechanism import Mechanism
+    from ident.simulate import Noise
+    from ident.simulate.drives import Drive
+
 CONTROLS = ("none", "torque", "pd", "computed-torque")
 
 
@@ -29,91 +37,75 @@ def simulate(
     mechanism: MechanismPath,
     motion: Annotated[
         Path | None,
-        typer.Argument(
-            metavar="MOTION",
-            help="A log whose positions are the motion; with --forward, whose torques drive it.",
+        argument(
+            "A log whose positions are the motion; with --forward, whose torques drive it.",
+            "MOTION",
         ),
     ] = None,
     forward: Annotated[
         bool,
-        typer.Option(
-            "--forward", help="Integrate the motion that forces make; then MOTION may be left out."
+        option(
+            "Integrate the motion that forces make; then MOTION may be left out.", None, "--forward"
         ),
     ] = False,
-    fit: Annotated[
-        Path | None, typer.Option(metavar="FIT.json", help="Parameters and effects of a fit.")
-    ] = None,
+    fit: Annotated[Path | None, option("Parameters and effects of a fit.", "FIT.json")] = None,
     with_: With = None,
     set_: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="NAME=VALUE",
-            help="Give a parameter its value: rod.Izz=0.2, viscous.elbow.Fv=0.4.",
+        Texts,
+        option(
+            "Give a parameter its value: rod.Izz=0.2, viscous.elbow.Fv=0.4.", "NAME=VALUE", "--set"
         ),
     ] = None,
     control: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME",
-            help="What drives it forward: none (default without MOTION), torque (default: MOTION's "
+        option(
+            "What drives it forward: none (default without MOTION), torque (default: MOTION's "
             "torques), or pd or computed-torque, which follow MOTION's positions.",
+            "NAME",
         ),
     ] = None,
     gains: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KP,KD",
-            help="Of the controller, for all drives or as JOINT=KP,KD for one. Default: 5 Hz.",
+        Texts,
+        option(
+            "Of the controller, for all drives or as JOINT=KP,KD for one. Default: 5 Hz.", "KP,KD"
         ),
     ] = None,
     start: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=VALUE",
-            help="Where it begins: q.crank=0.3, v.crank=2. Default: as MOTION, else at rest.",
+        Texts,
+        option(
+            "Where it begins: q.crank=0.3, v.crank=2. Default: as MOTION, else at rest.",
+            "NAME=VALUE",
         ),
     ] = None,
-    duration: Annotated[
-        float | None, typer.Option(metavar="S", help="Default: MOTION's, else 10 s.")
-    ] = None,
+    duration: Annotated[float | None, option("Default: MOTION's, else 10 s.", "S")] = None,
     rate: Annotated[
         float | None,
-        typer.Option(metavar="HZ", help="Of the log's samples. Default: MOTION's, else 250 Hz."),
+        option("Of the log's samples. Default: MOTION's, else 250 Hz.", "HZ"),
     ] = None,
     tolerance: Annotated[
-        float | None, typer.Option(metavar="SIZE", help="Relative error a step. Default: 1e-10.")
+        float | None, option("Relative error a step. Default: 1e-10.", "SIZE")
     ] = None,
     noise: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="CHANNEL=LEVEL",
-            help="White noise, its standard deviation: q=1e-5 in SI units, tau=2% of the column's.",
+        Texts,
+        option(
+            "White noise, its standard deviation: q=1e-5 in SI units, tau=2% of the column's.",
+            "CHANNEL=LEVEL",
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Of the noise.")] = 0,
-    columns: Annotated[
-        str, typer.Option(metavar="LIST", help="Which channels the log gets.")
-    ] = "q,v,a,tau",
+    seed: Seed = 0,
+    columns: Annotated[str, option("Which channels the log gets.", "LIST")] = "q,v,a,tau",
     joints: Annotated[
         str | None,
-        typer.Option(
-            metavar="LIST",
-            help="Whose q, v and a it gets. Default: those in MOTION; forward, the drives.",
-        ),
+        option("Whose q, v and a it gets. Default: those in MOTION; forward, the drives.", "LIST"),
     ] = None,
     multipliers: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE", help="Write the true multipliers here, a .csv, .parquet or .npz."
-        ),
+        option("Write the true multipliers here, a .csv, .parquet or .npz.", "FILE"),
     ] = None,
     allow_code: AllowCode = False,
     out: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE", help="Write a .csv, .parquet or .npz; else CSV to the screen."
-        ),
+        option("Write a .csv, .parquet or .npz; else CSV to the screen.", "FILE"),
     ] = None,
 ) -> None:
     """A log of the model itself.
@@ -121,6 +113,12 @@ def simulate(
     On a given motion: the torques that it needs, exactly. With --forward: the motion that forces
     make, integrated, with dry friction that really sticks. Then noise.
     """
+    from ident.fit.saved import read_fit
+    from ident.log import Log, read_log
+    from ident.simulate import integrate
+    from ident.simulate import simulate as simulate_
+    from ident.simulate.write import csv_text
+
     own = {"--control": control, "--gains": gains, "--start": start, "--duration": duration}
     own |= {"--rate": rate, "--tolerance": tolerance}
     if not forward:
@@ -134,8 +132,8 @@ def simulate(
     model = mechanism_of(mechanism, with_, allow_code=allow_code)
     output_file(out, LOGS)
     output_file(multipliers, LOGS)
-    values = dict(_assignment(text) for text in set_ or ())
-    pi: np.ndarray | None = None
+    values = dict(named(text, "--set", "viscous.elbow.Fv=0.4") for text in set_ or ())
+    pi = None
     if fit is not None:
         saved = read_fit(fit, model)
         model, pi = saved.mechanism, saved.dynamic_parameters
@@ -145,11 +143,11 @@ def simulate(
     names = None if joints is None else [part.strip() for part in joints.split(",")]
     if forward:
         drive = _drive(model, motion, control, gains)
-        begin = dict(_assignment(text, "--start", "q.crank=0.3") for text in start or ())
-        with progress() as told:
+        begin = dict(named(text, "--start", "q.crank=0.3") for text in start or ())
+        with progress() as on_progress:
             run = integrate(
                 model, drive, duration=duration, rate=rate, start=begin, values=values, pi=pi,
-                noise=noises, seed=seed, columns=channels, joints=names, progress=told,
+                noise=noises, seed=seed, columns=channels, joints=names, progress=on_progress,
                 **({} if tolerance is None else {"tolerance": tolerance}),
             )  # fmt: skip
         log, t, forces = run.log, run.t, run.multipliers
@@ -170,25 +168,24 @@ def simulate(
         result(csv_text(log).rstrip("\n"))
     else:
         log.write(out)
-        notes([f"wrote {out}"])
+        wrote([out])
     if multipliers is not None:
-        _write_multipliers(model, multipliers, t, forces)
-
-
-def _write_multipliers(model: Mechanism, path: Path, t: np.ndarray, forces: np.ndarray) -> None:
-    series = {name: forces[:, i] for i, name in enumerate(model.kinematics.multipliers)}
-    Log.from_arrays(path.name, t, series).write(path)
-    notes([f"wrote {path}"])
+        series = {name: forces[:, i] for i, name in enumerate(model.kinematics.multipliers)}
+        Log.from_arrays(multipliers.name, t, series).write(multipliers)
+        wrote([multipliers])
 
 
 def _drive(
-    model: Mechanism, motion: Path | None, control: str | None, gains: list[str] | None
+    model: Mechanism, motion: Path | None, control: str | None, gains: Texts
 ) -> Drive | None:
-    """What drives the mechanism forward.
+    """Return what drives the mechanism forward.
 
     Raises:
         IdentError: for a control that is not there, or lacks the motion or goes without one.
     """
+    from ident.log import read_log
+    from ident.simulate import PD, ComputedTorque, Torques
+
     control = control or ("none" if motion is None else "torque")
     if control not in CONTROLS:
         raise IdentError(f"--control {control}: {one_of(control, CONTROLS)}")
@@ -207,7 +204,7 @@ def _drive(
 
 
 def _gains(
-    texts: list[str] | None,
+    texts: Texts,
 ) -> tuple[float, float] | Mapping[str, tuple[float, float]] | None:
     found: dict[str, tuple[float, float]] = {}
     for text in texts or ():
@@ -222,24 +219,9 @@ def _gains(
     return found.get("", found) or None
 
 
-def _assignment(
-    text: str,
-    option: str = "--set",
-    as_in: str = "viscous.elbow.Fv=0.4",
-) -> tuple[str, float]:
-    name, equals, value = text.partition("=")
-    try:
-        if not equals or not name:
-            raise ValueError
-        number = float(value)
-        if not math.isfinite(number):
-            raise ValueError
-        return name.strip(), number
-    except ValueError:
-        raise IdentError(f"{option} {text}: write NAME=NUMBER, as {as_in}") from None
-
-
 def _noise(text: str) -> Noise:
+    from ident.simulate import Noise
+
     channel, equals, level = text.partition("=")
     try:
         if not equals or not channel:

@@ -1,0 +1,125 @@
+"""`add`, `effects` and `view`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from ident.cli.console import notes, progress, result
+from ident.cli.options import (
+    Absolute,
+    AllowCode,
+    MechanismPath,
+    Paths,
+    Smoothing,
+    argument,
+    kinds_beginning,
+    mechanism_of,
+    motion_of,
+    option,
+    output_file,
+    with_effect,
+)
+from ident.errors import IdentError
+
+
+def add(
+    mechanism: MechanismPath,
+    effect: Annotated[
+        str,
+        argument(
+            "As viscous:elbow, viscous for all driven joints, or file.py:function:elbow.",
+            "EFFECT",
+            autocompletion=kinds_beginning,
+        ),
+    ],
+    allow_code: AllowCode = False,
+) -> None:
+    """Write an effect into mechanism.toml.
+
+    A bare URDF gets a mechanism.toml beside it.
+    """
+    from ident.mechanism.write import add_effects
+
+    before = mechanism_of(mechanism, allow_code=allow_code)
+    after = with_effect(before, effect, allow_code=allow_code)
+    new = [each for each in after.effects if each not in before.effects]
+    path = add_effects(before, new)
+    result(f"{path}: added {', '.join(each.label for each in new)}")
+
+
+def effects(
+    kind: Annotated[
+        str | None,
+        argument("One of them, as viscous; else all.", "KIND", autocompletion=kinds_beginning),
+    ] = None,
+) -> None:
+    """The library of effects.
+
+    Equation, unknowns and shapes with units, where an effect sits, and what a residual looks like
+    when it is missing.
+    """
+    from ident.effects import KINDS
+    from ident.effects.describe import described, kind_called
+
+    kinds = KINDS.values() if kind is None else [kind_called(kind)]
+    result("\n\n".join(described(each) for each in kinds))
+
+
+def view(
+    mechanism: MechanismPath,
+    logs: Annotated[
+        Paths, argument("Experiments to watch; without one it stands still.", "LOG")
+    ] = None,
+    fit: Annotated[
+        Path | None, option("Whose reactions and residuals are shown.", "FIT.json")
+    ] = None,
+    port: Annotated[int, option("Port of the page, on 127.0.0.1; 0: a free one.", "N")] = 0,
+    out: Annotated[
+        Path | None, option("Write a page that plays by itself, and no server.", "FILE.html")
+    ] = None,
+    smoothing: Smoothing = "auto",
+    absolute: Absolute = False,
+    allow_code: AllowCode = False,
+) -> None:
+    """The mechanism moving in 3-D, in a browser.
+
+    With a fit, closures' reactions are arrows and joints are coloured by their residual. The page
+    is served on this machine alone, until Ctrl-C.
+    """
+    from ident.display import render
+    from ident.fit.saved import read_fit
+    from ident.residual.predict import predict
+    from ident.show.view3d import SUFFIXES
+
+    output_file(out, SUFFIXES)
+    if fit is not None and not logs:
+        raise IdentError(f"--fit {fit}: a fit says nothing without a motion; give a LOG too")
+    model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute)
+    saved = None if fit is None else read_fit(fit, model)
+    model = model if saved is None else saved.mechanism
+    experiments: Sequence[Any] = ()
+    predictions: Sequence[Any] = ()
+    with progress() as on_progress:
+        if logs:
+            # torques are needed only where a residual is shown
+            motion = motion_of(model, logs, "auto", on_progress, saved is not None, smoothing)
+            experiments = motion.experiments
+            if saved is not None:
+                predictions = predict(model, motion, saved.point)
+        shown = render(model, "view", experiments, predictions)
+        notes(shown.notes)
+        if out is not None:
+            on_progress(f"recording {out.name}", 0.5)
+            shown.write(out)
+    if out is not None:
+        count = shown.moments
+        result(f"{out}: {count} moment{'s' * (count != 1)}; open it in a browser")
+        return
+    with shown.serve(port) as page:
+        result(f"{page.address}    (Ctrl-C ends it)")
+        try:
+            page.wait()
+        except KeyboardInterrupt:
+            return

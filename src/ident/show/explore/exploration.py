@@ -1,0 +1,325 @@
+"""The noun `Exploration`: a ladder of models tried by hand."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from ident.diagnose import Diagnosis, History, diagnose
+from ident.diagnose.explanation import errors_of, fall_of
+from ident.diagnose.grow import Step
+from ident.diagnose.output import model_files, refuse_own, write_history
+from ident.effects import Effect
+from ident.equations.point import Point
+from ident.errors import FitError, one_of
+from ident.files import write_all
+from ident.fit import Fit, identify
+from ident.mechanism import Mechanism
+from ident.motion import Motion
+from ident.progress import Progress
+from ident.residual.error import Error
+from ident.show.explore.predicted import (
+    ColumnCache,
+    PredictedGain,
+    ScreeningContext,
+    predicted_gains,
+)
+from ident.tables import percent, table
+
+START = "as given"
+GROWN = 1.05  # times, from which a joint's error has grown
+
+
+@dataclass(frozen=True, eq=False)
+class ModelStep:
+    """A rung of the ladder.
+
+    Attributes:
+        added, removed: what was changed; neither on the first rung.
+        fit: everything refitted.
+        announced: the fall that was announced for this change, as a share; None if none was.
+        delivered: the fall that the refit brought, in the same rows; None where they are others.
+        fall: of the held-out squares on all rows, as on the ladder of `grow`.
+        candidates: what is announced for the next change; None before that has been worked out.
+        diagnosis: None before it was asked for.
+    """
+
+    added: Effect | None
+    removed: Effect | None
+    fit: Fit
+    announced: float | None = None
+    delivered: float | None = None
+    fall: float = 0.0
+    candidates: tuple[PredictedGain, ...] | None = None
+    diagnosis: Diagnosis | None = None
+
+    @property
+    def name(self) -> str:
+        """`+ viscous:elbow`."""
+        if self.added is not None:
+            return f"+ {self.added.label}"
+        return START if self.removed is None else f"− {self.removed.label}"
+
+    @property
+    def errors(self) -> dict[str, Error]:
+        """Held out, by joint; of the fitted data where the log is too short for that."""
+        return errors_of(self.fit)
+
+    def risen(self, before: ModelStep) -> list[str]:
+        """What is to be said of joints whose error has grown though another's has fallen."""
+        said = []
+        for joint, error in self.errors.items():
+            old = before.errors.get(joint)
+            if old is not None and error.rms > GROWN * old.rms:
+                said.append(
+                    f"{self.name}: the held-out error of {joint} has grown from {old.rms:.3g} to "
+                    f"{error.rms:.3g} {error.unit}; {self._why_risen(joint)}"
+                )
+        return said
+
+    def _why_risen(self, joint: str) -> str:
+        """Weights are a reason only where several joints share them."""
+        alone, gone = len(self.errors) == 1, self.removed
+        if gone is not None and (alone or joint in gone.joints or not gone.joints):
+            return f"what {gone.label} explained is left now"
+        if gone is not None:
+            return "what it explained may be left there, or joints weigh otherwise than before"
+        if alone:
+            return "what the effect follows in some stretches of time does not hold in the others"
+        return (
+            "every joint weighs by what is left in it, so those that fit better now count for more"
+        )
+
+    @property
+    def step(self) -> Step:
+        """As `grow` has it."""
+        removed = () if self.removed is None else (self.removed,)
+        return Step(self.added, removed, (), self.fit, self.fall, self.errors)
+
+
+def share(value: float | None) -> str:
+    """A fall of error as a percentage; what rises has a minus.
+
+    >>> share(0.1234)
+    '12.3 %'
+    """
+    if value is None:
+        return "–"
+    if value < -1:  # a rise by so many times
+        return f"×{1 - value:.3g}"
+    digits = 2 if abs(value) >= 0.9995 else 1  # 99.97 % is not 100 %
+    return f"{100 * value:.{digits}f} %".replace("-", "−")
+
+
+def error_text(error: Error | None) -> str:
+    """Relative to the torque, or the rms where there is none."""
+    if error is None:
+        return "–"
+    return f"{error.rms:.3g} {error.unit}" if error.relative is None else percent(error.relative)
+
+
+def ladder_rows(rungs: Sequence[ModelStep]) -> list[list[str]]:
+    """What was changed, the fall announced and delivered, every joint's held-out error."""
+    joints = rungs[0].fit.motion.independent
+    rows = [["model", "announced", "delivered", *joints]]
+    for i, rung in enumerate(rungs):
+        falls = ["", ""] if i == 0 else [share(rung.announced), share(rung.delivered)]
+        rows.append([rung.name, *falls, *(error_text(rung.errors.get(j)) for j in joints)])
+    return rows
+
+
+@dataclass(frozen=True, eq=False)
+class Exploration:
+    """Models tried one after the other. Each verb returns a new one; `before` is the way back.
+
+    Attributes:
+        rungs: from the model that was given to the present one.
+        before: what it was before the last change; None at the beginning.
+    """
+
+    rungs: tuple[ModelStep, ...]
+    before: Exploration | None = None
+    store: ColumnCache = field(default_factory=ColumnCache, repr=False)
+    ground: ScreeningContext | None = field(default=None, repr=False)
+
+    @classmethod
+    def of(
+        cls, mechanism: Mechanism, motion: Motion, progress: Progress | None = None
+    ) -> Exploration:
+        """The first rung: the model as it is given.
+
+        Args:
+            mechanism: the model.
+            motion: what it is fitted to.
+            progress: is told of every step, with the share that is done.
+
+        Raises:
+            FitError: if there are no equations to identify with.
+        """
+        fit = identify(mechanism, motion, estimator="least-squares", progress=progress)
+        return cls((ModelStep(None, None, fit),))
+
+    @property
+    def now(self) -> ModelStep:
+        """The present model."""
+        return self.rungs[-1]
+
+    @property
+    def fit(self) -> Fit:
+        """Of the present model."""
+        return self.now.fit
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The present model."""
+        return self.fit.mechanism
+
+    @property
+    def candidates(self) -> tuple[PredictedGain, ...]:
+        """What is announced for every effect; empty before `screened`."""
+        return self.now.candidates or ()
+
+    def screened(self, progress: Progress | None = None) -> Exploration:
+        """With the fall of error announced for every effect of the library.
+
+        Args:
+            progress: called with (what is being done, share done); what it raises stops the work.
+        """
+        if self.now.candidates is not None:
+            return self
+        ground = self._ground()
+        return self._with(replace(self.now, candidates=predicted_gains(ground, progress)), ground)
+
+    def with_effect(self, effect: str | Effect, progress: Progress | None = None) -> Exploration:
+        """With one more effect in the model, everything refitted.
+
+        Args:
+            effect: `kind:joint[,joint]`, or an effect.
+            progress: called with (what is being done, share done).
+
+        Raises:
+            IdentError: for one that the mechanism cannot have, or has already.
+        """
+        old = self.mechanism
+        mechanism = old.with_effect(effect) if isinstance(effect, str) else old + effect
+        new = [e for e in mechanism.effects if not any(e is own for own in old.effects)]
+        if len(new) != 1:
+            raise FitError(
+                f"'{effect}' names {len(new)} effects; add one at a time: "
+                f"{', '.join(each.label for each in new[:4])}"
+            )
+        told = self._announced(new[0].label, present=False)
+        start = self.fit.point
+        if told is not None and told.shape:
+            names = zip(new[0].names[len(new[0].unknowns) :], new[0].shapes, strict=True)
+            shape = {full: told.shape[s.name] for full, s in names if s.name in told.shape}
+            start = Point(start.pi, {**start.values, **shape})
+        fit = _fitted(mechanism, self.fit, start, progress)
+        return self._grown(fit, told.fall if told else None, added=new[0])
+
+    def without(self, label: str, progress: Progress | None = None) -> Exploration:
+        """With one effect less, everything refitted.
+
+        Args:
+            label: of the effect, as `coulomb:elbow`.
+            progress: is told of every step.
+
+        Raises:
+            MechanismError: if the model has no such effect.
+        """
+        mechanism = self.mechanism.without(label)
+        gone = next(e for e in self.mechanism.effects if e.label == label)
+        told = self._announced(label, present=True)
+        fit = _fitted(mechanism, self.fit, self.fit.point, progress)
+        announced = None
+        if told is not None and told.fall is not None and told.fall < 1:
+            announced = -told.fall / (1 - told.fall)  # 1 − loss₀/loss₁ seen from the other side
+        return self._grown(fit, announced, removed=gone)
+
+    def at(self, rung: int) -> Exploration:
+        """Back to an earlier rung, 0 the model as given.
+
+        Raises:
+            FitError: if there is no such rung.
+        """
+        if not 0 <= rung < len(self.rungs):
+            valid = one_of(str(rung), map(str, range(len(self.rungs))))
+            raise FitError(f"there is no rung {rung}; {valid}")
+        if rung == len(self.rungs) - 1:
+            return self
+        return replace(self, rungs=self.rungs[: rung + 1], before=self, ground=None)
+
+    @property
+    def undone(self) -> Exploration:
+        """As before the last change; at the beginning, as it is."""
+        return self if self.before is None else self.before
+
+    def judged(self, progress: Progress | None = None) -> Exploration:
+        """With the diagnosis of the present model: whether a fall means anything.
+
+        Args:
+            progress: is told of every step.
+        """
+        if self.now.diagnosis is not None:
+            return self
+        found = diagnose(self.fit, progress=progress)
+        return self._with(replace(self.now, diagnosis=found), self.ground)
+
+    def write(self, folder: str | Path) -> list[Path]:
+        """The present mechanism's folder with its fit; with its diagnosis, where there is one.
+
+        Returns:
+            The files written, all of them or none.
+
+        Raises:
+            IdentError: if it is the folder of the mechanism itself, or cannot be written.
+        """
+        now, folder = self.now, Path(folder)
+        if now.diagnosis is not None:
+            steps = tuple(rung.step for rung in self.rungs)
+            return write_history(History(steps, now.diagnosis), folder)
+        refuse_own(now.fit.mechanism, folder)
+        return write_all(folder, model_files(now.fit))
+
+    def table(self) -> list[list[str]]:
+        """The ladder as cells, the head first."""
+        return ladder_rows(self.rungs)
+
+    def _announced(self, label: str, *, present: bool) -> PredictedGain | None:
+        found = (x for x in self.candidates if x.label == label and x.present == present)
+        return next(found, None)
+
+    def _ground(self) -> ScreeningContext:
+        return self.ground or ScreeningContext.of(self.fit, self.store)
+
+    def _with(self, now: ModelStep, ground: ScreeningContext | None) -> Exploration:
+        """The same model, with more known of it."""
+        return replace(self, rungs=(*self.rungs[:-1], now), ground=ground)
+
+    def _grown(
+        self, fit: Fit, announced: float | None, added: Effect | None = None,
+        removed: Effect | None = None,
+    ) -> Exploration:  # fmt: skip
+        ground = ScreeningContext.of(fit, self.store)
+        step = ModelStep(
+            added, removed, fit, announced, delivered=self._ground().delivered(ground),
+            fall=fall_of(errors_of(self.fit), errors_of(fit)),
+        )  # fmt: skip
+        return replace(self, rungs=(*self.rungs, step), before=self, ground=ground)
+
+    def __str__(self) -> str:
+        return "\n".join(table(self.table(), ""))
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(str(self))}</pre>"
+
+
+def _fitted(mechanism: Mechanism, old: Fit, start: Point, progress: Progress | None) -> Fit:
+    """Least squares throughout, as the announcement has it."""
+    return identify(
+        mechanism, old.motion, start=start, estimator="least-squares", progress=progress
+    )
