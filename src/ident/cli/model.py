@@ -60,10 +60,10 @@ def effects(
     Equation, unknowns and shapes with units, where an effect sits, and what a residual looks like
     when it is missing.
     """
-    from ident.effects import KINDS
-    from ident.effects.describe import described, kind_called
+    from ident.effects import KINDS, kind_of
+    from ident.show.effects import described
 
-    kinds = KINDS.values() if kind is None else [kind_called(kind)]
+    kinds = KINDS.values() if kind is None else [kind_of(kind)]
     result("\n\n".join(described(each) for each in kinds))
 
 

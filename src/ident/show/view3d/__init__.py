@@ -4,9 +4,10 @@ from ident.show.view3d.rotation import rotations, wxyz
 from ident.show.view3d.shapes import Shape, box, capsule, cylinder, ellipsoid, sphere
 from ident.show.view3d.stage import Body, Film, Loads, Pivot, Stage, Tie
 from ident.show.view3d.timing import frames, running_rms
-from ident.show.view3d.view import View
+from ident.show.view3d.view import SUFFIXES, View
 
 __all__ = [
+    "SUFFIXES",
     "Body",
     "Film",
     "Loads",

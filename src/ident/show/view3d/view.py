@@ -39,6 +39,13 @@ class View:
         """Camera, scales and legend."""
         return Setting(self.stage.name, self.stage, self.films, self.notes)
 
+    @property
+    def moments(self) -> int:
+        """Number of moments in a recording."""
+        from ident.show.view3d.record import kept
+
+        return sum(len(film) for film in kept(self.films))
+
     @cached_property
     def html(self) -> str:
         """A page that plays the films by itself: no server, no network.
