@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 import ident
 from helpers import ROBOTS, write_mechanism
 from ident import Log
-from ident.simulate.dry import box_programme
+from ident.simulate.balance import box_programme
 
 G = 9.81
 MASS, SLOPE = 2.0, 0.5

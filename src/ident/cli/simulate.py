@@ -117,7 +117,7 @@ def simulate(
     from ident.log import Log, read_log
     from ident.simulate import integrate
     from ident.simulate import simulate as simulate_
-    from ident.simulate.write import csv_text
+    from ident.show.simulate import csv_text
 
     own = {"--control": control, "--gains": gains, "--start": start, "--duration": duration}
     own |= {"--rate": rate, "--tolerance": tolerance}

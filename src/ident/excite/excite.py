@@ -96,7 +96,7 @@ def excite(
         mechanism, limits or Limits(), duration / periods, harmonics, noise or {}, seed
     )
     criterion = problem.criterion(separate, balance)
-    best: Candidate | None = None
+    best: ExcitingMotion | None = None
     for i in range(tries):
         if progress:
             progress(f"exciting {mechanism.name}, try {i + 1} of {tries}", i / tries)
@@ -135,7 +135,7 @@ def _check(duration: float, periods: int, rate: float, harmonics: int, tries: in
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class ExcitingMotion:
     """A motion: x (d, P), its rows, limited quantities z (n, Z), criterion J and G = ∂J/∂W."""
 
     problem: DesignProblem
@@ -272,17 +272,19 @@ class DesignProblem:
         A = rows.A[:, :, self.base.independent] / self.size / self.sigma[:, None]
         return A.reshape(-1, len(self.size))
 
-    def draw(self, random: np.random.Generator, criterion: Criterion) -> Candidate | None:
+    def draw(self, random: np.random.Generator, criterion: Criterion) -> ExcitingMotion | None:
         """Return a random motion inside the limits; None if it is home alone or not informative."""
         found = _draw(self.family, self.box, random)
         return None if found is None else self.candidate(*found, criterion)
 
-    def candidate(self, x: np.ndarray, rows: MotionRows, criterion: Criterion) -> Candidate | None:
+    def candidate(
+        self, x: np.ndarray, rows: MotionRows, criterion: Criterion
+    ) -> ExcitingMotion | None:
         """Evaluate a motion; None where it does not determine all unknowns."""
         found = criterion.at(self.W(rows))
-        return None if found is None else Candidate(self, x, rows, self.box.z(rows.e), *found)
+        return None if found is None else ExcitingMotion(self, x, rows, self.box.z(rows.e), *found)
 
-    def search(self, start: Candidate, criterion: Criterion) -> Candidate:
+    def search(self, start: ExcitingMotion, criterion: Criterion) -> ExcitingMotion:
         """Maximise J inside the tightened limits by sequential quadratic programming (SLSQP).
 
         It starts again with a fresh Hessian from the best motion until that gains no more. A motion
@@ -292,7 +294,7 @@ class DesignProblem:
         visited = {start.x.tobytes(): start}
         best = near = start
 
-        def at(x: np.ndarray) -> Candidate:
+        def at(x: np.ndarray) -> ExcitingMotion:
             nonlocal best, near
             key = x.tobytes()
             if key not in visited:

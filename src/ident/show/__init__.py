@@ -20,6 +20,8 @@ MODULES: dict[str, str] = {
     "MonteCarlo": "montecarlo",
     "Motion": "motion",
     "Studies": "montecarlo",
+    "Run": "simulate",
+    "Replay": "simulate",
 }
 """The module of this package that renders a class, by the name of the class."""
 

@@ -30,7 +30,7 @@ from ident.mechanism.write import add_effects
 from ident.motion import Motion, complete
 from ident.progress import Progress
 from ident.simulate import Noise, simulate
-from ident.simulate.write import csv_text
+from ident.show.simulate import csv_text
 from ident.tables import percent
 
 Shower = Callable[[], AbstractContextManager[Progress]]

@@ -1,13 +1,10 @@
-"""Logs of the model itself: torques of a given motion, and the motion that forces make."""
+"""Logs of the model itself: torques of a given motion, and the motion of given forces."""
 
 from ident.simulate.drives import PD, ComputedTorque, Torques
-from ident.simulate.integrate import integrate
-from ident.simulate.inverse import simulate
-from ident.simulate.noise import Noise
-from ident.simulate.replay import replay
-from ident.simulate.replayed import Replay
-from ident.simulate.run import Run
-from ident.simulate.trace import Transition
+from ident.simulate.integrate import Run, integrate
+from ident.simulate.integration import Transition
+from ident.simulate.inverse import Noise, simulate
+from ident.simulate.replay import Replay, replay
 
 __all__ = [
     "PD",

@@ -1,4 +1,4 @@
-"""What drives a mechanism in an integration: measured torques, or a controller.
+"""Drives of an integrated mechanism: measured torques, or a controller.
 
     PD                τ = Kp (q_ref − q) + Kd (q̇_ref − q̇)
     computed torque   τ = inverse dynamics of q̈_ref + Kd (q̇_ref − q̇) + Kp (q_ref − q)
@@ -21,10 +21,10 @@ from ident.errors import MotionError, one_of
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment
-from ident.simulate.instant import Actuator
-from ident.simulate.plant import Moment, Plant
+from ident.simulate.balance import Actuator
+from ident.simulate.plant import InstantTerms, Plant
 
-BANDWIDTH = 5.0  # [Hz] of a controller whose gains are not given
+BANDWIDTH = 2 * np.pi * 5.0  # [rad/s] of a controller whose gains are not given
 Gains = tuple[float, float] | Mapping[str, tuple[float, float]]
 AnyLog = Log | str | os.PathLike[str]
 
@@ -40,14 +40,8 @@ class Torques:
     log: AnyLog
 
     def actuator(self, mechanism: Mechanism, plant: Plant, e: Experiment) -> Actuator:
-        """Of the completed log.
-
-        Args:
-            mechanism: whose drives it acts on.
-            plant: its inertias as they are at the start.
-            e: the log, completed.
-        """
-        return Series(CubicSpline(e.t, e.tau))
+        """Return the actuator that plays the completed log."""
+        return TorqueSeries(CubicSpline(e.t, e.tau))
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,20 +58,13 @@ class PD:
     gains: Gains | None = None
 
     def actuator(self, mechanism: Mechanism, plant: Plant, e: Experiment) -> Actuator:
-        """Of the completed reference.
-
-        Args:
-            mechanism: whose drives it acts on.
-            plant: its inertias as they are at the start.
-            e: what is followed, completed.
-        """
-        w = 2 * np.pi * BANDWIDTH
+        """Return the actuator that follows the completed reference."""
         if self.gains is None:
-            inertia = felt_inertia(plant, e)
-            Kp, Kd = w**2 * inertia, 2 * w * inertia
+            inertia = _drive_inertia(plant, e)
+            gains = BANDWIDTH**2 * inertia, 2 * BANDWIDTH * inertia
         else:
-            Kp, Kd = _by_joint(self.gains, mechanism)
-        return Follower(_reference(mechanism, e), Kp, Kd, computed=False)
+            gains = _by_joint(self.gains, mechanism)
+        return TrackingControl(_reference(plant, e), *gains, computed=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,45 +81,35 @@ class ComputedTorque:
     gains: Gains | None = None
 
     def actuator(self, mechanism: Mechanism, plant: Plant, e: Experiment) -> Actuator:
-        """Of the completed reference.
-
-        Args:
-            mechanism: whose drives it acts on.
-            plant: its inertias as they are at the start.
-            e: what is followed, completed.
-        """
-        w = 2 * np.pi * BANDWIDTH
-        Kp, Kd = _by_joint((w**2, 2 * w) if self.gains is None else self.gains, mechanism)
-        return Follower(_reference(mechanism, e), Kp, Kd, computed=True)
+        """Return the actuator that follows the completed reference."""
+        gains = _by_joint(self.gains or (BANDWIDTH**2, 2 * BANDWIDTH), mechanism)
+        return TrackingControl(_reference(plant, e), *gains, computed=True)
 
 
 Drive = Torques | PD | ComputedTorque
 
 
-@dataclass(frozen=True, eq=False)
-class Still:
-    """No torque."""
+class NoTorque:
+    """Drives that are switched off."""
 
-    count: int
-
-    def torque(self, m: Moment, plant: Plant, against: np.ndarray) -> np.ndarray:
-        """Zeros (driven,)."""
-        return np.zeros(self.count)
+    def torque(self, m: InstantTerms, plant: Plant, against: np.ndarray) -> np.ndarray:
+        """Return zeros (driven,)."""
+        return np.zeros(len(plant.driven))
 
 
 @dataclass(frozen=True, eq=False)
-class Series:
+class TorqueSeries:
     """Torques as a function of time."""
 
     spline: CubicSpline
 
-    def torque(self, m: Moment, plant: Plant, against: np.ndarray) -> np.ndarray:
-        """τ(t) (driven,)."""
+    def torque(self, m: InstantTerms, plant: Plant, against: np.ndarray) -> np.ndarray:
+        """Return τ(t) (driven,)."""
         return np.asarray(self.spline(m.t))
 
 
 @dataclass(frozen=True, eq=False)
-class Follower:
+class TrackingControl:
     """A controller of the driven joints.
 
     Attributes:
@@ -146,23 +123,23 @@ class Follower:
     Kd: np.ndarray
     computed: bool
 
-    def torque(self, m: Moment, plant: Plant, against: np.ndarray) -> np.ndarray:
-        """τ (driven,)."""
+    def torque(self, m: InstantTerms, plant: Plant, against: np.ndarray) -> np.ndarray:
+        """Return τ (driven,)."""
         q, v, a = np.split(self.reference(m.t), 3)
         at = plant.driven
-        back = self.Kp * (q - m.y[at]) + self.Kd * (v - m.yd[at])
-        return plant.inverse(m, at, a + back, against) if self.computed else back
+        feedback = self.Kp * (q - m.y[at]) + self.Kd * (v - m.yd[at])
+        return plant.inverse(m, at, a + feedback, against) if self.computed else feedback
 
 
-def felt_inertia(plant: Plant, e: Experiment) -> np.ndarray:
-    """(driven,) inertia [kg m² | kg] that each drive feels at the start, the others held."""
-    m = plant.moment(float(e.t[0]), e.q[0], e.v[0], np.zeros(len(plant.laws.presliding)))
-    reach = m.W[plant.driven] @ m.Z
-    return np.diag(np.linalg.pinv(reach @ np.linalg.solve(m.Z.T @ m.M @ m.Z, reach.T), 1e-9)).copy()
+def _drive_inertia(plant: Plant, e: Experiment) -> np.ndarray:
+    """Return (driven,) the inertia [kg m² | kg] at each drive at the start, the others held."""
+    m = plant.terms(float(e.t[0]), e.q[0], e.v[0], np.zeros(len(plant.laws.states)))
+    lever = m.W[plant.driven] @ m.Z
+    return np.diag(np.linalg.pinv(lever @ np.linalg.solve(m.Z.T @ m.M @ m.Z, lever.T), 1e-9)).copy()
 
 
 def _by_joint(gains: Gains, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
-    """Kp, Kd (driven,).
+    """Return Kp, Kd (driven,).
 
     Raises:
         MotionError: for a joint without a drive, one without gains, or a negative gain.
@@ -181,6 +158,6 @@ def _by_joint(gains: Gains, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarra
     return Kp, Kd
 
 
-def _reference(mechanism: Mechanism, e: Experiment) -> CubicSpline:
-    at = [mechanism.joint_index[name] for name in mechanism.driven]
+def _reference(plant: Plant, e: Experiment) -> CubicSpline:
+    at = plant.driven
     return CubicSpline(e.t, np.hstack([e.y[:, at], e.yd[:, at], e.ydd[:, at]]))

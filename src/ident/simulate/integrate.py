@@ -3,38 +3,85 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 from scipy.interpolate import interp1d
 
+from ident.display import Displayed, render
+from ident.equations.correct import late
 from ident.equations.point import Point
+from ident.equations.samples import Samples
 from ident.equations.scene import Scene, check_needs
-from ident.errors import MotionError
+from ident.errors import MotionError, one_of
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment, Motion, complete
-from ident.motion.independent import best_conditioned
+from ident.motion.close import Closer
+from ident.motion.independent import best_conditioned, independent_joints
 from ident.motion.spectrum import noise_share
 from ident.progress import Told
 from ident.residual.predict import NOTHING
-from ident.simulate.drives import Drive, Still, Torques
-from ident.simulate.dynamics import Dynamics
-from ident.simulate.instant import Actuator, Surroundings
-from ident.simulate.inverse import one_run
-from ident.simulate.march import March
-from ident.simulate.noise import CHANNELS, Noise, check_channels, noisy
-from ident.simulate.plant import Plant, corrected_mechanism
-from ident.simulate.run import Run, columns_of, run_of
-from ident.simulate.start import started
-from ident.simulate.trace import State
-from ident.simulate.values import point_of
+from ident.simulate.balance import STICK, Actuator, Dynamics, Surroundings
+from ident.simulate.drives import Drive, NoTorque, Torques
+from ident.simulate.integration import Integration, IntegrationRecord, Transition
+from ident.simulate.inverse import (
+    CHANNELS,
+    Noise,
+    check_channels,
+    delays,
+    joint_columns,
+    one_run,
+    point_of,
+    with_noise,
+)
+from ident.simulate.plant import Plant, constant_correction, corrected_mechanism
 
-DURATION, RATE = 10.0, 250.0  # [s], [Hz] where no log says
+DURATION, RATE = 10.0, 250.0  # [s], [Hz] without a log
 TOLERANCE = 1e-10
 ROUGH = 1e-6  # share of noise above which torques are integrated sample by sample
 STEPS = 5  # samples of a log that one step of the integration may pass over
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Run(Displayed):
+    """An integrated motion with n samples. Made by `ident.integrate`.
+
+    Attributes:
+        mechanism: that was integrated, as its effects correct it.
+        log: as the machine would have written it, with offsets, delays and noise.
+        t: (n,) [s]; q, v, a: (n, nq), (n, nv), (n, nv).
+        y, yd, ydd: (n, J) of the mechanism's joints.
+        tau: (n, driven) torques that acted [N m | N].
+        multipliers: (n, m) λ [N | N m], the smallest where closures repeat each other.
+        friction: (n,) by joint, torque of dry friction; stuck: (n,) by joint.
+        transitions: when joints stopped and broke away.
+        closure_error: largest |Φ| [m | rad].
+        evaluations: of the right side.
+    """
+
+    mechanism: Mechanism
+    log: Log
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    y: np.ndarray
+    yd: np.ndarray
+    ydd: np.ndarray
+    tau: np.ndarray
+    multipliers: np.ndarray
+    friction: Mapping[str, np.ndarray]
+    stuck: Mapping[str, np.ndarray]
+    transitions: tuple[Transition, ...]
+    closure_error: float
+    evaluations: int
+
+    @property
+    def summary(self) -> str:
+        """A few lines: samples, closure error, friction."""
+        return str(render(self, "summary"))
 
 
 def integrate(
@@ -53,7 +100,7 @@ def integrate(
     tolerance: float = TOLERANCE,
     progress: Told | None = None,
 ) -> Run:
-    """The motion that forces make: the equations of motion, integrated.
+    """Integrate the equations of motion: the motion of given forces.
 
     Args:
         mechanism: with effects; an effect's unknowns need values, from `[[effect]]` or `values`.
@@ -78,51 +125,49 @@ def integrate(
         MotionError: if the log does not fit the mechanism, or the motion cannot go on.
     """
     check_channels(columns)
-    _check_numbers(duration, rate, tolerance)
-    point = point_of(mechanism, values, pi)
-    e = None if drive is None else _experiment(mechanism, drive, point)
-    if drive is None or e is None:
-        right = corrected_mechanism(mechanism, point)
-        q, v = started(right, start or {})
-        t = _times(0.0, DURATION if duration is None else duration, RATE if rate is None else rate)
-        plant, around = Plant.of(right, point), Surroundings()
-        check_needs(right, nothing_logged(mechanism.name))
-        actuator: Actuator = Still(len(right.driven))
-        name, longest, knots = "simulated", np.inf, None
-    else:
-        right, bare = e
-        q, v = started(right, start or {}, bare.q[0], bare.v[0])
-        span = float(bare.t[-1] - bare.t[0])
-        if duration is not None and duration > span * (1 + 1e-9):
-            raise MotionError(
-                f"{bare.name}: lasts {span:.4g} s, so nothing is known for {duration:g} s; give a "
-                "--duration of at most that"
-            )
-        t = bare.t
-        if duration is not None or rate is not None:
-            t = _times(float(t[0]), span if duration is None else duration, rate or bare.rate)
-        plant, around = Plant.of(right, point), surroundings(right, bare)
-        actuator = drive.actuator(right, plant, bare)
-        name, longest = bare.name, STEPS / bare.rate
-        knots = rough(bare) if isinstance(drive, Torques) else None
-    independent = best_conditioned(right, q[None]) if right.closures else ()
-    dynamics = Dynamics(plant, actuator, around, independent)
-    march = March(dynamics, tolerance, longest, knots)
-    z = np.zeros(len(plant.laws.presliding))
-    trace = march.run(State(q, v, z), t, progress)
-    run = run_of(right, trace, Log.from_arrays(name, t, {}), march.names)
-    made = columns_of(run, point, columns, joints)
-    made = noisy(made, noise, np.random.default_rng(seed))
-    extra = {key: np.array([f(x) for x in t]) for key, f in around.extra.items()}
-    return replace(run, log=Log.from_arrays(name, t, {**made, **extra}))
-
-
-def _check_numbers(duration: float | None, rate: float | None, tolerance: float) -> None:
     for what, value, unit in (("duration", duration, " s"), ("rate", rate, " Hz")):
         if value is not None and not 0 < value < np.inf:
             raise MotionError(f"{what} {value:g}{unit}; give a number above 0")
     if not 1e-13 <= tolerance <= 1e-3:
         raise MotionError(f"tolerance {tolerance:g}; valid: 1e-13 to 1e-3, as 1e-10")
+    point = point_of(mechanism, values, pi)
+    name, longest, knots = "simulated", np.inf, None
+    around = Surroundings()
+    actuator: Actuator = NoTorque()
+    if drive is None:
+        model = corrected_mechanism(mechanism, point)
+        q, v = start_state(model, start or {})
+        t = _times(0.0, DURATION if duration is None else duration, RATE if rate is None else rate)
+        check_needs(model, nothing_logged(mechanism.name))
+        plant = Plant.of(model, point)
+    else:
+        played = isinstance(drive, Torques)
+        given = drive.log if isinstance(drive, Torques) else drive.reference
+        motion = complete(mechanism, given, torques=played)
+        model, e = corrected_run(mechanism, motion, point)
+        q, v = start_state(model, start or {}, e.q[0], e.v[0])
+        span = float(e.t[-1] - e.t[0])
+        if duration is not None and duration > span * (1 + 1e-9):
+            raise MotionError(
+                f"{e.name}: lasts {span:.4g} s, so nothing is known for {duration:g} s; give a "
+                "--duration of at most that"
+            )
+        t = e.t
+        if duration is not None or rate is not None:
+            t = _times(float(t[0]), span if duration is None else duration, rate or e.rate)
+        plant, around = Plant.of(model, point), surroundings(model, e)
+        actuator = drive.actuator(model, plant, e)
+        name, longest = e.name, STEPS / e.rate
+        knots = rough_times(e) if played else None
+    independent = best_conditioned(model, q[None]) if model.closures else ()
+    integration = Integration(
+        Dynamics(plant, actuator, around, independent), tolerance, longest, knots
+    )
+    record = integration.run((q, v, np.zeros(len(plant.laws.states))), t, progress)
+    run = _run_of(model, record, integration.names)
+    made = with_noise(_columns(run, point, columns, joints), noise, seed)
+    extra = {key: np.array([f(x) for x in t]) for key, f in around.extra.items()}
+    return replace(run, log=Log.from_arrays(name, t, {**made, **extra}))
 
 
 def _times(since: float, duration: float, rate: float) -> np.ndarray:
@@ -135,15 +180,10 @@ def _times(since: float, duration: float, rate: float) -> np.ndarray:
     return since + np.arange(count) / rate
 
 
-def _experiment(mechanism: Mechanism, drive: Drive, point: Point) -> tuple[Mechanism, Experiment]:
-    """The corrected mechanism and the log's one run, corrected too."""
-    log = drive.log if isinstance(drive, Torques) else drive.reference
-    motion = complete(mechanism, log, torques=isinstance(drive, Torques))
-    return seen_run(mechanism, motion, point)
-
-
-def seen_run(mechanism: Mechanism, motion: Motion, point: Point) -> tuple[Mechanism, Experiment]:
-    """Mechanism and the one run of a motion, as correcting effects make them.
+def corrected_run(
+    mechanism: Mechanism, motion: Motion, point: Point
+) -> tuple[Mechanism, Experiment]:
+    """Return mechanism and the one run of a motion, as correcting effects make them.
 
     Raises:
         MotionError: if samples are missing in between, so that there is no one run.
@@ -154,7 +194,7 @@ def seen_run(mechanism: Mechanism, motion: Motion, point: Point) -> tuple[Mechan
 
 
 def surroundings(mechanism: Mechanism, e: Experiment) -> Surroundings:
-    """A log's wrenches and other columns, linear between samples."""
+    """Return a log's wrenches and other columns, linear between samples."""
     extra = {
         name: interp1d(e.t, x, bounds_error=False, fill_value=(x[0], x[-1]))
         for name, x in e.extra.items()
@@ -173,12 +213,145 @@ def surroundings(mechanism: Mechanism, e: Experiment) -> Surroundings:
     return Surroundings(float(e.t[0]), extra, wrenches)
 
 
-def rough(e: Experiment) -> np.ndarray | None:
-    """Times of the samples (n,) if torques are noisy: a spline through noise is not smooth."""
+def rough_times(e: Experiment) -> np.ndarray | None:
+    """Return times of the samples (n,) if torques are noisy: a spline through noise is rough."""
     return e.t if any(noise_share(x) > ROUGH for x in e.tau.T) else None
 
 
 def nothing_logged(name: str) -> Experiment:
-    """An experiment without samples or columns."""
+    """Return an experiment without samples or columns."""
     none = np.empty(0)
     return Experiment(name, none, *(none,) * 7, None, None, None, none, none)
+
+
+def start_state(
+    mechanism: Mechanism,
+    given: Mapping[str, float],
+    q: np.ndarray | None = None,
+    v: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return q (nq,) and v (nv,) with some joints at given values; the closures place the others.
+
+    Args:
+        mechanism: the mechanism.
+        given: by `q.<joint>` [rad | m] or `v.<joint>` [rad/s | m/s]; `<joint>` alone means q.
+        q, v: values where nothing is given; default: assembled, at rest.
+
+    Raises:
+        MotionError: for a name that is no joint, or joints that are not independent.
+    """
+    wanted = {key if key[:2] in ("q.", "v.") else f"q.{key}": x for key, x in given.items()}
+    names = [joint.name for joint in mechanism.joints]
+    for key, value in wanted.items():
+        if key[2:] not in names:
+            raise MotionError(f"start: {key} is of no joint; {one_of(key[2:], names)}")
+        if not np.isfinite(value):
+            raise MotionError(f"start: {key} = {value}; give a finite number")
+    q = mechanism.assembled if q is None else q
+    v = np.zeros(mechanism.model.nv) if v is None else v
+    if not wanted:
+        return q, v
+    asked = list(dict.fromkeys(key[2:] for key in wanted))
+    chosen = independent_joints(mechanism, [*asked, *mechanism.driven, *names])
+    if surplus := [name for name in asked if name not in chosen]:
+        raise MotionError(
+            f"start: {mechanism.name} has {mechanism.degrees_of_freedom} degrees of freedom, so "
+            f"{', '.join(asked)} cannot all be chosen; leave out {', '.join(surplus)}"
+        )
+    closer = Closer(mechanism, chosen)
+    now = closer.coordinates(q[None], v[None])
+    y, yd = now.value[0], now.rate[0] @ v
+    goal = np.array([wanted.get(f"q.{name}", x) for name, x in zip(chosen, y, strict=True)])
+    rate = np.array([wanted.get(f"v.{name}", x) for name, x in zip(chosen, yd, strict=True)])
+    if not mechanism.closures:
+        q = q.copy()
+        q[[mechanism.joint(name).index for name in chosen]] = goal
+        return q, rate
+    q = closer.follow(goal[None], np.zeros(1))[0]
+    v, _ = closer.rates(q[None], rate[None], np.zeros((1, len(chosen))))
+    return q, v[0]
+
+
+def _run_of(mechanism: Mechanism, record: IntegrationRecord, names: Sequence[str]) -> Run:
+    """Return the result of a record, without a log; `names` of the joints with dry friction."""
+    t = np.array(record.t)
+    q, v = (np.array([getattr(m, key) for m in record.terms]) for key in "qv")
+    a, tau, multipliers, friction = (
+        np.array([getattr(b, key) for b in record.balances]).reshape(len(t), -1)
+        for key in ("a", "tau", "multipliers", "friction")
+    )
+    stuck = np.array(record.modes).reshape(len(t), -1) == STICK
+    closed = mechanism.kinematics.closure_rows(q).value
+    return Run(
+        mechanism, Log.from_arrays(mechanism.name, t, {}), t, q, v, a,
+        *joint_coordinates(mechanism, q, v, a), tau, multipliers,
+        dict(zip(names, friction.T, strict=True)), dict(zip(names, stuck.T, strict=True)),
+        tuple(record.transitions), float(np.abs(closed).max(initial=0.0)), record.evaluations,
+    )  # fmt: skip
+
+
+def joint_coordinates(
+    mechanism: Mechanism, q: np.ndarray, v: np.ndarray, a: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return y, ẏ, ÿ (n, J) of all joints; turns of closures' own joints are counted."""
+    y, yd, ydd = (np.empty((len(q), len(mechanism.joints))) for _ in range(3))
+    own = None
+    for i, joint in enumerate(mechanism.joints):
+        if joint.in_tree:
+            y[:, i], yd[:, i], ydd[:, i] = q[:, joint.index], v[:, joint.index], a[:, joint.index]
+            continue
+        own = own or mechanism.kinematics.own_rows(q, v)
+        value, W = own.value[:, joint.index], own.rate[:, joint.index]
+        y[:, i] = np.unwrap(value) if joint.rotational else value
+        yd[:, i] = np.einsum("nk,nk->n", W, v)
+        ydd[:, i] = np.einsum("nk,nk->n", W, a) + own.drift[:, joint.index]
+    return y, yd, ydd
+
+
+def _columns(
+    run: Run, point: Point, channels: Sequence[str], joints: Sequence[str] | None
+) -> dict[str, np.ndarray]:
+    """Return the log's columns (n,) by name, with the errors of its sensors, without noise."""
+    mechanism = run.mechanism
+    y, yd, ydd = run.y.copy(), run.yd.copy(), run.ydd.copy()
+    for effect in mechanism.effects:
+        if effect.corrects and effect.implicit:  # it depends on the load, over the whole run
+            _, shape = point.of(effect)
+            signals = replace(_samples(run, point).signals(effect.joints), shape=shape)
+            shifts = effect.correction(signals).dq
+        else:
+            shifts = constant_correction(effect, point).dq
+        for name, dq in shifts.items():
+            i = mechanism.joint_index[name]
+            dq = np.broadcast_to(np.asarray(dq, dtype=float), run.t.shape)
+            dv = np.gradient(dq, run.t)
+            y[:, i] -= dq
+            yd[:, i] -= dv
+            ydd[:, i] -= np.gradient(dv, run.t)
+    names = _logged(mechanism) if joints is None else tuple(joints)
+    series = {"q": y, "v": yd, "a": ydd}
+    made = joint_columns(mechanism, {c: series[c] for c in series if c in channels}, names)
+    if "tau" in channels:
+        late_by = delays(mechanism, point)
+        for i, name in enumerate(mechanism.driven):
+            made[f"tau.{name}"] = late(run.t, run.tau[:, i], late_by.get(name, 0.0))
+    return made
+
+
+def _logged(mechanism: Mechanism) -> tuple[str, ...]:
+    """Return the drives, or all joints of the tree where drives are fewer than freedoms."""
+    enough = independent_joints(mechanism, mechanism.driven)
+    if len(enough) == mechanism.degrees_of_freedom:
+        return mechanism.driven
+    tree = tuple(joint.name for joint in mechanism.joints if joint.in_tree)
+    return tree or tuple(joint.name for joint in mechanism.joints)
+
+
+def _samples(run: Run, point: Point) -> Samples:
+    """Return the samples of the whole run for effects that depend on the load."""
+    mechanism = run.mechanism
+    series = {"q": run.y, "v": run.yd, "a": run.ydd}
+    columns = joint_columns(mechanism, series, _logged(mechanism))
+    columns |= {f"tau.{name}": run.tau[:, i] for i, name in enumerate(mechanism.driven)}
+    motion = complete(mechanism, Log.from_arrays("run", run.t, columns), cutoff=None)
+    return Samples(mechanism, motion.experiments[0], slice(None), point)

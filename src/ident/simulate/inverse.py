@@ -1,22 +1,46 @@
-"""Kinematically driven simulation: the torques that a given motion needs, exactly, then noise."""
+"""The verb `simulate`: the torques that a given motion needs, exactly, then noise."""
 
 from __future__ import annotations
 
+import fnmatch
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
-from ident.effects.drive import Delay
+from ident.effects import KINDS
 from ident.equations.correct import late
-from ident.errors import MotionError
+from ident.equations.point import Point
+from ident.errors import MechanismError, MotionError, one_of
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import CENTROIDAL, DYNAMIC, about_origin, split
 from ident.motion import Experiment, Motion, complete
 from ident.residual.predict import Prediction, predict
-from ident.simulate.noise import CHANNELS, Noise, check_channels, noisy
-from ident.simulate.values import point_of
+from ident.simulate.plant import constant_correction
+
+CHANNELS = ("q", "v", "a", "tau")
+
+
+@dataclass(frozen=True)
+class Noise:
+    """White noise on the columns that a pattern names.
+
+    Attributes:
+        channel: `q`, `v`, `a`, `tau`, or a column's name (`tau.elbow`, wildcards allowed).
+        level: standard deviation in the column's unit, or its share of the column's own.
+        relative: whether `level` is a share.
+    """
+
+    channel: str
+    level: float
+    relative: bool = False
+
+    def matches(self, column: str) -> bool:
+        """Whether a column gets this noise."""
+        pattern = f"{self.channel}.*" if self.channel in CHANNELS else self.channel
+        return fnmatch.fnmatchcase(column, pattern)
 
 
 def simulate(
@@ -30,7 +54,7 @@ def simulate(
     columns: Sequence[str] = CHANNELS,
     joints: Sequence[str] | None = None,
 ) -> tuple[Log, Prediction]:
-    """A log as the mechanism would have made it on a given motion.
+    """Return the log that the mechanism would have made on a given motion.
 
     Args:
         mechanism: with effects; an effect's unknowns need values, from `[[effect]]` or `values`.
@@ -49,32 +73,43 @@ def simulate(
         the ends of a motion that had to be smoothed are left out; `Log.repairs` says so.
 
     Raises:
-        MechanismError: for names that are not there, or an effect's unknown without a value.
+        MechanismError: for unknown names, or an effect's unknown without a value.
         MotionError: if the motion cannot be completed, or drives a coordinate that has no drive.
     """
     check_channels(columns)
     completed = complete(mechanism, motion, torques=False)
-    _check_driven(mechanism, completed)
+    for name in completed.independent:
+        if name not in mechanism.driven:
+            raise MotionError(
+                f"{mechanism.name}: '{name}' is passive, so no torque can hold it to a given "
+                "motion; a kinematic simulation needs as many drives as degrees of freedom"
+            )
     point = point_of(mechanism, values, pi)
     e = one_run(completed)
-    completed = replace(completed, experiments=(e,))
-    (prediction,) = predict(mechanism, completed, point)
+    (prediction,) = predict(mechanism, replace(completed, experiments=(e,)), point)
     if joints is None:
         joints = [joint.name for joint in mechanism.joints if f"q.{joint.name}" in motion]
-    found = _columns(mechanism, completed, e, prediction, columns, joints)
-    for effect in mechanism.effects:
-        if isinstance(effect, Delay) and f"tau.{effect.joints[0]}" in found:
-            (d,) = point.of(effect)[1].values()
-            channel = f"tau.{effect.joints[0]}"
-            found[channel] = late(e.t, found[channel], d)
+    series = {"q": e.y, "v": e.yd, "a": e.ydd}
+    made = joint_columns(mechanism, {c: series[c] for c in series if c in columns}, joints)
+    if "tau" in columns:
+        torque = prediction.predicted.copy()
+        for name in mechanism.driven:  # a surplus drive does as the motion's log says, else nothing
+            if name not in completed.independent:
+                assert e.leverage is not None
+                tau = e.tau[:, mechanism.driven.index(name)]
+                made[f"tau.{name}"] = tau
+                torque -= e.leverage[:, mechanism.joint_index[name]] * tau[:, None]
+        made |= {f"tau.{name}": torque[:, i] for i, name in enumerate(completed.independent)}
+        for name, d in delays(mechanism, point).items():
+            made[f"tau.{name}"] = late(e.t, made[f"tau.{name}"], d)
     extra = {name: x for name, x in e.extra.items() if not name.startswith("tau.")}
-    found = noisy(found, noise, np.random.default_rng(seed))
-    made = Log.from_arrays(motion.name, e.t, {**found, **extra})
-    return replace(made, repairs=(*made.repairs, *completed.notes)), prediction
+    made = with_noise(made, noise, seed)
+    log = Log.from_arrays(motion.name, e.t, {**made, **extra})
+    return replace(log, repairs=(*log.repairs, *completed.notes)), prediction
 
 
 def one_run(motion: Motion) -> Experiment:
-    """The experiment between the ends that its splines lose.
+    """Return the experiment between the ends that its splines lose.
 
     Raises:
         MotionError: if samples are missing in between, so that there is no one motion to follow.
@@ -82,9 +117,9 @@ def one_run(motion: Motion) -> Experiment:
     (e,) = motion.experiments
     runs = list(e.segments())
     if len(runs) != 1:
-        said = "; ".join(motion.notes)
         raise MotionError(
-            f"{e.name}: the motion has {len(runs)} runs with gaps between them: {said}"
+            f"{e.name}: the motion has {len(runs)} runs with gaps between them: "
+            f"{'; '.join(motion.notes)}"
         )
     cut: dict[str, Any] = {
         field.name: value[runs[0]]
@@ -94,38 +129,111 @@ def one_run(motion: Motion) -> Experiment:
     return replace(e, **cut, extra={name: x[runs[0]] for name, x in e.extra.items()})
 
 
-def _check_driven(mechanism: Mechanism, motion: Motion) -> None:
-    for name in motion.independent:
-        if name not in mechanism.driven:
-            raise MotionError(
-                f"{mechanism.name}: '{name}' is passive, so no torque can hold it to a given "
-                "motion; a kinematic simulation needs as many drives as degrees of freedom"
-            )
-
-
-def _columns(
-    mechanism: Mechanism,
-    motion: Motion,
-    e: Experiment,
-    prediction: Prediction,
-    wanted: Sequence[str],
-    joints: Sequence[str],
+def joint_columns(
+    mechanism: Mechanism, series: Mapping[str, np.ndarray], joints: Sequence[str]
 ) -> dict[str, np.ndarray]:
-    found = {}
-    for channel, series in (("q", e.y), ("v", e.yd), ("a", e.ydd)):
-        if channel in wanted:
-            for name in joints:
-                mechanism.joint(name)
-                found[f"{channel}.{name}"] = series[:, mechanism.joint_index[name]]
-    if "tau" not in wanted:
-        return found
-    others = [name for name in mechanism.driven if name not in motion.independent]
-    torque = prediction.predicted.copy()
-    for name in others:  # a surplus drive does what the motion's log says of it, else nothing
-        tau = e.tau[:, mechanism.driven.index(name)]
-        found[f"tau.{name}"] = tau
-        assert e.leverage is not None
-        torque -= e.leverage[:, mechanism.joint_index[name]] * tau[:, None]
-    for i, name in enumerate(motion.independent):
-        found[f"tau.{name}"] = torque[:, i]
-    return found
+    """Return columns (n,) of some joints from series (n, J) by channel."""
+    names = [mechanism.joint(name).name for name in joints]
+    at = mechanism.joint_index
+    return {f"{c}.{name}": x[:, at[name]] for c, x in series.items() for name in names}
+
+
+def delays(mechanism: Mechanism, point: Point) -> dict[str, float]:
+    """Return the delay [s] of drives' torque channels, by joint."""
+    corrections = [constant_correction(effect, point) for effect in mechanism.effects]
+    return {name: d for each in corrections for name, d in each.delay.items()}
+
+
+def with_noise(
+    columns: Mapping[str, np.ndarray], noise: Sequence[Noise], seed: int
+) -> dict[str, np.ndarray]:
+    """Return columns (n,) by name with their noise.
+
+    Raises:
+        MotionError: for noise on no column.
+    """
+    random = np.random.default_rng(seed)
+    for each in noise:
+        if not any(each.matches(name) for name in columns):
+            valid = {name.partition(".")[0] for name in columns} | set(columns)
+            raise MotionError(f"noise: no column '{each.channel}'; {one_of(each.channel, valid)}")
+    noisy = {}
+    for name, x in columns.items():
+        for each in noise:
+            if each.matches(name):
+                sigma = each.level * (float(np.std(x)) if each.relative else 1.0)
+                x = x + sigma * random.standard_normal(len(x))
+        noisy[name] = x
+    return noisy
+
+
+def check_channels(columns: Sequence[str]) -> None:
+    """Refuse a channel that logs do not have.
+
+    Raises:
+        MotionError: naming it and the valid ones.
+    """
+    for column in columns:
+        if column not in CHANNELS:
+            raise MotionError(f"columns: '{column}'; {one_of(column, CHANNELS)}")
+
+
+def point_of(
+    mechanism: Mechanism, values: Mapping[str, float] | None, pi: np.ndarray | None
+) -> Point:
+    """Return the working point of a simulation from the URDF's values and those given by name.
+
+    Args:
+        mechanism: with effects; an effect's unknowns need values, from `[[effect]]` or `values`.
+        values: by full name: effects' unknowns and dynamic parameters, in place of the URDF's.
+        pi: all dynamic parameters (10 · bodies,) in place of the URDF's.
+
+    Raises:
+        MechanismError: for unknown names, or an effect's unknown without a value.
+    """
+    given = dict(values or {})
+    bodies = mechanism.bodies
+    parameters = (mechanism.prior if pi is None else pi).copy()
+    for i, name in enumerate(bodies.names):
+        parameters[i] = given.pop(name, parameters[i])
+    for link in bodies.links:  # moments about the centre of mass, as a URDF has them
+        at = bodies.columns(link)
+        shift = about_origin(*split(parameters[at])[:2])
+        for k, word in enumerate(DYNAMIC):
+            name = f"{link}.{CENTROIDAL.get(word)}"
+            if word in CENTROIDAL and name in given:
+                row, column = ("xyz".index(letter) for letter in word[1:])
+                parameters[at.start + k] = given.pop(name) + shift[row, column]
+    point = Point(parameters, {})
+    for effect in mechanism.effects:
+        for name, unknown in zip(effect.names, effect.parameters, strict=True):
+            value = given.pop(name, effect.values.get(unknown.name))
+            if value is None:
+                raise MechanismError(
+                    f"effect '{effect.label}': give {name} a value to simulate it: --set {name}=…, "
+                    f"or {unknown.name} = … in its [[effect]]"
+                )
+            point = point.with_values({name: float(value)})
+    for name in given:
+        if label := _effect_of(mechanism, name):
+            raise MechanismError(
+                f"{mechanism.name}: no parameter '{name}': the model has no effect '{label}'; "
+                f"add it: --with {label}, or an [[effect]] in mechanism.toml"
+            )
+        valid = [*bodies.names, *(n for e in mechanism.effects for n in e.names)]
+        raise MechanismError(f"{mechanism.name}: no parameter '{name}'; {one_of(name, valid)}")
+    return point
+
+
+def _effect_of(mechanism: Mechanism, name: str) -> str:
+    """Return the missing effect that a parameter of this name belongs to; "" if none does."""
+    kind, _, rest = name.partition(".")
+    site = rest.rpartition(".")[0]
+    if kind not in KINDS:
+        return ""
+    label = f"{kind}:{site}" if site else kind
+    try:
+        grown = mechanism.with_effect(label)
+    except MechanismError:  # nothing it could sit on
+        return ""
+    return label if any(name in effect.names for effect in grown.effects) else ""

@@ -1,19 +1,21 @@
-"""A mechanism's effects as laws for one instant, sorted by what they do to the motion.
+"""Forward laws of a mechanism's effects at one instant, sorted by `Unknown.acts`.
 
-smooth    torque E c of what the joints do now: viscous, springs, ripple, …
-inertial  a coefficient of acceleration, which joins M: rotor inertia, a coupling's inertia
-dry       a largest friction torque F ≥ 0 at a joint, or at the sum of two: Coulomb, Stribeck, …
-presliding  a state z with ż = v − |v| z/z0 and the torque σ z (Dahl)
-payload   ten more dynamic parameters of a link
+torque   E c, any smooth function of the state: ripple, an end stop, a torque's gain, …
+linear   E c, linear in q and v: viscous friction, springs, …; all of them are one matrix
+inertia  c times the acceleration, which joins M: rotor inertia, a coupling's inertia
+dry      a largest friction torque F ≥ 0 at a joint, or at the sum of two: Stribeck, …
+level    a part of F that no state changes: Coulomb
+state    c z with a state z of its own, ż = `Effect.state_rate` (Dahl)
+body     ten more dynamic parameters of a link
 
-All but the presliding's rate come from the effects' own columns, so that a simulated log and the
-equations that identify from it cannot disagree.
+All come from the effects' own columns, so that a simulated log and the equations that identify from
+it cannot disagree.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,20 +24,18 @@ from ident.equations.point import Point
 from ident.errors import MechanismError
 from ident.mechanism.mechanism import Mechanism
 
-LEAST = 1e-200  # [rad/s | m/s] a speed that has a sign and no size
-ASKED = {"a": "ydd"}  # where this module has another name than `Effect.asks`
+SIGN_ONLY = 1e-200  # [rad/s | m/s] a speed that has a sign and no size
 Extra = Mapping[str, Callable[[float], float]]
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """What effects see at one instant.
+class InstantSignals:
+    """Signals of all J joints at one instant.
 
     Attributes:
         t: [s]; since: the log's first sample [s].
-        y, yd: (J,) of all joints.
-        extra: other columns of the log, as functions of time.
-        torque, load, ydd: (J,) of the present model, for effects that ask for them.
+        y, yd: (J,); extra: other columns of the log, as functions of time.
+        a, torque, load: (J,) predictions of the present model, for effects that ask for them.
     """
 
     t: float
@@ -43,66 +43,72 @@ class Seen:
     y: np.ndarray
     yd: np.ndarray
     extra: Extra
+    a: np.ndarray
     torque: np.ndarray
     load: np.ndarray
-    ydd: np.ndarray
+
+    @classmethod
+    def at_rest(cls, count: int) -> InstantSignals:
+        """All joints at zero and at rest."""
+        none = np.zeros(count)
+        return cls(0.0, 0.0, none, none, {}, none, none, none)
 
 
 @dataclass(frozen=True, eq=False)
-class Law:
-    """One effect, or a part of it, with its values.
+class EffectLaw:
+    """The unknowns of one effect that act alike, with their values.
 
     Attributes:
-        c: (unknowns,) values, zero for what is not of this part.
-        at: where its joints stand among the mechanism's.
-        asks: which of `torque`, `load` and `ydd` its columns depend on.
-        acts: as `Unknown.acts` of this part.
+        c: (unknowns,) values, zero for those that act otherwise; acts: see above.
+        shape, present: values of its shapes, and of all effects' parameters.
+        at: indices of its joints among the mechanism's.
     """
 
     effect: Effect
     c: np.ndarray
+    acts: str
     shape: Mapping[str, float]
     present: Mapping[str, float]
     at: tuple[int, ...]
-    asks: tuple[str, ...] = ()
-    acts: str = "torque"
 
-    def torque(self, seen: Seen) -> np.ndarray:
-        """E c (arity,) [N m | N] that the joints must supply."""
-        at = list(self.at)
-        return self._of(seen, seen.yd[at], LEAST)
+    def torque(self, s: InstantSignals) -> np.ndarray:
+        """Return E c (arity,) [N m | N] that the joints must supply."""
+        return self._at(s, s.yd[list(self.at)])
 
-    def limit(self, seen: Seen) -> float:
-        """The friction torque F [N m | N] of a dry law at the present speed, whichever its sign."""
+    def limit(self, s: InstantSignals) -> float:
+        """Return the friction F [N m | N] of a dry law at the present speed, whatever its sign."""
         u = np.zeros(len(self.at))
-        u[0] = max(abs(float(seen.yd[list(self.at)].sum())), LEAST)
-        return float(self._of(seen, u, LEAST)[0])
+        u[0] = max(abs(float(s.yd[list(self.at)].sum())), SIGN_ONLY)
+        return float(self._at(s, u)[0])
 
-    def _of(self, seen: Seen, yd: np.ndarray, still: float) -> np.ndarray:
+    def _at(self, s: InstantSignals, yd: np.ndarray) -> np.ndarray:
         at = list(self.at)
         # two samples, the first being the log's: some effects count time from there
-        s = Signals(
-            t=np.array([seen.since, seen.t]),
-            q=seen.y[[at, at]],
+        signals = Signals(
+            t=np.array([s.since, s.t]),
+            q=s.y[[at, at]],
             v=np.stack([yd, yd]),
-            a=seen.ydd[[at, at]],
-            still=np.full(len(at), still),
-            extra={name: np.full(2, seen.extra[name](seen.t)) for name in self.effect.reads()},
+            a=s.a[[at, at]],
+            still=np.full(len(at), SIGN_ONLY),
+            extra={name: np.full(2, s.extra[name](s.t)) for name in self.effect.reads()},
             shape=self.shape,
             present=self.present,
-            predicted=lambda: (seen.torque[[at, at]], seen.load[[at, at]]),
+            predicted=lambda: (s.torque[[at, at]], s.load[[at, at]]),
         )
-        return self.effect.columns(s)[-1] @ self.c
+        return self.effect.columns(signals)[-1] @ self.c
+
+    def state_rate(self, z: float, v: float) -> float:
+        """Return ż of its state at the joint's rate v."""
+        return float(self.effect.state_rate(np.array([z]), np.array([v]), self.shape)[0])
 
 
 @dataclass(frozen=True, eq=False)
 class DryJoint:
-    """Where dry friction acts: on one joint, or on the sum of two joints' rates.
+    """Dry friction at one joint, or at the sum of two joints' rates.
 
     Attributes:
-        name: of the joint, or of both with a comma.
-        effects: their labels.
-        level: of F, what does not depend on the state.
+        name: of the joint, or of both with a comma; at: their indices; effects: labels.
+        level: the part of F that does not depend on the state.
         parts: the laws of the rest.
     """
 
@@ -110,148 +116,104 @@ class DryJoint:
     at: tuple[int, ...]
     effects: tuple[str, ...]
     level: float
-    parts: tuple[Law, ...]
+    parts: tuple[EffectLaw, ...]
 
-    @classmethod
-    def of(cls, names: tuple[str, ...], laws: list[Law], count: int) -> DryJoint:
-        """Of the laws at these joints, of `count` in all."""
-        rest = nothing_seen(count)
-        level = sum(law.limit(rest) for law in laws if law.acts == "level")
-        parts = tuple(law for law in laws if law.acts != "level")
-        labels = tuple(law.effect.label for law in laws)
-        return cls(",".join(names), laws[0].at, labels, level, parts)
+    def limit(self, s: InstantSignals) -> float:
+        """Return F [N m | N]."""
+        return self.level + sum(part.limit(s) for part in self.parts)
 
-    def limit(self, seen: Seen) -> float:
-        """F [N m | N]."""
-        return self.level + sum(part.limit(seen) for part in self.parts)
-
-    def plain(self, seen: Seen) -> float:
-        """Of F, what asks for no prediction."""
-        return self.level + sum(part.limit(seen) for part in self.parts if not part.asks)
+    def explicit(self, s: InstantSignals) -> float:
+        """Return the part of F that needs no prediction of the model."""
+        return self.level + sum(part.limit(s) for part in self.parts if not part.effect.asks)
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
-    """Torques of all joints that are linear in their state: T = T0 + Tq y + Tv ẏ.
+class ForwardLaws:
+    """All effects of a mechanism at a working point, sorted.
 
     Attributes:
-        T0: (J,); Tq, Tv: (J, J).
+        T0, Tq, Tv: (J,), (J, J), (J, J): the linear laws, T = T0 + Tq y + Tv ẏ.
+        smooth: other torques; dry: joints with dry friction; states: laws with a state.
+        inertial: (joints, coefficient [kg m² | kg]).
+        pi: (10 · bodies,) dynamic parameters with payloads.
     """
 
     T0: np.ndarray
     Tq: np.ndarray
     Tv: np.ndarray
-
-    @classmethod
-    def of(cls, laws: list[Law], count: int) -> Line:
-        """The sum of linear laws, read off their columns at rest and at unit states."""
-        T0, Tq, Tv = np.zeros(count), np.zeros((count, count)), np.zeros((count, count))
-        rest = nothing_seen(count)
-        for law in laws:
-            at = list(law.at)
-            zero = law.torque(rest)
-            T0[at] += zero
-            for i, unit in ((i, np.eye(count)[i]) for i in at):
-                Tq[at, i] += law.torque(replace(rest, y=unit)) - zero
-                Tv[at, i] += law.torque(replace(rest, yd=unit)) - zero
-        return cls(T0, Tq, Tv)
-
-
-def nothing_seen(count: int) -> Seen:
-    """All joints at zero and at rest."""
-    none = np.zeros(count)
-    return Seen(0.0, 0.0, none, none, {}, none, none, none)
-
-
-@dataclass(frozen=True, eq=False)
-class Presliding:
-    """A Dahl spring at a joint: torque σ z, ż = v − |v| z/z0."""
-
-    name: str
-    at: int
-    sigma: float
-    z0: float
-
-
-@dataclass(frozen=True, eq=False)
-class Laws:
-    """All effects of a mechanism at a working point, sorted.
-
-    Attributes:
-        line: smooth laws that are linear, as one; smooth: the others.
-        dry, presliding: as above.
-        inertial: (joints, coefficient [kg m² | kg]).
-        pi: (10 · bodies,) dynamic parameters with payloads.
-    """
-
-    line: Line
-    smooth: tuple[Law, ...]
-    dry: tuple[DryJoint, ...]
-    presliding: tuple[Presliding, ...]
-    inertial: tuple[tuple[tuple[int, ...], float], ...]
     pi: np.ndarray
+    smooth: list[EffectLaw] = field(default_factory=list)
+    dry: list[DryJoint] = field(default_factory=list)
+    states: list[EffectLaw] = field(default_factory=list)
+    inertial: list[tuple[tuple[int, ...], float]] = field(default_factory=list)
 
     @property
     def asking(self) -> tuple[tuple[str, int], ...]:
-        """(what, joint) of the prediction that some law asks for."""
+        """(signal, joint) of the predictions that some law asks for."""
         laws = [*self.smooth, *(part for joint in self.dry for part in joint.parts)]
-        return tuple(dict.fromkeys((word, i) for law in laws for word in law.asks for i in law.at))
+        return tuple(
+            dict.fromkeys((word, i) for law in laws for word in law.effect.asks for i in law.at)
+        )
+
+    @property
+    def joints(self) -> set[int]:
+        """Indices of the joints on which some law acts."""
+        groups = [law.at for law in (*self.smooth, *self.states)]
+        groups += [joint.at for joint in self.dry] + [at for at, _ in self.inertial]
+        linear = (self.T0 != 0) | self.Tq.any(axis=1) | self.Tv.any(axis=1)
+        return {i for at in groups for i in at} | {int(i) for i in np.flatnonzero(linear)}
 
     @classmethod
-    def of(cls, mechanism: Mechanism, point: Point) -> Laws:
-        """The laws of a mechanism whose effects all have values.
+    def of(cls, mechanism: Mechanism, point: Point) -> ForwardLaws:
+        """Sort the laws of a mechanism whose effects all have values.
 
         Raises:
             MechanismError: for an effect that cannot be integrated, with the reason.
         """
-        smooth: list[Law] = []
-        linear: list[Law] = []
-        dry: dict[tuple[str, ...], list[Law]] = {}
-        presliding: list[Presliding] = []
-        inertial: list[tuple[tuple[int, ...], float]] = []
-        pi = point.pi.copy()
+        J = len(mechanism.joints)
+        rest = InstantSignals.at_rest(J)
+        laws = cls(np.zeros(J), np.zeros((J, J)), np.zeros((J, J)), point.pi.copy())
+        dry: dict[tuple[str, ...], list[EffectLaw]] = {}
         for effect in mechanism.effects:
-            _check(effect)
+            if why := effect.not_integrable:
+                raise MechanismError(
+                    f"effect '{effect.label}': cannot be integrated: {why}; or leave it out, or "
+                    "simulate a given motion (without --forward)"
+                )
             c, shape = point.of(effect)
             if effect.corrects or not c.any():
                 continue  # of the measurement or the geometry; or of no size
             if effect.loaded_link:
-                pi[mechanism.bodies.columns(effect.loaded_link)] += c
+                laws.pi[mechanism.bodies.columns(effect.loaded_link)] += c
                 continue
             at = tuple(mechanism.joint_index[name] for name in effect.joints)
-            asks = tuple(ASKED.get(word, word) for word in effect.asks)
             for acts in dict.fromkeys(each.acts for each in effect.unknowns):
                 part = np.where([each.acts == acts for each in effect.unknowns], c, 0.0)
-                law = Law(effect, part, shape, point.values, at, asks, acts)
+                law = EffectLaw(effect, part, acts, shape, point.values, at)
                 if not part.any():
                     continue
                 if acts == "inertia":
-                    inertial.append((at, float(part.sum())))
+                    laws.inertial.append((at, float(part.sum())))
                 elif acts == "state":
-                    presliding.append(
-                        Presliding(effect.joints[0], at[0], float(part.sum()), shape["z0"])
-                    )
+                    laws.states.append(law)
                 elif acts in ("dry", "level"):
                     dry.setdefault(effect.joints, []).append(law)
+                elif acts == "linear":
+                    laws._add_linear(law, rest)
                 else:
-                    (linear if acts == "linear" else smooth).append(law)
-        count = len(mechanism.joints)
-        joints = (DryJoint.of(names, laws, count) for names, laws in dry.items())
-        return cls(
-            Line.of(linear, count), tuple(smooth), tuple(joints), tuple(presliding),
-            tuple(inertial), pi,
-        )  # fmt: skip
+                    laws.smooth.append(law)
+        for names, same in dry.items():
+            level = sum(law.limit(rest) for law in same if law.acts == "level")
+            parts = tuple(law for law in same if law.acts != "level")
+            labels = tuple(law.effect.label for law in same)
+            laws.dry.append(DryJoint(",".join(names), same[0].at, labels, level, parts))
+        return laws
 
-
-def _check(effect: Effect) -> None:
-    """Refuse what has no place in an integration.
-
-    Raises:
-        MechanismError: naming the effect, the reason and what to do.
-    """
-    why = effect.not_integrable
-    if why:
-        raise MechanismError(
-            f"effect '{effect.label}': cannot be integrated: {why}; or leave it out, or simulate a "
-            "given motion (without --forward)"
-        )
+    def _add_linear(self, law: EffectLaw, rest: InstantSignals) -> None:
+        """Add a linear law, known from its columns at rest and at unit states."""
+        at, zero = list(law.at), law.torque(rest)
+        self.T0[at] += zero
+        for i in at:
+            unit = np.eye(len(self.T0))[i]
+            self.Tq[at, i] += law.torque(replace(rest, y=unit)) - zero
+            self.Tv[at, i] += law.torque(replace(rest, yd=unit)) - zero

@@ -1,4 +1,4 @@
-"""The equations of motion at one instant.
+"""Bodies, closures and joints of a mechanism, evaluated at one instant.
 
     M v̇ + h + Jᵀλ = f,   J v̇ + J̇v = 0       v̇ = a₀ + Z α,   J Z = 0,   a₀ = −J⁺ J̇v
 
@@ -7,51 +7,106 @@ Z and J⁺ come from one singular value decomposition of J, so that closures may
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from ident.effects import Signals
+from ident.effects import Correction, Effect, Signals
 from ident.equations.point import Point
 from ident.errors import MotionError
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import COUNT
 from ident.mechanism.tree import rates
-from ident.simulate.laws import Laws
-from ident.simulate.rigid import Rigid
+from ident.simulate.laws import ForwardLaws
 
 SINGULAR = 1e-7  # of the largest singular value of J: below, the closures lose a direction
+FAR = 1e3  # [m] a centre of mass beyond belongs to a mass that is practically zero
+Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-class OneSample:
+@dataclass(frozen=True, eq=False)
+class Rigid:
+    """M, h and inverse dynamics of a tree, which are linear in its dynamic parameters π.
+
+    Pinocchio stores a body by mass and centre of mass, and adds bodies only if their mass is
+    positive. Identified parameters need not be those of bodies that can exist, so π is written as
+    the difference π⁺ − π⁻ of two sets with positive masses where that is necessary.
+
+    Attributes:
+        terms: (sign, model, data) whose signed sum it is.
+    """
+
+    terms: tuple[tuple[float, pin.Model, pin.Data], ...]
+
+    @classmethod
+    def of(cls, model: pin.Model, pi: np.ndarray) -> Rigid:
+        """Take π (10 · bodies,) in Γ's order, physically possible or not."""
+        bodies = pi.reshape(-1, COUNT)
+        added = np.zeros_like(bodies)
+        for body, extra in zip(bodies, added, strict=True):
+            storable = body[0] > 0 and np.abs(body[1:4]).max() < FAR * body[0]
+            if body.any() and not storable:
+                extra[0] = 1.0 + 2.0 * abs(body[0])
+        signed = [(1.0, bodies + added), *([(-1.0, added)] if added.any() else [])]
+        models = [(sign, _with_inertias(model, part)) for sign, part in signed]
+        return cls(tuple((sign, other, other.createData()) for sign, other in models))
+
+    def mass(self, q: np.ndarray) -> np.ndarray:
+        """Return M (nv, nv) at q (nq,)."""
+        return sum(sign * pin.crba(model, data, q) for sign, model, data in self.terms)
+
+    def bias(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return h (nv,): gravity, Coriolis and centrifugal forces."""
+        return sum(
+            sign * pin.nonLinearEffects(model, data, q, v) for sign, model, data in self.terms
+        )
+
+    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return M a + h (nv,), which is Γ(q, v, a) π."""
+        return sum(sign * pin.rnea(model, data, q, v, a) for sign, model, data in self.terms)
+
+
+def _with_inertias(model: pin.Model, bodies: np.ndarray) -> pin.Model:
+    """Return the model with other inertias; a body of zeros has none."""
+    other = model.copy()
+    other.armature = np.zeros(model.nv)  # the inertia that turns with a motor is an effect
+    for index, body in enumerate(bodies, start=1):
+        other.inertias[index] = (
+            pin.Inertia.FromDynamicParameters(body) if body.any() else pin.Inertia.Zero()
+        )
+    return other
+
+
+class SampleFunction:
     """A CasADi function (q, v) → (value, rate, drift), called for one sample without overhead."""
 
     def __init__(self, function: ca.Function) -> None:
         m, nv = function.size1_out(0), function.size1_in(1)
         self._q, self._v = np.zeros(function.size1_in(0)), np.zeros(nv)
-        self._found = np.zeros(m), np.zeros((nv, m)), np.zeros(m)
+        self._out = np.zeros(m), np.zeros((nv, m)), np.zeros(m)
         self._buffer, self._call = function.buffer()
         for i, x in enumerate((self._q, self._v)):
             self._buffer.set_arg(i, memoryview(x))  # type: ignore[call-arg, arg-type]
-        for i, found in enumerate(self._found):
-            self._buffer.set_res(i, memoryview(found))  # type: ignore[call-arg, arg-type]
+        for i, out in enumerate(self._out):
+            self._buffer.set_res(i, memoryview(out))  # type: ignore[call-arg, arg-type]
 
-    def __call__(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """value (m,), rate (m, nv), drift (m,)."""
+    def __call__(self, q: np.ndarray, v: np.ndarray) -> Rows:
+        """Return value (m,), rate (m, nv), drift (m,)."""
         self._q[:], self._v[:] = q, v
         self._call()
-        value, rate, drift = self._found
+        value, rate, drift = self._out
         return value.copy(), rate.T.copy(), drift.copy()
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class InstantTerms:
     """State and terms of the equations at one instant.
 
     Attributes:
-        q, v: (nq,), (nv,); z: (presliding,) states of the friction springs.
+        q, v: (nq,), (nv,); z: (states,) of effects that have one.
         y, yd: (J,) of the mechanism's joints; W (J, nv), drift (J,): ÿ = W v̇ + drift.
         M, h: with the inertias that effects add.
         J: (m, nv); Jp: (nv, m) its pseudo-inverse; Z: (nv, d); a0: (nv,).
@@ -84,53 +139,47 @@ class Plant:
     """
 
     mechanism: Mechanism
-    laws: Laws
+    laws: ForwardLaws
     rigid: Rigid
     bare: Rigid
 
     @classmethod
     def of(cls, mechanism: Mechanism, point: Point) -> Plant:
-        """Of a mechanism that is corrected already, with all values in `point`."""
-        laws = Laws.of(mechanism, point)
+        """Prepare a mechanism that is corrected already, with all values in `point`."""
+        laws = ForwardLaws.of(mechanism, point)
         bare = Rigid.of(mechanism.model, point.pi)
         loaded = bool((laws.pi != point.pi).any())
-        rigid = Rigid.of(mechanism.model, laws.pi) if loaded else bare
-        return cls(mechanism, laws, rigid, bare)
+        return cls(mechanism, laws, Rigid.of(mechanism.model, laws.pi) if loaded else bare, bare)
 
     @cached_property
-    def _closure(self) -> OneSample:
-        return OneSample(self.mechanism.kinematics.closure_function)
+    def _closure(self) -> SampleFunction:
+        return SampleFunction(self.mechanism.kinematics.closure_function)
 
     @cached_property
-    def _own(self) -> OneSample:
-        return OneSample(self.mechanism.kinematics.own_function)
-
-    @cached_property
-    def _uses_own(self) -> bool:
-        laws = self.laws
-        used = {i for law in laws.smooth for i in law.at} | {i for k in laws.dry for i in k.at}
-        used |= set(np.flatnonzero(laws.line.T0))
-        used |= set(np.flatnonzero(laws.line.Tq.any(axis=1) | laws.line.Tv.any(axis=1)))
-        used |= {k.at for k in laws.presliding} | {i for at, _ in laws.inertial for i in at}
-        used |= {self.mechanism.joint_index[name] for name in self.mechanism.driven}
-        return any(not self.mechanism.joints[i].in_tree for i in used)
+    def _own(self) -> SampleFunction | None:
+        """Coordinates of closures' own joints; None where nothing needs them."""
+        joints = self.mechanism.joints
+        used = {*self.laws.joints, *self.driven}
+        if all(joints[i].in_tree for i in used):
+            return None
+        return SampleFunction(self.mechanism.kinematics.own_function)
 
     @cached_property
     def dry(self) -> np.ndarray:
-        """(dry, J): which joints' rates add up where dry friction acts."""
-        found = np.zeros((len(self.laws.dry), len(self.mechanism.joints)))
-        for row, each in zip(found, self.laws.dry, strict=True):
+        """(dry, J): the joints whose rates add up where dry friction acts."""
+        sums = np.zeros((len(self.laws.dry), len(self.mechanism.joints)))
+        for row, each in zip(sums, self.laws.dry, strict=True):
             row[list(each.at)] = 1.0
-        return found
+        return sums
 
     @cached_property
     def driven(self) -> list[int]:
-        """Where the drives stand among the joints."""
+        """Indices of the drives among the joints."""
         return [self.mechanism.joint_index[name] for name in self.mechanism.driven]
 
     @cached_property
-    def _tree(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Places of tree joints among all joints, their places in v, and W (J, nv) of them."""
+    def _tree(self) -> Rows:
+        """Indices of tree joints among all joints and in v, and W (J, nv) of them."""
         joints = self.mechanism.joints
         at = np.array([i for i, joint in enumerate(joints) if joint.in_tree], dtype=int)
         index = np.array([joints[i].index for i in at], dtype=int)
@@ -147,20 +196,18 @@ class Plant:
         return ca.Function("qdot", [q, v], [rates(model, q) @ v])
 
     def qdot(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """q̇ (nq,): v itself where every joint has one coordinate."""
+        """Return q̇ (nq,): v itself where every joint has one coordinate."""
         return v if self._qdot is None else self._qdot(q, v).full().ravel()
 
-    def closures(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Φ (m,), J (m, nv), J̇v (m,)."""
+    def closures(self, q: np.ndarray, v: np.ndarray) -> Rows:
+        """Return Φ (m,), J (m, nv), J̇v (m,)."""
         if not self.mechanism.closures:
             nv = self.mechanism.model.nv
             return np.zeros(0), np.zeros((0, nv)), np.zeros(0)
         return self._closure(q, v)
 
-    def joints(
-        self, q: np.ndarray, v: np.ndarray, near: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """y (J,), W (J, nv), Ẇv (J,) of all joints; of closures' own only where something needs it.
+    def joints(self, q: np.ndarray, v: np.ndarray, near: np.ndarray | None = None) -> Rows:
+        """Return y (J,), W (J, nv), Ẇv (J,) of all joints; of closures' own only where needed.
 
         Args:
             near: (J,) coordinates from which whole turns of closures' own joints are counted.
@@ -168,7 +215,7 @@ class Plant:
         at, index, W = self._tree
         y, drift = np.zeros(len(W)), np.zeros(len(W))
         y[at] = q[index]
-        if not self._uses_own:
+        if self._own is None:
             return y, W, drift
         W = W.copy()
         value, rate, own_drift = self._own(q, v)
@@ -179,10 +226,10 @@ class Plant:
                     y[i] += 2 * np.pi * np.round((near[i] - y[i]) / (2 * np.pi))
         return y, W, drift
 
-    def moment(
+    def terms(
         self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, near: np.ndarray | None = None
-    ) -> Moment:
-        """The terms of the equations at one instant.
+    ) -> InstantTerms:
+        """Return the terms of the equations at one instant.
 
         Raises:
             MotionError: at a singular position of the closures.
@@ -195,21 +242,23 @@ class Plant:
             M = M + Ia * np.outer(w, w)
             h = h + Ia * drift[list(at)].sum() * w
         Z, Jp = self.split(J, t)
-        return Moment(t, q, v, z, y, W @ v, W, drift, M, h, J, Jp, Z, -Jp @ gamma)
+        return InstantTerms(t, q, v, z, y, W @ v, W, drift, M, h, J, Jp, Z, -Jp @ gamma)
 
-    def inverse(self, m: Moment, at: list[int], ydd: np.ndarray, against: np.ndarray) -> np.ndarray:
-        """Torques of the joints `at` for their accelerations ydd, against further forces (nv,).
+    def inverse(
+        self, m: InstantTerms, at: list[int], ydd: np.ndarray, against: np.ndarray
+    ) -> np.ndarray:
+        """Return torques of the joints `at` for their accelerations, against further forces (nv,).
 
         Zᵀ Wᵀ τ = Zᵀ (M v̇ + h + against),  W v̇ + drift = ÿ; least squares and the smallest τ where
         there are not as many drives as degrees of freedom.
         """
-        reach = m.W[at] @ m.Z
-        back = np.linalg.pinv(reach, 1e-9)
+        lever = m.W[at] @ m.Z
+        back = np.linalg.pinv(lever, 1e-9)
         a = m.a0 + m.Z @ (back @ (ydd - m.drift[at] - m.W[at] @ m.a0))
         return back.T @ (m.Z.T @ (m.M @ a + m.h + against))
 
     def split(self, J: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """Z (nv, d) with J Z = 0, and J⁺ (nv, m).
+        """Return Z (nv, d) with J Z = 0, and J⁺ (nv, m).
 
         Raises:
             MotionError: where J has lost rank.
@@ -230,7 +279,7 @@ class Plant:
     def closed(
         self, t: float, q: np.ndarray, v: np.ndarray, stuck: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The nearest q with Φ(q) = 0 and v with J v = 0, at which stuck joints stand.
+        """Return the nearest q with Φ(q) = 0 and v with J v = 0, at which stuck joints stand.
 
         Coordinate projection: Eich, SIAM J. Numer. Anal. 30(5), 1993; Hairer, Wanner, Solving
         Ordinary Differential Equations II, VII.2.
@@ -256,14 +305,17 @@ class Plant:
         return q, v
 
 
+def constant_correction(effect: Effect, point: Point) -> Correction:
+    """Return the correction of an effect; none for one that depends on what the model predicts."""
+    if not effect.corrects or effect.implicit:
+        return Correction()
+    none = np.zeros((1, len(effect.joints)))
+    signals = Signals(np.zeros(1), none, none, none, none[0], shape=point.of(effect)[1])
+    return effect.correction(signals)
+
+
 def corrected_mechanism(mechanism: Mechanism, point: Point) -> Mechanism:
-    """The mechanism with the gravity and the lengths that its effects say."""
+    """Return the mechanism with the gravity and the lengths that its effects correct."""
     for effect in mechanism.effects:
-        if not effect.corrects or effect.implicit:
-            continue
-        none = np.zeros((1, len(effect.joints)))
-        signals = Signals(np.zeros(1), none, none, none, none[0])
-        mechanism = mechanism.corrected(
-            effect.correction(replace(signals, shape=point.of(effect)[1]))
-        )
+        mechanism = mechanism.corrected(constant_correction(effect, point))
     return mechanism

@@ -9,31 +9,144 @@ takes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from ident.display import Displayed, render
 from ident.equations.point import Point
 from ident.equations.samples import Samples
 from ident.equations.scene import Scene
 from ident.errors import FitError, MotionError
+from ident.files import write_all
 from ident.fit.fit import Fit
 from ident.fit.saved import Saved
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment, Motion
 from ident.progress import Told
+from ident.residual.error import Error
 from ident.residual.predict import NOTHING
-from ident.simulate.drives import Series
-from ident.simulate.dynamics import Dynamics
-from ident.simulate.integrate import rough, surroundings
-from ident.simulate.march import March
-from ident.simulate.plant import Moment, Plant
-from ident.simulate.replayed import Replay, Replayed
-from ident.simulate.trace import State
+from ident.simulate.balance import Dynamics
+from ident.simulate.drives import TorqueSeries
+from ident.simulate.integrate import STEPS, joint_coordinates, rough_times, surroundings
+from ident.simulate.integration import Integration
+from ident.simulate.plant import InstantTerms, Plant
 
 WINDOW = 0.5  # [s]
-TOLERANCE = 1e-8  # the torques are measured: no better is needed
+TOLERANCE = 1e-8  # the torques are measured: a smaller one gains nothing
+AWAY = 0.05  # of a joint's travel: farther away, the simulation has left the measurement
+
+
+@dataclass(frozen=True, eq=False)
+class ReplayedLog:
+    """One model on one log with n samples and j logged joints.
+
+    Attributes:
+        t: (n,) [s]; joints: the logged ones, with their units.
+        measured: (n, j), NaN where there is none.
+        simulated: (n, j), at a restart the end of the window before; NaN where there is none.
+        starts: samples at which a window begins.
+        since, free: a run without restarts, from this sample on, (≤ n, j).
+        failures: reasons why windows could not be integrated to their end.
+    """
+
+    name: str
+    t: np.ndarray
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    measured: np.ndarray
+    simulated: np.ndarray
+    starts: tuple[int, ...]
+    since: int
+    free: np.ndarray
+    failures: tuple[str, ...] = ()
+
+    @property
+    def errors(self) -> dict[str, Error]:
+        """By joint: rms of simulated − measured, and that over the rms of the measured way from
+        each window's start.
+        """
+        begin = np.searchsorted(self.starts, np.arange(len(self.t)), side="left") - 1
+        way = self.measured - self.measured[np.array(self.starts)[np.maximum(begin, 0)]]
+        off = self.simulated - self.measured
+        errors = {}
+        for j, (joint, unit) in enumerate(zip(self.joints, self.units, strict=True)):
+            known = np.isfinite(off[:, j])
+            rms = float(np.sqrt(np.mean(off[known, j] ** 2))) if known.any() else np.nan
+            size = float(np.sqrt(np.mean(way[known, j] ** 2))) if known.any() else 0.0
+            errors[joint] = Error(rms, rms / size if size > 0 else None, unit)
+        return errors
+
+    @property
+    def within(self) -> dict[str, float | None]:
+        """By joint: seconds without restart until it is 5 % of its travel away; None: never."""
+        own = slice(self.since, self.since + len(self.free))
+        travel = np.nanmax(self.measured, axis=0) - np.nanmin(self.measured, axis=0)
+        away = np.abs(self.free - self.measured[own]) > AWAY * travel
+        t = self.t[own] - self.t[self.since]
+        return {
+            joint: float(t[away[:, j].argmax()]) if away[:, j].any() else None
+            for j, joint in enumerate(self.joints)
+        }
+
+    @property
+    def lasted(self) -> float:
+        """Length [s] of the run without restarts."""
+        return float(self.t[self.since + max(len(self.free) - 1, 0)] - self.t[self.since])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Replay(Displayed):
+    """Models' simulated motion against the measured one. Made by `ident.replay`.
+
+    Attributes:
+        runs: by model, one an experiment.
+        window: [s] from one restart to the next.
+    """
+
+    runs: Mapping[str, tuple[ReplayedLog, ...]]
+    window: float
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Windows that could not be integrated."""
+        return tuple(
+            f"{run.name}: some windows could not be integrated to their end: {why}"
+            for logs in self.runs.values()
+            for run in logs
+            for why in run.failures
+        )
+
+    def plot(self, experiment: int = 0) -> Any:
+        """Draw measured and simulated coordinate of every logged joint, with differences below.
+
+        Args:
+            experiment: its number, from 0.
+        """
+        return render(self, "plot", experiment)
+
+    def save(self, path: str | Path) -> None:
+        """Write the plot of the first experiment as .png, .svg, .pdf or .html, whole or not at all.
+
+        Args:
+            path: of the file, whose suffix decides.
+
+        Raises:
+            FitError: for another suffix.
+        """
+        self.plot().save(path)
+
+    def write(self, folder: str | Path) -> list[Path]:
+        """Write replay.html, with all charts in it, and replay.json.
+
+        Raises:
+            IdentError: if the folder cannot be written; then no file of it has changed.
+        """
+        return write_all(Path(folder), render(self, "files"))
 
 
 def replay(
@@ -42,7 +155,7 @@ def replay(
     window: float = WINDOW,
     progress: Told | None = None,
 ) -> Replay:
-    """Simulated against measured motion, restarted from the measured state every `window` seconds.
+    """Compare simulated with measured motion, restarted from the measured state every `window` s.
 
     Args:
         models: fits, or fit.json files read back.
@@ -67,63 +180,57 @@ def replay(
                 f"window {window:g} s: {e.name} has a sample every {1 / e.rate:.4g} s; give two "
                 "samples or more"
             )
-    runs: dict[str, tuple[Replayed, ...]] = {}
+    runs: dict[str, tuple[ReplayedLog, ...]] = {}
+    step = 1 / len(models) / len(motion.experiments)
     for i, model in enumerate(models):
         several = isinstance(model, Fit) and len(models) > 1
         name = model.name if isinstance(model, Saved) else f"fit {i + 1}" if several else "fit"
-        found = []
+        logs = []
         for k, e in enumerate(motion.experiments):
-            share = (i + k / len(motion.experiments)) / len(models)
-            step = 1 / len(models) / len(motion.experiments)
-            found.append(_replayed(model, motion, e, window, _within(progress, share, step)))
-        runs[name] = tuple(found)
+            part = _part(progress, i / len(models) + k * step, step)
+            logs.append(_replayed(model, motion, e, window, part))
+        runs[name] = tuple(logs)
     return Replay(runs, window)
 
 
-def _within(told: Told | None, share: float, step: float) -> Told | None:
-    """Progress of a part of the work."""
-    return told and (lambda what, done: told(what, share + step * done))
+def _part(on_progress: Told | None, share: float, step: float) -> Told | None:
+    """Return the progress callback of a part of the work."""
+    return on_progress and (lambda what, done: on_progress(what, share + step * done))
 
 
 def _replayed(
-    model: Fit | Saved, motion: Motion, bare: Experiment, window: float, told: Told | None
-) -> Replayed:
+    model: Fit | Saved,
+    motion: Motion,
+    bare: Experiment,
+    window: float,
+    on_progress: Told | None,
+) -> ReplayedLog:
     scene = Scene.of(model.mechanism, NOTHING, bare, model.point, motion.band.cutoff)
     mechanism, e = scene.mechanism, scene.e
     player = _Player(mechanism, model.point, e, motion.independent)
     simulated = np.full((len(e), len(mechanism.joints)), np.nan)
     starts, failures = [], []
     segments = list(e.segments())
+    length = max(2, round(window * e.rate))
     for segment in segments:
-        length = max(2, round(window * e.rate))
         for a in range(segment.start, segment.stop - 1, length):
-            b = min(a + length, segment.stop - 1)
-            if told:
-                told(f"simulating {e.name}", 0.5 * a / len(e))
-            try:
-                y = player.play(a, b)
-            except MotionError as error:
-                failures.append(str(error))
-                y = np.empty((0, simulated.shape[1]))
-            simulated[a + 1 : a + len(y)] = y[1:]
+            if on_progress:
+                on_progress(f"simulating {e.name}", 0.5 * a / len(e))
+            y, failure = player.play(a, min(a + length, segment.stop - 1))
+            if failure:
+                failures.append(failure)
+            else:
+                simulated[a + 1 : a + len(y)] = y[1:]
             starts.append(a)
     longest = max(segments, key=lambda run: run.stop - run.start)
-    told_ = _within(told, 0.5, 0.5)
-    free = _free(player, longest, told_)
-    at = [mechanism.joint_index[name] for name in e.logged]
-    return Replayed(
+    # far from the measurement the motion may meet anything, so its failure is no news
+    free, _ = player.play(longest.start, longest.stop - 1, True, _part(on_progress, 0.5, 0.5))
+    at = player.logged
+    return ReplayedLog(
         e.name, e.t, e.logged, tuple(mechanism.joint(name).unit for name in e.logged),
         np.where(e.usable[:, None], e.y[:, at], np.nan), simulated[:, at], tuple(starts),
         longest.start, free[:, at], tuple(dict.fromkeys(failures)),
     )  # fmt: skip
-
-
-def _free(player: _Player, run: slice, told: Told | None) -> np.ndarray:
-    """y (≤ n, J) of one run without restarts, until it is far away."""
-    try:
-        return player.play(run.start, run.stop - 1, far=True, told=told)
-    except MotionError:  # far away the motion may meet anything
-        return player.last
 
 
 class _Player:
@@ -134,59 +241,45 @@ class _Player:
     ) -> None:
         self.mechanism, self.e = mechanism, e
         self.plant = Plant.of(mechanism, point)
-        self.around, self.knots = surroundings(mechanism, e), rough(e)
-        self.drive = Series(CubicSpline(e.t, e.tau))
+        self.around, self.knots = surroundings(mechanism, e), rough_times(e)
+        self.drive = TorqueSeries(CubicSpline(e.t, e.tau))
         self.independent = tuple(independent)
-        self.z = _presliding(mechanism, point, e)
         self.travel = np.ptp(e.y[e.usable], axis=0)
         self.logged = [mechanism.joint_index[name] for name in e.logged]
-        self.last = np.empty((0, len(mechanism.joints)))
+        s = Samples(mechanism, e, slice(None), point)
+        states = [s.columns(law.effect, law.shape)[:, 0, 0] for law in self.plant.laws.states]
+        self.z = np.stack(states, axis=1) if states else np.zeros((len(e), 0))
 
-    def play(self, a: int, b: int, far: bool = False, told: Told | None = None) -> np.ndarray:
-        """y (≤ b − a + 1, J) at the samples a to b; with `far` until a joint is away by its travel.
+    def play(
+        self, a: int, b: int, far: bool = False, on_progress: Told | None = None
+    ) -> tuple[np.ndarray, str]:
+        """Return y (≤ b − a + 1, J) at the samples a to b, and why it ended before, if it did.
 
-        Raises:
-            MotionError: where the motion cannot go on; `last` has what came before.
+        Args:
+            a, b: first and last sample.
+            far: whether to end where a joint is away by its travel.
+            on_progress: called with (what is being done, share done).
         """
-        e = self.e
+        e, failure = self.e, ""
         dynamics = Dynamics(self.plant, self.drive, self.around, self.independent)
         dynamics.near = e.y[a]
-        until = self._far if far else None
-        march = March(dynamics, TOLERANCE, 5 / e.rate, self.knots, until)
+        until = self._is_far if far else None
+        integration = Integration(dynamics, TOLERANCE, STEPS / e.rate, self.knots, until)
         try:
-            march.run(State(e.q[a], e.v[a], self.z[a]), e.t[a : b + 1], told)
-        finally:
-            q = np.array([m.q for m in march.trace.moments])
-            self.last = self._coordinates(q, a) if len(q) else self.last[:0]
-        return self.last
+            integration.run((e.q[a], e.v[a], self.z[a]), e.t[a : b + 1], on_progress)
+        except MotionError as error:
+            failure = str(error)
+        terms = integration.record.terms
+        if not terms:
+            return np.empty((0, len(self.mechanism.joints))), failure
+        q, v = (np.array([getattr(m, key) for m in terms]) for key in "qv")
+        y, _, _ = joint_coordinates(self.mechanism, q, v, np.zeros_like(v))
+        for i, joint in enumerate(self.mechanism.joints):
+            if joint.rotational and not joint.in_tree:  # turns are counted from the sample a
+                y[:, i] += 2 * np.pi * np.round((e.y[a, i] - y[0, i]) / (2 * np.pi))
+        return y, failure
 
-    def _far(self, m: Moment) -> bool:
+    def _is_far(self, m: InstantTerms) -> bool:
         k = int(np.searchsorted(self.e.t, m.t - 1e-9))
         tree = [i for i in self.logged if self.mechanism.joints[i].in_tree]
-        off = np.abs(m.y[tree] - self.e.y[k, tree])
-        return bool((off > self.travel[tree]).any())
-
-    def _coordinates(self, q: np.ndarray, a: int) -> np.ndarray:
-        y = np.empty((len(q), len(self.mechanism.joints)))
-        own = None
-        for i, joint in enumerate(self.mechanism.joints):
-            if joint.in_tree:
-                y[:, i] = q[:, joint.index]
-                continue
-            own = self.mechanism.kinematics.own_rows(q) if own is None else own
-            y[:, i] = own.value[:, joint.index]
-            if joint.rotational:
-                turns = np.unwrap(y[:, i])
-                y[:, i] = turns + 2 * np.pi * np.round((self.e.y[a, i] - turns[0]) / (2 * np.pi))
-        return y
-
-
-def _presliding(mechanism: Mechanism, point: Point, e: Experiment) -> np.ndarray:
-    """z (n, presliding) along the measured motion."""
-    s = Samples(mechanism, e, slice(None), point)
-    found = []
-    for effect in mechanism.effects:
-        c, shape = point.of(effect)
-        if any(each.acts == "state" for each in effect.unknowns) and c.any():
-            found.append(s.columns(effect, shape)[:, 0, 0])
-    return np.stack(found, axis=1) if found else np.zeros((len(e), 0))
+        return bool((np.abs(m.y[tree] - self.e.y[k, tree]) > self.travel[tree]).any())

@@ -1,0 +1,390 @@
+"""The equations of motion at one instant, solved with some joints sliding and some stuck.
+
+    M v̇ + h + Σ Wᵀ E c + Σ wᵀ f + Jᵀ λ = Wᵀ τ + f_e
+    sliding  f = s F, s = ±1          stuck  w v̇ + ẇ v = 0, |f| ≤ F
+
+In the coordinates α of v̇ = a₀ + Z α that the closures leave: A α + Bᵀ f = b, u̇ = B α + δ. No
+library has this together with closures that may repeat each other and friction that depends on the
+load; it is what distinguishes a stuck joint from a slow one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import lapack
+
+from ident.errors import MechanismError, MotionError
+from ident.mechanism.parameters import COUNT, pseudo_inertia
+from ident.motion.close import pseudo_inverse
+from ident.simulate.laws import Extra, InstantSignals
+from ident.simulate.plant import InstantTerms, Plant
+
+STICK = 0  # a mode; −1 and +1 are sliding, by the sign of the rate
+MARGIN = 1e-9  # of F, by which a stuck joint's friction may be exceeded before it breaks away
+SMALL = 1e-12  # of the largest term of the box programme: zero
+CONVERGED, ITERATIONS = 1e-12, 60  # relative change of x = g(x), and evaluations of g at most
+
+
+class Actuator(Protocol):
+    """Torques of the driven joints."""
+
+    def torque(self, m: InstantTerms, plant: Plant, against: np.ndarray) -> np.ndarray:
+        """Return τ (driven,) [N m | N]; `against` (nv,): smooth effects, less external forces."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """External inputs as functions of time.
+
+    Attributes:
+        since: the log's first sample [s].
+        extra: other columns of the log.
+        wrenches: (frame, wrench (6,) in its axes).
+    """
+
+    since: float = 0.0
+    extra: Extra = field(default_factory=dict)
+    wrenches: tuple[tuple[int, Callable[[float], np.ndarray]], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """The equations solved at one instant.
+
+    Attributes:
+        a: (nv,) v̇; tau: (driven,); multipliers: (m,) the smallest λ that fit.
+        friction: (dry,) torques of dry friction; rates: (dry,) their joints' accelerations.
+        sides: (dry,) of joints at rest with open modes, the limit (−1, +1) that friction reaches.
+        holding: whether the friction of stuck joints suffices.
+    """
+
+    a: np.ndarray
+    tau: np.ndarray
+    multipliers: np.ndarray
+    friction: np.ndarray
+    rates: np.ndarray
+    sides: np.ndarray
+    holding: bool
+
+
+class Dynamics:
+    """The right side of the equations of motion of a plant.
+
+    Args:
+        plant: the mechanism.
+        actuator: its drives.
+        around: external inputs.
+        independent: joints in whose coordinates driven joints' torques are predicted.
+    """
+
+    def __init__(
+        self, plant: Plant, actuator: Actuator, around: Surroundings, independent: tuple[str, ...]
+    ) -> None:
+        self.plant, self.actuator, self.around = plant, actuator, around
+        self.independent = independent
+        self.asking = plant.laws.asking
+        self.near: np.ndarray | None = None  # whole turns are counted from here
+        self._x, self._slope = np.zeros(len(self.asking)), np.zeros((len(self.asking),) * 2)
+
+    def terms(self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray) -> InstantTerms:
+        """Return the terms at one state."""
+        return self.plant.terms(t, q, v, z, self.near)
+
+    def balance(
+        self, m: InstantTerms, modes: np.ndarray, resting: np.ndarray | None = None
+    ) -> Balance:
+        """Return accelerations and forces in given modes.
+
+        Args:
+            modes: (dry,) −1, 0, +1.
+            resting: (dry,) joints at rest whose modes are open: they stick or slide according to
+                the forces at this instant.
+
+        Raises:
+            MechanismError: if the inertia of a possible motion is not positive.
+            MotionError: if effects that depend on the load contradict each other.
+        """
+        solver = _Instant(self, m, modes, resting)
+        if not len(self._x):
+            return solver.balance(self._x)
+        # x = g(x) of what effects ask for, by Newton's method with a slope that is reused
+        x = self._x
+        for k in range(ITERATIONS):
+            off = solver.predicted(x) - x
+            if np.abs(off).max() <= CONVERGED * (1.0 + np.abs(x).max()):
+                self._x = x
+                return solver.balance(x)
+            if k % 8 == 2:  # g is linear but for signs: forward differences
+                h = np.diag(1e-4 * (1.0 + np.abs(x)))
+                g = solver.predicted(x)
+                self._slope = np.stack([(solver.predicted(x + e) - g) / e.sum() for e in h], axis=1)
+            step = np.linalg.lstsq(np.eye(len(x)) - self._slope, off, rcond=1e-12)[0]
+            x = x + (step if k < ITERATIONS // 2 else 0.5 * step)
+        raise MotionError(
+            f"{self.plant.mechanism.name}: at t = {m.t:.6g} s no torque satisfies the "
+            "effects that depend on the load (load_friction, torque_gain, …): a coefficient is too "
+            "large for this motion"
+        )
+
+    def state_rates(self, m: InstantTerms) -> np.ndarray:
+        """Return ż (states,)."""
+        pairs = zip(self.plant.laws.states, m.z, strict=True)
+        return np.array([law.state_rate(float(z), float(m.yd[law.at[0]])) for law, z in pairs])
+
+
+class _Instant:
+    """One instant's equations, to be solved for several x of what effects ask for."""
+
+    def __init__(
+        self, dynamics: Dynamics, m: InstantTerms, modes: np.ndarray, resting: np.ndarray | None
+    ) -> None:
+        self.dynamics, self.m, self.modes = dynamics, m, modes
+        self.open = resting is not None
+        self.held = modes == STICK if resting is None else resting
+        self.plant = plant = dynamics.plant
+        laws, around = plant.laws, dynamics.around
+        self.w = plant.dry @ m.W
+        zero = np.zeros(len(m.y))
+        self.signals = InstantSignals(m.t, around.since, m.y, m.yd, around.extra, zero, zero, zero)
+        self.external = np.zeros(len(m.v))
+        for frame, wrench in around.wrenches:
+            model = plant.mechanism.model
+            J = pin.computeFrameJacobian(model, model.createData(), m.q, frame, pin.LOCAL)
+            self.external += J.T @ wrench(m.t)
+        self.explicit = m.W.T @ (laws.T0 + laws.Tq @ m.y + laws.Tv @ m.yd)
+        self.aside = np.zeros(len(m.v))  # of these, the part that the prediction leaves out
+        for law in laws.smooth:
+            if not law.effect.asks:
+                force = m.W[list(law.at)].T @ law.torque(self.signals)
+                self.explicit += force
+                self.aside += force if law.effect.implicit else 0.0
+        for law, z in zip(laws.states, m.z, strict=True):
+            self.explicit += law.c.sum() * z * m.W[law.at[0]]
+        self.tau = dynamics.actuator.torque(m, plant, self.explicit - self.external)
+        self.applied = m.W[plant.driven].T @ self.tau + self.external
+        self.A = m.Z.T @ m.M @ m.Z
+        self.delta = self.w @ m.a0 + plant.dry @ m.drift
+        self.B = self.w @ m.Z
+
+    def _with(self, x: np.ndarray) -> InstantSignals:
+        if not len(x):
+            return self.signals
+        given = {word: np.zeros(len(self.m.y)) for word in ("a", "torque", "load")}
+        for (word, i), value in zip(self.dynamics.asking, x, strict=True):
+            given[word][i] = value
+        return replace(self.signals, a=given["a"], torque=given["torque"], load=given["load"])
+
+    def _respond(self, x: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return v̇, friction, F, sides, forces without friction, whether friction suffices."""
+        m, s, laws = self.m, self._with(x), self.plant.laws
+        r = self.applied - m.h - self.explicit
+        for law in laws.smooth:
+            if law.effect.asks:
+                r = r - m.W[list(law.at)].T @ law.torque(s)
+        F = np.array([each.limit(s) for each in laws.dry])
+        f = np.where(self.held, 0.0, self.modes * F)
+        b = m.Z.T @ (r - self.w.T @ f - m.M @ m.a0)
+        sides, held = np.zeros(len(F), dtype=int), np.flatnonzero(self.held)
+        holding = np.array(True)
+        if len(held) and F[held].min() < 0:
+            k = held[int(F[held].argmin())]
+            raise MechanismError(
+                f"{self.plant.mechanism.name}: dry friction of "
+                f"{' and '.join(laws.dry[k].effects)} is {F[k]:.4g} at rest, which would drive the "
+                "joint; give values of 0 or more, or leave the effect out"
+            )
+        if not len(held):
+            alpha = self._least(self.A, b)
+        elif self.open:
+            B = self.B[held]
+            back = self._least(self.A, np.column_stack([b, B.T]))
+            f[held], sides[held] = box_programme(
+                B @ back[:, 1:], B @ back[:, 0] + self.delta[held], F[held]
+            )
+            alpha = back[:, 0] - back[:, 1:] @ f[held]
+        else:
+            alpha, f[held], holding = self._hold(b, held, F[held])
+        return m.a0 + m.Z @ alpha, f, F, sides, r, holding
+
+    def _hold(
+        self, b: np.ndarray, held: np.ndarray, F: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return α with B α = −δ, the friction that this needs, and whether it is within F."""
+        B, A = self.B[held], self.A
+        U, sizes, Vt = np.linalg.svd(B)
+        r = int((sizes > 1e-9 * max(1.0, float(sizes.max(initial=0.0)))).sum())
+        Bp = (Vt[:r].T / sizes[:r]) @ U[:, :r].T
+        alpha, N = -Bp @ self.delta[held], Vt[r:].T
+        if N.shape[1]:
+            alpha = alpha + N @ self._least(N.T @ A @ N, N.T @ (b - A @ alpha))
+        needed = b - A @ alpha  # = Bᵀ f
+        f = Bp.T @ needed
+        limit = F * (1 + MARGIN)
+        if r == len(held) or (np.abs(f) <= limit).all():
+            return alpha, f, np.array((np.abs(f) <= limit).all())
+        f, _ = box_programme(B @ B.T, B @ needed, limit)  # several share one load
+        left = np.abs(B.T @ f - needed).max()
+        return alpha, f, np.array(left <= MARGIN * np.abs(B.T).max() * F.max(initial=0.0))
+
+    def predicted(self, x: np.ndarray) -> np.ndarray:
+        """Return g(x): the model's predictions where effects take x for them."""
+        m, laws = self.m, self.plant.laws
+        a, f, F, *_ = self._respond(x)
+        rigid = self.plant.bare.torque(m.q, m.v, a)
+        others = m.M @ a + m.h - rigid + self.explicit - self.aside
+        for law in laws.smooth:
+            if law.effect.asks and not law.effect.implicit:
+                others = others + m.W[list(law.at)].T @ law.torque(self._with(x))
+        for k, each in enumerate(laws.dry):
+            share = each.explicit(self.signals) / F[k] if F[k] else 0.0
+            others = others + share * f[k] * self.w[k]
+        loads = self._loads(rigid - self.external, others)
+        return np.array([
+            m.W[i] @ a + m.drift[i] if word == "a" else loads[word, i]
+            for word, i in self.dynamics.asking
+        ])  # fmt: skip
+
+    def _loads(self, rigid: np.ndarray, others: np.ndarray) -> dict[tuple[str, int], float]:
+        """Return load and torque of joints from generalised forces (nv,).
+
+        load = (Γ π − f_e)_j, torque = load + Σ E c of effects that do not ask; in closures |λ|; as
+        `ident.equations.predicted` has it for a whole log.
+        """
+        mechanism, m = self.plant.mechanism, self.m
+        joints = {i for word, i in self.dynamics.asking if word != "a"}
+        loads: dict[tuple[str, int], float] = {}
+        if not mechanism.closures:
+            for i in joints:
+                at = mechanism.joints[i].index
+                loads["load", i], loads["torque", i] = rigid[at], rigid[at] + others[at]
+            return loads
+        independent = self.dynamics.independent
+        Kp = pseudo_inverse(
+            np.concatenate([m.J, m.W[[mechanism.joint_index[name] for name in independent]]])[None]
+        )[0]
+        known = np.zeros(len(rigid))
+        for name, tau in zip(mechanism.driven, self.tau, strict=True):
+            if name not in independent:
+                known += m.W[mechanism.joint_index[name]] * tau
+        for i in joints:
+            joint = mechanism.joints[i]
+            load = torque = 0.0
+            if joint.name in independent:
+                extract = Kp[:, len(m.J) + independent.index(joint.name)]
+                load = float(extract @ (rigid - known))
+                torque = load + float(extract @ others)
+            elif joint.name in mechanism.driven:
+                load = torque = float(self.tau[mechanism.driven.index(joint.name)])
+            elif not joint.in_tree:
+                force = Kp[:, self._forces_of(joint.name)].T @ (rigid + others - known)
+                load = torque = float(np.linalg.norm(force))
+            loads["load", i], loads["torque", i] = load, torque
+        return loads
+
+    def _forces_of(self, joint: str) -> list[int]:
+        """Return the multipliers that are forces of the closure whose own joint this is."""
+        kinematics = self.plant.mechanism.kinematics
+        bare = joint.removeprefix("closure.")
+        owners = {bare, bare.removesuffix(".z").removesuffix(".rz"), f"joint.{joint}"}
+        names = zip(kinematics.multipliers, kinematics.units, strict=True)
+        return [
+            k for k, (name, unit) in enumerate(names)
+            if name.rpartition(".")[0] in owners and unit == "N"
+        ]  # fmt: skip
+
+    def balance(self, x: np.ndarray) -> Balance:
+        """Return the complete solution at x."""
+        m = self.m
+        a, f, _, sides, r, holding = self._respond(x)
+        multipliers = m.Jp.T @ (r - self.w.T @ f - m.M @ a)
+        rates = self.B @ (m.Z.T @ (a - m.a0)) + self.delta
+        return Balance(a, self.tau, multipliers, f, rates, sides, bool(holding))
+
+    def _least(self, A: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return A⁻¹ b of a positive definite A.
+
+        Raises:
+            MechanismError: where it is not, naming the bodies that cannot exist.
+        """
+        if not len(A):
+            return np.zeros_like(b)
+        _, x, info = lapack.dposv(A, b)
+        if info == 0:
+            return x.reshape(b.shape)
+        mechanism = self.plant.mechanism
+        bodies = zip(mechanism.bodies.links, self.plant.laws.pi.reshape(-1, COUNT), strict=True)
+        bad = [
+            link for link, pi in bodies
+            if np.linalg.eigvalsh(pseudo_inertia(pi)).min() < -1e-9 * np.abs(pi).max()
+        ]  # fmt: skip
+        why = "something that moves has no inertia"
+        if bad:
+            why = f"no real body has the parameters of {', '.join(bad)}"
+        raise MechanismError(
+            f"{mechanism.name}: at t = {self.m.t:.4g} s the mass matrix is not positive definite, "
+            f"so forces do not determine the motion: {why}; identify with --consistent, or give "
+            "other parameters"
+        )
+
+
+def box_programme(H: np.ndarray, g: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return f (k,) and the bound of each, −1, 0 (inside) or +1 (k,), by active sets.
+
+        A α = b − Bᵀ f,   u̇ = B α + δ,   f_k ∈ F_k Sgn(u̇_k)
+        min_f  ½ fᵀ H f − gᵀ f,   |f_k| ≤ F_k,      H = B A⁻¹ Bᵀ,   g = B A⁻¹ b + δ      u̇ = g − H f
+
+    The accelerations α and the friction torques f of the joints at rest solve a strictly convex
+    problem in α (Moreau, C. R. Acad. Sci. 262A, 1966; Glocker, Set-Valued Force Laws, 2001), whose
+    dual this is. u̇ is unique; f is not where several joints of a loop hold the same motion.
+
+    Args:
+        H: (k, k), symmetric and positive semidefinite.
+        g: (k,).
+        F: (k,) bounds, none negative.
+    """
+    k = len(g)
+    f, side = np.zeros(k), np.zeros(k, dtype=int)
+    scale = np.abs(g).max(initial=0.0) + float(np.abs(H).max(initial=0.0) * F.max(initial=0.0))
+    for _ in range(20 * k + 20):
+        free = np.flatnonzero(side == 0)
+        slope = g - H @ f
+        if len(free) and (moved := _descent(H, slope, free, scale)) is not None:
+            step, whole = moved
+            with np.errstate(divide="ignore", invalid="ignore"):
+                room = np.where(step == 0, np.inf, (np.sign(step) * F[free] - f[free]) / step)
+            first = int(room.argmin())
+            if room[first] >= (1.0 if whole else np.inf):
+                f[free] += step
+                continue
+            f[free] += max(float(room[first]), 0.0) * step
+            at = free[first]
+            side[at] = 1 if step[first] > 0 else -1
+            f[at] = side[at] * F[at]
+            continue
+        wrong = np.where(side != 0, -side * slope, -np.inf)
+        worst = int(wrong.argmax()) if k else -1
+        if k == 0 or wrong[worst] <= SMALL * scale:
+            break
+        side[worst] = 0
+    return f, side
+
+
+def _descent(
+    H: np.ndarray, slope: np.ndarray, free: np.ndarray, scale: float
+) -> tuple[np.ndarray, bool] | None:
+    """Return a step of the free f to the minimum, or a direction without one (False)."""
+    part = slope[free]
+    if np.abs(part).max() <= SMALL * scale:
+        return None
+    inner = H[np.ix_(free, free)]
+    step = np.linalg.lstsq(inner, part, rcond=SMALL)[0]
+    left = part - inner @ step
+    if np.abs(left).max() > 1e3 * SMALL * scale:
+        return left, False
+    return (step, True) if np.abs(inner @ step).max() > SMALL * scale else None

@@ -1,0 +1,321 @@
+"""The integration: smooth pieces by Runge-Kutta methods, ended where a joint stops or breaks away.
+
+Within a piece the right side is smooth; after every step the state is projected onto Φ = 0,
+J v = 0 and w v = 0 of the joints that stick. A piece ends where a sliding joint's speed changes its
+sign, or a stuck joint needs more friction than it can have; there a complementarity problem decides
+how each joint at rest goes on. SciPy's event functions cannot do this: the mode changes the right
+side, and a sliding speed may cross zero twice within a step.
+
+Hairer, Nørsett, Wanner, Solving Ordinary Differential Equations I, II.5-6; event-driven schemes:
+Acary, Brogliato, Numerical Methods for Nonsmooth Dynamical Systems, ch. 8.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.integrate import DOP853, RK45, OdeSolver
+
+from ident.errors import MotionError
+from ident.progress import Told
+from ident.simulate.balance import STICK, Balance, Dynamics
+from ident.simulate.plant import InstantTerms
+
+REST = 1e-11  # [rad/s | m/s] speed below which a joint is at rest
+SURE = 1e-14  # of the largest acceleration, above which one has a sign
+LOOKS, HALVINGS = 8, 60  # instants of a step at which modes are checked; bisections of a change
+CHATTER, MOMENT = 200, 1e-9  # so many changes of mode, each within so many seconds: no progress
+WATCHED = 0.01  # [s] longest step where a joint has dry friction
+MOST = 100_000, 30_000  # evaluations of the right side, in all cases and a simulated second
+LOOSE = 1e-9  # tolerance above which a method of order 5 is cheaper than one of order 8
+WILD = 1e4  # [rad | m | …/s] beyond which no machine moves
+State = tuple[np.ndarray, np.ndarray, np.ndarray]  # q (nq,), v (nv,), z (states,)
+
+
+@dataclass(frozen=True)
+class Transition:
+    """A joint that stops, breaks away or turns round.
+
+    Attributes:
+        t: [s]; joint: its name; mode: 0 it sticks, +1 it slides forwards, −1 backwards.
+    """
+
+    t: float
+    joint: str
+    mode: int
+
+    def __str__(self) -> str:
+        what = {0: "sticks", 1: "slides forwards", -1: "slides backwards"}[self.mode]
+        return f"{self.t:.6g} s: {self.joint} {what}"
+
+
+@dataclass(eq=False)
+class IntegrationRecord:
+    """Terms, forces and modes (dry,) of every sample, all transitions, evaluations."""
+
+    t: list[float] = field(default_factory=list)
+    terms: list[InstantTerms] = field(default_factory=list)
+    balances: list[Balance] = field(default_factory=list)
+    modes: list[np.ndarray] = field(default_factory=list)
+    transitions: list[Transition] = field(default_factory=list)
+    evaluations: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class ModeChange:
+    """Which sliding joints stop (dry,) at t [s], and whether a stuck one broke away."""
+
+    t: float
+    stopped: np.ndarray
+    broke: bool
+
+
+@dataclass(frozen=True, eq=False)
+class IntegrationStep:
+    """A step up to t: the projected state there, the states before, and a change that ends it."""
+
+    t: float
+    x: np.ndarray
+    states: Callable[[float], np.ndarray]
+    change: ModeChange | None = None
+
+
+class Integration:
+    """One integration over time; `run` performs it.
+
+    Args:
+        dynamics: the equations.
+        tolerance: relative error a step; absolute: a hundredth of it [rad | m | …].
+        longest: step [s].
+        knots: times at which an input is not smooth, where steps end.
+        until: called with every sample's terms; where true, the integration ends.
+    """
+
+    def __init__(
+        self,
+        dynamics: Dynamics,
+        tolerance: float,
+        longest: float = np.inf,
+        knots: np.ndarray | None = None,
+        until: Callable[[InstantTerms], bool] | None = None,
+    ) -> None:
+        self.dynamics, self.tolerance, self.knots, self.until = dynamics, tolerance, knots, until
+        self.names = [each.name for each in dynamics.plant.laws.dry]
+        self.longest = min(longest, WATCHED) if self.names else longest
+        model = dynamics.plant.mechanism.model
+        self._cuts = [model.nq, model.nq + model.nv]
+        self.record = IntegrationRecord()
+        self.modes = np.zeros(len(self.names), dtype=int)
+        self._most = 0.0
+        # speeds and accelerations (dry,) of the last evaluation, and whether stuck joints hold
+        self._rates: tuple[np.ndarray, np.ndarray, bool] | None = None
+
+    def run(
+        self, start: State, times: np.ndarray, on_progress: Told | None = None
+    ) -> IntegrationRecord:
+        """Integrate from times[0] over all times (n,) [s].
+
+        Raises:
+            MotionError: where the motion cannot go on: singular, unstable, or chattering.
+        """
+        t, x = float(times[0]), np.concatenate(start)
+        self._most = MOST[0] + MOST[1] * (float(times[-1]) - t)
+        self._decide(t, x, np.abs(self._speeds(x)) <= REST, broke=False)
+        x = self._projected(t, x)
+        self._sample(t, x)
+        quick, last = 0, -np.inf
+        while not self._done(times):
+            for step in self._piece(t, x, float(times[-1])):
+                t, x = step.t, step.x
+                self._sample_until(step, times)
+                if on_progress:
+                    on_progress("integrating", float((t - times[0]) / (times[-1] - times[0])))
+                if self._done(times):
+                    break
+                if step.change is not None:
+                    quick, last = quick + 1 if t - last < MOMENT else 0, t
+                    if quick > CHATTER:
+                        raise MotionError(
+                            f"{self._name}: at t = {t:.6g} s dry friction of "
+                            f"{', '.join(self.names)} changes without end; check Fc and the torques"
+                        )
+                    stuck = (self.modes == STICK) | (np.abs(self._speeds(x)) <= REST)
+                    self._decide(t, x, step.change.stopped | stuck, step.change.broke)
+                    x = self._projected(t, x)
+        return self.record
+
+    def _done(self, times: np.ndarray) -> bool:
+        record = self.record
+        return len(record.t) == len(times) or (
+            self.until is not None and self.until(record.terms[-1])
+        )
+
+    def _sample_until(self, step: IntegrationStep, times: np.ndarray) -> None:
+        """Record the samples that a step has passed."""
+        while not self._done(times) and (at := float(times[len(self.record.t)])) <= step.t:
+            self._sample(at, self._projected(at, step.states(at)) if at < step.t else step.x)
+
+    def _sample(self, t: float, x: np.ndarray) -> None:
+        m = self._terms(t, x)
+        self.record.t.append(t)
+        self.record.terms.append(m)
+        self.record.balances.append(self.dynamics.balance(m, self.modes))
+        self.record.modes.append(self.modes)
+
+    @property
+    def _name(self) -> str:
+        return self.dynamics.plant.mechanism.name
+
+    def _terms(self, t: float, x: np.ndarray) -> InstantTerms:
+        q, v, z = np.split(x, self._cuts)
+        return self.dynamics.terms(t, q, v, z)
+
+    def _speeds(self, x: np.ndarray) -> np.ndarray:
+        q, v, _ = np.split(x, self._cuts)
+        _, W, _ = self.dynamics.plant.joints(q, v)
+        return self.dynamics.plant.dry @ (W @ v)
+
+    def _slope(self, t: float, x: np.ndarray) -> np.ndarray:
+        self.record.evaluations += 1
+        if self.record.evaluations > self._most:
+            raise MotionError(
+                f"{self._name}: at t = {t:.6g} s the integration has become too slow (steps of "
+                "microseconds): the motion is stiff or unstable; a larger --tolerance, a shorter "
+                "--duration or less stiff effects help"
+            )
+        m = self._terms(t, x)
+        b = self.dynamics.balance(m, self.modes)
+        plant = self.dynamics.plant
+        self._rates = plant.dry @ m.yd, b.rates, b.holding
+        return np.concatenate([plant.qdot(m.q, m.v), b.a, self.dynamics.state_rates(m)])
+
+    def _piece(self, t: float, x: np.ndarray, end: float) -> Iterator[IntegrationStep]:
+        """Yield steps up to a change of mode."""
+        method = RK45 if self.tolerance > LOOSE else DOP853
+        solver = method(
+            self._slope, t, x, end, rtol=max(self.tolerance, 1e-13), atol=1e-2 * self.tolerance,
+            max_step=self.longest,
+        )  # fmt: skip
+        self._slope(t, x)
+        while solver.t < end:
+            before = self._rates
+            solver.t_bound, solver.status = self._bound(solver.t, end), "running"
+            failure = solver.step()
+            if solver.status == "failed" or not np.abs(solver.y).max() < WILD:
+                raise MotionError(
+                    f"{self._name}: at t = {solver.t:.6g} s the motion cannot be integrated "
+                    f"({failure or 'it grows beyond all bounds'}); it is unstable, or its effects "
+                    "are too stiff"
+                )
+            states = _DenseStates(solver)
+            if self._suspect(solver.t - solver.t_old, before):
+                change = self._change(solver.t_old, solver.t, states)
+                if change is not None:
+                    yield IntegrationStep(change.t, states(change.t), states, change)
+                    return
+            x = self._projected(solver.t, solver.y)
+            yield IntegrationStep(solver.t, x, states)
+            if x is not solver.y:
+                solver.y = x
+                solver.f = self._slope(solver.t, x)
+
+    def _bound(self, t: float, end: float) -> float:
+        """Return the end of a step: the next sample of an input that is not smooth."""
+        if self.knots is None:
+            return end
+        k = int(np.searchsorted(self.knots, t, side="right"))
+        return min(end, float(self.knots[k])) if k < len(self.knots) else end
+
+    def _overrun(self, u: np.ndarray) -> np.ndarray:
+        """Return (dry,) or (n, dry) sliding joints whose speed has the other sign."""
+        return self.modes * u < -REST
+
+    def _suspect(self, h: float, before: tuple[np.ndarray, np.ndarray, bool] | None) -> bool:
+        """Whether modes may have changed in a step of h [s]: by the cubic through both ends."""
+        assert before is not None
+        assert self._rates is not None
+        (u0, du0, _), (u1, du1, holding) = before, self._rates
+        s = np.linspace(0, 1, LOOKS + 1)[1:, None]
+        c = 1 - s
+        cubic = c * c * ((1 + 2 * s) * u0 + s * h * du0) + s * s * ((3 - 2 * s) * u1 - c * h * du1)
+        return not holding or bool(self._overrun(cubic).any())
+
+    def _change(
+        self, a: float, b: float, states: Callable[[float], np.ndarray]
+    ) -> ModeChange | None:
+        """Return the first change of mode between two times [s]."""
+
+        def over(t: float) -> np.ndarray:
+            return self._overrun(self._speeds(states(t)))
+
+        def slips(t: float) -> bool:
+            return not self.dynamics.balance(self._terms(t, states(t)), self.modes).holding
+
+        stop = _first(
+            [float(t) for t in np.linspace(a, b, LOOKS + 1)], lambda t: bool(over(t).any())
+        )
+        last = b if stop is None else stop
+        if (self.modes == STICK).any():
+            breaks = _first([a, 0.5 * (a + last), last], slips)
+            if breaks is not None and (stop is None or breaks < stop):
+                return ModeChange(breaks, over(breaks), True)
+        return None if stop is None else ModeChange(stop, over(stop), False)
+
+    def _decide(self, t: float, x: np.ndarray, resting: np.ndarray, broke: bool) -> None:
+        """Decide the modes of joints at rest, and of all others by their speed."""
+        if not self.names:
+            return
+        modes = np.where(resting, STICK, np.sign(self._speeds(x))).astype(int)
+        if resting.any():
+            b = self.dynamics.balance(self._terms(t, x), modes, resting)
+            least = SURE * np.abs(b.rates).max(initial=0.0)
+            slides = (b.sides != 0) & resting & (broke | (b.sides * b.rates > least))
+            modes = np.where(slides, b.sides, modes)
+        for k in np.flatnonzero(modes != self.modes) if self.record.t else ():
+            self.record.transitions.append(Transition(t, self.names[k], int(modes[k])))
+        self.modes = modes
+
+    def _projected(self, t: float, x: np.ndarray) -> np.ndarray:
+        """Return the state on the closures, with stuck joints at rest; x itself without either."""
+        plant, stuck = self.dynamics.plant, self.modes == STICK
+        if not plant.mechanism.closures and not stuck.any():
+            return x
+        q, v, z = np.split(x, self._cuts)
+        _, W, _ = plant.joints(q, v)
+        q, v = plant.closed(t, q, v, plant.dry[stuck] @ W)
+        self.dynamics.near, _, _ = plant.joints(q, v, self.dynamics.near)
+        return np.concatenate([q, v, z])
+
+
+def _first(times: list[float], is_bad: Callable[[float], bool]) -> float | None:
+    """Return the first time, to rounding, at which a condition is true; checked at these times."""
+    good = times[0]
+    for bad in times[1:]:
+        if is_bad(bad):
+            for _ in range(HALVINGS):
+                middle = 0.5 * (good + bad)
+                if not good < middle < bad:
+                    break
+                good, bad = (good, middle) if is_bad(middle) else (middle, bad)
+            return bad
+        good = bad
+    return None
+
+
+class _DenseStates:
+    """The states within a solver's last step, computed when they are first needed.
+
+    It must be called before the solver's state is changed, or never.
+    """
+
+    def __init__(self, solver: OdeSolver) -> None:
+        self._solver, self._at = solver, solver.t
+        self._dense: Callable[[float], np.ndarray] | None = None
+
+    def __call__(self, t: float) -> np.ndarray:
+        if self._dense is None:
+            assert self._solver.t == self._at
+            self._dense = self._solver.dense_output()
+        return self._dense(t)
