@@ -172,8 +172,8 @@ class Hysteresis(Effect):
             turns = np.flatnonzero(np.diff(way)) + 1  # z is one exponential between two reversals
             for a, b in pairwise([0, *turns, n - 1]):
                 goal = z0 * way[a]
-                gone = np.abs(s.q[a + 1 : b + 1, j] - s.q[a, j])
-                z[a + 1 : b + 1, j] = goal + (z[a, j] - goal) * np.exp(-gone / z0)
+                path = np.abs(s.q[a + 1 : b + 1, j] - s.q[a, j])
+                z[a + 1 : b + 1, j] = goal + (z[a, j] - goal) * np.exp(-path / z0)
         return z[:, :, None]
 
     def bounds(self, s: Signals) -> Bounds:

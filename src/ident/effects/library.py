@@ -108,9 +108,9 @@ def candidates(
 
 def separating(kinds: Collection[str]) -> list[str]:
     """Return the experiments that separate kinds which no motion separates, without repetition."""
-    found = [
+    texts = [
         text
         for kind in KINDS.values() if kind.kind in kinds
         for rival, text in kind.separated_by.items() if rival in kinds
     ]  # fmt: skip
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(texts))

@@ -36,7 +36,7 @@ def urdf_shapes(urdf: Path) -> tuple[dict[str, list[Shape]], list[str]]:
     except MechanismError:
         return {}, [f"{urdf.name}: is no URDF, so simple bodies are shown"]
     colours = _colours(robot.findall("material"))
-    found: dict[str, list[Shape]] = {}
+    shapes: dict[str, list[Shape]] = {}
     notes: list[str] = []
     for link in robot.findall("link"):
         for visual in link.findall("visual"):
@@ -52,8 +52,8 @@ def urdf_shapes(urdf: Path) -> tuple[dict[str, list[Shape]], list[str]]:
                 (colours[name] for name in names if name in colours), None
             )
             shape = shape if colour is None else shape.coloured(colour)
-            found.setdefault(link.get("name"), []).append(shape)
-    return found, notes
+            shapes.setdefault(link.get("name"), []).append(shape)
+    return shapes, notes
 
 
 def _origin(visual: etree._Element, where: str) -> tuple[np.ndarray, np.ndarray]:
@@ -90,7 +90,7 @@ def _positive(element: etree._Element, key: str, count: int, where: str) -> list
 def _mesh(name: str, scale: np.ndarray, urdf: Path) -> Shape:
     import trimesh
 
-    path = _found(name, urdf)
+    path = _mesh_file(name, urdf)
     if path is None:
         raise MechanismError(f"there is no mesh {name!r} on this machine")
     if path.suffix.lower() not in MESHES:
@@ -110,7 +110,7 @@ def _mesh(name: str, scale: np.ndarray, urdf: Path) -> Shape:
     return Shape(vertices * scale, faces)
 
 
-def _found(name: str, urdf: Path) -> Path | None:
+def _mesh_file(name: str, urdf: Path) -> Path | None:
     """The file that a URDF calls `name`, by the ways in use; nothing is fetched."""
     try:
         url = urlparse(name)
@@ -132,14 +132,14 @@ def _candidates(name: str, url: ParseResult, urdf: Path) -> list[Path]:
     for variable, inside in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
         listed = os.environ.get(variable, "").split(os.pathsep)
         places += [Path(place) / inside for place in listed if place]
-    found = [place / package / path for place in places]
-    found += [folder / path for folder in above if folder.name == package]
-    return found + [folder / path for folder in above[:3]]  # a package that was renamed
+    files = [place / package / path for place in places]
+    files += [folder / path for folder in above if folder.name == package]
+    return files + [folder / path for folder in above[:3]]  # a package that was renamed
 
 
 def _colours(materials: list[etree._Element]) -> Mapping[str, tuple[int, int, int]]:
     """Colours by material's name, of the materials that state one."""
-    found = {}
+    colours = {}
     for material in materials:
         colour = material.find("color")
         words = [] if colour is None else (colour.get("rgba") or "").split()
@@ -149,8 +149,8 @@ def _colours(materials: list[etree._Element]) -> Mapping[str, tuple[int, int, in
             continue
         if len(rgb) == 3 and all(math.isfinite(part) for part in rgb):
             r, g, b = (round(255 * min(max(part, 0.0), 1.0)) for part in rgb)
-            found[material.get("name") or ""] = (r, g, b)
-    return found
+            colours[material.get("name") or ""] = (r, g, b)
+    return colours
 
 
 def sites(mechanism: Mechanism) -> list[list[np.ndarray]]:

@@ -172,8 +172,8 @@ def stage_of(mechanism: Mechanism, q: np.ndarray) -> tuple[Stage, list[str]]:
 
 def film_of(mechanism: Mechanism, stage: Stage, motion: ShownMotion) -> Film:
     """Where the stage's bodies are along a motion, at most 6000 moments."""
-    kept = frames(motion.t, RATE, MOST, LEAST)
-    q = np.asarray(motion.q, float)[kept]
+    moments = frames(motion.t, RATE, MOST, LEAST)
+    q = np.asarray(motion.q, float)[moments]
     R, p = _poses(mechanism.model, q)
     tied = _tied(mechanism)
     ends = np.zeros((len(q), len(tied), 2, 3))
@@ -183,31 +183,31 @@ def film_of(mechanism: Mechanism, stage: Stage, motion: ShownMotion) -> Film:
     phi = mechanism.kinematics.closure_rows(q).value
     loads = None
     if motion.multipliers is not None:
-        loads = loads_of(mechanism, (R, p), np.asarray(motion.multipliers, float)[kept])
+        loads = loads_of(mechanism, (R, p), np.asarray(motion.multipliers, float)[moments])
     misfit, unit = _misfit(stage, motion)
     return Film(
-        motion.name, motion.t[kept], p, wxyz(R), ends, np.abs(phi).max(axis=1, initial=0.0), loads,
-        None if misfit is None else misfit[kept], unit,
+        motion.name, motion.t[moments], p, wxyz(R), ends, np.abs(phi).max(axis=1, initial=0.0),
+        loads, None if misfit is None else misfit[moments], unit,
     )  # fmt: skip
 
 
 def pivots(mechanism: Mechanism) -> tuple[Pivot, ...]:
     """A mark for each joint of the tree, and for each closure that leaves a named one free."""
-    model, found = mechanism.model, []
+    model, marks = mechanism.model, []
     tree = {joint.name for joint in mechanism.joints if joint.in_tree}
     for index in range(1, model.njoints):
         name = model.names[index]
         if name in tree:
             rotational = mechanism.joint(name).rotational
-            found.append(Pivot(name, rotational, index, align_z(joint_axis(model, index)), ORIGIN))
+            marks.append(Pivot(name, rotational, index, align_z(joint_axis(model, index)), ORIGIN))
     for closure in _tied(mechanism):
         if closure.free:
             name, place = closure.own_joint(closure.free[-1]), closure.a.placement
             rotational = "rz" in closure.free
-            found.append(
+            marks.append(
                 Pivot(name, rotational, closure.a.joint, place.rotation, place.translation)
             )
-    return tuple(found)
+    return tuple(marks)
 
 
 def _tied(mechanism: Mechanism) -> list[FrameClosure]:
@@ -217,7 +217,7 @@ def _tied(mechanism: Mechanism) -> list[FrameClosure]:
 def _shapes(mechanism: Mechanism) -> tuple[list[list[Shape]], list[str]]:
     """Known shapes of each body in its joint's axes, fixed links with their parent."""
     model = mechanism.model
-    found: list[list[Shape]] = [[] for _ in range(model.njoints)]
+    shapes_of: list[list[Shape]] = [[] for _ in range(model.njoints)]
     by_link, notes = urdf_shapes(mechanism.urdf)
     for link, shapes in by_link.items():
         at, place = 0, pin.SE3.Identity()
@@ -226,8 +226,8 @@ def _shapes(mechanism: Mechanism) -> tuple[list[list[Shape]], list[str]]:
             at, place = frame.parentJoint, frame.placement
         elif link in mechanism.bodies.links:
             at = 1 + mechanism.bodies.links.index(link)
-        found[at] += [shape.moved(place.rotation, place.translation) for shape in shapes]
-    return found, notes
+        shapes_of[at] += [shape.moved(place.rotation, place.translation) for shape in shapes]
+    return shapes_of, notes
 
 
 def _size(mechanism: Mechanism, q: np.ndarray, shapes: Sequence[Sequence[Shape]]) -> float:
