@@ -19,7 +19,6 @@ from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
-from scipy.stats import qmc
 
 from ident.effects.effect import Bounds, Effect, Shape, Signals, Unknown
 from ident.effects.library import KINDS
@@ -109,6 +108,8 @@ class UserEffect(Effect):
             return [{}]
         start, low, high = np.array(list(self.starting.values())).T
         k = len(start)
+        from scipy.stats import qmc  # takes half a second to import
+
         shares = qmc.Halton(k, scramble=False).random(STARTS * k + 1)[1:]
         return [
             dict(zip(self.starting, map(float, x), strict=True))

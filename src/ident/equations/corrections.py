@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.signal import oaconvolve
 
 from ident.effects import Correction, Effect
 from ident.equations.filter import Decimator
@@ -109,6 +108,8 @@ def _rates(e: State, dq: np.ndarray | float, cutoff: float | None) -> np.ndarray
     x = np.asarray(dq, dtype=float)
     if taps is not None:
         half = len(taps) // 2
+        from scipy.signal import oaconvolve  # takes half a second to import
+
         x = oaconvolve(np.pad(x, half, mode="edge"), taps, mode="valid")
     rate = np.gradient(x, 1 / e.rate)
     return np.stack([x, rate, np.gradient(rate, 1 / e.rate)])

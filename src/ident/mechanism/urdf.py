@@ -1,24 +1,20 @@
 """A URDF's text parsed safely, checked with each fault named by its line, and changed in place.
 
 XML from strangers may carry entity bombs and references to other files, so a document type is
-refused before anything is expanded. `yourdfpy` validates what the checks here leave; it names no
-lines. A parser that writes a document again loses quotes, blanks within tags, the declaration and
-ends of lines; here lxml says what an element is, and spans where it is in the text.
+refused before anything is expanded. A parser that writes a document again loses quotes, blanks
+within tags, the declaration and ends of lines; here lxml says what an element is, and spans where
+it is in the text.
 """
 
 from __future__ import annotations
 
 import codecs
-import copy
-import io
-import logging
 import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-import yourdfpy
 from lxml import etree
 
 from ident.errors import MechanismError, one_of
@@ -74,7 +70,6 @@ def parse_urdf(data: bytes, where: str) -> etree._Element:
         _check_joint(joint, where)
     for link in robot.findall("link"):
         _check_inertial(link, where)
-    _check_with_yourdfpy(robot, where)
     return robot
 
 
@@ -221,30 +216,6 @@ def _check_inertial(link: etree._Element, where: str) -> None:
         raise MechanismError(
             f"{where}:{mass.sourceline}: link '{name}' has the mass {value:g} kg; it must be ≥ 0"
         )
-
-
-def _check_with_yourdfpy(robot: etree._Element, where: str) -> None:
-    logger = logging.getLogger("yourdfpy")
-    level = logger.level
-    logger.setLevel(logging.CRITICAL)
-    try:
-        # shapes are not used here: their faults are not the mechanism's
-        bare = copy.deepcopy(robot)
-        etree.strip_elements(bare, "visual", "collision", with_tail=False)
-        checked = yourdfpy.URDF.load(
-            io.BytesIO(etree.tostring(bare)), build_scene_graph=False, load_meshes=False
-        )
-        checked.validate()
-        faults = [e for e in checked.errors if "limit" not in str(e)]
-    except Exception as error:
-        message = " ".join(str(error).split())
-        raise MechanismError(
-            f"{where}: is no valid URDF: {message or type(error).__name__}"
-        ) from None
-    finally:
-        logger.setLevel(level)
-    if faults:
-        raise MechanismError(f"{where}: is no valid URDF: {' '.join(str(faults[0]).split())}")
 
 
 # --- numbers changed in place --------------------------------------------------------------------
