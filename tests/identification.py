@@ -1,6 +1,6 @@
 """Logs with planted parameters, and what a fit must find in them; by the project's own simulation.
 
-`simulate` itself is held against Pinocchio and MuJoCo in tests/simulate.
+`simulate` itself is held against Pinocchio and MuJoCo in tests/truth.
 """
 
 from __future__ import annotations

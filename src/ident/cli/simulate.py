@@ -115,9 +115,9 @@ def simulate(
     """
     from ident.fit.saved import read_fit
     from ident.log import Log, read_log
+    from ident.show.simulate import csv_text
     from ident.simulate import integrate
     from ident.simulate import simulate as simulate_
-    from ident.show.simulate import csv_text
 
     own = {"--control": control, "--gains": gains, "--start": start, "--duration": duration}
     own |= {"--rate": rate, "--tolerance": tolerance}

@@ -31,7 +31,7 @@ from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion import Band, Experiment, Motion
 from ident.motion.close import Closer
-from ident.progress import Told
+from ident.progress import Progress
 from ident.solve.factor import Factor
 from ident.solve.rank import Base, reveal, solve
 
@@ -63,7 +63,7 @@ def excite(
     balance: float = 0.5,
     tries: int = 4,
     seed: int = 0,
-    progress: Told | None = None,
+    progress: Progress | None = None,
 ) -> Excitation:
     """Return the periodic motion of the drives that makes the base parameters most certain.
 

@@ -18,7 +18,7 @@ from ident.montecarlo.estimators import Estimate, Estimator, estimators_of
 from ident.montecarlo.montecarlo import MonteCarlo, Studies
 from ident.montecarlo.trial import USUAL, TrialOutcome, TrialPlan, noisy_columns, truth_of
 from ident.pool import spread
-from ident.progress import Told
+from ident.progress import Progress
 
 AnyLog = Log | str | os.PathLike[str]
 TruthSettings = tuple[Mechanism, "StudyRequest", Mapping[str, float] | None, Sequence[str]]
@@ -37,7 +37,7 @@ def monte_carlo(
     seed: int = 0,
     jobs: int | None = None,
     scheduler: str | None = None,
-    progress: Told | None = None,
+    progress: Progress | None = None,
 ) -> MonteCarlo:
     """Identify the same log with ever new white noise (the paper's Figs. 4, 7, 8).
 
@@ -83,7 +83,7 @@ def monte_carlo_each(
     seed: int = 0,
     jobs: int | None = None,
     scheduler: str | None = None,
-    progress: Told | None = None,
+    progress: Progress | None = None,
 ) -> Studies:
     """Make the study of `monte_carlo` for each of many logs; a broken log is left out.
 
@@ -218,7 +218,7 @@ def _outcomes(
     runs: Sequence[tuple[float, int]],
     jobs: int | None,
     scheduler: str | None,
-    progress: Told | None,
+    progress: Progress | None,
 ) -> list[list[TrialOutcome]]:
     """Run (SNR [dB], run) of all plans in a pool; return each plan's outcomes in their order.
 

@@ -29,8 +29,8 @@ from ident.mechanism import Mechanism, load
 from ident.mechanism.write import add_effects
 from ident.motion import Motion, complete
 from ident.progress import Progress
-from ident.simulate import Noise, simulate
 from ident.show.simulate import csv_text
+from ident.simulate import Noise, simulate
 from ident.tables import percent
 
 Shower = Callable[[], AbstractContextManager[Progress]]

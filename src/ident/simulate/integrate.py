@@ -21,7 +21,7 @@ from ident.motion import Experiment, Motion, complete
 from ident.motion.close import Closer
 from ident.motion.independent import best_conditioned, independent_joints
 from ident.motion.spectrum import noise_share
-from ident.progress import Told
+from ident.progress import Progress
 from ident.residual.predict import NOTHING
 from ident.simulate.balance import STICK, Actuator, Dynamics, Surroundings
 from ident.simulate.drives import Drive, NoTorque, Torques
@@ -98,7 +98,7 @@ def integrate(
     columns: Sequence[str] = CHANNELS,
     joints: Sequence[str] | None = None,
     tolerance: float = TOLERANCE,
-    progress: Told | None = None,
+    progress: Progress | None = None,
 ) -> Run:
     """Integrate the equations of motion: the motion of given forces.
 

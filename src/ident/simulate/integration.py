@@ -19,7 +19,7 @@ import numpy as np
 from scipy.integrate import DOP853, RK45, OdeSolver
 
 from ident.errors import MotionError
-from ident.progress import Told
+from ident.progress import Progress
 from ident.simulate.balance import STICK, Balance, Dynamics
 from ident.simulate.plant import InstantTerms
 
@@ -113,7 +113,7 @@ class Integration:
         self._rates: tuple[np.ndarray, np.ndarray, bool] | None = None
 
     def run(
-        self, start: State, times: np.ndarray, on_progress: Told | None = None
+        self, start: State, times: np.ndarray, on_progress: Progress | None = None
     ) -> IntegrationRecord:
         """Integrate from times[0] over all times (n,) [s].
 

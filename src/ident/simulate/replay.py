@@ -27,7 +27,7 @@ from ident.fit.fit import Fit
 from ident.fit.saved import Saved
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment, Motion
-from ident.progress import Told
+from ident.progress import Progress
 from ident.residual.error import Error
 from ident.residual.predict import NOTHING
 from ident.simulate.balance import Dynamics
@@ -153,7 +153,7 @@ def replay(
     *models: Fit | Saved,
     motion: Motion | None = None,
     window: float = WINDOW,
-    progress: Told | None = None,
+    progress: Progress | None = None,
 ) -> Replay:
     """Compare simulated with measured motion, restarted from the measured state every `window` s.
 
@@ -193,7 +193,7 @@ def replay(
     return Replay(runs, window)
 
 
-def _part(on_progress: Told | None, share: float, step: float) -> Told | None:
+def _part(on_progress: Progress | None, share: float, step: float) -> Progress | None:
     """Return the progress callback of a part of the work."""
     return on_progress and (lambda what, done: on_progress(what, share + step * done))
 
@@ -203,7 +203,7 @@ def _replayed(
     motion: Motion,
     bare: Experiment,
     window: float,
-    on_progress: Told | None,
+    on_progress: Progress | None,
 ) -> ReplayedLog:
     scene = Scene.of(model.mechanism, NOTHING, bare, model.point, motion.band.cutoff)
     mechanism, e = scene.mechanism, scene.e
@@ -251,7 +251,7 @@ class _Player:
         self.z = np.stack(states, axis=1) if states else np.zeros((len(e), 0))
 
     def play(
-        self, a: int, b: int, far: bool = False, on_progress: Told | None = None
+        self, a: int, b: int, far: bool = False, on_progress: Progress | None = None
     ) -> tuple[np.ndarray, str]:
         """Return y (≤ b − a + 1, J) at the samples a to b, and why it ended before, if it did.
 

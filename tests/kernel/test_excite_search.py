@@ -1,15 +1,11 @@
-"""The parts of the search, which know no robot, and the slopes of a robot's course."""
+"""The parts of the search for exciting motions that know no robot."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-import ident
-from helpers import ROBOTS
-from ident import Limits
 from ident.excite.criterion import Criterion, log_condition
-from ident.excite.excite import DesignProblem
 from ident.excite.limits import LimitBox, Quantity
 from ident.excite.trajectory import Fourier
 
@@ -83,34 +79,3 @@ def test_room_in_a_box():
     np.testing.assert_allclose(box.room_slope(dz)[:, 1], change, atol=1e-8)
     assert box.broken(z + np.array([0, 0, 9.0, 0])).kind == "singularity"
     assert box.broken(z) is None
-
-
-@pytest.mark.parametrize("name", ["arm", "five_bar"])
-def test_slopes_of_a_motion(name):
-    problem = DesignProblem.of(ident.load(ROBOTS / name), Limits(), 6.0, 2, {}, 0)
-    criterion = problem.criterion(None, 0.5)
-    here = problem.draw(np.random.default_rng(0), criterion)
-    dJ, dz = here.slopes
-
-    def moved(x):
-        x = x.reshape(here.x.shape)
-        return problem.candidate(x, problem.family.motion(x, here.rows.e), criterion)
-
-    np.testing.assert_allclose(
-        dJ, slope(lambda x: moved(x).J, here.x.ravel()), atol=2e-5 * np.abs(dJ).max()
-    )
-    weights = np.random.default_rng(1).normal(size=here.z.shape)
-    np.testing.assert_allclose(
-        np.einsum("nz,nzp->p", weights, dz),
-        slope(lambda x: float((weights * moved(x).z).sum()), here.x.ravel()),
-        atol=1e-3 * np.abs(dz).max(),
-    )
-
-
-def test_the_search_stays_inside_and_gains():
-    problem = DesignProblem.of(ident.load(ROBOTS / "five_bar"), Limits(), 6.0, 2, {}, 0)
-    criterion = problem.criterion(None, 0.5)
-    start = problem.draw(np.random.default_rng(0), criterion)
-    found = problem.search(start, criterion)
-    assert found.J > start.J + 0.1
-    assert problem.exact.room(found.z).min() > 0

@@ -24,7 +24,7 @@ LOOPS = {
 @pytest.mark.parametrize("label", LOOPS)
 def test_an_effect_of_the_four_bar(label):
     mechanism = planted(robot("four_bar"), {label: LOOPS[label]})
-    run = ident.integrate(mechanism, ident.ComputedTorque(motion_log("four_bar", 250.0, 1.2)))
+    run = ident.integrate(mechanism, ident.ComputedTorque(motion_log("four_bar", 250.0, 0.6)))
     close = 2e-4 if label.startswith("hysteresis") else 1e-8
     assert judged(mechanism, run) < close
     assert run.closure_error < 1e-11
@@ -43,7 +43,7 @@ def test_what_is_simulated_is_identified_again(name):
     bare = mechanism.prior.copy()
     at = mechanism.bodies.columns(link)
     bare[at] *= 1.3
-    log = motion_log(name, 250.0, 8.0)
+    log = motion_log(name, 250.0, 4.0)
     run = ident.integrate(mechanism, ident.ComputedTorque(log), values=truth, pi=bare)
     fit = ident.identify(mechanism, ident.complete(mechanism, run.log))
     for full, value in truth.items():

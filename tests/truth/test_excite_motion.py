@@ -131,7 +131,7 @@ def test_better_than_random_motions(found):
     problem = DesignProblem.of(mechanism, ROOM[name], x.period, x.harmonics, {}, 7)
     criterion, random = problem.criterion(None, 0.0), np.random.default_rng(5)
     det, condition = [], []
-    for _ in range(40):
+    for _ in range(25):
         if (candidate := problem.draw(random, criterion)) is not None:
             other = problem.excitation(candidate.x, 12.0, 2, 25.0, None, 0)
             det.append(other.log_det + len(other.base) * np.log(2.0))  # of as many samples
@@ -153,12 +153,12 @@ def test_same_seed_same_motion(found):
 
 
 def test_expected_errors_are_those_found(found):
-    """White noise of the stated size on torques, exact motion: σ of the estimates over 40 logs."""
+    """White noise of the stated size on torques, exact motion: σ of the estimates over 25 logs."""
     name, x = found
     mechanism = ident.load(ROBOTS / name)
     noise = [Noise(f"tau.{joint}", sigma) for joint, sigma in x.noise.items()]
     off = []
-    for seed in range(40):
+    for seed in range(25):
         log, _ = ident.simulate(mechanism, x.log, noise=noise, seed=seed)
         fit = ident.identify(mechanism, ident.complete(mechanism, log, cutoff=None))
         off.append([fit[b.name].value - b.prior for b in x.base])
@@ -190,3 +190,44 @@ def test_prints_and_draws(found, tmp_path):
     x.write(tmp_path / "out.csv")
     again = ident.read_log(tmp_path / "out.csv")
     np.testing.assert_array_equal(again.t, x.log.t)
+
+
+def slope(f, x: np.ndarray, h: float = 1e-6) -> np.ndarray:
+    """Central differences of a number."""
+    out = np.zeros(x.shape)
+    for i in np.ndindex(x.shape):
+        d = np.zeros(x.shape)
+        d[i] = h
+        out[i] = (f(x + d) - f(x - d)) / (2 * h)
+    return out
+
+
+@pytest.mark.parametrize("name", ["arm", "five_bar"])
+def test_slopes_of_a_motion(name):
+    problem = DesignProblem.of(ident.load(ROBOTS / name), Limits(), 6.0, 2, {}, 0)
+    criterion = problem.criterion(None, 0.5)
+    here = problem.draw(np.random.default_rng(0), criterion)
+    dJ, dz = here.slopes
+
+    def moved(x):
+        x = x.reshape(here.x.shape)
+        return problem.candidate(x, problem.family.motion(x, here.rows.e), criterion)
+
+    np.testing.assert_allclose(
+        dJ, slope(lambda x: moved(x).J, here.x.ravel()), atol=2e-5 * np.abs(dJ).max()
+    )
+    weights = np.random.default_rng(1).normal(size=here.z.shape)
+    np.testing.assert_allclose(
+        np.einsum("nz,nzp->p", weights, dz),
+        slope(lambda x: float((weights * moved(x).z).sum()), here.x.ravel()),
+        atol=1e-3 * np.abs(dz).max(),
+    )
+
+
+def test_the_search_stays_inside_and_gains():
+    problem = DesignProblem.of(ident.load(ROBOTS / "five_bar"), Limits(), 6.0, 2, {}, 0)
+    criterion = problem.criterion(None, 0.5)
+    start = problem.draw(np.random.default_rng(0), criterion)
+    found = problem.search(start, criterion)
+    assert found.J > start.J + 0.1
+    assert problem.exact.room(found.z).min() > 0
