@@ -11,8 +11,8 @@ from ident.errors import FitError
 from ident.fit.sanity import LEAST
 from ident.mechanism.description import urdf_bytes
 from ident.mechanism.parameters import COUNT, pseudo_inertia
-from ident.mechanism.urdf import Change, ascii_bytes, changed, parse_urdf, removal, spans_of
-from ident.mechanism.write import fixed_parameters, inertial_changes
+from ident.mechanism.urdf import UrdfText
+from ident.mechanism.write import fixed_parameters, set_inertial
 
 if TYPE_CHECKING:
     from ident.fit.fit import Fit
@@ -30,14 +30,10 @@ def identified_urdf(fit: Fit) -> bytes:
     """
     mechanism = fit.mechanism
     pi = _with_masses(fit)
-    where = str(mechanism.urdf)
-    data = urdf_bytes(mechanism.urdf)
-    robot = parse_urdf(data, where)
-    text, encoding = ascii_bytes(data)
-    spans = spans_of(robot, text, where)
+    text = UrdfText(urdf_bytes(mechanism.urdf), str(mechanism.urdf))
+    robot = text.robot
     links = {link.get("name"): link for link in robot.findall("link")}
     unknown = {name.rsplit(".", 1)[0] for name in mechanism.unknown}
-    changes: list[Change] = []
     for number, link in enumerate(mechanism.bodies.links):
         if link not in unknown:
             continue
@@ -49,10 +45,9 @@ def identified_urdf(fit: Fit) -> bytes:
             own = body
             for other in _fixed_links(robot, link):
                 for element in links[other].findall("inertial"):
-                    changes.append(removal(text, spans[element]))
-        changes += inertial_changes(text, spans, links[link], own)
-    text = changed(text, changes)
-    return text if encoding is None else text.decode().encode(encoding)
+                    text.remove(element)
+        set_inertial(text, links[link], own)
+    return text.encoded()
 
 
 def _carries(body: np.ndarray, fixed: np.ndarray) -> bool:

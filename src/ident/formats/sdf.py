@@ -27,7 +27,7 @@ from ident.mechanism.description import (
     effect_notes,
     place_table,
 )
-from ident.mechanism.urdf import HUGE, parse_xml
+from ident.mechanism.urdf import HUGE, parse_xml, refuse
 
 TREE = ("revolute", "continuous", "prismatic", "fixed")  # joints that a URDF has, too
 LOOP = {  # a joint that closes a loop, and the kind of closure
@@ -65,9 +65,10 @@ def read_sdf(path: Path, data: bytes) -> Description:
     model = moving[0]
     for tag in ("include", "model"):
         for inner in model.findall(tag):
-            raise MechanismError(
-                f"{where}:{inner.sourceline}: a <{tag}> within the model is not read; write one "
-                "model (gz sdf -p prints one)"
+            refuse(
+                inner,
+                where,
+                f"a <{tag}> within the model is not read; write one model (gz sdf -p prints one)",
             )
     beside = len(place.findall("include"))
     notes = [f"{beside} <include> beside the model left out"] if beside else []
@@ -87,16 +88,14 @@ class _Model:
         self.model, self.version, self.where = model, version, where
         self.pose, base = _pose(model, where)
         if base not in ("", "world"):
-            raise MechanismError(
-                f"{where}:{model.sourceline}: the model's pose is relative to '{base}'"
-            )
+            refuse(model, where, f"the model's pose is relative to '{base}'")
         self.links = {str(link.get("name")): link for link in model.findall("link")}
         self.named: dict[str, etree._Element] = {}
         for element in [e for tag in ("link", "joint", "frame") for e in model.findall(tag)]:
             name = element.get("name") or ""
             if not name or name == "world" or name in self.named:
                 what = f"is named '{name}' as another is" if name else "has no name"
-                raise MechanismError(f"{where}:{element.sourceline}: a <{element.tag}> {what}")
+                refuse(element, where, f"a <{element.tag}> {what}")
             self.named[name] = element
         self.poses = {MODEL: pin.SE3.Identity()}
 
@@ -192,9 +191,11 @@ class _Model:
         for joint in self.model.findall("joint"):
             parent, child = self._ends(joint)
             if child in ("world", parent):
-                raise MechanismError(
-                    f"{self.where}:{joint.sourceline}: joint '{joint.get('name')}' leads from "
-                    f"'{parent}' to '{child}'; its child must be another link"
+                refuse(
+                    joint,
+                    self.where,
+                    f"joint '{joint.get('name')}' leads from "
+                    f"'{parent}' to '{child}'; its child must be another link",
                 )
             grounded = grounded or parent == "world"
             first = carrying.setdefault(child, joint)
@@ -235,13 +236,14 @@ class _Model:
 
     def _end(self, joint: etree._Element, tag: str) -> str:
         name = _text(joint, tag)
-        place = f"{self.where}:{joint.sourceline}"
         if not name:
-            raise MechanismError(f"{place}: joint '{joint.get('name')}' has no <{tag}>")
+            refuse(joint, self.where, f"joint '{joint.get('name')}' has no <{tag}>")
         if "::" in name:
-            raise MechanismError(
-                f"{place}: '{name}' is in a model within the model, which is not read; write one "
-                "model (gz sdf -p prints one)"
+            refuse(
+                joint,
+                self.where,
+                f"'{name}' is in a model within the model, which is not read; write one "
+                "model (gz sdf -p prints one)",
             )
         return name
 
@@ -252,11 +254,12 @@ class _Model:
         inertial = link.find("inertial")
         if inertial is None:
             return RigidBody(1.0, np.zeros(3), np.eye(3)).moved(offset)
-        place = f"{self.where}:{inertial.sourceline}"
         if inertial.get("auto") in TRUE:
-            raise MechanismError(
-                f"{place}: the inertia of link '{link.get('name')}' is to be worked out of its "
-                "shapes; write its numbers (gz sdf --inertial-stats prints them)"
+            refuse(
+                inertial,
+                self.where,
+                f"the inertia of link '{link.get('name')}' is to be worked out of its "
+                "shapes; write its numbers (gz sdf --inertial-stats prints them)",
             )
         tensor = np.zeros((3, 3))
         for key, i, j in INERTIA:
@@ -264,8 +267,10 @@ class _Model:
             tensor[i, j] = tensor[j, i] = self._value(inertial, f"inertia/{key}", default)
         mass = self._value(inertial, "mass", 1.0)
         if mass < 0:
-            raise MechanismError(
-                f"{place}: link '{link.get('name')}' has the mass {mass:g} kg; it must be ≥ 0"
+            refuse(
+                inertial,
+                self.where,
+                f"link '{link.get('name')}' has the mass {mass:g} kg; it must be ≥ 0",
             )
         return RigidBody(mass, np.zeros(3), tensor).moved(offset * self._within(inertial, link))
 
@@ -289,9 +294,8 @@ class _Model:
         name, kind = str(joint.get("name")), joint.get("type") or ""
         if kind not in TREE:
             why = ", which only a joint that closes a loop may be" if kind in LOOP else ""
-            raise MechanismError(
-                f"{self.where}:{joint.sourceline}: joint '{name}' is of type '{kind}'{why}; "
-                f"{one_of(kind, TREE)}"
+            refuse(
+                joint, self.where, f"joint '{name}' is of type '{kind}'{why}; {one_of(kind, TREE)}"
             )
         ends = self._ends(joint)
         placement = self.origin(ends[0]).inverse() * self.pose_of(name)
@@ -319,14 +323,11 @@ class _Model:
         """Return the unit axis (3,) of a joint in the joint's frame."""
         axis, name = joint.find(tag), joint.get("name")
         if axis is None:
-            raise MechanismError(f"{self.where}:{joint.sourceline}: joint '{name}' has no <{tag}>")
+            refuse(joint, self.where, f"joint '{name}' has no <{tag}>")
         xyz = axis.find("xyz")
         direction = np.array([0.0, 0.0, 1.0] if xyz is None else _values(xyz, 3, self.where))
         if np.linalg.norm(direction) < 1e-9:
-            raise MechanismError(
-                f"{self.where}:{axis.sourceline}: joint '{name}' has the axis 0 0 0; give a "
-                "direction"
-            )
+            refuse(axis, self.where, f"joint '{name}' has the axis 0 0 0; give a direction")
         frame = "" if xyz is None else xyz.get("expressed_in") or ""
         if _text(axis, "use_parent_model_frame") in TRUE or self.version < (1, 5):
             frame = MODEL  # as SDF had it before 1.7, and always before 1.5
@@ -338,19 +339,18 @@ class _Model:
     def _closure(self, joint: etree._Element) -> dict[str, Any]:
         """Return the table [[closure]] of a joint whose child another joint carries."""
         name, kind = str(joint.get("name")), joint.get("type") or ""
-        place = f"{self.where}:{joint.sourceline}"
         if kind not in LOOP:
-            raise MechanismError(
-                f"{place}: joint '{name}' is of type '{kind}'; {one_of(kind, LOOP)}"
-            )
+            refuse(joint, self.where, f"joint '{name}' is of type '{kind}'; {one_of(kind, LOOP)}")
         R = np.eye(3)
         if LOOP[kind] in ("revolute", "prismatic", "universal"):
             R = align_z(axis := self._axis(joint, "axis"))
         if kind == "universal":  # a's x and b's y stay at right angles
             other = self._axis(joint, "axis2")
             if abs(axis @ other) > 1e-6:
-                raise MechanismError(
-                    f"{place}: the axes of universal joint '{name}' are not at right angles"
+                refuse(
+                    joint,
+                    self.where,
+                    f"the axes of universal joint '{name}' are not at right angles",
                 )
             R = np.column_stack([axis, other, np.cross(axis, other)])
         at = self.pose_of(name) * pin.SE3(R, np.zeros(3))
@@ -417,15 +417,16 @@ def _pose(element: etree._Element, where: str) -> tuple[pin.SE3, str]:
     if pose is None:
         return pin.SE3.Identity(), ""
     if pose.get("frame"):
-        raise MechanismError(
-            f"{where}:{pose.sourceline}: <pose frame=…> is of SDF before 1.7 and was never "
-            'defined; write relative_to="…"'
+        refuse(
+            pose,
+            where,
+            '<pose frame=…> is of SDF before 1.7 and was never defined; write relative_to="…"',
         )
     base = pose.get("relative_to") or ""
     if pose.get("rotation_format") == "quat_xyzw":
         x = _values(pose, 7, where)
         if math.hypot(*x[3:]) < 1e-9:
-            raise MechanismError(f"{where}:{pose.sourceline}: a quaternion of length zero")
+            refuse(pose, where, "a quaternion of length zero")
         R = pin.Quaternion(x[6], x[3], x[4], x[5]).normalized().matrix()
         return pin.SE3(R, np.array(x[:3])), base
     x = _values(pose, 6, where, default="0 0 0 0 0 0")
@@ -447,9 +448,11 @@ def _values(
     except ValueError:
         values = []
     if len(values) != count or (finite and not all(abs(x) < HUGE for x in values)):
-        raise MechanismError(
-            f"{where}:{element.sourceline}: <{element.tag}>{text}</{element.tag}>: {count} finite "
-            f"number{'s' * (count > 1)} expected"
+        refuse(
+            element,
+            where,
+            f"<{element.tag}>{text}</{element.tag}>: {count} finite "
+            f"number{'s' * (count > 1)} expected",
         )
     return values
 

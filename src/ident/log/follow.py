@@ -57,92 +57,81 @@ def follow(
         LogError: where there is no such file, no header, or the file becomes shorter.
     """
     name = "standard input" if path is None else str(path)
+    pieces = _of_pipe(stop) if path is None else _of_file(path, grow, stop)
     head: Head | None = None
     rest, number = b"", 0
-    for piece in _pieces(path, name, grow, stop):
+    for piece in pieces:
         rest += piece
+        end = not piece
         if head is None:
-            head, rest = _head(rest, name, whole=not piece)
+            head = _head(rest, name, end)
             if head is None:
                 continue
-            number = head.line
+            rest, number = rest.removeprefix(BOM)[head.end :], head.line
         *lines, rest = rest.split(b"\n")
-        if not piece and rest:  # the end
-            lines, rest = [*lines, rest], b""
-        for line in lines:
+        for line in [*lines, rest] if end and rest else lines:
             number += 1
             if line.strip():
-                yield _read(line.rstrip(b"\r"), number, head)
+                yield _line(line.rstrip(b"\r"), number, head)
     if head is None and not stop():
         head_of(rest, name)
 
 
-def _head(text: bytes, name: str, whole: bool) -> tuple[Head | None, bytes]:
-    """Return the header, once its line is whole, and what follows it; before, None and the text."""
+def _head(text: bytes, name: str, end: bool) -> Head | None:
+    """Return the header, once its line is complete."""
     text = text.removeprefix(BOM)
     refuse_binary(text[: text.rfind(b"\n") + 1], name)
-    lines = text.splitlines(keepends=True)
-    filled = [line for line in lines if line.strip() and line.lstrip()[:1] != b"#"]
-    if not whole and not (filled and filled[0].endswith(b"\n")):
-        if len(text) > HEAD:
-            raise LogError(
-                f"{name}: no header line in its first {HEAD >> 20} MB; is it a CSV file?"
-            )
-        return None, text
-    head = head_of(text, name)
-    return head, text[head.end :]
+    filled = [x for x in text.splitlines(keepends=True) if x.strip() and x.lstrip()[:1] != b"#"]
+    if end or (filled and filled[0].endswith(b"\n")):
+        return head_of(text, name)
+    if len(text) > HEAD:
+        raise LogError(f"{name}: no header line in its first {HEAD >> 20} MB; is it a CSV file?")
+    return None
 
 
-def _read(line: bytes, number: int, head: Head) -> Line:
-    cells = line.decode(errors="replace").split(head.separator.decode())
+def _line(text: bytes, number: int, head: Head) -> Line:
+    cells = text.decode(errors="replace").split(head.separator.decode())
     if len(cells) != len(head.names):
         why = f"{len(cells)} cells, the header has {len(head.names)}"
         return Line(number, None, why + (" (cut off?)" if len(cells) < len(head.names) else ""))
     try:
         values = [float(cell) for cell in cells]
     except ValueError:
-        values = [_number(cell) for cell in cells]
+        values = [_number(cell.strip().strip('"').lower()) for cell in cells]
         if all(map(math.isnan, values)):
             return Line(number, None, "no numbers")
     return Line(number, dict(zip(head.names, values, strict=True)))
 
 
 def _number(cell: str) -> float:
-    cell = cell.strip().strip('"').lower()
-    if cell in EMPTY:
-        return math.nan
     try:
-        return float(cell)
+        return math.nan if cell in EMPTY else float(cell)
     except ValueError:
         return {"true": 1.0, "false": 0.0}.get(cell, math.nan)
 
 
-def _pieces(path: Path | None, name: str, grow: bool, stop: Callable[[], bool]) -> Iterator[bytes]:
+def _of_file(path: Path, grow: bool, stop: Callable[[], bool]) -> Iterator[bytes]:
     """Yield bytes as they come; empty ones at the end, unless stopped."""
-    if path is None:
-        yield from _of_pipe(sys.stdin.fileno(), stop)
-        return
     if not path.exists():
         raise LogError(f"{path}: {not_there(path)}; name a CSV file, or - for standard input")
     with reading(path), path.open("rb", buffering=0) as stream:
         while not stop():
             piece = stream.read(PIECE)
-            if piece:
+            if piece or not grow:
                 yield piece
-            elif not grow:
-                yield b""
-                return
+                if not piece:
+                    return
             elif os.fstat(stream.fileno()).st_size < stream.tell():
-                raise LogError(f"{name}: has become shorter while it was followed; start anew")
+                raise LogError(f"{path}: has become shorter while it was followed; start anew")
             else:
                 time.sleep(WAIT)
 
 
-def _of_pipe(stream: int, stop: Callable[[], bool]) -> Iterator[bytes]:
+def _of_pipe(stop: Callable[[], bool]) -> Iterator[bytes]:
+    stream = sys.stdin.fileno()
     while not stop():
-        if not select.select([stream], [], [], WAIT)[0]:
-            continue
-        piece = os.read(stream, PIECE)
-        yield piece
-        if not piece:
-            return
+        if select.select([stream], [], [], WAIT)[0]:
+            piece = os.read(stream, PIECE)
+            yield piece
+            if not piece:
+                return

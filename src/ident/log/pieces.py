@@ -13,7 +13,6 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 import polars as pl
@@ -31,19 +30,23 @@ HEAD = 1 << 16  # bytes of a text from which its number of rows is estimated
 STRIDE = 1024  # rows of a CSV file from one kept place to the next
 
 
-class RowSource(Protocol):
-    """A file whose rows can be read by number."""
+@dataclass(frozen=True, eq=False)
+class FileRows:
+    """A file whose rows can be read by number.
 
-    @property
-    def rows(self) -> int:
-        """Number of rows."""
+    Attributes:
+        path: of the file.
+        rows: their number.
+        sha256: of the file's bytes.
+    """
 
-    @property
-    def sha256(self) -> str:
-        """SHA-256 of the file's bytes."""
+    path: Path
+    rows: int
+    sha256: str
 
-    def table(self, first: int, stop: int, only: Collection[str] | None) -> Table:
+    def table(self, first: int, stop: int, only: Collection[str] | None = None) -> Table:
         """Return the rows first … stop - 1; of the columns `only`, if that saves work."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +64,7 @@ class Pieces:
     path: Path
     name: str
     mapping: Mapping[str, Column]
-    source: RowSource
+    source: FileRows
     columns: tuple[str, ...]
 
     @property
@@ -125,24 +128,21 @@ def open_log(
     check_kind(path, topics)
     mapping, suffix = dict(columns or {}), suffix_of(path)
     with reading(path):
-        source: RowSource
+        source: FileRows
         if suffix == ".csv":
             source = CsvRows.of(path)
         elif suffix == ".parquet":
             source = ParquetRows.of(path)
         else:
-            source = WholeRows(path, tuple(topics))
-        head = renamed(source.table(0, min(source.rows, 1024), None), mapping)
+            source = WholeRows.of(path, tuple(topics))
+        head = renamed(source.table(0, min(source.rows, 1024)), mapping)
     return Pieces(path, log_name(path, topics), mapping, source, tuple(head.columns))
 
 
-@dataclass(frozen=True)
-class ParquetRows:
-    """Rows of a Parquet file, of which the row groups that are asked for are read."""
+@dataclass(frozen=True, eq=False)
+class ParquetRows(FileRows):
+    """FileRows of a Parquet file, of which the row groups that are asked for are read."""
 
-    path: Path
-    rows: int
-    sha256: str
     since: Mapping[str, int]  # first tick of columns of times
 
     @classmethod
@@ -153,13 +153,10 @@ class ParquetRows:
             lazy = pl.scan_parquet(path)
             rows = int(lazy.select(pl.len()).collect().item())
             times = [name for name, kind in lazy.collect_schema().items() if kind.is_temporal()]
-            since = {
-                name: first_tick(lazy.select(pl.col(name).drop_nulls().head(1)).collect()[name])
-                for name in times
-            }
-        return cls(path, rows, sha256, since)
+            firsts = lazy.select(pl.col(times).drop_nulls().first()).collect()
+        return cls(path, rows, sha256, {name: first_tick(firsts[name]) for name in times})
 
-    def table(self, first: int, stop: int, only: Collection[str] | None) -> Table:
+    def table(self, first: int, stop: int, only: Collection[str] | None = None) -> Table:
         """Return the rows first … stop - 1."""
         with parquet_errors(self.path):
             lazy = pl.scan_parquet(self.path).slice(first, stop - first)
@@ -170,26 +167,18 @@ class ParquetRows:
 
 
 @dataclass(frozen=True, eq=False)
-class CsvRows:
-    """Rows of a CSV file, of which every STRIDE-th row's place is known.
+class CsvRows(FileRows):
+    """FileRows of a CSV file, of which every STRIDE-th row's place is known.
 
     Attributes:
-        path: of the file.
-        head: its header.
-        rows: number of lines below the header that are not blank.
-        sha256: of its bytes.
-        offset: (k,) [bytes] where rows 0, STRIDE, … begin.
-        line: (k,) number of lines before them.
-        size: [bytes]
+        head: the header.
+        offset: (k + 1,) [bytes] where rows 0, STRIDE, … begin, and the end of the file.
+        line: (k,) number of lines before these rows.
     """
 
-    path: Path
     head: Head
-    rows: int
-    sha256: str
     offset: NDArray[np.int64]
     line: NDArray[np.int64]
-    size: int
 
     @classmethod
     def of(cls, path: Path) -> CsvRows:
@@ -217,17 +206,16 @@ class CsvRows:
         head = head or head_of(b"", file)
         if not rows:
             rows_of(b"", head, file, before)
-        offset, line = np.concatenate(offsets), np.concatenate(numbers)
-        return cls(path, head, rows, sha256.hexdigest(), offset, line, at)
+        offset, line = np.append(np.concatenate(offsets), at), np.concatenate(numbers)
+        return cls(path, rows, sha256.hexdigest(), head, offset, line)
 
-    def table(self, first: int, stop: int, only: Collection[str] | None) -> Table:
+    def table(self, first: int, stop: int, only: Collection[str] | None = None) -> Table:
         """Return the rows first … stop - 1, all columns."""
-        i, j = first // STRIDE, -(-stop // STRIDE)
-        last = j >= len(self.offset)
-        end = self.size if last else int(self.offset[j])
+        i, j = first // STRIDE, min(-(-stop // STRIDE), len(self.line))
         with self.path.open("rb") as stream:
             stream.seek(int(self.offset[i]))
-            text = stream.read(end - int(self.offset[i]))
+            text = stream.read(int(self.offset[j] - self.offset[i]))
+        last = j == len(self.line)
         table = rows_of(text, self.head, str(self.path), int(self.line[i]), last)
         return table.cut(slice(first - i * STRIDE, stop - i * STRIDE))
 
@@ -246,35 +234,27 @@ def _blocks(path: Path) -> Iterator[bytes]:
             yield rest
 
 
-@dataclass(frozen=True)
-class WholeRows:
-    """Rows of a file that is read whole: an archive, a bag, a format of another package."""
+@dataclass(frozen=True, eq=False)
+class WholeRows(FileRows):
+    """FileRows of a file that is read whole: an archive, a bag, a format of another package."""
 
-    path: Path
     topics: tuple[str, ...]
 
-    @property
-    def rows(self) -> int:
-        """Number of rows."""
-        return len(next(iter(self._content[0].columns.values()), ()))
+    @classmethod
+    def of(cls, path: Path, topics: tuple[str, ...]) -> WholeRows:
+        """Open a file."""
+        table = _whole(path, topics, path.stat().st_mtime_ns)
+        return cls(path, len(next(iter(table.columns.values()), ())), digest(path), topics)
 
-    @property
-    def sha256(self) -> str:
-        """SHA-256 of the file's bytes."""
-        return self._content[1]
-
-    @property
-    def _content(self) -> tuple[Table, str]:
-        return _whole(self.path, self.topics, self.path.stat().st_mtime_ns)
-
-    def table(self, first: int, stop: int, only: Collection[str] | None) -> Table:
+    def table(self, first: int, stop: int, only: Collection[str] | None = None) -> Table:
         """Return the rows first … stop - 1, all columns."""
-        return self._content[0].cut(slice(first, stop))
+        whole = _whole(self.path, self.topics, self.path.stat().st_mtime_ns)
+        return whole.cut(slice(first, stop))
 
 
 @lru_cache(maxsize=1)
-def _whole(path: Path, topics: tuple[str, ...], changed: int) -> tuple[Table, str]:
-    return read_table(path, list(topics)), digest(path)
+def _whole(path: Path, topics: tuple[str, ...], changed: int) -> Table:
+    return read_table(path, list(topics))
 
 
 def likely_rows(path: str | os.PathLike[str]) -> int:

@@ -70,7 +70,7 @@ def log_name(path: Path, topics: list[str]) -> str:
 
 
 def suffix_of(path: Path) -> str:
-    """Return the suffix that names the format, in lower case; for a bag's folder that of its data."""
+    """Return the suffix that names the format, in lower case; a bag's folder has that of a bag."""
     return BAG[0] if (path / "metadata.yaml").is_file() else path.suffix.lower()
 
 

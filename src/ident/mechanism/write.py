@@ -23,7 +23,7 @@ from ident.mechanism.description import Description, description_of, read_descri
 from ident.mechanism.load import stated
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, about_origin, join, split
-from ident.mechanism.urdf import Change, Span, first_child, numbers, set_attributes
+from ident.mechanism.urdf import PRODUCTS, UrdfText, numbers
 
 TERMS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 UPPER = np.triu_indices(3)
@@ -210,14 +210,11 @@ def _placement(origin: etree._Element | None) -> pin.SE3:
     return pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(numbers(origin, "xyz", "0 0 0", 3, "")))
 
 
-def inertial_changes(
-    text: bytes, spans: Mapping[etree._Element, Span], link: etree._Element, pi: np.ndarray
-) -> list[Change]:
-    """Return the changes of the text by which a link gets these ten dynamic parameters.
+def set_inertial(text: UrdfText, link: etree._Element, pi: np.ndarray) -> None:
+    """Give a link of a URDF these ten dynamic parameters, by as few changes as will do.
 
     Args:
         text: of the URDF.
-        spans: positions of its elements in the text.
         link: whose `<inertial>` gets other numbers; one that has none gets one.
         pi: (10,) in the link's frame, in Pinocchio's order.
     """
@@ -233,21 +230,21 @@ def inertial_changes(
             "  <inertia " + " ".join(f'{key}="{_words([x])}"' for key, x in terms.items()) + "/>",
             "</inertial>",
         ]
-        return [first_child(text, spans[link], lines)] if np.any(pi) else []
-    changes = []
+        if np.any(pi):
+            text.insert(link, lines)
+        return
     origin = inertial.find("origin")
     if origin is not None:
         new = _other(origin, "xyz", centre, "0 0 0") | _other(origin, "rpy", np.zeros(3), "0 0 0")
-        changes += set_attributes(text, spans[origin], new)
+        text.set(origin, new)
     elif np.any(centre):
-        line = f'<origin xyz="{_words(centre)}" rpy="0 0 0"/>'
-        changes.append(first_child(text, spans[inertial], [line]))
+        text.insert(inertial, [f'<origin xyz="{_words(centre)}" rpy="0 0 0"/>'])
     mass, tensor = inertial.find("mass"), inertial.find("inertia")
-    changes += set_attributes(text, spans[mass], _other(mass, "value", [m], ""))
+    text.set(mass, _other(mass, "value", [m], ""))
     new = {}
     for key, value in terms.items():
-        new |= _other(tensor, key, [value], "0" if key in ("ixy", "ixz", "iyz") else "")
-    return changes + set_attributes(text, spans[tensor], new)
+        new |= _other(tensor, key, [value], "0" if key in PRODUCTS else "")
+    text.set(tensor, new)
 
 
 def _other(
