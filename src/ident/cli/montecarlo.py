@@ -72,7 +72,7 @@ def montecarlo(
     The same log is identified with ever new noise, which shows whether standard errors are honest.
     Estimators meet the same noise and stand side by side, the paper's method among them.
     """
-    from ident.log.folder import is_folder_of_logs, logs_in
+    from ident.log.read import is_folder_of_logs, logs_in
     from ident.montecarlo import Studies, monte_carlo, monte_carlo_each
     from ident.montecarlo.trial import USUAL
 

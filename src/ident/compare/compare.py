@@ -15,7 +15,7 @@ from ident.files import write_all
 from ident.fit.fit import Fit
 from ident.fit.saved import Saved
 from ident.motion import Motion
-from ident.progress import Told
+from ident.progress import Progress
 from ident.residual.error import Error, error_rows
 from ident.residual.failure import Failure
 from ident.residual.gather import residual_of
@@ -26,7 +26,7 @@ from ident.residual.tables import errors_text, failure_lines, parts_table, where
 from ident.show.charts import Chart
 from ident.show.html import Shown, folded, items, strong
 from ident.show.html import table as html_table
-from ident.tables import table
+from ident.text import table
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +157,7 @@ class Comparison(Shown):
 
 
 def compare(
-    *models: Fit | Saved, motion: Motion | None = None, progress: Told | None = None
+    *models: Fit | Saved, motion: Motion | None = None, progress: Progress | None = None
 ) -> Comparison:
     """Models against measurement on one motion.
 

@@ -27,7 +27,7 @@ from ident.fit import Fit
 from ident.fit.table import Table
 from ident.health import health
 from ident.health.remainder import free
-from ident.progress import Told
+from ident.progress import Progress
 from ident.residual import periods, residual_of, where
 
 SHOWN = 3  # candidates that are refitted though nothing speaks for them
@@ -56,7 +56,7 @@ def judge(
     *,
     seed: int = 0,
     without: Collection[str] = (),
-    progress: Told | None = None,
+    progress: Progress | None = None,
 ) -> Judged:
     """Weighs every effect of the library at every place against what clean logs show.
 
@@ -133,7 +133,7 @@ def _by_effects(j: Judged, best: Evidence, most: int) -> float:
     return closure
 
 
-def diagnose(fit: Fit, *, seed: int = 0, progress: Told | None = None) -> Diagnosis:
+def diagnose(fit: Fit, *, seed: int = 0, progress: Progress | None = None) -> Diagnosis:
     """Where the model fails, what is missing, how sure that is, and what to measure next.
 
     Every effect of the library at every place is judged after refitting everything else: by the
@@ -159,7 +159,7 @@ def diagnose(fit: Fit, *, seed: int = 0, progress: Told | None = None) -> Diagno
     return told_of(judge(fit, seed=seed, progress=progress), progress)
 
 
-def told_of(judged: Judged, progress: Told | None = None) -> Diagnosis:
+def told_of(judged: Judged, progress: Progress | None = None) -> Diagnosis:
     """The diagnosis of a fit on which all candidates are weighed."""
     told = progress or _silent
     fit, table, screen, clean = judged.fit, judged.table, judged.screen, judged.clean

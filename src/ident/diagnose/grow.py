@@ -24,7 +24,7 @@ from ident.equations.point import Point
 from ident.fit import Fit, identify
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
-from ident.progress import Told
+from ident.progress import Progress
 from ident.residual.error import Error
 from ident.show.charts import Chart
 from ident.show.html import Shown, strong, table
@@ -122,7 +122,7 @@ def grow(
     *,
     validate: Motion | None = None,
     seed: int = 0,
-    progress: Told | None = None,
+    progress: Progress | None = None,
     step: Callable[[Step], None] | None = None,
 ) -> History:
     """Adds the best effect, refits, and repeats until the verdict is not `missing`.
@@ -170,7 +170,7 @@ def _fitted(
     motion: Motion,
     validate: Motion | None,
     start: Point | None = None,
-    progress: Told | None = None,
+    progress: Progress | None = None,
 ) -> Fit:
     """Least squares throughout, as the screen that announces an effect's fall."""
     return identify(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from ident.diagnose.phrases import labels
 from ident.diagnose.tables import WIDTH, wrapped
 from ident.residual.error import Error
-from ident.tables import percent
+from ident.text import percent
 
 if TYPE_CHECKING:
     from ident.diagnose.grow import History, Step

@@ -19,7 +19,7 @@ from ident.log import Log
 from ident.motion.derive import derive
 from ident.motion.measure import measure
 from ident.motion.place import again
-from ident.progress import Told
+from ident.progress import Progress
 
 REPLICAS = 8
 
@@ -39,7 +39,7 @@ class Null:
     ceiling: np.ndarray
 
 
-def null(table: Table, screen: Screen, seed: int = 0, told: Told | None = None) -> Null:
+def null(table: Table, screen: Screen, seed: int = 0, told: Progress | None = None) -> Null:
     """Replicas of the log as the fitted model makes it; reproducible by the seed."""
     random = np.random.default_rng(seed)
     found = []

@@ -10,7 +10,7 @@ from ident.effects import Effect
 from ident.fit.values import Value
 from ident.residual import Failure
 from ident.residual.error import Error
-from ident.tables import percent, rounded
+from ident.text import percent, rounded
 
 if TYPE_CHECKING:
     from ident.diagnose.diagnosis import Diagnosis

@@ -34,7 +34,7 @@ from ident.show.html import (
     paragraph,
     table,
 )
-from ident.tables import percent
+from ident.text import percent
 
 if TYPE_CHECKING:
     from ident.diagnose.diagnosis import Diagnosis

@@ -12,7 +12,7 @@ from ident.diagnose.screen import Judgement, Screen
 from ident.effects import Correcting, Effect
 from ident.errors import IdentError
 from ident.fit.table import Table
-from ident.progress import Told
+from ident.progress import Progress
 
 PRECISE = 1e-3  # of the distance between two starts, to which a shape is refined
 SLOPE = 1e-3  # of a shape's range, for its sensitivity
@@ -62,7 +62,7 @@ def search(
     screen: Screen,
     effects: Sequence[Effect],
     nulls: np.ndarray,
-    progress: Told | None = None,
+    progress: Progress | None = None,
 ) -> Search:
     """Judges all effects.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from ident.diagnose.explanation import Explanation
 from ident.diagnose.phrases import closure, labels, listed, numbers, remaining
-from ident.tables import percent, table
+from ident.text import percent, table
 
 if TYPE_CHECKING:
     from ident.diagnose.diagnosis import Diagnosis

@@ -9,7 +9,7 @@ from ident.diagnose.hidden import Invisible
 from ident.diagnose.phrases import failing, listed, signal, some
 from ident.residual import Failure
 from ident.residual.periods import CHANCE
-from ident.tables import percent
+from ident.text import percent
 
 if TYPE_CHECKING:
     from ident.diagnose.diagnosis import Diagnosis

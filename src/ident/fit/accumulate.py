@@ -21,7 +21,7 @@ from ident.information.blocks import Block
 from ident.information.triangle import Triangle as Factor
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
-from ident.progress import Told
+from ident.progress import Progress
 
 FEWEST, MOST, LENGTH = 10, 96, 12  # blocks of an experiment, and rows that make one
 
@@ -33,7 +33,7 @@ def accumulate(
     mechanism: Mechanism,
     columns: Columns,
     motion: Motion,
-    progress: Told | None = None,
+    progress: Progress | None = None,
     point: Point | None = None,
 ) -> list[Cell]:
     """The cells of all experiments, in order of experiment, block, coordinate.

@@ -17,7 +17,7 @@ from ident.fit.sanity import absurdities
 from ident.fit.score import held_out, squares
 from ident.fit.values import effect_values
 from ident.motion import Motion
-from ident.progress import Told
+from ident.progress import Progress
 from ident.residual.error import Error, Squares
 
 Refit = Callable[[Estimate], np.ndarray]  # of least squares on a part of the data: x (k,)
@@ -34,7 +34,7 @@ def assemble(
     binding: Binding | None = None,
     likelihood: Likelihood | None = None,
     notes: Sequence[str] = (),
-    progress: Told | None = None,
+    progress: Progress | None = None,
 ) -> Fit:
     """A fit with its errors in the data, held out and in other logs.
 
@@ -89,7 +89,7 @@ def outside_of(r: Regression, estimate: Estimate, refit: Refit | None = None) ->
 
 
 def validated(
-    r: Regression, x: np.ndarray, validate: Motion | None, progress: Told | None = None
+    r: Regression, x: np.ndarray, validate: Motion | None, progress: Progress | None = None
 ) -> dict[str, dict[str, Error]]:
     """Errors at x (k,) in other logs, by log, then joint."""
     if validate is None:

@@ -17,7 +17,7 @@ from ident.information.splines import Basis
 from ident.likelihood.step import Run
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
-from ident.progress import Told
+from ident.progress import Progress
 from ident.solve.factor import Factor
 
 BLOCKS = 40
@@ -42,7 +42,7 @@ def banded(
     mechanism: Mechanism,
     columns: Columns,
     motion: Motion,
-    progress: Told | None = None,
+    progress: Progress | None = None,
     point: Point | None = None,
 ) -> list[Band]:
     """The stacks of all runs of samples, each eliminated."""

@@ -15,7 +15,7 @@ from ident.fit.regression import Regression
 from ident.fit.score import rise
 from ident.information.cone import Point
 from ident.mechanism.parameters import Consistency
-from ident.progress import Told
+from ident.progress import Progress
 from ident.residual.error import Squares
 
 PASSES = 6  # over what the equations are not linear in
@@ -46,7 +46,7 @@ class Constrained:
 
 
 def constrained(
-    r: Regression, found: Estimate, asked: Consistency, progress: Told | None = None
+    r: Regression, found: Estimate, asked: Consistency, progress: Progress | None = None
 ) -> Constrained:
     """The consistent estimate that is nearest to the data; weights are those of `found`.
 

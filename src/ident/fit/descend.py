@@ -24,7 +24,7 @@ from ident.fit.plausible import plausible
 from ident.fit.score import squares
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
-from ident.progress import Told
+from ident.progress import Progress
 
 STEPS = 15
 FEWEST = 3
@@ -44,7 +44,9 @@ class _Trial:
     loss: float
 
 
-def descended(mechanism: Mechanism, motion: Motion, point: Point, progress: Told | None) -> Point:
+def descended(
+    mechanism: Mechanism, motion: Motion, point: Point, progress: Progress | None
+) -> Point:
     """The point of least error that is reached from a point whose shapes all have a value."""
     columns = Columns.of(mechanism)
     now = _trial(mechanism, motion, point, solved(mechanism, columns, motion, point))

@@ -21,7 +21,7 @@ from ident.fit.score import folds, rises, stretches, without_each
 from ident.residual.error import Error, Squares
 from ident.show.html import Shown
 from ident.solve.factor import Factor
-from ident.tables import percent, table
+from ident.text import percent, table
 
 if TYPE_CHECKING:
     from ident.fit.fit import Fit

@@ -19,7 +19,7 @@ from ident.fit.settle import settled
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Consistency
 from ident.motion import Motion
-from ident.progress import Told
+from ident.progress import Progress
 
 ESTIMATORS = ("auto", "least-squares", "likelihood")
 
@@ -32,7 +32,7 @@ def identify(
     start: Point | None = None,
     consistent: bool | Consistency = False,
     estimator: str = "auto",
-    progress: Told | None = None,
+    progress: Progress | None = None,
 ) -> Fit:
     """Dynamic parameters, effects and multipliers by one least-squares solve.
 

@@ -20,7 +20,7 @@ from ident.likelihood.noise import motion_noise
 from ident.likelihood.step import Run
 from ident.motion import Motion
 from ident.motion.fuse import finer
-from ident.progress import Told
+from ident.progress import Progress
 
 MATTERS = 0.05  # share of a coordinate's squared residual that is the motion's noise
 FINER = 3  # knots of the likelihood for one of smoothing: torques tell more of the motion
@@ -129,7 +129,7 @@ Weighed = tuple[Regression, Estimate, Likelihood]
 
 
 def one_step(
-    r: Regression, found: Estimate, share: np.ndarray, progress: Told | None = None
+    r: Regression, found: Estimate, share: np.ndarray, progress: Progress | None = None
 ) -> Weighed | None:
     """One step of the likelihood, with the noise that the channels show; None where that noise
     does not explain the residual.
@@ -148,7 +148,7 @@ def one_step(
 
 
 def refined(
-    r: Regression, found: Estimate, share: np.ndarray, progress: Told | None = None
+    r: Regression, found: Estimate, share: np.ndarray, progress: Progress | None = None
 ) -> Weighed:
     """Gauss-Newton steps of the likelihood from a least-squares estimate, until parameters rest.
 

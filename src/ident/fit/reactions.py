@@ -11,7 +11,7 @@ from ident.errors import FitError, one_of
 from ident.fit.plots import plot_multipliers
 from ident.log import Log
 from ident.show.charts import Chart
-from ident.tables import table
+from ident.text import table
 
 if TYPE_CHECKING:
     from ident.fit.fit import Fit

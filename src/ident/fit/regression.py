@@ -19,7 +19,7 @@ from ident.fit.score import squares
 from ident.likelihood.step import Run
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
-from ident.progress import Told
+from ident.progress import Progress
 from ident.residual.error import Squares
 from ident.solve.factor import Factor
 
@@ -48,7 +48,7 @@ class Regression:
 
     @classmethod
     def of(
-        cls, mechanism: Mechanism, motion: Motion, point: Point, progress: Told | None = None
+        cls, mechanism: Mechanism, motion: Motion, point: Point, progress: Progress | None = None
     ) -> Regression:
         """The rows, seen once and absorbed into factors."""
         columns = Columns.of(mechanism)

@@ -23,7 +23,7 @@ from ident.show.html import (
     strong,
     table,
 )
-from ident.tables import percent, rounded, shortened
+from ident.text import percent, rounded, shortened
 
 if TYPE_CHECKING:
     from ident.fit.fit import Fit

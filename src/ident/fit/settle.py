@@ -17,11 +17,14 @@ from ident.fit.descend import descended, solved
 from ident.fit.table import Table
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
-from ident.progress import Told
+from ident.progress import Progress
 
 
 def settled(
-    mechanism: Mechanism, motion: Motion, start: Point | None = None, progress: Told | None = None
+    mechanism: Mechanism,
+    motion: Motion,
+    start: Point | None = None,
+    progress: Progress | None = None,
 ) -> Point:
     """The working point of a mechanism's equations; the prior where they are linear.
 

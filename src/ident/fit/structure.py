@@ -15,7 +15,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.motion.close import Closer
 from ident.motion.independent import best_conditioned, independent_joints
-from ident.tables import table
+from ident.text import table
 
 
 def describe(mechanism: Mechanism, motion: Motion | None = None) -> str:

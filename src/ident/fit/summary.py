@@ -8,7 +8,7 @@ import numpy as np
 
 from ident.fit.values import Value
 from ident.residual.error import error_rows
-from ident.tables import rounded, shortened, table
+from ident.text import rounded, shortened, table
 
 if TYPE_CHECKING:
     from ident.fit.fit import Fit

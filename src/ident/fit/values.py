@@ -14,7 +14,7 @@ from ident.fit.estimate import Estimate
 from ident.fit.naming import base_names
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import CENTROIDAL, COUNT, DYNAMIC, about_origin, split, unit_of
-from ident.tables import rounded
+from ident.text import rounded
 
 
 @dataclass(frozen=True)

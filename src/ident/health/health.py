@@ -7,7 +7,7 @@ from typing import Any
 
 from ident.health.check import Check
 from ident.show.html import Shown
-from ident.tables import table
+from ident.text import table
 
 
 @dataclass(frozen=True)

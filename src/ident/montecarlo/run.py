@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.errors import FitError, IdentError
 from ident.log import Log, read_log
-from ident.log.folder import names_of
+from ident.log.read import names_of
 from ident.mechanism.mechanism import Mechanism
 from ident.montecarlo.estimators import Estimate, Estimator, estimators_of
 from ident.montecarlo.montecarlo import MonteCarlo, Studies

@@ -12,7 +12,7 @@ import numpy as np
 from ident.display import Displayed, render
 from ident.errors import MotionError, one_of
 from ident.log import Log, read_log
-from ident.log.frames import is_frame
+from ident.log.table import is_frame
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.closures import best_conditioned, check_freedom, independent_joints
 from ident.motion.recipe import AUTO, CLEAN, Band, Recipe, band_of, standstill
@@ -28,7 +28,7 @@ from ident.motion.smoothing import (
     through_motion,
 )
 from ident.motion.state import State, wrenches
-from ident.progress import Told
+from ident.progress import Progress
 
 Given = Log | str | os.PathLike[str] | Any  # a polars or pandas data frame
 AGREE = 1e-9  # share of its motion below which a logged joint differs by rounding only
@@ -104,7 +104,7 @@ def complete(
     cutoff: float | str | None = "auto",
     torques: bool = True,
     smoothing: float | str | None = AUTO,
-    progress: Told | None = None,
+    progress: Progress | None = None,
 ) -> Motion:
     """All positions, velocities and accelerations, completed through the closures.
 

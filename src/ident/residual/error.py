@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ident.information.blocks import Error, Squares
-from ident.tables import percent
+from ident.text import percent
 
 __all__ = ["Error", "Squares", "error_rows"]
 

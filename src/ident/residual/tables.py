@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.residual.error import error_rows
 from ident.residual.residual import CLOSURES, DRIVES, RIGID, WRENCHES, Residual
-from ident.tables import percent, table
+from ident.text import percent, table
 
 if TYPE_CHECKING:
     from ident.residual.failure import Failure

@@ -7,7 +7,7 @@ import numpy as np
 from ident.display import renders
 from ident.excite.excitation import Excitation, LimitUse
 from ident.show.charts import RESIDUAL, Chart, Level, Line, Mark, Panel
-from ident.tables import shortened, table
+from ident.text import shortened, table
 
 LIMITING = 0.95  # share of a limit from which it is marked as the one that limits the motion
 NEAR = 2.0  # times the largest value: a limit beyond is not drawn

@@ -21,7 +21,7 @@ from ident.show.charts.still import image
 from ident.show.html import Block, Page, Section, items, strong
 from ident.show.html import table as html_table
 from ident.show.html.shown import in_frame
-from ident.tables import shortened, table
+from ident.text import shortened, table
 
 SCHEMA = "ident.montecarlo/1"
 ROWS = 24  # parameters in the printed table; `MonteCarlo.table` has all

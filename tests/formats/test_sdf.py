@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from formats import COUPLER, ROCKER, SDF
 
 import ident
+from formats import COUPLER, ROCKER, SDF
 from helpers import ROBOTS
 from ident.equations.regressor import regressor
 from ident.errors import MechanismError
