@@ -13,7 +13,7 @@ from ident.fit.summary import summary
 from ident.show.html import Section, definitions, in_frame, items, strong
 from ident.show.html import table as html_table
 from ident.streams.diagnose_each import Verdicts
-from ident.streams.gathered import Gathered
+from ident.streams.gather import Gathered
 from ident.streams.many_logs import RATE, Disagreement, LogTable
 from ident.streams.monitor import Alarm, Cause, Monitor, ParameterChange
 from ident.streams.online import Forces, Snapshot
@@ -40,11 +40,11 @@ def who_disagrees(x: LogTable) -> str:
     """Return how many logs disagree, and at which rate logs that are alike would."""
     count, used = len(x.odd), x.used
     own = [each.own for each in used if each.own is not None]
-    left = float(np.median(own)) if own else 0.0
-    if not count and left > POOR:
+    typical = float(np.median(own)) if own else 0.0
+    if not count and typical > POOR:
         return (
             f"no log disagrees with the others by more than what the model leaves in each, "
-            f"{percent(left)}, and that is much: see what it lacks first (ident diagnose)"
+            f"{percent(typical)}, and that is much: see what it lacks first (ident diagnose)"
         )
     names = ", ".join(x.odd) if count <= NAMED else f"{count} of {len(x.logs)} logs"
     whom = "each other" if len(used) == 2 and count == 2 else "the others"
@@ -104,8 +104,8 @@ def log_html(x: LogTable) -> str:
 @renders(LogTable, "section")
 def log_section(x: LogTable) -> Section:
     """Return the section of a report."""
-    said = items([who_disagrees(x), *x.notes])
-    return Section("Log by log", (html_table(log_rows(x), "Logs"), said))
+    below = items([who_disagrees(x), *x.notes])
+    return Section("Log by log", (html_table(log_rows(x), "Logs"), below))
 
 
 @renders(Gathered, "summary")
@@ -126,15 +126,15 @@ def gathered_text(x: Gathered) -> str:
 @renders(Verdicts, "votes")
 def votes(x: Verdicts) -> list[str]:
     """Return for each effect that is asked for how many logs name it, and which say otherwise."""
-    found, used = [], [each for each in x.logs if each.verdict]
+    sentences, used = [], [each for each in x.logs if each.verdict]
     for label in x.asked:
         by: dict[str, list[str]] = {}
         for each in used:
             by.setdefault(each.about(label), []).append(each.log)
-        said = [f"named by {len(by.get('named', ()))} of {len(used)} logs"]
-        said += [f"{words} {listed(by[kind])}" for kind, words in OTHERWISE.items() if kind in by]
-        found.append(f"{label}: {'; '.join(said)}")
-    return found
+        parts = [f"named by {len(by.get('named', ()))} of {len(used)} logs"]
+        parts += [f"{words} {listed(by[kind])}" for kind, words in OTHERWISE.items() if kind in by]
+        sentences.append(f"{label}: {'; '.join(parts)}")
+    return sentences
 
 
 def verdict_rows(x: Verdicts) -> list[list[str]]:
@@ -160,16 +160,16 @@ def verdicts_text(x: Verdicts) -> str:
 @renders(Verdicts, "html")
 def verdicts_html(x: Verdicts) -> str:
     """Return the same as tables."""
-    said = [items(votes(x))] if x.asked else []
-    each = [html_table(verdict_rows(x), "Each log by itself"), *said]
+    below = [items(votes(x))] if x.asked else []
+    each = [html_table(verdict_rows(x), "Each log by itself"), *below]
     return in_frame(each) + x.together._repr_html_()
 
 
 @renders(Verdicts, "section")
 def verdicts_section(x: Verdicts) -> Section:
     """Return the section of a report."""
-    said = [*votes(x), *x.notes]
-    blocks = html_table(verdict_rows(x), "Each by itself"), *((items(said),) if said else ())
+    below = [*votes(x), *x.notes]
+    blocks = html_table(verdict_rows(x), "Each by itself"), *((items(below),) if below else ())
     return Section("Log by log", blocks)
 
 
@@ -182,19 +182,19 @@ def forces_text(x: Forces) -> str:
     if not len(x):
         return "no multipliers"
     each = zip(x.names, x.values[-1], x.stderr[-1], x.units, strict=True)
-    said = [f"{name} = {rounded(v, error)} {unit}" for name, v, error, unit in each if v == v]
-    return ", ".join(said) or "no multiplier is determined"
+    parts = [f"{name} = {rounded(v, error)} {unit}" for name, v, error, unit in each if v == v]
+    return ", ".join(parts) or "no multiplier is determined"
 
 
 @renders(Snapshot, "line")
 def snapshot_line(x: Snapshot) -> str:
     """Return what is identified, the multipliers and the errors, in one line."""
     known = x.identified
-    said = [str(value) for value in known[:SHOWN]]
-    said += [f"… ({len(known) - SHOWN} more)"] if len(known) > SHOWN else []
-    said += [str(x.multipliers)] if x.multipliers is not None else []
-    said += [f"error of {name} {percent(e.relative)}" for name, e in x.errors.items()]
-    return f"t = {x.t:.6g} s: {', '.join(said)}; lag {1e3 * x.lag:.3g} ms"
+    parts = [str(value) for value in known[:SHOWN]]
+    parts += [f"… ({len(known) - SHOWN} more)"] if len(known) > SHOWN else []
+    parts += [str(x.multipliers)] if x.multipliers is not None else []
+    parts += [f"error of {name} {percent(e.relative)}" for name, e in x.errors.items()]
+    return f"t = {x.t:.6g} s: {', '.join(parts)}; lag {1e3 * x.lag:.3g} ms"
 
 
 @renders(Snapshot, "text")
@@ -227,8 +227,8 @@ def snapshot_text(x: Snapshot) -> str:
 @renders(ParameterChange, "text")
 def change_text(x: ParameterChange) -> str:
     """Return `Fc +0.31 ± 0.01 N m`."""
-    said = rounded(x.change, x.stderr)
-    return f"{x.name} {'' if said.startswith('-') else '+'}{said} {x.unit}".rstrip()
+    change = rounded(x.change, x.stderr)
+    return f"{x.name} {'' if change.startswith('-') else '+'}{change} {x.unit}".rstrip()
 
 
 @renders(Cause, "text")
@@ -254,17 +254,17 @@ def headline(x: Alarm) -> str:
 
 def alarm_lines(x: Alarm) -> list[str]:
     """Return what the headline does not say."""
-    found = [
+    lines = [
         f"sure at {x.detected:.2f} s by {x.seen_by}, evidence {x.evidence:.1f} of "
         f"{x.threshold:.1f}; named at {x.named:.2f} s"
     ]
     for cause in (x.best, *x.rivals) if x.best else ():
-        found.append(f"{cause}, explains {100 * cause.explains:.0f} %")
+        lines.append(f"{cause}, explains {100 * cause.explains:.0f} %")
         felt = [f"{name} by {v:.2g}" for name, v in cause.reactions.items() if v > 0]
         if felt:
-            found.append(f"  it would change the reaction {', '.join(felt)} rms")
+            lines.append(f"  it would change the reaction {', '.join(felt)} rms")
     ratios = ", ".join(f"{name} {v:.3g}" for name, v in x.errors.items())
-    return [*found, f"errors over their normal size: {ratios}"]
+    return [*lines, f"errors over their normal size: {ratios}"]
 
 
 @renders(Alarm, "text")
@@ -276,18 +276,18 @@ def alarm_text(x: Alarm) -> str:
 @renders(Alarm, "html")
 def alarm_html(x: Alarm) -> str:
     """Return the same as a list."""
-    said = {
+    facts = {
         "Sure at": f"{x.detected:.2f} s, by {x.seen_by}",
         "Named at": f"{x.named:.2f} s",
         "Verdict": x.verdict,
     }
-    blocks: tuple[Markup, ...] = strong(headline(x)), definitions(said), items(alarm_lines(x))
+    blocks: tuple[Markup, ...] = strong(headline(x)), definitions(facts), items(alarm_lines(x))
     return in_frame(blocks)
 
 
 @renders(Monitor, "text")
 def monitor_text(x: Monitor) -> str:
-    """Return what the monitor rests on, watches and has found."""
+    """Return what the monitor rests on, watches and has raised."""
     alone = (s.effects[0].kind for s in x.watched.suspects if len(s.effects) == 1)
     kinds = ", ".join(f"{kind} ({count})" for kind, count in Counter(alone).items())
     return "\n".join(

@@ -1,8 +1,7 @@
 """Logs in portions, on many machines or sample by sample: sums of the same triangles."""
 
 from ident.streams.diagnose_each import Verdicts, diagnose_each
-from ident.streams.gather import gather
-from ident.streams.gathered import Gathered
+from ident.streams.gather import Gathered, gather
 from ident.streams.monitor import Alarm, Monitor
 from ident.streams.online import Online, Snapshot
 from ident.streams.stream import Setting, Stream

@@ -231,8 +231,8 @@ class NormalRunning:
         R, rest = self.triangle.R, Triangle.merge([each.triangle for each in since])
         own = np.maximum((R**2).sum(axis=0), 1e-300)
         error = np.linalg.norm((R.T @ R[:, places]) @ root, axis=1) / own
-        left = np.abs(rest.gradient(x)) / np.maximum((rest.R**2).sum(axis=0), 1e-300)
-        least = np.sqrt(self.least**2 + (FLOOR * error) ** 2 + (REMAINS * left) ** 2)
+        remaining = np.abs(rest.gradient(x)) / np.maximum((rest.R**2).sum(axis=0), 1e-300)
+        least = np.sqrt(self.least**2 + (FLOOR * error) ** 2 + (REMAINS * remaining) ** 2)
         return replace(self, least=least)
 
     def worse(
@@ -406,14 +406,14 @@ def calibrated(
         intervals: of its log; x: (k,) the reference.
         seed: of the blocks drawn.
     """
-    seen, random = statistics(intervals, x), np.random.default_rng(seed)
+    data, random = statistics(intervals, x), np.random.default_rng(seed)
     length = len(intervals) // BLOCKS
     first = random.integers(0, len(intervals) - length + 1, (-(-STEPS // length), 1, STREAMS))
     order = (first + np.arange(length)[:, None]).reshape(-1, STREAMS)[:STEPS]
     threshold, raised = float(np.log(STEPS * STREAMS / OFTEN)), 1.0
     for _ in range(MOST):
         design, alarms = Design.of(normal.wider(raised), mask), 0
-        evidence = design.evidence(*seen)
+        evidence = design.evidence(*data)
         charts = Charts.fresh(evidence.shape[1], (STREAMS,))
         for at in order:
             charts.update(evidence[at])

@@ -98,9 +98,9 @@ class Checkpoint:
             with self.file.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
                 text = json.loads(str(arrays["text"]))
                 if text["key"] == self.key:
-                    found = _unpacked(text["progress"], arrays["numbers"])
-                    assert isinstance(found, Progress)
-                    return found
+                    result = _unpacked(text["progress"], arrays["numbers"])
+                    assert isinstance(result, Progress)
+                    return result
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
@@ -156,30 +156,30 @@ def _unpacked(text: Any, numbers: np.ndarray) -> Any:
     """Return what `_packed` made JSON and numbers of."""
     at = 0
 
-    def made(text: Any) -> Any:
+    def unpack(text: Any) -> Any:
         nonlocal at
         if isinstance(text, list):
-            return tuple(map(made, text))
+            return tuple(map(unpack, text))
         if not isinstance(text, dict):
             return text
         if "noun" in text:
-            return NOUNS[text["noun"]](*map(made, text["values"]))
+            return NOUNS[text["noun"]](*map(unpack, text["values"]))
         if "pairs" in text:
-            return {key: made(each) for key, each in text["pairs"]}
+            return {key: unpack(each) for key, each in text["pairs"]}
         size = int(np.prod(text["shape"]))
         array = numbers[at : at + size].astype(text["type"]).reshape(text["shape"])
         array.flags.writeable = False
         at += size
         return array
 
-    return made(text)
+    return unpack(text)
 
 
 def digest(plan: Plan) -> str:
     """Digest all that the triangles of a plan depend on, but for the working point."""
-    found = hashlib.sha256(version().encode())
-    _feed(found, [getattr(plan, each.name) for each in fields(plan) if each.name != "point"])
-    return found.hexdigest()
+    result = hashlib.sha256(version().encode())
+    _feed(result, [getattr(plan, each.name) for each in fields(plan) if each.name != "point"])
+    return result.hexdigest()
 
 
 def version() -> str:
@@ -187,31 +187,31 @@ def version() -> str:
     return str(ident.__version__)
 
 
-def _feed(found: Any, thing: Any) -> None:
+def _feed(result: Any, thing: Any) -> None:
     """Add a plan's nouns to a digest, the arrays and numbers in them by their bytes."""
-    found.update(type(thing).__name__.encode())
+    result.update(type(thing).__name__.encode())
     if isinstance(thing, np.ndarray):
-        found.update(repr(thing.shape).encode() + np.ascontiguousarray(thing).tobytes())
+        result.update(repr(thing.shape).encode() + np.ascontiguousarray(thing).tobytes())
     elif isinstance(thing, pin.Model):
-        found.update(thing.saveToString().encode())
+        result.update(thing.saveToString().encode())
     elif is_dataclass(thing):
-        _feed(found, [getattr(thing, each.name) for each in fields(thing)])
+        _feed(result, [getattr(thing, each.name) for each in fields(thing)])
         code = getattr(thing, "file", None)  # of a user's effect
         if isinstance(code, Path):
-            found.update(code.read_bytes())
+            result.update(code.read_bytes())
         elif (own := getattr(thing, "function", None)) is not None:
-            _feed(found, own)
+            _feed(result, own)
     elif isinstance(thing, Mapping):
-        _feed(found, [*thing.items()])
+        _feed(result, [*thing.items()])
     elif isinstance(thing, list | tuple):
         for each in thing:
-            _feed(found, each)
+            _feed(result, each)
     elif isinstance(thing, pin.SE3):
-        _feed(found, thing.homogeneous)
+        _feed(result, thing.homogeneous)
     elif isinstance(thing, FunctionType):
         cells = [cell.cell_contents for cell in thing.__closure__ or ()]
-        _feed(found, [thing.__code__, thing.__defaults__, thing.__kwdefaults__, cells])
+        _feed(result, [thing.__code__, thing.__defaults__, thing.__kwdefaults__, cells])
     elif isinstance(thing, CodeType):
-        _feed(found, [thing.co_code, thing.co_names, thing.co_consts])
+        _feed(result, [thing.co_code, thing.co_names, thing.co_consts])
     else:
-        found.update(repr(thing).encode())
+        result.update(repr(thing).encode())

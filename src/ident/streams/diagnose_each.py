@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,16 +15,15 @@ from ident.display import Displayed, render
 from ident.errors import FitError
 from ident.fit import identify
 from ident.log import read_log
-from ident.log.folder import expanded, names_of
+from ident.log.folder import names_of
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.motion.derive import AUTO
 from ident.progress import Told
-from ident.streams.logs import Workers, excerpt, summarise
+from ident.streams.logs import Given, Workers, excerpt, log_paths, summarise
 
 TOGETHER = 300_000  # samples of all logs, from which stretches stand for them
 EACH = 0.8  # of the work is done when each log has been diagnosed
-Given = str | os.PathLike[str]
 Settings = tuple[Mechanism, float | str | None, float | str | None]
 
 
@@ -180,9 +178,7 @@ def diagnose_each(
     Raises:
         IdentError: if no log is left.
     """
-    paths = expanded([logs] if isinstance(logs, str | os.PathLike) else logs)
-    if scheduler is not None:  # its workers are in folders of their own
-        paths = [path.absolute() for path in paths]
+    paths = log_paths(logs, scheduler)
     names, settings = names_of(paths), (mechanism, cutoff, smoothing)
 
     def on_progress(what: str, share: float) -> None:

@@ -1,16 +1,21 @@
-"""The verb `gather`: logs that need not fit into memory become one fit."""
+"""Logs that need not fit into memory become one fit: the verb `gather`, its noun `Gathered`."""
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Sequence
-from dataclasses import replace
+import secrets
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
+from ident.display import Displayed, render
 from ident.equations.point import Point
 from ident.errors import FitError
+from ident.files import check_writable
 from ident.fit import Fit
 from ident.fit.assemble import assemble
 from ident.fit.banded import banded
@@ -18,28 +23,147 @@ from ident.fit.constrain import constrained
 from ident.fit.descend import shape_bounds, stepped
 from ident.fit.identify import bias_of, estimated
 from ident.fit.noisy import MATTERS, share_of_motion
+from ident.fit.output import multipliers_rows, write_fit
+from ident.fit.reach import identifiable_multipliers
+from ident.fit.reactions import Reactions
 from ident.fit.regression import Regression
 from ident.fit.settle import settled
 from ident.information.blocks import Error, Information
 from ident.information.covariance import covariance
 from ident.information.estimate import Estimate, estimate
-from ident.log.folder import expanded
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Consistency
 from ident.motion.derive import AUTO
 from ident.motion.freedom import check_freedom
 from ident.progress import Told
 from ident.streams.checkpoint import Checkpoint, Progress, SearchStep
-from ident.streams.gathered import Gathered
-from ident.streams.logs import Excerpt, Workers, excerpt
+from ident.streams.logs import Excerpt, Given, Workers, excerpt, log_paths
+from ident.streams.many_logs import LogTable, compare_logs
 from ident.streams.plan import Plan, summaries, with_logs
-from ident.streams.portions import Sum, absorbed, stack_blocks
+from ident.streams.portions import Sum, absorbed, multipliers_of, stack_blocks
 
 SAMPLES = 65_536  # of a portion
 PASSES = 8  # at most, where the equations are not linear
 RESTING = 0.01  # standard errors by which a step may still move predictions
 ROUNDING = 1e-9  # of the sum of squares, within which two errors are the same
-Given = str | os.PathLike[str]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Gathered(Displayed):
+    """One fit of many portions of logs. Made by `ident.gather`.
+
+    Attributes:
+        fit: of all logs; its motion, and with it every picture, is an excerpt.
+        regression: all rows as triangles; `Block.log` is the number of the log in the plan.
+        plan: what all portions had in common; its parts are the logs that were opened.
+        workers: who did the work.
+        worked, resumed: portions worked in this run, and those found in a checkpoint.
+        checkpoint: the file of what is done, if one was kept; removed once the fit is written.
+    """
+
+    fit: Fit
+    regression: Regression
+    plan: Plan
+    workers: Workers
+    worked: int
+    resumed: int
+    checkpoint: Checkpoint | None = None
+
+    @property
+    def broken(self) -> Mapping[str, str]:
+        """By name of a log, why it was left out."""
+        return self.workers.broken
+
+    @property
+    def several(self) -> bool:
+        """Whether several logs were given."""
+        return not self.workers.alone
+
+    @cached_property
+    def each(self) -> LogTable:
+        """The logs one by one, and which of them disagree with the others."""
+        names = {i: part.name for i, part in enumerate(self.plan.parts)}
+        samples = {part.name: part.samples for part in self.plan.parts}
+        return compare_logs(self.regression, names, samples, self.broken)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a person should know before trusting the fit, logs that were left out among it."""
+        return (*self.fit.warnings, *(self.each.notes if self.several else ()))
+
+    @property
+    def summary(self) -> str:
+        """What `print` shows, without the notes."""
+        return str(render(self, "summary"))
+
+    def write(self, folder: str | Path, reactions: Reactions | None = None) -> list[Path]:
+        """Write what `Fit.write` writes, multipliers of all samples, and end the checkpoint.
+
+        Of several logs logs.csv too, one row a log, and a table in the report.
+
+        Args:
+            folder: made if it is not there.
+            reactions: known ones, which the report draws beside the multipliers.
+
+        Returns:
+            The files written, all of them or none.
+
+        Raises:
+            IdentError: if the folder cannot be written, or a log no longer be read.
+        """
+        folder = Path(folder)
+        check_writable(folder)
+        fit, more, sections = self.fit, {}, []
+        if self.several:
+            more = {"logs.csv": self.each.table.write_csv().encode()}
+            sections = [render(self.each, "section")]
+            if self.each.odd:  # first, since other notes may follow from it
+                sentence = f"{render(self.each, 'sentence')}: see Log by log"
+                fit = replace(fit, warnings=(sentence, *fit.warnings))
+        with self._multipliers(folder) as multipliers:
+            paths = write_fit(fit, folder, reactions, multipliers, more, sections)
+        if self.checkpoint is not None:
+            self.checkpoint.remove()
+        return paths
+
+    @contextlib.contextmanager
+    def _multipliers(self, folder: Path) -> Iterator[Path | None]:
+        """Write a hidden file with the multipliers of all samples, removed unless it is moved."""
+        if not self.fit.mechanism.kinematics.multipliers:
+            yield None
+            return
+        folder.mkdir(parents=True, exist_ok=True)
+        for stale in folder.glob(".multipliers.csv.*.part"):  # of a run that was killed
+            stale.unlink(missing_ok=True)
+        file = folder / f".multipliers.csv.{secrets.token_hex(4)}.part"
+        try:
+            with file.open("xb") as stream:
+                for rows in self._multiplier_rows():
+                    stream.write(rows)
+            yield file
+        finally:
+            file.unlink(missing_ok=True)
+
+    def _multiplier_rows(self) -> Iterator[bytes]:
+        """Yield the rows of all portions in order, the header first, in a second pass."""
+        plan, names = replace(self.plan, point=self.fit.point), self.plan.mechanism.kinematics
+        logs = [i for i, part in enumerate(plan.parts) if part.name not in self.broken]
+        portions = [portion for i in logs for portion in plan.portions(i)]
+        determined = identifiable_multipliers(plan.mechanism, self.fit.motion)
+        of = [plan.parts[portion.log].name for portion in portions]
+        nothing = np.empty(0), np.empty((0, len(names.multipliers)))
+        early, at, several = {-1: nothing}, -1, len(logs) > 1
+        done = self.workers.over(multipliers_of, portions, plan, of, "multipliers")
+        while True:
+            while at in early:
+                t, values = early.pop(at)
+                values = np.where(determined, values, np.nan)
+                log = (of[at] if at >= 0 else "") if several else None
+                yield multipliers_rows(names.multipliers, t, values, log, header=at < 0)
+                at += 1
+            if (each := next(done, None)) is None:
+                return
+            early[each[0]] = each[1] or nothing
 
 
 def gather(
@@ -83,12 +207,7 @@ def gather(
     """
     check_freedom(mechanism)
     _check_portionable(mechanism, consistent)
-    paths, others = (
-        expanded([given] if isinstance(given, str | os.PathLike) else given)
-        for given in (logs, validate)
-    )
-    if scheduler is not None:  # its workers are in folders of their own
-        paths, others = ([path.absolute() for path in some] for some in (paths, others))
+    paths, others = log_paths(logs, scheduler), log_paths(validate, scheduler)
     if not paths:
         raise FitError(f"{mechanism.name}: no log given")
     workers = Workers(None if scheduler else jobs, scheduler, len(paths) == 1, progress)
@@ -97,14 +216,14 @@ def gather(
     logged, prior = some.experiments[0].logged, Point.prior(mechanism)
     common = Plan(mechanism, logged, some.independent, some.band, smoothing, (), prior)
     plan = with_logs(common, looked_at, samples, workers)
-    kept = None if checkpoint is None else Checkpoint(Path(checkpoint), plan)
+    saved = None if checkpoint is None else Checkpoint(Path(checkpoint), plan)
     plan = replace(plan, point=settled(mechanism, some, None, progress))
-    plan, regression, found, notes, worked, resumed = _iterated(plan, some, workers, kept)
-    fit = _fit_of(regression, found, notes, workers, consistent)
+    plan, regression, fitted, notes, worked, resumed = _iterated(plan, some, workers, saved)
+    fit = _fit_of(regression, fitted, notes, workers, consistent)
     if others:
-        x = found.solution.x
+        x = fitted.solution.x
         fit = replace(fit, validation=_validation(plan, regression, x, workers, others, samples))
-    return Gathered(fit, regression, plan, workers, worked, resumed, kept)
+    return Gathered(fit, regression, plan, workers, worked, resumed, saved)
 
 
 def _check_portionable(mechanism: Mechanism, consistent: bool | Consistency) -> None:
@@ -124,7 +243,7 @@ def _check_portionable(mechanism: Mechanism, consistent: bool | Consistency) -> 
 
 
 def _iterated(
-    plan: Plan, some: Excerpt, workers: Workers, kept: Checkpoint | None
+    plan: Plan, some: Excerpt, workers: Workers, saved: Checkpoint | None
 ) -> tuple[Plan, Regression, Estimate, list[str], int, int]:
     """Pass over all portions, once where the equations are linear, else until no shape moves.
 
@@ -134,52 +253,52 @@ def _iterated(
     """
     progress, resumed, worked = Progress(0, SearchStep(plan.point)), 0, 0
     notes: list[str] = []
-    if kept is not None and (before := kept.read()) is not None:
+    if saved is not None and (before := saved.read()) is not None:
         progress, resumed = before, before.absorbed
         workers.broken.update(before.broken)
         notes.append(
-            f"went on from {kept.file}: pass {before.passed + 1}, {resumed} portions were done"
+            f"went on from {saved.file}: pass {before.passed + 1}, {resumed} portions were done"
         )
-    elif kept is not None and kept.other:
-        notes.append(f"{kept.file}: of another mechanism, log, settings or version; not used")
+    elif saved is not None and saved.other:
+        notes.append(f"{saved.file}: of another mechanism, log, settings or version; not used")
     linear = all(effect.linear for effect in plan.mechanism.effects)
     while True:
         plan = replace(plan, point=progress.step.point)
-        total, said = _pass(plan, progress, workers, kept)
-        worked, notes = worked + total.worked, notes + said
-        cells, left = total.without(()), stack_blocks(plan, total.stretches)
-        r = Regression(plan.mechanism, some, plan.point, plan.columns, cells, left=left)
-        found = estimated(r)
-        step = progress.step if linear else _next_step(r, found, progress.step)
+        total, messages = _pass(plan, progress, workers, saved)
+        worked, notes = worked + total.worked, notes + messages
+        blocks, stacks = total.without(()), stack_blocks(plan, total.stretches)
+        r = Regression(plan.mechanism, some, plan.point, plan.columns, blocks, left=stacks)
+        fitted = estimated(r)
+        step = progress.step if linear else _next_step(r, fitted, progress.step)
         rests = step.moves <= RESTING
         if linear or rests or progress.passed + 1 == PASSES:
             break
         progress = Progress(progress.passed + 1, step, broken=dict(workers.broken))
-        if kept is not None:
-            kept.write(progress)
+        if saved is not None:
+            saved.write(progress)
     if not linear:
         how = "and rest" if rests else f"and still move predictions by {step.moves:.2g} ±"
         notes.append(
             f"what is not linear was settled on the excerpt and refined in {progress.passed + 1} "
             f"passes over all samples, {how}"
         )
-    return plan, r, found, [*dict.fromkeys(notes)], worked, resumed
+    return plan, r, fitted, [*dict.fromkeys(notes)], worked, resumed
 
 
 def _pass(
-    plan: Plan, progress: Progress, workers: Workers, kept: Checkpoint | None
+    plan: Plan, progress: Progress, workers: Workers, saved: Checkpoint | None
 ) -> tuple[Sum, list[str]]:
     """Sum the triangles of all portions at the plan's point, without those of broken logs."""
-    left = list(plan.portions())[progress.absorbed :]
+    remaining = list(plan.portions())[progress.absorbed :]
     total = Sum(progress.blocks, progress.absorbed, progress.stretches)
-    names = [plan.parts[portion.log].name for portion in left]
-    said: dict[int, tuple[str, ...]] = {}
+    names = [plan.parts[portion.log].name for portion in remaining]
+    messages: dict[int, tuple[str, ...]] = {}
     what = "equations" if not progress.passed else f"equations, pass {progress.passed + 1}"
-    for index, done in workers.over(absorbed, left, plan, names, what):
+    for index, done in workers.over(absorbed, remaining, plan, names, what):
         total.add(progress.absorbed + index, done)
-        said[index] = done.notes if done else ()
-        if kept is not None and kept.due(total.absorbed):
-            kept.write(
+        messages[index] = done.notes if done else ()
+        if saved is not None and saved.due(total.absorbed):
+            saved.write(
                 replace(
                     progress, absorbed=total.absorbed, blocks=total.without(()),
                     stretches=dict(total.stretches), broken=dict(workers.broken),
@@ -196,10 +315,10 @@ def _pass(
             + (f" filtered at {cut:.3g} Hz" if cut else "")
             + f"; {why or 'give a longer log or a higher --cutoff'}"
         )
-    return total, [note for index in sorted(said) for note in said[index]]
+    return total, [note for index in sorted(messages) for note in messages[index]]
 
 
-def _next_step(r: Regression, found: Estimate, step: SearchStep) -> SearchStep:
+def _next_step(r: Regression, fitted: Estimate, step: SearchStep) -> SearchStep:
     """Step of variable projection, one a pass (`fit.descend`): the triangles of a pass give the
     least error at its point, which tells whether the step before was good, and the next step.
 
@@ -208,9 +327,9 @@ def _next_step(r: Regression, found: Estimate, step: SearchStep) -> SearchStep:
     columns = r.columns
     shapes = np.zeros(len(columns), dtype=bool)
     shapes[columns.shapes] = True
-    sigma = found.sigma if step.sigma is None else step.sigma
+    sigma = fitted.sigma if step.sigma is None else step.sigma
     zeros = np.zeros(len(r.factors))
-    at = estimate(r.factors, r.prior, zeros, sigma=sigma, held=found.held | shapes)
+    at = estimate(r.factors, r.prior, zeros, sigma=sigma, held=fitted.held | shapes)
     loss = at.factor.residual_norm(at.solution.x) ** 2
     if step.best is not None and loss > step.loss * (1 + ROUNDING):
         values = {
@@ -218,20 +337,20 @@ def _next_step(r: Regression, found: Estimate, step: SearchStep) -> SearchStep:
             for name, value in r.point.values.items()
         }
         return replace(step, point=Point(r.point.pi, values))
-    x = found.solution.x
+    x = fitted.solution.x
     if shapes.any():
         bounds = shape_bounds(r.mechanism, columns, r.motion, r.point)
         x = stepped(columns, r.point, x, bounds, 1.0)
     others = [r.point.values.get(name, 0.0) for name in columns.names[len(columns.rigid) :]]
     before = np.concatenate([r.point.pi[columns.rigid], others])
     implicit = any(effect.implicit for effect in r.mechanism.effects)
-    moves = np.linalg.norm(found.factor.R @ np.where(shapes | implicit, x - before, 0.0))
+    moves = np.linalg.norm(fitted.factor.R @ np.where(shapes | implicit, x - before, 0.0))
     return SearchStep(r.point.at(r.mechanism, columns, x), r.point, loss, sigma, float(moves))
 
 
 def _fit_of(
     r: Regression,
-    found: Estimate,
+    fitted: Estimate,
     notes: Sequence[str],
     workers: Workers,
     consistent: bool | Consistency,
@@ -239,16 +358,16 @@ def _fit_of(
     """Make the fit of the last pass' triangles, whose pictures are those of the excerpt."""
     assert isinstance(r.motion, Excerpt)
     r = replace(r, motion=r.motion.without(workers.broken))
-    cov = covariance(Information.of(r.fitting, len(r.columns), len(found.sigma)), found)
+    cov = covariance(Information.of(r.fitting, len(r.columns), len(fitted.sigma)), fitted)
     notes = [note for note in notes if note not in r.motion.notes]
-    share = float(share_of_motion(r, found).max(initial=0.0)) if len(r.columns) else 0.0
+    share = float(share_of_motion(r, fitted).max(initial=0.0)) if len(r.columns) else 0.0
     if share >= MATTERS:
         notes.append(
             f"noise of the motion makes up to {100 * min(share, 1.0):.3g} % of the residual; in "
             "portions the motion is taken as it is, so that parameters may be shrunk: identify "
             "from a shorter log to see how much"
         )
-    notes += bias_of(r, found)
+    notes += bias_of(r, fitted)
     shown = sum(len(e) for e in r.motion.experiments)
     if shown < r.motion.samples:
         notes.append(
@@ -256,10 +375,10 @@ def _fit_of(
             f"the table of multipliers show {shown} of them"
         )
     if consistent is False:
-        fit = assemble(r, found, cov, notes=notes, progress=workers.on_progress)
+        fit = assemble(r, fitted, cov, notes=notes, progress=workers.on_progress)
     else:
         asked = consistent if isinstance(consistent, Consistency) else Consistency()
-        held = constrained(r, found, r.mechanism.consistency | asked, workers.on_progress)
+        held = constrained(r, fitted, r.mechanism.consistency | asked, workers.on_progress)
         fit = assemble(
             held.regression, held.estimate, cov, outside=held.outside, binding=held.binding,
             notes=[*notes, *held.notes], progress=workers.on_progress,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Container, Iterator, Sequence
 from contextlib import closing
@@ -13,6 +14,7 @@ import numpy as np
 
 from ident.errors import IdentError, LogError
 from ident.log import Log
+from ident.log.folder import expanded
 from ident.log.pieces import Pieces, open_log
 from ident.log.sources import STRIDE
 from ident.mechanism.mechanism import Mechanism
@@ -29,6 +31,7 @@ STRETCHES, LONGEST = 3, 16_384  # of one log for pictures and decisions, and sam
 SAMPLES = STRETCHES * LONGEST  # of all logs together in an excerpt
 LOGS = 12  # from which stretches are taken
 NUMBER = re.compile(r"\d+")
+Given = str | os.PathLike[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,12 +128,21 @@ class LogSummary:
         rows = self.log.rows
         if rows <= 1.5 * samples:
             return [replace(self.log.piece(0, rows), name=self.name)]
-        each, found = samples // STRETCHES, []
+        each, results = samples // STRETCHES, []
         for k in range(STRETCHES):
             first = rows * (2 * k + 1) // (2 * STRETCHES) - each // 2
             log = self.log.piece(first, first + each)
-            found.append(replace(log, name=f"{self.name}, {log.t[0]:.6g} to {log.t[-1]:.6g} s"))
-        return found
+            results.append(replace(log, name=f"{self.name}, {log.t[0]:.6g} to {log.t[-1]:.6g} s"))
+        return results
+
+
+def log_paths(given: Given | Sequence[Given], scheduler: str | None) -> list[Path]:
+    """Return the paths of logs and of all logs in folders.
+
+    They are absolute for a scheduler, whose workers are in folders of their own.
+    """
+    paths = expanded([given] if isinstance(given, str | os.PathLike) else given)
+    return paths if scheduler is None else [path.absolute() for path in paths]
 
 
 def summarise(mechanism: Mechanism, path: Path) -> LogSummary:
@@ -180,7 +192,7 @@ def summarise(mechanism: Mechanism, path: Path) -> LogSummary:
     drift = every - guess
     uneven = max(max(high - i * drift, i * drift - low) for i, low, high in deviations)
     even = bool(instants == count and uneven < UNEVEN * dt)
-    said = [
+    messages = [
         each[0] + (f" (and so in {len(each) - 1} more pieces)" if len(each) > 1 else "")
         for each in repairs.values()
         if not each[0].endswith(" is empty")
@@ -188,7 +200,7 @@ def summarise(mechanism: Mechanism, path: Path) -> LogSummary:
     file = log.path.stat()
     return LogSummary(
         log, Clock(first, every, instants, even), np.concatenate(starts), top, values,
-        tuple(said), (file.st_size, file.st_mtime_ns),
+        tuple(messages), (file.st_size, file.st_mtime_ns),
     )  # fmt: skip
 
 
@@ -206,8 +218,8 @@ class Excerpt(Motion):
         """Return the excerpt without some logs, if any is left to be shown."""
         recorded = tuple(each for each in self.recorded if each[0] not in logs)
         out = [name for name in self.names if name in logs]
-        kept = tuple(e for e in self.experiments if not any(_is_of(e.name, n) for n in out))
-        return replace(self, recorded=recorded, experiments=kept or self.experiments)
+        retained = tuple(e for e in self.experiments if not any(_is_of(e.name, n) for n in out))
+        return replace(self, recorded=recorded, experiments=retained or self.experiments)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -251,9 +263,11 @@ def excerpt(
     Raises:
         IdentError: if no log can be completed.
     """
-    left = [each for each in summaries if each.name not in broken]
-    every = max(1, -(-len(left) // LOGS))
-    chosen = left if sum(each.log.rows for each in left) <= SAMPLES else left[::every]
+    remaining = [each for each in summaries if each.name not in broken]
+    every = max(1, -(-len(remaining) // LOGS))
+    chosen = (
+        remaining if sum(each.log.rows for each in remaining) <= SAMPLES else remaining[::every]
+    )
 
     def completed(some: Sequence[LogSummary]) -> tuple[Motion, list[Log]]:
         pieces = [each.stretches(SAMPLES // len(chosen)) for each in some]
@@ -270,20 +284,20 @@ def excerpt(
                 completed([each])
             except IdentError as error:
                 faults[each.name] = " ".join(str(error).split())
-        if len(summaries) == 1 or not faults or len(faults) == len(left):
+        if len(summaries) == 1 or not faults or len(faults) == len(remaining):
             raise
         broken.update(faults)
         return excerpt(mechanism, summaries, cutoff, smoothing, broken)
-    notes = [f"{each.name}: {repair}" for each in left for repair in each.repairs]
+    notes = [f"{each.name}: {repair}" for each in remaining for repair in each.repairs]
     for note in motion.notes:  # once for each log, and nothing about the ends of stretches
-        for each in left:
+        for each in remaining:
             head, comma, tail = note.partition(f"{each.name}, ")
             if not head and comma:
-                said = tail.partition(" s:")[2]
-                note = "" if said.endswith("left out") else f"{each.name}:{said}"
+                text = tail.partition(" s:")[2]
+                note = "" if text.endswith("left out") else f"{each.name}:{text}"
         notes += [note] if note else []
     return Excerpt(
         motion.experiments, motion.independent, motion.band, motion.closure_error,
         tuple(dict.fromkeys(notes)), tuple(logs), mechanism,
-        tuple((s.name, s.clock.count, 1 / s.clock.step) for s in left),
+        tuple((s.name, s.clock.count, 1 / s.clock.step) for s in remaining),
     )  # fmt: skip

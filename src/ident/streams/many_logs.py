@@ -144,15 +144,15 @@ class LogTable(Displayed):
     @property
     def notes(self) -> tuple[str, ...]:
         """Which logs were left out and why, and what the table cannot say."""
-        said = [f"{each.log}: left out: {each.left_out}" for each in self.logs if each.left_out]
+        notes = [f"{each.log}: left out: {each.left_out}" for each in self.logs if each.left_out]
         if len(self.used) == 2 and self.odd:
-            said.append("of two logs that disagree nothing says which one is odd")
+            notes.append("of two logs that disagree nothing says which one is odd")
         elif self.odd and 2 * len(self.odd) >= len(self.used):
-            said.append(
+            notes.append(
                 "half of the logs or more disagree: they differ by more than their noise, or the "
                 "model lacks what differs between them (ident diagnose); the joint fit is a mean"
             )
-        return tuple(said)
+        return tuple(notes)
 
 
 def compare_logs(
@@ -173,31 +173,32 @@ def compare_logs(
     by_log = {log: whole.of_log(log) for log in whole.logs}
     joint = estimate(whole.totals, r.prior, r.torque, r.sensible)
     own = {log: _own_fit(r, mine, joint) for log, mine in by_log.items()}
-    left, rows = np.zeros(r.d), np.zeros(r.d)  # weights of what own fits leave: logs differ in none
+    error, rows = np.zeros(r.d), np.zeros(r.d)  # of own fits, in which logs do not differ
     for block in whole:
         x = own[block.log][block.support]
-        left[block.coordinate] += block.triangle.residual_norm(x) ** 2
+        error[block.coordinate] += block.triangle.residual_norm(x) ** 2
         rows[block.coordinate] += block.triangle.rows
-    sigma = np.maximum(np.sqrt(left / np.maximum(rows, 1)), LEAST_NOISE[1] * joint.sigma)
+    sigma = np.maximum(np.sqrt(error / np.maximum(rows, 1)), LEAST_NOISE[1] * joint.sigma)
     weighed = estimate(whole.totals, r.prior, r.torque, sigma=sigma, held=joint.held)
     odd = disagreements(whole, weighed, r.columns)
     torque = np.where(r.torque > 0, r.torque, np.inf) ** 2
-    found = [LogRow(name, left_out=broken[name]) for name in broken if name not in names.values()]
+    results = [LogRow(name, left_out=broken[name]) for name in broken if name not in names.values()]
     for number, name in names.items():
         mine, count = by_log.get(number), samples.get(name, 0)
         if name in broken or mine is None:
             why = broken.get(name, "no sample of it can be used")
-            found.append(LogRow(name, count, left_out=why))
+            results.append(LogRow(name, count, left_out=why))
             continue
         both = [mine.squares(x) for x in (joint.x, own[number])]
         if not (total := float(both[0].rows[np.isfinite(torque)].sum())):
-            found.append(LogRow(name, count, disagreement=odd.get(number)))
+            results.append(LogRow(name, count, disagreement=odd.get(number)))
             continue
         shares = [each.error / torque for each in both]
         worst = r.motion.independent[int(np.argmax(shares[0] - shares[1]))]
-        error, alone = (float(np.sqrt(share.sum() / total)) for share in shares)
-        found.append(LogRow(name, count, error, alone, worst, odd.get(number)))
-    return LogTable(tuple(sorted(found, key=lambda each: bool(each.left_out))))
+        joint_error, own_error = (float(np.sqrt(share.sum() / total)) for share in shares)
+        row = LogRow(name, count, joint_error, own_error, worst, odd.get(number))
+        results.append(row)
+    return LogTable(tuple(sorted(results, key=lambda each: bool(each.left_out))))
 
 
 def _own_fit(r: Regression, mine: Information, joint: Estimate) -> np.ndarray:
@@ -268,14 +269,14 @@ class _Logs:
             H, g = H_b.sum(axis=0), g_b.sum(axis=0)
             inverse, open_ = _inverse(H)
             own = inverse @ g
-            left = [
+            residuals = [
                 c.triangle.residual_norm(joint.x[c.support]) / joint.sigma[c.coordinate]
                 for c in mine
             ]
             spare = max(sum(c.triangle.rows for c in mine) - base.rank + open_.shape[1], 1)
             errors = _left_out(H, H_b, g_b - H_b @ own)
             self.H[log], self.g[log] = H, g
-            self.noise[log] = max((np.sum(np.square(left)) - g @ own) / spare, LEAST_NOISE[0])
+            self.noise[log] = max((np.sum(np.square(residuals)) - g @ own) / spare, LEAST_NOISE[0])
             self.S[log], nu = long_run(keys, errors, np.diagonal(H_b, axis1=1, axis2=2))
             self.nu[log] = float(np.median(nu))
 

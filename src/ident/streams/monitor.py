@@ -272,18 +272,18 @@ class Monitor(Displayed):
         return [self._alarm(self.raised, *self._naming(self.raised))]
 
     def _absorbed(self, parts: Iterable[WatchedRows]) -> list[Alarm]:
-        found = []
+        alarms = []
         for rows in (whole for part in parts for whole in self._cutter.cut(part)):
             interval = WatchedInterval.of(rows, self.design.normal.sigma, self.reference)
             if (alarm := self._step(interval)) is not None:
-                found.append(alarm)
-        return found
+                alarms.append(alarm)
+        return alarms
 
     def _step(self, interval: WatchedInterval) -> Alarm | None:
         self._held.append(interval)
         if self.raised is None:
-            seen = statistics([interval], self.reference)
-            self._charts.update(self.design.evidence(*seen)[0])
+            interval_statistics = statistics([interval], self.reference)
+            self._charts.update(self.design.evidence(*interval_statistics)[0])
             if self.evidence < self.threshold:
                 return None
             leader = self._charts.leader(self.design.weight)

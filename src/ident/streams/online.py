@@ -255,12 +255,12 @@ class Accumulator:
         parts = [each for each in (self._closed, self._open) if each]
         if len(parts) > 1:
             parts = [parts[0].merged(parts[1], self._T)]
-        found = []
+        both = []
         for some in ([*self._intervals, *([self._open] if self._open else [])], parts):
             aged = [each.aged(self.now, self._T) for each in some]
             blocks = [block for i, each in enumerate(aged) for block in each.numbered(i)]
-            found.append(Information.of(blocks, k, len(self._supports)))
-        return found[0], found[1]
+            both.append(Information.of(blocks, k, len(self._supports)))
+        return both[0], both[1]
 
     def _absorb_waiting(self) -> None:
         """Absorb what waits, interval by interval."""
@@ -399,8 +399,8 @@ class Online:
             LogError, MotionError: if the samples so far do not determine the motion.
         """
         recursion = self._recursion or self._start()
-        found = recursion.snapshot()
-        return replace(found, notes=(*self.notes, *found.notes))
+        result = recursion.snapshot()
+        return replace(result, notes=(*self.notes, *result.notes))
 
     def _start(self) -> _Recursion:
         """End the warm-up: look at its samples as at a whole log, and take them like all others."""
@@ -540,11 +540,11 @@ class _Recursion:
         """λ of the samples that the last call completed; None where there are none."""
         return self._forces(self.stream.windows)
 
-    def _absorb(self, made: list[Rows]) -> None:
+    def _absorb(self, parts: list[Rows]) -> None:
         if windows := self.stream.windows:
             end = windows[-1].inside.stop
             self._last = replace(windows[-1], inside=slice(end - 1, end))
-        for rows in made:
+        for rows in parts:
             if self._solved is not None:
                 off = rows.b - rows.A @ self._solved.estimate.x
                 count = np.full(off.shape[1], float(len(off)))
@@ -564,14 +564,14 @@ class _Recursion:
         torque = np.sqrt(before.torque / np.maximum(before.rows, 1))
         size = sum(t.column_norms() ** 2 / max(t.rows, 1) for t in total.totals)
         sensible = plausible(self._mechanism, columns, torque, np.sqrt(size))
-        found = estimate(total.totals, prior, torque, sensible)
-        cov = covariance(by_time, found)
-        after = self._point.at(self._mechanism, columns, found.x)
-        values = [*rigid_values(self._mechanism, columns, found, cov)]
-        for each in effect_values(columns, found, cov, after):
+        fitted = estimate(total.totals, prior, torque, sensible)
+        cov = covariance(by_time, fitted)
+        after = self._point.at(self._mechanism, columns, fitted.x)
+        values = [*rigid_values(self._mechanism, columns, fitted, cov)]
+        for each in effect_values(columns, fitted, cov, after):
             values += [value for value in each.parameters if value.name in columns.index]
-        base = base_values(columns, found, cov)
-        self._solved = _Solved(found, cov, total.squares(found.x), tuple(values), base)
+        base = base_values(columns, fitted, cov)
+        self._solved = _Solved(fitted, cov, total.squares(fitted.x), tuple(values), base)
         return self._solved, True
 
     def _stated(self, solved: _Solved, informed: bool) -> tuple[tuple[Value, ...], tuple[str, ...]]:
@@ -602,12 +602,12 @@ class _Recursion:
         for window in windows:
             around, part = window.e, window.inside
             scene = Scene.of(mechanism, self._columns, around, self._point, self._setting.cutoff)
-            e, found, s = scene.e, terms(scene, part, full=True), scene.generalised(part)
+            e, equations, s = scene.e, terms(scene, part, full=True), scene.generalised(part)
             assert e.pinv is not None
             K_T = e.pinv[part, :, :m].transpose(0, 2, 1)
-            b = found.b - s.measured(e.independent)
-            values = np.einsum("nmi,ni->nm", K_T, b - found.A @ x)
-            G = -K_T @ found.A[:, :, base.independent]
+            b = equations.b - s.measured(e.independent)
+            values = np.einsum("nmi,ni->nm", K_T, b - equations.A @ x)
+            G = -K_T @ equations.A[:, :, base.independent]
             variance = np.einsum("nmi,ij,nmj->nm", G, cov, G)
             for name, sigma in zip(mechanism.driven, self._noise, strict=True):
                 if name not in e.independent and sigma > 0:

@@ -168,12 +168,12 @@ def summaries(mechanism: Mechanism, paths: Sequence[Path], workers: Workers) -> 
         IdentError: if none can be opened, or the only one cannot.
     """
     names = names_of(paths)
-    found: dict[int, LogSummary] = {}
+    opened: dict[int, LogSummary] = {}
     for index, each in workers.over(summarise, paths, mechanism, names, "looking at the logs"):
         if each is not None:
-            found[index] = replace(each, log=replace(each.log, name=names[index]))
-    _check_some(mechanism, workers, found)
-    return [found[index] for index in sorted(found)]
+            opened[index] = replace(each, log=replace(each.log, name=names[index]))
+    _check_some(mechanism, workers, opened)
+    return [opened[index] for index in sorted(opened)]
 
 
 def with_logs(plan: Plan, logs: Sequence[LogSummary], samples: int, workers: Workers) -> Plan:
@@ -204,9 +204,9 @@ def with_logs(plan: Plan, logs: Sequence[LogSummary], samples: int, workers: Wor
     several = [i for i, part in enumerate(parts) if len(part.borders) > 2]
     names = [parts[i].name for i in several]
     noise = {}
-    for index, found in workers.over(_decided, several, plan, names, "deciding on smoothing"):
-        if found is not None:
-            parts[several[index]], noise[several[index]] = found
+    for index, decision in workers.over(_decided, several, plan, names, "deciding on smoothing"):
+        if decision is not None:
+            parts[several[index]], noise[several[index]] = decision
     plan = replace(plan, parts=tuple(parts))
     if plan.mechanism.effects:  # else nothing asks whether a joint stands still
         extremes: dict[int, list[Extremes]] = {i: _logged_speeds(plan, i) for i in noise}
@@ -223,14 +223,14 @@ def with_logs(plan: Plan, logs: Sequence[LogSummary], samples: int, workers: Wor
                     still=thresholds(np.max([top for top, _ in mine], axis=0), noise[i]),
                     farthest=np.max(far, axis=0) if far else None,
                 )
-    left = tuple(part for part in parts if part.name not in workers.broken)
-    _check_some(plan.mechanism, workers, left)
-    return replace(plan, parts=left)
+    remaining = tuple(part for part in parts if part.name not in workers.broken)
+    _check_some(plan.mechanism, workers, remaining)
+    return replace(plan, parts=remaining)
 
 
-def _check_some(mechanism: Mechanism, workers: Workers, left: object) -> None:
+def _check_some(mechanism: Mechanism, workers: Workers, remaining: object) -> None:
     """Raise FitError if no log is left, with the reason that most logs share."""
-    if not left:
+    if not remaining:
         alike = Counter(why.replace(name, "") for name, why in workers.broken.items())
         ((most, count),) = alike.most_common(1)
         name, why = next(x for x in workers.broken.items() if x[1].replace(x[0], "") == most)
@@ -256,13 +256,15 @@ def _decided(plan: Plan, number: int) -> tuple[PlannedLog, np.ndarray]:
     part, mechanism = plan.parts[number], plan.mechanism
     clock = part.survey.clock
     whole = [measure(mechanism, log) for log in part.survey.stretches()]
-    made = [experiment_of(mechanism, s, plan.logged, plan.band, plan.smoothing)[0] for s in whole]
+    completed = [
+        experiment_of(mechanism, s, plan.logged, plan.band, plan.smoothing)[0] for s in whole
+    ]
     if mechanism.closures:
-        made = [reduced(mechanism, e, plan.independent)[0] for e in made]
+        completed = [reduced(mechanism, e, plan.independent)[0] for e in completed]
     derived = [derive(s, plan.logged, plan.band, plan.smoothing) for s in whole]
     grid = Decimator.of(plan.band.cutoff, 1 / clock.step).factor
     common = Decided(replace(clock, grid=grid), ends=max(each.ends for each in derived))
-    if smooth := [e.smooth for e in made if e.smooth is not None]:
+    if smooth := [e.smooth for e in completed if e.smooth is not None]:
         noisy = {name for d in derived if d.smooth for name in d.smooth.names}
         surplus = len(plan.logged) > mechanism.degrees_of_freedom
         spacing = min(each.spacing for each in smooth)  # at rest coarser ones would do
@@ -279,10 +281,12 @@ def _decided(plan: Plan, number: int) -> tuple[PlannedLog, np.ndarray]:
         )
     largest, anchors = np.inf, None
     if mechanism.closures:
-        largest = min(HOPELESS, SINGULAR * float(np.median(np.concatenate([*map(nearness, made)]))))
+        largest = min(
+            HOPELESS, SINGULAR * float(np.median(np.concatenate([*map(nearness, completed)])))
+        )
         anchors = _anchors(plan, number)
     noise = [
-        noise_of_speeds(mechanism, s, e, plan.logged) for s, e in zip(whole, made, strict=True)
+        noise_of_speeds(mechanism, s, e, plan.logged) for s, e in zip(whole, completed, strict=True)
     ]
     return replace(part, decided=common, largest=largest, anchors=anchors), np.max(noise, axis=0)
 
@@ -292,7 +296,7 @@ def _anchors(plan: Plan, number: int) -> np.ndarray:
 
     A portion alone would be reached straight from [joints] start: on another branch, perhaps.
     """
-    mechanism, part, found = plan.mechanism, plan.parts[number], []
+    mechanism, part, anchors = plan.mechanism, plan.parts[number], []
     closer = Closer(mechanism, plan.logged)
     columns = [f"q.{name}" for name in plan.logged]
     portions = list(plan.portions(number))
@@ -302,17 +306,17 @@ def _anchors(plan: Plan, number: int) -> np.ndarray:
         x = np.stack([log.columns[name] for name in columns], axis=1)
         known = np.flatnonzero(np.isfinite(x).all(axis=1))[::THINNED]
         if not len(known):
-            found.append(mechanism.assembled if q is None else q)
+            anchors.append(mechanism.assembled if q is None else q)
             continue
         t, target = log.t[known], x[known]
         if q is None or y is None:
             path = closer.follow(target, t)
         else:
             path = closer.onward(q, y, target, t)
-        found.append(path[0])
+        anchors.append(path[0])
         at = max(int(np.searchsorted(known, after.begin - portion.begin)) - 1, 0)
         q, y = path[at], target[at]
-    return np.array(found)
+    return np.array(anchors)
 
 
 def _logged_speeds(plan: Plan, number: int) -> list[Extremes]:

@@ -157,11 +157,11 @@ def stack_blocks(plan: Plan, stretches: Mapping[int, Stretch]) -> list[Block]:
     Returns:
         Triangles of coordinate 0, without multipliers.
     """
-    found = []
+    results = []
     for log, stretch in sorted(stretches.items()):
         basis = _basis(plan, log)
-        found += cells_of_blocks(log, 0, stretch.closed(), basis.t0, basis.t_end)
-    return found
+        results += cells_of_blocks(log, 0, stretch.closed(), basis.t0, basis.t_end)
+    return results
 
 
 def multipliers_of(plan: Plan, portion: Portion) -> tuple[np.ndarray, np.ndarray]:
@@ -178,9 +178,9 @@ def multipliers_of(plan: Plan, portion: Portion) -> tuple[np.ndarray, np.ndarray
     own = (e.t >= portion.since) & (e.t < portion.until)
     if not plan.stacked:
         motion = Motion((e,), plan.independent, plan.band, 0.0)
-        (found,) = predict(plan.mechanism, motion, plan.point)
-        values = np.where(found.usable[:, None], found.multipliers, np.nan)
-        return found.t[own], values[own]
+        (prediction,) = predict(plan.mechanism, motion, plan.point)
+        values = np.where(prediction.usable[:, None], prediction.multipliers, np.nan)
+        return prediction.t[own], values[own]
     scene = Scene.of(plan.mechanism, plan.columns, e, plan.point, cutoff)
     x, whole = plan.point.unknowns(plan.columns), _basis(plan, portion.log)
     values = np.full((len(e), len(names)), np.nan)

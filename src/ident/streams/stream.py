@@ -322,9 +322,9 @@ class Overlap:
         if last is not None and self._number + len(last) == number:
             number, new = self._number, _joined(last, new)
         first = max(0, len(new) - self._count)
-        kept = slice(first, None)
+        places = slice(first, None)
         self._number = number + first
-        self._last = new.at_samples(kept) if isinstance(new, Experiment) else new[kept]
+        self._last = new.at_samples(places) if isinstance(new, Experiment) else new[places]
         return number, new
 
 
@@ -346,13 +346,13 @@ def _derivative_weights(setting: Setting) -> tuple[np.ndarray, np.ndarray]:
     """(channels, 2 M + 1, 3) how samples of each channel add to q, v, a, and (channels,) of which
     of the logged joints.
     """
-    found, joint, M = [], [], setting.half
+    weights, joint, M = [], [], setting.half
     for i, (name, orders) in enumerate(zip(setting.logged, setting.channels, strict=True)):
         joint += [i] * len(orders)
         if name in setting.taken:
             own = np.zeros((3, 2 * M + 1, 3))
             own[range(3), M, range(3)] = 1.0
-            found.append(own)
+            weights.append(own)
             continue
         unit = M / setting.rate  # [s], so that powers are of numbers up to 1
         s, j = np.arange(-M, M + 1) / max(M, 1), np.arange(min(DEGREE, 2 * M) + 1)
@@ -364,8 +364,8 @@ def _derivative_weights(setting: Setting) -> tuple[np.ndarray, np.ndarray]:
             rows.append(fall * s[:, None] ** np.maximum(j - k, 0) / unit**k / noise)
         fit = np.linalg.pinv(np.concatenate(rows))[:3] / np.repeat(sigma, 2 * M + 1)  # c = fit x
         fit *= (np.array([1.0, 1.0, 2.0]) / unit ** np.arange(3))[:, None]
-        found.append(fit.T.reshape(len(orders), 2 * M + 1, 3))
-    return np.concatenate(found), np.array(joint, dtype=int)
+        weights.append(fit.T.reshape(len(orders), 2 * M + 1, 3))
+    return np.concatenate(weights), np.array(joint, dtype=int)
 
 
 class ClosureFollower:
@@ -635,12 +635,14 @@ class Stream:
         X, known = X[half : len(X) - half], self._derived(X)
         if not len(X):
             return
-        e, kept = self._experiment(X, known)
-        jumps = np.flatnonzero(np.diff(kept) != 1) + 1
-        for i, j in pairwise([0, *jumps, len(kept)]):
+        e, places = self._experiment(X, known)
+        jumps = np.flatnonzero(np.diff(places) != 1) + 1
+        for i, j in pairwise([0, *jumps, len(places)]):
             if i == j:
                 continue
-            first, around = self._completed(number + half + int(kept[i]), e.at_samples(slice(i, j)))
+            first, around = self._completed(
+                number + half + int(places[i]), e.at_samples(slice(i, j))
+            )
             if len(around) <= 2 * margin:
                 continue
             window = SampleWindow(around, first, slice(margin, len(around) - margin))
@@ -673,10 +675,10 @@ class Stream:
             extra={name: X[:, at] for name, at in self._others.items()},
             logged=setting.logged, independent=setting.independent,
         )  # fmt: skip
-        e, kept = self._follower(base, known)
+        e, places = self._follower(base, known)
         if setting.wrenches and len(e):
             e = replace(e, wrench=wrenches(self.mechanism, e.name, e.extra, e.q))
-        return e, kept
+        return e, places
 
     def _remember(self, sample: np.ndarray, q: np.ndarray) -> None:
         """Keep configurations for as long as the filter holds rows back."""

@@ -148,9 +148,9 @@ class Watched:
         whole = replace(known, unknown=known.bodies.names, effects=())
         for effect in known.effects:
             whole = whole + (effect.freed if effect.kind in kinds else effect)
-        found = [each for each in candidates(known, motion) if each.kind in kinds]
+        effects = [each for each in candidates(known, motion) if each.kind in kinds]
         shapes: dict[str, float] = {}
-        for effect in found:
+        for effect in effects:
             if effect.loaded_link:
                 continue
             if effect.label not in {own.label for own in whole.effects}:
@@ -161,11 +161,10 @@ class Watched:
         columns = Columns.of(whole)
         x = np.array([point.values.get(name, 0.0) for name in columns.names])
         x[: len(columns.rigid)] = point.pi[columns.rigid]
-        groups: list[tuple[Effect, ...]] = [
-            (each,) for each in found
-        ]  # each alone, and companions of a joint together
-        for name in dict.fromkeys(e.joints[0] for e in found if e.companions):
-            together = tuple(e for e in found if e.companions and e.joints[0] == name)
+        # each alone, and companions of a joint together
+        groups: list[tuple[Effect, ...]] = [(each,) for each in effects]
+        for name in dict.fromkeys(e.joints[0] for e in effects if e.companions):
+            together = tuple(e for e in effects if e.companions and e.joints[0] == name)
             groups += [together] if len(together) > 1 else []
         return cls(
             whole, columns, point, x, tuple(Suspect.of(group, columns) for group in groups),
@@ -210,15 +209,15 @@ class Watched:
         closure may tell.
         """
         m = len(self.mechanism.kinematics.multipliers)
-        found = [Triangle.empty(len(self.columns)) for _ in range(m)]
+        triangles = [Triangle.empty(len(self.columns)) for _ in range(m)]
         for e in motion.experiments if m else ():
             at = np.flatnonzero(e.usable)[:: max(1, len(e) // THINNED)]
             scene = self.scene(e.at_samples(at))
             assert scene.e.pinv is not None
             A = terms(scene, slice(None), full=True).A
             slope = -scene.e.pinv[:, :, :m].transpose(0, 2, 1) @ A
-            found = [f.updated(slope[:, j], np.zeros(len(at))) for j, f in enumerate(found)]
-        return tuple(found)
+            triangles = [f.updated(slope[:, j], np.zeros(len(at))) for j, f in enumerate(triangles)]
+        return tuple(triangles)
 
 
 def _known(reference: Fit | Mechanism) -> tuple[Mechanism, Point]:
@@ -367,8 +366,8 @@ def name_change(
     e, phi2 = triangle.d - triangle.R @ x, normal.typical
     n = max(triangle.rows, 2) / phi2
     fitted = (Reading.of(suspect, triangle.R, e, x, phi2, n) for suspect in suspects)
-    found = sorted(filter(None, fitted), key=lambda each: -each.worth)
-    best, d = found[0] if found else None, len(normal.sigma)
+    readings = sorted(filter(None, fitted), key=lambda each: -each.worth)
+    best, d = readings[0] if readings else None, len(normal.sigma)
     level = normal.energy[:d]  # mean squares, as learnt, or as they have been of late if more
     if len(before) >= LATELY[0]:
         squares, count = (
@@ -381,10 +380,10 @@ def name_change(
     squares = float(e @ e + triangle.rho**2)
     rest = squares - (best.fall if best else 0.0)
     return Naming(
-        readings=tuple(found),
+        readings=tuple(readings),
         rivals=tuple(
             each
-            for each in found[1:]
+            for each in readings[1:]
             if best  # what is the best one and more is no other
             and not each.suspect.contains(best.suspect)
             and best.apart_from(each, phi2) < APART
@@ -457,11 +456,11 @@ def load_change(C: np.ndarray, e: np.ndarray) -> np.ndarray:
     size = np.where(size > FELT * size.max(), size, size.max())
     Q, R = np.linalg.qr(np.vstack([C / size, RIDGE * np.eye(COUNT)]))
     d = Q[: len(e)].T @ e
-    found = [np.zeros(COUNT)]
+    bodies = [np.zeros(COUNT)]
     for sign in (1.0, -1.0):
         body = Limit("a possible body", "psd", sign * BODIES / size, np.zeros(len(BODIES)))
         try:
-            found.append(nearest(R, d, [body]).x / size)
+            bodies.append(nearest(R, d, [body]).x / size)
         except FitError:  # far from any body, or no number left to tell
             continue
-    return min(found, key=lambda theta: float(np.linalg.norm(C @ theta - e)))
+    return min(bodies, key=lambda theta: float(np.linalg.norm(C @ theta - e)))

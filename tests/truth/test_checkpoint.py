@@ -11,7 +11,7 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from test_stream import log_of
+from test_portions import log_of
 
 import ident
 from helpers import ROBOTS
