@@ -7,7 +7,6 @@ from ident.effects import Effect, read_user_effect, user_effect
 from ident.effects import create as effect
 from ident.errors import FitError, IdentError, LogError, MechanismError, MotionError
 from ident.excite import Excitation, Limits, excite
-from ident.show.explore import Exploration, explore
 from ident.fit import Fit, identify
 from ident.fit.output import write_fit
 from ident.fit.saved import Saved, read_fit
@@ -18,6 +17,7 @@ from ident.mechanism.absolute import absolute
 from ident.montecarlo import MonteCarlo, Studies, monte_carlo, monte_carlo_each
 from ident.motion import Motion, complete
 from ident.residual import Residual, residual_of, where
+from ident.show.explore import Exploration, explore
 from ident.simulate import (
     PD,
     ComputedTorque,
@@ -29,16 +29,10 @@ from ident.simulate import (
     replay,
     simulate,
 )
-from ident.streams import (
-    Alarm,
-    Gathered,
-    Monitor,
-    Online,
-    Snapshot,
-    Verdicts,
-    diagnose_each,
-    gather,
-)
+from ident.streams.diagnose_each import Verdicts, diagnose_each
+from ident.streams.gather import Gathered, gather
+from ident.streams.monitor import Alarm, Monitor
+from ident.streams.online import Online, Snapshot
 
 __all__ = [
     "PD",

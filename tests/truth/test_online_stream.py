@@ -14,7 +14,7 @@ from ident.equations.point import Point
 from ident.equations.rows import rows
 from ident.equations.scene import Scene
 from ident.motion.measure import measure
-from ident.streams import Setting, Stream
+from ident.streams.stream import Setting, Stream
 from identification import motion_log, plant, robot
 
 

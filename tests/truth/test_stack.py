@@ -12,8 +12,8 @@ import pytest
 import ident
 from ident.information.band import Stretch
 from ident.information.reduction import Chunk
-from ident.streams import gather
 from ident.streams.checkpoint import Checkpoint, _packed, _unpacked
+from ident.streams.gather import gather
 
 ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 LOG = ROBOTS / "slider_crank" / "run.csv"

@@ -31,7 +31,7 @@ from ident.cli.options import (
 if TYPE_CHECKING:
     from ident.diagnose import Diagnosis
     from ident.diagnose.grow import Step
-    from ident.streams import Verdicts
+    from ident.streams.diagnose_each import Verdicts
 
 CleanSeed = Annotated[
     int, option("Seed of the noise in the clean logs to compare with.", "N", min=0)
@@ -73,7 +73,7 @@ def diagnose(
     found: Diagnosis | Verdicts
     with progress() as on_progress:
         if many(logs, jobs, scheduler):
-            from ident.streams import diagnose_each
+            from ident.streams.diagnose_each import diagnose_each
 
             found = diagnose_each(
                 model, logs, cutoff=cutoff_of(cutoff), smoothing=knots_of(smoothing), seed=seed,

@@ -38,7 +38,7 @@ from ident.errors import IdentError
 
 if TYPE_CHECKING:
     from ident.fit import Fit
-    from ident.streams import Gathered
+    from ident.streams.gather import Gathered
 
 MOST_IN_MEMORY = 1_000_000  # samples of all logs that are read at once
 ADVICE = 4  # sentences on motions that would determine more
@@ -143,7 +143,7 @@ def identify(
     output_folder(out)
     long = sum(map(likely_rows, logs)) > MOST_IN_MEMORY
     if stream or long or many(logs, jobs, scheduler):
-        from ident.streams import gather
+        from ident.streams.gather import gather
 
         if refine:
             raise IdentError(

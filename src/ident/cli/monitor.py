@@ -33,7 +33,9 @@ from ident.cli.options import (
 from ident.errors import FitError, IdentError, LogError, not_there
 from ident.fit import Fit, identify
 from ident.log.follow import Line, follow
-from ident.streams import Alarm, Monitor, Online, Setting, Snapshot, Stream
+from ident.streams.monitor import Alarm, Monitor
+from ident.streams.online import Online, Snapshot
+from ident.streams.stream import Setting, Stream
 from ident.streams.suspects import STICKING
 
 if TYPE_CHECKING:
