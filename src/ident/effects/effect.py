@@ -266,7 +266,7 @@ class Effect(ABC):
 
     @classmethod
     def candidates(cls, sites: Sites) -> list[tuple[str, ...]]:
-        """Return the `joints` of every place of a mechanism where a diagnosis tries this kind."""
+        """Return the `joints` with which a diagnosis tries this kind, given a mechanism's sites."""
         return list(combinations(getattr(sites, cls.tried or cls.sits, ()), cls.arity))
 
     def reads(self) -> tuple[str, ...]:
@@ -279,7 +279,7 @@ class Effect(ABC):
         return tuple(f"{kind}:{','.join(self.joints)}" for kind in self.needs)
 
     def applicable(self, labels: Collection[str], columns: Collection[str]) -> bool:
-        """Whether the effects and the columns of the log that it needs are among these."""
+        """Whether the effects it needs are among `labels` and the log's columns among `columns`."""
         return {*self.required} <= {*labels} and {*self.reads()} <= {*columns}
 
     @property
@@ -332,7 +332,7 @@ class Effect(ABC):
         """
 
     def informed(self, s: Signals) -> np.ndarray:
-        """(n, arity), false where a sample does not inform the torque of this effect on a joint."""
+        """(n, arity), false where a sample of s does not inform the effect's torque on a joint."""
         return np.ones(s.q.shape, dtype=bool)
 
     def bounds(self, s: Signals) -> Bounds:
@@ -354,7 +354,9 @@ class Effect(ABC):
         return Correction()
 
     def state_rate(self, z: np.ndarray, v: np.ndarray, shape: Shape) -> np.ndarray:
-        """ż of the state by which unknowns that act by `state` are multiplied, at rates v."""
+        """ż of the state z by which unknowns that act by `state` are multiplied, at rates v and a
+        shape.
+        """
         raise NotImplementedError(f"effect '{self.kind}' has no state")
 
     @property

@@ -16,10 +16,12 @@ import numpy as np
 import pinocchio as pin
 
 from ident.effects import KINDS
+from ident.effects.payload import Payload
 from ident.errors import MechanismError, one_of
 from ident.mechanism.toml import HUGE, Section
 
-DYNAMIC = ("m", "mx", "my", "mz", "Lxx", "Lxy", "Lyy", "Lxz", "Lyz", "Lzz")
+UNITS = {each.name: each.units[0] for each in Payload.unknowns}  # of a body as of a payload
+DYNAMIC = tuple(UNITS)
 CENTROIDAL = {name: "I" + name[1:] for name in DYNAMIC if name.startswith("L")}
 # the order in which base parameters are sought, so that they read as robotics has them:
 # inertias first, masses last, from the base to the tip
@@ -30,8 +32,7 @@ WORDS = (*DYNAMIC, *CENTROIDAL.values())
 
 def unit_of(parameter: str) -> str:
     """The unit of a body's parameter by its last name."""
-    word = parameter.rsplit(".", 1)[-1]
-    return "kg" if word == "m" else "kg m" if word.startswith("m") else "kg m²"
+    return UNITS.get(parameter.rsplit(".", 1)[-1], UNITS["Lxx"])  # Ixx … are no names of Γ
 
 
 @dataclass(frozen=True)
