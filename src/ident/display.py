@@ -1,8 +1,8 @@
 """Registry of renderers, through which nouns print and plot themselves without knowing how.
 
 A noun derives from `Displayed` and asks for a form by name: `text`, `html`, `plot`, `view`, …
-The package `ident.show` answers: the modules of it register one function for each noun and form. They
-are imported at the first use, so that no kernel module imports a plotting library.
+The package `ident.show` answers: the modules of it register one function for each noun and form.
+They are imported at the first use, so that no kernel module imports a plotting library.
 """
 
 from __future__ import annotations
@@ -37,12 +37,11 @@ def render(noun: object, form: str, *args: Any, **options: Any) -> Any:
     Raises:
         TypeError: if no renderer is registered.
     """
-    for load in (False, True):
-        for kind in type(noun).__mro__:
-            if load:
-                _load(kind.__name__)
-            if renderer := _renderers.get((kind, form)):
-                return renderer(noun, *args, **options)
+    for kind in type(noun).__mro__:
+        if (kind, form) not in _renderers:
+            _load(kind.__name__)
+        if renderer := _renderers.get((kind, form)):
+            return renderer(noun, *args, **options)
     raise TypeError(f"{type(noun).__name__} has no form '{form}'")
 
 

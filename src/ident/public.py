@@ -1,6 +1,6 @@
 """The public names, each from where it is defined; `ident` has them all."""
 
-from ident.compare import Comparison, compare
+from ident.fit.compare import Comparison, compare
 from ident.diagnose import Diagnosis, History, diagnose, grow
 from ident.effects import KINDS as effects
 from ident.effects import Effect, read_user_effect, user_effect

@@ -234,7 +234,7 @@ def compare(
     Errors, the parts of the sum, and where each model fails: in which joint, when, in which regime
     of its motion, and on which signals what is left depends.
     """
-    from ident.compare import compare as compare_
+    from ident.fit.compare import compare as compare_
     from ident.fit.saved import read_fit
 
     model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute)

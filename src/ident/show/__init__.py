@@ -5,6 +5,7 @@ from importlib import import_module
 from ident.display import Displayed, renders
 
 MODULES: dict[str, str] = {
+    "Comparison": "compare",
     "Log": "log",
     "Mechanism": "mechanism",
     "Excitation": "excite",

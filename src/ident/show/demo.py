@@ -17,12 +17,12 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from ident.compare import compare
 from ident.diagnose import Diagnosis, diagnose
 from ident.effects import Effect
 from ident.errors import IdentError
 from ident.files import write_all
 from ident.fit import Fit, identify
+from ident.fit.compare import compare
 from ident.fit.values import BaseValue, Value
 from ident.log import Log, read_log
 from ident.mechanism import Mechanism, load
@@ -31,7 +31,7 @@ from ident.motion import Motion, complete
 from ident.progress import Progress
 from ident.show.simulate import csv_text
 from ident.simulate import Noise, simulate
-from ident.tables import percent
+from ident.text import percent
 
 Shower = Callable[[], AbstractContextManager[Progress]]
 WIDTH, BAR = 96, 40  # characters

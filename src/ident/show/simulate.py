@@ -16,7 +16,7 @@ from ident.show.html import Page, Section, items, paragraph
 from ident.show.html import table as html_table
 from ident.simulate.integrate import Run
 from ident.simulate.replay import Replay, ReplayedLog
-from ident.tables import percent, table
+from ident.text import percent, table
 
 TRANSITIONS = 12  # that are printed
 SCHEMA = "ident.replay/1"

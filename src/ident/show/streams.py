@@ -17,7 +17,7 @@ from ident.streams.gather import Gathered
 from ident.streams.many_logs import RATE, Disagreement, LogTable
 from ident.streams.monitor import Alarm, Cause, Monitor, ParameterChange
 from ident.streams.online import Forces, Snapshot
-from ident.tables import percent, rounded, table
+from ident.text import percent, rounded, table
 
 NAMED = 6  # logs in a sentence; more are counted
 SHOWN = 6  # parameters in one line

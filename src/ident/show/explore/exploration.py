@@ -26,7 +26,7 @@ from ident.show.explore.predicted import (
     ScreeningContext,
     predicted_gains,
 )
-from ident.tables import percent, table
+from ident.text import percent, table
 
 START = "as given"
 GROWN = 1.05  # times, from which a joint's error has grown

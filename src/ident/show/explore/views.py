@@ -18,7 +18,7 @@ from ident.show.charts import Chart
 from ident.show.explore.exploration import Exploration, ModelStep, error_text, share
 from ident.show.explore.predicted import PredictedGain
 from ident.show.html import code, items, paragraph, table
-from ident.tables import rounded
+from ident.text import rounded
 
 
 def error_rows(first: ModelStep, before: ModelStep, now: ModelStep) -> list[list[str]]:

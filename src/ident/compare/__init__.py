@@ -1,5 +1,0 @@
-"""Several models on one motion."""
-
-from ident.compare.compare import Comparison, compare
-
-__all__ = ["Comparison", "compare"]

@@ -1,0 +1,144 @@
+"""Models against measurement on one motion, joint by joint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from ident.display import Plotted, render
+from ident.errors import FitError
+from ident.files import write_all
+from ident.fit.fit import Fit
+from ident.fit.saved import Saved
+from ident.motion import Motion
+from ident.progress import Progress
+from ident.residual.error import Error
+from ident.residual.failure import Failure
+from ident.residual.gather import residual_of
+from ident.residual.predict import Prediction, predict
+from ident.residual.residual import Residual
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Plotted):
+    """One or several models on the same motion. Made by `ident.compare`.
+
+    Attributes:
+        residuals: residual of each model, by its name.
+        fitted: errors of each model's own fit, by name: `train`, `held out`, and logs it was
+            validated on; by joint.
+    """
+
+    residuals: Mapping[str, Residual]
+    fitted: Mapping[str, Mapping[str, Mapping[str, Error]]]
+
+    @property
+    def errors(self) -> dict[str, dict[str, Error]]:
+        """Errors on this motion, by model, then joint."""
+        return {name: residual.errors for name, residual in self.residuals.items()}
+
+    @property
+    def where(self) -> dict[str, tuple[Failure, ...]]:
+        """Where each model fails, the joint with the largest share first."""
+        return {name: residual.where for name, residual in self.residuals.items()}
+
+    @cached_property
+    def predictions(self) -> dict[str, list[Prediction]]:
+        """Predictions of each model, one an experiment, at full rate and unfiltered."""
+        return {
+            name: predict(r.model.mechanism, r.motion, r.model.point)
+            for name, r in self.residuals.items()
+        }
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the independent joints' torques."""
+        return next(iter(self.residuals.values())).units
+
+    @property
+    def summary(self) -> str:
+        """Errors on this motion, those of the fits, and how far the error falls."""
+        return str(render(self, "summary"))
+
+    def plot(self, experiment: int = 0) -> Any:
+        """Return a chart of measured and predicted torques, with residuals below, per joint.
+
+        Args:
+            experiment: its number, from 0.
+        """
+        return render(self, "plot", experiment)
+
+    def plot_parts(self, experiment: int = 0) -> Any:
+        """Return a chart of rigid bodies, effects and residual over time, per joint and model.
+
+        Args:
+            experiment: its number, from 0.
+        """
+        return render(self, "plot_parts", experiment)
+
+    def plot_maps(self, joint: str | None = None) -> Any:
+        """Return a chart of a joint's residual against t, q, v, a and load.
+
+        Args:
+            joint: an independent one; by default the last model's worst joint.
+
+        Raises:
+            FitError: if the joint is not an independent one.
+        """
+        return render(self, "plot_maps", joint)
+
+    def save(self, path: Path) -> None:
+        """Save the plot of the first experiment as .png, .svg, .pdf or .html.
+
+        Args:
+            path: of the file, whose suffix decides.
+
+        Raises:
+            IdentError: for another suffix.
+        """
+        self.plot().save(path)
+
+    def write(self, folder: str | Path) -> list[Path]:
+        """Write report.html, with all charts in it, and compare.json.
+
+        Raises:
+            IdentError: if the folder cannot be written; then no file of it has changed.
+        """
+        return write_all(Path(folder), render(self, "files"))
+
+
+def compare(
+    *models: Fit | Saved, motion: Motion | None = None, progress: Progress | None = None
+) -> Comparison:
+    """Compare models with measurement on one motion.
+
+    Args:
+        models: fits, or fit.json files read back.
+        motion: on which to compare; default: the one that the first fit was made from.
+        progress: called with (what is being done, share done).
+
+    Raises:
+        FitError: if there is no model, or no motion to compare on.
+    """
+    if not models:
+        raise FitError("nothing to compare; give one fit or several")
+    if motion is None and isinstance(models[0], Fit):
+        motion = models[0].motion
+    residuals, fitted = {}, {}
+    for i, model in enumerate(models):
+        name = f"fit {i + 1}" if isinstance(model, Fit) and len(models) > 1 else ""
+        residual = residual_of(model, motion, name=name)
+        residuals[residual.name] = residual
+        fitted[residual.name] = _fitted(model)
+        if progress:
+            progress(f"where {residual.name} fails", (i + 0.5) / len(models))
+    return Comparison(residuals, fitted)
+
+
+def _fitted(model: Fit | Saved) -> dict[str, Mapping[str, Error]]:
+    if isinstance(model, Saved):
+        return dict(model.errors)
+    return {"train": model.train, "held out": model.held_out, **model.validation}
