@@ -23,7 +23,7 @@ import pinocchio as pin
 
 from ident.errors import MechanismError, one_of
 from ident.files import module_of
-from ident.mechanism.toml import Section
+from ident.mechanism.toml import TomlTable
 from ident.mechanism.tree import Placement
 
 Coordinates = Mapping[str, ca.SX]
@@ -82,7 +82,7 @@ class Context:
     folder: Path
     allow_code: bool
 
-    def frame(self, table: Section, key: str) -> Frame:
+    def frame(self, table: TomlTable, key: str) -> Frame:
         """Return the frame `key = { link = "…", xyz = […], rpy = […] }`; "world" is the ground.
 
         Raises:
@@ -92,7 +92,7 @@ class Context:
             raise table.error(
                 f'{key} = {table.data.get(key)!r}; write {key} = {{ link = "…", xyz = [0, 0, 0] }}'
             )
-        inner = Section(f"{table.where}: {key}", table.data[key])
+        inner = TomlTable(f"{table.where}: {key}", table.data[key])
         inner.check("link", "xyz", "rpy")
         xyz, rpy = (inner.vector(each, 3, (0.0, 0.0, 0.0)) for each in ("xyz", "rpy"))
         placement = pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz))
@@ -123,7 +123,7 @@ class Closure(ABC):
 
     @classmethod
     @abstractmethod
-    def read(cls, name: str, table: Section, context: Context) -> Closure:
+    def read(cls, name: str, table: TomlTable, context: Context) -> Closure:
         """Return the closure of a checked [[closure]] table.
 
         Raises:
@@ -168,7 +168,7 @@ class FrameClosure(Closure):
     own_name: str = ""
 
     @classmethod
-    def read(cls, name: str, table: Section, context: Context) -> FrameClosure:
+    def read(cls, name: str, table: TomlTable, context: Context) -> FrameClosure:
         """Return the closure of frames a and b."""
         return cls(name, context.frame(table, "a"), context.frame(table, "b"))
 
@@ -248,7 +248,7 @@ class PointClosure(FrameClosure):
         return self.axes
 
     @classmethod
-    def read(cls, name: str, table: Section, context: Context) -> PointClosure:
+    def read(cls, name: str, table: TomlTable, context: Context) -> PointClosure:
         """Return the closure along the world's axes that `axes` names."""
         axes = table.text("axes", "xyz")
         if set(axes) - set("xyz") or len(set(axes)) != len(axes):
@@ -322,7 +322,7 @@ class DistanceClosure(FrameClosure):
     length: float = 0.0
 
     @classmethod
-    def read(cls, name: str, table: Section, context: Context) -> DistanceClosure:
+    def read(cls, name: str, table: TomlTable, context: Context) -> DistanceClosure:
         """Return the rod of a positive length."""
         length = table.number("length", 0.0)
         if not length > 0:
@@ -363,7 +363,7 @@ class LinearClosure(Closure):
         return self.joints
 
     @classmethod
-    def read(cls, name: str, table: Section, context: Context) -> LinearClosure:
+    def read(cls, name: str, table: TomlTable, context: Context) -> LinearClosure:
         """Return the closure of two or more joints."""
         joints, ratios = table.words("joints"), table.vector("ratios")
         if len(joints) < 2 or len(ratios) != len(joints) or len(set(joints)) != len(joints):
@@ -412,7 +412,7 @@ class FunctionClosure(Closure):
     function: Callable[[JointSymbols], Any]
 
     @classmethod
-    def read(cls, name: str, table: Section, context: Context) -> FunctionClosure:
+    def read(cls, name: str, table: TomlTable, context: Context) -> FunctionClosure:
         """Return the closure of a function in a Python file, which is run."""
         file, function = context.folder / table.text("file"), table.text("function")
         if not context.allow_code:
@@ -467,14 +467,14 @@ KINDS: dict[str, type[Closure]] = {
 }  # fmt: skip
 
 
-def read_closure(table: Section, context: Context) -> Closure:
+def read_closure(table: TomlTable, context: Context) -> Closure:
     """Return the closure of one [[closure]] table.
 
     Raises:
         MechanismError: naming what is wrong and what would be valid.
     """
     name, kind = table.text("name"), table.text("kind")
-    table = Section(f"{table.where} ('{name}')", table.data)
+    table = TomlTable(f"{table.where} ('{name}')", table.data)
     if kind not in KINDS:
         raise table.error(f"kind = '{kind}'; {one_of(kind, KINDS)}")
     table.check("name", "kind", *KINDS[kind].keys)

@@ -17,7 +17,7 @@ from ident.mechanism.closures import Closure, Context, LinearClosure, read_closu
 from ident.mechanism.description import Description, read_description
 from ident.mechanism.mechanism import Joint, Mechanism, Multipliers, multipliers
 from ident.mechanism.parameters import Bodies, read_consistency
-from ident.mechanism.toml import Section, read_toml
+from ident.mechanism.toml import TomlTable, read_toml
 from ident.mechanism.tree import Tree, build_tree, is_rotational
 from ident.mechanism.urdf import parse_urdf
 from ident.plugins import suffixes
@@ -43,7 +43,7 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
     """
     path = Path(path)
     toml = _toml_of(path)
-    top, urdf, name = Section(str(path)), path, path.stem
+    top, urdf, name = TomlTable(str(path)), path, path.stem
     if toml is not None:
         top, name = read_toml(toml), toml.parent.resolve().name
         top.check(*TOP)
@@ -56,7 +56,7 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
         top.table(key)
     closures, effects = (top.tables(key) for key in ("closure", "effect"))
     source = read_description(urdf)
-    loops = (Section(f"{urdf}: loop {i}", each) for i, each in enumerate(source.closures, 1))
+    loops = (TomlTable(f"{urdf}: loop {i}", each) for i, each in enumerate(source.closures, 1))
     top = replace(top, data=stated(top.data, source))
     tree = build_tree(parse_urdf(source.urdf, str(urdf)), top.vector("gravity", 3), str(urdf))
     bodies, joints = Bodies(tree.links), _tree_joints(tree)
@@ -133,7 +133,7 @@ def stated(data: Mapping[str, Any], source: Description) -> dict[str, Any]:
 
 
 def _closures(
-    top: Section, tables: list[Section], tree: Tree, context: Context
+    top: TomlTable, tables: list[TomlTable], tree: Tree, context: Context
 ) -> tuple[Closure, ...]:
     closures: dict[str, Closure] = {}
     for table in tables:
@@ -150,7 +150,7 @@ def _closures(
     return tuple(closures.values())
 
 
-def _with_effect(mechanism: Mechanism, table: Section, context: Context) -> Mechanism:
+def _with_effect(mechanism: Mechanism, table: TomlTable, context: Context) -> Mechanism:
     try:
         effect = _effect(table, context)
         if effect.label in {own.label for own in mechanism.effects}:
@@ -160,7 +160,7 @@ def _with_effect(mechanism: Mechanism, table: Section, context: Context) -> Mech
         raise (error if table.where in str(error) else table.error(str(error))) from None
 
 
-def _effect(table: Section, context: Context) -> Effect:
+def _effect(table: TomlTable, context: Context) -> Effect:
     """The effect of one [[effect]]: of the library, or with `file` one of the user's own."""
     kind = table.text("kind")
     values = {key: table.number(key) for key in table.data if key not in ("kind", "joint", "file")}
@@ -195,7 +195,7 @@ def _tree_joints(tree: Tree) -> tuple[Joint, ...]:
 
 
 def _passive_and_start(
-    section: Section, tree: Tree, joints: tuple[Joint, ...]
+    section: TomlTable, tree: Tree, joints: tuple[Joint, ...]
 ) -> tuple[set[str], np.ndarray]:
     """Passive joints, mimicking ones among them, and the configuration (nq,) of [joints]."""
     section.check("passive", "start")
@@ -203,7 +203,7 @@ def _passive_and_start(
     passive, table = section.words("passive"), section.data.get("start", {})
     if not isinstance(table, dict):
         raise section.error(f"start = {table!r}; write {{ joint = 0.0, … }}")
-    start = Section(f"{section.where} start", table)
+    start = TomlTable(f"{section.where} start", table)
     for key, names in (("passive", passive), ("start", table)):
         for name in names:
             if name not in places:
@@ -230,12 +230,12 @@ def _remarks(mechanism: Mechanism) -> list[str]:
     return remarks
 
 
-def _multipliers(table: Section) -> Multipliers:
+def _multipliers(table: TomlTable) -> Multipliers:
     table.check("basis", "spacing")
     return multipliers(table.text("basis", "free"), table.number("spacing", 0.0), table.where)
 
 
-def _columns(table: Section) -> Mapping[str, Column]:
+def _columns(table: TomlTable) -> Mapping[str, Column]:
     columns = {}
     for name, entry in table.data.items():
         where = f'{table.where} "{name}"'
@@ -243,7 +243,7 @@ def _columns(table: Section) -> Mapping[str, Column]:
             entry = {"column": entry}
         if not isinstance(entry, dict):
             raise MechanismError(f'{where} = {entry!r}; write {{ column = "…", scale = 1.0 }}')
-        column = Section(where, entry)
+        column = TomlTable(where, entry)
         column.check("column", "scale", "offset")
         scale = column.number("scale", 1.0)
         if scale == 0:

@@ -18,7 +18,7 @@ import pinocchio as pin
 from ident.effects import KINDS
 from ident.effects.payload import Payload
 from ident.errors import MechanismError, one_of
-from ident.mechanism.toml import HUGE, Section
+from ident.mechanism.toml import HUGE, TomlTable
 
 UNITS = {each.name: each.units[0] for each in Payload.unknowns}  # of a body as of a payload
 DYNAMIC = tuple(UNITS)
@@ -126,7 +126,7 @@ class Consistency:
         return Consistency({**self.bounds, **other.bounds}, mass)
 
 
-def read_consistency(table: Section, bodies: Bodies) -> Consistency:
+def read_consistency(table: TomlTable, bodies: Bodies) -> Consistency:
     """Return `bounds` and `total_mass` of [parameters].
 
     Raises:

@@ -20,7 +20,7 @@ def is_number(value: object) -> bool:
 
 
 @dataclass(frozen=True)
-class Section:
+class TomlTable:
     """A table of the file, and the place that messages name."""
 
     where: str
@@ -39,18 +39,20 @@ class Section:
             if key not in valid:
                 raise self.error(f"unknown key '{key}'; {one_of(key, valid)}")
 
-    def table(self, key: str) -> Section:
+    def table(self, key: str) -> TomlTable:
         """Return the table `[key]`, empty if it is missing."""
         if not isinstance(self.data.get(key, {}), dict):
             raise self.error(f"[{key}] must be a table, given: {self.data[key]!r}")
-        return Section(f"{self.where}: [{key}]", self.data.get(key, {}))
+        return TomlTable(f"{self.where}: [{key}]", self.data.get(key, {}))
 
-    def tables(self, key: str) -> list[Section]:
+    def tables(self, key: str) -> list[TomlTable]:
         """Return all tables `[[key]]`."""
         tables = self.data.get(key, [])
         if not isinstance(tables, list) or not all(isinstance(each, dict) for each in tables):
             raise self.error(f"write every {key} as a table [[{key}]]")
-        return [Section(f"{self.where}: {key} {i}", each) for i, each in enumerate(tables, start=1)]
+        return [
+            TomlTable(f"{self.where}: {key} {i}", each) for i, each in enumerate(tables, start=1)
+        ]
 
     def text(self, key: str, default: str | None = None) -> str:
         """Return a text that is not empty; required unless there is a default."""
@@ -90,7 +92,7 @@ class Section:
         return tuple(value)
 
 
-def read_toml(path: Path) -> Section:
+def read_toml(path: Path) -> TomlTable:
     """Return the top level of a TOML file.
 
     Raises:
@@ -111,4 +113,4 @@ def read_toml(path: Path) -> Section:
         ) from None
     except OSError as error:
         raise MechanismError(f"{path}: cannot be read: {error.strerror}") from None
-    return Section(str(path), data)
+    return TomlTable(str(path), data)
