@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from helpers import J, tree_urdf, write_mechanism
-from ident.effects import KINDS, Correcting, Signals, create, parse
+from ident.effects import KINDS, Correcting, Signals, Sites, create, parse
 from ident.errors import MechanismError
 from ident.mechanism import load
 
@@ -193,6 +193,17 @@ FORMULAS = {
     ),
     "drift": (lambda s: [(s.t - 3.0)[:, None]], ["N m/s", "N/s"]),
 }
+
+
+@pytest.mark.parametrize("kind", KINDS.values())
+def test_what_a_kind_states_refers_to_what_exists(kind):
+    related = {*kind.nested_in, *kind.companions, *kind.separated_by, *kind.needs}
+    assert related <= {*KINDS} - {kind.kind}
+    assert {kind.sits, kind.tried or kind.sits} <= {*vars(Sites()), "mechanism"}
+    assert kind.watched in ("always", "request", "never")
+    assert {*kind.asks} <= {"a", "torque", "load"}
+    acts = {unknown.acts for unknown in made(kind.kind).unknowns}
+    assert acts <= {"torque", "linear", "inertia", "dry", "level", "state", "body"}
 
 
 def test_every_kind_with_columns_has_its_formula_here():
