@@ -45,7 +45,7 @@ ARM = {
 
 def moving(name):
     """A log to follow, with a temperature that rises."""
-    log = motion_log(name, 250.0, 0.5)
+    log = motion_log(name, 250.0, 0.8)
     return Log.from_arrays("log", log.t, {**log.columns, "temperature.elbow": 20 + 5 * log.t})
 
 
