@@ -485,11 +485,7 @@ def _places(columns: Columns, label: str) -> list[int]:
 def _home(
     mechanism: Mechanism, joints: list[Joint], start: np.ndarray
 ) -> tuple[np.ndarray, list[str]]:
-    """Return the home (d,) [rad | m]: the start, moved into the ranges of a tree's joints.
-
-    Raises:
-        MotionError: for a mechanism with closures that starts outside a range.
-    """
+    """Return the home (d,) [rad | m]: the start, moved into the ranges of a tree's joints."""
     home, notes = start.copy(), []
     for i, joint in enumerate(joints):
         inside = joint.lower <= start[i] <= joint.upper
@@ -551,11 +547,7 @@ def _draw(
 
 
 def _pilots(family: Family, box: LimitBox, seed: int) -> list[MotionRows]:
-    """Return the rows of some random motions.
-
-    Raises:
-        MotionError: if none is inside the limits.
-    """
+    """Return the rows of some random motions."""
     random = np.random.default_rng([seed, 1])
     wanted, most = PILOTS
     pilots: list[MotionRows] = []

@@ -220,12 +220,7 @@ def _outcomes(
     scheduler: str | None,
     progress: Progress | None,
 ) -> list[list[TrialOutcome]]:
-    """Run (SNR [dB], run) of all plans in a pool; return each plan's outcomes in their order.
-
-    Raises:
-        IdentError: if mechanism or estimators cannot be sent to other processes, or a run fails
-            otherwise than an estimator may.
-    """
+    """Run (SNR [dB], run) of all plans in a pool; return each plan's outcomes in their order."""
     tasks = [(number, snr, run) for number in range(len(plans)) for snr, run in runs]
     outcomes: list[list[TrialOutcome]] = [[] for _ in tasks]
     pool = spread(_trial, tasks, common=tuple(plans), jobs=jobs, scheduler=scheduler)

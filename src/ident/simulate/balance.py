@@ -307,11 +307,7 @@ class _Instant:
         return Balance(a, self.tau, multipliers, f, rates, sides, bool(holding))
 
     def _least(self, A: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return A⁻¹ b of a positive definite A.
-
-        Raises:
-            MechanismError: where it is not, naming the bodies that cannot exist.
-        """
+        """Return A⁻¹ b of a positive definite A."""
         if not len(A):
             return np.zeros_like(b)
         _, x, info = lapack.dposv(A, b)

@@ -139,11 +139,7 @@ def _drive_inertia(plant: Plant, e: Experiment) -> np.ndarray:
 
 
 def _by_joint(gains: Gains, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
-    """Return Kp, Kd (driven,).
-
-    Raises:
-        MotionError: for a joint without a drive, one without gains, or a negative gain.
-    """
+    """Return Kp, Kd (driven,)."""
     names = mechanism.driven
     table = gains if isinstance(gains, Mapping) else dict.fromkeys(names, gains)
     for name in table:
