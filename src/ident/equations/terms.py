@@ -389,7 +389,8 @@ def with_bodies(
 
 def terms(scene: Any, part: slice | np.ndarray, *, full: bool = False) -> Terms:
     """Former name of `Scene.terms`."""
-    return scene.terms(part, full=full)  # type: ignore[no-any-return]
+    found: Terms = scene.terms(part, full=full)
+    return found
 
 
 def told_by(s: Samples, effect: Effect) -> list[tuple[str, np.ndarray]]:

@@ -15,8 +15,18 @@ from ident.log import Log, read_log
 from ident.log.table import is_frame
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.closures import best_conditioned, check_freedom, independent_joints
-from ident.motion.recipe import AUTO, CLEAN, Band, Recipe, band_of, standstill
-from ident.motion.signals import Signals, Smoothed, channels_of, measure, noise_level, runs
+from ident.motion.recipe import (
+    AUTO,
+    CLEAN,
+    Band,
+    Recipe,
+    band_of,
+    noise_of_speeds,
+    standstill,
+    thresholds,
+    top_speeds,
+)
+from ident.motion.signals import Clock, Signals, Smoothed, channels_of, measure, noise_level, runs
 from ident.motion.smoothing import (
     AS_LOGGED,
     along,
@@ -27,7 +37,7 @@ from ident.motion.smoothing import (
     smoothed,
     through_motion,
 )
-from ident.motion.state import State, wrenches
+from ident.motion.state import State, largest_nearness, nearness, wrenches
 from ident.progress import Progress
 
 Given = Log | str | os.PathLike[str] | Any  # a polars or pandas data frame
@@ -174,6 +184,111 @@ def complete(
         experiments[i] = replace(experiments[i], still=still)
     noted = tuple(dict.fromkeys(notes))
     return Motion(tuple(experiments), independent, band, worst, noted, tuple(read), mechanism)
+
+
+def decide(
+    mechanism: Mechanism,
+    excerpts: Sequence[Log],
+    clock: Clock,
+    *,
+    logged: tuple[str, ...],
+    independent: tuple[str, ...],
+    band: Band,
+    smoothing: float | str | None = AUTO,
+) -> Recipe:
+    """The recipe of a long log, from excerpts of it that decide by themselves.
+
+    Its speeds of standstill are those that noise imitates; top speeds are known when all parts have
+    been seen (`recipe.thresholds`).
+
+    Args:
+        mechanism: the mechanism.
+        excerpts: stretches of the log.
+        clock: of the whole log.
+        logged, independent, band, smoothing: as the recipe has them.
+
+    Raises:
+        MotionError: where `complete` would raise one.
+    """
+    signals = [measure(mechanism, log) for log in excerpts]
+    derived = [derive(each, logged, band, smoothing) for each in signals]
+    states = [state_of(mechanism, each, logged, band, smoothing)[0] for each in signals]
+    singular = np.inf
+    if mechanism.closures:
+        states = [e.transmitted(mechanism, independent) for e in states]
+        singular = largest_nearness(np.concatenate([nearness(e) for e in states]))
+    still = [
+        noise_of_speeds(mechanism, each, e, logged)
+        for each, e in zip(signals, states, strict=True)
+    ]
+    recipe = Recipe(
+        clock, ends=max(each.ends for each in derived), logged=logged, independent=independent,
+        band=band, smoothing=smoothing, still=np.max(still, axis=0), singular=singular,
+    )  # fmt: skip
+    smooth = [e.smooth for e in states if e.smooth is not None]
+    if not smooth:
+        return recipe
+    noisy = {name for each in derived if each.smooth for name in each.smooth.names}
+    surplus = len(logged) > mechanism.degrees_of_freedom
+    spacing = min(each.spacing for each in smooth)  # at rest coarser ones would do
+    length = clock.t_end - clock.t0
+    sigma: dict[str, list[float]] = {}
+    for channel in (c for each in smooth for c in each.channels):
+        sigma.setdefault(channel.column, []).append(channel.sigma)
+    return replace(
+        recipe,
+        noisy=tuple(name for name in logged if name in noisy or surplus),
+        carriers=smooth[0].names,
+        knots=length / np.ceil(length / spacing - 1e-9),
+        noise={name: float(np.median(each)) for name, each in sigma.items()},
+    )
+
+
+def part_of(mechanism: Mechanism, log: Log, recipe: Recipe) -> State | None:
+    """The state over a part of a log, as the whole log would have it; None if none is usable.
+
+    Args:
+        mechanism: the mechanism, assembled where the part begins.
+        log: the part, with margins; recipe: of the whole log.
+
+    Raises:
+        MotionError: where `complete` would raise one.
+    """
+    signals = measure(mechanism, log, recipe.clock)
+    if not signals.usable.any():
+        return None
+    e, _ = state_of(mechanism, signals, recipe.logged, recipe.band, recipe.smoothing, recipe)
+    if mechanism.closures:
+        e = e.transmitted(mechanism, recipe.independent, recipe.singular)
+    still = np.full(len(mechanism.joints), 1e-9) if recipe.still is None else recipe.still
+    return replace(e, still=still) if e.usable.any() else None
+
+
+def prescribed(
+    mechanism: Mechanism, name: str, t: np.ndarray, joints: tuple[str, ...], known: np.ndarray
+) -> Motion:
+    """A motion that is given, not measured: without torques, noise and filter.
+
+    Args:
+        mechanism: the mechanism.
+        name: of the motion; t: (n,) [s], uniform.
+        joints: that determine the motion; known: (3, n, joints) their coordinates, rates and
+            accelerations.
+
+    Raises:
+        MotionError: if the closures cannot follow it.
+    """
+    none = np.empty(0)
+    e = State(
+        name=name, t=t, q=none, v=none, a=none, y=none, yd=none, ydd=none,
+        tau=np.zeros((len(t), len(mechanism.driven))), wrench=None, pinv=None, leverage=None,
+        usable=np.ones(len(t), dtype=bool), still=none, logged=joints, independent=joints,
+    ).at(mechanism, known, joints, start="follow")  # fmt: skip
+    if mechanism.closures:
+        e = e.transmitted(mechanism, best_conditioned(mechanism, e.q))
+    top = top_speeds(e)
+    e = replace(e, still=thresholds(top, np.zeros_like(top)))
+    return Motion((e,), e.independent, Band(0.0, 0.0, None), 0.0, mechanism=mechanism)
 
 
 def _log(mechanism: Mechanism, given: Given) -> Log:

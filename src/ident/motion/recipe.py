@@ -65,7 +65,9 @@ class Recipe:
         ends: time [s] at the ends of a run where splines are not to be trusted.
         logged: joints that determine the motion; independent: those in which errors are compared.
         band: with the cut-off of the rows' filter.
+        smoothing: spacing of the knots [s] that was asked for, "auto" or None.
         still: (J,) speed below which a joint stands still [rad/s | m/s].
+        farthest: (J, d) largest velocity transmission of every joint; None for a tree.
         singular: ‖K⁺‖ from which on a sample is too near a singular position.
     """
 
@@ -78,7 +80,9 @@ class Recipe:
     logged: tuple[str, ...] = ()
     independent: tuple[str, ...] = ()
     band: Band = Band(0.0, 0.0, None)
+    smoothing: float | str | None = AUTO
     still: np.ndarray | None = None
+    farthest: np.ndarray | None = None
     singular: float = HOPELESS
 
 
