@@ -164,7 +164,7 @@ def _spread(spline: Spline, t: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Torques:
+class TorqueRows:
     """The rows of one run, at c₀, before they are weighed.
 
     With n rows of each of d independent coordinates, k unknowns and w functions in reach:
@@ -182,7 +182,7 @@ class Torques:
     L: np.ndarray
     t: np.ndarray
 
-    def informed_as(self, other: Torques) -> Torques:
+    def informed_as(self, other: TorqueRows) -> TorqueRows:
         """The rows, of which those inform that do in `other`, if they are the same instants."""
         same = np.array_equal(self.t, other.t)
         return replace(self, informed=other.informed) if same else self
@@ -218,7 +218,7 @@ def through_filter(
     return low, L
 
 
-def weighed(torques: Torques, spline: Spline, c: np.ndarray, sigma: np.ndarray) -> list[Chunk]:
+def weighed(torques: TorqueRows, spline: Spline, c: np.ndarray, sigma: np.ndarray) -> list[Chunk]:
     """The run's rows divided by their noise, for `solve.eliminate`.
 
     Args:
@@ -257,7 +257,7 @@ def widened(
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class EliminatedRun:
     """One run of samples with its motion eliminated.
 
     Attributes:
@@ -282,9 +282,9 @@ class Linear:
 
     fine: Smooth
     c: tuple[np.ndarray, ...]
-    torques: tuple[Torques | None, ...]
+    torques: tuple[TorqueRows | None, ...]
 
-    def eliminated(self, number: int, sigma: np.ndarray) -> list[Run]:
+    def eliminated(self, number: int, sigma: np.ndarray) -> list[EliminatedRun]:
         """All runs of experiment `number`, for torque rows of noise sigma (d,)."""
         found = []
         for (segment, spline), c, torques in zip(self.fine.runs, self.c, self.torques, strict=True):
@@ -292,7 +292,9 @@ class Linear:
                 count = spline.basis.count
                 blocks = max(1, min(BLOCKS, count // 4))
                 chunks = weighed(torques, spline, c, sigma)
-                found.append(Run(number, segment, spline.basis, eliminate(chunks, count, blocks)))
+                found.append(
+                    EliminatedRun(number, segment, spline.basis, eliminate(chunks, count, blocks))
+                )
         return found
 
     def left(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -324,7 +326,7 @@ class Linear:
         )
         return Smooth(self.fine.names, self.fine.spacing, found, self.fine.channels)
 
-    def moved(self, runs: Sequence[Run], x: np.ndarray) -> Smooth:
+    def moved(self, runs: Sequence[EliminatedRun], x: np.ndarray) -> Smooth:
         """The motion that goes with the parameters x (k,)."""
         by_segment = {run.segment.start: run for run in runs}
         found = []
@@ -369,7 +371,7 @@ def linear(
     scene = Scene.of(mechanism, columns, e, point, cutoff)
     pieces = [*rows(scene, cutoff, STICKING)]
     coefficients: list[np.ndarray] = []
-    torques: list[Torques | None] = []
+    torques: list[TorqueRows | None] = []
     for segment, spline in fine.runs:
         coefficients.append(_coefficients(spline.basis, e, segment, fine.names, mechanism))
         mine = [p for p in pieces if segment.start <= p.sample[0] < segment.stop]
@@ -383,7 +385,7 @@ def linear(
         first, L = through_filter(
             spline.basis, e.t[segment], G[segment], decimator, sample - segment.start
         )
-        torques.append(Torques(A, b, told, first, L, t))
+        torques.append(TorqueRows(A, b, told, first, L, t))
     if like is not None:
         torques = [
             now if now is None or before is None else now.informed_as(before)

@@ -26,7 +26,15 @@ from ident.motion.recipe import (
     thresholds,
     top_speeds,
 )
-from ident.motion.signals import Clock, Signals, Smoothed, channels_of, measure, noise_level, runs
+from ident.motion.signals import (
+    Clock,
+    LogSignals,
+    Smoothed,
+    channels_of,
+    measure,
+    noise_level,
+    runs,
+)
 from ident.motion.smoothing import (
     AS_LOGGED,
     along,
@@ -218,8 +226,7 @@ def decide(
         states = [e.transmitted(mechanism, independent) for e in states]
         singular = largest_nearness(np.concatenate([nearness(e) for e in states]))
     still = [
-        noise_of_speeds(mechanism, each, e, logged)
-        for each, e in zip(signals, states, strict=True)
+        noise_of_speeds(mechanism, each, e, logged) for each, e in zip(signals, states, strict=True)
     ]
     recipe = Recipe(
         clock, ends=max(each.ends for each in derived), logged=logged, independent=independent,
@@ -310,7 +317,7 @@ def _distinct(logs: list[Log]) -> list[Log]:
     return found
 
 
-def _checked(cutoff: float | str, measured: list[Signals]) -> float:
+def _checked(cutoff: float | str, measured: list[LogSignals]) -> float:
     slowest = max(measured, key=lambda signals: signals.dt)
     nyquist = 0.5 / slowest.dt
     try:
@@ -330,7 +337,7 @@ def _checked(cutoff: float | str, measured: list[Signals]) -> float:
     return value
 
 
-def _check_torques(mechanism: Mechanism, signals: Signals) -> None:
+def _check_torques(mechanism: Mechanism, signals: LogSignals) -> None:
     for name in mechanism.driven:
         if f"tau.{name}" not in signals.columns:
             has = [c for c in signals.columns if c.startswith("tau.")]
@@ -341,7 +348,7 @@ def _check_torques(mechanism: Mechanism, signals: Signals) -> None:
             )
 
 
-def _determining(mechanism: Mechanism, measured: list[Signals]) -> tuple[str, ...]:
+def _determining(mechanism: Mechanism, measured: list[LogSignals]) -> tuple[str, ...]:
     logged = [
         joint.name
         for joint in mechanism.joints
@@ -373,7 +380,9 @@ def _determining(mechanism: Mechanism, measured: list[Signals]) -> tuple[str, ..
     return names
 
 
-def _checked_smoothing(spacing: float | str | None, measured: list[Signals]) -> float | str | None:
+def _checked_smoothing(
+    spacing: float | str | None, measured: list[LogSignals]
+) -> float | str | None:
     if spacing is None or spacing == AUTO:
         return spacing
     finest = max(signals.dt for signals in measured)
@@ -397,7 +406,7 @@ def _checked_smoothing(spacing: float | str | None, measured: list[Signals]) -> 
 
 def state_of(
     mechanism: Mechanism,
-    signals: Signals,
+    signals: LogSignals,
     names: tuple[str, ...],
     band: Band,
     smoothing: float | str | None,
@@ -457,7 +466,7 @@ def state_of(
 
 def _together(
     mechanism: Mechanism,
-    signals: Signals,
+    signals: LogSignals,
     e: State,
     band: Band,
     recipe: Recipe | None,
@@ -488,13 +497,13 @@ def _together(
     return replace(e, channels=tuple(table))
 
 
-def _noise(mechanism: Mechanism, signals: Signals, names: tuple[str, ...]) -> dict[str, float]:
+def _noise(mechanism: Mechanism, signals: LogSignals, names: tuple[str, ...]) -> dict[str, float]:
     wanted = [f"{channel}.{name}" for name in names for channel in "qva"]
     wanted += [f"tau.{name}" for name in mechanism.driven]
     return {name: noise_level(signals.even(name)[0]) for name in wanted if name in signals.columns}
 
 
-def _without_ends(signals: Signals, ends: float) -> np.ndarray:
+def _without_ends(signals: LogSignals, ends: float) -> np.ndarray:
     """Usable samples (n,) that are `ends` [s] away from both ends of their run, if any are."""
     usable, rounding = signals.usable.copy(), ROUNDING * signals.dt
     for run in runs(signals.usable):

@@ -16,7 +16,7 @@ from ident.errors import MotionError
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.signals import (
     Clock,
-    Signals,
+    LogSignals,
     acceleration_noise_share,
     acceleration_size,
     motion_bandwidth,
@@ -86,7 +86,7 @@ class Recipe:
     singular: float = HOPELESS
 
 
-def band_of(mechanism: Mechanism, logs: list[Signals], names: tuple[str, ...]) -> Band:
+def band_of(mechanism: Mechanism, logs: list[LogSignals], names: tuple[str, ...]) -> Band:
     """Bandwidth, noise and cut-off that the logs themselves suggest.
 
     The cut-off is five times the bandwidth of the motion, so that accelerations pass and what lies
@@ -125,13 +125,13 @@ def band_of(mechanism: Mechanism, logs: list[Signals], names: tuple[str, ...]) -
     return Band(motion, noise, cutoff if filtered else None)
 
 
-def _bandwidth(signals: Signals, name: str, order: int) -> float:
+def _bandwidth(signals: LogSignals, name: str, order: int) -> float:
     """Bandwidth [Hz] of a joint's motion in one of its channels; 0 where there is none."""
     column = f"{'qva'[order]}.{name}"
     return motion_bandwidth(*signals.even(column), order) if column in signals.columns else 0.0
 
 
-def _calm_cutoff(signals: Signals, name: str, motion: float) -> float:
+def _calm_cutoff(signals: LogSignals, name: str, motion: float) -> float:
     """Cut-off [Hz] below which the acceleration of a logged joint holds little noise.
 
     White noise σ of the k-th derivative, seen in the acceleration below f, with j = 2 − k:
@@ -152,7 +152,7 @@ def _calm_cutoff(signals: Signals, name: str, motion: float) -> float:
 
 
 def standstill(
-    mechanism: Mechanism, signals: Signals, e: State, names: tuple[str, ...]
+    mechanism: Mechanism, signals: LogSignals, e: State, names: tuple[str, ...]
 ) -> np.ndarray:
     """(J,) speeds below which joints stand still; one that moves by noise alone never moves.
 
@@ -168,7 +168,7 @@ def top_speeds(e: State) -> np.ndarray:
 
 
 def noise_of_speeds(
-    mechanism: Mechanism, signals: Signals, e: State, names: tuple[str, ...]
+    mechanism: Mechanism, signals: LogSignals, e: State, names: tuple[str, ...]
 ) -> np.ndarray:
     """(J,) speeds that noise of the logged joints can feign."""
     at = [mechanism.joint_index[name] for name in names]
@@ -188,7 +188,7 @@ def thresholds(top: np.ndarray, reached: np.ndarray) -> np.ndarray:
     return np.maximum(np.where(speed < HARDLY * top, speed, 1.01 * top), 1e-9)
 
 
-def speed_noise(signals: Signals, e: State, name: str) -> float:
+def speed_noise(signals: LogSignals, e: State, name: str) -> float:
     """Standard deviation of the noise left in the rate of a logged joint [rad/s | m/s].
 
     Splines with knots every h pass what lies below f = 1/(2 h). Of white noise in v that is the

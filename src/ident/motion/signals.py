@@ -1,4 +1,4 @@
-"""Signals of a log on one uniform clock, their noise and bandwidth, and channels of the motion.
+"""LogSignals of a log on one uniform clock, their noise and bandwidth, and channels of the motion.
 
 Columns may have gaps, empty cells, rates of their own and jittering time stamps; units and signs
 that contradict each other are refused.
@@ -124,7 +124,7 @@ def at_own_rate(t: np.ndarray, at: np.ndarray, x: np.ndarray) -> tuple[np.ndarra
 
 
 @dataclass(frozen=True, eq=False)
-class Signals:
+class LogSignals:
     """One log on a uniform clock.
 
     Attributes:
@@ -151,7 +151,7 @@ class Signals:
         return at_own_rate(self.t[longest], *self.log.series(name))
 
 
-def measure(mechanism: Mechanism, log: Log, clock: Clock | None = None) -> Signals:
+def measure(mechanism: Mechanism, log: Log, clock: Clock | None = None) -> LogSignals:
     """A log's columns on a uniform clock of its median step.
 
     Args:
@@ -214,7 +214,7 @@ def measure(mechanism: Mechanism, log: Log, clock: Clock | None = None) -> Signa
         )
     if (count := int((usable & ~long).sum())) > 0:
         notes.append(f"{log.name}: {count} samples in short runs between gaps are left out")
-    signals = Signals(log, t, columns, long, even, tuple(notes))
+    signals = LogSignals(log, t, columns, long, even, tuple(notes))
     for joint in mechanism.joints if clock is None else ():
         check_units(log.name, columns, signals.dt, joint)
     return signals
@@ -420,7 +420,7 @@ class Smoothed:
     spacing: float = 0.0
 
 
-def channels_of(signals: Signals, names: Sequence[str]) -> list[Channel]:
+def channels_of(signals: LogSignals, names: Sequence[str]) -> list[Channel]:
     """All motion channels that a log has of some joints."""
     found: list[Channel] = []
     for name in names:

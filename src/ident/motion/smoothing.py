@@ -26,7 +26,7 @@ import numpy as np
 from ident.information.splines import Basis
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.recipe import AUTO, CLEAN, Band, Recipe
-from ident.motion.signals import Channel, Signals, Smoothed, channels_of, periods, runs
+from ident.motion.signals import Channel, LogSignals, Smoothed, channels_of, periods, runs
 from ident.motion.spline import (
     INCONSISTENT,
     WIDTH,
@@ -113,7 +113,7 @@ class Derived:
 
 
 def derive(
-    signals: Signals,
+    signals: LogSignals,
     names: Sequence[str],
     band: Band,
     spacing: float | str | None = AUTO,
@@ -166,7 +166,7 @@ def derive(
 
 
 def smoothed(
-    signals: Signals,
+    signals: LogSignals,
     channels: Sequence[Channel],
     names: tuple[str, ...],
     band: Band,
@@ -195,7 +195,7 @@ def smoothed(
 
 
 def _weighed(
-    signals: Signals,
+    signals: LogSignals,
     channels: Sequence[Channel],
     names: tuple[str, ...],
     band: Band,
@@ -226,7 +226,7 @@ def _as_logged(channels: Sequence[Channel], name: str, band: Band, exact: bool) 
 
 
 def _taken(
-    signals: Signals, channels: Sequence[Channel], band: Band
+    signals: LogSignals, channels: Sequence[Channel], band: Band
 ) -> tuple[np.ndarray, float, list[Smoothed]]:
     """A joint's q, v and a (3, n) without smoothing, what its ends lose [s], and what was done."""
     found, t = np.zeros((3, len(signals.t))), signals.t
