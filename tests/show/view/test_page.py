@@ -17,7 +17,7 @@ import pytest
 
 import ident
 from ident.show.mechanism import ShownMotion, view_of
-from ident.show.view3d.colours import BODIES, ENDS
+from ident.show.view3d.draw import BODIES, ENDS
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def test_a_recording_plays_without_a_network(five_bar, look, tmp_path):
     path = view.write(tmp_path / "five_bar.html")
     k = int(np.argmin(np.abs(e.t - 1.0)))
     tip = tip_of(mechanism, e.q[k])
-    length = view.setting.scales.length
+    length = view.scene.scales.length
 
     def there(seen) -> bool:
         """Both arrows point from the tip, where a pinhole camera sees it."""
@@ -47,7 +47,7 @@ def test_a_recording_plays_without_a_network(five_bar, look, tmp_path):
             and np.linalg.norm(
                 np.median(seen.like(colour), axis=0)
                 - pixel(
-                    view.setting.camera, seen.drawing, tip + length * np.array([0.6 * sign, 0, 0])
+                    view.scene.camera, seen.drawing, tip + length * np.array([0.6 * sign, 0, 0])
                 )
             )
             < 25

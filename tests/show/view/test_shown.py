@@ -106,7 +106,7 @@ def test_the_rod_rests_on_the_crank_with_half_its_weight(slider, robots):
     np.testing.assert_allclose(film.loads.at[0], [pin_, pin_], atol=1e-9)
     np.testing.assert_allclose(film.ends[0, 0], [pin_, pin_], atol=1e-9)
     largest = np.linalg.norm(forces, axis=1).max()
-    assert view.setting.scales.force == pytest.approx(largest, rel=1e-2)
+    assert view.scene.scales.force == pytest.approx(largest, rel=1e-2)
 
 
 def test_a_fit_colours_joints_and_moves_no_body(robots):
@@ -169,7 +169,7 @@ def test_loops_that_do_not_close_are_shown_open(robots, tmp_path):
     view = ident.load(tmp_path).view()
     assert "do not close" in view.notes[0]
     assert view.films[0].gap[0] > 1
-    assert "open by up to" in view.setting.legend
+    assert "open by up to" in view.scene.legend
 
 
 def test_a_gear_has_no_arrow_and_says_so(robots, tmp_path):

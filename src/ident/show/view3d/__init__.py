@@ -1,9 +1,23 @@
 """A mechanism moving in 3-D: what is shown, as plain arrays, and the pages that show it."""
 
-from ident.show.view3d.rotation import rotations, wxyz
-from ident.show.view3d.shapes import Shape, box, capsule, cylinder, ellipsoid, sphere
-from ident.show.view3d.stage import Body, Film, Loads, Pivot, Stage, Tie
-from ident.show.view3d.timing import frames, running_rms
+from ident.show.view3d.stage import (
+    Body,
+    Film,
+    Loads,
+    Pivot,
+    Shape,
+    Stage,
+    Tie,
+    box,
+    capsule,
+    cylinder,
+    ellipsoid,
+    frames,
+    rotations,
+    running_rms,
+    sphere,
+    wxyz,
+)
 from ident.show.view3d.view import SUFFIXES, View
 
 __all__ = [

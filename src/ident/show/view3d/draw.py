@@ -1,19 +1,182 @@
-"""A stage drawn into viser's scene, and moved to a moment of a film."""
+"""A stage drawn into viser's scene: colours, scales, camera, meshes and arrows.
+
+Pinocchio's ViserVisualizer shows one configuration of one open chain of Pinocchio's; it has no
+gaps of closures, arrows, joints coloured over time, absolute coordinates or recordings, hence this.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from ident.show.view3d.camera import ANGLE, Camera
-from ident.show.view3d.colours import ENDS, MOMENTS, UNKNOWN, body_colour, mapped
-from ident.show.view3d.rotation import wxyz
-from ident.show.view3d.scales import Scales
-from ident.show.view3d.shapes import Colour, Shape, arrow, box, cylinder, sphere, turned_to
-from ident.show.view3d.stage import Film, Loads, Pivot, Stage
+from ident.show.view3d.stage import (
+    Colour,
+    Film,
+    Loads,
+    Pivot,
+    Shape,
+    Stage,
+    arrow,
+    box,
+    cylinder,
+    rotations,
+    sphere,
+    turned_to,
+    wxyz,
+)
+
+BODIES: tuple[Colour, ...] = (
+    (98, 132, 168),
+    (143, 163, 104),
+    (196, 154, 108),
+    (126, 111, 156),
+    (92, 152, 149),
+    (178, 125, 134),
+)
+GROUND: Colour = (150, 150, 150)
+ENDS: tuple[Colour, Colour] = ((200, 30, 60), (30, 80, 200))  # of a closure's a and b
+MOMENTS: tuple[Colour, Colour] = ((235, 140, 20), (20, 150, 170))
+UNKNOWN: Colour = (90, 90, 96)  # a joint of which no residual is known
+MAP = "plasma"  # perceptually uniform, legible in grey and to the colour-blind
+
+
+def body_colour(index: int) -> Colour:
+    """Of the body at an index of the stage; 0 is the ground."""
+    return GROUND if index == 0 else BODIES[(index - 1) % len(BODIES)]
+
+
+def mapped(share: np.ndarray) -> np.ndarray:
+    """Colours (…, 3) of 0 … 255 for shares (…); above 1 as 1, `UNKNOWN` for NaN."""
+    from matplotlib import colormaps
+
+    known = np.isfinite(share)
+    rgb = colormaps[MAP](np.clip(np.where(known, share, 0.0), 0.0, 1.0))[..., :3]
+    return np.where(known[..., None], np.round(255 * rgb), UNKNOWN).astype(np.uint8)
+
+
+def css(colour: Colour) -> str:
+    """The colour as style sheets write it."""
+    return "#" + "".join(f"{int(part):02x}" for part in colour)
+
+
+def css_ramp(steps: int = 9) -> str:
+    """The residual's map from left to right, as style sheets write it."""
+    found = mapped(np.linspace(0.0, 1.0, steps))
+    return f"linear-gradient(to right, {', '.join(css(tuple(c)) for c in found)})"
+
+
+LONGEST = 0.4  # of the mechanism's size, for the largest reaction
+ROUNDING = 1e-9  # a share of the other kind of load below which one is rounding
+COLD = 1e-3  # share of the residual below which no joint is to glow
+ROBUST = 99.0  # percentile of residuals that gets the last colour
+
+
+@dataclass(frozen=True)
+class Scales:
+    """What stands for what; 0 where there is nothing to show.
+
+    Attributes:
+        force: largest force [N]; moment: largest moment [N m]; both are drawn `length` [m] long.
+        misfit: share of the residual that gets the last colour.
+        unit: of the misfit, in words.
+        gap: largest |Φ| of all films [m | rad].
+    """
+
+    force: float
+    moment: float
+    length: float
+    misfit: float
+    unit: str
+    gap: float
+
+
+def scales(films: Sequence[Film], size: float) -> Scales:
+    """The scales that make the largest of all films legible, for a mechanism of `size` [m]."""
+    loads = [film.loads for film in films if film.loads is not None]
+    misfits = [film.misfit[np.isfinite(film.misfit)] for film in films if film.misfit is not None]
+    shares = np.concatenate(misfits) if misfits else np.empty(0)
+    force = max((_largest(each.force) for each in loads), default=0.0)
+    moment = max((_largest(each.moment) for each in loads), default=0.0)
+    return Scales(
+        force=force if force * size > ROUNDING * moment else 0.0,
+        moment=moment if moment > ROUNDING * force * size else 0.0,
+        length=LONGEST * size,
+        misfit=max(float(np.percentile(shares, ROBUST)), COLD) if len(shares) else 0.0,
+        unit=next((film.unit for film in films if film.unit), ""),
+        gap=max(float(film.gap.max(initial=0.0)) for film in films),
+    )
+
+
+def _largest(vectors: np.ndarray) -> float:
+    lengths = np.linalg.norm(vectors, axis=-1)
+    return float(lengths[np.isfinite(lengths)].max(initial=0.0))
+
+
+ANGLE = np.radians(35.0)  # vertical angle of view
+LOOKED_AT = 40  # moments of a film that decide
+FLAT = 0.35  # thickness over width below which a mechanism is looked at face on
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """Position, target (3,) [m], and the box (2, 3) [m] around everything that moves."""
+
+    position: np.ndarray
+    target: np.ndarray
+    box: np.ndarray
+
+    @property
+    def size(self) -> float:
+        """Diagonal of the box [m]."""
+        return float(np.linalg.norm(self.box[1] - self.box[0]))
+
+
+def points(stage: Stage, films: Sequence[Film]) -> np.ndarray:
+    """Corners of all shapes, joints and closures (k, 3) at some moments of the films [m]."""
+    found = []
+    for film in films:
+        for k in np.unique(np.linspace(0, len(film) - 1, LOOKED_AT).astype(int)):
+            R = rotations(film.wxyz[k])
+            for i, body in enumerate(stage.bodies):
+                own = [shape.corners for shape in body.shapes]
+                own += [pivot.p[None] for pivot in stage.pivots if pivot.body == i]
+                if own:
+                    found.append(np.concatenate(own) @ R[i].T + film.position[k, i])
+            found.append(film.ends[k].reshape(-1, 3))
+    return np.concatenate(found)
+
+
+def framed(stage: Stage, films: Sequence[Film]) -> Camera:
+    """The camera that sees all of the motion, a flat mechanism face on."""
+    cloud = points(stage, films)
+    box = np.array([cloud.min(axis=0), cloud.max(axis=0)])
+    target = box.mean(axis=0)
+    spread, axes = np.linalg.eigh(np.cov((cloud - target).T) + 1e-12 * np.eye(3))
+    thin = axes[:, 0]
+    up = stage.up
+    side = np.cross(up, [0.0, 1.0, 0.0] if abs(up[1]) < 0.9 else [1.0, 0.0, 0.0])
+    front = np.cross(side, up)
+    if np.sqrt(spread[0] / spread[1]) < FLAT:
+        towards = thin * (1.0 if thin @ (up + 0.3 * side - 0.6 * front) >= 0 else -1.0)
+        # neither straight down, where "up" means nothing, nor without any depth
+        lift = 0.35 * up if abs(thin @ up) < 0.7 else -0.6 * front
+        direction = towards + lift + 0.3 * side
+    else:
+        direction = 0.8 * side - 1.0 * front + 0.55 * up
+    direction = direction / np.linalg.norm(direction)
+    right = np.cross(up, direction)
+    right /= np.linalg.norm(right)
+    above = np.cross(direction, right)
+    seen = cloud - target
+    # far enough that every point is within the angle of view, with a margin
+    reach = np.maximum(np.abs(seen @ right) / 1.25, np.abs(seen @ above)) * 1.25
+    distance = float((reach / np.tan(ANGLE / 2) + seen @ direction).max())
+    return Camera(target + max(distance, 1e-3) * direction, target, box)
+
 
 DISC = 0.022  # radius of a joint's disc over the mechanism's size
 BAR = 0.15  # length of a sliding joint's bar over the size

@@ -1,4 +1,4 @@
-"""A view: what a notebook shows, what a file holds, what a server serves."""
+"""The noun `View`: shown in notebooks, written as a page, or served."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from pathlib import Path
 
 from ident.errors import IdentError
 from ident.files import write_all
-from ident.show.view3d.live import Served
-from ident.show.view3d.setting import Setting
+from ident.show.view3d.page import ViewSetup, Served
 from ident.show.view3d.stage import Film, Stage
 
 HEIGHT = 480  # of a notebook's frame [px]
@@ -35,14 +34,14 @@ class View:
     notes: tuple[str, ...] = field(default=())
 
     @cached_property
-    def setting(self) -> Setting:
+    def scene(self) -> ViewSetup:
         """Camera, scales and legend."""
-        return Setting(self.stage.name, self.stage, self.films, self.notes)
+        return ViewSetup(self.stage.name, self.stage, self.films, self.notes)
 
     @property
     def moments(self) -> int:
         """Number of moments in a recording."""
-        from ident.show.view3d.record import kept
+        from ident.show.view3d.page import kept
 
         return sum(len(film) for film in kept(self.films))
 
@@ -53,9 +52,9 @@ class View:
         Raises:
             IdentError: if viser is not installed.
         """
-        from ident.show.view3d.record import recording
+        from ident.show.view3d.page import recording
 
-        return recording(self.setting)
+        return recording(self.scene)
 
     def write(self, path: str | os.PathLike[str]) -> Path:
         """Write the page that plays the films, whole or not at all.
@@ -82,7 +81,7 @@ class View:
         Raises:
             IdentError: if the port is taken or there is none such, or viser is not installed.
         """
-        return Served(self.setting, port)
+        return Served(self.scene, port)
 
     def __str__(self) -> str:
         length = sum(len(film) for film in self.films)
