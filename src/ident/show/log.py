@@ -6,8 +6,7 @@ import numpy as np
 
 from ident.display import renders
 from ident.log import Log
-from ident.show.html import definitions, strong, table
-from ident.show.html.shown import in_frame
+from ident.show.html import definitions, in_frame, strong, table
 
 
 def _facts(log: Log) -> dict[str, str]:

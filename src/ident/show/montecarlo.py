@@ -18,9 +18,8 @@ from ident.motion import complete
 from ident.motion.report import made_of, understood
 from ident.show.charts import MEASURED, PRIOR, Boxes, Chart, Level, Line, Mark, Panel
 from ident.show.charts.still import image
-from ident.show.html import Block, Page, Section, items, strong
+from ident.show.html import Block, Page, Section, in_frame, items, strong
 from ident.show.html import table as html_table
-from ident.show.html.shown import in_frame
 from ident.text import shortened, table
 
 SCHEMA = "ident.montecarlo/1"

@@ -11,8 +11,17 @@ from markupsafe import Markup
 from ident.display import renders
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
-from ident.show.html import Section, definitions, folded, headed, items, origin, strong, table
-from ident.show.html.shown import in_frame
+from ident.show.html import (
+    Section,
+    definitions,
+    folded,
+    headed,
+    in_frame,
+    items,
+    origin,
+    strong,
+    table,
+)
 
 
 @renders(Motion, "summary")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ident.errors import IdentError
 from ident.files import write_all
-from ident.show.view3d.page import ViewSetup, Served
+from ident.show.view3d.page import Served, ViewSetup
 from ident.show.view3d.stage import Film, Stage
 
 HEIGHT = 480  # of a notebook's frame [px]
