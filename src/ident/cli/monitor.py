@@ -32,7 +32,7 @@ from ident.cli.options import (
 )
 from ident.errors import FitError, IdentError, LogError, not_there
 from ident.fit import Fit, identify
-from ident.log.follow import Line, follow
+from ident.log.follow import CsvLine, follow
 from ident.streams.monitor import Alarm, Monitor
 from ident.streams.online import Online, Snapshot
 from ident.streams.stream import Setting, Stream
@@ -182,7 +182,7 @@ class Running:
         self.raised: list[Alarm] = []
         self._out = 0
 
-    def take(self, line: Line) -> None:
+    def take(self, line: CsvLine) -> None:
         """One line of the log."""
         online = self._online
         if line.sample is None:
@@ -218,7 +218,7 @@ class Running:
             result(f"alarm: {alarm.headline}")
             self._record.alarm(alarm)
 
-    def _leave_out(self, line: Line, why: str) -> None:
+    def _leave_out(self, line: CsvLine, why: str) -> None:
         self._out += 1
         if self._out <= MOST_SAID:
             notes([f"line {line.number} is left out: {why}"])

@@ -61,7 +61,7 @@ def read_mjcf(path: Path, data: bytes) -> Description:
             counterpart here: ball and free joints, equalities of tendons and flexible bodies.
     """
     model, warnings = _compiled(path, data)
-    return _Model(model, path).description(warnings)
+    return _MjcfModel(model, path).description(warnings)
 
 
 def _compiled(path: Path, data: bytes) -> tuple[mujoco.MjModel, list[str]]:
@@ -107,7 +107,7 @@ def _check_includes(path: Path, data: bytes, folder: Path, above: tuple[Path, ..
         _check_includes(file, inside, folder, (*above, path.resolve()))
 
 
-class _Model:
+class _MjcfModel:
     """One compiled model; bodies and joints by MuJoCo's numbers.
 
     Attributes:

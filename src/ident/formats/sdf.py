@@ -78,10 +78,10 @@ def read_sdf(path: Path, data: bytes) -> Description:
         x, y, z = _values(element, 3, where)
         gravity = (x, y, z)
     version = [int(part) for part in (root.get("version") or "1.11").split(".") if part.isdigit()]
-    return _Model(model, tuple(version), where).description(gravity, notes)
+    return _SdfModel(model, tuple(version), where).description(gravity, notes)
 
 
-class _Model:
+class _SdfModel:
     """One `<model>`: where its links, joints and frames are, and which joint carries which link."""
 
     def __init__(self, model: etree._Element, version: tuple[int, ...], where: str) -> None:

@@ -14,7 +14,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from ident.errors import LogError
-from ident.log.table import Table, table_of
+from ident.log.table import LogTable, table_of
 
 BOM = b"\xef\xbb\xbf"
 SEPARATORS = {b",": "','", b";": "';'", b"\t": "tab"}
@@ -85,7 +85,7 @@ class Lines:
         return self.text
 
 
-def read_csv(path: Path) -> Table:
+def read_csv(path: Path) -> LogTable:
     """Read the columns of a CSV file; raises LogError where it is not one, or rows are ragged."""
     with path.open("rb") as stream:
         raw = stream.read().removeprefix(BOM)
@@ -107,7 +107,7 @@ def head_of(raw: bytes, file: str) -> Head:
     raise LogError(f"{file}: the file is empty; a header line and rows of numbers are needed")
 
 
-def rows_of(text: bytes, head: Head, file: str, before: int, last: bool = True) -> Table:
+def rows_of(text: bytes, head: Head, file: str, before: int, last: bool = True) -> LogTable:
     """Return the columns of some whole lines of a CSV file below its header.
 
     Args:
@@ -131,8 +131,10 @@ def rows_of(text: bytes, head: Head, file: str, before: int, last: bool = True) 
     frame = _values(lines, head, file)
     if frame.shape != (len(filled), width):
         raise LogError(f"{file}: {MISQUOTED}")
-    blank = np.setdiff1d(np.arange(filled[-1]), filled) + before + 1
-    notes = [f"{blank.size} blank lines left out, first at line {blank[0]}"] if blank.size else []
+    notes = []
+    if blank := int(filled[-1]) + 1 - len(filled):
+        first = int((filled != np.arange(len(filled))).argmax()) + before + 1
+        notes.append(f"{blank} blank lines left out, first at line {first}")
     series = [column.alias(name) for name, column in zip(head.names, frame, strict=True)]
     return table_of(file, series, filled + before + 1, notes)
 

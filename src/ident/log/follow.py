@@ -26,7 +26,7 @@ HEAD = 1 << 20  # bytes in which the header must be
 
 
 @dataclass(frozen=True)
-class Line:
+class CsvLine:
     """One line below the header.
 
     Attributes:
@@ -42,7 +42,7 @@ class Line:
 
 def follow(
     path: Path | None, *, grow: bool = False, stop: Callable[[], bool] = lambda: False
-) -> Iterator[Line]:
+) -> Iterator[CsvLine]:
     """Yield the lines of a CSV file or of standard input, as they come.
 
     Args:
@@ -89,18 +89,18 @@ def _head(text: bytes, name: str, end: bool) -> Head | None:
     return None
 
 
-def _line(text: bytes, number: int, head: Head) -> Line:
+def _line(text: bytes, number: int, head: Head) -> CsvLine:
     cells = text.decode(errors="replace").split(head.separator.decode())
     if len(cells) != len(head.names):
         why = f"{len(cells)} cells, the header has {len(head.names)}"
-        return Line(number, None, why + (" (cut off?)" if len(cells) < len(head.names) else ""))
+        return CsvLine(number, None, why + (" (cut off?)" if len(cells) < len(head.names) else ""))
     try:
         values = [float(cell) for cell in cells]
     except ValueError:
         values = [_number(cell.strip().strip('"').lower()) for cell in cells]
         if all(map(math.isnan, values)):
-            return Line(number, None, "no numbers")
-    return Line(number, dict(zip(head.names, values, strict=True)))
+            return CsvLine(number, None, "no numbers")
+    return CsvLine(number, dict(zip(head.names, values, strict=True)))
 
 
 def _number(cell: str) -> float:

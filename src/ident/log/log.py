@@ -17,7 +17,7 @@ from ident.display import Displayed
 from ident.errors import LogError, one_of
 from ident.log.clock import with_clock
 from ident.log.storage import write_table
-from ident.log.table import Array, Column, Table, check_name, frame_table, renamed
+from ident.log.table import Array, Column, LogTable, check_name, frame_table, renamed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -73,7 +73,7 @@ class Log(Displayed):
         for key in columns:
             check_name(name, key)
         arrays = {key: _read_only(x, name, key) for key, x in {"t": t, **columns}.items()}
-        return cls.from_table(name, Table(name, arrays))
+        return cls.from_table(name, LogTable(name, arrays))
 
     @classmethod
     def from_frame(
@@ -96,7 +96,11 @@ class Log(Displayed):
 
     @classmethod
     def from_table(
-        cls, name: str, table: Table, columns: Mapping[str, Column] | None = None, sha256: str = ""
+        cls,
+        name: str,
+        table: LogTable,
+        columns: Mapping[str, Column] | None = None,
+        sha256: str = "",
     ) -> Log:
         """Check and repair columns under the file's own names.
 

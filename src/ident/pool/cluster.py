@@ -12,7 +12,7 @@ import pickle
 import platform
 import secrets
 import threading
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
@@ -22,7 +22,7 @@ from distributed import Client, Future, KilledWorker, Security, WorkerPlugin, ge
 from distributed.comm import connect
 
 from ident.errors import IdentError, line_of
-from ident.pool import Done, tried
+from ident.pool.local import Done, Function, tried
 
 ANSWER = 5  # [s] within which a scheduler answers
 EMPTY = 60  # [s] without any worker after which the run is given up
@@ -30,7 +30,7 @@ LOOK = 1  # [s] between looks at whether there are workers
 
 
 def run(
-    function: Callable[[Any, Any], Any],
+    function: Function,
     tasks: Iterator[tuple[int, Any]],
     common: bytes,
     scheduler: str,
@@ -188,7 +188,7 @@ def versions() -> dict[str, str]:
     return {"ident": own, "Python": ".".join(platform.python_version_tuple()[:2])}
 
 
-def call(name: str, function: Callable[[Any, Any], Any], task: Any) -> tuple[Any, str | None]:
+def call(name: str, function: Function, task: Any) -> tuple[Any, str | None]:
     """Call the function for one task; `name` is that of `Common`."""
     plugin = cast(Common, get_worker().plugins[name])
     plugin.check()
