@@ -151,7 +151,7 @@ def test_a_motion_that_grows_without_bounds_ends_with_one_line():
 def fitted():
     mechanism = robot("four_bar").with_effect("viscous").with_effect("coulomb")
     log = ident.read_log(ROBOTS / "four_bar" / "run.csv")
-    short = Log.from_arrays("run.csv", log.t[:400], {k: x[:400] for k, x in log.columns.items()})
+    short = Log.from_arrays("run.csv", log.t[:800], {k: x[:800] for k, x in log.columns.items()})
     motion = ident.complete(mechanism, short)
     return ident.identify(mechanism, motion), ident.identify(robot("four_bar"), motion)
 
