@@ -1,5 +1,7 @@
 """The statistics alone, on rows of known distribution."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -21,6 +23,7 @@ from ident.streams.charts import (
 )
 from ident.streams.stream import part_of
 from ident.streams.suspects import (
+    Naming,
     Suspect,
     load_change,
     multiplier_sensitivity,
@@ -232,3 +235,22 @@ def test_lift_is_what_least_squares_makes_of_a_residual(robots):
     np.testing.assert_allclose(found - force, G @ r, atol=1e-9)
     tree = ident.load(robots / "arm")
     assert multiplier_sensitivity(tree, ("yaw",), np.zeros((3, 4))).shape == (3, 0, 1)
+
+
+@pytest.mark.parametrize(
+    ("worth", "surplus", "explained", "sound"),
+    [
+        (100.0, 1.0, 0.95, True),
+        (100.0, 1.0, 0.65, False),  # little is left, yet a third of what is beyond noise
+        (100.0, 9.0, 0.95, False),  # what is left is no noise
+        (100.0, 9.0, 0.9999, True),  # of a large change a thousandth is no second cause
+        (5.0, 1.0, 0.95, False),  # would have raised no alarm by itself
+    ],
+)
+def test_a_name_explains_most_and_leaves_noise(worth, surplus, explained, sound):
+    best = SimpleNamespace(worth=worth)
+    assert Naming((best,), (), surplus, explained, 1.0, least=11.0).sound == sound
+
+
+def test_nothing_is_no_name():
+    assert not Naming((), (), 0.0, 1.0, 1.0, least=11.0).sound

@@ -17,7 +17,7 @@ import ident
 from helpers import ROBOTS
 
 checkpoint = import_module("ident.streams.checkpoint")
-ROWS, SAMPLES = 20_000, 1024
+ROWS, SAMPLES = 10_240, 1024
 RUN = """
 import sys
 from importlib import import_module
@@ -136,7 +136,7 @@ def test_nothing_is_said_and_nothing_kept_where_no_checkpoint_is_asked_for(arm, 
 def test_a_run_that_searches_shapes_goes_on_in_the_pass_that_it_was_in(arm, tmp_path):
     mechanism = arm.with_effect("stribeck:elbow")
     run = tmp_path / "run.parquet"
-    log_of(mechanism, {"stribeck.elbow.vs": 0.2}, rows=8000, rate=200.0).write(run)
+    log_of(mechanism, {"stribeck.elbow.vs": 0.2}, rows=5000, rate=200.0).write(run)
 
     def told(what, share):
         if "pass 2" in what and share > 0.5:

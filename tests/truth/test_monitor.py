@@ -122,7 +122,7 @@ def test_errors_say_what_is_valid():
 def test_memory_does_not_grow(monitor):
     own = monitor.fresh()
     motion = run(17, 30.0)
-    for _ in range(12):
+    for _ in range(5):
         own.watch(motion)
     assert len(own._held) <= own._held.maxlen == 240
     assert len(own._cutter.waiting) <= 2
