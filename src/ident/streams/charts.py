@@ -34,7 +34,7 @@ import numpy as np
 
 from ident.equations.rows import Rows
 from ident.information.triangle import Triangle
-from ident.streams.stream import concatenated, part_of
+from ident.streams.stream import concatenated, rows_at
 
 SIZES = 2.0 ** np.arange(6)  # times the least change watched for
 RATIOS = np.array([3.0, 9.0, 27.0])  # c: noise may grow by a third and is no fault
@@ -126,7 +126,7 @@ class Cutter:
             if j > i and number[i] != self.at:
                 yield from self.flush()
                 self.at = int(number[i])
-            self.waiting += [part_of(rows, slice(i, j))] if j > i else []
+            self.waiting += [rows_at(rows, slice(i, j))] if j > i else []
 
     def flush(self) -> Iterator[WatchedRows]:
         """Yield the rows held, if they are about as many as usual."""

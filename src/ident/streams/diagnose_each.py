@@ -18,7 +18,7 @@ from ident.log import read_log
 from ident.log.folder import names_of
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
-from ident.motion.derive import AUTO
+from ident.motion.recipe import AUTO
 from ident.progress import Told
 from ident.streams.logs import Given, Workers, excerpt, log_paths, summarise
 

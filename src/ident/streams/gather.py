@@ -33,8 +33,8 @@ from ident.information.covariance import covariance
 from ident.information.estimate import Estimate, estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Consistency
-from ident.motion.derive import AUTO
-from ident.motion.freedom import check_freedom
+from ident.motion.closures import check_freedom
+from ident.motion.recipe import AUTO
 from ident.progress import Told
 from ident.streams.checkpoint import Checkpoint, Progress, SearchStep
 from ident.streams.logs import Excerpt, Given, Workers, excerpt, log_paths

@@ -19,9 +19,7 @@ from ident.log.pieces import Pieces, open_log
 from ident.log.sources import STRIDE
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
-from ident.motion.clock import UNEVEN
-from ident.motion.decided import Clock
-from ident.motion.measure import is_signal
+from ident.motion.signals import UNEVEN, Clock, is_signal
 from ident.pool import spread
 from ident.progress import Told
 

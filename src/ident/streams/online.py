@@ -52,7 +52,7 @@ from ident.streams.stream import (
     Stream,
     check_causal,
     concatenated,
-    part_of,
+    rows_at,
 )  # fmt: skip
 
 WARMUP = 5.0  # [s] from which a stream learns what it is like
@@ -271,8 +271,8 @@ class Accumulator:
             end = self._open.start + self._length - 0.5 * self._period
             inside = int(np.searchsorted(rows.t, end))
             if inside:
-                self._open = self._open.updated(part_of(rows, slice(inside)), self._T)
-                rows = part_of(rows, slice(inside, None))
+                self._open = self._open.updated(rows_at(rows, slice(inside)), self._T)
+                rows = rows_at(rows, slice(inside, None))
             if len(rows.t):
                 self._close(self._open)
 

@@ -22,15 +22,11 @@ from ident.equations.point import Point
 from ident.errors import FitError, MotionError, one_of
 from ident.log.folder import names_of
 from ident.mechanism.mechanism import Mechanism
-from ident.motion import Experiment
-from ident.motion.close import Closer
-from ident.motion.decided import Decided
-from ident.motion.derive import derive
-from ident.motion.experiment import experiment_of
-from ident.motion.measure import measure
-from ident.motion.motion import Band
-from ident.motion.place import HOPELESS, SINGULAR, nearness, reduced, with_leverage
-from ident.motion.rest import noise_of_speeds, standstill, thresholds, top_speeds
+from ident.motion.closures import LoopSolver
+from ident.motion.motion import decide, left_out, part_of, state_of
+from ident.motion.recipe import Band, Recipe, standstill, thresholds, top_speeds
+from ident.motion.signals import measure
+from ident.motion.state import State
 from ident.streams.logs import LogSummary, Workers, summarise
 from ident.streams.stream import margin_of
 
@@ -50,19 +46,13 @@ class PlannedLog:
     Attributes:
         survey: summary of the log.
         borders: rows (k + 1,) between its k portions.
-        decided: clock, smoothing, noise; None for a log of one portion, which decides by itself.
-        still: (J,) speed [rad/s | m/s] below which a joint stands still.
-        farthest: (J, d) largest leverage of every joint; None for a tree.
-        largest: ‖K⁺‖ beyond which a sample is near a singular position.
+        recipe: of the log; None for a log of one portion, which decides by itself.
         anchors: (k, nq) a configuration near the beginning of each portion; None for a tree.
     """
 
     survey: LogSummary
     borders: tuple[int, ...]
-    decided: Decided | None = None
-    still: np.ndarray | None = None
-    farthest: np.ndarray | None = None
-    largest: float = np.inf
+    recipe: Recipe | None = None
     anchors: np.ndarray | None = None
 
     @property
@@ -127,10 +117,10 @@ class Plan:
 
     def margin(self, part: PlannedLog) -> int:
         """Return how many rows beside a portion its filter, splines, delays, memory depend on."""
-        clock, decided = part.survey.clock, part.decided
+        clock, recipe = part.survey.clock, part.recipe
         samples = Decimator.of(self.band.cutoff, 1 / clock.step).half + FEWEST
-        if decided is not None:
-            samples += int(np.ceil((KNOTS * decided.knots + decided.ends) / clock.step))
+        if recipe is not None:
+            samples += int(np.ceil((KNOTS * recipe.knots + recipe.ends) / clock.step))
         if self.stacked:
             samples += int(np.ceil(KNOTS * self.mechanism.multipliers.spacing / clock.step))
         if any(effect.memory for effect in self.mechanism.effects):
@@ -203,26 +193,26 @@ def with_logs(plan: Plan, logs: Sequence[LogSummary], samples: int, workers: Wor
     plan = replace(plan, parts=tuple(parts))
     several = [i for i, part in enumerate(parts) if len(part.borders) > 2]
     names = [parts[i].name for i in several]
-    noise = {}
     for index, decision in workers.over(_decided, several, plan, names, "deciding on smoothing"):
         if decision is not None:
-            parts[several[index]], noise[several[index]] = decision
+            parts[several[index]] = decision
     plan = replace(plan, parts=tuple(parts))
     if plan.mechanism.effects:  # else nothing asks whether a joint stands still
-        extremes: dict[int, list[Extremes]] = {i: _logged_speeds(plan, i) for i in noise}
+        extremes: dict[int, list[Extremes]] = {
+            i: _logged_speeds(plan, i) for i in several if parts[i].recipe is not None
+        }
         unknown = [p for i, mine in extremes.items() if not mine for p in plan.portions(i)]
         names = [parts[portion.log].name for portion in unknown]
         for index, x in workers.over(_extremes, unknown, plan, names, "top speeds"):
             if x is not None:
                 extremes[unknown[index].log].append(x)
         for i, mine in extremes.items():
-            if mine:
+            recipe = parts[i].recipe
+            if mine and recipe is not None and recipe.still is not None:
                 far = [farthest for _, farthest in mine if farthest is not None]
-                parts[i] = replace(
-                    parts[i],
-                    still=thresholds(np.max([top for top, _ in mine], axis=0), noise[i]),
-                    farthest=np.max(far, axis=0) if far else None,
-                )
+                still = thresholds(np.max([top for top, _ in mine], axis=0), recipe.still)
+                farthest = np.max(far, axis=0) if far else None
+                parts[i] = replace(parts[i], recipe=replace(recipe, still=still, farthest=farthest))
     remaining = tuple(part for part in parts if part.name not in workers.broken)
     _check_some(plan.mechanism, workers, remaining)
     return replace(plan, parts=remaining)
@@ -251,44 +241,16 @@ def _check_columns(plan: Plan, survey: LogSummary) -> None:
                 )
 
 
-def _decided(plan: Plan, number: int) -> tuple[PlannedLog, np.ndarray]:
-    """Decide for a log of several portions; (J,) are the speeds that noise of the log imitates."""
-    part, mechanism = plan.parts[number], plan.mechanism
-    clock = part.survey.clock
-    whole = [measure(mechanism, log) for log in part.survey.stretches()]
-    completed = [
-        experiment_of(mechanism, s, plan.logged, plan.band, plan.smoothing)[0] for s in whole
-    ]
-    if mechanism.closures:
-        completed = [reduced(mechanism, e, plan.independent)[0] for e in completed]
-    derived = [derive(s, plan.logged, plan.band, plan.smoothing) for s in whole]
+def _decided(plan: Plan, number: int) -> PlannedLog:
+    """Decide for all portions of a log; standstill by the speeds that its noise imitates."""
+    part, clock = plan.parts[number], plan.parts[number].survey.clock
     grid = Decimator.of(plan.band.cutoff, 1 / clock.step).factor
-    common = Decided(replace(clock, grid=grid), ends=max(each.ends for each in derived))
-    if smooth := [e.smooth for e in completed if e.smooth is not None]:
-        noisy = {name for d in derived if d.smooth for name in d.smooth.names}
-        surplus = len(plan.logged) > mechanism.degrees_of_freedom
-        spacing = min(each.spacing for each in smooth)  # at rest coarser ones would do
-        length = clock.t_end - clock.t0
-        sigma: dict[str, list[float]] = {}
-        for channel in (c for s in smooth for c in s.channels):
-            sigma.setdefault(channel.column, []).append(channel.sigma)
-        common = replace(
-            common,
-            noisy=tuple(n for n in plan.logged if n in noisy or surplus),
-            carriers=smooth[0].names,
-            knots=length / np.ceil(length / spacing - 1e-9),
-            noise={name: float(np.median(each)) for name, each in sigma.items()},
-        )
-    largest, anchors = np.inf, None
-    if mechanism.closures:
-        largest = min(
-            HOPELESS, SINGULAR * float(np.median(np.concatenate([*map(nearness, completed)])))
-        )
-        anchors = _anchors(plan, number)
-    noise = [
-        noise_of_speeds(mechanism, s, e, plan.logged) for s, e in zip(whole, completed, strict=True)
-    ]
-    return replace(part, decided=common, largest=largest, anchors=anchors), np.max(noise, axis=0)
+    recipe = decide(
+        plan.mechanism, part.survey.stretches(), replace(clock, grid=grid), logged=plan.logged,
+        independent=plan.independent, band=plan.band, smoothing=plan.smoothing,
+    )  # fmt: skip
+    anchors = _anchors(plan, number) if plan.mechanism.closures else None
+    return replace(part, recipe=recipe, anchors=anchors)
 
 
 def _anchors(plan: Plan, number: int) -> np.ndarray:
@@ -297,7 +259,7 @@ def _anchors(plan: Plan, number: int) -> np.ndarray:
     A portion alone would be reached straight from [joints] start: on another branch, perhaps.
     """
     mechanism, part, anchors = plan.mechanism, plan.parts[number], []
-    closer = Closer(mechanism, plan.logged)
+    solver = LoopSolver(mechanism, plan.logged)
     columns = [f"q.{name}" for name in plan.logged]
     portions = list(plan.portions(number))
     q = y = None
@@ -310,9 +272,9 @@ def _anchors(plan: Plan, number: int) -> np.ndarray:
             continue
         t, target = log.t[known], x[known]
         if q is None or y is None:
-            path = closer.follow(target, t)
+            path = solver.follow(target, t)
         else:
-            path = closer.onward(q, y, target, t)
+            path = solver.onward(q, y, target, t)
         anchors.append(path[0])
         at = max(int(np.searchsorted(known, after.begin - portion.begin)) - 1, 0)
         q, y = path[at], target[at]
@@ -322,11 +284,11 @@ def _anchors(plan: Plan, number: int) -> np.ndarray:
 def _logged_speeds(plan: Plan, number: int) -> list[Extremes]:
     """Top speeds (J,) of a tree whose speeds are taken as logged; nothing for others."""
     part, mechanism = plan.parts[number], plan.mechanism
-    assert part.decided is not None
+    assert part.recipe is not None
     top, rows = part.survey.top, part.survey.log.rows
     names = [f"v.{joint.name}" for joint in mechanism.joints]
     whole = all(count in (0, rows) for count in part.survey.values.values())
-    if mechanism.closures or part.decided.noisy or not whole or not {*names} <= {*top}:
+    if mechanism.closures or part.recipe.noisy or not whole or not {*names} <= {*top}:
         return []
     return [(np.array([top[name] for name in names]), None)]
 
@@ -342,7 +304,7 @@ def _extremes(plan: Plan, portion: Portion) -> Extremes | None:
     return top_speeds(e), np.abs(e.leverage[e.usable]).max(axis=0, initial=0.0)
 
 
-def motion_of(plan: Plan, portion: Portion) -> tuple[Experiment | None, list[str]]:
+def motion_of(plan: Plan, portion: Portion) -> tuple[State | None, list[str]]:
     """Complete the motion of a portion with its margins, as the whole log would have made it.
 
     Returns:
@@ -353,12 +315,12 @@ def motion_of(plan: Plan, portion: Portion) -> tuple[Experiment | None, list[str
     """
     part, mechanism = plan.parts[portion.log], plan.mechanism
     log = replace(part.survey.log.piece(portion.begin, portion.end), name=part.name)
-    if part.decided is None:  # the whole log: what `complete` makes of it
+    if part.recipe is None:  # the whole log: what `complete` makes of it
         signals = measure(mechanism, log)
-        e, notes = experiment_of(mechanism, signals, plan.logged, plan.band, plan.smoothing)
+        e, notes = state_of(mechanism, signals, plan.logged, plan.band, plan.smoothing)
         if mechanism.closures:
-            e, _, more = reduced(mechanism, e, plan.independent)
-            notes = [*notes, *more]
+            before, e = e, e.transmitted(mechanism, plan.independent)
+            notes = [*notes, *left_out(before, e)]
         still = standstill(mechanism, signals, e, plan.logged)
         return replace(e, still=still), [*signals.notes, *notes]
     asked = {name for effect in mechanism.effects for name in effect.reads()}
@@ -367,16 +329,9 @@ def motion_of(plan: Plan, portion: Portion) -> tuple[Experiment | None, list[str
     where = f"{part.name}: rows {portion.begin} to {portion.end - 1}"
     if absent:
         return None, [f"{where}: {absent[0]} is empty; they are left out"]
-    signals = measure(mechanism, log, part.decided)
-    if not signals.usable.any():
-        return None, [f"{where}: no run at which all columns have samples; they are left out"]
     if part.anchors is not None:  # on the branch on which the log arrives
         near = replace(mechanism, start=part.anchors[portion.number])
         near.__dict__["kinematics"] = mechanism.kinematics  # compiled functions, of no start
         mechanism = near
-    e, _ = experiment_of(mechanism, signals, plan.logged, plan.band, plan.smoothing, part.decided)
-    if mechanism.closures:
-        e, _ = with_leverage(mechanism, e, plan.independent)
-        e = replace(e, usable=e.usable & (nearness(e) < part.largest))
-    still = np.full(len(mechanism.joints), 1e-9) if part.still is None else part.still
-    return (replace(e, still=still) if e.usable.any() else None), []
+    state = part_of(mechanism, log, part.recipe)
+    return state, [f"{where}: no sample can be used"] if state is None else []

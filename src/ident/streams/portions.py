@@ -24,7 +24,7 @@ from ident.information.splines import Basis
 from ident.motion import Motion
 from ident.residual.predict import predict
 from ident.streams.plan import Plan, Portion, motion_of
-from ident.streams.stream import part_of
+from ident.streams.stream import rows_at
 
 WAITING = 4096  # rows that are absorbed together
 
@@ -61,19 +61,19 @@ def absorbed(plan: Plan, portion: Portion) -> PortionRows:
     if e is None:
         return PortionRows(portion, (), tuple(notes))
     supports = row_supports(plan.mechanism, columns, e)
-    if part.decided is None:
-        edges = block_edges(cutoff, e.t[0], e.t[-1], len(e))
+    if part.recipe is None:
+        edges, farthest = block_edges(cutoff, e.t[0], e.t[-1], len(e)), None
     else:
-        clock = part.decided.clock
+        clock, farthest = part.recipe.clock, part.recipe.farthest
         edges = block_edges(cutoff, clock.t0, clock.t_end, clock.count)
     scene = Scene.of(plan.mechanism, columns, e, plan.point, cutoff)
     total, block, count = Sum(), 0, 0
     waiting: list[Rows] = []
-    for piece in rows(scene, cutoff, farthest=part.farthest):
+    for piece in rows(scene, cutoff, farthest=farthest):
         own = (piece.t >= portion.since) & (piece.t < portion.until)
         if not own.any():
             continue
-        for at, some in split(part_of(piece, own), edges):
+        for at, some in split(rows_at(piece, own), edges):
             if at != block or count > WAITING:
                 total.absorb(block_cells(portion.log, block, waiting, supports))
                 waiting, block, count = [], at, 0

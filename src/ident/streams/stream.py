@@ -31,13 +31,11 @@ from ident.equations.scene import Scene
 from ident.errors import FitError, LogError, MotionError, one_of
 from ident.log import Column, Log
 from ident.mechanism.mechanism import Mechanism
-from ident.motion import Experiment, Motion
-from ident.motion.clock import GAP, UNEVEN
-from ident.motion.close import Closer
-from ident.motion.derive import AS_LOGGED
-from ident.motion.measure import LARGEST, is_signal
-from ident.motion.place import HOPELESS, SINGULAR, in_tree, nearness, stated, with_leverage
-from ident.motion.wrench import wrenches
+from ident.motion import Motion
+from ident.motion.closures import LoopSolver
+from ident.motion.signals import GAP, LARGEST, UNEVEN, is_signal
+from ident.motion.smoothing import AS_LOGGED
+from ident.motion.state import State, largest_nearness, nearness, wrenches
 
 LATENCY = 0.02  # [s] that samples may wait for others
 TOGETHER = 32  # samples that need not wait longer
@@ -112,7 +110,6 @@ class Setting:
         some = np.flatnonzero(e.usable)
         some = some[:: max(1, len(some) // PLACES)]
         far = [x for x in map(reach, motion.experiments) if x is not None]
-        size = np.inf if e.pinv is None else SINGULAR * float(np.median(nearness(e)))
         channels = tuple(
             "".join(o for o in ORDERS if f"{o}.{name}" in log.columns) for name in e.logged
         )
@@ -135,7 +132,7 @@ class Setting:
             still=np.max([each.still for each in motion.experiments], axis=0),
             farthest=np.max(far, axis=0) if far else None,
             scale=np.maximum(e.y[:, at].std(axis=0), 1e-9),
-            singular=min(HOPELESS, size),
+            singular=np.inf if e.pinv is None else largest_nearness(nearness(e)),
             y=e.y[some][:, at],
             q=e.q[some],
         )
@@ -147,7 +144,7 @@ class Setting:
         return tuple(f"{order}.{name}" for name, orders in pairs for order in orders)
 
 
-def _half(e: Experiment) -> int:
+def _half(e: State) -> int:
     """Samples on either side that a local polynomial needs to smooth as the log's splines do.
 
     One of degree N over 2 M + 1 samples passes what is below (N + 1)/(3.2 M − 4.6) of half the rate
@@ -315,7 +312,7 @@ class Overlap:
         self._last: Any = None
 
     def __call__(self, number: int, new: Any) -> tuple[int, Any]:
-        """Return the number of the first sample and all samples: arrays, or an `Experiment`."""
+        """Return the number of the first sample and all samples: arrays, or an `State`."""
         last = self._last
         if not self._count:
             return number, new
@@ -324,12 +321,12 @@ class Overlap:
         first = max(0, len(new) - self._count)
         places = slice(first, None)
         self._number = number + first
-        self._last = new.at_samples(places) if isinstance(new, Experiment) else new[places]
+        self._last = new.at_samples(places) if isinstance(new, State) else new[places]
         return number, new
 
 
 def _joined(a: Any, b: Any) -> Any:
-    """One block of samples after the other: arrays, `Experiment`s or `Rows`."""
+    """One block of samples after the other: arrays, `State`s or `Rows`."""
     if isinstance(a, np.ndarray):
         return np.concatenate([a, b])
     both: dict[str, Any] = {
@@ -337,7 +334,7 @@ def _joined(a: Any, b: Any) -> Any:
         for each in fields(a)
         if each.name != "still" and isinstance(x := getattr(a, each.name), np.ndarray)
     }
-    if isinstance(a, Experiment):
+    if isinstance(a, State):
         both["extra"] = {name: np.concatenate([x, b.extra[name]]) for name, x in a.extra.items()}
     return replace(a, **both)
 
@@ -384,7 +381,7 @@ class ClosureFollower:
 
     def __init__(self, mechanism: Mechanism, setting: Setting) -> None:
         self._mechanism, self._setting = mechanism, setting
-        self._closer = Closer(mechanism, setting.logged, setting.scale)
+        self._solver = LoopSolver(mechanism, setting.logged, setting.scale)
         self._q: np.ndarray | None = None
         self._y = np.empty(0)
         self._turning = [
@@ -395,7 +392,7 @@ class ClosureFollower:
         self._own: dict[str, np.ndarray] = {}  # where closures' own joints were last: whole turns
         self.lost, self.why = 0, ""
 
-    def __call__(self, base: Experiment, known: np.ndarray) -> tuple[Experiment, np.ndarray]:
+    def __call__(self, base: State, known: np.ndarray) -> tuple[State, np.ndarray]:
         """Return the samples that can be completed, and their places (kept,) in the block.
 
         Args:
@@ -404,18 +401,18 @@ class ClosureFollower:
         """
         mechanism, names = self._mechanism, self._setting.logged
         if not mechanism.closures:
-            return in_tree(mechanism, base, names, known), np.arange(len(base))
+            return base.at(mechanism, known, names), np.arange(len(base))
         q = self._followed(known[0], base.t)
         closed = np.flatnonzero(np.isfinite(q).all(axis=1))
         if not len(closed):
             return base.at_samples(closed), closed
         if len(closed) < len(q):
             base, known, q = base.at_samples(closed), known[:, closed], q[closed]
-        v, a = self._closer.rates(q, *known[1:])
+        v, a = self._solver.rates(q, *known[1:])
         near = {**self._own, **dict(zip(names, known[0].T, strict=True))}
-        e = stated(mechanism, base, q, v, a, near)
+        e = base.at(mechanism, motion=(q, v, a), turns=near)
         self._own = {name: e.y[-1:, i] for i, name in self._turning}
-        e, _ = with_leverage(mechanism, e, self._setting.independent)
+        e = e.transmitted(mechanism, self._setting.independent, np.inf)
         regular = nearness(e) < self._setting.singular
         if not regular.all():
             at = float(e.t[np.argmin(regular)])
@@ -429,7 +426,7 @@ class ClosureFollower:
             nearest = int(np.abs(self._setting.y - y[0]).max(axis=1).argmin())
             self._q, self._y = self._setting.q[nearest], self._setting.y[nearest]
         try:
-            q = self._closer.onward(self._q, self._y, y, t)
+            q = self._solver.onward(self._q, self._y, y, t)
         except MotionError as error:
             if len(y) == 1:
                 self._lose(1, str(error))
@@ -482,7 +479,7 @@ class FixedLag:
         informed = self._filter.apply(shut, inside, local, absolute=True) < self._sticking
         self._next = int(centres[-1]) + self.every
         spent = min(self._next - self.half, self._end) - self._first
-        self._first, self._waiting = self._first + spent, [part_of(rows, slice(spent, None))]
+        self._first, self._waiting = self._first + spent, [rows_at(rows, slice(spent, None))]
         return Rows(rows.t[local], centres, A, b, tau, informed)
 
 
@@ -495,7 +492,7 @@ def concatenated(parts: Sequence[SomeRows]) -> SomeRows:
     return kind(*(np.concatenate([getattr(x, name) for x in parts]) for name in names))
 
 
-def part_of(rows: SomeRows, which: slice | np.ndarray) -> SomeRows:
+def rows_at(rows: SomeRows, which: slice | np.ndarray) -> SomeRows:
     """Return some of the rows."""
     return type(rows)(*(getattr(rows, name)[which] for name in type(rows).__dataclass_fields__))
 
@@ -509,7 +506,7 @@ class SampleWindow:
         inside: which of them the window stands for.
     """
 
-    e: Experiment
+    e: State
     number: int
     inside: slice
 
@@ -666,9 +663,9 @@ class Stream:
             np.add.at(known, self._joint, windows.transpose(1, 0, 2) @ self._weights)
         return known.transpose(2, 1, 0)
 
-    def _experiment(self, X: np.ndarray, known: np.ndarray) -> tuple[Experiment, np.ndarray]:
+    def _experiment(self, X: np.ndarray, known: np.ndarray) -> tuple[State, np.ndarray]:
         empty, setting = np.empty(0), self.setting
-        base = Experiment(
+        base = State(
             name=self.mechanism.name, t=X[:, 0], q=empty, v=empty, a=empty, y=empty, yd=empty,
             ydd=empty, tau=X[:, self._torques], wrench=None, pinv=None, leverage=None,
             usable=np.ones(len(X), dtype=bool), still=setting.still,

@@ -42,8 +42,9 @@ from ident.information.cone import Limit, nearest, svec
 from ident.information.triangle import Triangle
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, pseudo_inertia
-from ident.motion import Experiment, Motion
-from ident.motion.close import Closer
+from ident.motion import Motion
+from ident.motion.closures import LoopSolver
+from ident.motion.state import State
 from ident.streams.charts import NormalRunning, WatchedInterval, WatchedRows
 
 WATCHED = tuple(kind for kind, cls in KINDS.items() if cls.watched == "always")
@@ -184,11 +185,11 @@ class Watched:
         """(d + m,) names of the joints and multipliers whose errors are watched."""
         return (*self.joints, *self.mechanism.kinematics.multipliers)
 
-    def scene(self, e: Experiment) -> Scene:
+    def scene(self, e: State) -> Scene:
         """Return an experiment as these equations see it."""
         return Scene.of(self.mechanism, self.columns, e, self.point, self.cutoff)
 
-    def rows(self, e: Experiment) -> Iterator[WatchedRows]:
+    def rows(self, e: State) -> Iterator[WatchedRows]:
         """Yield all rows of an experiment."""
         scene = self.scene(e)
         for part in rows(scene, self.cutoff, STICKING):
@@ -252,7 +253,7 @@ def multiplier_sensitivity(
     if not mechanism.closures:
         return np.zeros((len(q), 0, len(independent)))
     J = mechanism.kinematics.closure_rows(q).rate
-    W = Closer(mechanism, independent).coordinates(q).rate
+    W = LoopSolver(mechanism, independent).coordinates(q).rate
     return np.linalg.pinv(J.transpose(0, 2, 1), rcond=REDUNDANT) @ W.transpose(0, 2, 1)
 
 
