@@ -1,4 +1,4 @@
-"""Former name of `ident.text`."""
+"""Former name of `ident.text`, until no module asks for it."""
 
 from ident.text import percent, rounded, shortened, table
 

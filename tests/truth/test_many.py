@@ -17,7 +17,7 @@ from ident.errors import IdentError, LogError
 from ident.information.blocks import Block, Information
 from ident.information.estimate import estimate
 from ident.information.triangle import Triangle
-from ident.log.folder import expanded, logs_in
+from ident.log.read import expanded, logs_in
 from ident.streams.many_logs import compare_logs, disagreements
 
 HEAVIER = {"hand.m": 0.7638 + 0.5}  # kg; the URDF's and a load at the hand's origin

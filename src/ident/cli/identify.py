@@ -128,8 +128,8 @@ def identify(
     Values come with their standard errors, and with the error of the torque that they predict. Of a
     folder, every log is also judged beside the others, and broken ones are left out.
     """
-    from ident.log.folder import expanded
     from ident.log.pieces import likely_rows
+    from ident.log.read import expanded
     from ident.mechanism import Consistency
 
     model = mechanism_of(

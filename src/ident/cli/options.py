@@ -182,7 +182,7 @@ def motion_of(
 ) -> Motion:
     """Return the completed motion of some logs, those in folders among them."""
     from ident.log import read_log
-    from ident.log.folder import expanded
+    from ident.log.read import expanded
     from ident.motion import complete
 
     logs: list[Log] = [read_log(path, mechanism.columns) for path in expanded(paths)]
@@ -198,7 +198,7 @@ def many(paths: Sequence[Path], jobs: int | None, scheduler: str | None) -> bool
     Raises:
         IdentError: if both processes and a scheduler are given.
     """
-    from ident.log.folder import is_folder_of_logs
+    from ident.log.read import is_folder_of_logs
 
     if jobs is not None and scheduler is not None:
         raise IdentError(f"--jobs {jobs}: is of this machine, not of {scheduler}; give one of them")

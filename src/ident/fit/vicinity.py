@@ -15,7 +15,7 @@ from ident.likelihood.step import Linear, Run, linear, rows_cutoff
 from ident.motion import Experiment
 from ident.motion.fuse import along
 from ident.motion.smooth import Smooth
-from ident.progress import Told
+from ident.progress import Progress
 
 AGREED = 1.2  # squared residual over squared noise at which noise explains the residual
 TRIALS = 6  # of the torques' noise
@@ -37,7 +37,7 @@ class Vicinity:
         x: np.ndarray,
         experiments: tuple[Experiment, ...],
         fine: Sequence[Smooth],
-        progress: Told | None,
+        progress: Progress | None,
         like: Sequence[Linear] | None = None,
     ) -> Vicinity:
         """Rows and gains at parameters and motions; rows inform or not as those of `like`."""
@@ -81,12 +81,14 @@ class Vicinity:
         runs: Sequence[Sequence[Run]],
         x: np.ndarray,
         fine: Sequence[Smooth],
-        progress: Told | None,
+        progress: Progress | None,
     ) -> Vicinity:
         """The place of a full step."""
         return Vicinity.at(self.regression, x, self.moved(runs, x), fine, progress, self.parts)
 
-    def halfway(self, other: Vicinity, fine: Sequence[Smooth], progress: Told | None) -> Vicinity:
+    def halfway(
+        self, other: Vicinity, fine: Sequence[Smooth], progress: Progress | None
+    ) -> Vicinity:
         """The place between this one and another."""
         r = self.regression
         experiments = tuple(

@@ -15,7 +15,7 @@ from ident.display import Displayed, render
 from ident.errors import FitError
 from ident.fit import identify
 from ident.log import read_log
-from ident.log.folder import names_of
+from ident.log.read import names_of
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.motion.recipe import AUTO

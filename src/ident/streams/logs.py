@@ -14,14 +14,13 @@ import numpy as np
 
 from ident.errors import IdentError, LogError
 from ident.log import Log
-from ident.log.folder import expanded
-from ident.log.pieces import Pieces, open_log
-from ident.log.sources import STRIDE
+from ident.log.pieces import STRIDE, Pieces, open_log
+from ident.log.read import expanded
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.motion.signals import UNEVEN, Clock, is_signal
 from ident.pool import spread
-from ident.progress import Told
+from ident.progress import Progress
 
 LOOK = 64 * STRIDE  # rows that are read together
 STEPS = 1_000_000  # time steps from which their median is taken
@@ -46,7 +45,7 @@ class Workers:
     jobs: int | None = 1
     scheduler: str | None = None
     alone: bool = True
-    on_progress: Told | None = None
+    on_progress: Progress | None = None
     broken: dict[str, str] = field(default_factory=dict)
 
     def over(

@@ -20,7 +20,7 @@ from ident.equations.columns import Columns
 from ident.equations.filter import Decimator
 from ident.equations.point import Point
 from ident.errors import FitError, MotionError, one_of
-from ident.log.folder import names_of
+from ident.log.read import names_of
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.closures import LoopSolver
 from ident.motion.motion import decide, left_out, part_of, state_of
