@@ -5,8 +5,7 @@ import pinocchio as pin
 import pytest
 
 from helpers import J, Truth, raw_configuration, tree_urdf, write_mechanism
-from ident.equations.columns import Columns
-from ident.equations.point import Point
+from ident.equations.unknowns import Columns, Point
 from ident.errors import MechanismError
 from ident.mechanism import load
 from ident.mechanism.parameters import (

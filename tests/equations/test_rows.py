@@ -6,11 +6,11 @@ import pytest
 
 from helpers import Truth, series
 from ident.effects import create
-from ident.equations.columns import Columns
+from ident.equations.corrections import Scene
 from ident.equations.filter import Decimator
 from ident.equations.rows import CHUNK, raw_rows, row_supports, rows
-from ident.equations.scene import Scene
 from ident.equations.terms import terms
+from ident.equations.unknowns import Columns
 from ident.log import Log
 from ident.mechanism import load
 from ident.mechanism.absolute import absolute

@@ -5,10 +5,9 @@ import pytest
 
 import ident
 from ident.effects import KINDS, Correcting
-from ident.equations.columns import Columns
-from ident.equations.point import Point
-from ident.equations.scene import Scene
+from ident.equations.corrections import Scene
 from ident.equations.terms import terms
+from ident.equations.unknowns import Columns, Point
 from identification import motion_log, plant, robot
 
 

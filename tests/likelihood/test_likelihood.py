@@ -8,14 +8,12 @@ import pytest
 
 import ident
 from ident import Multipliers
-from ident.equations.columns import Columns
-from ident.equations.point import Point
+from ident.equations.corrections import Scene
+from ident.equations.motion_noise import STICKING, gain, linear, rows_cutoff
 from ident.equations.rows import rows
-from ident.equations.scene import Scene
-from ident.likelihood.gain import gain
-from ident.likelihood.step import STICKING, linear, rows_cutoff
-from ident.motion.fuse import along, finer
-from ident.motion.smooth import Smooth
+from ident.equations.unknowns import Columns, Point
+from ident.motion.smoothing import along, finer
+from ident.motion.spline import Smooth
 
 TRUTH = {"rod.Ixx": 4e-3, "rod.Iyy": 4e-4, "rod.Izz": 4e-3}  # kg m²
 

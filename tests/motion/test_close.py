@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ident.mechanism import load
-from ident.motion.close import Closer
+from ident.motion.closures import LoopSolver
 
 LOOPS = {"slider_crank": ("theta",), "four_bar": ("crank",), "five_bar": ("left", "right")}
 
@@ -12,7 +12,7 @@ LOOPS = {"slider_crank": ("theta",), "four_bar": ("crank",), "five_bar": ("left"
 def near(name, robots, n=40):
     """A closer of the drives, configurations off the closed ones by up to 0.05, and targets."""
     mechanism, random = load(robots / name), np.random.default_rng(0)
-    closer = Closer(mechanism, LOOPS[name])
+    closer = LoopSolver(mechanism, LOOPS[name])
     q = mechanism.general + random.uniform(-0.05, 0.05, (n, mechanism.model.nq))
     return closer, q, closer.coordinates(q).value
 
@@ -54,5 +54,5 @@ def test_a_singular_configuration_among_others_does_not_spoil_them(name, robots,
 def test_what_cannot_be_reached_is_said_to_be_left_open(robots):
     mechanism = load(robots / "five_bar")  # at zero all its links lie on one line
     q = np.zeros((1, mechanism.model.nq))
-    _, left = Closer(mechanism, mechanism.driven).newton(q, np.zeros((1, 2)))
+    _, left = LoopSolver(mechanism, mechanism.driven).newton(q, np.zeros((1, 2)))
     assert not left[0] < 1e-3

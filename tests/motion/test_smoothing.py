@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import ident
-from ident.motion.channels import Channel
-from ident.motion.smooth import fitted
-from ident.motion.spline import basis_over, evaluated
+from ident.motion.signals import Channel
+from ident.motion.spline import basis_over, evaluated, fitted
 
 RATE = 200.0
 
