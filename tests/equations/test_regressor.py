@@ -16,7 +16,7 @@ from ident.mechanism.parameters import (
     split,
     unit_of,
 )
-from ident.motion.regressor import FEW, regressor, supports
+from ident.motion.regressor import FEW, regressor, rigid_forces, supports
 
 TREES = {
     "revolute": [J("a", axis="1 0 0"), J("b", axis="0 -1 0", parent="a"), J("c", parent="b")],
@@ -68,7 +68,10 @@ def relative_error(model, n, seed=0):
     q = np.array([pin.integrate(model, pin.neutral(model), 2 * step) for step in away])
     v, a = rng.normal(size=(2, n, model.nv))
     theirs = [pin.computeJointTorqueRegressor(model, data, *x) for x in zip(q, v, a, strict=True)]
-    return np.abs(regressor(model, q, v, a) - theirs).max() / np.abs(theirs).max()
+    gamma, pi = regressor(model, q, v, a), rng.normal(size=theirs[0].shape[1])
+    forces = rigid_forces(model, q, v, a, pi)
+    np.testing.assert_allclose(forces, theirs @ pi, atol=1e-11 * np.abs(forces).max())
+    return np.abs(gamma - theirs).max() / np.abs(theirs).max()
 
 
 @pytest.mark.parametrize("name", TREES)

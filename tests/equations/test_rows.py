@@ -1,5 +1,7 @@
 """The reduced rows: consistent with Pinocchio's dynamics and with the multipliers projected out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -15,6 +17,7 @@ from ident.log import Log
 from ident.mechanism import load
 from ident.mechanism.absolute import absolute
 from ident.motion import complete
+from ident.motion.state import Store
 
 NAMES = ["slider_crank", "four_bar", "five_bar", "arm"]
 
@@ -140,18 +143,33 @@ def test_rows_are_the_same_in_pieces_of_any_size(name, cutoff, robots, monkeypat
     mechanism, log = logged(name, robots)
     mechanism = mechanism.with_effect("coulomb")
     (e,) = complete(mechanism, log, cutoff=cutoff).experiments
-    scene = Scene.of(mechanism, Columns.of(mechanism), e, cutoff=cutoff)
+    columns = Columns.of(mechanism)
 
-    def whole():
-        pieces = list(rows(scene, cutoff))
+    def whole(e):
+        pieces = list(rows(Scene.of(mechanism, columns, e, cutoff=cutoff), cutoff))
         return {n: np.concatenate([getattr(p, n) for p in pieces]) for n in vars(pieces[0])}
 
     monkeypatch.setattr("ident.equations.filter.CHUNK", 10**6)
-    expected = whole()
+    expected = whole(e)
     for size in (1, 7, 100):
         monkeypatch.setattr("ident.equations.filter.CHUNK", size)
-        for key, value in whole().items():
-            np.testing.assert_allclose(value, expected[key], rtol=1e-12, atol=1e-12)
+        for state in (replace(e), e):  # columns of Γ made anew, or kept with the state
+            for key, value in whole(state).items():
+                np.testing.assert_allclose(value, expected[key], rtol=1e-12, atol=1e-12)
+
+
+def test_kept_columns_are_bounded_and_freed(robots, monkeypatch):
+    mechanism, log = logged("arm", robots)
+    scene = Scene.of(mechanism, Columns.of(mechanism), complete(mechanism, log).experiments[0])
+    before = Store._used
+    monkeypatch.setattr(Store, "LIMIT", 0)
+    list(rows(scene, None))
+    assert Store._used == before
+    monkeypatch.setattr(Store, "LIMIT", before + 10**8)
+    list(rows(scene, None))
+    assert Store._used > before
+    del scene
+    assert Store._used == before
 
 
 def test_a_piece_shorter_than_the_step_from_row_to_row_gives_none(robots):
