@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from ident.display import Plotted, render
+from ident.display import Displayed, render
 from ident.errors import FitError
 from ident.files import write_all
 from ident.fit.fit import Fit
@@ -23,7 +23,7 @@ from ident.residual.residual import Residual
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Comparison(Plotted):
+class Comparison(Displayed):
     """One or several models on the same motion. Made by `ident.compare`.
 
     Attributes:

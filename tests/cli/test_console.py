@@ -1,0 +1,20 @@
+"""Notes on the terminal: several of one kind are one line."""
+
+from ident.cli.console import merged
+
+
+def test_notes_of_several_logs_are_one_line_with_ranges():
+    said = "samples within 188 ms are left out"
+    lines = [f"run{i}.csv: {n} {said}" for i, n in enumerate((96, 7, 12))]
+    assert merged(lines) == [
+        "run0.csv … run2.csv (3 logs): 7 to 96 samples within 188 ms are left out"
+    ]
+
+
+def test_notes_of_different_kinds_stay_as_they_are():
+    lines = ["run.csv: q.yaw: spline", "no more than 3 logs", "run.csv: v.yaw: spline", "no more"]
+    assert merged([*lines, *lines]) == lines
+
+
+def test_numbers_within_names_are_no_numbers():
+    assert len(merged(["a.csv: joint_1 is held", "a.csv: joint_2 is held"])) == 2
