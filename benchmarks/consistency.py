@@ -21,7 +21,6 @@ import pinocchio as pin
 
 import ident
 from ident.errors import IdentError
-from ident.fit.score import squares
 
 ROOT = Path(__file__).resolve().parents[1]
 REST = {  # where each driven joint moves around [rad]
@@ -244,7 +243,7 @@ def _ratio(fit: ident.Fit, free: ident.Fit) -> float:
 def _true_error(free: ident.Fit, truth: dict[str, float]) -> float:
     """Of the true parameters on the fitted log, over the held-out error; joints weighed alike."""
     x = np.array([truth[name] for name in free.columns.names])
-    left = squares(free.cells, x, len(free.held_out))
+    left = free.information.squares(x)
     true = np.sqrt(left.error / np.maximum(left.rows, 1))
     held_out = np.array([error.rms for error in free.held_out.values()])
     return float(np.sqrt(np.mean((true / held_out) ** 2)))

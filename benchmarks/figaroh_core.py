@@ -90,7 +90,7 @@ def ours(folder: Path, whole: bool) -> dict[str, object]:
     from ident.equations.point import Point
     from ident.equations.rows import rows
     from ident.equations.scene import Scene
-    from ident.fit.regression import Regression
+    from ident.fit.problem import Problem
     from ident.information.base import rank_revealing, solve
     from ident.information.triangle import Triangle
 
@@ -109,15 +109,15 @@ def ours(folder: Path, whole: bool) -> dict[str, object]:
     assert all(np.array_equal(getattr(e, c), arrays[c]) for c in ("q", "v", "a", "tau"))
 
     def core() -> tuple[np.ndarray, int, float, int]:
-        regression = Regression.of(mechanism, motion, Point.prior(mechanism))
-        total = Triangle.merge(regression.factors)
+        regression = Problem.of(mechanism, motion, Point.prior(mechanism))
+        total = Triangle.merge(regression.information.totals)
         base = rank_revealing(total)
         x = solve(total, base, regression.prior).x
         return x, base.rank, base.condition_number, total.rows
 
     def identify() -> tuple[np.ndarray, int, float, int]:
         fit = ident.identify(mechanism, motion)
-        return fit.estimate.solution.x, fit.rank, fit.condition_number, fit.estimate.factor.rows
+        return fit.estimate.solution.x, fit.rank, fit.condition_number, fit.estimate.triangle.rows
 
     us, (x, rank, condition, count) = best(identify if whole else core, len(e))
     memory = _memory()

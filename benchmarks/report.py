@@ -13,7 +13,7 @@ from pathlib import Path
 import arm7
 
 import ident
-from ident.fit.report import report_html
+from ident.show.fit import report_html
 
 ZOOM = """async () => {
     const range = ranges.get(figures.find(f => ranges.has(f))).range

@@ -14,7 +14,7 @@ import pytest
 import ident
 from helpers import ROBOTS, J, tree_urdf, write_mechanism
 from ident.errors import FitError, MechanismError
-from ident.fit.bodies import MARGIN, smallest_eigenvalue
+from ident.fit.limits import MARGIN, smallest_eigenvalue
 from ident.mechanism.parameters import pseudo_inertia
 from identification import motion_log, plant, robot
 from pages import read_page, reading
@@ -282,9 +282,7 @@ def test_links_of_milligrams_and_of_tons_are_fitted_alike(arm, size):
 
 
 def test_seven_joints_take_less_than_a_fifth_of_a_second(tmp_path):
-    from ident.fit.consistent import Program
-    from ident.fit.regression import Regression
-    from ident.fit.settle import settled
+    from ident.fit.consistency import Program
 
     joints = [J(f"j{i}", parent=f"j{i - 1}" if i else "") for i in range(7)]
     mechanism = ident.load(write_mechanism(tmp_path / "arm7", tree_urdf(joints)))
@@ -295,8 +293,7 @@ def test_seven_joints_take_less_than_a_fifth_of_a_second(tmp_path):
     )
     case = plant(mechanism, log, noise=[ident.Noise("tau", 0.1, relative=True)])
     fit = case.fit(cutoff="auto")
-    r = Regression.of(mechanism, fit.motion, settled(mechanism, fit.motion))
-    program = Program.of(r, ident.Consistency(), {}, fit.estimate.solution.x)
+    program = Program.of(fit.problem, ident.Consistency(), fit.estimate.x)
     start = time.perf_counter()
     x = program.solve(fit.estimate).x
     seconds = time.perf_counter() - start

@@ -32,7 +32,7 @@ def planted(name, *, noise=0.0, effects=(), seed=0, seconds=2.0):
 def assert_same(one, other, tolerance=1e-9):
     assert [v.name for v in one.base_parameters] == [v.name for v in other.base_parameters]
     a, b = (np.array([v.value for v in fit.base_parameters]) for fit in (one, other))
-    norm = one.estimate.factor.column_norms()[one.estimate.base.independent]
+    norm = one.estimate.triangle.column_norms()[one.estimate.base.independent]
     assert np.abs((a - b) * norm).max() <= tolerance * np.abs(a * norm).max()
     assert list(one.train) == list(other.train)
 

@@ -7,10 +7,9 @@ import pytest
 
 import ident
 from ident import FitError, IdentError, Log, Noise
-from ident.fit.accumulate import accumulate
-from ident.fit.banded import cells_of
-from ident.fit.estimate import totals
-from ident.fit.score import folds, squares
+from ident.fit.problem import information_of, stacks_information
+from ident.information.blocks import Information
+from ident.information.held_out import folds
 from identification import motion_log, plant, robot
 
 NOISE = [Noise("tau", 0.02, relative=True)]
@@ -60,11 +59,11 @@ def test_a_prediction_never_sees_the_torque():
 def test_samples_at_standstill_count_in_the_error_but_not_in_the_fit():
     case = noisy("arm", "viscous", "coulomb")
     fit = case.fit()
-    rest = sum(cell.rest.rows for cell in fit.cells)
-    rows = sum(cell.factor.rows for cell in fit.cells)
+    rest = sum(block.rest.rows for block in fit.information)
+    rows = sum(block.triangle.rows for block in fit.information)
     assert rest > 0
     assert rest + rows == 4 * len(case.log.t)
-    assert fit.estimate.factor.rows == rows
+    assert fit.estimate.triangle.rows == rows
     assert any("at standstill" in said for said in fit.warnings)
     # a torque that only friction at rest explains: parameters do not see it, the error does
     motion = fit.motion
@@ -106,24 +105,24 @@ def test_held_out_is_cross_validation_over_stretches_of_time():
     """By hand: refit without each stretch, add up the squares."""
     fit = noisy("five_bar", "viscous").fit()
     d, prior = 2, fit.columns.prior
-    parted = folds(fit.cells, 10)
+    parted = folds(fit.information, 10)
     assert len(parted) == 10
     base = fit.estimate.base
-    total = np.zeros(d)
+    left = np.zeros(d)
     for number, out in parted.items():
         rows = [c for other, part in parted.items() if other != number for c in part]
         A, b = [], []
-        for u, factor in enumerate(totals(rows, len(prior), d)):
-            A.append(factor.R / fit.estimate.sigma[u])
-            b.append(factor.d / fit.estimate.sigma[u])
+        for u, total in enumerate(Information.of(rows, len(prior), d).totals):
+            A.append(total.R / fit.estimate.sigma[u])
+            b.append(total.d / fit.estimate.sigma[u])
         A, b = np.concatenate(A), np.concatenate(b)
         x = prior.copy()
         beta = np.linalg.lstsq(A[:, base.independent], b, rcond=None)[0]
         x[base.independent] = beta - base.K @ x[base.dependent]
-        total += squares(out, x, d).error
-    n = sum(c.factor.rows + c.rest.rows for c in fit.cells if c.coordinate == 0)
+        left += out.squares(x).error
+    n = sum(block.rows for block in fit.information if block.coordinate == 0)
     for u, joint in enumerate(fit.motion.independent):
-        assert fit.held_out[joint].rms == pytest.approx(np.sqrt(total[u] / n), rel=1e-6)
+        assert fit.held_out[joint].rms == pytest.approx(np.sqrt(left[u] / n), rel=1e-6)
 
 
 def test_stretches_of_a_basis_and_of_a_log_are_the_same_times():
@@ -136,7 +135,8 @@ def test_stretches_of_a_basis_and_of_a_log_are_the_same_times():
     )
     fit = ident.identify(mechanism, ident.complete(mechanism, log, cutoff=None))
     assert len(fit.bands) == 2
-    fitting, scoring = (folds(cells, 10) for cells in (cells_of(fit.bands, fit.motion), fit.cells))
+    stacks = stacks_information(fit.bands, fit.motion)
+    fitting, scoring = (folds(each, 10) for each in (stacks, fit.information))
     assert set(fitting) == set(scoring)
     for number, part in fitting.items():
         mine, theirs = (
@@ -220,9 +220,9 @@ def test_pieces_do_not_change_the_result(monkeypatch):
     case = noisy("five_bar", "viscous", "coulomb", seconds=16.0)
     one = case.fit(cutoff="auto")
     monkeypatch.setattr("ident.equations.rows.CHUNK", 100)
-    monkeypatch.setattr("ident.fit.accumulate.LENGTH", 50)
+    monkeypatch.setattr("ident.fit.problem.LENGTH", 50)
     other = case.fit(cutoff="auto")
-    assert len(other.cells) < len(one.cells)
+    assert len(other.information) < len(one.information)
     np.testing.assert_allclose(
         other.estimate.solution.beta, one.estimate.solution.beta, rtol=1e-7, atol=1e-10
     )
@@ -246,15 +246,15 @@ def test_a_log_too_short_for_the_filter_is_refused():
         ident.identify(case.mechanism, motion)
 
 
-def test_cells_cover_every_row_once():
+def test_blocks_cover_every_row_once():
     case = noisy("arm", "coulomb")
     motion = ident.complete(case.mechanism, case.log, cutoff=None)
     fit = ident.identify(case.mechanism, motion)
-    cells = accumulate(case.mechanism, fit.columns, motion)
+    blocks = information_of(case.mechanism, fit.columns, motion)
     for u in range(4):
-        mine = [c for c in cells if c.coordinate == u]
-        assert sum(c.factor.rows + c.rest.rows for c in mine) == len(case.log.t)
+        mine = [block for block in blocks if block.coordinate == u]
+        assert sum(block.rows for block in mine) == len(case.log.t)
         (e,) = motion.experiments
         measured = e.tau[:, fit.mechanism.driven.index(motion.independent[u])]
-        assert sum(c.tau for c in mine) == pytest.approx(measured @ measured)
+        assert sum(block.torque for block in mine) == pytest.approx(measured @ measured)
     assert fit.rows == len(case.log.t)

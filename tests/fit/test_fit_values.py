@@ -9,7 +9,7 @@ import ident
 from helpers import J, tree_urdf, write_mechanism
 from ident import Log, Noise
 from ident.equations.regressor import regressor
-from ident.fit.covariance import covariance
+from ident.information.covariance import covariance
 from identification import close, motion_log, plant, robot
 
 
@@ -229,7 +229,7 @@ def test_the_covariance_is_symmetric_and_positive():
         motion_log("arm", 100.0),
         noise=[Noise("tau", 0.01, True)],
     ).fit()
-    cov = covariance(fit.cells, fit.estimate)
+    cov = covariance(fit.information, fit.estimate)
     np.testing.assert_allclose(cov, cov.T, rtol=1e-9)
     scale = np.sqrt(np.diag(cov))
     assert np.linalg.eigvalsh(cov / np.outer(scale, scale)).min() > -1e-9

@@ -9,7 +9,7 @@ import ident
 from helpers import ROBOTS
 from ident import Log, Noise
 from ident.errors import MotionError
-from ident.fit.estimate import estimate
+from ident.information.estimate import estimate
 from ident.information.triangle import Triangle
 from identification import motion_log, plant, robot
 

@@ -5,7 +5,7 @@ import numpy as np
 import ident
 from ident.equations.point import Point
 from ident.equations.samples import Samples
-from ident.residual.predict import predict
+from ident.fit.residual import predict
 
 
 def planted(mechanism, effects):

@@ -7,7 +7,7 @@ import pytest
 
 from helpers import Truth, series, write_mechanism
 from ident.errors import MechanismError, MotionError
-from ident.fit.structure import structure
+from ident.show.fit import structure
 from ident.log import Log
 from ident.mechanism import load
 from ident.mechanism.absolute import absolute

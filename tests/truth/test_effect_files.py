@@ -11,7 +11,7 @@ from helpers import ROBOTS
 from ident.effects import KINDS
 from ident.errors import MechanismError, MotionError
 from ident.mechanism.write import add_effects
-from ident.residual.predict import predict
+from ident.fit.residual import predict
 from ident.show.effects import example, facts
 from identification import motion_log, plant, robot
 

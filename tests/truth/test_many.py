@@ -39,7 +39,7 @@ def each(mechanism, logs, **options):
     motion = ident.complete(mechanism, logs)
     fit = ident.identify(mechanism, motion, estimator="least-squares", **options)
     names = {i: e.name for i, e in enumerate(motion.experiments)}
-    return compare_logs(fit.regression, names, {e.name: len(e) for e in motion.experiments})
+    return compare_logs(fit.problem, names, {e.name: len(e) for e in motion.experiments})
 
 
 def test_logs_that_are_alike_do_not_disagree(mechanism, clean):

@@ -42,7 +42,7 @@ def beta(found):
 def assert_same(found, fit, tolerance=1e-9):
     """Base parameters by what they do: each times the norm of its column."""
     assert [v.name for v in found.base_parameters] == [v.name for v in fit.base_parameters]
-    norm = fit.estimate.factor.column_norms()[fit.estimate.base.independent]
+    norm = fit.estimate.triangle.column_norms()[fit.estimate.base.independent]
     off = np.abs((beta(found) - beta(fit)) * norm)
     assert off.max() <= tolerance * np.abs(beta(fit) * norm).max()
 

@@ -41,7 +41,7 @@ def test_portions_give_the_fit_of_the_whole_log(basis, spacing, cutoff):
     assert found.worked > 3
     fit = found.fit
     np.testing.assert_allclose(fit.estimate.solution.x, batch.estimate.solution.x, rtol=1e-9)
-    assert fit.estimate.factor.rows == batch.estimate.factor.rows
+    assert fit.estimate.triangle.rows == batch.estimate.triangle.rows
     np.testing.assert_allclose(
         np.sqrt(np.diag(fit.covariance)), np.sqrt(np.diag(batch.covariance)), rtol=1e-6
     )

@@ -89,8 +89,8 @@ def view(
     is served on this machine alone, until Ctrl-C.
     """
     from ident.display import render
-    from ident.fit.saved import read_fit
-    from ident.residual.predict import predict
+    from ident.fit.files import read_fit
+    from ident.fit.residual import predict
     from ident.show.view3d import SUFFIXES
 
     output_file(out, SUFFIXES)

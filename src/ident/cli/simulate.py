@@ -113,7 +113,7 @@ def simulate(
     On a given motion: the torques that it needs, exactly. With --forward: the motion that forces
     make, integrated, with dry friction that really sticks. Then noise.
     """
-    from ident.fit.saved import read_fit
+    from ident.fit.files import read_fit
     from ident.log import Log, read_log
     from ident.show.simulate import csv_text
     from ident.simulate import integrate

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Iterable
 
-from ident.equations.point import Point
+from ident.equations.unknowns import Point
 from ident.errors import FitError, one_of
-from ident.fit.assemble import assemble
-from ident.fit.caveats import basis_bias
-from ident.fit.constrain import constrained
-from ident.fit.covariance import covariance
-from ident.fit.descend import beyond
-from ident.fit.estimate import Estimate, estimate, totals
-from ident.fit.fit import Fit
-from ident.fit.noisy import MATTERS, can_move, one_step, refined, share_of_motion
-from ident.fit.regression import Regression
-from ident.fit.settle import settled
+from ident.fit.consistency import Constrained, nearest_possible
+from ident.fit.findings import Finding, basis_bias, findings_of
+from ident.fit.likelihood import (
+    MATTERS,
+    Likelihood,
+    check_refinable,
+    one_step,
+    refined,
+    share_of_motion,
+    unexplained,
+)
+from ident.fit.problem import Problem, information_of
+from ident.fit.result import Fit
+from ident.fit.shapes import beyond_bounds, working_point
+from ident.fit.values import effect_values
+from ident.information.blocks import Error
+from ident.information.covariance import covariance
+from ident.information.estimate import Estimate
+from ident.information.held_out import held_out
+from ident.information.triangle import Array
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Consistency
 from ident.motion import Motion
@@ -34,7 +44,7 @@ def identify(
     estimator: str = "auto",
     progress: Progress | None = None,
 ) -> Fit:
-    """Dynamic parameters, effects and multipliers by one least-squares solve.
+    """Identify dynamic parameters, effects and multipliers by one least-squares solve.
 
     Args:
         mechanism: with what is unknown and which effects it has.
@@ -63,120 +73,141 @@ def identify(
         )
     if estimator not in ESTIMATORS:
         raise FitError(f"estimator '{estimator}'; {one_of(estimator, ESTIMATORS)}")
-    point = settled(mechanism, motion, start, progress)
-    regression = Regression.of(mechanism, motion, point, progress)
-    _check_scale(regression)
-    found = estimated(regression)
-    notes = bias_of(regression, found)
-    likelihood = None
-    if estimator == "likelihood":
-        _check_refinable(regression)
-        share = share_of_motion(regression, found)
-        regression, found, likelihood = refined(regression, found, share, progress)
-    elif estimator == "auto" and not regression.bands and len(regression.columns):
-        share = share_of_motion(regression, found)
-        if share.max(initial=0.0) >= MATTERS:
-            better = one_step(regression, found, share, progress)
-            if better is None:
-                notes = [*notes, _unexplained(share)]
-            else:
-                regression, found, likelihood = better
-    cov = covariance(regression.fitting, found)
-    if likelihood is not None:
-        cov = likelihood.covariance(cov, found)
-        notes = [*notes, *likelihood.notes]
-    if not isinstance(consistent, Consistency) and not consistent:
-        notes = [*notes, *_ignored(mechanism)]
-        return assemble(
-            regression, found, cov, validate=validate, notes=notes, likelihood=likelihood,
-            progress=progress,
-        )  # fmt: skip
-    asked = consistent if isinstance(consistent, Consistency) else Consistency()
-    held = constrained(regression, found, mechanism.consistency | asked, progress)
-    if held.regression is not regression:  # made anew where columns depend on the solution
-        cov = covariance(held.regression.fitting, held.free)
-    return assemble(
-        held.regression,
-        held.estimate,
-        cov,
-        validate=validate,
-        outside=held.outside,
-        binding=held.binding,
-        likelihood=likelihood,
-        notes=[*notes, *held.notes],
-        progress=progress,
-    )
+    point = working_point(mechanism, motion, start, progress)
+    problem = Problem.of(mechanism, motion, point, progress)
+    problem.check()
+    estimate = estimate_of(problem)
+    findings = basis_bias(problem, estimate)
+    problem, estimate, likelihood, more = weighed(problem, estimate, estimator, progress)
+    findings += more
+    cov = covariance_of(problem, estimate, likelihood)
+    limits = limits_asked(mechanism, consistent)
+    if limits is None:
+        findings += limits_ignored(mechanism)
+        return assembled(problem, estimate, cov, findings, likelihood, validate, progress)
+    possible = nearest_possible(problem, estimate, limits, progress)
+    if possible.problem is not problem:  # made anew where columns depend on the solution
+        cov = covariance(possible.problem.fitting, possible.free)
+    return assembled(problem, estimate, cov, findings, likelihood, validate, progress, possible)
 
 
-def _unexplained(share: np.ndarray) -> str:
-    """Why the motion's noise was left as it is."""
-    return (
-        f"noise of the motion makes up to {100 * min(float(share.max()), 1.0):.3g} % of the "
-        "residual, but noise does not explain all of it, so the motion was taken as it is "
-        "and parameters may be shrunk; something is missing (ident diagnose), or --refine"
-    )
-
-
-def _check_scale(r: Regression) -> None:
-    """Refuse equations of which all right sides are zero.
-
-    Raises:
-        FitError: saying why, and what to do.
-    """
-    if (
-        len(r.columns)
-        and all(f.rhs_norm() == 0 for f in r.factors)
-        and any(f.rows for f in r.factors)
-    ):
-        raise FitError(
-            "every torque is zero and no body is known, so parameters are free up to a common "
-            "factor; log a motion that is driven, or give what is known ([parameters] unknown)"
-        )
-
-
-def _check_refinable(r: Regression) -> None:
-    """Refuse a refined fit where there is no likelihood.
-
-    Raises:
-        FitError: saying why, and what to do.
-    """
-    if r.bands:
-        raise FitError(
-            'a refined fit needs free multipliers, given: a time basis; write basis = "free" in '
-            "[multipliers], or --basis free"
-        )
-    if not len(r.columns):
-        raise FitError(f"{r.mechanism.name}: nothing is unknown, so there is nothing to refine")
-    if not can_move(r.motion):
-        clean = ", ".join(e.name for e in r.motion.experiments if e.smooth is None)
-        raise FitError(
-            f"{clean}: taken as logged, so there is no noise in the motion to refine the fit by; "
-            "leave out --refine, or --smoothing none"
-        )
-
-
-def estimated(r: Regression) -> Estimate:
-    """Least squares on the rows; weights, rank and what is held at the prior come from them too."""
-    if r.stacked:  # the paper's: all rows weigh alike, and the basis' misfit is in the parameters
-        ones = np.ones(1)
-        return estimate(totals(r.fitting, len(r.columns), 1), r.prior, ones, r.sensible)
-    found = estimate(r.factors, r.prior, r.torque, r.sensible)
-    if (out := beyond(r.mechanism, r.columns, r.motion, r.point, found)).any():
-        held = found.held | out
-        found = estimate(r.factors, r.prior, r.torque, r.sensible, sigma=found.sigma, held=held)
+def estimate_of(problem: Problem) -> Estimate:
+    """Solve least squares; weights, rank and what is held at the prior come from the rows too."""
+    found = problem.estimate()
+    if problem.stacked:
+        return found
+    p = problem
+    if (beyond := beyond_bounds(p.mechanism, p.columns, p.motion, p.point, found)).any():
+        found = problem.estimate(sigma=found.sigma, held=found.held | beyond)
     return found
 
 
-def _ignored(mechanism: Mechanism) -> list[str]:
-    """Limits that the mechanism has and nobody asked for."""
+def weighed(
+    problem: Problem, estimate: Estimate, estimator: str, on_progress: Progress | None = None
+) -> tuple[Problem, Estimate, Likelihood | None, list[Finding]]:
+    """Weigh torques and motion together where that is asked for, or where the noise matters."""
+    if estimator == "likelihood":
+        check_refinable(problem)
+        share = share_of_motion(problem, estimate)
+        problem, estimate, likelihood = refined(problem, estimate, share, on_progress)
+        return problem, estimate, likelihood, likelihood.findings
+    if estimator == "auto" and not problem.bands and len(problem.columns):
+        share = share_of_motion(problem, estimate)
+        if share.max(initial=0.0) >= MATTERS:
+            better = one_step(problem, estimate, share, on_progress)
+            if better is None:
+                return problem, estimate, None, [unexplained(share)]
+            return *better, better[2].findings
+    return problem, estimate, None, []
+
+
+def covariance_of(problem: Problem, estimate: Estimate, likelihood: Likelihood | None) -> Array:
+    """Return the covariance (n_ind, n_ind) of the base parameters."""
+    cov = covariance(problem.fitting, estimate)
+    return cov if likelihood is None else likelihood.covariance(cov, estimate)
+
+
+def limits_asked(mechanism: Mechanism, consistent: bool | Consistency) -> Consistency | None:
+    """Return the limits of a consistent fit; None if none is asked for."""
+    if not isinstance(consistent, Consistency):
+        return mechanism.consistency | Consistency() if consistent else None
+    return mechanism.consistency | consistent
+
+
+def limits_ignored(mechanism: Mechanism) -> list[Finding]:
+    """Report limits that the mechanism has and nobody asked for."""
     if mechanism.consistency == Consistency():
         return []
-    return ["bounds and total_mass of [parameters] hold in a consistent fit only: --consistent"]
+    text = "bounds and total_mass of [parameters] hold in a consistent fit only: --consistent"
+    return [Finding("limits ignored", (), None, None, text)]
 
 
-def bias_of(r: Regression, found: Estimate) -> list[str]:
-    """What a time basis does to the parameters."""
-    if not r.stacked:
-        return []
-    free = estimate(r.factors, r.prior, r.torque, r.sensible)
-    return basis_bias(r.mechanism, r.columns, found, free)
+def assembled(
+    problem: Problem,
+    estimate: Estimate,
+    cov: Array,
+    findings: Iterable[str | Finding] = (),
+    likelihood: Likelihood | None = None,
+    validate: Motion | None = None,
+    on_progress: Progress | None = None,
+    possible: Constrained | None = None,
+) -> Fit:
+    """Assemble a fit with its errors in the data, held out and in other logs.
+
+    Args:
+        problem: the equations; effects that are not linear are taken at its point.
+        estimate: their solution; cov: (n_ind, n_ind) covariance of its base parameters.
+        findings: of the way in which it was made, mentioned after all others.
+        likelihood: how torques and motion were weighed together.
+        validate: motion of other logs, on which errors are reported.
+        on_progress: called with (what is being done, share done).
+        possible: a consistent estimate that takes the place of problem and estimate.
+    """
+    if on_progress:
+        on_progress("held-out errors", 0.9)
+    if possible is None:
+        outside = held_out(problem.fitting, problem.information, estimate, problem.prior)
+    else:
+        problem, estimate, outside = possible.problem, possible.estimate, possible.outside
+        findings = [*findings, *possible.findings]
+    names, units = problem.motion.independent, problem.units
+    train = problem.squares(estimate.x).errors(names, units)
+    point = problem.point.at(problem.mechanism, problem.columns, estimate.x)
+    effects = effect_values(problem.columns, estimate, cov, point)
+    every = findings_of(problem, estimate, train, effects, point.pi, findings)
+    return Fit(
+        mechanism=problem.mechanism,
+        motion=problem.motion,
+        columns=problem.columns,
+        information=problem.information,
+        estimate=estimate,
+        covariance=cov,
+        train=train,
+        held_out={} if outside is None else outside.errors(names, units),
+        validation=validated(problem, estimate, validate, on_progress),
+        warnings=tuple(map(str, every)),
+        findings=every,
+        bands=problem.bands,
+        stacked_information=problem.stacked_information,
+        point=point,
+        binding=None if possible is None else possible.binding,
+        likelihood=likelihood,
+    )
+
+
+def validated(
+    problem: Problem, estimate: Estimate, validate: Motion | None, on_progress: Progress | None = None
+) -> dict[str, dict[str, Error]]:
+    """Return the errors of an estimate in other logs, by log, then joint."""
+    if validate is None:
+        return {}
+    mechanism, columns = problem.mechanism, problem.columns
+    other = information_of(mechanism, columns, validate, problem.point, on_progress)
+    units = [mechanism.joint(name).force_unit for name in validate.independent]
+    return {
+        e.name: other.of_log(number).squares(estimate.x).errors(validate.independent, units)
+        for number, e in enumerate(validate.experiments)
+    }
+
+
+estimated, bias_of = estimate_of, basis_bias  # names of before, until all callers have moved

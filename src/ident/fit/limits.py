@@ -1,4 +1,14 @@
-"""What a consistent fit must keep to, as limits on the unknowns x: G x + h ∈ K, scaled to 1."""
+"""What a consistent fit must keep to, as limits on the unknowns x: G x + h ∈ K, scaled to 1.
+
+Possible bodies: the pseudo-inertia, measured by a ball of the body's own mass and size.
+
+    P(π) = [Σ  h; hᵀ  m],  Σ = tr(L)/2 · 1 − L,  h = m c          possible: P ⪰ 0
+    B = F Fᵀ,  F = √m [r·1  c; 0  1]                              of a ball: m, c, r of the prior
+
+P ⪰ 0 says that some distribution of positive mass has these ten parameters (P. Wensing, S. Kim,
+J.-J. Slotine, IEEE Robot. Autom. Lett. 3(1), 2018). The eigenvalues of F⁻¹ P F⁻ᵀ are numbers around
+1/3 and 1 whatever the units, the frame, and whether a body weighs grams or tons.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +17,56 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ident.effects.payload import Payload
-from ident.equations.columns import Columns
+from ident.equations.unknowns import Columns
 from ident.errors import FitError, one_of
-from ident.fit.bodies import MARGIN, basis, unit_ball
+from ident.fit.problem import body_scales
 from ident.information.cone import Limit, svec
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import CENTROIDAL, COUNT, DYNAMIC, Consistency, about_origin, split
+from ident.mechanism.parameters import (
+    CENTROIDAL,
+    COUNT,
+    DYNAMIC,
+    Consistency,
+    about_origin,
+    pseudo_inertia,
+    split,
+)
 
+MARGIN = 1e-6  # of the ball, what a body keeps at least: with 0 no simulator could invert its mass
+SMALL = 1e-3  # of a mean link, the least size that is believed
 CENTROID = {centroidal: about for about, centroidal in CENTROIDAL.items()}
+
+
+def unit_ball(mechanism: Mechanism, link: int) -> np.ndarray:
+    """Return F⁻¹ (4, 4) of a body, by its number.
+
+    Where the URDF gives no mass or no size, those of a mean link stand in.
+    """
+    mean_m, mean_l = (scale[link] for scale in body_scales(mechanism))
+    m, moments, L = split(mechanism.prior[COUNT * link : COUNT * (link + 1)])
+    known = m > 0
+    m = m if known else mean_m
+    c = moments / m if known else np.zeros(3)
+    r = np.sqrt(max(np.trace(L) / (2 * m) - c @ c, 0.0))
+    if r < SMALL * mean_l:
+        r = 0.1 * mean_l
+    inverse = np.eye(4)
+    inverse[:3, :3] /= r
+    inverse[:3, 3] = -c / r
+    return inverse / np.sqrt(m)
+
+
+def pseudo_inertia_basis(inverse: np.ndarray) -> np.ndarray:
+    """Return (10, 10): `svec` of F⁻¹ P F⁻ᵀ of each dynamic parameter, a column each."""
+    return np.stack(
+        [svec(inverse @ pseudo_inertia(one) @ inverse.T) for one in np.eye(COUNT)], axis=1
+    )
+
+
+def smallest_eigenvalue(mechanism: Mechanism, link: int, pi: np.ndarray) -> float:
+    """Return that of F⁻¹ P F⁻ᵀ for ten parameters: below zero for an impossible body."""
+    inverse = unit_ball(mechanism, link)
+    return float(np.linalg.eigvalsh(inverse @ pseudo_inertia(pi) @ inverse.T)[0])
 
 
 def limits_of(
@@ -24,12 +76,12 @@ def limits_of(
     scale: np.ndarray,
     shapes: Mapping[int, tuple[float, float]],
 ) -> list[Limit]:
-    """Possible bodies, effects that cannot be negative, shapes within reach, bounds, total mass.
+    """Return limits: possible bodies, effects that cannot be negative, shapes, bounds, total mass.
 
     Args:
         mechanism, columns: whose unknowns.
         asked: bounds and total mass.
-        scale: (k,) size of every unknown, from `plausible`.
+        scale: (k,) size of every unknown, that is plausible.
         shapes: by place in x, the range in which a shape's column means something.
 
     Raises:
@@ -56,8 +108,8 @@ def _row(k: int, at: int) -> np.ndarray:
     return row
 
 
-def _least(said: str, row: np.ndarray, low: float, scale: float, name: str) -> Limit:
-    return Limit(said, "nonnegative", row[None] / scale, np.array([-low / scale]), name)
+def _least(text: str, row: np.ndarray, low: float, scale: float, name: str) -> Limit:
+    return Limit(text, "nonnegative", row[None] / scale, np.array([-low / scale]), name)
 
 
 def _between(
@@ -69,21 +121,21 @@ def _between(
     unit: str,
     constant: float = 0.0,
 ) -> list[Limit]:
-    """low ≤ row·x ≤ high, a limit a side; `constant`: what the name's value has beyond row·x."""
-    said = f"{name} {{}} {{:.6g}}{unit}"
+    """Return low ≤ row·x ≤ high, a limit a side; the name's value is row·x + constant."""
+    text = f"{name} {{}} {{:.6g}}{unit}"
     if low == high:
         h = np.array([-low / scale])
-        return [Limit(said.format("=", low + constant), "zero", row[None] / scale, h, name)]
+        return [Limit(text.format("=", low + constant), "zero", row[None] / scale, h, name)]
     found = []
     if np.isfinite(low):
-        found.append(_least(said.format("≥", low + constant), row, low, scale, name))
+        found.append(_least(text.format("≥", low + constant), row, low, scale, name))
     if np.isfinite(high):
-        found.append(_least(said.format("≤", high + constant), -row, -high, scale, name))
+        found.append(_least(text.format("≤", high + constant), -row, -high, scale, name))
     return found
 
 
 def _bodies(mechanism: Mechanism, columns: Columns) -> list[Limit]:
-    """P ⪰ MARGIN · B of every body with unknowns, and of every body with its payload."""
+    """Return P ⪰ MARGIN · B of every body with unknowns, and of every body with its payload."""
     own = {int(column): i for i, column in enumerate(columns.rigid)}
     payloads = {
         effect.joints[0]: (effect, places)
@@ -92,7 +144,7 @@ def _bodies(mechanism: Mechanism, columns: Columns) -> list[Limit]:
     }
     found = []
     for number, link in enumerate(mechanism.bodies.links):
-        S = basis(unit_ball(mechanism, number))
+        S = pseudo_inertia_basis(unit_ball(mechanism, number))
         G, h = np.zeros((COUNT, len(columns))), -MARGIN * svec(np.eye(4))
         for j in range(COUNT):
             column = COUNT * number + j
@@ -134,7 +186,7 @@ def _total(mechanism: Mechanism, columns: Columns, mass: float) -> Limit:
 def _linear(
     mechanism: Mechanism, columns: Columns, name: str, scale: np.ndarray
 ) -> tuple[np.ndarray, float, float, str]:
-    """A named parameter as row·x + constant, its size, and its unit."""
+    """Return a named parameter as row·x + constant, its size, and its unit."""
     link, _, word = name.rpartition(".")
     column, constant = name, 0.0
     if link in mechanism.bodies.links and word in CENTROID:

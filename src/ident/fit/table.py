@@ -15,14 +15,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ident.effects import Correcting, Effect, Signals
-from ident.equations.columns import Columns
-from ident.equations.correct import Seen, corrected
+from ident.equations.corrections import Corrected as Seen
+from ident.equations.corrections import Scene, corrected, step_of
 from ident.equations.filter import Decimator
-from ident.equations.point import Point
 from ident.equations.rows import Rows, rows
-from ident.equations.samples import Samples, reduced
-from ident.equations.scene import Scene, step_of
-from ident.equations.terms import unbalanced
+from ident.equations.terms import Samples, reduced, unbalanced
+from ident.equations.unknowns import Columns, Point
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 

@@ -1,8 +1,8 @@
-"""What a motion does not tell, why, and which motion would.
+"""What a motion does not determine, why, and which motion would.
 
-A motion is compared with one made up in which everything moves (`fit.structure.excitation`). An
-unknown that leads a base parameter there and none here is lost to this motion. What would bring it
-back is tried: the log's motion again, in which joint u swings beside what it did, with rows A_u,
+A motion is compared with one made up in which everything moves (`excitation`). An unknown that
+leads a base parameter there and none here is lost to this motion. What would bring it back is
+tried: the log's motion again, in which joint u swings beside what it did, with rows A_u,
 
     C_u = (Σ A_uᵀ A_u / σ² + diag(1 / plausible²))⁻¹
 
@@ -13,25 +13,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.equations.columns import Columns
-from ident.errors import IdentError
-from ident.fit.accumulate import accumulate, coordinates
-from ident.fit.estimate import estimate, totals
-from ident.fit.naming import absorbed_by
-from ident.fit.settle import initial
-from ident.fit.structure import excitation
+from ident.display import Displayed, render
+from ident.equations.unknowns import Columns
+from ident.errors import IdentError, MotionError
+from ident.fit.problem import Problem, information_of
+from ident.fit.shapes import initial
+from ident.fit.values import absorbed_by
+from ident.information.estimate import Estimate, estimate
+from ident.information.triangle import Triangle
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
-from ident.show.html import Shown
-from ident.solve.factor import Factor
-
-if TYPE_CHECKING:
-    from ident.fit.fit import Fit
+from ident.motion.closures import LoopSolver, best_conditioned, independent_joints
 
 SAMPLES = 600  # of a log in which swings are tried
 AMPLITUDES = (0.5, 0.15, 0.05)  # [rad | m], the largest that the mechanism can follow
@@ -63,8 +59,8 @@ class Lost:
     after: float
 
 
-@dataclass(frozen=True)
-class Unexcited(Shown):
+@dataclass(frozen=True, repr=False)
+class Unexcited(Displayed):
     """What a fit's motion does not tell.
 
     Attributes:
@@ -79,110 +75,118 @@ class Unexcited(Shown):
 
     @property
     def advice(self) -> tuple[str, ...]:
-        """One sentence for all unknowns that the same joints tell."""
-        groups: dict[str, list[Lost]] = {}
-        for each in self.lost:
-            groups.setdefault(each.joints[0] if each.joints else "", []).append(each)
-        return tuple(self._sentence(joint, some) for joint, some in groups.items())
-
-    def _sentence(self, joint: str, some: list[Lost]) -> str:
-        names = ", ".join(each.name for each in some[:5])
-        names += f" and {len(some) - 5} more" if len(some) > 5 else ""
-        if not joint:
-            return (
-                f"to tell {names}: no swing of one joint beside this motion will do; move several "
-                "at once, farther and faster"
-            )
-        far, fast, unit = self.moved[joint]
-        size, top = self.swing[joint]
-        return (
-            f"to tell {names}: swing {joint} by ±{size:.2g} {unit} with up to {top:.2g} {unit}/s² "
-            f"(it moved through {far:.2g} {unit} with up to {fast:.2g} {unit}/s²)"
-        )
-
-    def __str__(self) -> str:
-        if not self.lost:
-            return "this motion tells all that a motion can tell"
-        reasons = {
-            "noise": "too little of it for a residual of this size",
-            "same columns": "acts as {}",
-            "unfelt": "no torque feels it in this motion",
-        }
-        lines = ["this motion does not tell what another one would:"]
-        for each in self.lost:
-            why = reasons[each.why].format(", ".join(each.carriers[:3]))
-            lines.append(f"  {each.name}: {why}")
-        return "\n".join([*lines, *self.advice])
-
-    __repr__ = __str__
+        """One sentence for all unknowns that the same joints determine."""
+        return tuple(render(self, "advice"))
 
 
-def unexcited(fit: Fit) -> Unexcited:
-    """What the motion of a fit does not tell, why, and which swing would.
+def excitation(mechanism: Mechanism) -> Motion:
+    """Return a made-up motion around the start in which every degree of freedom moves.
+
+    For a structural answer only: sines of unrelated frequencies, smaller where loops are tight.
+    """
+    choices = [
+        best_conditioned(mechanism, mechanism.assembled[None]),
+        independent_joints(mechanism, [*mechanism.driven, *mechanism.joint_index]),
+        independent_joints(mechanism, [*reversed(mechanism.driven), *mechanism.joint_index]),
+    ]
+    why: MotionError | None = None
+    for names in dict.fromkeys(choices):
+        for amplitude in (0.8, 0.3, 0.1, 0.03, 0.003):
+            try:
+                log = _sines(mechanism, names, amplitude)
+                return complete(mechanism, log, cutoff=None, torques=False)
+            except MotionError as error:
+                why = error
+    raise MotionError(
+        f"{mechanism.name}: no motion made up around [joints] start can be followed ({why}); "
+        "give a start farther from a singular position, or a log"
+    )
+
+
+def _sines(mechanism: Mechanism, names: tuple[str, ...], amplitude: float) -> Log:
+    """Return a log of these joints moving by about the amplitude [rad | m] around the start."""
+    t = np.linspace(0.0, 10.0, 801)
+    rng = np.random.default_rng(1)
+    frequency = rng.uniform(0.5, 1.5, (len(names), 3))
+    phase = rng.uniform(0, 2 * np.pi, (len(names), 3))
+    start = LoopSolver(mechanism, names).coordinates(mechanism.assembled[None]).value[0]
+    columns = {}
+    for i, name in enumerate(names):
+        w = 2 * np.pi * frequency[i][:, None]
+        angle = w * t + phase[i][:, None]
+        offset = np.sin(phase[i][:, None])
+        columns[f"q.{name}"] = start[i] + amplitude / 3 * (np.sin(angle) - offset).sum(axis=0)
+        columns[f"v.{name}"] = amplitude / 3 * (w * np.cos(angle)).sum(axis=0)
+        columns[f"a.{name}"] = amplitude / 3 * (-(w**2) * np.sin(angle)).sum(axis=0)
+    return Log.from_arrays("a made-up motion", t, columns)
+
+
+def unexcited(problem: Problem, found: Estimate) -> Unexcited:
+    """Return what the motion of a fit does not determine, why, and which swing would.
 
     Raises:
         MotionError: if no motion can be made up for the mechanism.
     """
-    mechanism, columns, base = fit.mechanism, fit.columns, fit.estimate.base
+    mechanism, motion, columns = problem.mechanism, problem.motion, problem.columns
+    base = found.base
     able = _able(mechanism, columns)
     lost = [int(i) for i in able if i not in base.independent]
-    moved = {name: _moved(mechanism, fit.motion, name) for name in fit.motion.independent}
+    moved = {name: _moved(mechanism, motion, name) for name in motion.independent}
     if not lost:
         return Unexcited((), moved, {})
-    sensible, sigma = fit.regression.sensible, fit.worth
-    prior = np.diag(1 / sensible[able] ** 2)
+    plausible, sigma = problem.plausible, problem.row_scale(found)
+    prior = np.diag(1 / plausible[able] ** 2)
     at = np.searchsorted(able, lost)
-    now = _spread(_information(fit.regression.factors, sigma, able) + prior)[at]
+    now = _spread(_information(problem.information.totals, sigma, able) + prior)[at]
     swings, after = {}, {}
-    for joint in fit.motion.independent:
-        trial = _swing(mechanism, fit.motion, joint)
+    for joint in motion.independent:
+        trial = _swing(mechanism, motion, joint)
         if trial is None:
             continue
-        motion, size = trial
-        share = fit.rows / motion.samples
-        factors = _factors(mechanism, columns, motion)
-        after[joint] = _spread(share * _information(factors, sigma, able) + prior)[at]
-        swings[joint] = (size, _moved(mechanism, motion, joint)[1])
-    found = []
+        swing, size = trial
+        share = problem.information.rows // problem.d / swing.samples
+        totals = _totals(mechanism, columns, swing)
+        after[joint] = _spread(share * _information(totals, sigma, able) + prior)[at]
+        swings[joint] = (size, _moved(mechanism, swing, joint)[1])
+    unknowns = []
     carriers = absorbed_by(columns, base)
     for k, i in enumerate(lost):
         best = min((x[k] for x in after.values()), default=np.inf)
         tell = [j for j, x in after.items() if x[k] < min(ALIKE * best, TELLS * now[k])]
         tell = sorted(tell, key=lambda j: after[j][k])[:2]
         carried = tuple(filter(None, carriers.get(columns.names[i], "").split(", ")))
-        why = "noise" if fit.estimate.held[i] else "same columns" if carried else "unfelt"
+        why = "noise" if found.held[i] else "same columns" if carried else "unfelt"
         name, unit = columns.names[i], columns.units[i]
-        found.append(Lost(name, unit, why, carried, tuple(tell), float(now[k]), float(best)))
-    return Unexcited(tuple(found), moved, swings)
+        unknowns.append(Lost(name, unit, why, carried, tuple(tell), float(now[k]), float(best)))
+    return Unexcited(tuple(unknowns), moved, swings)
 
 
 def _able(mechanism: Mechanism, columns: Columns) -> np.ndarray:
-    """Unknowns that lead a base parameter if everything moves, ascending."""
-    factors = _factors(mechanism, columns, excitation(mechanism))
-    ones = np.ones(len(factors))
-    return estimate(factors, columns.prior, ones, sigma=ones).base.independent
+    """Return unknowns that lead a base parameter if everything moves, ascending."""
+    totals = _totals(mechanism, columns, excitation(mechanism))
+    ones = np.ones(len(totals))
+    return estimate(totals, columns.prior, ones, sigma=ones).base.independent
 
 
-def _factors(mechanism: Mechanism, columns: Columns, motion: Motion) -> list[Factor]:
-    cells = accumulate(mechanism, columns, motion, None, initial(mechanism, motion))
-    return totals(cells, len(columns), coordinates(mechanism, motion))
+def _totals(mechanism: Mechanism, columns: Columns, motion: Motion) -> Sequence[Triangle]:
+    return information_of(mechanism, columns, motion, initial(mechanism, motion)).totals
 
 
-def _information(factors: Sequence[Factor], sigma: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Σ AᵀA / σ² in some columns."""
-    rows = [f.R[:, columns] / s for f, s in zip(factors, sigma, strict=True)]
+def _information(totals: Sequence[Triangle], sigma: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return Σ AᵀA / σ² in some columns."""
+    rows = [f.R[:, columns] / s for f, s in zip(totals, sigma, strict=True)]
     return np.asarray(sum(R.T @ R for R in rows))
 
 
 def _spread(information: np.ndarray) -> np.ndarray:
-    """Standard errors from an information matrix, equilibrated before it is inverted."""
+    """Return standard errors from an information matrix, equilibrated before it is inverted."""
     unit = 1 / np.sqrt(np.diag(information))
     inverse = np.linalg.pinv(information * np.outer(unit, unit), rcond=1e-14, hermitian=True)
     return np.sqrt(np.maximum(np.diag(inverse), 0.0)) * unit
 
 
 def _moved(mechanism: Mechanism, motion: Motion, joint: str) -> tuple[float, float, str]:
-    """How far a joint moved, its top acceleration, and its unit."""
+    """Return how far a joint moved, its top acceleration, and its unit."""
     at = mechanism.joint_index[joint]
     y, ydd = (
         np.concatenate([getattr(e, name)[e.usable][:, at] for e in motion.experiments])
@@ -192,8 +196,9 @@ def _moved(mechanism: Mechanism, motion: Motion, joint: str) -> tuple[float, flo
 
 
 def _swing(mechanism: Mechanism, motion: Motion, joint: str) -> tuple[Motion, float] | None:
-    """The first log's motion, thinned, with one joint swinging beside, and by how much [rad | m];
-    None if the mechanism cannot follow.
+    """Return the first log's motion, thinned, with one joint swinging beside, and by how much.
+
+    The amplitude is in rad or m; None if the mechanism cannot follow.
     """
     e = motion.experiments[0]
     run = max(e.segments(), key=lambda s: s.stop - s.start, default=None)

@@ -1,4 +1,8 @@
-"""Values with their standard errors, under the names that users know."""
+"""Values with their standard errors, under the names that users know.
+
+Base parameters are named as a person reads them: `link_2.Lzz + 0.05 link_3.m + …`. Correlation of
+their errors: r_ij = cov_ij / (s_i s_j).
+"""
 
 from __future__ import annotations
 
@@ -7,14 +11,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.display import Displayed
 from ident.effects import Effect
-from ident.equations.columns import Columns
-from ident.equations.point import Point
-from ident.fit.estimate import Estimate
-from ident.fit.naming import base_names
+from ident.equations.unknowns import Columns, Point
+from ident.information.base import Base
+from ident.information.estimate import Estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import CENTROIDAL, COUNT, DYNAMIC, about_origin, split, unit_of
 from ident.text import rounded
+
+STRONG = 0.95  # |r| at which two parameters are known only together
 
 
 @dataclass(frozen=True)
@@ -64,7 +70,7 @@ class EffectValues:
 
 
 def base_values(columns: Columns, estimate: Estimate, cov: np.ndarray) -> tuple[BaseValue, ...]:
-    """Base parameters with the unit of their leading unknown."""
+    """Return base parameters with the unit of their leading unknown."""
     stderr = np.sqrt(np.diag(cov))
     return tuple(
         BaseValue(name, float(value), float(error), columns.units[own])
@@ -79,7 +85,7 @@ def base_values(columns: Columns, estimate: Estimate, cov: np.ndarray) -> tuple[
 
 
 def _alone(estimate: Estimate, cov: np.ndarray) -> np.ndarray:
-    """(k,) standard errors of unknowns that are base parameters by themselves, else NaN."""
+    """Return standard errors (k,) of unknowns that are base parameters themselves, else NaN."""
     stderr = np.full(len(estimate.solution.x), np.nan)
     single = ~np.any(estimate.base.K != 0.0, axis=1)
     stderr[estimate.base.independent[single]] = np.sqrt(np.diag(cov))[single]
@@ -94,7 +100,7 @@ def _value(name: str, value: float, error: float, unit: str, prior: float) -> Va
 def effect_values(
     columns: Columns, estimate: Estimate, cov: np.ndarray, point: Point
 ) -> tuple[EffectValues, ...]:
-    """Parameters of all effects; one that was given, or takes few values only, has no error."""
+    """Return all effects' parameters; one that was given, or takes few values, has no error."""
     stderr = _alone(estimate, cov)
     found = []
     for effect, places in columns.effects:
@@ -112,8 +118,10 @@ def effect_values(
 def rigid_values(
     mechanism: Mechanism, columns: Columns, estimate: Estimate, cov: np.ndarray
 ) -> tuple[Value, ...]:
-    """Unknown dynamic parameters in Γ's order; moments of inertia about the centre of mass where
-    that is known or identified, and then named `I`, else about the joint frame's origin, `L`.
+    """Return unknown dynamic parameters in Γ's order.
+
+    Moments of inertia are about the centre of mass where that is known or identified, and then
+    named `I`, else about the joint frame's origin, `L`.
     """
     stderr = _alone(estimate, cov)
     at = {columns.names[i]: i for i in range(len(columns.rigid))}
@@ -143,7 +151,7 @@ def rigid_values(
 
 
 def _shift(pi: np.ndarray) -> np.ndarray:
-    """What L has beyond I, in the places of the ten parameters."""
+    """Return L − I in the places of the ten parameters."""
     m, moments, _ = split(pi)
     S = about_origin(m, moments)
     return np.array([0, 0, 0, 0, S[0, 0], S[0, 1], S[1, 1], S[0, 2], S[1, 2], S[2, 2]])
@@ -157,7 +165,7 @@ def _centroidal_error(
     at: dict[str, int],
     k: int,
 ) -> float:
-    """Standard error of I = L − shift(m, moments), to first order (delta method)."""
+    """Return the standard error of I = L − shift(m, moments), to first order (delta method)."""
     place = {int(own): i for i, own in enumerate(estimate.base.independent)}
     gradient = np.zeros(len(cov))
     for j, name in enumerate(names):
@@ -173,3 +181,83 @@ def _centroidal_error(
             slope = -(_shift(up)[k] - _shift(down)[k]) / (2 * step)
         gradient[place[at[name]]] = slope
     return float(np.sqrt(gradient @ cov @ gradient))
+
+
+def base_names(columns: Columns, base: Base) -> list[str]:
+    """Return an expression for each independent column: the unknown and what is regrouped."""
+    return [
+        " ".join(
+            [
+                columns.names[own],
+                *(
+                    _term(float(base.K[i, j]), columns.names[other])
+                    for j, other in enumerate(base.dependent)
+                    if base.K[i, j] != 0.0
+                ),
+            ]
+        )
+        for i, own in enumerate(base.independent)
+    ]
+
+
+def _term(coefficient: float, name: str) -> str:
+    nearest = round(coefficient)
+    if nearest and abs(coefficient - nearest) < 1e-9:
+        coefficient = float(nearest)
+    size = abs(coefficient)
+    number = "" if size == 1.0 else f"{size:.6g} "
+    return f"{'-' if coefficient < 0 else '+'} {number}{name}"
+
+
+def absorbed_by(columns: Columns, base: Base) -> dict[str, str]:
+    """Return for every dependent unknown the unknowns that carry it; empty if no torque does."""
+    found = {}
+    for j, other in enumerate(base.dependent):
+        carriers = [columns.names[base.independent[i]] for i in np.flatnonzero(base.K[:, j])]
+        found[columns.names[other]] = ", ".join(carriers)
+    return found
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Correlation(Displayed):
+    """Correlation of the errors of base parameters; `print` shows the strong ones.
+
+    Attributes:
+        names: (n,) the leading unknown of each base parameter.
+        matrix: (n, n), 1 on the diagonal; NaN where a standard error is not known.
+    """
+
+    names: tuple[str, ...]
+    matrix: np.ndarray
+
+    @classmethod
+    def of(cls, columns: Columns, estimate: Estimate, cov: np.ndarray) -> Correlation:
+        """Return the correlation of a covariance (n, n) of base parameters."""
+        s = np.sqrt(np.diag(cov))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            r = cov / np.outer(s, s)
+        return cls(tuple(columns.names[i] for i in estimate.base.independent), np.clip(r, -1, 1))
+
+    def pairs(self, least: float = STRONG) -> list[tuple[str, str, float]]:
+        """Return pairs with |r| ≥ least, the strongest first."""
+        i, j = np.triu_indices(len(self.names), 1)
+        r = self.matrix[i, j]
+        some = np.flatnonzero(np.abs(r) >= least)
+        order = some[np.argsort(-np.abs(r[some]), kind="stable")]
+        return [(self.names[i[k]], self.names[j[k]], float(r[k])) for k in order]
+
+    def __getitem__(self, names: tuple[str, str]) -> float:
+        """Return r of two base parameters by their leading unknowns.
+
+        Raises:
+            KeyError: if one of them leads no base parameter.
+        """
+        for name in names:
+            if name not in self.names:
+                raise KeyError(f"'{name}' leads no base parameter; {_few(self.names)}")
+        i, j = (self.names.index(name) for name in names)
+        return float(self.matrix[i, j])
+
+
+def _few(names: Sequence[str]) -> str:
+    return f"valid: {', '.join(names[:12])}" + (", …" if len(names) > 12 else "")

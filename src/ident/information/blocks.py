@@ -245,11 +245,24 @@ class Information:
         """Return the triangle of all rows that inform, each divided by its coordinate's sigma."""
         return Triangle.merge([t.scaled(1 / s) for t, s in zip(self.totals, sigma, strict=True)])
 
-    def squares(self, x: Array) -> Squares:
-        """Return what a solution x (k,) leaves in all rows, those at standstill included."""
-        error, torque, rows = np.zeros((3, self.d))
+    @cached_property
+    def measured(self) -> tuple[Array, Array]:
+        """Sum of squares of the measured torque (d,), and number of rows (d,)."""
+        torque, rows = np.zeros((2, self.d))
         for block in self:
-            error[block.coordinate] += block.error(x)
             torque[block.coordinate] += block.torque
             rows[block.coordinate] += block.rows
-        return Squares(error, torque, rows)
+        return torque, rows
+
+    @property
+    def rms_torque(self) -> Array:
+        """Rms (d,) of the measured torque [N m | N]."""
+        torque, rows = self.measured
+        return np.asarray(np.sqrt(torque / np.maximum(rows, 1)))
+
+    def squares(self, x: Array) -> Squares:
+        """Return what a solution x (k,) leaves in all rows, those at standstill included."""
+        error = np.zeros(self.d)
+        for block in self:
+            error[block.coordinate] += block.error(x)
+        return Squares(error, *self.measured)

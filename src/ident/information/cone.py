@@ -1,4 +1,4 @@
-"""Least squares under limits: a projection onto a convex cone's section, by Clarabel.
+"""Least squares within limits: a projection onto a convex cone's section, by Clarabel.
 
 x = argmin ‖R x − d‖²   such that   G x + h ∈ K,      K: {0}, half-lines, semidefinite matrices
 
@@ -10,21 +10,25 @@ Chen, Clarabel: an interior-point solver for conic programs with quadratic objec
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
 import clarabel
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import lapack
 
 from ident.errors import FitError
-from ident.information.triangle import Array
+from ident.information.triangle import Array, Triangle
 
 TOLERANCE = 1e-9
 PASSES, ABOUT, HEAVIEST = 4, 1e-2, 1e24  # of the cost's weight
 POSSIBLE = 1e-7  # of a limit's scale: a smaller shortfall is the solver's, not the limits'
+SLACK = {"psd": 5e-7, "nonnegative": 1e-7, "zero": 1e-7}  # of a limit's scale: a smaller breach is
+# rounding; half of the margin by which matrices are asked to be definite (`fit.limits`)
+TIGHTER = 4  # times that a limit which the solver missed is tightened
 ROOT2 = float(np.sqrt(2.0))
 
 
@@ -186,3 +190,80 @@ def _solved(
     if found.status not in usable or not np.isfinite(y).all():
         raise FitError(f"the conic solver found no solution ({found.status})")
     return y, z
+
+
+def nearest_within(
+    A: Array, b: Array, limits: Sequence[Limit], W: Array, inner: Array | None
+) -> Point:
+    """Return argmin ‖A x − b‖² within the limits, counted in units of the metric W, and verified.
+
+    Where the solver's x misses a limit by its own tolerance, that limit is tightened; what is left
+    after that is moved towards a point within, `inner`, where it ends at worst: limits are convex.
+
+    Raises:
+        FitError: if that does not help, naming the limits that x breaks.
+    """
+    unit = 1 / np.linalg.norm(W, axis=0)
+    triangle = Triangle.of(A * unit, b)
+    strict = [replace(limit, G=limit.G * unit) for limit in limits]
+    for _ in range(TIGHTER):
+        found = nearest(triangle.R, triangle.d, strict)
+        x = _touching(limits, found.x * unit)
+        if holds(limits, x):
+            return replace(found, x=x)
+        strict = [_tightened(tight, limit, x) for tight, limit in zip(strict, limits, strict=True)]
+    if inner is not None:
+        for share in 2.0 ** np.arange(-20, 1):
+            if holds(limits, moved := x + share * (inner - x)):
+                return replace(found, x=moved)
+    broken = [limit.name for limit in limits if room(limit, x) < 0]
+    raise FitError(f"no consistent fit was found: the solver's result breaks {', '.join(broken)}")
+
+
+def room(limit: Limit, x: Array) -> float:
+    """Return how far x is inside a limit, below zero where it is not, without the solver."""
+    return limit.room(x) + SLACK[limit.kind]
+
+
+def holds(limits: Sequence[Limit], x: Array) -> bool:
+    """Return whether x (k,) keeps to all limits."""
+    return all(room(limit, x) >= 0 for limit in limits)
+
+
+def _touching(limits: Sequence[Limit], x: Array) -> Array:
+    """Return x, exactly at the bounds that it touches."""
+    x = x.copy()
+    for limit in limits:
+        at = np.flatnonzero(limit.G[0])
+        if limit.kind != "psd" and len(at) == 1 and abs(limit.value(x)[0]) < SLACK["nonnegative"]:
+            x[at] = -limit.h[0] / limit.G[0, at] + 0.0  # no -0.0
+    return x
+
+
+def _tightened(tight: Limit, limit: Limit, x: Array) -> Limit:
+    """Tighten a limit that x breaks, by ten times as much room as x lacks."""
+    lacking = -10 * min(room(limit, x), 0.0)
+    if limit.kind == "psd":
+        return replace(tight, h=tight.h - lacking * svec(np.eye(int(np.sqrt(2 * len(limit.h))))))
+    return replace(tight, h=tight.h - lacking) if limit.kind == "nonnegative" else tight
+
+
+def concerned(limits: Sequence[Limit], x: Array) -> NDArray[np.bool_]:
+    """Return (k,) unknowns in limits that x breaks, and all connected with them by others."""
+    found: NDArray[np.bool_] = np.zeros(len(x), dtype=bool)
+    for limit in limits:
+        if room(limit, x) < 0:
+            found |= limit.G.any(axis=0)
+    for _ in limits:
+        before = found
+        for limit in limits:
+            if limit.G[:, found].any():
+                found = found | limit.G.any(axis=0)
+        if (found == before).all():
+            break
+    return found
+
+
+def restricted(limits: Sequence[Limit], fixed: Array, free: NDArray[np.bool_]) -> list[Limit]:
+    """Return the limits on some unknowns, with the others at their value in `fixed` (k,)."""
+    return [replace(limit, G=limit.G[:, free], h=limit.value(fixed)) for limit in limits]

@@ -1,9 +1,8 @@
 """Where a model fails: what it leaves unexplained, and on what that depends."""
 
+from ident.fit.residual import Residual, Trace, residual_of
 from ident.residual.failure import Dependence, Failure
-from ident.residual.gather import residual_of
 from ident.residual.periods import Periods, periods
-from ident.residual.residual import Residual, Trace
 from ident.residual.where import where
 
 __all__ = [

@@ -90,6 +90,6 @@ class Failure:
         }
 
     def __str__(self) -> str:
-        from ident.residual.tables import failure_text
+        from ident.show.residual import failure_text
 
         return "\n".join(failure_text(self, several=True))

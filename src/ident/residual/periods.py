@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from ident.fit.residual import Residual, Trace
 from ident.motion import Experiment
 from ident.residual.noise import ERRORS, own_correlation
-from ident.residual.residual import Residual, Trace
 
 ALIKE = 0.98  # likeness of two periods of one motion
 SAME = 0.005  # likeness by which a shorter period may be worse than the best

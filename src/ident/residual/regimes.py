@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.residual.residual import Residual, Trace
+from ident.fit.residual import Residual, Trace
 
 NEAR = 0.06  # s on either side of a reversal
 SLOW = 0.25  # of the top speed: within it a reversal is seen

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.residual.residual import Residual, Trace
+from ident.fit.residual import Residual, Trace
 
 KNOTS = 9  # of a map
 FINE = 41  # of the map of a joint's own position, for waves

@@ -11,12 +11,12 @@ from itertools import pairwise
 
 import numpy as np
 
+from ident.fit.residual import Residual
 from ident.residual.failure import Dependence, Failure
 from ident.residual.maps import depends_on
 from ident.residual.noise import memory_of
 from ident.residual.periods import Periods, periods
 from ident.residual.regimes import regimes
-from ident.residual.residual import Residual
 from ident.residual.signals import Candidate, candidates, fine, folds
 from ident.residual.windows import worst
 from ident.residual.words import seen

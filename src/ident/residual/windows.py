@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.fit.residual import Residual
 from ident.motion.clock import runs
-from ident.residual.residual import Residual
 
 PARTS = 50  # of an experiment that one window is
 SHORTEST, LONGEST = 0.1, 1.0  # s

@@ -18,11 +18,20 @@ MODULES: dict[str, str] = {
     "ParameterChange": "streams",
     "Snapshot": "streams",
     "Verdicts": "streams",
+    "Binding": "fit",
+    "Correlation": "fit",
+    "Essential": "fit",
+    "Finding": "fit",
+    "Fit": "fit",
+    "Likelihood": "fit",
     "MonteCarlo": "montecarlo",
     "Motion": "motion",
-    "Studies": "montecarlo",
     "Run": "simulate",
     "Replay": "simulate",
+    "Reactions": "fit",
+    "Residual": "residual",
+    "Studies": "montecarlo",
+    "Unexcited": "fit",
 }
 """The module of this package that renders a class, by the name of the class."""
 

@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from ident.diagnose.phrases import listed
 from ident.display import renders
-from ident.fit.summary import summary
+from ident.show.fit import summary
 from ident.show.html import Section, definitions, in_frame, items, strong
 from ident.show.html import table as html_table
 from ident.streams.diagnose_each import Verdicts

@@ -13,11 +13,11 @@ from ident.effects import KINDS
 from ident.equations.correct import late
 from ident.equations.point import Point
 from ident.errors import MechanismError, MotionError, one_of
+from ident.fit.residual import Prediction, predict
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import CENTROIDAL, DYNAMIC, about_origin, split
 from ident.motion import Experiment, Motion, complete
-from ident.residual.predict import Prediction, predict
 from ident.simulate.plant import constant_correction
 
 CHANNELS = ("q", "v", "a", "tau")

@@ -30,7 +30,7 @@ from scipy.stats import t as student
 
 from ident.display import Displayed
 from ident.equations.columns import Columns
-from ident.fit.regression import Regression
+from ident.fit.problem import Problem
 from ident.information.blocks import Information
 from ident.information.covariance import FEWEST_SQUARES, long_run, scores
 from ident.information.estimate import Estimate, estimate
@@ -156,7 +156,7 @@ class LogTable(Displayed):
 
 
 def compare_logs(
-    r: Regression,
+    r: Problem,
     names: Mapping[int, str],
     samples: Mapping[str, int],
     left_out: Mapping[str, str] | None = None,
@@ -169,9 +169,9 @@ def compare_logs(
         samples: of each log by name.
         left_out: by name of a log, why it is in no fit.
     """
-    broken, whole = left_out or {}, Information.of(r.cells, len(r.columns), r.d)
+    broken, whole = left_out or {}, r.information
     by_log = {log: whole.of_log(log) for log in whole.logs}
-    joint = estimate(whole.totals, r.prior, r.torque, r.sensible)
+    joint = estimate(whole.totals, r.prior, r.torque, r.plausible)
     own = {log: _own_fit(r, mine, joint) for log, mine in by_log.items()}
     error, rows = np.zeros(r.d), np.zeros(r.d)  # of own fits, in which logs do not differ
     for block in whole:
@@ -201,7 +201,7 @@ def compare_logs(
     return LogTable(tuple(sorted(results, key=lambda each: bool(each.left_out))))
 
 
-def _own_fit(r: Regression, mine: Information, joint: Estimate) -> np.ndarray:
+def _own_fit(r: Problem, mine: Information, joint: Estimate) -> np.ndarray:
     """(k,) the fit of one log; the joint one in what it does not determine."""
     if not len(joint.x) or not any(each.rows for each in mine.totals):
         return joint.x

@@ -16,10 +16,10 @@ from ident.equations.point import Point
 from ident.errors import FitError, one_of
 from ident.files import write_all
 from ident.fit import Fit, identify
+from ident.information.blocks import Error
 from ident.mechanism import Mechanism
 from ident.motion import Motion
 from ident.progress import Progress
-from ident.residual.error import Error
 from ident.show.explore.predicted import (
     ColumnCache,
     PredictedGain,

@@ -1,0 +1,416 @@
+"""The fit nearest to the data among those that are physically possible, and what its limits cost.
+
+    x = argmin ‖A (x − x_u)‖² + ‖A_0 (x − x_0)‖² + ρ² ‖W (x − a)‖²    such that limits(x)
+
+x_u is least squares without limits, A the rows that it rests on, in units of their noise. The
+anchor a is the prior, or the nearest possible to it. It counts as if every body was known to
+1/ρ = 100 times its own mass and size: that decides what the data leave open, unknowns in no base
+parameter and those that were held at the prior, and moves a base parameter that the data know to
+σ body sizes by (σ/100)² of its distance from the prior, which is nothing. A_0 are the rows at
+standstill, where dry friction is open: they do not inform, but a choice is not made at their
+expense. Those of a coordinate count as a tenth of one row, in units of the error there of x_0, the
+better one of x_u and a.
+
+W measures a body's change by its own pseudo-inertia, ‖S^-½ (P − P_a) S^-½‖: the second-order part
+of the affine-invariant distance of bodies (T. Lee, P. Wensing, F. Park, IEEE T-RO 36(1), 2020).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ident.display import Displayed
+from ident.equations.unknowns import Columns
+from ident.errors import FitError
+from ident.fit.findings import Finding
+from ident.fit.limits import limits_of, pseudo_inertia_basis, smallest_eigenvalue, unit_ball
+from ident.fit.problem import Problem
+from ident.fit.shapes import shape_bounds
+from ident.information.blocks import Squares
+from ident.information.cone import (
+    SLACK,
+    Limit,
+    Point,
+    concerned,
+    conflict,
+    nearest_within,
+    restricted,
+    smat,
+    svec,
+)
+from ident.information.estimate import FLOOR, Estimate
+from ident.information.held_out import held_out, rise
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import COUNT, Consistency
+from ident.progress import Progress
+
+PULL = 0.01  # ρ: bodies' own sizes in which the prior counts as one standard deviation
+STILL = 0.1  # rows that all rows of a coordinate at standstill count as
+BALL = 0.05  # of the prior's ball in S, so that a flat prior can become a little less flat
+EFFECT = 1e-4  # of a plausible size: an effect that bodies can replace gives way to them
+UNFELT = 1e9  # plausible size of an unknown that no data feel
+PASSES = 6  # over what the equations are not linear in
+CONVERGED = 1e-6  # of a plausible size: a smaller change of any unknown is the last
+PUSHED = 0.1  # standard errors of white noise by which a limit must push to count as active
+COSTS = 0.05  # of the error: a rise that asks for an explanation
+IMPOSSIBLE = -1e-9  # smallest eigenvalue of a prior that is no possible body
+
+
+@dataclass(frozen=True, repr=False)
+class Binding(Displayed):
+    """Where a consistent fit touches its limits, and what that costs.
+
+    Attributes:
+        asked: bounds and total mass that were asked for.
+        edge: links whose body is at the edge of what is possible.
+        at_bound: parameters that are at a bound, by name.
+        active: all limits that hold the fit back, as a person reads them.
+        repaired: links whose prior is no possible body.
+        eigenvalues: by link with unknowns, the smallest one of its pseudo-inertia in units of the
+            prior's ball (`fit.limits`), computed from the result.
+        rise: of the error over that of the fit without limits, as a share: root of the mean over
+            joints of the squared ratio; held_out_rise: the same of held-out errors.
+    """
+
+    asked: Consistency
+    edge: tuple[str, ...]
+    at_bound: frozenset[str]
+    active: tuple[str, ...]
+    repaired: tuple[str, ...]
+    eigenvalues: Mapping[str, float]
+    rise: float
+    held_out_rise: float | None = None
+
+    @property
+    def findings(self) -> list[Finding]:
+        """What a person should know of it."""
+        found = []
+        if self.repaired:
+            text = (
+                f"the prior of {', '.join(self.repaired)} is that of no possible body; the nearest "
+                "possible one stands in for it"
+            )
+            found.append(Finding("prior repaired", self.repaired, None, IMPOSSIBLE, text))
+        if (cost := max(self.rise, self.held_out_rise or 0.0)) > COSTS:
+            text = (
+                "these data contradict what is physically possible: something is missing from the "
+                "model, or a sign, unit or bound is wrong"
+            )
+            found.append(Finding("contradiction", (), cost, COSTS, text, "see ident diagnose"))
+        return found
+
+    def json(self) -> dict[str, Any]:
+        """Return the entry of fit.json."""
+        return {
+            "bounds": {
+                name: [low if np.isfinite(low) else None, high if np.isfinite(high) else None]
+                for name, (low, high) in self.asked.bounds.items()
+            },
+            "total_mass": self.asked.total_mass,
+            "active": list(self.active),
+            "at_bound": sorted(self.at_bound),
+            "repaired_priors": list(self.repaired),
+            "smallest_eigenvalues": dict(self.eigenvalues),
+            "rise": {"train": self.rise, "held_out": self.held_out_rise},
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Constrained:
+    """A consistent estimate.
+
+    Attributes:
+        problem: at the point where it was found; estimate: with the consistent x.
+        free: without limits, at the same point.
+        outside: held-out errors, each stretch of time predicted by a consistent fit to the others.
+        binding: which limits hold it back, and what they cost.
+        findings: what to know of it.
+    """
+
+    problem: Problem
+    estimate: Estimate
+    free: Estimate
+    outside: Squares | None
+    binding: Binding
+    findings: Sequence[Finding]
+
+    # names of before, until all callers have moved
+    regression = property(lambda self: self.problem)
+    notes = property(lambda self: list(self.findings))
+
+
+def nearest_possible(
+    problem: Problem, found: Estimate, asked: Consistency, on_progress: Progress | None = None
+) -> Constrained:
+    """Return the consistent estimate that is nearest to the data; weights are those of `found`.
+
+    Raises:
+        FitError: for limits that contradict each other, or a solution that does not hold.
+    """
+    if on_progress:
+        on_progress("physical consistency", 0.8)
+    mechanism = problem.mechanism
+    unlimited = problem.squares(found.x)
+    before = held_out(problem.fitting, problem.information, found, problem.prior)
+    program = Program.of(problem, asked, found.x)
+    problem, found, program, point = _converged(problem, found, program)
+    outside = held_out(
+        problem.fitting, problem.information, found, problem.prior,
+        lambda other: program.solve(other).x,
+    )  # fmt: skip
+    worse = None if outside is None or before is None else rise(outside, before)
+    cost = rise(problem.squares(point.x), unlimited)
+    pi = problem.columns.dynamic_parameters(mechanism, point.x)
+    binding = _binding(mechanism, asked, program, point, pi, cost, worse)
+    findings = [*_impossible_known(mechanism), *binding.findings]
+    return Constrained(problem, found.at(point.x), found, outside, binding, findings)
+
+
+def _converged(
+    problem: Problem, found: Estimate, program: Program
+) -> tuple[Problem, Estimate, Program, Point]:
+    """Solve; where columns depend on the solution, the rows are made anew there until it rests.
+
+    Rows in which the motion has moved stay as they are.
+    """
+    point = program.solve(found)
+    nonlinear = any(not effect.linear for effect in problem.mechanism.effects)
+    for _ in range(PASSES if nonlinear and not problem.runs else 0):
+        at = problem.point.at(problem.mechanism, problem.columns, point.x)
+        problem = Problem.of(problem.mechanism, problem.motion, at)
+        found = problem.estimate_fixed(found)
+        program, before = program.at(problem.prior), point
+        point = program.solve(found)
+        if np.abs((point.x - before.x) / problem.plausible).max(initial=0.0) < CONVERGED:
+            break
+    return problem, found, program, point
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """Everything of the conic problem but the data. Made once, solved for the fit and every fold.
+
+    Attributes:
+        columns: the unknowns.
+        limits: what must hold.
+        prior: (k,); anchor: (k,) the nearest to it within the limits; scale: (k,) plausible sizes.
+        W: (rows, k) the metric; ‖W (x − a)‖ is the distance from the anchor.
+        still: (d, k, k) triangles of the rows at standstill, in units of the error there.
+        trusted: (d,) whether that is the error of least squares, else of the anchor.
+    """
+
+    columns: Columns
+    limits: Sequence[Limit]
+    prior: np.ndarray
+    anchor: np.ndarray
+    scale: np.ndarray
+    W: np.ndarray
+    still: np.ndarray
+    trusted: np.ndarray
+
+    @classmethod
+    def of(cls, problem: Problem, asked: Consistency, x: np.ndarray) -> Program:
+        """Return the limits of a mechanism, and the prior within them; x (k,): without limits.
+
+        Raises:
+            FitError: for limits that contradict each other, naming a smallest set of them.
+        """
+        mechanism, columns, prior = problem.mechanism, problem.columns, problem.prior
+        scale = problem.plausible
+        scale = np.where(scale < UNFELT, scale, 1.0)  # of a column of zeros any size will do
+        shapes = shape_bounds(mechanism, columns, problem.motion, problem.point)
+        limits = limits_of(mechanism, columns, asked, scale, shapes)
+        if against := conflict(limits, scale):
+            raise FitError(_contradiction([limit.name for limit in against]))
+        anchor = prior.copy()
+        if (free := concerned(limits, prior)).any():
+            W = _metric(mechanism, columns, scale, 1.0, None)[:, free]
+            near = restricted(limits, np.where(free, 0.0, prior), free)
+            anchor[free] = nearest_within(W, W @ prior[free], near, W, None).x
+        W = _metric(mechanism, columns, scale, BALL, anchor)
+        return cls(columns, limits, prior, anchor, scale, W, *_still(problem, x, anchor))
+
+    def at(self, prior: np.ndarray) -> Program:
+        """Return it with shapes, which stay where they are if no data move them, elsewhere."""
+        moved = np.where(np.isin(np.arange(len(prior)), self.columns.shapes), prior, self.anchor)
+        return replace(self, prior=prior, anchor=moved)
+
+    def solve(self, found: Estimate) -> Point:
+        """Return the nearest x within the limits, and by how much each of them pushes.
+
+        Raises:
+            FitError: if no x is found that holds when checked without the solver.
+        """
+        data, W, x_u = self._data(found), self._pull(found), found.x
+        at_rest = np.where(self.trusted[:, None], x_u, self.anchor)  # x_0, by coordinate
+        still = np.einsum("uij,uj->ui", self.still, at_rest)
+        A = np.vstack([data, *self.still, PULL * W])
+        b = np.concatenate([data @ x_u, *still, PULL * (W @ self.anchor)])
+        free = self._felt(found)
+        fixed = np.where(free, 0.0, self.anchor)
+        limits = restricted(self.limits, fixed, free)
+        part = nearest_within(A[:, free], b - A @ fixed, limits, W[:, free], self.anchor[free])
+        x = self.anchor.copy()
+        x[free] = part.x
+        return replace(part, x=x)
+
+    def _felt(self, found: Estimate) -> np.ndarray:
+        """Return (k,) all but effects that no data feel or that are held: those stay put."""
+        felt = ~found.held
+        felt[found.base.dependent[~found.base.K.any(axis=0)]] = False
+        felt[: len(self.columns.rigid)] = True
+        for limit in self.limits:
+            if limit.kind == "psd":
+                felt |= limit.G.any(axis=0)
+        return felt
+
+    def _pull(self, found: Estimate) -> np.ndarray:
+        """Return W (rows, k), stiff for effects that are in no base parameter."""
+        stiff = np.ones(len(self.prior))
+        silent = found.base.dependent[found.base.dependent >= len(self.columns.rigid)]
+        stiff[silent] = 1 / EFFECT
+        return self.W * stiff
+
+    def _data(self, found: Estimate) -> np.ndarray:
+        """Return A (rows, k)."""
+        base, k = found.base, len(self.prior)
+        held = np.flatnonzero(found.held)
+        B = np.zeros((base.rank + len(held), k))  # x ↦ (β, what is held)
+        B[np.arange(base.rank), base.independent] = 1.0
+        B[: base.rank, base.dependent] += base.K
+        B[np.arange(base.rank, len(B)), held] = 1.0
+        own = found.triangle.restricted(np.concatenate([base.independent, held]).astype(int))
+        return np.asarray(own.R @ B / _noise(found))
+
+
+def _still(problem: Problem, x: np.ndarray, anchor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return A_0 (d, k, k), a triangle a coordinate, and whether x is better than the anchor."""
+    d, k = problem.d, len(x)
+    rows, trusted = np.zeros((d, k, k)), np.ones(d, dtype=bool)
+    for u, total in enumerate(problem.information.at_rest):
+        left = [total.residual_norm(y) / np.sqrt(max(total.rows, 1)) for y in (x, anchor)]
+        unit = max(min(left), FLOOR * problem.torque[u], 1e-300)
+        rows[u] = np.sqrt(STILL / max(total.rows, 1)) * total.R / unit
+        trusted[u] = left[0] <= left[1]
+    return rows, trusted
+
+
+def _noise(found: Estimate) -> float:
+    """Return the noise of the rows divided by their weights: 1, or with equal weights the rms."""
+    if (found.sigma != 1.0).any():
+        return 1.0
+    left = found.triangle.residual_norm(found.x)
+    terms = np.linalg.norm(found.triangle.column_norms() * found.x)
+    return float(max(left, FLOOR * terms) / np.sqrt(max(found.triangle.rows, 1))) or 1.0
+
+
+def _metric(
+    mechanism: Mechanism, columns: Columns, scale: np.ndarray, ball: float, at: np.ndarray | None
+) -> np.ndarray:
+    """Return W: a body's change by S = P(at) + ball · B (or the ball alone), an effect by size."""
+    rows = []
+    pi = None if at is None else columns.dynamic_parameters(mechanism, at)
+    for number in range(len(mechanism.bodies.links)):
+        mine = slice(COUNT * number, COUNT * (number + 1))
+        places = np.flatnonzero((columns.rigid >= mine.start) & (columns.rigid < mine.stop))
+        if not len(places):
+            continue
+        P = pseudo_inertia_basis(unit_ball(mechanism, number))
+        S = ball * np.eye(4) + (0.0 if pi is None else smat(P @ pi[mine]))
+        eigenvalues, V = np.linalg.eigh(S)
+        root = V @ np.diag(eigenvalues**-0.5) @ V.T
+        block = np.stack([svec(root @ smat(column) @ root) for column in P.T], axis=1)
+        wide = np.zeros((COUNT, len(columns)))
+        wide[:, places] = block[:, columns.rigid[places] - mine.start]
+        rows.append(wide)
+    effects = np.arange(len(columns.rigid), len(columns))
+    rows.append(np.eye(len(columns))[effects] / scale[effects, None])
+    return np.vstack(rows)
+
+
+def _binding(
+    mechanism: Mechanism,
+    asked: Consistency,
+    program: Program,
+    point: Point,
+    pi: np.ndarray,
+    cost: float,
+    held_out_cost: float | None,
+) -> Binding:
+    """Return what limits did, with the eigenvalues of all bodies computed anew.
+
+    Raises:
+        FitError: if a body that could move is no possible one after all.
+    """
+    asking = _with_unknowns(mechanism)
+    eigenvalues = {
+        link: value for link, value in _eigenvalues(mechanism, pi).items() if link in asking
+    }
+    least = SLACK["psd"] - 1e-9
+    if broken := [link for link, smallest in eigenvalues.items() if not smallest >= least]:
+        raise FitError(f"no consistent fit was found: {', '.join(broken)} is no possible body")
+    pushing = [
+        limit for limit, push in zip(program.limits, point.push, strict=True) if push > PUSHED
+    ]
+    edge = tuple(dict.fromkeys(limit.of for limit in pushing if limit.kind == "psd"))
+    bounds = [limit for limit in pushing if limit.kind != "psd"]
+    before = _eigenvalues(mechanism, mechanism.prior)
+    return Binding(
+        asked=asked,
+        edge=edge,
+        at_bound=frozenset(limit.of for limit in bounds if limit.of),
+        active=(
+            *([f"possible bodies ({', '.join(edge)})"] if edge else []),
+            *(limit.name for limit in bounds),
+        ),
+        repaired=tuple(
+            link for link, value in before.items() if link in asking and value < IMPOSSIBLE
+        ),
+        eigenvalues=eigenvalues,
+        rise=cost,
+        held_out_rise=held_out_cost,
+    )
+
+
+def _with_unknowns(mechanism: Mechanism) -> set[str]:
+    return {name.rpartition(".")[0] for name in mechanism.unknown}
+
+
+def _eigenvalues(mechanism: Mechanism, pi: np.ndarray) -> dict[str, float]:
+    """Return by link the smallest eigenvalue of its pseudo-inertia, in units of its ball."""
+    return {
+        link: smallest_eigenvalue(mechanism, i, pi[COUNT * i : COUNT * (i + 1)])
+        for i, link in enumerate(mechanism.bodies.links)
+    }
+
+
+def _impossible_known(mechanism: Mechanism) -> list[Finding]:
+    """Report bodies that are known, and impossible: nothing that is identified repairs them."""
+    asking = _with_unknowns(mechanism)
+    found = tuple(
+        link
+        for link, value in _eigenvalues(mechanism, mechanism.prior).items()
+        if link not in asking and value < IMPOSSIBLE
+    )
+    text = (
+        f"{', '.join(found)} is known, and that of no possible body (its pseudo-inertia has a "
+        "negative eigenvalue): a simulator may refuse it"
+    )
+    remedy = "correct the URDF, or make it unknown"
+    return [Finding("impossible known body", found, None, IMPOSSIBLE, text, remedy)] * bool(found)
+
+
+def _contradiction(names: Sequence[str]) -> str:
+    if len(names) == 1:
+        return (
+            f"{names[0]}: impossible with what is known of it, or flat to a millionth of its size; "
+            "make more of it unknown, or correct what the URDF says"
+        )
+    return (
+        f"these limits contradict each other: {'; '.join(names)}; each can hold without one of the "
+        "others: loosen one of them"
+    )

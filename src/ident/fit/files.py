@@ -1,0 +1,445 @@
+"""What a fit writes (fit.json, multipliers.csv, identified.urdf), and reading fit.json back."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+from lxml import etree
+
+from ident.display import render
+from ident.effects import KINDS, Effect
+from ident.effects import create as create_effect
+from ident.equations.unknowns import Columns, Point
+from ident.errors import FitError, MechanismError, not_there, one_of
+from ident.files import write_all
+from ident.fit.findings import LEAST_MASS
+from ident.fit.multipliers import Reactions
+from ident.fit.result import Fit
+from ident.fit.values import Value
+from ident.information.blocks import Error
+from ident.mechanism.description import urdf_bytes
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import COUNT, about_origin, pseudo_inertia, split
+from ident.mechanism.urdf import UrdfText
+from ident.mechanism.write import fixed_parameters, folder_files, set_inertial
+from ident.motion import Experiment, Motion
+
+SCHEMA = "ident.fit/1"
+
+
+def write_fit(
+    fit: Fit,
+    folder: str | Path,
+    reactions: Reactions | None = None,
+    multipliers: Path | None = None,
+    more: Mapping[str, bytes] | None = None,
+    sections: Sequence[Any] = (),
+) -> list[Path]:
+    """Write fit.json, multipliers.csv, identified.urdf, report.html and the folder identified/.
+
+    Args:
+        fit: what to write.
+        folder: made if it is missing.
+        reactions: known ones, which the report draws beside the multipliers.
+        multipliers: a file in the folder that becomes multipliers.csv, where the fit's motion is
+            an excerpt.
+        more: further files by name.
+        sections: after the errors in the report.
+
+    Returns:
+        The files written, all of them or none.
+
+    Raises:
+        IdentError: if the folder cannot be written.
+        FitError: if a body's identified inertia cannot be stated in a URDF.
+    """
+    urdf = identified_urdf(fit)
+    files: dict[str, bytes | Path] = {
+        "fit.json": json.dumps(fit_json(fit), indent=1, ensure_ascii=False).encode() + b"\n",
+        "multipliers.csv": multipliers or multipliers_csv(fit),
+        "identified.urdf": urdf,
+        "report.html": render(fit, "report", reactions, sections),
+        **(more or {}),
+    }
+    known = [
+        (effect, {u.name: float(v) for u, v in zip(effect.parameters, values, strict=True)})
+        for effect, values in fit.effect_solution
+    ]
+    inside = folder_files(fit.mechanism, urdf, known, unknown=[])
+    files |= {f"identified/{name}": content for name, content in inside.items()}
+    return write_all(Path(folder), files)
+
+
+def write_urdf(fit: Fit, path: str | Path) -> Path:
+    """Write identified.urdf alone.
+
+    Raises:
+        FitError: if a body's identified inertia cannot be stated in a URDF.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in (".urdf", ".xml"):
+        raise FitError(f"{path}: give a name that ends in .urdf")
+    return write_all(path.parent, {path.name: identified_urdf(fit)})[0]
+
+
+def multipliers_csv(fit: Fit) -> bytes:
+    """Return `t` and one column a multiplier, empty where it is not determined.
+
+    Several logs stand one below the other with a column `log`. A tree has no multipliers and rows.
+    """
+    names = fit.mechanism.kinematics.multipliers
+    if not names:
+        return b"t\n"
+    several = len(fit.motion.experiments) > 1
+    both = zip(fit.motion.experiments, fit.multipliers, strict=True)
+    return b"".join(
+        multipliers_rows(names, t, values, e.name if several else None, header=not number)
+        for number, (e, (t, values)) in enumerate(both)
+    )
+
+
+def multipliers_rows(
+    names: Sequence[str], t: np.ndarray, values: np.ndarray, log: str | None, header: bool
+) -> bytes:
+    """Return rows of multipliers.csv: t (n,) [s] and values (n, m); `log`: name, of several."""
+    columns: dict[str, np.ndarray | list[str]] = {"t": t}
+    columns |= {name: values[:, i] for i, name in enumerate(names)}
+    if log is not None:
+        columns["log"] = [log] * len(t)
+    stream = io.BytesIO()
+    pl.DataFrame(columns).fill_nan(None).write_csv(stream, include_header=header)
+    return stream.getvalue()
+
+
+def fit_json(fit: Fit) -> dict[str, Any]:
+    """Return the content of fit.json."""
+    kinematics, multipliers = fit.mechanism.kinematics, fit.mechanism.multipliers
+    band = fit.motion.band
+    return {
+        "schema": SCHEMA,
+        "mechanism": fit.mechanism.name,
+        "logs": list(fit.motion.names),
+        "samples": fit.motion.samples,
+        "rows": fit.rows,
+        "parameters": [_value(value) for value in fit.parameters],
+        "base_parameters": [
+            {"name": v.name, "value": v.value, "stderr": _number(v.stderr), "unit": v.unit}
+            for v in fit.base_parameters
+        ],
+        "effects": [
+            {
+                "kind": each.effect.kind,
+                "joint": ",".join(each.effect.joints),
+                "settings": {name: each.effect.setting(name) for name in each.effect.settings},
+                "parameters": [_value(value) for value in each.parameters],
+            }
+            for each in fit.effects
+        ],
+        "multipliers": {
+            "names": list(kinematics.multipliers),
+            "unit": list(kinematics.units),
+            "basis": multipliers.basis,
+            "spacing": multipliers.spacing,
+            "file": "multipliers.csv",
+        },
+        "error": {
+            "train": _errors(fit.train),
+            "held_out": _errors(fit.held_out),
+            "unfiltered": _errors(fit.unfiltered),
+            "validation": {log: _errors(errors) for log, errors in fit.validation.items()},
+        },
+        "smoothing": [_smoothing(e) for e in fit.motion.experiments],
+        "likelihood": None if fit.likelihood is None else fit.likelihood.described(),
+        "filter": {"cutoff": band.cutoff, "motion_bandwidth": band.motion, "unit": "Hz"},
+        "condition_number": _number(fit.condition_number),
+        "rank": fit.rank,
+        **({} if fit.binding is None else {"consistency": fit.binding.json()}),
+        **({} if fit.essential is None else {"essential": fit.essential.json()}),
+        "correlated": [list(pair) for pair in fit.correlation.pairs()],
+        "warnings": list(fit.warnings),
+    }
+
+
+def _number(value: float | None) -> float | None:
+    return None if value is None or not np.isfinite(value) else float(value)
+
+
+def _value(value: Value) -> dict[str, Any]:
+    return {
+        "name": value.name,
+        "value": _number(value.value),
+        "stderr": _number(value.stderr),
+        "unit": value.unit,
+        "identifiable": value.identifiable,
+        "prior": _number(value.prior),
+    }
+
+
+def _errors(errors: Mapping[str, Error]) -> dict[str, Any]:
+    return {
+        name: {"rms": _number(e.rms), "relative": _number(e.relative), "unit": e.unit}
+        for name, e in errors.items()
+    }
+
+
+def _smoothing(e: Experiment) -> dict[str, Any]:
+    """Return what was done to an experiment's channels, noise and residual in their units."""
+    return {
+        "log": e.name,
+        "knots": e.smooth.spacing if e.smooth else None,
+        "channels": [
+            {"name": c.column, "noise": c.noise, "residual": c.residual, "how": c.how}
+            for c in e.channels
+        ],
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class Saved:
+    """A fit.json read back: a mechanism with its effects and the values of all unknowns.
+
+    Attributes:
+        name: the file's.
+        mechanism: with the effects of the fit.
+        columns, x: unknowns and their values (k,).
+        point: values of all parameters.
+        cutoff: of the filter that the fit was made with [Hz], None for none, "auto" if not stated.
+        errors: of the fit by set (`train`, `held out`, a log it was validated on), then joint.
+    """
+
+    name: str
+    mechanism: Mechanism
+    columns: Columns
+    x: np.ndarray
+    point: Point
+    cutoff: float | str | None = "auto"
+    errors: Mapping[str, Mapping[str, Error]] = field(default_factory=dict)
+
+    @property
+    def dynamic_parameters(self) -> np.ndarray:
+        """All bodies' ten parameters (10 · bodies,), in Γ's order."""
+        return self.point.pi
+
+    @property
+    def motion(self) -> Motion | None:
+        """None: a file does not hold what it was fitted to."""
+        return None
+
+
+def read_fit(path: str | Path, mechanism: Mechanism) -> Saved:
+    """Read the model that a fit.json describes, for a mechanism that it was made with.
+
+    Args:
+        path: of the fit.json, or of the folder that holds it.
+        mechanism: with its links and joints; effects may differ.
+
+    Raises:
+        FitError: if the file is no fit.json or speaks of links, joints or effects that the
+            mechanism does not have.
+    """
+    path = Path(path)
+    if path.is_dir():  # given to --out
+        path = path / "fit.json"
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
+    except FileNotFoundError:
+        raise FitError(f"{path}: {not_there(path)}; give a fit.json of ident identify") from None
+    except OSError as error:
+        raise FitError(
+            f"{path}: cannot be read ({error.strerror}); give a fit.json of ident identify"
+        ) from None
+    except (ValueError, RecursionError) as error:
+        raise FitError(f"{path}: is no JSON: {error}; give a fit.json of ident identify") from None
+    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
+        found = data.get("schema") if isinstance(data, dict) else type(data).__name__
+        raise FitError(f"{path}: schema is {found!r}; a fit.json of schema '{SCHEMA}' is expected")
+    try:
+        return _model(path, data, mechanism)
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise FitError(
+            f"{path}: is no complete fit.json: {error} is missing or wrong; identify again"
+        ) from None
+    except MechanismError as error:
+        raise FitError(f"{path}: is of another mechanism: {error}") from None
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"{constant} is no number")
+
+
+def _check_closures(path: Path, data: dict[str, Any], mechanism: Mechanism) -> None:
+    """Refuse the fit of another mechanism whose links happen to have the same names."""
+    lists = data["multipliers"]["names"], mechanism.kinematics.multipliers
+    theirs, ours = ([n for n in names if not n.startswith("joint.")] for names in lists)
+    if theirs != ours:
+        raise FitError(
+            f"{path}: is of another mechanism, {data.get('mechanism')}, whose multipliers are "
+            f"{', '.join(theirs) or 'none'}; {mechanism.name} has {', '.join(ours) or 'none'}"
+        )
+
+
+def _model(path: Path, data: dict[str, Any], mechanism: Mechanism) -> Saved:
+    _check_closures(path, data, mechanism)
+    values = {str(entry["name"]): entry["value"] for entry in data["parameters"]}
+    grown = mechanism
+    for effect in data["effects"]:
+        kind, label = effect["kind"], ":".join(filter(None, (effect["kind"], effect["joint"])))
+        own = next((known for known in grown.effects if known.label == label), None)
+        if own is not None and own.known:
+            grown = _freed(grown, own, effect["parameters"])
+        if own is None:
+            if kind not in KINDS:
+                raise FitError(
+                    f"{path}: effect '{label}' is none of the library: {one_of(kind, KINDS)}; if "
+                    "it is one of your own, give a mechanism whose mechanism.toml has it"
+                )
+            grown = grown + create_effect(kind, effect["joint"], effect.get("settings"))
+        values |= {str(entry["name"]): entry["value"] for entry in effect["parameters"]}
+    columns = Columns.of(grown)
+    x = columns.prior.copy()
+    for name, i in columns.index.items():
+        if values.get(name) is not None:
+            x[i] = float(values[name])
+    pi = columns.dynamic_parameters(grown, x)
+    for name, value in values.items():  # moments of inertia about the centre of mass
+        link, _, word = name.rpartition(".")
+        if name in columns.index or value is None or link not in grown.bodies.links:
+            continue
+        if word[:1] != "I" or f"{link}.L{word[1:]}" not in columns.index:
+            continue
+        shift = about_origin(*split(pi[grown.bodies.columns(link)])[:2])
+        at = columns.index[f"{link}.L{word[1:]}"]
+        x[at] = value + shift["xyz".index(word[1]), "xyz".index(word[2])]
+    strange = [name for name in values if not _belongs(name, grown)]
+    if strange:
+        raise FitError(
+            f"{path}: parameter '{strange[0]}' belongs to no link or effect of {mechanism.name}; "
+            f"{one_of(strange[0].split('.')[0], grown.bodies.links)}"
+        )
+    given = {name: float(value) for name, value in values.items() if value is not None}
+    point = Point.prior(grown).with_values({n: v for n, v in given.items() if _belongs(n, grown)})
+    return Saved(
+        str(path), grown, columns, x, point.at(grown, columns, x), _cutoff(data), _read_errors(data)
+    )
+
+
+def _freed(mechanism: Mechanism, own: Effect, entries: list[dict[str, Any]]) -> Mechanism:
+    """Return the mechanism without known values of an effect that the fit found to be others."""
+    names = dict(zip(own.names, (each.name for each in own.parameters), strict=True))
+    other = {
+        names[each["name"]]
+        for each in entries
+        if each["name"] in names and each["value"] != own.values[names[each["name"]]]
+    }
+    same = {name: value for name, value in own.values.items() if name not in other}
+    return mechanism + replace(own, values=same) if other else mechanism
+
+
+def _cutoff(data: dict[str, Any]) -> float | str | None:
+    entry = data.get("filter")
+    if not isinstance(entry, dict) or "cutoff" not in entry:
+        return "auto"
+    return None if entry["cutoff"] is None else float(entry["cutoff"])
+
+
+def _read_errors(data: dict[str, Any]) -> dict[str, dict[str, Error]]:
+    entry = data.get("error")
+    if not isinstance(entry, dict):
+        return {}
+    sets = {"train": entry.get("train"), "held out": entry.get("held_out")}
+    return {
+        title: {
+            joint: Error(float(e["rms"]), e["relative"], str(e["unit"]))
+            for joint, e in errors.items()
+            if e["rms"] is not None
+        }
+        for title, errors in {**sets, **(entry.get("validation") or {})}.items()
+        if errors
+    }
+
+
+def _belongs(name: str, mechanism: Mechanism) -> bool:
+    effects = {full for effect in mechanism.effects for full in effect.names}
+    return name in effects or name.rpartition(".")[0] in mechanism.bodies.links
+
+
+def identified_urdf(fit: Fit) -> bytes:
+    """Return the URDF's text with new `<inertial>` numbers for the links of identified bodies.
+
+    Every other byte is the user's: comments, meshes, transmissions, indentation, ends of lines.
+    A body is its own link and those fixed to it; these keep their inertias, and the body's own link
+    carries the rest. Pinocchio gives the same torques for it as the fit does.
+
+    Raises:
+        FitError: if a body has first moments and no mass, which a URDF cannot state.
+    """
+    mechanism = fit.mechanism
+    pi = _with_masses(fit)
+    text = UrdfText(urdf_bytes(mechanism.urdf), str(mechanism.urdf))
+    robot = text.robot
+    links = {link.get("name"): link for link in robot.findall("link")}
+    unknown = {name.rsplit(".", 1)[0] for name in mechanism.unknown}
+    for number, link in enumerate(mechanism.bodies.links):
+        if link not in unknown:
+            continue
+        body = pi[COUNT * number : COUNT * (number + 1)]
+        fixed = fixed_parameters(robot, link)
+        if not fixed.any() or _carries(body, fixed):
+            own = body - fixed
+        else:  # nothing is left for the link itself: it takes the whole body
+            own = body
+            for other in _fixed_links(robot, link):
+                for element in links[other].findall("inertial"):
+                    text.remove(element)
+        set_inertial(text, links[link], own)
+    return text.encoded()
+
+
+def _carries(body: np.ndarray, fixed: np.ndarray) -> bool:
+    """Return whether what the fixed links leave of a body has mass, and is possible if it is."""
+    left = body - fixed
+    least = [float(np.linalg.eigvalsh(pseudo_inertia(pi))[0]) for pi in (left, body)]
+    return bool(left[0] > 0 and (least[0] > 0 or least[1] <= 0))
+
+
+def _fixed_links(robot: etree._Element, link: str) -> list[str]:
+    found, front = [], [link]
+    while front:
+        parent = front.pop()
+        for joint in robot.findall("joint"):
+            if joint.get("type") == "fixed" and joint.find("parent").get("link") == parent:
+                found.append(joint.find("child").get("link"))
+                front.append(found[-1])
+    return found
+
+
+def _with_masses(fit: Fit) -> np.ndarray:
+    """Return dynamic parameters in which no body with first moments is massless.
+
+    A mass that the data do not determine may be shifted along the directions that no torque feels.
+    """
+    x, base, columns = fit.estimate.x.copy(), fit.estimate.base, fit.columns
+    if fit.binding is not None:  # possible bodies have masses, however small
+        return columns.dynamic_parameters(fit.mechanism, x)
+    for number, link in enumerate(fit.mechanism.bodies.links):
+        pi = columns.dynamic_parameters(fit.mechanism, x)
+        body = pi[COUNT * number : COUNT * (number + 1)]
+        if abs(body[0]) > LEAST_MASS or not np.any(np.abs(body[1:]) > 0):
+            continue
+        at = columns.index.get(f"{link}.m", -1)
+        if at not in base.dependent:
+            raise FitError(
+                f"link '{link}' was found to have first moments but no mass, which a URDF cannot "
+                f"say; make '{link}.m' unknown or give the link a mass"
+            )
+        column = base.K[:, int(np.flatnonzero(base.dependent == at)[0])]
+        x[at] += 1.0
+        x[base.independent] -= column
+    return columns.dynamic_parameters(fit.mechanism, x)

@@ -1,0 +1,312 @@
+"""What a person should know before trusting a fit: findings, each with a remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.display import Displayed
+from ident.equations.filter import Decimator
+from ident.equations.unknowns import Columns
+from ident.fit.multipliers import identifiable_multipliers, resting_on_priors
+from ident.fit.problem import Problem
+from ident.fit.values import EffectValues, absorbed_by, rigid_values
+from ident.information.blocks import Error
+from ident.information.estimate import Estimate
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import COUNT, DYNAMIC, pseudo_inertia
+from ident.motion import Motion
+
+BIASED = 1e-4  # share of a parameter that a time basis may move unmentioned
+FEW = 3.0  # equations a parameter below which values follow the noise
+POOR = 1e3  # condition number above which the motion excites some base parameter poorly
+CERTAIN = 3.0  # standard errors below zero at which a negative coefficient is no accident
+LEAST_MASS = 1e-9  # kg below which a body with first moments cannot be written in a URDF
+POSSIBLE = -1e-6  # of a body's largest eigenvalue: what rounding may leave below zero
+
+
+@dataclass(frozen=True, repr=False)
+class Finding(Displayed):
+    """One thing that a person should know.
+
+    Attributes:
+        code: of its kind, such as `negative`.
+        where: joints, bodies, parameters or logs that it is about.
+        number, threshold: what was measured and from which value on it is mentioned, if it is that.
+        meaning: a sentence; remedy: what to do about it.
+    """
+
+    code: str
+    where: tuple[str, ...]
+    number: float | None
+    threshold: float | None
+    meaning: str
+    remedy: str = ""
+
+
+def note(text: str) -> Finding:
+    """Return a finding of words alone."""
+    return Finding("note", (), None, None, text)
+
+
+def findings_of(
+    problem: Problem,
+    estimate: Estimate,
+    errors: Mapping[str, Error],
+    effects: Sequence[EffectValues],
+    pi: np.ndarray,
+    more: Iterable[str | Finding] = (),
+) -> tuple[Finding, ...]:
+    """Return what to know of a fit, in the order in which a person should read it.
+
+    Args:
+        problem: the equations; estimate: their solution.
+        errors: in the data that were fitted, by joint.
+        effects: with their values.
+        pi: dynamic parameters (10 · bodies,) of all bodies.
+        more: findings of the way in which the estimate was made.
+    """
+    mechanism, motion, columns = problem.mechanism, problem.motion, problem.columns
+    found = [*_few_equations(estimate)]
+    found += map(note, (*mechanism.notes, *motion.notes))
+    found += [*_standstill(problem), *_nothing_unknown(columns), *_held(columns, estimate)]
+    found += [*_filter(motion), *_partly_known(mechanism), *_absorbed(columns, estimate)]
+    if (condition := estimate.base.condition_number) > POOR:
+        found.append(
+            Finding(
+                "excitation", (), condition, POOR,
+                f"condition number {condition:.3g}: this motion excites some base parameters "
+                "poorly",
+                "see their standard errors, and move more joints, faster or farther",
+            )
+        )  # fmt: skip
+    found += _multipliers(problem, estimate)
+    found = list(dict.fromkeys(found))
+    found += [each if isinstance(each, Finding) else note(each) for each in more]
+    return (*found, *_implausible(mechanism, errors, effects, pi))
+
+
+def _few_equations(estimate: Estimate) -> list[Finding]:
+    rows, rank = estimate.triangle.rows, estimate.base.rank
+    if not rank or rows >= FEW * rank:
+        return []
+    return [
+        Finding(
+            "few equations", (), rows / rank, FEW,
+            f"only {rows} equations for {rank} parameters: these values and errors mean nothing",
+            "give a longer log, or make less unknown ([parameters] unknown)",
+        )
+    ]  # fmt: skip
+
+
+def _standstill(problem: Problem) -> list[Finding]:
+    rest = sum(block.rest.rows for block in problem.information)
+    share = rest / max(problem.information.rows, 1)
+    if not rest:
+        return []
+    text = f"{100 * share:.3g} % of the equations are at standstill, where dry friction is open"
+    remedy = "they count in the errors but not in the fit"
+    return [Finding("standstill", (), share, 0.0, text, remedy)]
+
+
+def _nothing_unknown(columns: Columns) -> list[Finding]:
+    if len(columns):
+        return []
+    return [
+        Finding(
+            "nothing unknown", (), None, None,
+            "nothing is unknown: these are the errors of the model as it is",
+            "to identify, give [parameters] unknown in mechanism.toml or add an effect",
+        )
+    ]  # fmt: skip
+
+
+def _held(columns: Columns, estimate: Estimate) -> list[Finding]:
+    """Report unknowns that the data know worse than is plausible."""
+    rigid = np.arange(len(columns)) < len(columns.rigid)
+    shapes = np.isin(np.arange(len(columns)), columns.shapes)
+    found = []
+    for held, where in (
+        (estimate.held & rigid, "held at the prior"),
+        (estimate.held & shapes, "left where the search ended"),
+        (estimate.held & ~rigid & ~shapes, "held at zero"),
+    ):
+        names = tuple(columns.names[i] for i in np.flatnonzero(held))
+        if names:
+            text = (
+                f"with a residual of this size this motion cannot tell {_some(names, 8)}: {where}"
+            )
+            remedy = "move more joints, faster or farther, or see what is missing"
+            found.append(Finding("held", names, None, None, text, remedy))
+    return found
+
+
+def _absorbed(columns: Columns, estimate: Estimate) -> list[Finding]:
+    """Report effects' unknowns without columns of their own."""
+    absorbed = absorbed_by(columns, estimate.base)
+    found = []
+    for effect, places in columns.effects:
+        for name, at in zip(effect.names, places, strict=True):
+            if at >= 0 and name in absorbed and not estimate.held[at]:
+                carrier = absorbed[name]
+                why = f"same columns as {carrier}" if carrier else "nothing in this motion feels it"
+                text = f"{name} cannot be identified: {why}"
+                found.append(Finding("absorbed", (name,), None, None, text))
+    return found
+
+
+def _filter(motion: Motion) -> list[Finding]:
+    """Report samples that the filter needs on either side, and runs too short to give a row."""
+    found = []
+    for e in motion.experiments:
+        half = Decimator.of(motion.band.cutoff, e.rate).half
+        runs = [segment.stop - segment.start for segment in e.segments()]
+        short = [length for length in runs if length <= 2 * half]
+        if half and short:
+            found.append(
+                Finding(
+                    "short runs", (e.name,), sum(short), None,
+                    f"{e.name}: {sum(short)} samples in {len(short)} runs between gaps are left "
+                    f"out: shorter than the filter ({(2 * half + 1) / e.rate:.3g} s)",
+                    "a higher cut-off keeps them",
+                )
+            )  # fmt: skip
+        if half and len(runs) > len(short):
+            text = (
+                f"{e.name}: the filter takes {1e3 * half / e.rate:.3g} ms at both ends of "
+                f"{len(runs) - len(short)} run(s)"
+            )
+            found.append(Finding("filter ends", (e.name,), half / e.rate, None, text))
+    return found
+
+
+def _partly_known(mechanism: Mechanism) -> list[Finding]:
+    """Report bodies of which mass or first moments are unknown, but not all that they enter."""
+    found = []
+    for link in mechanism.bodies.links:
+        mine = {n.rsplit(".", 1)[1] for n in mechanism.unknown if n.rsplit(".", 1)[0] == link}
+        if mine & {"m", "mx", "my", "mz"} and len(mine) < COUNT:
+            held = [word for word in DYNAMIC if word not in mine]
+            text = (
+                f"of {link} {', '.join(w for w in DYNAMIC if w in mine)} is unknown while "
+                f"{', '.join(held)} are held: first moments and moments about the joint frame, so "
+                "that its centre of mass and inertia about it move"
+            )
+            found.append(Finding("partly known", (link,), None, None, text))
+    return found
+
+
+def _multipliers(problem: Problem, estimate: Estimate) -> list[Finding]:
+    """Report multipliers that are not determined, or rest on priors."""
+    mechanism, motion = problem.mechanism, problem.motion
+    determined = identifiable_multipliers(mechanism, motion)
+    names = mechanism.kinematics.multipliers
+    open_ = tuple(name for name, good in zip(names, determined, strict=True) if not good)
+    found = []
+    if open_:
+        text = (
+            f"multipliers {', '.join(open_)} are not determined: closure equations are redundant "
+            f"({len(determined)} of rank {mechanism.rank}), which is normal for planar loops"
+        )
+        found.append(Finding("redundant", open_, mechanism.rank, len(determined), text))
+    resting = resting_on_priors(problem, estimate)
+    resting = {name: on for name, on in resting.items() if name not in open_}
+    if resting:
+        on = tuple(dict.fromkeys(name for names in resting.values() for name in names))
+        text = (
+            f"multipliers {', '.join(resting)} rest on the priors of {_some(on, 6)}"
+            ", which no torque determines: a wrong prior moves them, however well torques fit"
+        )
+        found.append(Finding("rest on priors", tuple(resting), None, None, text))
+    return found
+
+
+def basis_bias(problem: Problem, estimate: Estimate) -> list[Finding]:
+    """Report what a time basis does to the parameters: its misfit of λ(t) is no noise, not in ±."""
+    if not problem.stacked:
+        return []
+    free = problem.free_estimate()
+    if not np.array_equal(estimate.base.independent, free.base.independent):
+        return []
+    cov = np.zeros((estimate.base.rank, estimate.base.rank))
+    both = (
+        rigid_values(problem.mechanism, problem.columns, each, cov) for each in (estimate, free)
+    )
+    moved = [
+        f"{a.name} {100 * (a.value / b.value - 1):+.3g} %"
+        for a, b in zip(*both, strict=True)
+        if a.identifiable and b.value != 0 and abs(a.value / b.value - 1) > BIASED
+    ]
+    basis = problem.mechanism.multipliers
+    text = (
+        f"the {basis.basis} basis with knots of {1e3 * basis.spacing:.4g} ms moves parameters from "
+        f"where free multipliers put them: {_some(moved, 6)}"
+    )
+    remedy = "standard errors do not hold this bias"
+    return [Finding("basis", (), None, BIASED, text, remedy)] if moved else []
+
+
+def _implausible(
+    mechanism: Mechanism,
+    errors: Mapping[str, Error],
+    effects: Sequence[EffectValues],
+    pi: np.ndarray,
+) -> list[Finding]:
+    """Report what in a result cannot be right, or not of a real machine, and what to look at."""
+    found = []
+    useless = tuple(
+        joint for joint, e in errors.items() if e.relative is not None and e.relative >= 1
+    )
+    if useless:
+        text = f"the prediction for {', '.join(useless)} is no better than zero torque: check sign"
+        text += ", unit and column of its torque and position, and that the torque is a measurement"
+        found.append(Finding("no prediction", useless, None, 1.0, text))
+    negative = tuple(
+        value.name
+        for each in effects
+        for value, unknown in zip(each.parameters, each.effect.parameters, strict=True)
+        if unknown.nonnegative and value.stderr and value.value < -CERTAIN * value.stderr
+    )
+    if negative:
+        text = (
+            f"{', '.join(negative)} came out negative, which no such effect can be: check the sign "
+            "of the torque, or whether another effect is missing"
+        )
+        found.append(Finding("negative", negative, None, -CERTAIN, text))
+    bodies = {link: pi[mechanism.bodies.columns(link)] for link in mechanism.bodies.links}
+    massless = tuple(
+        link for link, body in bodies.items() if abs(body[0]) <= LEAST_MASS and np.any(body[1:])
+    )
+    if massless:
+        text = (
+            f"{', '.join(massless)} has moments but a mass that no torque determines: "
+            "identified.urdf gives it 1 kg, shifted along what no torque feels"
+        )
+        found.append(Finding("massless", massless, None, LEAST_MASS, text))
+    asked = {name.rsplit(".", 1)[0] for name in mechanism.unknown}
+    impossible = tuple(link for link, body in bodies.items() if link in asked and _impossible(body))
+    if impossible:
+        text = (
+            f"the identified inertia of {', '.join(impossible)} is that of no possible body (its "
+            "pseudo-inertia has a negative eigenvalue): the predicted torque does not suffer from "
+            "that, but a simulator may refuse identified.urdf"
+        )
+        remedy = "--consistent finds the nearest bodies that are possible"
+        found.append(Finding("impossible body", impossible, None, POSSIBLE, text, remedy))
+    return found
+
+
+def _impossible(body: np.ndarray) -> bool:
+    """Return whether a body's pseudo-inertia is not positive semidefinite.
+
+    Source: Wensing, Kim, Slotine, IEEE Robot. Autom. Lett. 3(1), 2018.
+    """
+    eigenvalues = np.linalg.eigvalsh(pseudo_inertia(body))
+    return bool(eigenvalues[0] < POSSIBLE * max(eigenvalues[-1], 1e-300))
+
+
+def _some(names: Sequence[str], most: int) -> str:
+    rest = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + rest

@@ -1,0 +1,362 @@
+"""Errors in variables: torques and motion weighed together, where the motion itself is noisy.
+
+Least squares takes the smooth motion as it is. Its noise is in all columns alike, so parameters are
+shrunk (bias), and instants at which accelerations matter most get too much weight (scatter). The
+likelihood lets the motion move within its noise; about some parameters and motion it is as good as
+linear, and a Gauss-Newton step of it is a least-squares problem in the parameters alone
+(`ident.likelihood`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ident.display import Displayed
+from ident.equations.motion_noise import (
+    Linear,
+    Run,
+    linear,
+    motion_noise,
+    rows_cutoff,
+    torque_noise,
+)
+from ident.errors import FitError
+from ident.fit.findings import Finding
+from ident.fit.problem import Problem, stacks_information
+from ident.information.estimate import Estimate, estimate
+from ident.motion import Experiment, Motion
+from ident.motion.smoothing import along, finer
+from ident.motion.spline import Smooth
+from ident.progress import Progress
+
+MATTERS = 0.05  # share of a coordinate's squared residual that is the motion's noise
+FINER = 3  # knots of the likelihood for one of smoothing: torques tell more of the motion
+EXPLAINED = 1.5  # squared residual over squared noise at which noise explains the residual
+AGREED = 1.2  # the same, for the noise that a refined fit takes for the torques'
+TRIALS = 6  # of the torques' noise
+STEPS = 12
+RAISED = 1.05  # times the sensors' noise from which noise does not explain the residual
+HALVES = 5  # of a step that does not lower the loss
+ROUNDING = 1e-6
+CONVERGED = 0.05  # of a standard error: a smaller step is the last
+
+Weighed = tuple[Problem, Estimate, "Likelihood"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Likelihood(Displayed):
+    """How torques and motion were weighed together.
+
+    Attributes:
+        share: (d,) of each coordinate's squared residual in least squares, what noise of the motion
+            can make.
+        sigma: (d,) noise of the torque rows [N m | N].
+        steps: Gauss-Newton steps that were made; settled: whether the last one changed nothing.
+        raised: sigma over the noise of the torque sensors: 1 where noise explains the residual.
+        make_motion: returns the motion that torques and measured channels agree on best.
+    """
+
+    share: np.ndarray
+    sigma: np.ndarray
+    steps: int
+    settled: bool
+    raised: float
+    make_motion: Callable[[], Motion]
+
+    @cached_property
+    def motion(self) -> Motion:
+        """The motion on which torques and measured channels agree best."""
+        return self.make_motion()
+
+    def described(self) -> dict[str, Any]:
+        """Return the entry of fit.json."""
+        return {
+            "share": [float(x) for x in self.share],
+            "torque_noise": [float(x) for x in self.sigma],
+            "steps": self.steps,
+            "settled": self.settled,
+            "raised": self.raised,
+        }
+
+    @property
+    def findings(self) -> list[Finding]:
+        """What to know before trusting it."""
+        found = []
+        if self.raised > RAISED:
+            text = (
+                f"the torques' noise had to be taken {self.raised:.3g} times as large as the "
+                "sensors' to explain the residual: the model lacks something that the motion was "
+                "bent to hide, and standard errors do not know of it (ident diagnose)"
+            )
+            found.append(Finding("noise raised", (), self.raised, RAISED, text))
+        if self.steps > 1 and not self.settled:
+            text = (
+                f"the refined fit stopped after {self.steps} steps before it converged: the last "
+                "one moved some parameter by more than a twentieth of its standard error, and "
+                f"{'no step lowers the loss' if self.steps < STEPS else 'more are not made'}"
+            )
+            found.append(Finding("not converged", (), self.steps, STEPS, text))
+        return found
+
+    def covariance(self, cov: np.ndarray, now: Estimate) -> np.ndarray:
+        """Return that of the base parameters (n_ind, n_ind), from the blocks' `cov`.
+
+        Rows are whitened by noise that explains them, so (RᵀR)⁻¹ is a second witness, which does
+        not hang on the few blocks of time that hold most of the information: the mean of both.
+        """
+        if self.raised > RAISED:
+            return cov
+        return 0.5 * (cov + max(1.0, _squares_per_row(now)) * now.solution.C)
+
+
+def can_move(motion: Motion) -> bool:
+    """Return whether all experiments' motions are splines; those of clean logs are as logged."""
+    return all(e.smooth is not None for e in motion.experiments)
+
+
+def check_refinable(problem: Problem) -> None:
+    """Refuse a refined fit where there is no likelihood.
+
+    Raises:
+        FitError: with the reason and the remedy.
+    """
+    if problem.bands:
+        raise FitError(
+            'a refined fit needs free multipliers, given: a time basis; write basis = "free" in '
+            "[multipliers], or --basis free"
+        )
+    if not len(problem.columns):
+        name = problem.mechanism.name
+        raise FitError(f"{name}: nothing is unknown, so there is nothing to refine")
+    if not can_move(problem.motion):
+        clean = ", ".join(e.name for e in problem.motion.experiments if e.smooth is None)
+        raise FitError(
+            f"{clean}: taken as logged, so there is no noise in the motion to refine the fit by; "
+            "leave out --refine, or --smoothing none"
+        )
+
+
+def share_of_motion(problem: Problem, found: Estimate) -> np.ndarray:
+    """Return the part (d,) of each squared residual that noise of the motion can make."""
+    if not can_move(problem.motion):
+        return np.zeros(problem.d)
+    point = problem.point.at(problem.mechanism, problem.columns, found.x)
+    cutoff = problem.motion.band.cutoff
+    noise = [motion_noise(problem.mechanism, e, point, cutoff) for e in problem.motion.experiments]
+    squares = problem.squares(found.x)
+    left = squares.error / np.maximum(squares.rows, 1)
+    return np.asarray(np.mean(noise, axis=0) / np.where(left > 0, left, np.inf))
+
+
+def unexplained(share: np.ndarray) -> Finding:
+    """Report that the motion's noise was left as it is."""
+    largest = min(float(share.max()), 1.0)
+    text = (
+        f"noise of the motion makes up to {100 * largest:.3g} % of the "
+        "residual, but noise does not explain all of it, so the motion was taken as it is "
+        "and parameters may be shrunk; something is missing (ident diagnose), or --refine"
+    )
+    return Finding("motion noise", (), largest, MATTERS, text)
+
+
+def one_step(
+    problem: Problem, found: Estimate, share: np.ndarray, on_progress: Progress | None = None
+) -> Weighed | None:
+    """Make one step with the noise that the channels show; None if it leaves more than noise.
+
+    Then the model lacks something, and a motion bent until torques fit would hide it.
+
+    Args and returns are those of `refined`.
+    """
+    fine = _fine(problem)
+    at = Linearization.at(problem, found.x, problem.motion.experiments, fine, on_progress)
+    sigma = at.noise()[0]
+    runs, now = at.whitened(found, sigma)
+    if _squares_per_row(now) > EXPLAINED:
+        return None
+    return _weighed(at, runs, now, share, sigma, 1, False)
+
+
+def refined(
+    problem: Problem, found: Estimate, share: np.ndarray, on_progress: Progress | None = None
+) -> Weighed:
+    """Make Gauss-Newton steps from a least-squares estimate, until parameters are at rest.
+
+    Args:
+        problem: the equations; its motion is where the steps begin.
+        found: least squares; what it holds at the prior and how it regroups stays.
+        share: of the motion's noise.
+        on_progress: called with (what is being done, share done).
+
+    Returns:
+        The problem with rows whitened by the noise of torques and motion, the estimate from them,
+        and what was done.
+    """
+    fine = _fine(problem)
+    now_at = Linearization.at(problem, found.x, problem.motion.experiments, fine, on_progress)
+    sigma, runs, now = now_at.weighed(found)
+    step, converged = 1, False
+    while step < STEPS and not converged:
+        after = now_at.towards(runs, now.x, fine, on_progress)
+        for _ in range(HALVES):
+            if after.loss(sigma) <= (1 + ROUNDING) * now_at.loss(sigma):
+                break
+            after = now_at.halfway(after, fine, on_progress)
+        else:
+            break  # no step lowers the loss: friction that jumps, or rounding
+        if step == 1:  # the first motion was not yet one that the torques agree with
+            sigma, runs, now = after.weighed(found)
+        else:
+            runs, now = after.whitened(found, sigma)
+        converged, step, now_at = _at_rest(now, after.x), step + 1, after
+    return _weighed(now_at, runs, now, share, sigma, step, converged)
+
+
+def _fine(problem: Problem) -> tuple[Smooth, ...]:
+    return tuple(finer(problem.mechanism, e, FINER) for e in problem.motion.experiments)
+
+
+def _squares_per_row(now: Estimate) -> float:
+    """Return the squared residual over the degrees of freedom."""
+    rows = max(now.triangle.rows - now.base.rank, 1)
+    return now.triangle.residual_norm(now.x) ** 2 / rows
+
+
+def _at_rest(now: Estimate, before: np.ndarray) -> bool:
+    """Return whether no base parameter moved by more than a fraction of its standard error."""
+    base = now.base
+    beta = before[base.independent] + base.K @ before[base.dependent]
+    moved = np.abs(now.solution.beta - beta)
+    return bool((moved <= CONVERGED * np.sqrt(np.diag(now.solution.C))).all())
+
+
+def _weighed(
+    at: Linearization,
+    runs: Sequence[Sequence[Run]],
+    now: Estimate,
+    share: np.ndarray,
+    sigma: np.ndarray,
+    steps: int,
+    converged: bool,
+) -> Weighed:
+    """Return the problem with whitened rows, the estimate and the report of the last step."""
+    problem = replace(at.problem, runs=tuple(run for mine in runs for run in mine))
+    raised = float((sigma / at.noise()[0]).max())
+
+    def make_motion() -> Motion:
+        return replace(problem.motion, experiments=at.moved(runs, now.x))
+
+    return problem, now, Likelihood(share, sigma, steps, converged, raised, make_motion)
+
+
+@dataclass(frozen=True, eq=False)
+class Linearization:
+    """Parameters x and motions, and the likelihood linear about them."""
+
+    problem: Problem
+    x: np.ndarray
+    experiments: tuple[Experiment, ...]
+    parts: tuple[Linear, ...]
+
+    @classmethod
+    def at(
+        cls,
+        problem: Problem,
+        x: np.ndarray,
+        experiments: tuple[Experiment, ...],
+        fine: Sequence[Smooth],
+        on_progress: Progress | None,
+        like: Sequence[Linear] | None = None,
+    ) -> Linearization:
+        """Make rows and gains at parameters and motions; rows inform or not as those of `like`."""
+        point = problem.point.at(problem.mechanism, problem.columns, x)
+        parts: list[Linear] = []
+        for number, (e, smooth) in enumerate(zip(experiments, fine, strict=True)):
+            if on_progress:
+                on_progress("weighing torques and motion together", number / len(fine))
+            before = like[number] if like else None
+            parts.append(linear(problem.mechanism, problem.columns, e, smooth, point, before))
+        return cls(replace(problem, point=point), x, experiments, tuple(parts))
+
+    def noise(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return (d,), (d,) [N m | N] of the torques' rows: white noise of the sensors, which is
+        the least that they can have, and what is left at x, which is the most.
+        """
+        left = [part.left(self.x) for part in self.parts]
+        squares, counts = (sum(each[i] for each in left) for i in (0, 1))
+        largest = np.sqrt(np.maximum(squares, 1e-300) / np.maximum(counts, 1))
+        mechanism = self.problem.mechanism
+        sensors = [
+            torque_noise(mechanism, e, rows_cutoff(part.fine, e.rate)) ** 2
+            for e, part in zip(self.experiments, self.parts, strict=True)
+        ]
+        least = np.maximum(np.sqrt(np.mean(sensors, axis=0)), 1e-3 * largest)
+        return least, np.maximum(largest, least)  # a motion that has moved leaves less than noise
+
+    def loss(self, sigma: np.ndarray) -> float:
+        """Return the loss of all experiments."""
+        return sum(part.loss(self.x, sigma) for part in self.parts)
+
+    def moved(self, runs: Sequence[Sequence[Run]], x: np.ndarray) -> tuple[Experiment, ...]:
+        """Return the experiments on the motions that go with parameters x."""
+        return tuple(
+            along(self.problem.mechanism, e, part.moved(mine, x))
+            for e, part, mine in zip(self.experiments, self.parts, runs, strict=True)
+        )
+
+    def towards(
+        self,
+        runs: Sequence[Sequence[Run]],
+        x: np.ndarray,
+        fine: Sequence[Smooth],
+        on_progress: Progress | None,
+    ) -> Linearization:
+        """Return the linearization after a full step."""
+        moved = self.moved(runs, x)
+        return Linearization.at(self.problem, x, moved, fine, on_progress, self.parts)
+
+    def halfway(
+        self, other: Linearization, fine: Sequence[Smooth], on_progress: Progress | None
+    ) -> Linearization:
+        """Return the linearization between this one and another."""
+        experiments = tuple(
+            along(self.problem.mechanism, e, mine.between(theirs))
+            for e, mine, theirs in zip(self.experiments, self.parts, other.parts, strict=True)
+        )
+        x = 0.5 * (self.x + other.x)
+        return Linearization.at(self.problem, x, experiments, fine, on_progress, self.parts)
+
+    def weighed(self, found: Estimate) -> tuple[np.ndarray, list[list[Run]], Estimate]:
+        """Return the torques' noise at which residuals are as large as noise, and its estimate.
+
+        σ = least^(1−θ) largest^θ with the smallest θ in [0, 1] at which |residual|² ≤ AGREED rows:
+        that of the sensors if it explains the residual, else as much more as model errors ask.
+        """
+        least, largest = self.noise()
+        best: tuple[np.ndarray, list[list[Run]], Estimate] | None = None
+        low, high, theta = 0.0, 1.0, 0.0
+        for _ in range(TRIALS):
+            sigma = least ** (1 - theta) * largest**theta
+            runs, now = self.whitened(found, sigma)
+            agreed = _squares_per_row(now)
+            if best is None or agreed <= AGREED:
+                best = sigma, runs, now
+            if (theta == 0.0 and agreed <= AGREED) or 1 / AGREED < agreed <= AGREED:
+                break
+            low, high = (low, theta) if agreed <= AGREED else (theta, high)
+            theta = 0.5 * (low + high)
+        assert best is not None
+        return best
+
+    def whitened(self, found: Estimate, sigma: np.ndarray) -> tuple[list[list[Run]], Estimate]:
+        """Return runs by experiment, and the estimate from them."""
+        problem, one = self.problem, np.ones(1)
+        runs = [part.eliminated(i, sigma) for i, part in enumerate(self.parts)]
+        information = stacks_information([run for mine in runs for run in mine], problem.motion)
+        totals = information.totals
+        return runs, estimate(totals, problem.prior, one, sigma=one, held=found.held)

@@ -1,0 +1,416 @@
+"""The equations of a mechanism and a motion, as information: what is estimated, from which rows.
+
+    A x = b        A = [Γ E S]: rigid bodies, effects, sensitivities of shapes at a working point
+
+Rows are made once, in pieces, and absorbed into triangles by log, block of time and coordinate;
+where the multipliers have a time basis, the paper's stack [A | L] is eliminated beside them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from ident.equations.corrections import Scene
+from ident.equations.motion_noise import Run
+from ident.equations.multipliers import basis_of, stack
+from ident.equations.rows import Rows, dof, row_supports, rows
+from ident.equations.unknowns import Columns, Point
+from ident.errors import FitError
+from ident.information.band import Elimination, eliminate
+from ident.information.blocks import Block, Information, Squares
+from ident.information.estimate import FLOOR, Estimate, estimate
+from ident.information.splines import Basis
+from ident.information.triangle import Triangle
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import COUNT, split
+from ident.motion import Experiment, Motion
+from ident.progress import Progress
+
+FEWEST, MOST, LENGTH = 10, 96, 12  # blocks of a log, and rows that make one
+BAND_BLOCKS = 40  # of a run whose multipliers have a time basis
+BOUNDLESS = 1e30  # stands for infinity, with which 0 may be multiplied
+TORQUE = 10.0  # times the largest torque, by which an effect's unknown is bounded
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """One run of samples with its multipliers eliminated.
+
+    Attributes:
+        experiment: its number; segment: its samples.
+        basis: of λ(t); elimination: triangles of the parameters and the way back to a.
+    """
+
+    experiment: int
+    segment: slice
+    basis: Basis
+    elimination: Elimination
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """The equations of a mechanism and a motion at a working point.
+
+    Attributes:
+        mechanism, motion, point: the model and its data, and where what is not linear is evaluated.
+        columns: the k unknowns.
+        information: rows of the d independent coordinates, in which errors count.
+        bands: where the multipliers have a time basis, the paper's stack.
+        runs: where the motion's noise counts, rows whitened by it.
+        stacked_information: where the motion is an excerpt, the stack of all its samples.
+    """
+
+    mechanism: Mechanism
+    motion: Motion
+    point: Point
+    columns: Columns
+    information: Information
+    bands: Sequence[Band] = ()
+    runs: Sequence[Run] = ()
+    stacked_information: Information | None = None
+
+    @classmethod
+    def of(
+        cls,
+        mechanism: Mechanism,
+        motion: Motion,
+        point: Point,
+        on_progress: Progress | None = None,
+    ) -> Problem:
+        """Make all rows at a point.
+
+        Args:
+            mechanism, motion, point: the model and its data.
+            on_progress: called with (what is being done, share done).
+
+        Raises:
+            FitError: if there are no rows, or no more than coefficients of multipliers.
+        """
+        columns = Columns.of(mechanism)
+        information = information_of(mechanism, columns, motion, point, on_progress)
+        bands: list[Band] = []
+        if mechanism.closures and mechanism.multipliers.basis != "free":
+            bands = bands_of(mechanism, columns, motion, point, on_progress)
+        if bands and not any(t.rows for band in bands for t in band.elimination.factors):
+            cut = motion.band.cutoff
+            raise FitError(
+                f"{mechanism.name}: "
+                + (f"filtered at {cut:.3g} Hz, " if cut else "")
+                + "there are no more rows than coefficients of the multipliers in their time basis;"
+                " give --basis free, a larger --spacing or a higher --cutoff"
+            )
+        return cls(mechanism, motion, point, columns, information, tuple(bands))
+
+    # names of before, until all callers have moved
+    cells = property(lambda self: list(self.information))
+    factors = property(lambda self: list(self.information.totals))
+    left = property(lambda self: list(self.stacked_information or ()))
+    sensible = property(lambda self: self.plausible)
+
+    @property
+    def d(self) -> int:
+        """Number of independent coordinates."""
+        return self.information.d
+
+    @property
+    def units(self) -> list[str]:
+        """Units of the torque of every independent coordinate."""
+        return [self.mechanism.joint(name).force_unit for name in self.motion.independent]
+
+    @cached_property
+    def prior(self) -> np.ndarray:
+        """(k,) the URDF's values; 0 for effects; shapes where they are."""
+        return self.columns.prior_at(self.point.values)
+
+    @cached_property
+    def fitting(self) -> Information:
+        """The rows from which parameters are estimated: reduced ones, or those of stacks."""
+        if self.stacked_information is not None:
+            return self.stacked_information
+        stacks: list[Band | Run] = [*self.bands, *self.runs]
+        return stacks_information(stacks, self.motion) if stacks else self.information
+
+    @property
+    def stacked(self) -> bool:
+        """Whether parameters are estimated from rows of all coordinates together."""
+        return self.fitting is not self.information
+
+    @cached_property
+    def torque(self) -> np.ndarray:
+        """(d,) rms of the measured torque [N m | N]."""
+        return self.information.rms_torque
+
+    @cached_property
+    def plausible(self) -> np.ndarray:
+        """(k,) largest plausible distance of each unknown from its prior."""
+        return plausible_of(self.mechanism, self.columns, self.information)
+
+    def squares(self, x: np.ndarray) -> Squares:
+        """Return what x (k,) leaves in all rows."""
+        return self.information.squares(x)
+
+    def estimate(self, **fixed: np.ndarray) -> Estimate:
+        """Solve least squares on the rows; `fixed`: weights `sigma` or unknowns `held`."""
+        if self.stacked:  # the paper's: all rows weigh alike, and the basis' misfit is in x
+            return estimate(self.fitting.totals, self.prior, np.ones(1), self.plausible, **fixed)
+        return self.free_estimate(**fixed)
+
+    def free_estimate(self, **fixed: np.ndarray) -> Estimate:
+        """Solve least squares on the reduced rows, which multipliers of any kind leave."""
+        totals = self.information.totals
+        return estimate(totals, self.prior, self.torque, self.plausible, **fixed)
+
+    def estimate_fixed(self, like: Estimate) -> Estimate:
+        """Solve with the weights and the held unknowns of another estimate."""
+        totals = self.fitting.totals
+        return estimate(totals, self.prior, self.torque, sigma=like.sigma, held=like.held)
+
+    def row_scale(self, found: Estimate) -> np.ndarray:
+        """Return what one row of each coordinate is weighed by in comparisons (d,) [N m | N]."""
+        if len(found.sigma) == self.d and not self.stacked:
+            return found.sigma
+        left = self.squares(found.x)
+        rms = np.sqrt(left.error / np.maximum(left.rows, 1))
+        return np.maximum(rms, FLOOR * self.torque) + 1e-300
+
+    def check(self) -> None:
+        """Refuse equations of which all right sides are zero.
+
+        Raises:
+            FitError: with the reason and the remedy.
+        """
+        totals = self.information.totals
+        if (
+            len(self.columns)
+            and all(t.rhs_norm() == 0 for t in totals)
+            and any(t.rows for t in totals)
+        ):
+            raise FitError(
+                "every torque is zero and no body is known, so parameters are free up to a common "
+                "factor; log a motion that is driven, or give what is known ([parameters] unknown)"
+            )
+
+
+def information_of(
+    mechanism: Mechanism,
+    columns: Columns,
+    motion: Motion,
+    point: Point | None = None,
+    on_progress: Progress | None = None,
+) -> Information:
+    """Return the information of all experiments; rows are seen once, in pieces, and never kept."""
+    blocks: list[Block] = []
+    cutoff = motion.band.cutoff
+    for number, e in enumerate(motion.experiments):
+        supports = row_supports(mechanism, columns, e)
+        edges = block_edges(cutoff, e.t[0], e.t[-1], len(e))
+        scene = Scene.of(mechanism, columns, e, point, cutoff)
+        for piece, block, waiting in _by_block(rows(scene, cutoff), edges):
+            blocks += blocks_of(number, block, waiting, supports)
+            if on_progress:
+                done = (number + piece.sample[-1] / len(e)) / len(motion.experiments)
+                on_progress(f"equations of {e.name}", float(done))
+    if not blocks:
+        lost = ", ".join(experiment.name for experiment in motion.experiments)
+        raise FitError(
+            f"{lost}: no stretch is long enough for the filter ({motion.band.cutoff:.3g} Hz); "
+            "give a longer log or a higher --cutoff"
+        )
+    return Information.of(blocks, len(columns), coordinates(mechanism, motion))
+
+
+def _by_block(pieces: Iterable[Rows], edges: np.ndarray) -> Iterator[tuple[Rows, int, list[Rows]]]:
+    """Yield the last piece, the number and all rows of every block of time."""
+    waiting: list[Rows] = []
+    block, piece = 0, None
+    for piece in pieces:
+        for at, part in split_rows(piece, edges):
+            if at != block and waiting:
+                yield piece, block, waiting
+                waiting = []
+            block = at
+            waiting.append(part)
+    if piece is not None and waiting:
+        yield piece, block, waiting
+
+
+def block_edges(cutoff: float | None, first: float, last: float, samples: int) -> np.ndarray:
+    """Return the times [s] that part a log of so many samples from t = first to last in blocks."""
+    rate = cutoff * 4 if cutoff else (samples - 1) / (last - first)
+    count = int(np.clip((last - first) * rate / LENGTH, FEWEST, MOST))
+    return np.linspace(first, last, count + 1)[1:-1]
+
+
+def split_rows(piece: Rows, edges: np.ndarray) -> list[tuple[int, Rows]]:
+    """Part rows by the number of their block."""
+    block = np.searchsorted(edges, piece.t, side="right")
+    cuts = [0, *(np.flatnonzero(np.diff(block)) + 1), len(block)]
+    names = Rows.__dataclass_fields__
+    return [
+        (int(block[i]), Rows(*(getattr(piece, name)[i:j] for name in names)))
+        for i, j in pairwise(cuts)
+        if j > i
+    ]
+
+
+def blocks_of(
+    log: int, block: int, parts: Sequence[Rows], supports: Sequence[np.ndarray]
+) -> list[Block]:
+    """Return the blocks of some rows of one block of time, one a coordinate."""
+    if not parts:
+        return []
+    b, tau, informed = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("b", "tau", "informed")
+    )
+    span = (float(parts[0].t[0]), float(parts[-1].t[-1]))
+    found = []
+    for u, support in enumerate(supports):
+        A = np.concatenate([part.A[:, u, support] for part in parts])
+        inside = informed[:, u]
+        if inside.all():
+            some, rest = Triangle.of(A, b[:, u]), _nothing(len(support))
+        else:
+            some, rest = (Triangle.of(A[mask], b[mask, u]) for mask in (inside, ~inside))
+        torque = float(tau[:, u] @ tau[:, u])
+        found.append(Block(log, block, u, some, rest, support, torque, span))
+    return found
+
+
+@cache
+def _nothing(k: int) -> Triangle:
+    return Triangle.empty(k)
+
+
+def coordinates(mechanism: Mechanism, motion: Motion) -> int:
+    """Return the number of independent coordinates of a motion."""
+    return dof(mechanism, motion.experiments[0])
+
+
+def bands_of(
+    mechanism: Mechanism,
+    columns: Columns,
+    motion: Motion,
+    point: Point | None = None,
+    on_progress: Progress | None = None,
+) -> list[Band]:
+    """Return the stacks of all runs of samples, the multipliers of each eliminated."""
+    found = []
+    cutoff = motion.band.cutoff
+    for number, e in enumerate(motion.experiments):
+        scene = Scene.of(mechanism, columns, e, point, cutoff)
+        for segment in e.segments():
+            if segment.stop - segment.start < 3:
+                continue
+            basis = basis_of(mechanism, segment, e)
+            if on_progress:
+                share = number / len(motion.experiments)
+                on_progress(f"eliminating multipliers of {e.name}", share)
+            if chunks := list(stack(scene, cutoff, segment, basis)):
+                elimination = eliminate(chunks, basis.count, time_blocks(basis))
+                found.append(Band(number, segment, basis, elimination))
+    return found
+
+
+def time_blocks(basis: Basis) -> int:
+    """Return into how many blocks of time a run of samples is parted."""
+    return max(1, min(BAND_BLOCKS, basis.count // 4))
+
+
+def stacks_information(stacks: Sequence[Band | Run], motion: Motion) -> Information:
+    """Return the equations that stacks leave as information of one coordinate: of all joints."""
+    blocks: list[Block] = []
+    for each in stacks:
+        t = motion.experiments[each.experiment].t[each.segment]
+        before = sum(block.log == each.experiment for block in blocks)
+        span = float(t[0]), float(t[-1])
+        blocks += equal_blocks(each.experiment, before, each.elimination.factors, *span)
+    return Information.of(blocks, blocks[0].triangle.k, 1)
+
+
+def equal_blocks(
+    log: int, before: int, triangles: Sequence[Triangle], first: float, last: float
+) -> list[Block]:
+    """Return blocks of equal parts of the time from `first` to `last` [s], from number `before`."""
+    support, rest = np.arange(triangles[0].k), Triangle.empty(triangles[0].k)
+    edges = np.linspace(first, last, len(triangles) + 1).tolist()
+    return [
+        Block(log, before + i, 0, t, rest, support, t.rhs_norm() ** 2, (edges[i], edges[i + 1]))
+        for i, t in enumerate(triangles)
+    ]
+
+
+def band_multipliers(
+    bands: Sequence[Band], e: Experiment, number: int, x: np.ndarray, m: int
+) -> np.ndarray:
+    """Return λ(t) = B(t) a (n, m) of one experiment; NaN where no run of samples extends."""
+    found = np.full((len(e), m), np.nan)
+    for band in bands:
+        if band.experiment == number:
+            a = band.elimination.back_substitute(x)
+            found[band.segment] = band.basis.evaluate(a, e.t[band.segment])
+    return found
+
+
+def plausible_of(mechanism: Mechanism, columns: Columns, information: Information) -> np.ndarray:
+    """Return the largest plausible distances (k,) from the prior, given the sizes of columns."""
+    size = np.zeros(len(columns))
+    for total in information.totals:
+        size = size + total.column_norms() ** 2 / max(total.rows, 1)
+    return plausible(mechanism, columns, information.rms_torque, np.sqrt(size))
+
+
+def plausible(
+    mechanism: Mechanism, columns: Columns, torque: np.ndarray, size: np.ndarray
+) -> np.ndarray:
+    """Return the largest plausible deviation (k,) of every unknown from its prior, in its own unit.
+
+    Noise makes every column look a little excited; a combination of parameters that the data know
+    no better than this stays at the prior. Of a body with mass m and size l (centre of mass, radius
+    of gyration, or a mean link's length): m, m l, m l². Of an effect: ten times the largest torque
+    per unit of its column.
+
+    Args:
+        mechanism: whose URDF gives masses and sizes.
+        columns: the unknowns.
+        torque: (d,) rms torque of the independent coordinates [N m | N].
+        size: (k,) rms of every unknown's column.
+    """
+    m, length = body_scales(mechanism)
+    bodies = np.stack([m, *[m * length] * 3, *[m * length**2] * 6], axis=1).ravel()
+    largest = float(torque.max(initial=0.0)) or np.inf
+    effects = np.minimum(TORQUE * largest, BOUNDLESS) / np.maximum(
+        size[len(columns.rigid) :], 1 / BOUNDLESS
+    )
+    return np.concatenate([bodies[columns.rigid], effects])
+
+
+def body_scales(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
+    """Return mass [kg] and size [m] of every body, (bodies,): the URDF's, a mean link's at least.
+
+    The size is the largest of the centre of mass' distance, the radius of gyration, and the mean
+    length of a link.
+    """
+    model = mechanism.model
+    count = len(mechanism.bodies.links)
+    steps = [model.jointPlacements[i].translation for i in range(1, model.njoints)]
+    for closure in mechanism.closures:  # in absolute coordinates these are all the steps there are
+        if closure.frames:
+            ends = (frame.placement.translation for frame in closure.frames)
+            steps.append(max(ends, key=np.linalg.norm))
+    mean = sum(float(np.linalg.norm(step)) for step in steps) / count
+    bodies = mechanism.prior.reshape(count, COUNT)
+    total = float(bodies[:, 0].sum())
+    found = np.empty((2, count))
+    for i, pi in enumerate(bodies):
+        m, moments, L = split(pi)
+        length = mean
+        if m > 0:
+            gyration = np.sqrt(max(np.trace(L), 0) / m)
+            length = max(length, float(np.linalg.norm(moments)) / m, gyration)
+        found[:, i] = max(m, total / count) or 100.0, length or 1.0
+    return found[0], found[1]

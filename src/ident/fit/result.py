@@ -1,0 +1,270 @@
+"""The noun that a fit is: parameters ± standard error, multipliers, errors, statistics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.display import Plotted, render
+from ident.effects import Effect
+from ident.equations.unknowns import Columns, Point
+from ident.errors import one_of
+from ident.fit.consistency import Binding
+from ident.fit.essential import Essential, essential
+from ident.fit.findings import Finding
+from ident.fit.likelihood import Likelihood
+from ident.fit.multipliers import Reactions, identifiable_multipliers
+from ident.fit.problem import Band, Problem, band_multipliers
+from ident.fit.residual import Prediction, Residual, predict, residual_of, squares_of
+from ident.fit.unexcited import Unexcited, unexcited
+from ident.fit.values import (
+    BaseValue,
+    Correlation,
+    EffectValues,
+    Value,
+    base_values,
+    effect_values,
+    rigid_values,
+)
+from ident.information.blocks import Error, Information, Squares
+from ident.information.estimate import Estimate
+from ident.log import Log
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Motion
+
+LONG = 40  # characters of a name that tells where each effect is
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit(Plotted):
+    """The result of an identification, and what it rests on. Made by `ident.identify`.
+
+    Attributes:
+        mechanism, motion: what was fitted to what.
+        columns: the unknowns.
+        information: all rows as triangles, for statistics and further models.
+        estimate: solution, base, weights; covariance: (n_ind, n_ind) of the base parameters.
+        train, held_out, validation: errors by joint; validation by log, then joint.
+        warnings: what a person should know before trusting the numbers; findings: the same with
+            codes and numbers.
+        bands: where the multipliers have a time basis, the way back to them.
+        stacked_information: where the motion is an excerpt, the stack of all samples.
+        point: values of all parameters, known ones and shapes included.
+        binding: of a consistent fit, where it touches its limits and what that costs.
+        likelihood: where the noise of the motion counts, how it was weighed.
+    """
+
+    mechanism: Mechanism
+    motion: Motion
+    columns: Columns
+    information: Information
+    estimate: Estimate
+    covariance: np.ndarray
+    train: Mapping[str, Error]
+    held_out: Mapping[str, Error]
+    validation: Mapping[str, Mapping[str, Error]] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    bands: Sequence[Band] = ()
+    point: Point = field(kw_only=True)
+    binding: Binding | None = None
+    likelihood: Likelihood | None = None
+    stacked_information: Information | None = None
+
+    # names of before, until all callers have moved
+    cells = property(lambda self: list(self.information))
+    regression = property(lambda self: self.problem)
+    worth = property(lambda self: self.row_scale)
+
+    @cached_property
+    def parameters(self) -> tuple[Value, ...]:
+        """Unknown dynamic parameters in Γ's order."""
+        values = rigid_values(self.mechanism, self.columns, self.estimate, self.covariance)
+        return tuple(map(self._marked, values))
+
+    @cached_property
+    def base_parameters(self) -> tuple[BaseValue, ...]:
+        """The combinations that this motion and this mechanism can identify."""
+        return base_values(self.columns, self.estimate, self.covariance)
+
+    @cached_property
+    def effects(self) -> tuple[EffectValues, ...]:
+        """The effects with their parameters."""
+        found = effect_values(self.columns, self.estimate, self.covariance, self.point)
+        return tuple(
+            replace(each, parameters=tuple(map(self._marked, each.parameters))) for each in found
+        )
+
+    def _marked(self, value: Value) -> Value:
+        """Return a value with what bounds do to it."""
+        bound = self.binding is not None and value.name in self.binding.at_bound
+        return replace(value, at_bound=True) if bound else value
+
+    @cached_property
+    def problem(self) -> Problem:
+        """The equations in which errors are counted."""
+        return Problem(
+            self.mechanism, self.motion, self.point, self.columns, self.information, self.bands,
+            stacked_information=self.stacked_information,
+        )  # fmt: skip
+
+    @cached_property
+    def row_scale(self) -> np.ndarray:
+        """(d,) what one row of each coordinate is weighed by in comparisons [N m | N]."""
+        return self.problem.row_scale(self.estimate)
+
+    @cached_property
+    def correlation(self) -> Correlation:
+        """Correlation of the errors of the base parameters."""
+        return Correlation.of(self.columns, self.estimate, self.covariance)
+
+    @cached_property
+    def essential(self) -> Essential | None:
+        """The base parameters that the model cannot do without; None for a log too short to say."""
+        return essential(self.problem, self.estimate, self.covariance)
+
+    @cached_property
+    def unexcited(self) -> Unexcited:
+        """What this motion does not determine, why, and which motion would."""
+        return unexcited(self.problem, self.estimate)
+
+    @property
+    def name(self) -> str:
+        """Name in comparisons: the effects in it, or only their kinds where these are many."""
+        effects = self.mechanism.effects
+        labels = ", ".join(effect.label for effect in effects)
+        if len(labels) > LONG:
+            labels = ", ".join(dict.fromkeys(effect.kind for effect in effects))
+        return f"fit with {labels}" if labels else "fit 1"
+
+    @property
+    def rank(self) -> int:
+        """Number of base parameters."""
+        return self.estimate.base.rank
+
+    @property
+    def condition_number(self) -> float:
+        """Condition number of the base parameters' columns, scaled to equal length."""
+        return self.estimate.base.condition_number
+
+    @property
+    def dynamic_parameters(self) -> np.ndarray:
+        """All bodies' ten parameters (10 · bodies,), known, identified or prior, in Γ's order."""
+        return self.point.pi
+
+    @property
+    def effect_solution(self) -> list[tuple[Effect, np.ndarray]]:
+        """Every effect with the values (parameters,) of its unknowns and shapes."""
+        return [(effect, self.point.all_of(effect)) for effect in self.mechanism.effects]
+
+    def __getitem__(self, name: str) -> Value | BaseValue:
+        """Return a parameter, effect's parameter or base parameter by its name.
+
+        Raises:
+            KeyError: with the nearest name.
+        """
+        own = {value.name: value for value in self.parameters}
+        own |= {value.name: value for effect in self.effects for value in effect.parameters}
+        combined = {value.name: value for value in self.base_parameters}
+        if name in own:
+            return own[name]
+        if name in combined:
+            return combined[name]
+        raise KeyError(f"no parameter '{name}'; {one_of(name, own)}")
+
+    @cached_property
+    def residual(self) -> Residual:
+        """What is left at the rows of the regression, its parts, and where the model fails."""
+        return residual_of(self)
+
+    def predict(self, motion: Motion | None = None) -> list[Prediction]:
+        """Return torques, the sum taken apart and multipliers, for this motion or another one."""
+        return predict(self.mechanism, self.motion if motion is None else motion, self.point)
+
+    @cached_property
+    def predictions(self) -> list[Prediction]:
+        """Prediction of every experiment of the fitted motion."""
+        return self.predict()
+
+    @cached_property
+    def multipliers(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """λ(t) of each experiment: (t (n,), λ (n, m)); NaN where a multiplier is not determined.
+
+        Where torques and motion were weighed together, on the motion that both agree with.
+        """
+        determined = identifiable_multipliers(self.mechanism, self.motion)
+        if self.bands:
+            x, m = self.estimate.x, len(determined)
+            values = [
+                (e.t, band_multipliers(self.bands, e, number, x, m))
+                for number, e in enumerate(self.motion.experiments)
+            ]
+        else:
+            moved = self.likelihood and self.predict(self.likelihood.motion)
+            values = [
+                (p.t, np.where(p.usable[:, None], p.multipliers, np.nan))
+                for p in moved or self.predictions
+            ]
+        return [(t, np.where(determined, each, np.nan)) for t, each in values]
+
+    @cached_property
+    def unfiltered(self) -> dict[str, Error]:
+        """Errors at full rate, with all that the filter keeps out of the fit: noise, vibration."""
+        total = Squares.zero(len(self.motion.independent))
+        for p in self.predictions:
+            total = total + squares_of(p.residual[p.usable], p.measured[p.usable])
+        return total.errors(self.motion.independent, self.problem.units)
+
+    @property
+    def rows(self) -> int:
+        """Rows of the regression a coordinate, after filtering and decimation."""
+        return self.information.rows // max(self.information.d, 1)
+
+    def compare_multipliers(self, reactions: Log) -> Reactions:
+        """Compare the first experiment's multipliers with a log of known reactions on its clock.
+
+        Args:
+            reactions: columns named as the multipliers are, [N | N m].
+
+        Raises:
+            FitError: if no column is a multiplier of this mechanism.
+        """
+        log = self.motion.experiments[0].name
+        return Reactions.of(self.mechanism, log, self.multipliers[0], reactions)
+
+    def plot(self, experiment: int = 0, **options: Any) -> Any:
+        """Chart of measured and predicted torques, and what is left, of one experiment."""
+        return render(self, "plot", experiment=experiment, **options)
+
+    def plot_parts(self, experiment: int = 0) -> Any:
+        """Chart of the sum taken apart: rigid bodies, effects and what is left, per joint."""
+        return render(self, "plot_parts", experiment)
+
+    def plot_maps(self, joint: str | None = None) -> Any:
+        """Chart of a joint's residual against t, q, v, a and load; default: the worst joint's."""
+        return render(self, "plot_maps", joint)
+
+    def plot_parameters(self) -> Any:
+        """Chart of identified parameters and effects with 95 % intervals, beside the prior."""
+        return render(self, "plot_parameters")
+
+    def plot_multipliers(self, experiment: int = 0) -> Any:
+        """Chart of λ(t), the reaction forces of the closures, in one experiment."""
+        return render(self, "plot_multipliers", experiment)
+
+    def view(self) -> Any:
+        """3-D view: reaction forces as arrows, joints coloured by their residual."""
+        return render(self, "view")
+
+    def write(self, folder: str | Path) -> list[Path]:
+        """Write fit.json, multipliers.csv, identified.urdf, report.html and identified/."""
+        return list(render(self, "folder", folder))
+
+    def write_urdf(self, path: str | Path) -> Path:
+        """Write the URDF with the identified inertias to `path`, which is returned."""
+        return Path(render(self, "urdf", path))

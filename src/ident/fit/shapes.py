@@ -1,0 +1,249 @@
+"""The search for shapes, and whatever else the equations are not linear in: variable projection.
+
+    s ← s + δs,  [Γ E S] [p; c; s] = b + S s₀        (Gauss-Newton, at most to the bounds, halved
+                                                      while the error does not fall)
+
+The error at s is the least over p and c, and S is taken at that p and c (variable projection): far
+from the solution the linearised c would be wrong, and S with it. Source: Golub, Pereyra, SIAM J.
+Numer. Anal. 10(2), 1973. Effects that depend on the model's prediction (load, gain) converge
+meanwhile. A start for every shape comes from its own coarse search, everything else refitted.
+
+Rows at another point differ in the columns of effects and in nothing else: the filtered columns of
+Γ stay with the motion's states (`equations.rows`), unless an effect corrects data or mechanism.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.effects import Correcting, Effect
+from ident.equations.terms import Samples
+from ident.equations.unknowns import Columns, Point
+from ident.fit.problem import information_of, plausible_of
+from ident.fit.table import Table
+from ident.information.blocks import Information
+from ident.information.estimate import Estimate, estimate
+from ident.information.triangle import Triangle
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Motion
+from ident.progress import Progress
+
+STEPS = 15
+FEWEST = 3
+HALVES = 5
+PASSES = 2  # over what depends on the model's own prediction
+LONGEST = 0.3  # of a shape's range, the longest step
+CONVERGED = 1e-7  # of the sum of squares: a smaller fall is the last, if values are at rest as well
+RESTING = 1e-6  # of a value: a smaller change is none
+SAME = 1e-12  # of the sum of squares of all terms, within which two errors are the same
+
+
+def working_point(
+    mechanism: Mechanism,
+    motion: Motion,
+    start: Point | None = None,
+    on_progress: Progress | None = None,
+) -> Point:
+    """Search the working point of a mechanism's equations; the prior where they are linear.
+
+    Args:
+        mechanism: with its effects.
+        motion: to which it is fitted.
+        start: values of shapes from an earlier search; those it lacks are searched.
+        on_progress: called with (what is being done, share done).
+    """
+    point = Point.prior(mechanism)
+    if all(effect.linear for effect in mechanism.effects):
+        return point
+    if start is not None:
+        point = Point(start.pi, {**start.values, **point.values})
+    linear = replace(mechanism, effects=tuple(e for e in mechanism.effects if e.linear))
+    columns = Columns.of(linear)
+    if len(columns):
+        information = information_of(linear, columns, motion, point)
+        point = point.at(linear, columns, _estimate(linear, columns, information).x)
+        if start is not None:
+            point = Point(point.pi, {**start.values, **point.values})
+    for effect in mechanism.effects:
+        if not effect.linear:
+            point = _started(mechanism, motion, point, effect)
+    return variable_projection(mechanism, motion, point, on_progress)
+
+
+def initial(mechanism: Mechanism, motion: Motion) -> Point:
+    """Return the prior, with unknown shapes at a start in the middle of their search."""
+    point = Point.prior(mechanism)
+    for effect in mechanism.effects:
+        if effect.searched:
+            whole = Samples(mechanism, motion.experiments[0], slice(None), point)
+            starts = effect.starts(whole.signals(effect.joints))
+            full = dict(zip((s.name for s in effect.parameters), effect.names, strict=True))
+            middle = {full[name]: value for name, value in starts[len(starts) // 2].items()}
+            point = point.with_values({**middle, **point.values})
+    return point
+
+
+def _started(mechanism: Mechanism, motion: Motion, point: Point, effect: Effect) -> Point:
+    """Return the point with a start for an effect's shapes: the best of its coarse search."""
+    _, shape = point.of(effect)
+    if len(shape) == len(effect.shapes):
+        return point
+    u = len(effect.unknowns)
+    full = dict(zip((s.name for s in effect.shapes), effect.names[u:], strict=True))
+    if isinstance(effect, Correcting):
+        return point.with_values({full[name]: shape.get(name, 0.0) for name in full})
+    others = tuple(
+        e for e in mechanism.effects
+        if e.label != effect.label and len(point.of(e)[1]) == len(e.shapes)
+    )  # fmt: skip
+    rest = replace(mechanism, effects=others)
+    table = Table.of(rest, Columns.of(rest), motion, point)
+    starts = table.starts(effect)
+    C = np.zeros((*table.b.shape, len(starts) * u))
+    C[:, table.felt(effect)] = table.with_effect(effect, starts)
+    sigma = np.sqrt((table.tau**2).mean(axis=0)) + 1e-300
+    inside = table.informed
+    A, b = (table.A / sigma[:, None])[inside], (table.b / sigma)[inside]
+    C = (C / sigma[:, None])[inside]
+    Q = np.linalg.svd(A, full_matrices=False)[0] if A.shape[1] else np.zeros((len(b), 0))
+    C, r = C - Q @ (Q.T @ C), b - Q @ (Q.T @ b)
+    falls = [
+        float(r @ own @ np.linalg.lstsq(own, r, rcond=1e-9)[0])
+        for own in np.split(C, len(starts), axis=1)
+    ]
+    best = starts[int(np.argmax(falls))]
+    return point.with_values({full[name]: float(value) for name, value in best.items()})
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A working point, and the least error with its shapes."""
+
+    point: Point
+    loss: float
+
+
+def variable_projection(
+    mechanism: Mechanism, motion: Motion, point: Point, on_progress: Progress | None = None
+) -> Point:
+    """Descend to the point of least error from a point whose shapes all have a value."""
+    columns = Columns.of(mechanism)
+    shapes = np.isin(np.arange(len(columns)), columns.shapes)
+    passes = PASSES if any(effect.implicit for effect in mechanism.effects) else 1
+
+    def rows_at(point: Point) -> Information:
+        return information_of(mechanism, columns, motion, point)
+
+    def trial(point: Point, first: Estimate, totals: Sequence[Triangle] | None = None) -> _Trial:
+        """Return the least error with the shapes where they are, and the point at which it is."""
+        for number in range(passes):
+            if totals is None or number:
+                totals = rows_at(point).totals
+            prior = columns.prior_at(point.values)
+            held = first.held | shapes
+            found = estimate(totals, prior, np.zeros(len(totals)), sigma=first.sigma, held=held)
+            point = point.at(mechanism, columns, found.x)
+        return _Trial(point, found.triangle.residual_norm(found.x) ** 2)
+
+    def tangent(point: Point, first: Estimate) -> np.ndarray:
+        """Return x (k,), shapes included, that solves the equations linearised at a point."""
+        totals = rows_at(point).totals
+        prior, zeros = columns.prior_at(point.values), np.zeros(len(totals))
+        return estimate(totals, prior, zeros, sigma=first.sigma, held=first.held).x
+
+    before = rows_at(point)
+    now = trial(point, _estimate(mechanism, columns, before), before.totals)
+    before = rows_at(now.point)  # a shape without size had no slope
+    first = _estimate(mechanism, columns, before)
+    bounds = shape_bounds(mechanism, columns, motion, point)
+    same = SAME * float(np.sum((first.triangle.column_norms() * first.x) ** 2))
+    now = trial(now.point, first, before.totals)
+    for step in range(STEPS):
+        if on_progress:
+            on_progress("searching shapes", step / STEPS)
+        x, share = tangent(now.point, first), 1.0
+        for _ in range(HALVES):
+            at = now.point.at(mechanism, columns, stepped(columns, now.point, x, bounds, share))
+            after = trial(at, first)
+            if after.loss <= now.loss + same:
+                break
+            share *= 0.5
+        if after.loss > now.loss + same:
+            break
+        fell, at_rest = now.loss - after.loss, _at_rest(now.point, after.point)
+        now = after
+        if step >= FEWEST and fell <= CONVERGED * now.loss + same and at_rest:
+            break
+    return now.point
+
+
+def _at_rest(before: Point, after: Point) -> bool:
+    """Return whether no effect's parameter changes any more."""
+    return all(
+        abs(value - before.values.get(name, np.inf)) <= RESTING * abs(value)
+        for name, value in after.values.items()
+    )
+
+
+def _estimate(mechanism: Mechanism, columns: Columns, information: Information) -> Estimate:
+    """Estimate the linear equations at a point, weights and held unknowns included."""
+    sensible = plausible_of(mechanism, columns, information)
+    return estimate(information.totals, columns.prior, information.rms_torque, sensible)
+
+
+def stepped(
+    columns: Columns,
+    point: Point,
+    x: np.ndarray,
+    bounds: Mapping[int, tuple[float, float]],
+    share: float,
+) -> np.ndarray:
+    """Return x with shapes a share of the way to it, no farther than LONGEST, within bounds."""
+    x, before = x.copy(), columns.prior_at(point.values)
+    for i in columns.shapes:
+        low, high = bounds[int(i)]
+        step = np.clip(share * (x[i] - before[i]), -LONGEST * (high - low), LONGEST * (high - low))
+        x[i] = np.clip(before[i] + step, low, high)
+    return x
+
+
+def beyond_bounds(
+    mechanism: Mechanism, columns: Columns, motion: Motion, point: Point, found: Estimate
+) -> np.ndarray:
+    """Return (k,) shapes that an estimate puts where their columns mean nothing.
+
+    Those of corrections may be on either side of their bounds: a negative play is noise around 0.
+    """
+    outside = np.zeros(len(columns), dtype=bool)
+    if not len(columns.shapes):
+        return outside
+    bounds = shape_bounds(mechanism, columns, motion, point)
+    for effect, places in columns.effects:
+        for at in places[len(effect.unknowns) :]:
+            if at >= 0 and effect.unknowns:
+                low, high = bounds[int(at)]
+                outside[at] = not low <= found.x[at] <= high
+    return outside
+
+
+def shape_bounds(
+    mechanism: Mechanism, columns: Columns, motion: Motion, point: Point
+) -> dict[int, tuple[float, float]]:
+    """Return the bounds of every unknown shape, by its place in x, over all experiments."""
+    found: dict[int, tuple[float, float]] = {}
+    for e in motion.experiments:
+        for effect, places in columns.effects:
+            shapes = places[len(effect.unknowns) :]
+            if not (shapes >= 0).any():
+                continue
+            signals = Samples(mechanism, e, slice(None), point).signals(effect.joints)
+            own = effect.bounds(replace(signals, shape=point.of(effect)[1]))
+            for shape, place in zip(effect.shapes, shapes, strict=True):
+                if place >= 0:
+                    low, high = own[shape.name]
+                    before = found.get(int(place), (low, high))
+                    found[int(place)] = min(low, before[0]), max(high, before[1])
+    return found
