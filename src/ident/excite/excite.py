@@ -24,16 +24,16 @@ from ident.excite.trajectory import (
     moved_joints,
     with_standstill,
 )
-from ident.fit.estimate import TOLERANCE
-from ident.fit.naming import base_names
-from ident.fit.settle import initial
+from ident.fit.shapes import initial
+from ident.fit.values import base_names
+from ident.information.base import Base, rank_revealing, solve
+from ident.information.estimate import TOLERANCE
+from ident.information.triangle import Triangle
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion import Band, Experiment, Motion
 from ident.motion.close import Closer
 from ident.progress import Progress
-from ident.solve.factor import Factor
-from ident.solve.rank import Base, reveal, solve
 
 SAMPLES = 24  # of the search, a period of the highest harmonic
 FINE = 10  # times these samples at which the result is checked
@@ -242,7 +242,7 @@ class DesignProblem:
         sigma = _noise(joints, pilots, noise)
         W = np.concatenate([rows.A for rows in pilots]) / sigma[:, None]
         W = W.reshape(-1, W.shape[2])
-        base = reveal(Factor.of(W, np.zeros(len(W))), TOLERANCE)
+        base = rank_revealing(Triangle.of(W, np.zeros(len(W))), TOLERANCE)
         size = np.linalg.norm(W[:, base.independent], axis=0) / np.sqrt(len(pilots))
         return cls(family, exact, box, names, (*in_force.notes, *notes), base, size, sigma, pinv)
 
@@ -399,8 +399,8 @@ class Determined:
     def of(cls, model: MotionModel, rows: MotionRows, sigma: np.ndarray) -> Determined:
         """Factorise the rows of a motion over the noise (d,) of the torques."""
         W = (rows.informing / sigma[:, None]).reshape(-1, len(model.columns))
-        factor = Factor.of(W, np.zeros(len(W)))
-        base = reveal(factor, TOLERANCE)
+        factor = Triangle.of(W, np.zeros(len(W)))
+        base = rank_revealing(factor, TOLERANCE)
         R = factor.restricted(base.independent).R
         log_det = 2 * float(np.log(np.abs(R.diagonal())).sum())
         return cls(W, base, solve(factor, base).C, log_det)

@@ -11,15 +11,13 @@ from typing import Any
 from ident.display import Displayed, render
 from ident.errors import FitError
 from ident.files import write_all
-from ident.fit.fit import Fit
-from ident.fit.saved import Saved
+from ident.fit.files import Saved
+from ident.fit.residual import Prediction, Residual, predict, residual_of
+from ident.fit.result import Fit
+from ident.information.blocks import Error
 from ident.motion import Motion
 from ident.progress import Progress
-from ident.residual.error import Error
 from ident.residual.failure import Failure
-from ident.residual.gather import residual_of
-from ident.residual.predict import Prediction, predict
-from ident.residual.residual import Residual
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -63,13 +61,13 @@ class Comparison(Displayed):
         """Errors on this motion, those of the fits, and how far the error falls."""
         return str(render(self, "summary"))
 
-    def plot(self, experiment: int = 0) -> Any:
+    def plot(self, experiment: int = 0, **options: Any) -> Any:
         """Return a chart of measured and predicted torques, with residuals below, per joint.
 
         Args:
             experiment: its number, from 0.
         """
-        return render(self, "plot", experiment)
+        return render(self, "plot", experiment, **options)
 
     def plot_parts(self, experiment: int = 0) -> Any:
         """Return a chart of rigid bodies, effects and residual over time, per joint and model.

@@ -34,7 +34,7 @@ from ident.information.blocks import Squares
 from ident.information.cone import (
     SLACK,
     Limit,
-    Point,
+    NearestPoint,
     concerned,
     conflict,
     nearest_within,
@@ -172,7 +172,7 @@ def nearest_possible(
 
 def _converged(
     problem: Problem, found: Estimate, program: Program
-) -> tuple[Problem, Estimate, Program, Point]:
+) -> tuple[Problem, Estimate, Program, NearestPoint]:
     """Solve; where columns depend on the solution, the rows are made anew there until it rests.
 
     Rows in which the motion has moved stay as they are.
@@ -239,7 +239,7 @@ class Program:
         moved = np.where(np.isin(np.arange(len(prior)), self.columns.shapes), prior, self.anchor)
         return replace(self, prior=prior, anchor=moved)
 
-    def solve(self, found: Estimate) -> Point:
+    def solve(self, found: Estimate) -> NearestPoint:
         """Return the nearest x within the limits, and by how much each of them pushes.
 
         Raises:
@@ -336,7 +336,7 @@ def _binding(
     mechanism: Mechanism,
     asked: Consistency,
     program: Program,
-    point: Point,
+    point: NearestPoint,
     pi: np.ndarray,
     cost: float,
     held_out_cost: float | None,

@@ -91,7 +91,7 @@ def essential(
         loss: share by which a joint's held-out error may rise in all.
     """
     columns, own = problem.columns, estimate.base.independent
-    trial = _Trial.of(problem, estimate)
+    trial = _HeldOutTrial.of(problem, estimate)
     if trial is None or not len(own):
         return None
     wider = _wider(trial.total, covariance)
@@ -124,7 +124,7 @@ def essential(
 
 
 @dataclass(frozen=True, eq=False)
-class _Trial:
+class _HeldOutTrial:
     """Triangles in the base parameters alone, weighted: of all rows, by stretch, and to score."""
 
     total: Triangle
@@ -133,7 +133,7 @@ class _Trial:
     torque: np.ndarray
 
     @classmethod
-    def of(cls, problem: Problem, estimate: Estimate) -> _Trial | None:
+    def of(cls, problem: Problem, estimate: Estimate) -> _HeldOutTrial | None:
         information = problem.information
         parted = folds(information, fold_count(information))
         if len(parted) < 2:

@@ -196,7 +196,10 @@ def assembled(
 
 
 def validated(
-    problem: Problem, estimate: Estimate, validate: Motion | None, on_progress: Progress | None = None
+    problem: Problem,
+    estimate: Estimate,
+    validate: Motion | None,
+    on_progress: Progress | None = None,
 ) -> dict[str, dict[str, Error]]:
     """Return the errors of an estimate in other logs, by log, then joint."""
     if validate is None:

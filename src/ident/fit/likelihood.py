@@ -18,8 +18,8 @@ import numpy as np
 
 from ident.display import Displayed
 from ident.equations.motion_noise import (
+    EliminatedRun,
     Linear,
-    Run,
     linear,
     motion_noise,
     rows_cutoff,
@@ -237,7 +237,7 @@ def _at_rest(now: Estimate, before: np.ndarray) -> bool:
 
 def _weighed(
     at: Linearization,
-    runs: Sequence[Sequence[Run]],
+    runs: Sequence[Sequence[EliminatedRun]],
     now: Estimate,
     share: np.ndarray,
     sigma: np.ndarray,
@@ -302,7 +302,9 @@ class Linearization:
         """Return the loss of all experiments."""
         return sum(part.loss(self.x, sigma) for part in self.parts)
 
-    def moved(self, runs: Sequence[Sequence[Run]], x: np.ndarray) -> tuple[Experiment, ...]:
+    def moved(
+        self, runs: Sequence[Sequence[EliminatedRun]], x: np.ndarray
+    ) -> tuple[Experiment, ...]:
         """Return the experiments on the motions that go with parameters x."""
         return tuple(
             along(self.problem.mechanism, e, part.moved(mine, x))
@@ -311,7 +313,7 @@ class Linearization:
 
     def towards(
         self,
-        runs: Sequence[Sequence[Run]],
+        runs: Sequence[Sequence[EliminatedRun]],
         x: np.ndarray,
         fine: Sequence[Smooth],
         on_progress: Progress | None,
@@ -331,14 +333,14 @@ class Linearization:
         x = 0.5 * (self.x + other.x)
         return Linearization.at(self.problem, x, experiments, fine, on_progress, self.parts)
 
-    def weighed(self, found: Estimate) -> tuple[np.ndarray, list[list[Run]], Estimate]:
+    def weighed(self, found: Estimate) -> tuple[np.ndarray, list[list[EliminatedRun]], Estimate]:
         """Return the torques' noise at which residuals are as large as noise, and its estimate.
 
         σ = least^(1−θ) largest^θ with the smallest θ in [0, 1] at which |residual|² ≤ AGREED rows:
         that of the sensors if it explains the residual, else as much more as model errors ask.
         """
         least, largest = self.noise()
-        best: tuple[np.ndarray, list[list[Run]], Estimate] | None = None
+        best: tuple[np.ndarray, list[list[EliminatedRun]], Estimate] | None = None
         low, high, theta = 0.0, 1.0, 0.0
         for _ in range(TRIALS):
             sigma = least ** (1 - theta) * largest**theta
@@ -353,7 +355,9 @@ class Linearization:
         assert best is not None
         return best
 
-    def whitened(self, found: Estimate, sigma: np.ndarray) -> tuple[list[list[Run]], Estimate]:
+    def whitened(
+        self, found: Estimate, sigma: np.ndarray
+    ) -> tuple[list[list[EliminatedRun]], Estimate]:
         """Return runs by experiment, and the estimate from them."""
         problem, one = self.problem, np.ones(1)
         runs = [part.eliminated(i, sigma) for i, part in enumerate(self.parts)]

@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from ident.equations.corrections import Scene
-from ident.equations.motion_noise import Run
+from ident.equations.motion_noise import EliminatedRun
 from ident.equations.multipliers import basis_of, stack
 from ident.equations.rows import Rows, dof, row_supports, rows
 from ident.equations.unknowns import Columns, Point
@@ -38,7 +38,7 @@ TORQUE = 10.0  # times the largest torque, by which an effect's unknown is bound
 
 
 @dataclass(frozen=True, eq=False)
-class Band:
+class EliminatedBand:
     """One run of samples with its multipliers eliminated.
 
     Attributes:
@@ -70,8 +70,8 @@ class Problem:
     point: Point
     columns: Columns
     information: Information
-    bands: Sequence[Band] = ()
-    runs: Sequence[Run] = ()
+    bands: Sequence[EliminatedBand] = ()
+    runs: Sequence[EliminatedRun] = ()
     stacked_information: Information | None = None
 
     @classmethod
@@ -93,7 +93,7 @@ class Problem:
         """
         columns = Columns.of(mechanism)
         information = information_of(mechanism, columns, motion, point, on_progress)
-        bands: list[Band] = []
+        bands: list[EliminatedBand] = []
         if mechanism.closures and mechanism.multipliers.basis != "free":
             bands = bands_of(mechanism, columns, motion, point, on_progress)
         if bands and not any(t.rows for band in bands for t in band.elimination.factors):
@@ -132,7 +132,7 @@ class Problem:
         """The rows from which parameters are estimated: reduced ones, or those of stacks."""
         if self.stacked_information is not None:
             return self.stacked_information
-        stacks: list[Band | Run] = [*self.bands, *self.runs]
+        stacks: list[EliminatedBand | EliminatedRun] = [*self.bands, *self.runs]
         return stacks_information(stacks, self.motion) if stacks else self.information
 
     @property
@@ -297,7 +297,7 @@ def bands_of(
     motion: Motion,
     point: Point | None = None,
     on_progress: Progress | None = None,
-) -> list[Band]:
+) -> list[EliminatedBand]:
     """Return the stacks of all runs of samples, the multipliers of each eliminated."""
     found = []
     cutoff = motion.band.cutoff
@@ -312,7 +312,7 @@ def bands_of(
                 on_progress(f"eliminating multipliers of {e.name}", share)
             if chunks := list(stack(scene, cutoff, segment, basis)):
                 elimination = eliminate(chunks, basis.count, time_blocks(basis))
-                found.append(Band(number, segment, basis, elimination))
+                found.append(EliminatedBand(number, segment, basis, elimination))
     return found
 
 
@@ -321,7 +321,9 @@ def time_blocks(basis: Basis) -> int:
     return max(1, min(BAND_BLOCKS, basis.count // 4))
 
 
-def stacks_information(stacks: Sequence[Band | Run], motion: Motion) -> Information:
+def stacks_information(
+    stacks: Sequence[EliminatedBand | EliminatedRun], motion: Motion
+) -> Information:
     """Return the equations that stacks leave as information of one coordinate: of all joints."""
     blocks: list[Block] = []
     for each in stacks:
@@ -345,7 +347,7 @@ def equal_blocks(
 
 
 def band_multipliers(
-    bands: Sequence[Band], e: Experiment, number: int, x: np.ndarray, m: int
+    bands: Sequence[EliminatedBand], e: Experiment, number: int, x: np.ndarray, m: int
 ) -> np.ndarray:
     """Return λ(t) = B(t) a (n, m) of one experiment; NaN where no run of samples extends."""
     found = np.full((len(e), m), np.nan)

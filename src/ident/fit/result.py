@@ -19,7 +19,7 @@ from ident.fit.essential import Essential, essential
 from ident.fit.findings import Finding
 from ident.fit.likelihood import Likelihood
 from ident.fit.multipliers import Reactions, identifiable_multipliers
-from ident.fit.problem import Band, Problem, band_multipliers
+from ident.fit.problem import EliminatedBand, Problem, band_multipliers
 from ident.fit.residual import Prediction, Residual, predict, residual_of, squares_of
 from ident.fit.unexcited import Unexcited, unexcited
 from ident.fit.values import (
@@ -70,7 +70,7 @@ class Fit(Plotted):
     validation: Mapping[str, Mapping[str, Error]] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
-    bands: Sequence[Band] = ()
+    bands: Sequence[EliminatedBand] = ()
     point: Point = field(kw_only=True)
     binding: Binding | None = None
     likelihood: Likelihood | None = None

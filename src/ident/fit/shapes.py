@@ -119,7 +119,7 @@ def _started(mechanism: Mechanism, motion: Motion, point: Point, effect: Effect)
 
 
 @dataclass(frozen=True, eq=False)
-class _Trial:
+class _ShapeTrial:
     """A working point, and the least error with its shapes."""
 
     point: Point
@@ -137,7 +137,9 @@ def variable_projection(
     def rows_at(point: Point) -> Information:
         return information_of(mechanism, columns, motion, point)
 
-    def trial(point: Point, first: Estimate, totals: Sequence[Triangle] | None = None) -> _Trial:
+    def trial(
+        point: Point, first: Estimate, totals: Sequence[Triangle] | None = None
+    ) -> _ShapeTrial:
         """Return the least error with the shapes where they are, and the point at which it is."""
         for number in range(passes):
             if totals is None or number:
@@ -146,7 +148,7 @@ def variable_projection(
             held = first.held | shapes
             found = estimate(totals, prior, np.zeros(len(totals)), sigma=first.sigma, held=held)
             point = point.at(mechanism, columns, found.x)
-        return _Trial(point, found.triangle.residual_norm(found.x) ** 2)
+        return _ShapeTrial(point, found.triangle.residual_norm(found.x) ** 2)
 
     def tangent(point: Point, first: Estimate) -> np.ndarray:
         """Return x (k,), shapes included, that solves the equations linearised at a point."""

@@ -115,7 +115,7 @@ class Freed:
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
+class EliminationLevel:
     """Knots eliminated together: R a_inside = d − P p − N [a_left; a_right], R regular.
 
     Attributes:
@@ -149,7 +149,7 @@ class Elimination:
     count: int
     m: int
     group: int
-    levels: tuple[Level, ...]
+    levels: tuple[EliminationLevel, ...]
 
     @property
     def border(self) -> Triangle:
@@ -259,7 +259,7 @@ def _beginnings(blocks: int | Sequence[int], count: int) -> Index:
 
 def _closed(
     knots: Index, X: Array, Y: Array, tol: float, freed: Freed, by: int = 2
-) -> tuple[list[Level], Array, Array, Freed]:
+) -> tuple[list[EliminationLevel], Array, Array, Freed]:
     """Eliminate all knots, those at the ends too: they lie between the intervals and empty ones."""
     knots = np.concatenate([[knots[0] - 1], knots, [knots[-1] + 1]])
     X, Y = (np.pad(part, [(1, 1), (0, 0), (0, 0)]) for part in (X, Y))
@@ -269,9 +269,9 @@ def _closed(
 
 def _merged(
     knots: Index, X: Array, Y: Array, tol: float, freed: Freed, by: int = 2
-) -> tuple[list[Level], Array, Array, Freed]:
+) -> tuple[list[EliminationLevel], Array, Array, Freed]:
     """Make one interval of all, level by level, `by` neighbours at a time."""
-    levels: list[Level] = []
+    levels: list[EliminationLevel] = []
     free: list[Free] = []
     while len(X) > 1:
         last = by > 2 and len(X) <= 2 * by + 2
@@ -284,7 +284,7 @@ def _merged(
 
 def _halved(
     knots: Index, X: Array, Y: Array, tol: float, by: int
-) -> tuple[Level, Index, Index, Array, Array, list[Free]]:
+) -> tuple[EliminationLevel, Index, Index, Array, Array, list[Free]]:
     """Make one interval of `by`: 0 and 1, 2 and 3, … for 2; what is over stays as it is.
 
     Returns the level, how many coefficients of each interval's knots are determined, the knots and
@@ -310,7 +310,7 @@ def _halved(
 
 def _without_inner(
     knots: Index, rows: Rows, reduced: Rows, tol: float
-) -> tuple[Level, Index, Rows, list[Free]]:
+) -> tuple[EliminationLevel, Index, Rows, list[Free]]:
     """Eliminate the knots inside of intervals: all of `knots` (n, i + 2) but their ends.
 
     rows: with the columns of the knots inside, then of left and right; reduced: by `reflect`.
@@ -333,7 +333,7 @@ def _without_inner(
         freed.append(Free(inside[doubtful, 0], more))
     released, more = release(ends_X, ends_Y, tol)
     freed += [Free(inside[:, 0], free), Free(inside[released, 0], more)]
-    level = Level(knots[:, 0], inside, knots[:, -1], own_X, own_Y)
+    level = EliminationLevel(knots[:, 0], inside, knots[:, -1], own_X, own_Y)
     return level, determined, (ends_X, ends_Y), freed
 
 
@@ -350,7 +350,7 @@ def _by_singular_values(X: Array, Y: Array, c: int, tol: float) -> tuple[Rows, I
     return (own_X, own[..., ends:]), weighed.sum(axis=(1, 2)), (R, rest[:, :ends]), rest[:, ends:]
 
 
-class Part(NamedTuple):
+class StretchPart(NamedTuple):
     """Rows between two knots, X (2 w, 2 w), Y (2 w, k + 1), w coefficients a knot."""
 
     left: int
@@ -374,7 +374,7 @@ class Stretch:
         shape: width, m and k of the rows; scale: largest |L|.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[StretchPart, ...]
     freed: Freed
     shape: tuple[int, int, int]
     scale: float
@@ -399,7 +399,7 @@ class Stretch:
         reduced, free = compress(chunk, group, TOLERANCE * scale)
         owner = reduced._replace(interval=reduced.interval - begin)
         X, Y, more = unite([owner], count, TOLERANCE * scale)
-        parts = [Part(begin + i, begin + i + 1, X[i], Y[i]) for i in range(count)]
+        parts = [StretchPart(begin + i, begin + i + 1, X[i], Y[i]) for i in range(count)]
         moved = [Free(each.place + begin, each.Y) for each in more]
         freed = Freed.empty(begins, group, chunk.shape[2]).counting(interval, 1)
         return cls(tuple(parts), freed.with_rows([*free, *moved]), chunk.shape, scale)._shortened()
@@ -421,7 +421,7 @@ class Stretch:
             before.append(shared)
         elif before[-1].right < after[0].left:  # knots between them that nothing weighs
             X, Y = np.zeros_like(after[0].X), np.zeros_like(after[0].Y)
-            before.append(Part(before[-1].right, after[0].left, X, Y))
+            before.append(StretchPart(before[-1].right, after[0].left, X, Y))
         elif before[-1].right > after[0].left:
             raise FitError(
                 f"stretches of the knots {first.span} and {second.span}; valid: neighbours, which "
@@ -448,17 +448,17 @@ class Stretch:
             return self
         first, *inner, last = self.parts
         _, X, Y, freed = _merged(*_arrays(inner), TOLERANCE * self.scale, self.freed)
-        one = Part(inner[0].left, inner[-1].right, X[0], Y[0])
+        one = StretchPart(inner[0].left, inner[-1].right, X[0], Y[0])
         return Stretch((first, one, last), freed, self.shape, self.scale)
 
 
-def _arrays(parts: Sequence[Part]) -> tuple[Index, Array, Array]:
+def _arrays(parts: Sequence[StretchPart]) -> tuple[Index, Array, Array]:
     """Return knots (n + 1,), X (n, …) and Y (n, …) of parts that follow each other."""
     knots = np.array([parts[0].left, *(part.right for part in parts)])
     return knots, np.stack([part.X for part in parts]), np.stack([part.Y for part in parts])
 
 
-def _stacked(one: Part, other: Part, tol: float) -> tuple[Part, list[Free]]:
+def _stacked(one: StretchPart, other: StretchPart, tol: float) -> tuple[StretchPart, list[Free]]:
     """Return two parts between the same knots as one."""
     X, Y = np.concatenate([one.X, other.X])[None], np.concatenate([one.Y, other.Y])[None]
     R, Y = reflect(X, Y)
@@ -466,4 +466,4 @@ def _stacked(one: Part, other: Part, tol: float) -> tuple[Part, list[Free]]:
     own = Y[:, :c].copy()
     released, rows = release(R, own, tol)
     free = [Free(place, Y[:, c:]), Free(place[released], rows)]
-    return Part(one.left, one.right, R[0], own[0]), free
+    return StretchPart(one.left, one.right, R[0], own[0]), free

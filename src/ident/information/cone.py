@@ -64,7 +64,7 @@ class Limit:
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class NearestPoint:
     """A solution x (k,), and by how much each limit pushed it, in units of y, (limits,)."""
 
     x: Array
@@ -90,7 +90,7 @@ def smat(v: Array) -> Array:
     return M
 
 
-def nearest(R: Array, d: Array, limits: Sequence[Limit]) -> Point:
+def nearest(R: Array, d: Array, limits: Sequence[Limit]) -> NearestPoint:
     """The x within all limits that minimises ‖R x − d‖²; R (k, k) upper triangular.
 
     Raises:
@@ -112,7 +112,7 @@ def nearest(R: Array, d: Array, limits: Sequence[Limit]) -> Point:
         weight = min(weight / cost, HEAVIEST)
     places = _places([len(limit.h) for limit in limits])
     push = [size / weight * float(np.linalg.norm(C[at].T @ z[at])) for at in places]
-    return Point(centre + T @ (size * y), np.array(push))
+    return NearestPoint(centre + T @ (size * y), np.array(push))
 
 
 def shortfall(limits: Sequence[Limit], scale: Array) -> float:
@@ -194,7 +194,7 @@ def _solved(
 
 def nearest_within(
     A: Array, b: Array, limits: Sequence[Limit], W: Array, inner: Array | None
-) -> Point:
+) -> NearestPoint:
     """Return argmin ‖A x − b‖² within the limits, counted in units of the metric W, and verified.
 
     Where the solver's x misses a limit by its own tolerance, that limit is tightened; what is left

@@ -35,12 +35,12 @@ from ident.show.html import (
     code,
     folded,
     headed,
+    in_frame,
     items,
     paragraph,
     strong,
 )
 from ident.show.html import table as html_table
-from ident.show.html.shown import in_frame
 from ident.show.motion import made_of, understood
 from ident.show.residual import error_rows, plot_predictions, time_label, zero_of
 from ident.show.view3d import View

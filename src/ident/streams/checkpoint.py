@@ -23,7 +23,7 @@ import ident
 from ident.equations.point import Point
 from ident.errors import IdentError
 from ident.files import whole
-from ident.information.band import Freed, Part, Stretch
+from ident.information.band import Freed, Stretch, StretchPart
 from ident.information.blocks import Block
 from ident.information.triangle import Triangle
 from ident.streams.plan import Plan
@@ -70,7 +70,8 @@ class Progress:
 
 
 NOUNS = {
-    c.__name__: c for c in (Progress, SearchStep, Point, Block, Triangle, Stretch, Part, Freed)
+    c.__name__: c
+    for c in (Progress, SearchStep, Point, Block, Triangle, Stretch, StretchPart, Freed)
 }
 
 

@@ -367,7 +367,7 @@ def _fit_of(
             "portions the motion is taken as it is, so that parameters may be shrunk: identify "
             "from a shorter log to see how much"
         )
-    notes += bias_of(r, fitted)
+    notes += map(str, bias_of(r, fitted))
     shown = sum(len(e) for e in r.motion.experiments)
     if shown < r.motion.samples:
         notes.append(

@@ -1,1 +1,0 @@
-"""Old names of `ident.information`, until all callers have moved."""

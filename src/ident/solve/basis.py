@@ -1,5 +1,0 @@
-"""Old name of `ident.information.splines`."""
-
-from ident.information.splines import Basis
-
-__all__ = ["Basis"]

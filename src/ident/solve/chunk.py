@@ -1,5 +1,0 @@
-"""Old name of `ident.information.reduction`."""
-
-from ident.information.reduction import Chunk
-
-__all__ = ["Chunk"]

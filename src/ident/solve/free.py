@@ -1,5 +1,0 @@
-"""Old name of `ident.information.band`."""
-
-from ident.information.band import Freed
-
-__all__ = ["Freed"]
