@@ -18,7 +18,7 @@ import numpy as np
 import polars as pl
 
 from ident.errors import LogError, one_of
-from ident.log.table import Array, LogTable, check_name
+from ident.log.table import Array, RawTable, check_name
 
 JOINTS, WRENCH = "sensor_msgs/JointState", "geometry_msgs/WrenchStamped"
 LARGEST = 20_000_000  # messages; at 1 kHz five hours
@@ -27,7 +27,7 @@ Groups = Mapping[tuple[str, tuple[str, ...]], pl.DataFrame]
 """By topic and columns: received, stamp [ns] (0: none) and the values [SI] of each message."""
 
 
-def read_bag(path: Path, topics: Sequence[str] = ()) -> LogTable:
+def read_bag(path: Path, topics: Sequence[str] = ()) -> RawTable:
     """Read the joint states of a bag, and the wrenches that are asked for.
 
     Args:
@@ -171,7 +171,7 @@ def _joint_columns(names: tuple[str, ...], filled: tuple[str, ...]) -> tuple[str
     return tuple(f"{key}.{name}" for key in filled for name in names)
 
 
-def _merged(file: str, groups: Groups, notes: list[str]) -> LogTable:
+def _merged(file: str, groups: Groups, notes: list[str]) -> RawTable:
     """Return one row for every time of a joint state; empty where a joint has no value then.
 
     Wrenches are interpolated at these times, as any column of another rate is later on; a clock of
@@ -214,7 +214,7 @@ def _merged(file: str, groups: Groups, notes: list[str]) -> LogTable:
     notes.append(f"t counts from the first message, {_seconds(t[0])} s of its clock")
     for name in columns:
         check_name(file, name)
-    return LogTable(file, {"t": (t - t[0]) / 1e9, **columns}, {}, tuple(notes))
+    return RawTable(file, {"t": (t - t[0]) / 1e9, **columns}, {}, tuple(notes))
 
 
 def _check_topics(timed: Groups, file: str) -> None:

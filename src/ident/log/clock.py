@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.errors import LogError
-from ident.log.table import Array, Column, LogTable
+from ident.log.table import Array, Column, RawTable
 
 FEWEST_SAMPLES = 10
 LONGEST_STEP = 0.5  # [s] a log of more than 100 samples with a longer median step is not in seconds
@@ -19,7 +19,7 @@ SMALLER_UNITS = (1e-3, 1e-6, 1e-9)  # [s] ms, us, ns
 TIME_NAME = re.compile(r"time|stamp|clock|^t([^a-z]|$)|^(ts|secs?|seconds)$|_(ms|us|ns)$", re.I)
 
 
-def with_clock(table: LogTable, source: Column | None = None) -> LogTable:
+def with_clock(table: RawTable, source: Column | None = None) -> RawTable:
     """Return the table with a strictly increasing `t` [s]; the first of repeated stamps is kept.
 
     Args:
@@ -59,7 +59,7 @@ def with_clock(table: LogTable, source: Column | None = None) -> LogTable:
     return table
 
 
-def _without_repeats(table: LogTable, step: Array) -> LogTable:
+def _without_repeats(table: RawTable, step: Array) -> RawTable:
     repeats = np.flatnonzero(step == 0) + 1
     if not repeats.size:
         return table
@@ -100,7 +100,7 @@ def _wrong_unit(t: Array, source: Column) -> str:
     )
 
 
-def _no_time(table: LogTable) -> str:
+def _no_time(table: RawTable) -> str:
     """Return the message about a missing `t`: which column looks like one and how to map it."""
     if "t" in table.left_out:
         return f"column 't' {table.left_out['t']}; it must be a number of seconds"

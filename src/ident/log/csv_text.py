@@ -14,7 +14,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from ident.errors import LogError
-from ident.log.table import LogTable, table_of
+from ident.log.table import RawTable, table_of
 
 BOM = b"\xef\xbb\xbf"
 SEPARATORS = {b",": "','", b";": "';'", b"\t": "tab"}
@@ -85,7 +85,7 @@ class Lines:
         return self.text
 
 
-def read_csv(path: Path) -> LogTable:
+def read_csv(path: Path) -> RawTable:
     """Read the columns of a CSV file; raises LogError where it is not one, or rows are ragged."""
     with path.open("rb") as stream:
         raw = stream.read().removeprefix(BOM)
@@ -107,7 +107,7 @@ def head_of(raw: bytes, file: str) -> Head:
     raise LogError(f"{file}: the file is empty; a header line and rows of numbers are needed")
 
 
-def rows_of(text: bytes, head: Head, file: str, before: int, last: bool = True) -> LogTable:
+def rows_of(text: bytes, head: Head, file: str, before: int, last: bool = True) -> RawTable:
     """Return the columns of some whole lines of a CSV file below its header.
 
     Args:

@@ -17,7 +17,7 @@ from ident.display import Displayed
 from ident.errors import LogError, one_of
 from ident.log.clock import with_clock
 from ident.log.storage import write_table
-from ident.log.table import Array, Column, LogTable, check_name, frame_table, renamed
+from ident.log.table import Array, Column, RawTable, check_name, frame_table, renamed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -73,7 +73,7 @@ class Log(Displayed):
         for key in columns:
             check_name(name, key)
         arrays = {key: _read_only(x, name, key) for key, x in {"t": t, **columns}.items()}
-        return cls.from_table(name, LogTable(name, arrays))
+        return cls.from_table(name, RawTable(name, arrays))
 
     @classmethod
     def from_frame(
@@ -98,7 +98,7 @@ class Log(Displayed):
     def from_table(
         cls,
         name: str,
-        table: LogTable,
+        table: RawTable,
         columns: Mapping[str, Column] | None = None,
         sha256: str = "",
     ) -> Log:

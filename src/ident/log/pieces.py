@@ -23,7 +23,7 @@ from ident.log.csv_text import BOM, Head, Lines, head_of, refuse_binary, rows_of
 from ident.log.log import Log
 from ident.log.read import check_kind, digest, log_name, read_table, reading, split, suffix_of
 from ident.log.storage import parquet_errors
-from ident.log.table import Column, LogTable, first_tick, renamed, table_of
+from ident.log.table import Column, RawTable, first_tick, renamed, table_of
 
 BLOCK = 1 << 24  # bytes of a text that are in memory together
 HEAD = 1 << 16  # bytes of a text from which its number of rows is estimated
@@ -44,7 +44,7 @@ class FileRows:
     rows: int
     sha256: str
 
-    def table(self, first: int, stop: int, only: Collection[str] | None = None) -> LogTable:
+    def table(self, first: int, stop: int, only: Collection[str] | None = None) -> RawTable:
         """Return the rows first … stop - 1; of the columns `only`, if that saves work."""
         raise NotImplementedError
 
@@ -156,7 +156,7 @@ class ParquetRows(FileRows):
             firsts = lazy.select(pl.col(times).drop_nulls().first()).collect()
         return cls(path, rows, sha256, {name: first_tick(firsts[name]) for name in times})
 
-    def table(self, first: int, stop: int, only: Collection[str] | None = None) -> LogTable:
+    def table(self, first: int, stop: int, only: Collection[str] | None = None) -> RawTable:
         """Return the rows first … stop - 1."""
         with parquet_errors(self.path):
             lazy = pl.scan_parquet(self.path).slice(first, stop - first)
@@ -209,7 +209,7 @@ class CsvRows(FileRows):
         offset, line = np.append(np.concatenate(offsets), at), np.concatenate(numbers)
         return cls(path, rows, sha256.hexdigest(), head, offset, line)
 
-    def table(self, first: int, stop: int, only: Collection[str] | None = None) -> LogTable:
+    def table(self, first: int, stop: int, only: Collection[str] | None = None) -> RawTable:
         """Return the rows first … stop - 1, all columns."""
         i, j = first // STRIDE, min(-(-stop // STRIDE), len(self.line))
         with self.path.open("rb") as stream:
@@ -246,14 +246,14 @@ class WholeRows(FileRows):
         table = _whole(path, topics, path.stat().st_mtime_ns)
         return cls(path, len(next(iter(table.columns.values()), ())), digest(path), topics)
 
-    def table(self, first: int, stop: int, only: Collection[str] | None = None) -> LogTable:
+    def table(self, first: int, stop: int, only: Collection[str] | None = None) -> RawTable:
         """Return the rows first … stop - 1, all columns."""
         whole = _whole(self.path, self.topics, self.path.stat().st_mtime_ns)
         return whole.cut(slice(first, stop))
 
 
 @lru_cache(maxsize=1)
-def _whole(path: Path, topics: tuple[str, ...], changed: int) -> LogTable:
+def _whole(path: Path, topics: tuple[str, ...], changed: int) -> RawTable:
     return read_table(path, list(topics))
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ident.errors import LogError, one_of
 from ident.log.log import Log
-from ident.log.table import Column, LogTable, frame_table, is_frame, table_of_arrays
+from ident.log.table import Column, RawTable, frame_table, is_frame, table_of_arrays
 from ident.plugins import reader_of, suffixes
 
 BAG = (".mcap", ".db3")  # ROS 2 bags, whose topics are chosen
@@ -110,13 +110,13 @@ def reading(path: Path) -> Iterator[None]:
         raise LogError(f"{path}: cannot be read ({why}); name a file that you may read") from error
 
 
-def read_table(path: Path, topics: list[str]) -> LogTable:
+def read_table(path: Path, topics: list[str]) -> RawTable:
     """Read all columns of a file that `check_kind` accepts, under the file's own names."""
     suffix = suffix_of(path)
     reader = reader_of("log", suffix)
     assert reader is not None
     content = reader(path, topics) if suffix in BAG else reader(path)
-    if isinstance(content, LogTable):
+    if isinstance(content, RawTable):
         return content
     if is_frame(content):
         return frame_table(str(path), content)

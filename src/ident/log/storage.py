@@ -14,10 +14,10 @@ import polars as pl
 
 from ident.errors import LogError
 from ident.files import whole
-from ident.log.table import Array, LogTable, table_of, table_of_arrays
+from ident.log.table import Array, RawTable, table_of, table_of_arrays
 
 
-def read_parquet(path: Path) -> LogTable:
+def read_parquet(path: Path) -> RawTable:
     """Read the columns of a Parquet file; raises LogError where it is not one."""
     with path.open("rb") as stream, parquet_errors(path):
         frame = pl.read_parquet(stream)
@@ -33,7 +33,7 @@ def parquet_errors(path: Path) -> Iterator[None]:
         raise LogError(f"{path}: not a Parquet file, or a damaged one; write it again") from error
 
 
-def read_npz(path: Path) -> LogTable:
+def read_npz(path: Path) -> RawTable:
     """Read the arrays of a NumPy archive, each a column; pickles are never loaded.
 
     Raises LogError where the file is no archive, an array is not 1-D, or lengths differ.

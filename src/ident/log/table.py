@@ -23,7 +23,7 @@ TICKS_PER_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 
 
 @dataclass(frozen=True, eq=False)
-class LogTable:
+class RawTable:
     """Equally long columns of one file or of memory; every row knows its place in the file.
 
     Attributes:
@@ -46,13 +46,13 @@ class LogTable:
         """Return the name of a row in messages: its line in a text file, else its index from 0."""
         return f"index {self.first + row}" if self.lines is None else f"line {self.lines[row]}"
 
-    def cut(self, part: slice) -> LogTable:
+    def cut(self, part: slice) -> RawTable:
         """Return some of the rows."""
         columns = {name: x[part] for name, x in self.columns.items()}
         lines = None if self.lines is None else self.lines[part]
         return replace(self, columns=columns, lines=lines, first=self.first + (part.start or 0))
 
-    def checked(self) -> LogTable:
+    def checked(self) -> RawTable:
         """Return the table with a note about each column that has no value at all.
 
         Raises:
@@ -90,7 +90,7 @@ class Column:
             )
 
 
-def renamed(table: LogTable, mapping: Mapping[str, Column]) -> LogTable:
+def renamed(table: RawTable, mapping: Mapping[str, Column]) -> RawTable:
     """Return the table under ident's names and in SI units; unmapped columns keep their own name.
 
     Two columns may exchange their names.
@@ -138,7 +138,7 @@ def table_of(
     repairs: Iterable[str] = (),
     first: int = 0,
     since: Mapping[str, int] | None = None,
-) -> LogTable:
+) -> RawTable:
     """Convert named columns of any type to float64.
 
     Args:
@@ -152,7 +152,7 @@ def table_of(
     Raises:
         LogError: for doubled names, and cells that are no numbers in a column of numbers.
     """
-    table = LogTable(file, {}, {}, (), lines, first)
+    table = RawTable(file, {}, {}, (), lines, first)
     columns: dict[str, Array] = {}
     left_out: dict[str, str] = {}
     notes = list(repairs)
@@ -235,7 +235,7 @@ def _parsed(text: pl.Series) -> Array | str:
     )
 
 
-def table_of_arrays(file: str, arrays: Mapping[str, Any]) -> LogTable:
+def table_of_arrays(file: str, arrays: Mapping[str, Any]) -> RawTable:
     """Convert named arrays (n_rows,) of numbers, booleans, times or text.
 
     Raises:
@@ -275,7 +275,7 @@ def is_frame(thing: object) -> bool:
     )
 
 
-def frame_table(name: str, frame: Any, mapped: Collection[str] = ()) -> LogTable:
+def frame_table(name: str, frame: Any, mapped: Collection[str] = ()) -> RawTable:
     """Convert the columns of a polars or pandas data frame.
 
     Args:
