@@ -3,7 +3,7 @@
 import pytest
 
 from ident.display import render
-from ident.streams.many_logs import Disagreement, LogRow, LogTable
+from ident.streams.many_logs import Disagreement, LogComparison, LogRow
 
 
 def odd(share=0.99, parts=("hand", "forearm"), clear=True):
@@ -14,7 +14,7 @@ def logs(*disagreements, own=0.01):
     found = [
         LogRow(f"{i}.csv", 500, 1.1 * own, own, "elbow", d) for i, d in enumerate(disagreements)
     ]
-    return LogTable(tuple(found))
+    return LogComparison(tuple(found))
 
 
 def test_a_model_that_leaves_much_is_not_said_to_fit_all_logs():

@@ -13,7 +13,7 @@ MODULES: dict[str, str] = {
     "Cause": "streams",
     "Forces": "streams",
     "Gathered": "streams",
-    "LogTable": "streams",
+    "LogComparison": "streams",
     "Monitor": "streams",
     "ParameterChange": "streams",
     "Snapshot": "streams",

@@ -14,7 +14,7 @@ from ident.show.html import Section, definitions, in_frame, items, strong
 from ident.show.html import table as html_table
 from ident.streams.diagnose_each import Verdicts
 from ident.streams.gather import Gathered
-from ident.streams.many_logs import RATE, Disagreement, LogTable
+from ident.streams.many_logs import RATE, Disagreement, LogComparison
 from ident.streams.monitor import Alarm, Cause, Monitor, ParameterChange
 from ident.streams.online import Forces, Snapshot
 from ident.text import percent, rounded, table
@@ -35,8 +35,8 @@ OTHERWISE = {
 # --- many logs -----------------------------------------------------------------------------------
 
 
-@renders(LogTable, "sentence")
-def who_disagrees(x: LogTable) -> str:
+@renders(LogComparison, "sentence")
+def who_disagrees(x: LogComparison) -> str:
     """Return how many logs disagree, and at which rate logs that are alike would."""
     count, used = len(x.odd), x.used
     own = [each.own for each in used if each.own is not None]
@@ -54,7 +54,7 @@ def who_disagrees(x: LogTable) -> str:
     )
 
 
-def log_rows(x: LogTable) -> list[list[str]]:
+def log_rows(x: LogComparison) -> list[list[str]]:
     """Return one row a log, the head first."""
     rows = [["log", "samples", "error", "own fit", "chance", "differs in"]]
     for each in x.logs:
@@ -82,27 +82,27 @@ def _difference(odd: Disagreement) -> str:
     return f"{odd.unknown} by {change}; {several}{', '.join(odd.parts)} explains {share}"
 
 
-@renders(LogTable, "summary")
-def log_summary(x: LogTable) -> str:
+@renders(LogComparison, "summary")
+def log_summary(x: LogComparison) -> str:
     """Return the table and who disagrees, without the notes."""
     head = "log by log; chance: that a log like the others looks as odd"
     return "\n".join([head, *table(log_rows(x)), who_disagrees(x)])
 
 
-@renders(LogTable, "text")
-def log_text(x: LogTable) -> str:
+@renders(LogComparison, "text")
+def log_text(x: LogComparison) -> str:
     """Return the summary and the notes."""
     return "\n".join([log_summary(x), *(f"note: {note}" for note in x.notes)])
 
 
-@renders(LogTable, "html")
-def log_html(x: LogTable) -> str:
+@renders(LogComparison, "html")
+def log_html(x: LogComparison) -> str:
     """Return the table, and below it who disagrees."""
     return in_frame([html_table(log_rows(x), "Log by log"), items([who_disagrees(x), *x.notes])])
 
 
-@renders(LogTable, "section")
-def log_section(x: LogTable) -> Section:
+@renders(LogComparison, "section")
+def log_section(x: LogComparison) -> Section:
     """Return the section of a report."""
     below = items([who_disagrees(x), *x.notes])
     return Section("Log by log", (html_table(log_rows(x), "Logs"), below))

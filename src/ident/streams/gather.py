@@ -38,7 +38,7 @@ from ident.motion.recipe import AUTO
 from ident.progress import Told
 from ident.streams.checkpoint import Checkpoint, Progress, SearchStep
 from ident.streams.logs import Excerpt, Given, Workers, excerpt, log_paths
-from ident.streams.many_logs import LogTable, compare_logs
+from ident.streams.many_logs import LogComparison, compare_logs
 from ident.streams.plan import Plan, summaries, with_logs
 from ident.streams.portions import Sum, absorbed, multipliers_of, stack_blocks
 
@@ -80,7 +80,7 @@ class Gathered(Displayed):
         return not self.workers.alone
 
     @cached_property
-    def each(self) -> LogTable:
+    def each(self) -> LogComparison:
         """The logs one by one, and which of them disagree with the others."""
         names = {i: part.name for i, part in enumerate(self.plan.parts)}
         samples = {part.name: part.samples for part in self.plan.parts}

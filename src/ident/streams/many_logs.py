@@ -94,7 +94,7 @@ class LogRow:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LogTable(Displayed):
+class LogComparison(Displayed):
     """Logs one by one, beside the fit of all of them.
 
     Attributes:
@@ -160,7 +160,7 @@ def compare_logs(
     names: Mapping[int, str],
     samples: Mapping[str, int],
     left_out: Mapping[str, str] | None = None,
-) -> LogTable:
+) -> LogComparison:
     """Compare each log with the fit of all logs and with a fit of its own.
 
     Args:
@@ -198,7 +198,7 @@ def compare_logs(
         joint_error, own_error = (float(np.sqrt(share.sum() / total)) for share in shares)
         row = LogRow(name, count, joint_error, own_error, worst, odd.get(number))
         results.append(row)
-    return LogTable(tuple(sorted(results, key=lambda each: bool(each.left_out))))
+    return LogComparison(tuple(sorted(results, key=lambda each: bool(each.left_out))))
 
 
 def _own_fit(r: Problem, mine: Information, joint: Estimate) -> np.ndarray:
