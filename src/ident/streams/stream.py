@@ -194,7 +194,7 @@ class SampleParser:
         given = {"t": sample.t, **sample.columns} if isinstance(sample, Log) else sample
         names = self._names(given, log) if self._any else self.columns
         values = [self._value(given, name, log) for name in names]
-        if self.columns and {*names} != {*self.columns}:
+        if self._any and self.columns and {*names} != {*self.columns}:
             off = ", ".join(sorted({*names} ^ {*self.columns}))
             raise LogError(
                 f"{self._name}: a sample has other columns than those before ({off}); every "
@@ -207,16 +207,18 @@ class SampleParser:
                 f"{self._name}: a sample is neither numbers nor arrays of equal length; give one "
                 "number a column, or one array (n,) a column"
             ) from None
-        needed = np.array([not self._any or n in self._reads or is_signal(n) for n in names])
-        bad = ~(np.abs(X) < LARGEST) & needed
+        bad = ~(np.abs(X) < LARGEST)
+        if self._any:
+            bad &= np.array([n in self._reads or is_signal(n) for n in names])
         if bad.any():
             row, at = np.argwhere(bad)[0]
             raise LogError(
                 f"{self._name}: {names[at]} = {X[row, at]:.4g} in the sample at t = "
                 f"{X[row, 0]:.6g} s; every column needs a finite number in every sample"
             )
-        t = np.append(self.last, X[:, 0])
-        if not (np.diff(t) > 0).all():
+        t = X[:, 0]
+        if not (t[0] > self.last and (len(t) == 1 or (np.diff(t) > 0).all())):
+            t = np.append(self.last, t)
             at = int(np.argmax(~(np.diff(t) > 0)))
             raise LogError(
                 f"{self._name}: a sample at t = {t[at + 1]:.6g} s comes after one at {t[at]:.6g} "
