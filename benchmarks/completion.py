@@ -21,8 +21,7 @@ from pathlib import Path
 import numpy as np
 
 import ident
-from ident.motion.close import Closer
-from ident.motion.place import reduced, through_closures
+from ident.motion.closures import LoopSolver
 
 ROBOTS = Path(__file__).resolve().parent.parent / "robots"
 NAMES = ("slider_crank", "four_bar", "five_bar")
@@ -42,14 +41,12 @@ def _row(name: str) -> dict[str, object]:
     (e,) = motion.experiments
     at = [mechanism.joint_index[joint] for joint in e.logged]
     known = np.stack([x[:, at] for x in (e.y, e.yd, e.ydd)])
-    closer = Closer(mechanism, e.logged)
+    closer = LoopSolver(mechanism, e.logged)
     runs: dict[str, Callable[[], object]] = {
         "follow": lambda: closer.follow(known[0], e.t),
         "rates": lambda: closer.rates(e.q, known[1], known[2]),
-        "leverage": lambda: reduced(mechanism, e, motion.independent),
-        "completion and J": lambda: reduced(
-            mechanism, through_closures(mechanism, e, e.logged, known), motion.independent
-        ),
+        "leverage": lambda: e.transmitted(mechanism, motion.independent),
+        "completion and J": lambda: e.at(mechanism, known, start="follow"),
         "J alone": lambda: mechanism.kinematics.closure_rows(e.q),
         "complete": lambda: ident.complete(mechanism, log),
     }

@@ -23,9 +23,9 @@ import scipy.linalg
 from scipy.linalg import lapack
 
 import ident
-from ident.equations.columns import Columns
-from ident.equations.scene import Scene
-from ident.equations.stack import full_rows
+from ident.equations.corrections import Scene
+from ident.equations.multipliers import full_rows
+from ident.equations.unknowns import Columns
 from ident.information.band import Elimination, eliminate
 from ident.information.base import rank_revealing, solve
 from ident.information.reduction import Chunk

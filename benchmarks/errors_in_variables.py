@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 import ident
-from ident.equations.columns import Columns
+from ident.equations.corrections import Scene
 from ident.equations.rows import raw_rows
-from ident.equations.scene import Scene
+from ident.equations.unknowns import Columns
 from ident.montecarlo.trial import noisy, random_of
 
 FOLDER = Path(__file__).resolve().parents[1] / "robots" / "slider_crank"

@@ -13,11 +13,11 @@ import pytest
 import ident
 from formats import MJCF
 from helpers import ROBOTS
-from ident.equations.regressor import regressor
 from ident.errors import MechanismError
 from ident.mechanism import load
 from ident.mechanism.description import read_urdf
 from ident.mechanism.write import add_effects, folder_files
+from ident.motion.regressor import regressor
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -11,10 +11,10 @@ import pytest
 import ident
 from formats import COUPLER, ROCKER, SDF
 from helpers import ROBOTS
-from ident.equations.regressor import regressor
 from ident.errors import MechanismError
 from ident.mechanism import load
 from ident.mechanism.write import folder_files
+from ident.motion.regressor import regressor
 
 PASSIVE = 'urdf = "robot.sdf"\n[joints]\npassive = ["coupler", "rocker"]\n'
 

@@ -9,11 +9,10 @@ from streaming import FIELDS, HOW, given, samples, together
 import ident
 from helpers import ROBOTS
 from ident import FitError, Log, LogError, MotionError, Noise
-from ident.equations.columns import Columns
-from ident.equations.point import Point
+from ident.equations.corrections import Scene
 from ident.equations.rows import rows
-from ident.equations.scene import Scene
-from ident.motion.measure import measure
+from ident.equations.unknowns import Columns, Point
+from ident.motion.signals import measure
 from ident.streams.stream import Setting, Stream
 from identification import motion_log, plant, robot
 

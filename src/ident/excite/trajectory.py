@@ -17,17 +17,15 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import null_space
 
-from ident.equations.columns import Columns
-from ident.equations.point import Point
+from ident.equations.corrections import Scene
 from ident.equations.rows import informing, reach
-from ident.equations.scene import Scene
 from ident.equations.terms import terms
+from ident.equations.unknowns import Columns, Point
 from ident.errors import MotionError
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment
-from ident.motion.independent import best_conditioned
-from ident.motion.place import again, in_tree, reduced, through_closures
-from ident.motion.rest import STILL
+from ident.motion.closures import best_conditioned
+from ident.motion.recipe import STILL
 
 LEAP = 0.4  # [rad | m] by which a drive may move in one step along the branch
 SLIP, GAIN = 0.05, 2.0  # [rad | m] and times ‖K⁺‖ of that step, by which the others may
@@ -163,10 +161,12 @@ class MotionModel:
         step = states - np.stack([x[:, at] for x in (near.y, near.yd, near.ydd)])
         if self.mechanism.closures and np.abs(step[0]).max() > LEAP:
             return None
-        moved = {name: tuple(step[:, :, i]) for i, name in enumerate(near.independent)}
+        known = near.known(self.mechanism)
+        for i, name in enumerate(near.independent):
+            known[:, :, near.logged.index(name)] += step[:, :, i]
         try:
             with np.errstate(all="ignore"):
-                e = again(self.mechanism, near, moved)
+                e = near.at(self.mechanism, known)
         except (MotionError, np.linalg.LinAlgError):
             return None
         if not e.usable.all():
@@ -297,10 +297,8 @@ def at_rest(
     )  # fmt: skip
     known = np.zeros((3, len(t), len(home)))
     known[0] = home
-    if not mechanism.closures:
-        return with_standstill(in_tree(mechanism, base, names, known))
-    closed = through_closures(mechanism, base, names, known)
-    return with_standstill(reduced(mechanism, closed, names)[0])
+    e = base.at(mechanism, known, start="follow")
+    return with_standstill(e.transmitted(mechanism, names) if mechanism.closures else e)
 
 
 def with_standstill(e: Experiment) -> Experiment:

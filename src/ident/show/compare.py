@@ -13,7 +13,6 @@ from ident.display import renders
 from ident.errors import FitError, one_of
 from ident.fit.compare import Comparison
 from ident.fit.reach import identifiable_multipliers
-from ident.motion.report import made_of, understood
 from ident.residual import report
 from ident.residual.error import Error, error_rows
 from ident.residual.plots import plot_maps, plot_parts, plot_predictions, short, time_label
@@ -22,6 +21,7 @@ from ident.residual.tables import errors_text, failure_lines, parts_table, where
 from ident.show.charts import Chart, Line, Panel
 from ident.show.html import Block, Page, Section, folded, in_frame, items, strong
 from ident.show.html import table as html_table
+from ident.show.motion import made_of, understood
 from ident.text import table
 
 SCHEMA = "ident.compare/1"

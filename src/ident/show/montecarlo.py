@@ -15,11 +15,11 @@ from ident.display import renders
 from ident.errors import FitError
 from ident.montecarlo.montecarlo import SUMS, MonteCarlo, Studies
 from ident.motion import complete
-from ident.motion.report import made_of, understood
 from ident.show.charts import MEASURED, PRIOR, Boxes, Chart, Level, Line, Mark, Panel
 from ident.show.charts.still import image
 from ident.show.html import Block, Page, Section, in_frame, items, strong
 from ident.show.html import table as html_table
+from ident.show.motion import made_of, understood
 from ident.text import shortened, table
 
 SCHEMA = "ident.montecarlo/1"

@@ -20,7 +20,7 @@ from scipy.linalg import lapack
 
 from ident.errors import MechanismError, MotionError
 from ident.mechanism.parameters import COUNT, pseudo_inertia
-from ident.motion.close import pseudo_inverse
+from ident.motion.closures import pseudo_inverse
 from ident.simulate.laws import Extra, InstantSignals
 from ident.simulate.plant import InstantTerms, Plant
 

@@ -10,17 +10,15 @@ import pinocchio as pin
 from scipy.interpolate import interp1d
 
 from ident.display import Displayed, render
-from ident.equations.correct import late
-from ident.equations.point import Point
-from ident.equations.samples import Samples
-from ident.equations.scene import Scene, check_needs
+from ident.equations.corrections import Scene, check_needs, late
+from ident.equations.terms import Samples
+from ident.equations.unknowns import Point
 from ident.errors import MotionError, one_of
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment, Motion, complete
-from ident.motion.close import Closer
-from ident.motion.independent import best_conditioned, independent_joints
-from ident.motion.spectrum import noise_share
+from ident.motion.closures import LoopSolver, best_conditioned, independent_joints
+from ident.motion.signals import noise_share
 from ident.progress import Progress
 from ident.residual.predict import NOTHING
 from ident.simulate.balance import STICK, Actuator, Dynamics, Surroundings
@@ -258,7 +256,7 @@ def start_state(
             f"start: {mechanism.name} has {mechanism.degrees_of_freedom} degrees of freedom, so "
             f"{', '.join(asked)} cannot all be chosen; leave out {', '.join(surplus)}"
         )
-    closer = Closer(mechanism, chosen)
+    closer = LoopSolver(mechanism, chosen)
     now = closer.coordinates(q[None], v[None])
     y, yd = now.value[0], now.rate[0] @ v
     goal = np.array([wanted.get(f"q.{name}", x) for name, x in zip(chosen, y, strict=True)])

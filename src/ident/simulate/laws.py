@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ident.effects import Effect, Signals
-from ident.equations.point import Point
+from ident.equations.unknowns import Point
 from ident.errors import MechanismError
 from ident.mechanism.mechanism import Mechanism
 

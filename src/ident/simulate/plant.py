@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from ident.effects import Correction, Effect, Signals
-from ident.equations.point import Point
+from ident.equations.unknowns import Point
 from ident.errors import MotionError
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT

@@ -18,9 +18,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ident.display import Displayed, render
-from ident.equations.point import Point
-from ident.equations.samples import Samples
-from ident.equations.scene import Scene
+from ident.equations.corrections import Scene
+from ident.equations.terms import Samples
+from ident.equations.unknowns import Point
 from ident.errors import FitError, MotionError
 from ident.files import write_all
 from ident.fit.fit import Fit

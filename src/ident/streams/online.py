@@ -24,11 +24,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.display import Displayed, render
-from ident.equations.columns import Columns
-from ident.equations.point import Point
+from ident.equations.corrections import Scene
 from ident.equations.rows import Rows, row_supports
-from ident.equations.scene import Scene
 from ident.equations.terms import terms
+from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, LogError, one_of
 from ident.fit import Fit
 from ident.fit.accumulate import LENGTH

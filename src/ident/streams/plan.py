@@ -16,9 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.equations.columns import Columns
 from ident.equations.filter import Decimator
-from ident.equations.point import Point
+from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, MotionError, one_of
 from ident.log.read import names_of
 from ident.mechanism.mechanism import Mechanism

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.equations.corrections import Scene
+from ident.equations.multipliers import stack
 from ident.equations.rows import Rows, row_supports, rows
-from ident.equations.scene import Scene
-from ident.equations.stack import stack
 from ident.fit.accumulate import block_cells, block_edges, split
 from ident.fit.banded import cells_of_blocks, time_blocks
 from ident.information.band import Stretch, eliminate

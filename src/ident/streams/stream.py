@@ -22,12 +22,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ident.equations.columns import Columns
-from ident.equations.correct import WIDER
-from ident.equations.filter import Decimator
-from ident.equations.point import Point
-from ident.equations.rows import CHUNK, STICKING, Rows, raw_rows, reach
-from ident.equations.scene import Scene
+from ident.equations.corrections import WIDER, Scene
+from ident.equations.filter import STICKING, Decimator
+from ident.equations.rows import CHUNK, Rows, raw_rows, reach
+from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, LogError, MotionError, one_of
 from ident.log import Column, Log
 from ident.mechanism.mechanism import Mechanism
