@@ -146,7 +146,7 @@ def test_a_run_that_searches_shapes_goes_on_in_the_pass_that_it_was_in(arm, tmp_
     out = tmp_path / "out"
     with pytest.MonkeyPatch.context() as patch:
         logs = import_module("ident.streams.logs")
-        patch.setattr(logs.LogSummary.stretches, "__defaults__", (900,))
+        patch.setattr(logs.LogOnDisk.stretches, "__defaults__", (900,))
         patch.setattr(logs, "SAMPLES", 900)
         patch.setattr(module, "RESTING", 1e-5)
         with pytest.raises(RuntimeError, match="stopped"):

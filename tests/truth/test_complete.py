@@ -7,11 +7,11 @@ import pytest
 
 from helpers import Truth, series, write_mechanism
 from ident.errors import MechanismError, MotionError
-from ident.show.fit import structure
 from ident.log import Log
 from ident.mechanism import load
 from ident.mechanism.absolute import absolute
 from ident.motion import complete
+from ident.show.fit import structure
 
 NAMES = ("slider_crank", "pendulum", "four_bar", "five_bar", "arm")
 

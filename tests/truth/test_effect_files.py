@@ -10,8 +10,8 @@ import ident
 from helpers import ROBOTS
 from ident.effects import KINDS
 from ident.errors import MechanismError, MotionError
-from ident.mechanism.write import add_effects
 from ident.fit.residual import predict
+from ident.mechanism.write import add_effects
 from ident.show.effects import example, facts
 from identification import motion_log, plant, robot
 

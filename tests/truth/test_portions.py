@@ -216,7 +216,7 @@ def test_the_order_in_which_portions_end_changes_no_bit(arm, run):
 def test_the_fit_is_one_like_any_other_and_counts_all_samples(arm, run, tmp_path, monkeypatch):
     logs = import_module("ident.streams.logs")  # as if the log were far too long for pictures
     monkeypatch.setattr(logs, "SAMPLES", 1500)
-    monkeypatch.setattr(logs.LogSummary.stretches, "__defaults__", (1500,))
+    monkeypatch.setattr(logs.LogOnDisk.stretches, "__defaults__", (1500,))
     found = ident.gather(arm, run, cutoff=None, samples=1024)
     fit = found.fit
     assert [len(e) for e in fit.motion.experiments] == [500, 500, 500]
@@ -229,9 +229,7 @@ def test_the_fit_is_one_like_any_other_and_counts_all_samples(arm, run, tmp_path
     assert any("pictures" in note and "1500 of them" in note for note in told["warnings"])
     assert ident.read_fit(tmp_path / "out", arm).x == pytest.approx(fit.estimate.solution.x)
     assert f"{ROWS} rows of {ROWS} samples" in str(found)
-    assert (
-        found.plan.parts[0].survey.log.sha256[:12] in (tmp_path / "out" / "report.html").read_text()
-    )
+    assert found.plan.parts[0].file.sha256[:12] in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_another_log_is_judged_without_being_fitted(arm, run, tmp_path):
@@ -277,7 +275,7 @@ def test_stamps_repeated_across_a_cut_are_one(arm, run, tmp_path, monkeypatch):
     twice = pl.concat([twice[:1024], twice[1023:]])
     twice.write_parquet(tmp_path / "twice.parquet")
     found = ident.gather(arm, tmp_path / "twice.parquet", cutoff=None, samples=1024)
-    assert found.plan.parts[0].survey.clock.even
+    assert found.plan.parts[0].clock.even
     assert max(off(batch(arm, run, cutoff=None), found.fit)) < EXACT
 
 

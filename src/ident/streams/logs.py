@@ -18,6 +18,7 @@ from ident.log.pieces import STRIDE, Pieces, open_log
 from ident.log.read import expanded
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
+from ident.motion.recipe import Recipe
 from ident.motion.signals import UNEVEN, Clock, is_signal
 from ident.pool import spread
 from ident.progress import Progress
@@ -81,54 +82,65 @@ class Workers:
 
 
 @dataclass(frozen=True, eq=False)
-class LogSummary:
-    """A log on disk after one look at all of its rows.
+class LogOnDisk:
+    """A log on disk after one look at all of its rows, and what is decided for its portions.
 
     Attributes:
-        log: the opened log.
+        file: the opened log.
         clock: uniform, of the median step.
         starts: (k,) [s] times of the rows 0, STRIDE, 2 STRIDE, …
         top: largest speed in each `v.` column, by name.
         values: number of values of each signal, by name.
         repairs: what was changed, in words.
         stamp: size [bytes] and time of the last change [ns] of the file.
+        borders: rows (k + 1,) between its k portions.
+        recipe: what `complete` decides; None for a log of one portion, which decides by itself.
+        anchors: (k, nq) a configuration near the beginning of each portion; None for a tree.
     """
 
-    log: Pieces
+    file: Pieces
     clock: Clock
     starts: np.ndarray
     top: dict[str, float]
     values: dict[str, int]
     repairs: tuple[str, ...]
     stamp: tuple[int, int]
+    borders: tuple[int, ...] = ()
+    recipe: Recipe | None = None
+    anchors: np.ndarray | None = None
 
     @property
     def name(self) -> str:
         """Name of the log."""
-        return self.log.name
+        return self.file.name
+
+    @property
+    def samples(self) -> int:
+        """Samples on the log's clock."""
+        return self.clock.count
 
     def at(self, row: int) -> float:
         """Return the time [s] of a row that is a multiple of STRIDE."""
         return float(self.starts[row // STRIDE])
 
-    def borders(self, samples: int) -> list[int]:
-        """Return the rows (k + 1,) between k portions of about so many samples."""
-        count = max(1, round(self.log.rows / samples))
-        each = STRIDE * max(1, round(self.log.rows / count / STRIDE))
-        return [*range(0, max(self.log.rows - each // 2, 1), each), self.log.rows]
+    def cut(self, samples: int) -> LogOnDisk:
+        """Return the log with borders between portions of about so many samples."""
+        rows = self.file.rows
+        each = STRIDE * max(1, round(rows / max(1, round(rows / samples)) / STRIDE))
+        return replace(self, borders=(*range(0, max(rows - each // 2, 1), each), rows))
 
     def stretches(self, samples: int = SAMPLES) -> list[Log]:
         """Return the middles of the thirds of a long log, of so many samples; all of a short one.
 
         At its ends a machine stands still.
         """
-        rows = self.log.rows
+        rows = self.file.rows
         if rows <= 1.5 * samples:
-            return [replace(self.log.piece(0, rows), name=self.name)]
+            return [replace(self.file.piece(0, rows), name=self.name)]
         each, results = samples // STRETCHES, []
         for k in range(STRETCHES):
             first = rows * (2 * k + 1) // (2 * STRETCHES) - each // 2
-            log = self.log.piece(first, first + each)
+            log = self.file.piece(first, first + each)
             results.append(replace(log, name=f"{self.name}, {log.t[0]:.6g} to {log.t[-1]:.6g} s"))
         return results
 
@@ -142,7 +154,7 @@ def log_paths(given: Given | Sequence[Given], scheduler: str | None) -> list[Pat
     return paths if scheduler is None else [path.absolute() for path in paths]
 
 
-def summarise(mechanism: Mechanism, path: Path) -> LogSummary:
+def summarise(mechanism: Mechanism, path: Path) -> LogOnDisk:
     """Read a log once, piece by piece.
 
     Args:
@@ -195,7 +207,7 @@ def summarise(mechanism: Mechanism, path: Path) -> LogSummary:
         if not each[0].endswith(" is empty")
     ]
     file = log.path.stat()
-    return LogSummary(
+    return LogOnDisk(
         log, Clock(first, every, instants, even), np.concatenate(starts), top, values,
         tuple(messages), (file.st_size, file.st_mtime_ns),
     )  # fmt: skip
@@ -244,7 +256,7 @@ def _is_of(stretch: str, log: str) -> bool:
 
 def excerpt(
     mechanism: Mechanism,
-    summaries: Sequence[LogSummary],
+    summaries: Sequence[LogOnDisk],
     cutoff: float | str | None,
     smoothing: float | str | None,
     broken: dict[str, str],
@@ -263,10 +275,10 @@ def excerpt(
     remaining = [each for each in summaries if each.name not in broken]
     every = max(1, -(-len(remaining) // LOGS))
     chosen = (
-        remaining if sum(each.log.rows for each in remaining) <= SAMPLES else remaining[::every]
+        remaining if sum(each.file.rows for each in remaining) <= SAMPLES else remaining[::every]
     )
 
-    def completed(some: Sequence[LogSummary]) -> tuple[Motion, list[Log]]:
+    def completed(some: Sequence[LogOnDisk]) -> tuple[Motion, list[Log]]:
         pieces = [each.stretches(SAMPLES // len(chosen)) for each in some]
         logs = [log for mine in pieces for log in mine]
         motion = complete(mechanism, logs, cutoff=cutoff, smoothing=smoothing)

@@ -23,10 +23,10 @@ from ident.log.read import names_of
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.closures import LoopSolver
 from ident.motion.motion import decide, left_out, part_of, state_of
-from ident.motion.recipe import Band, Recipe, standstill, thresholds, top_speeds
+from ident.motion.recipe import Band, standstill, thresholds, top_speeds
 from ident.motion.signals import measure
 from ident.motion.state import State
-from ident.streams.logs import LogSummary, Workers, summarise
+from ident.streams.logs import LogOnDisk, Workers, summarise
 from ident.streams.stream import margin_of
 
 KNOTS = 40  # from a sample to another whose noise moves a spline there by 1e-7 of itself
@@ -36,33 +36,6 @@ THINNED = 8  # samples of which one is followed to know the branch of the closur
 
 Extremes = tuple[np.ndarray, np.ndarray | None]
 """Top speeds (J,) and largest leverages (J, d), None for a tree, of some samples."""
-
-
-@dataclass(frozen=True, eq=False)
-class PlannedLog:
-    """A log and what is decided for all of its portions.
-
-    Attributes:
-        survey: summary of the log.
-        borders: rows (k + 1,) between its k portions.
-        recipe: of the log; None for a log of one portion, which decides by itself.
-        anchors: (k, nq) a configuration near the beginning of each portion; None for a tree.
-    """
-
-    survey: LogSummary
-    borders: tuple[int, ...]
-    recipe: Recipe | None = None
-    anchors: np.ndarray | None = None
-
-    @property
-    def name(self) -> str:
-        """Name of the log."""
-        return self.survey.name
-
-    @property
-    def samples(self) -> int:
-        """Samples on the log's clock."""
-        return self.survey.clock.count
 
 
 @dataclass(frozen=True)
@@ -101,7 +74,7 @@ class Plan:
     independent: tuple[str, ...]
     band: Band
     smoothing: float | str | None
-    parts: tuple[PlannedLog, ...]
+    parts: tuple[LogOnDisk, ...]
     point: Point
 
     @property
@@ -114,9 +87,9 @@ class Plan:
         """Whether multipliers have a time basis, so that parameters come from the paper's stack."""
         return bool(self.mechanism.closures) and self.mechanism.multipliers.basis != "free"
 
-    def margin(self, part: PlannedLog) -> int:
+    def margin(self, part: LogOnDisk) -> int:
         """Return how many rows beside a portion its filter, splines, delays, memory depend on."""
-        clock, recipe = part.survey.clock, part.recipe
+        clock, recipe = part.clock, part.recipe
         samples = Decimator.of(self.band.cutoff, 1 / clock.step).half + FEWEST
         if recipe is not None:
             samples += int(np.ceil((KNOTS * recipe.knots + recipe.ends) / clock.step))
@@ -125,15 +98,15 @@ class Plan:
         if any(effect.memory for effect in self.mechanism.effects):
             samples += MEMORY
         samples += margin_of(self.mechanism, 1 / clock.step, self.band.cutoff)
-        return int(np.ceil(samples * max(1.0, part.survey.log.rows / clock.count)))
+        return int(np.ceil(samples * max(1.0, part.file.rows / clock.count)))
 
     def portions(self, log: int | None = None) -> Iterator[Portion]:
         """Yield all portions in order of log and time, or those of one log."""
         for i, part in enumerate(self.parts):
             if log not in (None, i):
                 continue
-            every = Decimator.of(self.band.cutoff, 1 / part.survey.clock.step).factor
-            margin, rows, at = self.margin(part), part.survey.log.rows, part.survey.at
+            every = Decimator.of(self.band.cutoff, 1 / part.clock.step).factor
+            margin, rows, at = self.margin(part), part.file.rows, part.at
             for k, (first, stop) in enumerate(pairwise(part.borders)):
                 yield Portion(
                     log=i,
@@ -145,7 +118,7 @@ class Plan:
                 )
 
 
-def summaries(mechanism: Mechanism, paths: Sequence[Path], workers: Workers) -> list[LogSummary]:
+def summaries(mechanism: Mechanism, paths: Sequence[Path], workers: Workers) -> list[LogOnDisk]:
     """Look at all logs that can be opened and give them names that differ.
 
     Args:
@@ -157,15 +130,15 @@ def summaries(mechanism: Mechanism, paths: Sequence[Path], workers: Workers) -> 
         IdentError: if none can be opened, or the only one cannot.
     """
     names = names_of(paths)
-    opened: dict[int, LogSummary] = {}
+    opened: dict[int, LogOnDisk] = {}
     for index, each in workers.over(summarise, paths, mechanism, names, "looking at the logs"):
         if each is not None:
-            opened[index] = replace(each, log=replace(each.log, name=names[index]))
+            opened[index] = replace(each, file=replace(each.file, name=names[index]))
     _check_some(mechanism, workers, opened)
     return [opened[index] for index in sorted(opened)]
 
 
-def with_logs(plan: Plan, logs: Sequence[LogSummary], samples: int, workers: Workers) -> Plan:
+def with_logs(plan: Plan, logs: Sequence[LogOnDisk], samples: int, workers: Workers) -> Plan:
     """Return the plan with these logs and with what long ones decide for all of their portions.
 
     Args:
@@ -178,16 +151,16 @@ def with_logs(plan: Plan, logs: Sequence[LogSummary], samples: int, workers: Wor
         IdentError: if no log is left.
     """
     parts = []
-    for survey in logs:
-        if survey.name in workers.broken:
+    for log in logs:
+        if log.name in workers.broken:
             continue
         try:
-            _check_columns(plan, survey)
-            parts.append(PlannedLog(survey, tuple(survey.borders(samples))))
+            _check_columns(plan, log)
+            parts.append(log.cut(samples))
         except MotionError as error:
             if workers.alone:
                 raise
-            workers.broken[survey.name] = str(error)
+            workers.broken[log.name] = str(error)
     _check_some(plan.mechanism, workers, parts)
     plan = replace(plan, parts=tuple(parts))
     several = [i for i, part in enumerate(parts) if len(part.borders) > 2]
@@ -229,23 +202,23 @@ def _check_some(mechanism: Mechanism, workers: Workers, remaining: object) -> No
         )
 
 
-def _check_columns(plan: Plan, survey: LogSummary) -> None:
+def _check_columns(plan: Plan, log: LogOnDisk) -> None:
     """Raise MotionError for a log that lacks a column that the others have."""
     for prefix, joints in (("q", plan.logged), ("tau", plan.mechanism.driven)):
         for name in (f"{prefix}.{joint}" for joint in joints):
-            if name not in survey.log.columns:
+            if name not in log.file.columns:
                 raise MotionError(
-                    f"{survey.name}: has no column '{name}', which the other logs have; "
-                    f"{one_of(name, survey.log.columns)}"
+                    f"{log.name}: has no column '{name}', which the other logs have; "
+                    f"{one_of(name, log.file.columns)}"
                 )
 
 
-def _decided(plan: Plan, number: int) -> PlannedLog:
+def _decided(plan: Plan, number: int) -> LogOnDisk:
     """Decide for all portions of a log; standstill by the speeds that its noise imitates."""
-    part, clock = plan.parts[number], plan.parts[number].survey.clock
+    part, clock = plan.parts[number], plan.parts[number].clock
     grid = Decimator.of(plan.band.cutoff, 1 / clock.step).factor
     recipe = decide(
-        plan.mechanism, part.survey.stretches(), replace(clock, grid=grid), logged=plan.logged,
+        plan.mechanism, part.stretches(), replace(clock, grid=grid), logged=plan.logged,
         independent=plan.independent, band=plan.band, smoothing=plan.smoothing,
     )  # fmt: skip
     anchors = _anchors(plan, number) if plan.mechanism.closures else None
@@ -263,7 +236,7 @@ def _anchors(plan: Plan, number: int) -> np.ndarray:
     portions = list(plan.portions(number))
     q = y = None
     for portion, after in zip(portions, [*portions[1:], portions[-1]], strict=True):
-        log = part.survey.log.piece(portion.begin, portion.end, ["t", *columns])
+        log = part.file.piece(portion.begin, portion.end, ["t", *columns])
         x = np.stack([log.columns[name] for name in columns], axis=1)
         known = np.flatnonzero(np.isfinite(x).all(axis=1))[::THINNED]
         if not len(known):
@@ -284,9 +257,9 @@ def _logged_speeds(plan: Plan, number: int) -> list[Extremes]:
     """Top speeds (J,) of a tree whose speeds are taken as logged; nothing for others."""
     part, mechanism = plan.parts[number], plan.mechanism
     assert part.recipe is not None
-    top, rows = part.survey.top, part.survey.log.rows
+    top, rows = part.top, part.file.rows
     names = [f"v.{joint.name}" for joint in mechanism.joints]
-    whole = all(count in (0, rows) for count in part.survey.values.values())
+    whole = all(count in (0, rows) for count in part.values.values())
     if mechanism.closures or part.recipe.noisy or not whole or not {*names} <= {*top}:
         return []
     return [(np.array([top[name] for name in names]), None)]
@@ -313,7 +286,7 @@ def motion_of(plan: Plan, portion: Portion) -> tuple[State | None, list[str]]:
         LogError, MotionError: where `read_log` or `complete` would raise one.
     """
     part, mechanism = plan.parts[portion.log], plan.mechanism
-    log = replace(part.survey.log.piece(portion.begin, portion.end), name=part.name)
+    log = replace(part.file.piece(portion.begin, portion.end), name=part.name)
     if part.recipe is None:  # the whole log: what `complete` makes of it
         signals = measure(mechanism, log)
         e, notes = state_of(mechanism, signals, plan.logged, plan.band, plan.smoothing)
@@ -323,7 +296,7 @@ def motion_of(plan: Plan, portion: Portion) -> tuple[State | None, list[str]]:
         still = standstill(mechanism, signals, e, plan.logged)
         return replace(e, still=still), [*signals.notes, *notes]
     asked = {name for effect in mechanism.effects for name in effect.reads()}
-    asked |= {name for name, count in part.survey.values.items() if count > 1}
+    asked |= {name for name, count in part.values.items() if count > 1}
     absent = [n for n in sorted(asked & {*log.columns}) if np.isfinite(log.columns[n]).sum() < 2]
     where = f"{part.name}: rows {portion.begin} to {portion.end - 1}"
     if absent:

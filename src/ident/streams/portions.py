@@ -135,7 +135,7 @@ class Sum:
 
 def _basis(plan: Plan, log: int) -> Basis:
     """Basis of λ(t) over a whole log."""
-    clock, settings = plan.parts[log].survey.clock, plan.mechanism.multipliers
+    clock, settings = plan.parts[log].clock, plan.mechanism.multipliers
     return Basis.spanning(clock.t0, clock.t_end, settings.spacing, settings.degree)
 
 
