@@ -2,7 +2,7 @@
 
     python benchmarks/dfki.py
 
-The logs are looked for in $IDENT_DATA, or ../shared/data beside the checkout (see docs/dfki.md).
+The logs are looked for in $IDENT_DATA, or ../shared/data beside the checkout (see docs/real_logs.md).
 """
 
 import os
