@@ -92,12 +92,14 @@ def rows(
     cutoff: float | None,
     sticking: float = STICKING,
     farthest: np.ndarray | None = None,
+    keep: bool = True,
 ) -> Iterator[Rows]:
     """All rows of a state in pieces, filtered at `cutoff` [Hz] and decimated.
 
     A row informs if less than the share `sticking` of it comes from samples that do not; `farthest`
     is the result of `reach` for the whole log, if the state is a part of one. Filtered columns of Γ
-    are kept with the state: they hang on no parameter, effect or torque.
+    are kept with the state, unless it is seen once (`keep`): they hang on no parameter, effect or
+    torque.
     """
     e, model = scene.e, scene.mechanism.model
     farthest = reach(e) if farthest is None else farthest
@@ -107,7 +109,7 @@ def rows(
     supports = row_supports(scene.mechanism, scene.columns, e)
     before = len(scene.columns.rigid)
     of_effects = [mine[mine >= before] - before for mine in supports]
-    fresh: list[list[np.ndarray]] | None = [] if kept is None else None
+    fresh: list[list[np.ndarray]] | None = [] if kept is None and keep else None
 
     def make(part: slice) -> list[np.ndarray]:
         """Γ by row, effects' columns by row, b, τ, informed of some samples."""

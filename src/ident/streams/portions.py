@@ -69,7 +69,7 @@ def absorbed(plan: Plan, portion: Portion) -> PortionRows:
     scene = Scene.of(plan.mechanism, columns, e, plan.point, cutoff)
     total, block, count = Sum(), 0, 0
     waiting: list[Rows] = []
-    for piece in rows(scene, cutoff, farthest=farthest):
+    for piece in rows(scene, cutoff, farthest=farthest, keep=False):
         own = (piece.t >= portion.since) & (piece.t < portion.until)
         if not own.any():
             continue

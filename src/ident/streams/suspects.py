@@ -192,7 +192,7 @@ class Watched:
     def rows(self, e: State) -> Iterator[WatchedRows]:
         """Yield all rows of an experiment."""
         scene = self.scene(e)
-        for part in rows(scene, self.cutoff, STICKING):
+        for part in rows(scene, self.cutoff, STICKING, keep=False):
             yield self.with_multipliers(part, scene.e.q[part.sample])
 
     def with_multipliers(self, part: Rows, q: np.ndarray | None = None) -> WatchedRows:
