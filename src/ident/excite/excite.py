@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ident.effects import KINDS, parse
-from ident.equations.columns import Columns
+from ident.equations.unknowns import Columns
 from ident.errors import MechanismError, MotionError, one_of
 from ident.excite.criterion import Criterion, cosine_and_shares
 from ident.excite.excitation import Excitation, ExpectedValue, LimitUse, Separation
@@ -32,7 +32,7 @@ from ident.information.triangle import Triangle
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion import Band, Experiment, Motion
-from ident.motion.close import Closer
+from ident.motion.closures import LoopSolver
 from ident.progress import Progress
 
 SAMPLES = 24  # of the search, a period of the highest harmonic
@@ -205,7 +205,7 @@ class DesignProblem:
         if not len(columns):
             raise MotionError(f"{mechanism.name}: nothing is unknown, so no motion is needed")
         names = moved_joints(mechanism)
-        start = Closer(mechanism, names).coordinates(mechanism.assembled[None]).value[0]
+        start = LoopSolver(mechanism, names).coordinates(mechanism.assembled[None]).value[0]
         known = dict(zip(names, start, strict=True))
         in_force = LimitsInForce.of(mechanism, limits, names, known)
         index = [mechanism.joint_index[name] for name in names]

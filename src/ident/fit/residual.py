@@ -22,8 +22,8 @@ import numpy as np
 
 from ident.display import Displayed, render
 from ident.equations.corrections import Scene
-from ident.equations.filter import Decimator
-from ident.equations.rows import STICKING, dof, informing, reach
+from ident.equations.filter import STICKING, Decimator
+from ident.equations.rows import dof, informing, reach
 from ident.equations.terms import Samples, told_by
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError

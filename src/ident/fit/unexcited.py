@@ -24,10 +24,10 @@ from ident.fit.shapes import initial
 from ident.fit.values import absorbed_by
 from ident.information.estimate import Estimate, estimate
 from ident.information.triangle import Triangle
-from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
-from ident.motion import Motion, complete
+from ident.motion import Motion
 from ident.motion.closures import LoopSolver, best_conditioned, independent_joints
+from ident.motion.motion import prescribed
 
 SAMPLES = 600  # of a log in which swings are tried
 AMPLITUDES = (0.5, 0.15, 0.05)  # [rad | m], the largest that the mechanism can follow
@@ -93,8 +93,8 @@ def excitation(mechanism: Mechanism) -> Motion:
     for names in dict.fromkeys(choices):
         for amplitude in (0.8, 0.3, 0.1, 0.03, 0.003):
             try:
-                log = _sines(mechanism, names, amplitude)
-                return complete(mechanism, log, cutoff=None, torques=False)
+                t, known = _sines(mechanism, names, amplitude)
+                return prescribed(mechanism, "a made-up motion", t, names, known)
             except MotionError as error:
                 why = error
     raise MotionError(
@@ -103,22 +103,26 @@ def excitation(mechanism: Mechanism) -> Motion:
     )
 
 
-def _sines(mechanism: Mechanism, names: tuple[str, ...], amplitude: float) -> Log:
-    """Return a log of these joints moving by about the amplitude [rad | m] around the start."""
+def _sines(
+    mechanism: Mechanism, names: tuple[str, ...], amplitude: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return times (n,) [s] and coordinates, rates, accelerations (3, n, d) of these joints,
+    which move by about the amplitude [rad | m] around the start.
+    """
     t = np.linspace(0.0, 10.0, 801)
     rng = np.random.default_rng(1)
     frequency = rng.uniform(0.5, 1.5, (len(names), 3))
     phase = rng.uniform(0, 2 * np.pi, (len(names), 3))
     start = LoopSolver(mechanism, names).coordinates(mechanism.assembled[None]).value[0]
-    columns = {}
-    for i, name in enumerate(names):
+    known = np.empty((3, len(t), len(names)))
+    for i in range(len(names)):
         w = 2 * np.pi * frequency[i][:, None]
         angle = w * t + phase[i][:, None]
         offset = np.sin(phase[i][:, None])
-        columns[f"q.{name}"] = start[i] + amplitude / 3 * (np.sin(angle) - offset).sum(axis=0)
-        columns[f"v.{name}"] = amplitude / 3 * (w * np.cos(angle)).sum(axis=0)
-        columns[f"a.{name}"] = amplitude / 3 * (-(w**2) * np.sin(angle)).sum(axis=0)
-    return Log.from_arrays("a made-up motion", t, columns)
+        known[0, :, i] = start[i] + amplitude / 3 * (np.sin(angle) - offset).sum(axis=0)
+        known[1, :, i] = amplitude / 3 * (w * np.cos(angle)).sum(axis=0)
+        known[2, :, i] = amplitude / 3 * (-(w**2) * np.sin(angle)).sum(axis=0)
+    return t, known
 
 
 def unexcited(problem: Problem, found: Estimate) -> Unexcited:
@@ -208,8 +212,8 @@ def _swing(mechanism: Mechanism, motion: Motion, joint: str) -> tuple[Motion, fl
     some = slice(run.start, run.stop, every)
     t = e.t[some] - e.t[run.start]
     for size in AMPLITUDES:
-        columns: dict[str, np.ndarray] = {}
-        for name in motion.independent:
+        known = np.empty((3, len(t), len(motion.independent)))
+        for i, name in enumerate(motion.independent):
             at = mechanism.joint_index[name]
             q, v, a = (getattr(e, x)[some, at].copy() for x in ("y", "yd", "ydd"))
             if np.abs(v).max() < STILL * size:  # what is left of its motion is noise
@@ -220,10 +224,9 @@ def _swing(mechanism: Mechanism, motion: Motion, joint: str) -> tuple[Motion, fl
                     q += half * np.sin(w * t)
                     v += half * w * np.cos(w * t)
                     a -= half * w**2 * np.sin(w * t)
-            columns |= {f"q.{name}": q, f"v.{name}": v, f"a.{name}": a}
+            known[:, :, i] = q, v, a
         try:
-            log = Log.from_arrays("a swing", t, columns)
-            made = complete(mechanism, log, cutoff=None, torques=False)
+            made = prescribed(mechanism, "a swing", t, motion.independent, known)
         except IdentError:
             continue
         return made, size

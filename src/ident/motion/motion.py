@@ -283,8 +283,12 @@ def prescribed(
             accelerations.
 
     Raises:
-        MotionError: if the closures cannot follow it.
+        MechanismError: if its loops do not let the mechanism move.
+        MotionError: if the joints do not determine a motion, or the closures cannot follow it.
     """
+    check_freedom(mechanism)
+    if len(independent_joints(mechanism, joints)) < mechanism.degrees_of_freedom:
+        raise MotionError(f"{name}: {', '.join(joints)} do not determine the motion; give more")
     none = np.empty(0)
     e = State(
         name=name, t=t, q=none, v=none, a=none, y=none, yd=none, ydd=none,

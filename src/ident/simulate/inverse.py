@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ident.effects import KINDS
-from ident.equations.correct import late
-from ident.equations.point import Point
+from ident.equations.corrections import late
+from ident.equations.unknowns import Point
 from ident.errors import MechanismError, MotionError, one_of
 from ident.fit.residual import Prediction, predict
 from ident.log import Log
