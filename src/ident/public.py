@@ -1,16 +1,15 @@
 """The public names, each from where it is defined; `ident` has them all."""
 
-from ident.fit.compare import Comparison, compare
-from ident.diagnose import Diagnosis, History, diagnose, grow
+from ident.diagnosis import Diagnosis, Health, History, diagnose, grow, health
 from ident.effects import KINDS as effects
 from ident.effects import Effect, read_user_effect, user_effect
 from ident.effects import create as effect
 from ident.errors import FitError, IdentError, LogError, MechanismError, MotionError
 from ident.excite import Excitation, Limits, excite
 from ident.fit import Fit, identify
+from ident.fit.compare import Comparison, compare
 from ident.fit.output import write_fit
 from ident.fit.saved import Saved, read_fit
-from ident.health import Health, health
 from ident.log import Column, Log, read_log
 from ident.mechanism import Consistency, Mechanism, Multipliers, load
 from ident.mechanism.absolute import absolute

@@ -6,7 +6,7 @@ from functools import cache
 
 import ident
 from ident import Diagnosis, History, Noise
-from ident.diagnose.suggest import Suggestion
+from ident.diagnosis.suggestion import Suggestion
 from identification import Planted, motion_log, plant, robot
 
 NOISE = (Noise("tau", 0.02, relative=True), Noise("q", 1e-5))

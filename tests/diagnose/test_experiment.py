@@ -14,10 +14,10 @@ from scipy.integrate import trapezoid
 import ident
 from helpers import ROBOTS
 from ident import Log, Mechanism, Noise
-from ident.diagnose import Diagnosis, diagnose
-from ident.diagnose.experiment import next_experiment, propose
-from ident.diagnose.propose import attempts, contenders, proposal, questions
-from ident.diagnose.trials import present, trials
+from ident.diagnosis import Diagnosis, diagnose
+from ident.diagnosis.experiment import attempts, contenders, proposal, propose, questions
+from ident.diagnosis.trials import present, trials
+from ident.show.experiment import next_experiment
 
 # presliding refitted at a negative reach overflows on its way; that is not tested here
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
@@ -154,7 +154,7 @@ def test_trials_keep_limits(arm: Mechanism) -> None:
 
 
 def test_it_never_raises(narrow: Diagnosis) -> None:
-    text = next_experiment(replace(narrow, choice=None))  # type: ignore[arg-type]
+    text = next_experiment(replace(narrow, selection=None))  # type: ignore[arg-type]
     assert text.startswith("No experiment")
     for verdict in ("nothing", "unexplained"):
         text = next_experiment(replace(narrow, verdict=verdict))

@@ -14,7 +14,7 @@ from diagnosed import SUGGESTION, clean, grown, lacking, loop, planted
 import ident
 from helpers import ROBOTS
 from ident import Diagnosis, IdentError
-from ident.diagnose.output import plain
+from ident.show.diagnosis import plain
 from pages import charts, read_page, reading, titles
 
 NUMBER, NUMBER_OR_NONE = (int, float), (int, float, type(None))
@@ -47,6 +47,7 @@ CONTRACT: dict[str, Any] = {
             ],
         }
     ],
+    "decision": {"alpha": NUMBER, "material": NUMBER, "rival_se": NUMBER},
     "invisible": [{**NAME, "why": str}],
     "next_experiment": str,
     "text": str,
@@ -89,7 +90,8 @@ def test_diagnosis_json_keeps_the_contract(make, tmp_path):
         first = data["candidates"][0]
         assert data["best"] == {key: first[key] for key in ("effect", "joints")}
         assert first["error_after"] < first["error_before"]
-    assert data["verdict"] in ("missing", "nothing", "unexplained")
+    assert data["verdict"] in ("missing", "nothing", "unexplained", "undecided")
+    assert data["decision"].keys() >= {"alpha", "material", "rival_se", "quantile", "candidates"}
     assert sum(each["share"] for each in data["where"]) == pytest.approx(1)
     assert all(each["floor"] > 0 for each in data["where"])
     assert data["text"] == d.text
@@ -107,8 +109,9 @@ def hostile(d: Diagnosis) -> Diagnosis:
     experiments = [replace(e, name=f"{name}.csv") for e in fit.motion.experiments]
     motion = replace(fit.motion, experiments=tuple(experiments))
     mechanism = replace(fit.mechanism, name=name)
-    text = f"{d.text}\n\n{name}"
-    return replace(d, fit=replace(fit, mechanism=mechanism, motion=motion), text=text)
+    found = replace(d, fit=replace(fit, mechanism=mechanism, motion=motion))
+    found.__dict__["text"] = f"{d.text}\n\n{name}"
+    return found
 
 
 @pytest.mark.parametrize("make", [clean, lacking], ids=lambda f: f.__name__)

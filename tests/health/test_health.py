@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 import ident
-from ident import Column, Log, Noise
-from ident.health import health
+from ident import Column, Log, Noise, health
 from identification import motion_log, plant, robot
 
 NAMES = ("arm", "five_bar", "four_bar", "slider_crank")

@@ -29,8 +29,8 @@ from ident.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from ident.diagnose import Diagnosis
-    from ident.diagnose.grow import Step
+    from ident.diagnosis import Diagnosis
+    from ident.diagnosis.grow import Step
     from ident.streams.diagnose_each import Verdicts
 
 CleanSeed = Annotated[
@@ -81,7 +81,7 @@ def diagnose(
             )  # fmt: skip
             remarks = found.notes
         else:
-            from ident.diagnose import diagnose as diagnose_
+            from ident.diagnosis import diagnose as diagnose_
             from ident.fit import identify
 
             motion = motion_of(model, logs, cutoff_of(cutoff), on_progress, smoothing=smoothing)
@@ -121,9 +121,8 @@ def grow(
 
     Prints the ladder of held-out errors while it runs, then the diagnosis of the last model.
     """
-    from ident.diagnose import grow as grow_
-    from ident.diagnose.ladder import head, rung
-    from ident.diagnose.output import refuse_own
+    from ident.diagnosis import grow as grow_
+    from ident.show.diagnosis import head, refuse_own, rung
 
     model = mechanism_of(
         mechanism, with_, allow_code=allow_code, basis=basis, spacing=spacing, absolute=absolute

@@ -51,6 +51,15 @@ class Part:
         """Rows of one block."""
         return slice(int(self.edges[k]), int(self.edges[k + 1]))
 
+    def taken(self, columns: Index) -> Array:
+        """Some of all columns (m, u); zero where these rows do not have them."""
+        found = np.zeros((len(self.X), len(columns)))
+        for i, column in enumerate(columns):
+            at = np.flatnonzero(self.columns == column)
+            if len(at):
+                found[:, i] = self.X[:, at[0]]
+        return found
+
 
 @dataclass(frozen=True, eq=False)
 class Gains:
@@ -230,6 +239,11 @@ class Regression:
     def loss(self) -> Array:
         """(blocks,) left-out squares of b with the model as it is."""
         return self._block[3][:, 0]
+
+    @property
+    def null_loss(self) -> Array:
+        """(B,) left-out squares of r_1 … r_B, all blocks together."""
+        return np.asarray(self._block[3][:, 1:].sum(axis=0))
 
     @cached_property
     def left_out(self) -> tuple[Array, ...]:
@@ -467,7 +481,7 @@ def surrogates(r: Array, runs: Sequence[slice], count: int, random: np.random.Ge
 
 
 def quantile(null: Array, alpha: float) -> float:
-    """The (1 − alpha) quantile of the largest G of each draw; null (groups, draws)."""
+    """The (1 − alpha) quantile of the largest gain of each draw; null (groups, draws)."""
     if not null.size:
         return 0.0
     return float(np.quantile(null.max(axis=0), 1 - alpha, method="higher"))

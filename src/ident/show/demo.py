@@ -17,7 +17,7 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from ident.diagnose import Diagnosis, diagnose
+from ident.diagnosis import Diagnosis, diagnose
 from ident.effects import Effect
 from ident.errors import IdentError
 from ident.files import write_all

@@ -7,8 +7,8 @@ from collections import Counter
 import numpy as np
 from markupsafe import Markup
 
-from ident.diagnose.phrases import listed
 from ident.display import renders
+from ident.show.diagnosis import listed
 from ident.show.fit import summary
 from ident.show.html import Section, definitions, in_frame, items, strong
 from ident.show.html import table as html_table

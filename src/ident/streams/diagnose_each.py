@@ -9,8 +9,7 @@ from pathlib import Path
 
 import polars as pl
 
-from ident.diagnose import Diagnosis, diagnose
-from ident.diagnose.output import write_diagnosis
+from ident.diagnosis import Diagnosis, diagnose
 from ident.display import Displayed, render
 from ident.errors import FitError
 from ident.fit import identify
@@ -145,7 +144,9 @@ class Verdicts(Displayed):
             IdentError: if the folder cannot be written.
         """
         more = {"logs.csv": self.table.write_csv().encode()}
-        return write_diagnosis(self.together, folder, more, [render(self, "section")])
+        sections = [render(self, "section")]
+        paths: list[Path] = render(self.together, "files", folder, more, sections)
+        return paths
 
 
 def diagnose_each(

@@ -28,7 +28,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.diagnose.sites import candidates
+from ident.diagnosis.candidates import possible as candidates
 from ident.effects import KINDS, Effect
 from ident.effects.effect import Unknown
 from ident.equations.columns import Columns

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from ident.diagnose import Diagnosis, History, diagnose
-from ident.diagnose.explanation import errors_of, fall_of
-from ident.diagnose.grow import Step
-from ident.diagnose.output import model_files, refuse_own, write_history
+from ident.diagnosis import Diagnosis, History, diagnose
+from ident.diagnosis.diagnosis import errors_of, fall_of
+from ident.diagnosis.grow import Step
 from ident.effects import Effect
 from ident.equations.point import Point
 from ident.errors import FitError, one_of
@@ -20,6 +19,7 @@ from ident.information.blocks import Error
 from ident.mechanism import Mechanism
 from ident.motion import Motion
 from ident.progress import Progress
+from ident.show.diagnosis_report import model_files, refuse_own, write_history
 from ident.show.explore.predicted import (
     ColumnCache,
     PredictedGain,

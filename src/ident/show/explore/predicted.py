@@ -12,18 +12,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ident.diagnose.choose import ALIKE, APART
-from ident.diagnose.evidence import MINE, torque_squares, zscore
-from ident.diagnose.hidden import invisible, outright
-from ident.diagnose.phrases import what
-from ident.diagnose.quiet import quiet
-from ident.diagnose.screen import Screen
-from ident.diagnose.search import Candidate, search
-from ident.diagnose.sites import candidates
-from ident.diagnose.support import unsupported
-from ident.effects import Correcting, Effect
+from ident.diagnosis.candidates import Candidate, Contest, absorbed, possible
+from ident.diagnosis.diagnosis import hidden_of, unsupported
+from ident.diagnosis.selection import Decision, Evidence, Weigh, alike, torque_squares
+from ident.effects import Effect
 from ident.fit import Fit
 from ident.fit.table import Table
+from ident.information.hypotheses import zscore
 from ident.progress import Progress
 
 Shapes = Sequence[Mapping[str, float]]
@@ -57,7 +52,7 @@ class CachedTable(Table):
 
     def with_effect(self, effect: Effect, shapes: Shapes) -> np.ndarray:
         """As `Table.with_effect`."""
-        corrected = any(isinstance(each, Correcting) for each in self.mechanism.effects)
+        corrected = any(each.corrects for each in self.mechanism.effects)
         if corrected or effect.implicit or len(shapes) == 0:
             return super().with_effect(effect, shapes)
         asked = [tuple(sorted(each.items())) for each in (effect.values, *shapes)]
@@ -72,22 +67,23 @@ class CachedTable(Table):
 
 @dataclass(frozen=True, eq=False)
 class ScreeningContext:
-    """A fit with its rows, the model projected out of those that are away from reversals."""
+    """A fit with its rows away from reversals, and the columns of what could be added."""
 
     fit: Fit
-    table: CachedTable
-    screen: Screen
+    contest: Contest
 
     @classmethod
-    def of(cls, fit: Fit, store: ColumnCache) -> ScreeningContext:
+    def of(cls, fit: Fit, store: ColumnCache, progress: Progress | None = None) -> ScreeningContext:
         """Of a fit; its columns are looked up in `store` first."""
+        wanted = [e for e in possible(fit.mechanism, fit.motion) if not absorbed(fit.mechanism, e)]
         table = CachedTable.of_fit(fit, store)
-        return cls(fit, table, Screen.of(table, quiet(table), fit.worth, fit.estimate.held))
+        told = progress or (lambda what, share: None)
+        return cls(fit, Contest.of(fit, wanted, told, curved=False, table=table))
 
     @property
     def weight(self) -> np.ndarray:
         """w (d,); 0 for a joint without torque."""
-        torque = torque_squares(self.table, self.screen)
+        torque = torque_squares(self.contest, self.contest.regression)
         return np.where(torque > 0, 1.0 / np.where(torque > 0, torque, 1.0), 0.0)
 
     def difference(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
@@ -96,26 +92,24 @@ class ScreeningContext:
 
     def fall(self, after: np.ndarray) -> tuple[float, float]:
         """Of the model's own losses to others (blocks, d), and its standard error over blocks."""
-        total = float((self.screen.loss @ self.weight).sum())
-        D = self.difference(self.screen.loss, after)
+        before = self.contest.regression.losses
+        total = float((before @ self.weight).sum())
+        D = self.difference(before, after)
         if total <= 0 or len(D) < 2:
             return 0.0, 0.0
         return float(D.sum() / total), float(D.std(ddof=1) * np.sqrt(len(D)) / total)
 
-    def without(self, held: np.ndarray) -> np.ndarray:
-        """(blocks, d) losses with further unknowns (k,) held where they are without data."""
-        return Screen.same_rows(self.screen, self.table, self.fit.estimate.held | held).loss
-
     def delivered(self, after: ScreeningContext) -> float | None:
         """The fall to another model, in the same rows and weights; None if its rows are others."""
-        mine, other = self.table, after.table
-        if len(mine.t) != len(other.t) or not np.array_equal(mine.sample, other.sample):
+        mine, other = self.contest, after.contest
+        if mine.use.shape != other.use.shape or not np.array_equal(mine.use, other.use):
             return None
-        loss = Screen.same_rows(self.screen, other, after.fit.estimate.held).loss
-        return self.fall(loss)[0]
+        return self.fall(other.regression.weighted(mine.regression.weight).losses)[0]
 
 
 SOME = 2.0  # standard errors from which a fall is one
+APART = 2.0  # standard errors of paired blocks within which two candidates are rivals
+LEAST = 0.01  # of the held-out squares: a shape that gains less is not refined
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +145,7 @@ class PredictedGain:
     @property
     def words(self) -> str:
         """What it is."""
-        return what(self.effect)
+        return type(self.effect).summary()
 
     @property
     def sure(self) -> bool:
@@ -173,53 +167,57 @@ def predicted_gains(
         ground: of the fit as it is.
         progress: called with (what is being done, share done); what it raises stops the work.
     """
-    fit, table, screen = ground.fit, ground.table, ground.screen
-    wanted = candidates(fit.mechanism, fit.motion)
-    absorbed = [x for x in (outright(fit.mechanism, each) for each in wanted) if x]
-    given = {each.effect.label for each in absorbed}
-    wanted = [each for each in wanted if each.label not in given]
-    found = search(table, screen, wanted, np.zeros((len(screen.r), 0)), progress)
-    hidden = {x.effect.label: x.why for x in invisible(fit, table, screen, found.candidates)}
-    hidden |= {x.effect.label: x.why for x in absorbed}
-    hidden |= {e.label: f"could not be tried: {why}" for e, why in found.failed}
-    seen = [each for each in found.candidates if each.effect.label not in hidden]
-    open_ = _with_rivals(ground, seen, [_of(ground, each) for each in seen])
-    shut = [PredictedGain(e, why=hidden[e.label]) for e in (*wanted, *(x.effect for x in absorbed))
-            if e.label in hidden]  # fmt: skip
+    fit, contest = ground.fit, ground.contest
+    hidden = hidden_of(fit, contest)
+    seen = [each for each in contest.candidates if each.effect.label not in hidden]
+    found = _weighed(contest, seen)
+    open_ = _with_rivals(ground, found, [_of(ground, each) for each in found])
+    every = possible(fit.mechanism, fit.motion)
+    shut = [PredictedGain(e, why=hidden[e.label]) for e in every if e.label in hidden]
     best_first = sorted(open_, key=lambda each: -(each.fall or 0.0))
     return (*best_first, *shut, *_present(ground))
 
 
-def _of(ground: ScreeningContext, candidate: Candidate) -> PredictedGain:
-    judged, joints = candidate.judged, ground.fit.motion.independent
-    by = np.maximum(judged.by, 0.0)
-    mends = [u for u in np.argsort(-by) if by[u] >= MINE * max(by.sum(), 1e-300)]
-    fall, error = ground.fall(judged.loss)
+def _weighed(contest: Contest, seen: Sequence[Candidate]) -> list[Evidence]:
+    """Each candidate at its best start, refined where it does anything."""
+    regression = contest.regression
+    total = max(float(regression.loss.sum()), 1e-300)
+    weigh = Weigh(contest, regression, Decision(), total)
+    found = []
+    gains = regression.gains([group for each in seen for group in each.groups]).G
+    first = 0
+    for each in seen:
+        mine = gains[first : first + len(each.groups)]
+        first += len(each.groups)
+        start = int(mine.argmax())
+        found.append(weigh(each, start, float(mine[start]) / total, LEAST, 1.0))
+    return found
+
+
+def _of(ground: ScreeningContext, found: Evidence) -> PredictedGain:
+    joints, by = ground.fit.motion.independent, found.refit.by
+    mends = sorted(found.mends, key=lambda u: -by[u])
+    fall, error = ground.fall(found.refit.loss)
     names = tuple(joints[u] for u in mends)
-    return PredictedGain(candidate.effect, False, fall, error, names, shape=candidate.shape)
+    return PredictedGain(found.effect, False, fall, error, names, shape=found.shape)
 
 
 def _with_rivals(
-    ground: ScreeningContext, found: Sequence[Candidate], announced: Sequence[PredictedGain]
+    ground: ScreeningContext, found: Sequence[Evidence], announced: Sequence[PredictedGain]
 ) -> list[PredictedGain]:
     """Each with those that explain the same part as well, or better.
 
-    cos(X̃_a θ_a, X̃_b θ_b) > ALIKE; better: mean(D_b − D_a) ≥ APART standard errors of its own, and
-    the falls differ by more than the standard error of either
+    better: mean(D_b − D_a) ≥ APART standard errors of its own, and the falls differ by more than
+    the standard error of either
     """
-    screen = ground.screen
     sure = [i for i, each in enumerate(announced) if each.sure]
-    parts = np.zeros((len(screen.r), len(sure)))
-    for column, i in enumerate(sure):
-        part = screen.projected(found[i].columns @ found[i].judged.theta[:, None])[:, 0]
-        parts[:, column] = part / max(float(np.linalg.norm(part)), 1e-300)
-    alike = parts.T @ parts > ALIKE
-    D = [ground.difference(screen.loss, found[i].judged.loss) for i in sure]
+    before = ground.contest.regression.losses
+    D = {i: ground.difference(before, found[i].refit.loss) for i in sure}
     result = list(announced)
-    for a, i in enumerate(sure):
+    for i in sure:
         behind = {
-            announced[j].label: 0.0 if _close(announced[i], announced[j]) else zscore(D[b] - D[a])
-            for b, j in enumerate(sure) if b != a and alike[a, b]
+            announced[j].label: 0.0 if _close(announced[i], announced[j]) else zscore(D[j] - D[i])
+            for j in sure if j != i and alike(found[i], found[j])
         }  # fmt: skip
         result[i] = replace(
             announced[i],
@@ -238,20 +236,19 @@ def _close(a: PredictedGain, b: PredictedGain) -> bool:
 def _present(ground: ScreeningContext) -> list[PredictedGain]:
     """Effects of the model: what they take away now, and what speaks against them."""
     fit = ground.fit
-    doubts = {x.effect.label: x.why for x in unsupported(fit, ground.table, ground.screen)}
-    total = float((ground.screen.loss @ ground.weight).sum())
+    regression = ground.contest.regression
+    doubts = {x.effect.label: x.why for x in unsupported(fit, ground.contest, Decision())}
+    total = float((regression.losses @ ground.weight).sum())
     found = []
     for effect, places in fit.columns.effects:
-        mine = places[places >= 0]
+        mine = np.array([p for p in places if p >= 0], dtype=int)
         if not len(mine):
             continue
         why = doubts.get(effect.label, "")
-        if isinstance(effect, Correcting):  # it is undone by another motion, not by a column
+        if effect.corrects:  # it is undone by another motion, not by a column
             found.append(PredictedGain(effect, True, why=why))
             continue
-        held = np.zeros(len(fit.columns), dtype=bool)
-        held[mine] = True
-        D = ground.difference(ground.without(held), ground.screen.loss)
+        D = ground.difference(regression.without(mine).losses, regression.losses)
         before = max(total + float(D.sum()), 1e-300)
         error = float(D.std(ddof=1) * np.sqrt(len(D))) / before if len(D) > 1 else 0.0
         found.append(PredictedGain(effect, True, float(D.sum()) / before, error, why=why))

@@ -9,12 +9,12 @@ from typing import Any
 
 from markupsafe import Markup
 
-from ident.diagnose import Diagnosis
-from ident.diagnose.phrases import listed, some
-from ident.diagnose.plots import plot_rungs
+from ident.diagnosis import Diagnosis
 from ident.fit import Fit
 from ident.residual.plots import plot_maps, plot_predictions
 from ident.show.charts import Chart
+from ident.show.diagnosis import listed, some
+from ident.show.diagnosis_report import plot_rungs
 from ident.show.explore.exploration import Exploration, ModelStep, error_text, share
 from ident.show.explore.predicted import PredictedGain
 from ident.show.html import code, items, paragraph, table

@@ -1,6 +1,4 @@
-"""Motions that could be logged next: the present one wider, faster, slower, in strokes, one by one.
-The independent joints' ranges and speeds; the curves between are in `waves`.
-"""
+"""Motions that could be logged next: wider, faster, slower, in strokes, joints one by one."""
 
 from __future__ import annotations
 
@@ -8,11 +6,58 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
-from ident.diagnose.waves import Series, sines, strokes
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion import Motion
+
+# --- waves ---------------------------------------------------------------------------------------
+# Curves between two positions: mixtures of sines, and strokes of constant speed.
+#
+# y = c + h m(w t)        m: three sines of unrelated frequencies, or strokes with rounded ends
+
+
+WAVES = ((1.0, 0.62, 0.3), (1.73, 0.3, 1.1), (2.91, 0.16, 2.3))  # frequency, share, phase
+CORNER = 8.0  # steepness of a stroke's ends
+Series = tuple[np.ndarray, np.ndarray, np.ndarray]  # y, ẏ, ÿ, each (n,)
+
+
+def sines(low: float, high: float, speed: float, t: np.ndarray, pitch: float = 1.0) -> Series:
+    """y, ẏ, ÿ (n,) between low and high, at up to `speed`."""
+    fine = np.linspace(0.0, 60.0, 6001)
+    shape, slope, _ = _waves(fine, pitch)
+    h = (high - low) / (shape.max() - shape.min())
+    w = speed / (h * np.abs(slope).max())
+    m0, m1, m2 = _waves(w * t, pitch)
+    return low + h * (m0 - shape.min()), h * w * m1, h * w**2 * m2
+
+
+def _waves(x: np.ndarray, pitch: float) -> Series:
+    parts = [(f * pitch, a, f * pitch * x + p) for f, a, p in WAVES]
+    return (
+        sum((a * np.sin(z) for _, a, z in parts), np.zeros_like(x)),
+        sum((a * f * np.cos(z) for f, a, z in parts), np.zeros_like(x)),
+        sum((-a * f**2 * np.sin(z) for f, a, z in parts), np.zeros_like(x)),
+    )
+
+
+def strokes(low: float, high: float, speed: float, t: np.ndarray, pitch: float = 1.0) -> Series:
+    """y, ẏ, ÿ (n,) to and fro at constant speed, rounded at the ends."""
+    w = pitch * speed * np.pi / (high - low)
+    fine = np.linspace(0.0, 2 * np.pi, 4001)
+    way = cumulative_trapezoid(np.tanh(CORNER * np.sin(fine)), fine, initial=0.0)
+    h = (high - low) / way.max()
+    shape = np.tanh(CORNER * np.sin(w * t))
+    bend = CORNER * np.cos(w * t) * (1 - shape**2)
+    y = low + h * np.interp(np.mod(w * t, 2 * np.pi), fine, way)
+    return y, h * w * shape, h * w**2 * bend
+
+
+# --- trials --------------------------------------------------------------------------------------
+# Motions that could be logged next: the present one wider, faster, slower, in strokes, one by one.
+# The independent joints' ranges and speeds; the curves between are in `waves`.
+
 
 SAMPLES = 600  # a log, or a third of that where a trial has several
 APART = 0.137  # by which the frequencies of one joint differ from the next one's
@@ -171,3 +216,35 @@ def _log(trial: Trial, share: float, n: int, name: str) -> Log:
         for channel, x in zip("qva", found, strict=True):
             columns[f"{channel}.{m.joint.name}"] = x
     return Log.from_arrays(name, t, columns)
+
+
+# --- allowed -------------------------------------------------------------------------------------
+# Whether a motion keeps the limits of the URDF: positions, speeds, torques.
+
+
+SLACK = 1e-6
+
+
+def allowed(mechanism: Mechanism, now: Motion, then: Motion) -> bool:
+    """Whether a motion keeps all limits that the present one keeps."""
+    for i, joint in enumerate(mechanism.joints):
+        for series, low, high in (
+            ("y", joint.lower, joint.upper),
+            ("yd", -joint.velocity, joint.velocity),
+        ):
+            before, after = (_extent(m, series, i) for m in (now, then))
+            slack = SLACK * (1 + abs(after[0]) + abs(after[1]))
+            if before[0] >= low and after[0] < low - slack:
+                return False
+            if before[1] <= high and after[1] > high + slack:
+                return False
+    for i, name in enumerate(mechanism.driven):
+        was, is_ = (max(map(abs, _extent(m, "tau", i))) for m in (now, then))
+        if was <= (most := mechanism.joint(name).effort) and is_ > most > 0:
+            return False
+    return True
+
+
+def _extent(motion: Motion, series: str, i: int) -> tuple[float, float]:
+    x = np.concatenate([getattr(e, series)[e.usable, i] for e in motion.experiments])
+    return float(x.min()), float(x.max())

@@ -2,28 +2,28 @@
 
     residual of joint j ≈ Σ c_i f_i(q, v, a, t)      f_i: products of powers, sines and signs
 
-Terms are added one by one, everything else refitted, as long as the held-out error falls; what
-explains two thirds of the gap is proposed as an effect of one's own.
+Terms are added one by one, everything else refitted, as long as each is credible by the rule of
+evidence among all terms.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ident.diagnose.evidence import BEYOND, CLOSES, SURE, Evidence, evidence, zscore
-from ident.diagnose.null import Null
-from ident.diagnose.screen import Screen
-from ident.diagnose.search import Candidate
-from ident.effects import Signals, create
+from ident.diagnosis.candidates import Contest
+from ident.diagnosis.null import SURROGATES, Noise, judging
+from ident.diagnosis.selection import Decision, Ranking
+from ident.effects import Signals
 from ident.effects.friction import direction
-from ident.fit.table import Table
+from ident.information.hypotheses import Array, quantile
 
 MOST = 3  # terms
-Column = Callable[[Signals], np.ndarray]
+LEAST = 0.5  # share of what exceeds the noise that an expression must explain to be proposed
+Column = Callable[[Signals], Array]
 
 
 @dataclass(frozen=True)
@@ -42,14 +42,14 @@ class Suggestion:
     Attributes:
         joint: whose torque; joints: whose signals, that joint first.
         terms: CasADi texts; values: their coefficients.
-        closure: share of the gap that it closes.
+        explained: share of the left-out squares beyond the noise that it explains.
     """
 
     joint: str
     joints: tuple[str, ...]
     terms: tuple[str, ...]
     values: tuple[float, ...]
-    closure: float
+    explained: float
 
     @property
     def code(self) -> str:
@@ -83,7 +83,7 @@ class Suggestion:
             "joint": self.joint,
             "joints": list(self.joints),
             "terms": terms,
-            "closure": self.closure,
+            "explained": self.explained,
             "code": self.code,
         }
 
@@ -93,60 +93,57 @@ class Suggestion:
 
 
 def suggest(
-    table: Table, screen: Screen, null: Null, threshold: np.ndarray, coordinate: int
+    contest: Contest, last: Ranking, noise: Noise, decision: Decision, seed: int
 ) -> Suggestion | None:
-    """A sparse expression for the residual of one independent coordinate; None if none holds."""
-    joint = table.motion.independent[coordinate]
-    terms = list(library(table, joint))
-    X = np.column_stack([_column(table, screen, joint, term) for term in terms])
-    size = np.linalg.norm(X, axis=0)
-    felt = np.flatnonzero(size > 0)
-    terms, scale = [terms[i] for i in felt], size[felt]
-    X = X[:, felt] / scale
+    """A sparse expression for what the model leaves of its worst coordinate; None if none holds."""
+    regression = contest.regression
+    beyond = (
+        regression.losses.sum(axis=0) - regression.rows * (noise.floor * regression.weight) ** 2
+    )
+    u = int(beyond.argmax())
+    joint = contest.fit.motion.independent[u]
+    terms = list(_terms(contest, joint))
+    columns = _columns(contest, joint, terms)
+    felt = np.flatnonzero(np.any([c.any(axis=0) for c in columns], axis=0))
+    contest, new = contest.added([c[:, felt] for c in columns])
+    regression = contest.regression
     chosen: list[int] = []
-    found: Evidence | None = None
     while len(chosen) < MOST:
-        tried = _next(screen, X, chosen)
-        judged = screen.judge(X[:, [*chosen, tried]])
-        gain = (screen.loss - judged.loss).sum(axis=1)
-        before = found.difference if found else np.zeros(len(gain))
-        if zscore(gain - before) < SURE:
+        regression = judging(contest, regression, noise, seed)
+        found = regression.gains([new[i : i + 1] for i in range(len(new))])
+        best = int(found.G.argmax())
+        total = float(regression.loss.sum())
+        null = found.null / np.maximum(regression.null_loss, total)
+        if found.G[best] <= total * quantile(null[:, :SURROGATES], decision.alpha):
             break
-        chosen.append(tried)
-        bare = Candidate(create("torque_offset", joint), {}, judged, X[:, chosen], coordinate)
-        found = evidence(table, screen, null, threshold, bare)
-    if found is None or found.closure < CLOSES or found.beyond < BEYOND:
+        chosen.append(best)
+        regression = regression.extended(new[best : best + 1])
+    if not chosen:
         return None
-    joints = tuple(dict.fromkeys([joint, *(j for i in chosen for j in terms[i].joints)]))
-    names = [_renamed(terms[i], joints) for i in chosen]
-    values = found.candidate.judged.theta / scale[chosen]
-    return Suggestion(joint, joints, tuple(names), tuple(map(float, values)), found.closure)
+    fall = contest.regression.losses.sum(axis=0)[u] - regression.losses.sum(axis=0)[u]
+    explained = float(np.clip(fall / max(float(beyond[u]), 1e-300), 0.0, 1.0))
+    if explained < LEAST:
+        return None
+    values = regression.theta[-len(chosen) :]
+    mine = [terms[felt[i]] for i in chosen]
+    joints = tuple(dict.fromkeys([joint, *(name for term in mine for name in term.joints)]))
+    names = tuple(_renamed(term, joints) for term in mine)
+    return Suggestion(joint, joints, names, tuple(map(float, values)), explained)
 
 
-def _next(screen: Screen, X: np.ndarray, chosen: Sequence[int]) -> int:
-    """The term whose addition makes the in-sample error fall most."""
-    done = screen.projected(X[:, list(chosen)])
-    Q = np.linalg.qr(done)[0] if chosen else np.zeros((len(X), 0))
-    rest = screen.projected(X)
-    rest = rest - Q @ (Q.T @ rest)
-    norms = np.linalg.norm(rest, axis=0)
-    score = np.where(norms > 1e-2, np.abs(screen.r @ rest) / np.where(norms > 0, norms, 1), 0.0)
-    score[list(chosen)] = 0.0
-    return int(score.argmax())
-
-
-def _column(table: Table, screen: Screen, joint: str, term: Term) -> np.ndarray:
-    """The term as a torque of the joint, in the screen's rows (M,)."""
-    found = []
+def _columns(contest: Contest, joint: str, terms: list[Term]) -> list[Array]:
+    """The terms as torques of the joint (m, terms) in the rows of each part."""
+    table, found = contest.table, []
     for number in range(len(table.scenes)):
         s = table.samples(number)
-        out = np.zeros((*s.shape, 1))
-        s.add_torque(out, joint, term.value(s.signals(term.joints))[:, None])
+        out = np.zeros((*s.shape, len(terms)))
+        s.add_torque(out, joint, np.stack([t.value(s.signals(t.joints)) for t in terms], axis=1))
         found.append(table.filtered(number, out))
-    return screen.taken(np.concatenate(found))[:, 0]
+    C = np.concatenate(found)
+    return [C[contest.use[:, p.coordinate], p.coordinate] for p in contest.regression.parts]
 
 
-def library(table: Table, joint: str) -> Iterator[Term]:
+def _terms(contest: Contest, joint: str) -> Iterator[Term]:
     """Terms of one joint's signals, and of it and another's."""
     one = dict(_shapes(0))
     yield Term("1.0", (joint,), lambda s: np.ones(len(s.t)))
@@ -159,7 +156,7 @@ def library(table: Table, joint: str) -> Iterator[Term]:
             if a != b:
                 yield Term(f"{a}*{b}", (joint,), _product(f, g))
     yield Term("s.t", (joint,), time["s.t"])
-    for other in (j.name for j in table.mechanism.joints if j.name != joint):
+    for other in (j.name for j in contest.table.mechanism.joints if j.name != joint):
         both = (joint, other)
         for text, value in _shapes(1):
             yield Term(text, both, value)
@@ -187,7 +184,7 @@ def _product(f: Column, g: Column) -> Column:
     return lambda s: f(s) * g(s)
 
 
-def _wave(f: Callable[[np.ndarray], np.ndarray], k: int, i: int) -> Column:
+def _wave(f: Callable[[Array], Array], k: int, i: int) -> Column:
     """f(k q) of the i-th joint."""
     return lambda s: f(k * s.q[:, i])
 

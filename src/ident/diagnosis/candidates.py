@@ -1,0 +1,260 @@
+"""Everything that could be missing, with its columns in the rows that decide, made in one pass."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from ident.diagnosis.curves import Curve, curves
+from ident.effects import Effect
+from ident.equations.rows import LEVER, ROUNDING, reach
+from ident.errors import IdentError
+from ident.fit import Fit
+from ident.fit.table import Table
+from ident.information.hypotheses import Part, Regression
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Motion
+
+BLOCKS = 20  # of time, in all logs together
+SLOW = 0.03  # share of a joint's top speed below which it counts as reversing
+GUARD = 0.06  # s on either side that are left out; 0.3 periods of the motion, where that is less
+ENOUGH = 0.5  # share of a coordinate's rows that must stay
+Shape = Mapping[str, float]
+OnProgress = Callable[[str, float], None]
+
+
+# --- places ------------------------------------------------------------------------------------
+
+
+def possible(mechanism: Mechanism, motion: Motion) -> list[Effect]:
+    """All effects that could be missing, in the library's order; then known ones, which could have
+    changed.
+    """
+    first, *others = (e.logged for e in motion.experiments)
+    logged = [name for name in first if all(name in names for names in others)]
+    columns = set.intersection(*(set(e.extra) for e in motion.experiments))
+    found = mechanism.candidates(logged, columns)
+    return found + [effect.freed for effect in mechanism.effects if effect.known]
+
+
+def absorbed(mechanism: Mechanism, effect: Effect) -> str:
+    """Why an effect needs no looking at: its columns are a link's own, all of them unknown."""
+    link = effect.loaded_link
+    if link is None:
+        return ""
+    own = set(np.array(mechanism.bodies.names)[mechanism.bodies.columns(link)])
+    if not own <= set(mechanism.unknown):
+        return ""
+    return f"absorbed: same columns as {link}'s own parameters, all unknown"
+
+
+# --- rows --------------------------------------------------------------------------------------
+
+
+def away_from_reversals(table: Table) -> np.ndarray:
+    """(N, d) whether a row informs and is away from the reversals that it feels.
+
+    Around a reversal the sign of a filtered speed, stick phases and the torque's jump are out of
+    step by a little, and every such little looks like some effect.
+    """
+    guard = min(GUARD, 0.3 / max(table.motion.band.motion, 1e-9))
+    while True:
+        found = np.concatenate([_away(table, i, guard) for i in range(len(table.scenes))])
+        if guard < 1e-3 or found.mean(axis=0).min() >= ENOUGH:
+            return found & table.informed if (found & table.informed).any() else table.informed
+        guard *= 0.5
+
+
+def _away(table: Table, number: int, guard: float) -> np.ndarray:
+    e, mechanism = table.scenes[number].e, table.mechanism
+    at = table.sample[table.experiment == number]
+    top = np.quantile(np.abs(e.yd[e.usable]), 0.98, axis=0)
+    slow = np.abs(e.yd) < np.maximum(SLOW * top, e.still)
+    slow &= top > e.still  # a joint that never moves has no reversals
+    near = maximum_filter1d(slow.astype(np.uint8), 2 * int(guard * e.rate) + 1, axis=0)
+    near = near[at].astype(bool)
+    d = table.b.shape[1]
+    found = np.ones((len(at), d), dtype=bool)
+    farthest = reach(e)
+    for joint in mechanism.joints:
+        j = mechanism.joint_index[joint.name]
+        if farthest is None:
+            if joint.index < d:
+                found[:, joint.index] &= ~near[:, j]
+            continue
+        assert e.leverage is not None
+        most = farthest[j]
+        feels = (most > ROUNDING * most.max()) & (np.abs(e.leverage[at, j]) > LEVER * most)
+        found &= ~(near[:, j][:, None] & feels)
+    return found
+
+
+def blocks_of(table: Table) -> np.ndarray:
+    """(N,) contiguous stretches of time, about BLOCKS in all, none over two experiments."""
+    each = max(2, -(-BLOCKS // len(table.scenes)))
+    found = np.empty(len(table.t), dtype=int)
+    for number in range(len(table.scenes)):
+        mine = table.experiment == number
+        rank = np.arange(mine.sum()) * each // max(mine.sum(), 1)
+        found[mine] = number * each + rank
+    return found
+
+
+# --- columns -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One effect at one place, with its columns.
+
+    Attributes:
+        effect: which.
+        shapes: shape parameters of each start.
+        groups: by start, which columns are its unknowns'; of a correction its sensitivities.
+    """
+
+    effect: Effect
+    shapes: tuple[Shape, ...]
+    groups: tuple[np.ndarray, ...]
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers it takes."""
+        return len(self.effect.parameters)
+
+    @property
+    def curve(self) -> bool:
+        """Whether it is a curve, and no law."""
+        return isinstance(self.effect, Curve)
+
+
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """The rows of a fit with the columns of everything that could be missing.
+
+    Attributes:
+        fit, table: whose rows.
+        use: (N, d) rows that decide.
+        regression: the rows, with the model projected out; residuals of nothing are no part yet.
+        candidates: laws, then curves; failed: what could not be evaluated, with the reason.
+    """
+
+    fit: Fit
+    table: Table
+    use: np.ndarray
+    regression: Regression
+    candidates: tuple[Candidate, ...]
+    failed: tuple[tuple[Effect, str], ...]
+
+    @classmethod
+    def of(
+        cls, fit: Fit, effects: Iterable[Effect], on_progress: OnProgress, curved: bool = True,
+        table: Table | None = None,
+    ) -> Contest:  # fmt: skip
+        """The rows of a fit and the columns of some effects, all made once."""
+        table = table or Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
+        use = away_from_reversals(table)
+        held = fit.estimate.held
+        prior = table.columns.prior_at(table.point.values)
+        b = table.b - table.A[:, :, held] @ prior[held]
+        store = Columns(table, use, table.A, b)
+        every = list(effects)
+        moving = _moving(table)
+        wanted = [*every, *(curves(tuple(moving), tuple(moving)) if curved else ())]
+        found, failed = [], []
+        for i, effect in enumerate(wanted):
+            on_progress(f"columns of {effect.label}", i / len(wanted))
+            try:
+                found.append(store.add(effect))
+            except (IdentError, np.linalg.LinAlgError) as error:
+                failed.append((effect, str(error)))
+        sigma = weights(fit, table)
+        regression = Regression(store.parts(), np.flatnonzero(~held), 1.0 / sigma)
+        return cls(fit, table, use, regression, tuple(found), tuple(failed))
+
+    def columns(self, effect: Effect, shape: Shape) -> list[np.ndarray]:
+        """The columns (m, u) of an effect at a shape in the rows of each part."""
+        C, felt = self.table.with_effect(effect, [shape]), self.table.felt(effect)
+        place = {int(u): i for i, u in enumerate(felt)}
+        found = []
+        for part in self.regression.parts:
+            rows = self.use[:, part.coordinate]
+            i = place.get(part.coordinate)
+            none = np.zeros((int(rows.sum()), C.shape[2]))
+            found.append(none if i is None else C[rows, i])
+        return found
+
+    def added(self, C: Sequence[np.ndarray]) -> tuple[Contest, np.ndarray]:
+        """The contest with further columns C (m, u) of each part, and which they are."""
+        new = self.regression.columns + np.arange(C[0].shape[1])
+        parts = tuple(
+            replace(part, X=np.column_stack([part.X, c]), columns=np.append(part.columns, new))
+            for part, c in zip(self.regression.parts, C, strict=True)
+        )
+        return replace(self, regression=replace(self.regression, parts=parts)), new
+
+
+class Columns:
+    """Columns of many effects in the rows that decide, by coordinate."""
+
+    def __init__(self, table: Table, use: np.ndarray, A: np.ndarray, b: np.ndarray) -> None:
+        self.table, self.d, self.b = table, use.shape[1], b
+        self.rows = [np.flatnonzero(use[:, u]) for u in range(self.d)]
+        self.blocks = [[A[rows, u]] for u, rows in enumerate(self.rows)]
+        self.index = [[np.arange(A.shape[2])] for _ in range(self.d)]
+        self.count = A.shape[2]
+
+    def add(self, effect: Effect) -> Candidate:
+        """The candidate that an effect is, its columns added."""
+        if effect.corrects:
+            zero = {each.name: effect.values.get(each.name, 0.0) for each in effect.shapes}
+            names = [each.name for each in effect.searched]
+            C = np.stack([self.table.sensitivity(effect, zero, n) for n in names], axis=-1)
+            shapes: tuple[Shape, ...] = (zero,)
+            u = len(names)
+            felt = np.arange(self.d)
+        else:
+            shapes = tuple(self.table.starts(effect))
+            C, u = self.table.with_effect(effect, shapes), len(effect.unknowns)
+            felt = self.table.felt(effect)
+        new = np.arange(self.count, self.count + C.shape[2])
+        for place, coordinate in enumerate(felt):
+            mine = C[self.rows[coordinate], place]
+            some = mine.any(axis=0)
+            self.blocks[coordinate].append(mine[:, some])
+            self.index[coordinate].append(new[some])
+        self.count += C.shape[2]
+        return Candidate(effect, shapes, tuple(new.reshape(-1, u)))
+
+    def parts(self) -> tuple[Part, ...]:
+        """One part a coordinate."""
+        block = blocks_of(self.table)
+        numbers = np.unique(np.concatenate([block[rows] for rows in self.rows]))
+        found = []
+        for u, rows in enumerate(self.rows):
+            edges = np.searchsorted(block[rows], np.append(numbers, numbers[-1] + 1))
+            X = np.concatenate(self.blocks[u], axis=1)
+            found.append(Part(u, np.concatenate(self.index[u]), X, self.b[rows, u][:, None], edges))
+        return tuple(found)
+
+
+def _moving(table: Table) -> list[str]:
+    """Joints that move in some log and are in the tree, or anywhere in a loop."""
+    found = []
+    for joint in table.mechanism.joints:
+        at = table.mechanism.joint_index[joint.name]
+        if any(np.quantile(np.abs(s.e.yd[:, at]), 0.98) > s.e.still[at] for s in table.scenes):
+            found.append(joint.name)
+    return found
+
+
+def weights(fit: Fit, table: Table) -> np.ndarray:
+    """σ (d,) of the fit's rows, or of its residuals where a time basis weighs all rows alike."""
+    sigma = fit.estimate.sigma
+    if len(sigma) == table.b.shape[1]:
+        return sigma
+    r = table.b - table.A @ fit.estimate.solution.x
+    return np.sqrt((r**2).mean(axis=0)) + 1e-300

@@ -1,0 +1,549 @@
+"""The verb `diagnose`, and its noun: where a model fails, and which effect is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.diagnosis.candidates import Contest, OnProgress, absorbed, possible
+from ident.diagnosis.data_checks import Health, health
+from ident.diagnosis.null import Noise, noise
+from ident.diagnosis.selection import (
+    HIDDEN,
+    Decision,
+    Evidence,
+    Member,
+    Ranking,
+    Selection,
+    select,
+    torque_squares,
+)
+from ident.diagnosis.suggestion import Suggestion, suggest
+from ident.display import Plotted, render
+from ident.effects import Effect
+from ident.equations.point import Point
+from ident.errors import FitError, IdentError
+from ident.fit import Fit, identify
+from ident.fit.values import Value
+from ident.information.hypotheses import Regression, zscore
+from ident.residual import Failure, Periods, periods, residual_of, where
+from ident.residual.error import Error
+
+SHOWN = 3  # candidates that are listed though nothing speaks for them
+LISTED = 8  # at most
+LOUD = 1.25  # times the largest of the noise's draws, from which a residual is more than noise
+CERTAIN = 3.0  # standard errors below zero
+SHARE = 0.05  # of a column, from which an unknown is named as one that carries it
+NAMED = 4  # of them
+STILL = 1e-9  # of other effects' columns: below, the motion does not feel this one at all
+AGAIN = 0.6  # correlation of a residual between periods that noise does not have
+
+
+def name_of(effect: Effect) -> dict[str, Any]:
+    """`{"effect": …, "joints": […]}`."""
+    return {"effect": effect.kind, "joints": list(effect.joints)}
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """One candidate: what speaks for it, and what adding it does.
+
+    Attributes:
+        effect: the candidate; evidence: from rows away from reversals.
+        joint: the independent joint whose error it lowers most.
+        fit: everything refitted with it, on all rows; None where its numbers are announced.
+        before, after: held-out errors by joint, without it and with it.
+        fall: of the held-out squares weighted by each joint's measured torque, as a share.
+        parameters: its values.
+        rivals: effects that this data cannot tell from it.
+        known: values that the model before gave it, by full name: then it has changed.
+    """
+
+    effect: Effect
+    evidence: Evidence
+    joint: str
+    fit: Fit | None
+    before: dict[str, Error]
+    after: dict[str, Error]
+    fall: float
+    parameters: tuple[Value, ...]
+    rivals: tuple[Effect, ...] = ()
+    known: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def error_before(self) -> float | None:
+        """Held-out relative error of its joint without it."""
+        return self.before[self.joint].relative
+
+    @property
+    def error_after(self) -> float | None:
+        """Held-out relative error of its joint with it."""
+        return self.after[self.joint].relative
+
+    def json(self) -> dict[str, Any]:
+        """As in diagnosis.json."""
+        e = self.evidence
+        return {
+            **name_of(self.effect),
+            "joint": self.joint,
+            "error_before": self.error_before,
+            "error_after": self.error_after,
+            "fall": self.fall,
+            "refitted": self.fit is not None,
+            "p_value": e.p,
+            "z": e.z,
+            "gain": e.gain,
+            "quantile": e.limit,
+            "visible": e.refit.visible,
+            "credible": e.credible,
+            "rivals": [name_of(each) for each in self.rivals],
+            "known": dict(self.known),
+            "parameters": [
+                {"name": v.name, "value": v.value, "stderr": v.stderr, "unit": v.unit}
+                for v in self.parameters
+            ],
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Invisible:
+    """An effect whose columns the model has already, or the motion does not feel."""
+
+    effect: Effect
+    why: str
+
+    def json(self) -> dict[str, Any]:
+        """As in diagnosis.json."""
+        return {**name_of(self.effect), "why": self.why}
+
+
+@dataclass(frozen=True, eq=False)
+class Unsupported:
+    """An effect in the model that had better be removed, or looked at."""
+
+    effect: Effect
+    why: str
+    absurd: bool
+
+    def json(self) -> dict[str, Any]:
+        """As in diagnosis.json."""
+        return {**name_of(self.effect), "why": self.why, "absurd": self.absurd}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis(Plotted):
+    """Where a model fails and which effects would explain it. Made by `ident.diagnose`.
+
+    Attributes:
+        fit: what was diagnosed.
+        verdict: `missing` (one effect, or rivals that this data cannot tell apart), `unexplained`
+            (what is left is determined by the motion, and no effect explains it), `undecided`
+            (more than the sensors' noise is left, and this log cannot tell coloured noise from
+            physics) or `nothing` (what is left is the sensors' noise, or does not matter).
+        decision: what a name takes.
+        health: of the data; where: by joint, worst first; periods: if the motion repeats.
+        candidates: best first; selection: the evidence on all others, and the set they make.
+        invisible: effects that this data cannot show; unsupported: of the model, better removed.
+        suggestion: for what is unexplained, an expression of the signals, if one explains it.
+        floor: by joint, rms of a residual of nothing but noise [N m | N].
+        loud: joints in which more than the sensors' noise is left, without the effect named.
+    """
+
+    fit: Fit
+    verdict: str
+    decision: Decision
+    health: Health
+    where: tuple[Failure, ...]
+    periods: Periods | None
+    candidates: tuple[Explanation, ...]
+    selection: Selection
+    invisible: tuple[Invisible, ...]
+    unsupported: tuple[Unsupported, ...]
+    suggestion: Suggestion | None
+    floor: dict[str, float]
+    loud: tuple[str, ...]
+
+    @property
+    def best(self) -> Effect | None:
+        """The missing effect, for `mechanism + diagnosis.best`; None if none is named."""
+        return self.candidates[0].effect if self.verdict == "missing" else None
+
+    @property
+    def rivals(self) -> tuple[Effect, ...]:
+        """Effects that this data cannot tell from the best."""
+        return self.candidates[0].rivals if self.verdict == "missing" else ()
+
+    @property
+    def together(self) -> tuple[Member, ...]:
+        """Further effects of the set that explains most."""
+        best = self.best
+        return tuple(m for m in self.selection.members if best is None or m.label != best.label)
+
+    @property
+    def choice(self) -> Ranking:
+        """The evidence on all candidates beside the model as it is."""
+        return self.selection.first
+
+    @cached_property
+    def next_experiment(self) -> str:
+        """Which motion would tell more, in words."""
+        return str(render(self, "experiment"))
+
+    @cached_property
+    def text(self) -> str:
+        """All of it in plain words."""
+        return str(render(self, "words"))
+
+    def json(self) -> dict[str, Any]:
+        """The content of diagnosis.json."""
+        found: dict[str, Any] = render(self, "json")
+        return found
+
+    def write(self, folder: str | Path) -> list[Path]:
+        """diagnosis.json, report.html, and suggestion.py if there is one; all of them or none.
+
+        Raises:
+            IdentError: if the folder cannot be written.
+        """
+        paths: list[Path] = render(self, "files", folder)
+        return paths
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """All candidates weighed on one fit: what a diagnosis and a growing model rest on."""
+
+    fit: Fit
+    contest: Contest
+    noise: Noise
+    selection: Selection
+    absorbed: tuple[Invisible, ...]
+    decision: Decision
+    seed: int
+
+    @property
+    def loud(self) -> np.ndarray:
+        """(d,) whether more than the sensors' noise is left beside the set, and matters."""
+        return louder(self.contest, self.noise, self.selection.last, self.decision)
+
+
+def louder(contest: Contest, noise: Noise, last: Ranking, decision: Decision) -> np.ndarray:
+    """(d,) whether more than the sensors' noise is left, and matters."""
+    regression = last.regression
+    rows = np.maximum(regression.rows, 1)
+    rms = np.sqrt(regression.losses.sum(axis=0) / rows) / regression.weight
+    torque = np.sqrt(torque_squares(contest, regression) / rows) / regression.weight
+    excess = np.sqrt(np.maximum(rms**2 - noise.floor**2, 0.0))
+    return np.asarray((rms > LOUD * noise.ceiling) & (excess > decision.material * torque))
+
+
+def judge(
+    fit: Fit,
+    decision: Decision,
+    seed: int,
+    on_progress: OnProgress,
+    without: Collection[str] = (),
+    exchanging: bool = False,
+) -> Judged:
+    """Weighs every effect of the library at every place, and the set that explains most."""
+    wanted = [e for e in possible(fit.mechanism, fit.motion) if e.label not in without]
+    why = {effect.label: absorbed(fit.mechanism, effect) for effect in wanted}
+    contest = Contest.of(fit, [e for e in wanted if not why[e.label]], on_progress)
+    on_progress("noise of the sensors", 0.4)
+    draws = noise(contest, seed)
+    selection = select(
+        contest, draws, decision, seed, exchanging=exchanging, on_progress=on_progress
+    )
+    hidden = tuple(Invisible(e, why[e.label]) for e in wanted if why[e.label])
+    return Judged(fit, contest, draws, selection, hidden, decision, seed)
+
+
+def diagnose(
+    fit: Fit,
+    *,
+    seed: int = 0,
+    alpha: float = 0.01,
+    material: float = 0.003,
+    rival_se: float = 2.0,
+    progress: OnProgress | None = None,
+) -> Diagnosis:
+    """Where the model fails, what is missing, how sure that is, and what to measure next.
+
+    Every effect of the library at every place is judged after refitting everything else: by the
+    fall of the error of stretches of time that were left out, held against the largest fall that
+    any candidate brings on residuals in which nothing is missing.
+
+    Args:
+        fit: from `ident.identify`.
+        seed: of the residuals in which nothing is missing.
+        alpha: chance of a name where nothing is missing.
+        material: share of a joint's torque below which an effect does not matter.
+        rival_se: standard errors of the difference within which two effects are rivals.
+        progress: called with (what is being done, share done).
+
+    Returns:
+        The diagnosis; `print(diagnosis)` says it in words.
+
+    Raises:
+        FitError: if it is given no fit.
+    """
+    if not isinstance(fit, Fit):
+        raise FitError(
+            f"diagnose needs a fit, given: {type(fit).__name__}; write "
+            "ident.diagnose(ident.identify(mechanism, motion))"
+        )
+    on_progress = progress or (lambda what, share: None)
+    decision = Decision(alpha, material, rival_se)
+    return concluded(judge(fit, decision, seed, on_progress), on_progress)
+
+
+def concluded(judged: Judged, on_progress: OnProgress) -> Diagnosis:
+    """The diagnosis of a fit on which all candidates are weighed."""
+    fit, selection, contest = judged.fit, judged.selection, judged.contest
+    on_progress("refitting", 0.8)
+    best = selection.named[0] if selection.named else None
+    candidates = _explanations(judged, best)
+    if best is not None and (not candidates or candidates[0].effect.label != best.label):
+        best = None  # what cannot be refitted is no name
+    residual = residual_of(fit)
+    again = periods(residual)
+    loud = judged.loud
+    verdict = _verdict(judged, best, again)
+    suggestion = None
+    if verdict == "unexplained":
+        on_progress("looking for an expression", 0.85)
+        suggestion = suggest(contest, selection.last, judged.noise, judged.decision, judged.seed)
+    on_progress("where it fails", 0.9)
+    names = fit.motion.independent
+    return Diagnosis(
+        fit=fit,
+        verdict=verdict,
+        decision=judged.decision,
+        health=health(fit, fit.motion.logs),
+        where=where(residual),
+        periods=again,
+        candidates=tuple(candidates),
+        selection=selection,
+        invisible=(*invisible(fit, contest), *judged.absorbed),
+        unsupported=unsupported(fit, contest, judged.decision),
+        suggestion=suggestion,
+        floor=dict(zip(names, map(float, judged.noise.floor), strict=True)),
+        loud=tuple(name for name, each in zip(names, loud, strict=True) if each),
+    )
+
+
+def _verdict(judged: Judged, best: Member | None, again: Periods | None) -> str:
+    if best is not None:
+        return "missing"
+    loud = judged.loud.any()
+    if judged.selection.members or (loud and judged.selection.last.curves):
+        return "unexplained"
+    if loud and again is not None and max(again.rho.values()) > max(AGAIN, again.chance):
+        return "unexplained"
+    return "undecided" if loud else "nothing"
+
+
+# --- candidates, refitted ----------------------------------------------------------------------
+
+
+def _explanations(judged: Judged, best: Member | None) -> list[Explanation]:
+    """The best refitted, its rivals and what else is promising, best first."""
+    first: list[Evidence] = [] if best is None else [best.evidence, *best.rivals]
+    labels = {each.effect.label for each in first}
+    rest = [e for e in judged.selection.first.evidence if e.effect.label not in labels]
+    rest.sort(key=lambda each: not each.credible)
+    wanted = [*first, *rest][: max(SHOWN, min(LISTED, len(first) + 1))]
+    effects = [each.effect for each in first]
+    found = []
+    for each in wanted:
+        rivals = tuple(e for e in effects if e.label != each.effect.label)
+        rivals = rivals if each.effect.label in labels else ()
+        if (first and each is first[0]) or each.effect.linear:
+            with suppress(IdentError):  # a correction too large for the loops to close, say
+                found.append(explain(judged.fit, each, rivals))
+        else:
+            found.append(_announced(judged, each, rivals))
+    return found
+
+
+def explain(fit: Fit, found: Evidence, rivals: tuple[Effect, ...] = ()) -> Explanation:
+    """The refit with a candidate; searched shapes set out from where they were found."""
+    refit = identify(
+        fit.mechanism + found.effect, fit.motion, start=started(fit.point, fit, [found]),
+        estimator="least-squares",
+    )  # fmt: skip
+    values = next(e.parameters for e in refit.effects if e.effect.label == found.effect.label)
+    return _explanation(fit, found, refit, errors_of(refit), values, rivals)
+
+
+def started(point: Point, fit: Fit, found: Collection[Evidence]) -> Point:
+    """The working point with the shapes of some candidates where they were found."""
+    shapes: dict[str, float] = {}
+    for each in found:
+        effect = each.effect
+        before = known_of(fit, effect) if effect.corrects else {}
+        names = effect.names[len(effect.unknowns) :]
+        shapes |= {
+            full: each.shape[shape.name] + before.get(full, 0.0)
+            for full, shape in zip(names, effect.shapes, strict=True)
+            if shape.name in each.shape
+        }
+    return Point(point.pi, {**point.values, **shapes})
+
+
+def _announced(judged: Judged, found: Evidence, rivals: tuple[Effect, ...]) -> Explanation:
+    """What the rows that decide announce of a candidate, without a refit."""
+    fit, before = judged.fit, judged.selection.first.regression.losses.sum(axis=0)
+    share = np.sqrt(found.refit.loss.sum(axis=0) / np.where(before > 0, before, 1.0))
+    after = {
+        name: replace(e, rms=e.rms * s, relative=None if e.relative is None else e.relative * s)
+        for (name, e), s in zip(errors_of(fit).items(), map(float, share), strict=True)
+    }
+    effect, known = found.effect, known_of(fit, found.effect)
+    linear = dict(zip((p.name for p in effect.unknowns), found.refit.theta, strict=False))
+    errors = dict(
+        zip(
+            (p.name for p in (*effect.unknowns, *effect.searched)), found.refit.stderr, strict=False
+        )
+    )
+    values = tuple(
+        Value(full, float({**found.shape, **linear}.get(p.name, 0.0)) + known.get(full, 0.0),
+              float(errors[p.name]) if p.name in errors else None, unit, True, 0.0)
+        for full, p, unit in zip(effect.names, effect.parameters, effect.units, strict=True)
+    )  # fmt: skip
+    return _explanation(fit, found, None, after, values, rivals)
+
+
+def _explanation(
+    fit: Fit, found: Evidence, refit: Fit | None, after: dict[str, Error],
+    values: tuple[Value, ...], rivals: tuple[Effect, ...],
+) -> Explanation:  # fmt: skip
+    before = errors_of(fit)
+    joint = fit.motion.independent[found.coordinate]
+    fall = fall_of(before, after)
+    known = known_of(fit, found.effect)
+    return Explanation(
+        found.effect, found, joint, refit, before, after, fall, tuple(values), rivals, known
+    )
+
+
+def known_of(fit: Fit, effect: Effect) -> dict[str, float]:
+    """By full name, the values of an effect that the model has with known values; else none."""
+    own = next((e for e in fit.mechanism.effects if e.label == effect.label), None)
+    if own is None:
+        return {}
+    return {full: own.values[p.name] for full, p in zip(own.names, own.parameters, strict=True)}
+
+
+def errors_of(fit: Fit) -> dict[str, Error]:
+    """Held out, or of the fitted data where the log is too short to hold anything out."""
+    return dict(fit.held_out or fit.train)
+
+
+def fall_of(before: Mapping[str, Error], after: Mapping[str, Error]) -> float:
+    """1 − Σ (rms₁/rms τ)² / Σ (rms₀/rms τ)² over joints: squares weighted by their torque."""
+    names = [name for name, error in before.items() if error.relative]
+    weight = {
+        name: (before[name].relative or 0.0) / max(before[name].rms, 1e-300) for name in names
+    }
+    old = sum((weight[name] * before[name].rms) ** 2 for name in names)
+    new = sum((weight[name] * after[name].rms) ** 2 for name in names)
+    return float(1 - new / old) if old > 0 else 0.0
+
+
+# --- what cannot be seen, and what should go ---------------------------------------------------
+
+
+def invisible(fit: Fit, contest: Contest) -> list[Invisible]:
+    """Candidates of which the model leaves nothing to see, or that could not be judged."""
+    regression, found = contest.regression, []
+    squares = regression.squares @ regression.weight**2
+    still = STILL**2 * max(regression.rank, 1)
+    laws = [each for each in contest.candidates if not each.curve]
+    groups = [group for each in laws for group in each.groups]
+    visible = iter(regression.gains(groups).visible)
+    for each in laws:
+        most = max(next(visible) for _ in each.groups)
+        if all(squares[group].sum() <= still for group in each.groups):
+            found.append(Invisible(each.effect, _motionless(fit, each.effect)))
+        elif most < HIDDEN:
+            found.append(Invisible(each.effect, _why(fit, regression, each.groups[0])))
+    return [*found, *(Invisible(e, f"could not be judged: {why}") for e, why in contest.failed)]
+
+
+def hidden_of(fit: Fit, contest: Contest) -> dict[str, str]:
+    """By label, why an effect that could be missing cannot be seen in this data."""
+    wanted = possible(fit.mechanism, fit.motion)
+    given = {e.label: why for e in wanted if (why := absorbed(fit.mechanism, e))}
+    return given | {each.effect.label: each.why for each in invisible(fit, contest)}
+
+
+def _motionless(fit: Fit, effect: Effect) -> str:
+    if effect.corrects:
+        return "no torque changes with it: gravity does not feel it in this motion"
+    if fit.mechanism.closures:
+        return f"the closures hide it: {effect.joints[0]} does not move with any drive"
+    return f"{', '.join(effect.joints)} does not move in this motion"
+
+
+def _why(fit: Fit, regression: Regression, group: np.ndarray) -> str:
+    """What absorbs it: C ≈ A_I K, the unknowns that carry most of it named."""
+    own = fit.estimate.base.independent
+    A, C = (
+        np.concatenate([
+            part.taken(columns) * regression.weight[part.coordinate] for part in regression.parts
+        ])
+        for columns in (own, group)
+    )  # fmt: skip
+    norms = np.linalg.norm(A, axis=0)
+    A = A / np.where(norms > 0, norms, 1.0)
+    carriers: dict[str, float] = {}
+    for c in C.T:
+        K = np.linalg.lstsq(A, c, rcond=1e-10)[0] / max(float(np.linalg.norm(c)), 1e-300)
+        for i in np.flatnonzero(np.abs(K) > SHARE):
+            name = fit.columns.names[own[i]]
+            carriers[name] = max(carriers.get(name, 0.0), abs(float(K[i])))
+    names = sorted(carriers, key=lambda name: -carriers[name])
+    if not names:
+        return "absorbed by the model's own parameters"
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    exact = regression.refit(group).visible < 1e-6
+    same = "same columns as" if exact else "nearly the same columns as"
+    return f"absorbed: {same} {', '.join(names[:NAMED])}{more}"
+
+
+def unsupported(fit: Fit, contest: Contest, decision: Decision) -> tuple[Unsupported, ...]:
+    """Effects of the model without which the left-out error is no larger, and absurd ones."""
+    found = []
+    regression = contest.regression
+    values = {each.effect.label: each.parameters for each in fit.effects}
+    torque = max(float(torque_squares(contest, regression).sum()), 1e-300)
+    for effect, places in fit.columns.effects:
+        mine = np.array([p for p in places if p >= 0 and not fit.estimate.held[p]], dtype=int)
+        absurd = [
+            v.name
+            for v, parameter in zip(values[effect.label], effect.parameters, strict=True)
+            if parameter.nonnegative and v.stderr is not None and v.value < -CERTAIN * v.stderr
+        ]
+        if absurd:
+            why = (
+                f"{', '.join(absurd)} is negative beyond its error, which no such effect can be: "
+                "something else is missing, or a sign is wrong"
+            )
+            found.append(Unsupported(effect, why, True))
+        elif len(mine):
+            D = (regression.without(mine).losses - regression.losses).sum(axis=1)
+            size = float(np.sqrt(max(D.sum(), 0.0) / torque))
+            if zscore(D) < decision.rival_se or D.sum() <= 0:
+                why = f"without it the held-out error is no larger (z = {zscore(D):.1f})"
+                found.append(Unsupported(effect, why, False))
+            elif size < decision.material / 10:
+                why = f"it explains {100 * size:.2g} % of the torque only"
+                found.append(Unsupported(effect, why, False))
+    return tuple(found)

@@ -1,0 +1,337 @@
+"""The simplest motion, among some that are tried, that tells rivals apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import numpy as np
+
+from ident.diagnosis.candidates import away_from_reversals
+from ident.diagnosis.diagnosis import Diagnosis
+from ident.diagnosis.selection import Evidence
+from ident.diagnosis.trials import Move, Trial, allowed, present, trials
+from ident.effects import Effect
+from ident.equations.samples import reduced as in_independent
+from ident.equations.terms import unbalanced
+from ident.errors import IdentError
+from ident.fit.table import Table
+from ident.information.hypotheses import RANK
+from ident.motion import Experiment, Motion, complete
+from ident.motion.place import reduced
+
+# --- probe ---------------------------------------------------------------------------------------
+# What a trial motion would show: rivals apart from one another, effects beside the model.
+#
+#     s_A = C_A θ_A     separation² = min_s Σ ((I − P) s_A / σ)²,  P onto [A, C_B(s)]
+#
+# σ is the noise of the present log; sums are scaled to its length. Half of a separation is what
+# blocks of held-out errors would show, in their standard errors.
+
+
+SMALL = 1e-3  # share of a joint's torque that is never trusted
+WORSE = 10.0  # times the present log's largest ‖K⁺‖: nearer no trial goes to a singular position
+
+
+@dataclass(frozen=True, eq=False)
+class Probe:
+    """A trial with its rows (M,), weighted, and the model's orthonormal columns Q (M, rank)."""
+
+    trial: Trial
+    table: Table
+    rows: tuple[np.ndarray, ...]
+    weight: np.ndarray
+    Q: np.ndarray
+    memo: dict[str, list[np.ndarray]] = field(default_factory=dict)
+    spans: dict[str, list[np.ndarray]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, d: Diagnosis, trial: Trial) -> Probe | None:
+        """None where the mechanism cannot follow, or exceeds limits that it keeps now."""
+        fit = d.fit
+        try:
+            motion = complete(fit.mechanism, trial.logs, cutoff=None, torques=False)
+            runs = [_loaded(d, _with_extra(e, fit.motion)) for e in motion.experiments]
+            motion = replace(motion, experiments=tuple(runs), independent=fit.motion.independent)
+            if not allowed(fit.mechanism, fit.motion, motion):
+                return None
+            table = Table.of(fit.mechanism, fit.columns, motion, fit.point)
+            use = away_from_reversals(table)
+            count = np.maximum(use.sum(axis=0), 1)
+            sigma = _noise(d, table) * np.sqrt(count / _length(fit.motion))
+            rows = tuple(np.flatnonzero(each) for each in use.T)
+            A = [table.A[mine, u] / sigma[u] for u, mine in enumerate(rows)]
+            return cls(trial, table, rows, 1 / sigma, orthonormal(np.concatenate(A)))
+        except (IdentError, np.linalg.LinAlgError, ValueError, ArithmeticError):
+            return None
+
+    def taken(self, x: np.ndarray, felt: np.ndarray) -> np.ndarray:
+        """Columns (N, c, k) of the table in the coordinates `felt` as weighted rows (M, k)."""
+        place = {int(u): i for i, u in enumerate(felt)}
+        return np.concatenate([
+            x[rows, place[u]] * self.weight[u] if u in place else np.zeros((len(rows), x.shape[2]))
+            for u, rows in enumerate(self.rows)
+        ])  # fmt: skip
+
+    def projected(self, X: np.ndarray) -> np.ndarray:
+        """(I − QQᵀ) X (M, k)."""
+        return X - self.Q @ (self.Q.T @ X)
+
+    def columns(self, effect: Effect, shapes: Sequence[Mapping[str, float]]) -> list[np.ndarray]:
+        """Weighted columns (M, unknowns) of an effect at shapes given and at its usual starts."""
+        if effect.label not in self.memo:
+            if effect.corrects:
+                zero = {each.name: effect.values.get(each.name, 0.0) for each in effect.shapes}
+                names = [each.name for each in effect.searched]
+                x = np.stack([self.table.sensitivity(effect, zero, n) for n in names], axis=-1)
+                self.memo[effect.label] = [self.taken(x, np.arange(len(self.rows)))]
+            else:
+                tried = [*shapes, *(self.table.starts(effect) if effect.searched else [])] or [{}]
+                x = self.table.with_effect(effect, tried)
+                C, u = self.taken(x, self.table.felt(effect)), len(effect.unknowns)
+                self.memo[effect.label] = [C[:, i : i + u] for i in range(0, C.shape[1], u)]
+        return self.memo[effect.label]
+
+    def separation(self, a: Evidence, b: Evidence) -> tuple[float, float]:
+        """Standard errors by which two rivals differ after refitting, and that as a share of what
+        they explain: the lesser of both ways, unless one can always do what the other does.
+        """
+        if a.numbers != b.numbers and a.effect.joints == b.effect.joints:
+            a, b = sorted((a, b), key=lambda each: -each.numbers)
+            return self._left(a, b)
+        found = [self._left(a, b), self._left(b, a)]
+        return min(one for one, _ in found), min(share for _, share in found)
+
+    def _left(self, a: Evidence, b: Evidence) -> tuple[float, float]:
+        C = self.columns(a.effect, [a.shape])[0]
+        names = a.effect.unknowns or a.effect.searched
+        signal = self.projected(C @ a.refit.theta[: len(names)])
+        size = float(np.linalg.norm(signal))
+        left = min(float(np.linalg.norm(signal - Q @ (Q.T @ signal))) for Q in self._spans(b))
+        return left, left / max(size, 1e-300)
+
+    def _spans(self, b: Evidence) -> list[np.ndarray]:
+        """Orthonormal columns (M, ≤ unknowns) beside the model, at every shape."""
+        if b.effect.label not in self.spans:
+            columns = self.columns(b.effect, [b.shape])
+            self.spans[b.effect.label] = [orthonormal(self.projected(C)) for C in columns]
+        return self.spans[b.effect.label]
+
+    def visible(self, effect: Effect) -> float:
+        """The largest share of an effect's columns that the model does not have."""
+        shares = [0.0]
+        for C in self.columns(effect, []):
+            size = float(np.linalg.norm(C))
+            if size > 1e-9 * float(np.sqrt(len(C))):
+                shares.append(float(np.linalg.norm(self.projected(C))) / size)
+        return max(shares)
+
+
+def _with_extra(e: Experiment, now: Motion) -> Experiment:
+    """The log's other columns, at rest at what they usually are."""
+    seen = now.experiments[0].extra
+    usual = {name: np.full(len(e), float(np.median(x))) for name, x in seen.items()}
+    return replace(e, extra={**usual, **e.extra})
+
+
+def _loaded(d: Diagnosis, e: Experiment) -> Experiment:
+    """With the torques that the fitted model predicts, in the diagnosis's own coordinates."""
+    mechanism, names = d.fit.mechanism, d.fit.motion.independent
+    if mechanism.closures:
+        e, _, said = reduced(mechanism, e, names)
+        worst = max(float(_size(each).max()) for each in d.fit.motion.experiments)
+        if said or float(_size(e).max()) > WORSE * worst:
+            raise ValueError("near a singular position")
+    needed = -unbalanced(in_independent(mechanism, e, slice(None), d.fit.point), d.fit.point)
+    if e.leverage is None:
+        return replace(e, tau=needed[:, [mechanism.joint(n).index for n in mechanism.driven]])
+    L = e.leverage[:, [mechanism.joint_index[name] for name in mechanism.driven]]
+    return replace(e, tau=np.einsum("ndj,nd->nj", np.linalg.pinv(L, rcond=1e-6), needed))
+
+
+def _size(e: Experiment) -> np.ndarray:
+    assert e.pinv is not None
+    return np.linalg.norm(e.pinv[e.usable], axis=(1, 2))
+
+
+def _noise(d: Diagnosis, table: Table) -> np.ndarray:
+    """(d,) of the present log's rows, more where the trial's torque is larger [N m | N]."""
+    found = []
+    for u, name in enumerate(d.fit.motion.independent):
+        torque = float(np.sqrt(np.mean(table.tau[:, u] ** 2)))
+        error = d.fit.train[name]
+        now = error.rms / error.relative if error.relative else torque
+        found.append(max(d.floor[name] * max(1.0, torque / max(now, 1e-300)), SMALL * torque))
+    return np.maximum(np.array(found), 1e-12)
+
+
+def _length(motion: Motion) -> float:
+    """Rows of the present log that are worth an independent one."""
+    samples = [float(e.usable.sum()) for e in motion.experiments]
+    if motion.band.cutoff is None:
+        return sum(samples)
+    cut = 2 * motion.band.cutoff
+    return sum(n * min(1.0, cut / e.rate) for n, e in zip(samples, motion.experiments, strict=True))
+
+
+# --- propose -------------------------------------------------------------------------------------
+# The simplest motion, among some that are tried out, that tells rivals apart.
+#
+#     worth = Σ min(separation, AMPLE)²  over the pairs of a question, within CLOSE of the best
+#
+# First question: at which place, of effects of one kind. Second: of which kind.
+
+
+SURE = 7.0  # standard errors by which rivals are told apart, with chance against it
+SOME = 1.0  # from which a longer log tells them apart
+AMPLE = 10.0  # beyond which more is worth nothing
+CLOSE = 0.8  # share of the best worth with which a simpler motion does
+SAME = 2e-3  # share of a rival's torque: what differs by less is the same in this motion
+RIVALS = 12  # that are looked at
+PLACES = ("same", "turn", "limits", "wider", "faster", "speeds", "alone", "strokes")
+KINDS = ("same", "faster", "speeds", "turn", "limits", "wider", "alone", "strokes")
+KINDS_SLOW = ("same", "strokes", "speeds", "faster", "turn", "limits", "wider", "alone")
+
+Pair = tuple[Evidence, Evidence]
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """A motion to be logged next, and what it would show.
+
+    Attributes:
+        trial: the motion; `trial.logs` are its positions, rates and accelerations.
+        joints: that move otherwise than now; ranges: of theirs [rad | m]; speeds: top [… / s].
+        separation: of the two rivals told apart that stay most alike, in standard errors of a log
+            as long as the present one; now: of the same two in a motion like the present one.
+        apart: rivals that it tells apart; alike: pairs that it does not.
+        seconds: how long a log of it should be to be nearly sure.
+    """
+
+    trial: Trial
+    joints: tuple[str, ...]
+    ranges: tuple[tuple[float, float], ...]
+    speeds: tuple[float, ...]
+    separation: float
+    now: float
+    apart: tuple[Effect, ...]
+    alike: tuple[tuple[Effect, Effect], ...]
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """What one trial makes of all pairs: (standard errors, share that differs)."""
+
+    trial: Trial
+    found: dict[Pair, tuple[float, float]]
+
+    def separation(self, pair: Pair) -> float:
+        """Standard errors; none where the two are the same but for rounding."""
+        x, share = self.found[pair]
+        return x if share > SAME else 0.0
+
+    def worth(self, pairs: Sequence[Pair]) -> float:
+        """Of the trial for these pairs."""
+        return sum(min(self.separation(pair), AMPLE) ** 2 for pair in pairs)
+
+
+def contenders(d: Diagnosis) -> list[Evidence]:
+    """The best and its rivals, as they were judged, those of the best one's kind first."""
+    if d.best is None:
+        return []
+    best = d.candidates[0].evidence
+    known = [*d.selection.first.evidence, *(each.evidence for each in d.candidates)]
+    of = {each.effect.label: each for each in known}
+    rest = [of[effect.label] for effect in d.rivals if effect.label in of]
+    rest.sort(key=lambda each: each.effect.kind != best.effect.kind)
+    return [best, *rest][:RIVALS]
+
+
+def questions(rivals: Sequence[Evidence]) -> list[list[Pair]]:
+    """Pairs of one kind at several places, then pairs of several kinds; none empty."""
+    pairs = list(combinations(rivals, 2))
+    where = [(a, b) for a, b in pairs if a.effect.kind == b.effect.kind]
+    what = [(a, b) for a, b in pairs if a.effect.kind != b.effect.kind]
+    return [each for each in (where, what) if each]
+
+
+def attempts(d: Diagnosis, rivals: Sequence[Evidence]) -> list[Attempt]:
+    """Tries motions out, one like the present first, until one tells all apart with ease."""
+    now = present(d.fit.mechanism, d.fit.motion)
+    pairs = list(combinations(rivals, 2))
+    tried: list[Attempt] = []
+    for trial in ordered(d, rivals, now):
+        probe = Probe.of(d, trial)
+        if probe is None:
+            continue
+        tried.append(Attempt(trial, {(a, b): probe.separation(a, b) for a, b in pairs}))
+        ample = min(tried[-1].separation(pair) for pair in pairs) >= AMPLE
+        if ample and trial.kind != "same":
+            break
+    return tried
+
+
+def ordered(d: Diagnosis, rivals: Sequence[Evidence], now: tuple[Move, ...]) -> list[Trial]:
+    """Trials in the order in which they are likely to help, as they come where alike."""
+    kinds = [rival.effect.kind for rival in rivals]
+    order = KINDS_SLOW if any(each.effect.slow for each in rivals) else KINDS
+    if len(set(kinds)) < len(kinds):
+        order = PLACES
+    about = concerned(d, [rival.effect for rival in rivals])
+    mine = [trial for trial in trials(now, about) if trial.kind in order]
+    return sorted(mine, key=lambda trial: order.index(trial.kind))
+
+
+def concerned(d: Diagnosis, effects: Sequence[Effect]) -> tuple[str, ...]:
+    """Independent joints whose motion an effect feels: its own in a tree, all of them in a loop."""
+    independent = d.fit.motion.independent
+    joints = {name for effect in effects for name in effect.joints if effect.site == "joint"}
+    if d.fit.mechanism.closures or not joints & set(independent):
+        return independent
+    return tuple(name for name in independent if name in joints)
+
+
+def proposal(d: Diagnosis, tried: Sequence[Attempt], pairs: Sequence[Pair]) -> Proposal | None:
+    """The simplest trial that answers a question about as well as the best; None if none does."""
+    other = [each for each in tried if each.trial.kind != "same"]
+    most = max((each.worth(pairs) for each in other), default=0.0)
+    best = next((each for each in other if each.worth(pairs) >= CLOSE * most), None)
+    if best is None or not (told := [p for p in pairs if best.separation(p) >= SOME]):
+        return None
+    worst = min(told, key=best.separation)
+    like = next((each.separation(worst) for each in tried if each.trial.kind == "same"), 0.0)
+    length = sum(float(e.t[-1] - e.t[0]) for e in d.fit.motion.experiments)
+    moves = [m for m in best.trial.moves if m.joint.name in best.trial.about]
+    effects = {each.effect.label: each.effect for pair in told for each in pair}
+    return Proposal(
+        trial=best.trial,
+        joints=best.trial.about,
+        ranges=tuple((m.low, m.high) for m in moves),
+        speeds=tuple(m.speed for m in moves),
+        separation=best.separation(worst),
+        now=like,
+        apart=tuple(effects.values()),
+        alike=tuple((a.effect, b.effect) for a, b in pairs if best.separation((a, b)) < SOME),
+        seconds=max(best.trial.seconds, length * max(1.0, (SURE / best.separation(worst)) ** 2)),
+    )
+
+
+def propose(d: Diagnosis) -> Proposal | None:
+    """The motion that tells the rivals apart best; None where there are none, or none helps."""
+    rivals = contenders(d)
+    tried = attempts(d, rivals) if len(rivals) > 1 else []
+    found = (proposal(d, tried, pairs) for pairs in questions(rivals))
+    return next((each for each in found if each), None)
+
+
+def orthonormal(A: np.ndarray) -> np.ndarray:
+    """A basis (M, rank) of the columns' span."""
+    size = np.linalg.norm(A, axis=0)
+    A = A[:, size > 1e-12 * size.max(initial=0.0)] / size[size > 1e-12 * size.max(initial=0.0)]
+    if not A.size:
+        return np.zeros((len(A), 0))
+    Q, R = np.linalg.qr(A)
+    U, s, _ = np.linalg.svd(R)
+    return Q @ U[:, s > RANK * s[0]]

@@ -1,0 +1,153 @@
+"""Residuals in which nothing is missing: what chance and the noise of the sensors make.
+
+Surrogates have the spectrum of the present residual in each coordinate and random phases. Draws of
+the sensors' noise are what the torques' white noise and the motion's noise leave of the torques,
+
+    δr = Σ_i Σ_k ∂r/∂u_i^(k) δu_i^(k) + δτ        u = B c, U (c − ĉ) of unit noise
+
+through the same filter; their rms is the noise floor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from ident.diagnosis.candidates import Contest
+from ident.equations.motion_noise import gain
+from ident.fit.table import Table
+from ident.information.hypotheses import Array, Regression, surrogates
+from ident.motion import Experiment
+from ident.motion.spline import WIDTH, Spline, evaluated
+
+SURROGATES = 100  # of the residual: the 99 % quantile is the second largest of them
+DRAWS = 24  # of the sensors' noise
+SAMPLES = 800  # of a log at which ∂r/∂motion is evaluated; between, it is interpolated
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """Draws of what the sensors' noise leaves of the torques.
+
+    Attributes:
+        rows: (N, d, DRAWS) in the table's rows.
+        floor, ceiling: (d,) rms held out in the rows that decide [N m | N]: median and largest.
+    """
+
+    rows: Array
+    floor: Array
+    ceiling: Array
+
+
+def noise(contest: Contest, seed: int) -> Noise:
+    """Draws of the sensors' noise in the rows of a contest."""
+    table, random = contest.table, np.random.default_rng([seed, 1])
+    found = []
+    for number, scene in enumerate(table.scenes):
+        r = _of_torques(table, scene.e, random)
+        if scene.e.smooth is not None:
+            r += _of_motion(table, number, random)
+        found.append(table.filtered(number, r))
+    rows = np.concatenate(found)
+    regression = contest.regression
+    judged = regression.judging([rows[_at(contest, p.coordinate)][:, p.coordinate]
+                                 for p in regression.parts])  # fmt: skip
+    losses = np.zeros((DRAWS, regression.d))
+    for part, x in zip(regression.parts, judged._left_out(judged.residual), strict=True):
+        losses[:, part.coordinate] += (x**2).sum(axis=0)
+    rms = np.sqrt(losses / np.maximum(regression.rows, 1)) / regression.weight
+    return Noise(rows, np.median(rms, axis=0), rms.max(axis=0))
+
+
+def _of_torques(table: Table, e: Experiment, random: np.random.Generator) -> Array:
+    """(n, d, DRAWS) of the torque channels' white noise."""
+    d = table.b.shape[1]
+    out = np.zeros((len(e), d, DRAWS))
+    for name in table.mechanism.driven:
+        x = e.noise.get(f"tau.{name}", 0.0) * random.standard_normal((len(e), DRAWS))
+        if e.leverage is None:
+            out[:, table.mechanism.joint(name).index] += x
+        else:
+            W = e.leverage[:, table.mechanism.joint_index[name]]
+            out += W[:, :, None] * x[:, None, :]
+    return out
+
+
+def _of_motion(table: Table, number: int, random: np.random.Generator) -> Array:
+    """(n, d, DRAWS) of the smooth motion's noise, to first order."""
+    scene = table.scenes[number]
+    e = scene.e
+    assert e.smooth is not None
+    chosen = np.unique(np.linspace(0, len(e) - 1, min(SAMPLES, len(e))).astype(int))
+    G = gain(table.mechanism, e.at_samples(chosen), e.smooth.names, table.point,
+             table.motion.band.cutoff)  # fmt: skip
+    after = np.clip(np.searchsorted(chosen, np.arange(len(e))), 1, len(chosen) - 1)
+    w = (np.arange(len(e)) - chosen[after - 1]) / (chosen[after] - chosen[after - 1])
+    out = np.zeros((len(e), G.shape[1], DRAWS))
+    for run, spline in e.smooth.runs:
+        c = _coefficients(spline, random)
+        count, J = spline.c.shape
+        du = evaluated(spline.basis, c.reshape(count, J * DRAWS), e.t[run])
+        du = du.reshape(3, -1, J, DRAWS)
+        for order in range(3):
+            for i in range(J):
+                g = G[:, :, i, order]
+                between = (
+                    g[after[run] - 1] * (1 - w[run])[:, None] + g[after[run]] * w[run][:, None]
+                )
+                out[run] += between[:, :, None] * du[order, :, i][:, None, :]
+    return out
+
+
+def _coefficients(spline: Spline, random: np.random.Generator) -> Array:
+    """c (count, coordinates, DRAWS) with U c of unit noise."""
+    count, d = spline.c.shape
+    size = count * d
+    row = np.repeat(np.arange(size), WIDTH * d)
+    column = (spline.first[:, None] * d + np.arange(WIDTH * d)).ravel()
+    U = sp.csc_matrix((spline.U.reshape(size, -1).ravel(), (row, column)), shape=(size, size))
+    return splu(U).solve(random.standard_normal((size, DRAWS))).reshape(count, d, DRAWS)
+
+
+def _at(contest: Contest, coordinate: int) -> Array:
+    return contest.use[:, coordinate]
+
+
+def runs(table: Table) -> list[slice]:
+    """Stretches of rows in equal steps of one experiment."""
+    step = np.diff(table.sample)
+    usual = np.median(step) if len(step) else 1
+    new = (np.diff(table.experiment) != 0) | (step != usual)
+    edges = np.concatenate([[0], np.flatnonzero(new) + 1, [len(table.sample)]]).astype(int)
+    return [slice(a, b) for a, b in pairwise(edges)]
+
+
+def judging(contest: Contest, regression: Regression, noise: Noise | None, seed: int) -> Regression:
+    """The regression with surrogates of its residual, and draws of noise, as right-hand sides."""
+    table = contest.table
+    r = np.zeros(table.b.shape)
+    for part, y in zip(regression.parts, regression.residual, strict=True):
+        u = part.coordinate
+        r[_at(contest, u), u] = y[:, 0] / regression.weight[u]
+    made = surrogates(r, runs(table), SURROGATES, np.random.default_rng(seed))
+    Y = []
+    for part in regression.parts:
+        u = part.coordinate
+        rows = _at(contest, u)
+        rms = np.sqrt((r[rows, u] ** 2).mean())
+        s = made[rows, u]
+        more = [part.Y[:, :1], s * rms / _rms(s)]
+        if noise is not None:  # of a size that the residual has, at most
+            x = noise.rows[rows, u]
+            more.append(x * np.minimum(1.0, rms / _rms(x)))
+        Y.append(np.column_stack(more))
+    return regression.judging(Y)
+
+
+def _rms(x: Array) -> Array:
+    """Of each column of x (m, draws), at least rounding."""
+    return np.maximum(np.sqrt((x**2).mean(axis=0)), 1e-300)

@@ -1,0 +1,437 @@
+"""The rule of evidence: which candidates are credible, which is named, which sets go together.
+
+A candidate is credible if its gain G exceeds the (1 − alpha) quantile of the largest gain over all
+candidates on residuals in which nothing is missing, and its torque the share `material` of its
+joint's. Of candidates within PARSIMONY of the best gain the one with the fewest numbers is chosen.
+A law has the right form if no curve of its signals gains as much beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from ident.diagnosis.candidates import Candidate, Contest, Shape
+from ident.diagnosis.null import SURROGATES, Noise, judging
+from ident.effects import Effect
+from ident.information.hypotheses import Array, Index, Refit, Regression, quantile, zscore
+
+PARSIMONY = 0.10  # share of the best gain within which fewer numbers are preferred
+ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same part
+RARE = 2.0  # times the quantile for effects that few machines have and noise of positions resembles
+HIDDEN = 0.02  # visible share below which the data cannot speak of an effect
+CLOSEST = 12  # candidates that are looked at in detail though they are not credible
+MINE = 0.1  # share of a fall that makes a coordinate one that it mends
+PRECISE = 1e-2  # of the distance between two starts, to which a shape is refined
+SLOPE = 1e-3  # of a shape's range, for its sensitivity
+SEEN = 0.1  # share of a richer effect's columns that must be its own for the data to judge them
+MOST = 40  # effects of a set
+OnProgress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What a name takes.
+
+    Attributes:
+        alpha: chance that anything is credible where nothing is missing.
+        material: share of a joint's torque that an effect must have to matter.
+        rival_se: standard errors of the paired difference within which two are rivals.
+    """
+
+    alpha: float = 0.01
+    material: float = 0.003
+    rival_se: float = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What speaks for one candidate.
+
+    Attributes:
+        effect, shape: which.
+        C: its columns (m, u) in each part, then its shapes' sensitivities.
+        refit: everything refitted with it; its columns, then its shapes' sensitivities.
+        gain: fall of the left-out squared error, as a share.
+        limit: what the gain was held against, as a share; p: chance of such a gain where nothing
+            is missing.
+        size: rms of its torque as a share of its joint's, the largest.
+        sensible: whether no value is one that such an effect cannot have.
+        credible: all of it.
+        mends: coordinates that it mends.
+    """
+
+    effect: Effect
+    shape: Shape
+    C: tuple[Array, ...]
+    refit: Refit
+    gain: float
+    limit: float
+    p: float
+    size: float
+    sensible: bool
+    credible: bool
+    mends: tuple[int, ...]
+
+    @property
+    def candidate(self) -> Evidence:
+        """Itself; for those who ask for the candidate behind the evidence."""
+        return self
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers it takes."""
+        return len(self.effect.parameters)
+
+    @property
+    def coordinate(self) -> int:
+        """Whose error it lowers most."""
+        return int(self.refit.by.argmax())
+
+    @property
+    def z(self) -> float:
+        """Standard errors of its gain over blocks of time."""
+        return zscore(self.refit.D)
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """All candidates on one model, best first.
+
+    Attributes:
+        evidence: of those that are credible or come closest.
+        gains: by label, share of the left-out squared error and visible share, of all.
+        limit: the quantile, as a share; total: the left-out squared error.
+        curves: credible curves, best first.
+    """
+
+    contest: Contest
+    regression: Regression
+    evidence: tuple[Evidence, ...]
+    gains: Mapping[str, tuple[float, float]]
+    limit: float
+    total: float
+    curves: tuple[tuple[Effect, float], ...]
+
+    @property
+    def credible(self) -> tuple[Evidence, ...]:
+        """Those that are there at all."""
+        return tuple(each for each in self.evidence if each.credible)
+
+
+def rank(
+    contest: Contest, regression: Regression, noise: Noise | None, decision: Decision, seed: int,
+    without: Collection[str] = (), curved: bool = True,
+) -> Ranking:  # fmt: skip
+    """Weighs all candidates beside a model, `curved`: the curves as well as the laws."""
+    regression = judging(contest, regression, noise, seed)
+    mine = [
+        each for each in contest.candidates
+        if each.effect.label not in without and (curved or not each.curve)
+    ]  # fmt: skip
+    found = regression.gains([group for each in mine for group in each.groups])
+    ends = np.cumsum([0, *(len(each.groups) for each in mine)])
+    starts = [int(found.G[a:b].argmax()) for a, b in pairwise(ends)]
+    G = np.array([found.G[a + k] for a, k in zip(ends, starts, strict=False)])
+    visible = np.array([found.visible[a:b].max() for a, b in pairwise(ends)])
+    total = max(float(regression.loss.sum()), 1e-300)
+    null = found.null / np.maximum(regression.null_loss, total)
+    law = np.repeat([not each.curve for each in mine], np.diff(ends))
+    limit, of_curves = (
+        max(
+            quantile(x[:, :SURROGATES], decision.alpha), quantile(x[:, SURROGATES:], decision.alpha)
+        )
+        for x in (null[law], null)
+    )
+    chance = null[law].max(axis=0, initial=-np.inf)
+    weigh = Weigh(contest, regression, decision, total)
+    evidence: list[Evidence] = []
+    curves: list[tuple[Effect, float]] = []
+    for i in np.argsort(-G):
+        each, gain = mine[i], float(G[i]) / total
+        needed = limit * (RARE if each.effect.rare else 1.0)
+        if each.curve:
+            if gain > of_curves:
+                curves.append((each.effect, gain))
+        elif gain > needed or len(evidence) < CLOSEST:
+            p = float((1 + (chance >= gain).sum()) / (1 + len(chance)))
+            evidence.append(weigh(each, starts[i], gain, needed, p))
+    gains = {each.effect.label: (float(g) / total, float(v))
+             for each, g, v in zip(mine, G, visible, strict=True)}  # fmt: skip
+    evidence.sort(key=lambda each: -each.gain)
+    return Ranking(contest, regression, tuple(evidence), gains, limit, total, tuple(curves))
+
+
+@dataclass(frozen=True, eq=False)
+class Weigh:
+    """Looks at one candidate in detail."""
+
+    contest: Contest
+    regression: Regression
+    decision: Decision
+    total: float
+
+    def __call__(
+        self, candidate: Candidate, start: int, gain: float, limit: float, p: float
+    ) -> Evidence:
+        """The evidence for a candidate at one of its starts."""
+        effect, shape = candidate.effect, dict(candidate.shapes[start])
+        passed = gain > limit
+        C = [part.taken(candidate.groups[start]) for part in self.regression.parts]
+        refit = self.regression.refit(candidate.groups[start])
+        if effect.corrects:
+            bounds = self.contest.table.bounds(effect)
+            for each, value in zip(effect.searched, refit.theta, strict=True):
+                shape[each.name] = float(np.clip(shape[each.name] + value, *bounds[each.name]))
+        elif passed and any(not each.discrete for each in effect.searched):
+            shape = self._refined(candidate, start)
+            C = self._with_slopes(effect, shape)
+            refit = self.regression.refit_with(C)
+        torque = torque_squares(self.contest, self.regression)
+        by = np.maximum(refit.by, 0.0)
+        mends = by >= MINE * max(by.sum(), 1e-300)
+        size = float(np.sqrt(by / np.where(torque > 0, torque, np.inf))[mends].max(initial=0.0))
+        sensible = _sensible(self.contest, effect, refit.theta)
+        material = size > self.decision.material and refit.visible > HIDDEN
+        return Evidence(
+            effect, shape, tuple(C), refit, refit.G / self.total, limit, p, size, sensible,
+            passed and sensible and material, tuple(int(u) for u in np.flatnonzero(mends)),
+        )  # fmt: skip
+
+    def _refined(self, candidate: Candidate, start: int) -> dict[str, float]:
+        """The one continuous shape parameter between the best start's neighbours."""
+        effect, shape = candidate.effect, dict(candidate.shapes[start])
+        (free,) = [each.name for each in effect.searched if not each.discrete]
+        alike = [
+            each[free] for each in candidate.shapes
+            if all(each[k] == v for k, v in shape.items() if k != free)
+        ]  # fmt: skip
+        low, high = self.contest.table.bounds(effect)[free]
+        below = max([x for x in alike if x < shape[free]], default=low)
+        above = min([x for x in alike if x > shape[free]], default=high)
+
+        def loss(x: float) -> float:
+            C = self.contest.columns(effect, {**shape, free: x})
+            return -float(self.regression.refit_with(C).by.sum())
+
+        found = minimize_scalar(
+            loss, bounds=(below, above), method="bounded",
+            options={"xatol": PRECISE * (above - below), "maxiter": 12},
+        )  # fmt: skip
+        return {**shape, free: float(found.x)} if found.fun < loss(shape[free]) else shape
+
+    def _with_slopes(self, effect: Effect, shape: Shape) -> list[Array]:
+        """E(s), then ∂(E c)/∂s at the coefficients c that fit best."""
+        C = self.contest.columns(effect, shape)
+        theta = self.regression.refit_with(C).theta
+        bounds = self.contest.table.bounds(effect)
+        for each in effect.searched:
+            if each.discrete:
+                continue
+            low, high = bounds[each.name]
+            h = max(min(SLOPE * (high - low), 1e-2 * abs(shape[each.name]) or np.inf), 1e-9)
+            up, down = (
+                self.contest.columns(effect, {**shape, each.name: shape[each.name] + sign * h})
+                for sign in (1, -1)
+            )
+            C = [np.column_stack([c, (a - b) @ theta / (2 * h)])
+                 for c, a, b in zip(C, up, down, strict=True)]  # fmt: skip
+        return C
+
+
+def torque_squares(contest: Contest, regression: Regression) -> Array:
+    """(d,) weighted squares of the measured torque in the rows that decide."""
+    tau = contest.table.tau
+    return np.array([
+        float((tau[contest.use[:, u], u] ** 2).sum()) * regression.weight[u] ** 2
+        for u in range(regression.d)
+    ])  # fmt: skip
+
+
+def _sensible(contest: Contest, effect: Effect, theta: Array) -> bool:
+    """Whether no value is negative or large that cannot be; what is known already is added."""
+    names = effect.unknowns or effect.searched
+    own = next((e.values for e in contest.fit.mechanism.effects if e.label == effect.label), {})
+    values = theta[: len(names)] + [own.get(each.name, 0.0) for each in names]
+    if any(abs(v) > each.largest for each, v in zip(names, values, strict=False)):
+        return False
+    largest = float(np.abs(values).max(initial=0.0))
+    for unknown, value in zip(names, values, strict=False):
+        if unknown.nonnegative and value < 0:  # one of several may be a little negative by noise
+            return effect.arity > 1 and abs(value) < 0.1 * largest
+    return True
+
+
+# --- names and sets ----------------------------------------------------------------------------
+
+
+def alike(a: Evidence, b: Evidence) -> bool:
+    """Whether two explain the same part."""
+    return float(a.refit.direction @ b.refit.direction) > ALIKE
+
+
+def behind(a: Evidence, b: Evidence) -> float:
+    """Standard errors of paired blocks by which b is better than a: of the differences of their
+    squared errors, or of the logarithms, the larger.
+    """
+    one, other = (each.refit.loss.sum(axis=1) for each in (a, b))
+    tiny = 1e-12 * max(float(one.sum()), float(other.sum())) + 1e-300
+    return max(zscore(one - other), zscore(np.log((one + tiny) / (other + tiny))))
+
+
+def simplest(ranking: Ranking, decision: Decision) -> Evidence | None:
+    """The credible candidate with the fewest numbers among those as good as the best."""
+    if not ranking.credible:
+        return None
+    first = ranking.credible[0]
+    equal = [
+        each for each in ranking.credible
+        if each is first or (
+            alike(each, first)
+            and each.gain >= (1 - PARSIMONY) * first.gain
+            and behind(each, first) < decision.rival_se
+        )
+    ]  # fmt: skip
+    return min(equal, key=lambda each: (each.effect.rare, each.numbers, -each.gain))
+
+
+def rivals(best: Evidence, ranking: Ranking, decision: Decision) -> tuple[Evidence, ...]:
+    """Credible candidates that explain the same part, as well within the error."""
+    return tuple(
+        each for each in ranking.credible
+        if each is not best and alike(each, best) and behind(each, best) < decision.rival_se
+        and not (_nested(best, each) and behind(best, each) < 1.0 and _beyond(each, best) > SEEN)
+    )  # fmt: skip
+
+
+def _nested(small: Evidence, large: Evidence) -> bool:
+    """Whether one is a special case of the other, at the same place."""
+    a, b = small.effect, large.effect
+    return a.joints == b.joints and b.kind in a.nested_in
+
+
+def _beyond(large: Evidence, small: Evidence) -> float:
+    """Share of a richer effect's columns that the smaller one's cannot make: what it has beyond it
+    would be seen.
+    """
+    X, Y = np.concatenate(large.C), np.concatenate(small.C)
+    X = X / np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+    Q = np.linalg.qr(Y)[0]
+    return float(np.linalg.norm(X - Q @ (Q.T @ X)) / np.sqrt(X.shape[1]))
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """An effect of a set.
+
+    Attributes:
+        evidence: when it was chosen; rivals: then.
+        columns: where its columns are.
+        gain: fall of the left-out squared error that it brings to the whole set, as a share.
+        curve: a curve of its signals that explains much beside it, so that its form is wrong.
+    """
+
+    evidence: Evidence
+    rivals: tuple[Evidence, ...]
+    columns: Index
+    gain: float = np.nan
+    curve: Effect | None = None
+
+    @property
+    def label(self) -> str:
+        """Of its effect."""
+        return self.evidence.effect.label
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """The set of effects that explains most.
+
+    Attributes:
+        first: all candidates on the model as it is.
+        members: in the order in which they were chosen.
+        last: all candidates beside the set.
+    """
+
+    first: Ranking
+    members: tuple[Member, ...]
+    last: Ranking
+
+    @property
+    def named(self) -> tuple[Member, ...]:
+        """Members whose form no curve rejects."""
+        return tuple(each for each in self.members if each.curve is None)
+
+
+def select(
+    contest: Contest, noise: Noise | None, decision: Decision, seed: int,
+    without: Collection[str] = (), exchanging: bool = False,
+    on_progress: OnProgress = lambda *_: None,
+) -> Selection:  # fmt: skip
+    """Searches a set: forward, each addition followed by eliminations; then, if `exchanging`, each
+    effect is taken out and chosen anew beside the others.
+    """
+    regression = contest.regression
+    first = last = rank(contest, regression, noise, decision, seed, without)
+    members: list[Member] = []
+    barred = set(without)
+    while len(members) < MOST:
+        best = simplest(last, decision)
+        if best is None:
+            break
+        on_progress(f"adding {best.effect.label}", len(members) / MOST)
+        contest, columns = replace(contest, regression=regression).added(best.C)
+        regression = contest.regression.extended(columns)
+        members.append(Member(best, rivals(best, last, decision), columns))
+        for each in list(members[:-1]):
+            bare = regression.without(each.columns)
+            if float(bare.loss.sum() / regression.loss.sum()) - 1 < last.limit:
+                regression = bare
+                members.remove(each)
+                barred.add(each.label)
+        regression = _reweighted(regression)
+        present = barred | {each.label for each in members}
+        last = rank(contest, regression, noise, decision, seed, present, curved=False)
+    for i, each in enumerate(members if exchanging and len(members) > 1 else []):
+        bare = regression.without(each.columns)
+        others = barred | {m.label for m in members if m is not each}
+        again = rank(contest, bare, noise, decision, seed, others, curved=False)
+        best = simplest(again, decision)
+        own = next((e for e in again.evidence if e.effect.label == each.label), None)
+        if best is None or own is None or best is own or behind(own, best) < decision.rival_se:
+            continue
+        contest, columns = replace(contest, regression=bare).added(best.C)
+        regression = _reweighted(contest.regression.extended(columns))
+        members[i] = Member(best, rivals(best, again, decision), columns)
+    if members:
+        present = barred | {each.label for each in members}
+        last = rank(contest, regression, noise, decision, seed, present)
+    return Selection(first, tuple(_formed(regression, members, last)), last)
+
+
+def _reweighted(regression: Regression) -> Regression:
+    """With weights by the left-out errors that the set leaves."""
+    sigma = np.sqrt(regression.losses.sum(axis=0) / np.maximum(regression.rows, 1))
+    return regression.weighted(regression.weight / np.where(sigma > 0, sigma, 1.0))
+
+
+def _formed(regression: Regression, members: Sequence[Member], last: Ranking) -> list[Member]:
+    """Members with what each brings to the set, and the curve that rejects its form, if any."""
+    found = []
+    for each in members:
+        effect = each.evidence.effect
+        gain = float(regression.without(each.columns).loss.sum() / regression.loss.sum()) - 1
+        curve = next(
+            (
+                curve for curve, more in last.curves
+                if set(curve.joints[:1]) & set(effect.joints)
+                and more > PARSIMONY * (gain + more)
+            ),
+            None,
+        )  # fmt: skip
+        found.append(replace(each, gain=gain, curve=curve))
+    return found
