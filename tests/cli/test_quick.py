@@ -34,7 +34,7 @@ def test_the_list_of_commands_says_what_they_say():
 
 
 def test_a_verb_is_not_hidden_by_the_package_of_its_name():
-    for name in ("ident.diagnose.choose", "ident.simulate.integrate"):
+    for name in ("ident.diagnosis.selection", "ident.simulate.integrate"):
         import_module(name)
     for name in ident.__all__:
         assert not isinstance(getattr(ident, name), type(sys)), name

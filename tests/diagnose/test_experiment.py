@@ -118,9 +118,7 @@ def test_viscous_or_drag_asks_for_other_speeds(arm: Mechanism) -> None:
     hidden = arm.with_effect("viscous:elbow", {"Fv": 0.05})
     moves = {"yaw": (0, 0.8, 0.9), "shoulder": (-0.5, 0.4, 1.1), "elbow": (0.9, 0.5, 1.5)}
     d = diagnosed(arm, hidden, sines({**moves, "wrist": (0.2, 0.6, 1.3)}, 6.0))
-    (drag,) = (
-        e.candidate.effect for e in d.choice.credible if e.candidate.effect.label == "drag:elbow"
-    )
+    (drag,) = (e.effect for e in d.choice.evidence if e.effect.label == "drag:elbow")
     best = replace(d.candidates[0], rivals=(drag,))  # as at more noise
     d = replace(d, candidates=(best, *d.candidates[1:]))
     found = propose(d)

@@ -19,7 +19,7 @@ from ident.effects import Effect
 from ident.fit.values import Value
 from ident.residual import Failure
 from ident.residual.error import Error
-from ident.tables import percent, rounded, table
+from ident.text import percent, rounded, table
 
 WIDTH = 100
 MOST = 4  # names or numbers that are listed; the others are counted
@@ -509,7 +509,7 @@ def blocks(d: Diagnosis) -> str:
     """The verdict, two tables, and the words folded."""
     from ident.show.html import folded, paragraph, strong
     from ident.show.html import table as html_table
-    from ident.show.html.shown import in_frame
+    from ident.show.html.elements import in_frame
 
     parts = [strong(verdict_line(d)), html_table(where_rows(d), "Where the model fails")]
     if d.candidates:
@@ -629,7 +629,7 @@ def ladder_html(history: History) -> str:
     """The verdict and the ladder."""
     from ident.show.html import strong
     from ident.show.html import table as html_table
-    from ident.show.html.shown import in_frame
+    from ident.show.html.elements import in_frame
 
     rows = html_table(history.table(), "Held-out error, rung by rung", tied=False)
     return in_frame([strong(verdict_line(history.diagnosis)), rows])

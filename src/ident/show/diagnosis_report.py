@@ -62,7 +62,7 @@ from ident.show.html import (
     paragraph,
     table,
 )
-from ident.tables import percent
+from ident.text import percent
 
 BARS = 12
 LOGS = 4  # whose residuals are drawn below each other
