@@ -122,7 +122,8 @@ def grow(
     Prints the ladder of held-out errors while it runs, then the diagnosis of the last model.
     """
     from ident.diagnosis import grow as grow_
-    from ident.show.diagnosis import head, refuse_own, rung
+    from ident.show.diagnosis import head, rung
+    from ident.show.diagnosis_report import refuse_own
 
     model = mechanism_of(
         mechanism, with_, allow_code=allow_code, basis=basis, spacing=spacing, absolute=absolute

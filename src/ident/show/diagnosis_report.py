@@ -17,14 +17,12 @@ from ident.errors import IdentError
 from ident.files import write_all
 from ident.fit import Fit
 from ident.fit.output import multipliers_csv
-from ident.fit.report import found, misfit
 from ident.fit.saved import fit_json
 from ident.mechanism import Mechanism
 from ident.mechanism.write import folder_files
 from ident.motion.report import made_of, understood
 from ident.residual import Residual, residual_of
 from ident.residual.error import Error
-from ident.residual.plots import plot_maps, time_label
 from ident.show import experiment  # noqa: F401 (it renders the next experiment)
 from ident.show.charts import (
     FAINT,
@@ -50,6 +48,7 @@ from ident.show.diagnosis import (
     verdict_line,
     where_rows,
 )
+from ident.show.fit import found, misfit
 from ident.show.html import (
     Block,
     Choice,
@@ -62,6 +61,7 @@ from ident.show.html import (
     paragraph,
     table,
 )
+from ident.show.residual import plot_maps, time_label
 from ident.text import percent
 
 BARS = 12
