@@ -2,12 +2,12 @@
 
 python benchmarks/banded.py
 
-The slider-crank's 8004 × 1206 (see elimination.py), both from the same arrays of samples: A, b, Jᵀ
-and the hat functions' values. The peer forms the banded part of MᵀM, its dense border and its right
-side in vectorised NumPy, factors the band by LAPACK (`cholesky_banded`) and takes the border by its
-Schur complement: as fast as this can be written, at the price of the squared condition number. It
-knows this problem (hats, every knot with samples, full rank); `eliminate` does not.
-One BLAS thread, processor time, the best of REPEAT, both in turn.
+The matrix of robots/slider_crank and its log (sect. 3.2 of the paper): 2001 samples of 4 rows, 3
+parameters, 3 multipliers in hat functions of 5 ms, 8004 × 1206 in all. The peer forms the banded
+part of MᵀM, its dense border and its right side in vectorised NumPy, factors the band by LAPACK
+(`cholesky_banded`) and the border by its Schur complement: as fast as this can be written, with the
+squared condition number. It knows this problem (hat functions, samples at every knot, full rank);
+`eliminate` does not. One BLAS thread, processor time, the best of REPEAT, both in turn.
 """
 
 import os
@@ -16,18 +16,63 @@ os.environ["OPENBLAS_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
 
-import elimination
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from ident.information.triangle import Array
+import ident
+from ident.equations.corrections import Scene
+from ident.equations.multipliers import full_rows
+from ident.equations.unknowns import Columns
+from ident.information.band import eliminate
+from ident.information.base import rank_revealing, solve
+from ident.information.reduction import Chunk
+from ident.information.splines import Basis
+from ident.information.triangle import Array, Index
 
 REPEAT = 200
+CRANK = Path(__file__).resolve().parent.parent / "robots" / "slider_crank"
 
 
-def normal_equations(system: elimination.System) -> tuple[Array, Array]:
-    """Parameters (k,) and coefficients (count, m) of a system on hat functions."""
+@dataclass(frozen=True, eq=False)
+class System:
+    """A p + Jᵀ λ = b with λ in hat functions.
+
+    Attributes:
+        basis: the hat functions; first (N,), values (N, 2): those that differ from zero.
+        J_T: (N, n, m); A: (N, n, k); b: (N, n).
+    """
+
+    basis: Basis
+    first: Index
+    values: Array
+    J_T: Array
+    A: Array
+    b: Array
+
+    def eliminated(self) -> tuple[Array, Array]:
+        """Return parameters (k,) and coefficients (count, m) by orthogonal transformations."""
+        chunk = Chunk.of_samples(self.first, self.values, self.J_T, self.A, self.b)
+        elimination = eliminate([chunk], self.basis.count)
+        x = solve(elimination.border, rank_revealing(elimination.border)).x
+        return x, elimination.back_substitute(x)
+
+
+def paper() -> System:
+    """Return the system of the paper's slider-crank."""
+    mechanism = replace(ident.load(CRANK), multipliers=ident.Multipliers("linear", 0.005))
+    (e,) = ident.complete(mechanism, CRANK / "run.csv").experiments
+    A, b, _ = full_rows(Scene.of(mechanism, Columns.of(mechanism), e), slice(0, len(e)))
+    basis = Basis.spanning(0.0, (len(e) - 1) * 1e-3, 0.005, 1)
+    first, values = basis.window(np.arange(len(e)) * 1e-3)
+    J_T = mechanism.kinematics.closure_rows(e.q).rate.transpose(0, 2, 1)
+    return System(basis, first, values, J_T, A, b)
+
+
+def normal_equations(system: System) -> tuple[Array, Array]:
+    """Return parameters (k,) and coefficients (count, m) by banded normal equations."""
     J_T, A, b, count = system.J_T, system.A, system.b, system.basis.count
     (N, n, m), k = J_T.shape, A.shape[2]
     rows = np.empty((N, n, m + k + 1))
@@ -61,9 +106,9 @@ def normal_equations(system: elimination.System) -> tuple[Array, Array]:
 
 
 def table() -> list[dict[str, object]]:
-    """Milliseconds of both, their ratio, and the largest relative differences of p and λ."""
-    system = elimination.paper()
-    (x, a, _), (y, c) = system.eliminated(), normal_equations(system)
+    """Return milliseconds of both, their ratio, and the largest relative differences of p and λ."""
+    system = paper()
+    (x, a), (y, c) = system.eliminated(), normal_equations(system)
     own, peer = [], []
     for _ in range(REPEAT):
         own.append(seconds(system.eliminated))

@@ -2,7 +2,8 @@
 
     python benchmarks/dfki.py
 
-The logs are looked for in $IDENT_DATA, or ../shared/data beside the checkout (see docs/real_logs.md).
+The script looks for the logs in $IDENT_DATA, or ../shared/data beside the checkout; see
+docs/real_logs.md.
 """
 
 import os

@@ -86,10 +86,9 @@ def ours(folder: Path, whole: bool) -> dict[str, object]:
     import arm7
 
     import ident
-    from ident.equations.columns import Columns
-    from ident.equations.point import Point
+    from ident.equations.corrections import Scene
     from ident.equations.rows import rows
-    from ident.equations.scene import Scene
+    from ident.equations.unknowns import Columns, Point
     from ident.fit.problem import Problem
     from ident.information.base import rank_revealing, solve
     from ident.information.triangle import Triangle

@@ -182,7 +182,7 @@ def evaluations(verb: Callable[[], object]) -> str:
     """Evaluations of Γ over distinct samples while `verb` runs."""
     import numpy as np
 
-    from ident.equations import regressor as module
+    from ident.motion import regressor as module
 
     original, count, seen = module.regressor, [0], set()
 

@@ -2,10 +2,9 @@
 
     python benchmarks/scale.py [--only NAME …] [--print]
 
-Every table is made by a module of its own, in this run, on this machine: `figaroh_core`, `banded`,
-`completion`, `whole_way`, `online`, `stream`, `faults`. What a module gives replaces its table
-between the marks in README.md, the others stay; `--print` changes no file. All of them take about
-half an hour, most of it ten million samples and hours of simulated running.
+Every table is made by its own module in this run: `figaroh_core`, `banded`, `whole_way`, `online`,
+`stream`, `faults`. It replaces the table between its marks in README.md; `--print` changes no
+file. All of them take about half an hour.
 """
 
 import os
@@ -26,7 +25,6 @@ from pathlib import Path
 README = Path(__file__).with_name("README.md")
 MODULES = {
     "figaroh_core": "Regressor, base parameters and least squares, against figaroh",
-    "completion": "Completion through closures, and J",
     "banded": "The solve at the paper's size, against banded normal equations",
     "whole_way": "From CSV to fit, and what is not arithmetic",
     "online": "Online, a sample at a time",

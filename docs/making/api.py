@@ -1,4 +1,4 @@
-"""The reference of the Python API: every public name, and the nouns that those return."""
+"""The reference of the Python API: every public name, and the classes that those return."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ GROUPS = {
     "Identify": ("identify", "Fit", "write_fit", "read_fit", "Saved"),
     "Compare": ("compare", "residual_of", "where", "Comparison", "Residual"),
     "Effects": ("effect", "effects", "user_effect", "read_user_effect", "Effect"),
-    "What is missing": ("diagnose", "grow", "health", "Diagnosis", "History", "Health"),
+    "Diagnosis": ("diagnose", "grow", "health", "Diagnosis", "History", "Health"),
     "Simulate": ("simulate", "integrate", "replay", "Noise", "PD", "ComputedTorque", "Torques",
                  "Run", "Replay"),
     "Plan and try": ("excite", "monte_carlo", "Limits", "Excitation", "MonteCarlo"),
@@ -23,23 +23,23 @@ GROUPS = {
 }  # fmt: skip
 
 
-DEPTH = 2  # of nouns within nouns
-INNER = ("solve", "equations")  # nobody needs their nouns to use the results
+DEPTH = 2  # levels of such classes
+INNER = ("information", "equations")  # their classes are not needed to use the results
 
 
 def reference() -> str:
-    """A page in reStructuredText."""
+    """Return the page in reStructuredText."""
     listed = [name for names in GROUPS.values() for name in names]
     rest = tuple(name for name in ident.__all__ if name not in listed)
     lines = [*_heading("Python reference", "="),
              "Shapes are in parentheses, units in brackets. ``import ident`` has all names down to "
-             "`Nouns within nouns`_; :doc:`/python` is a tour of them.", ""]  # fmt: skip
+             "`Further classes`_; :doc:`/python` has examples.", ""]  # fmt: skip
     for title, names in {**GROUPS, **({"More": rest} if rest else {})}.items():
         lines += _heading(title, "-")
         for name in (name for name in names if name in ident.__all__):
             lines += _entry("ident", name, getattr(ident, name))
-    lines += _heading("Nouns within nouns", "-")
-    lines += ["What the nouns above have as attributes, and what their methods return.", ""]
+    lines += _heading("Further classes", "-")
+    lines += ["Attributes and return values of the classes above.", ""]
     for kind in within():
         lines += _entry(kind.__module__, kind.__qualname__, kind)
     return "\n".join(lines) + "\n"
@@ -64,7 +64,7 @@ def _entry(module: str, name: str, thing: object) -> list[str]:
 
 
 def within() -> list[type]:
-    """Classes that public nouns hold or return, and what those do, which are no public names."""
+    """Return classes that public ones hold or return, directly or indirectly."""
     public = [getattr(ident, name) for name in ident.__all__]
     found: set[type] = set()
     level = [thing for thing in public if callable(thing)]
@@ -75,7 +75,7 @@ def within() -> list[type]:
 
 
 def _mentioned(thing: Callable) -> Iterator[type]:
-    """Documented classes of ident in the annotations of what it has and returns."""
+    """Yield documented classes of ident in the annotations of attributes and return values."""
     hinted = [thing] if inspect.isclass(thing) else []
     returned = [] if inspect.isclass(thing) else [thing]
     if inspect.isclass(thing) and not issubclass(thing, BaseException):
@@ -106,7 +106,7 @@ def _classes(hint: object) -> Iterator[type]:
 
 
 def _shown(kind: type) -> bool:
-    """Whether it is a documented noun of a user's, not of the solver's."""
+    """Return whether it is a documented class for users, not one of the kernel."""
     package, _, rest = kind.__module__.partition(".")
     own = package == "ident" and rest.partition(".")[0] not in INNER
     return own and bool(kind.__doc__) and not kind.__name__.startswith("_")
@@ -116,7 +116,7 @@ LITERAL = re.compile(r"(`[^`]*`)")
 
 
 def as_rst(lines: list[str]) -> list[str]:
-    """A docstring for reStructuredText: `code` in two backticks, other signs as they are."""
+    """Return a docstring in reStructuredText: `code` in two backticks, other signs escaped."""
     text = LITERAL.split("\n".join(lines))
     found = [
         f"`{part}`" if part.startswith("`") else re.sub(r"([\\*|]|_(?=\W|$))", r"\\\1", part)

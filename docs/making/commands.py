@@ -10,9 +10,9 @@ import typer
 from ident.cli.app import app
 
 COMMON = """\
-`ident --version`, `ident --help` and `ident COMMAND --help` say what is here. `ident
---install-completion` makes the Tab key complete commands, options and effects in bash, zsh, fish
-and PowerShell; `ident --show-completion` prints what that would install. `EFFECT` is `kind:joint`,
+`ident --version`, `ident --help` and `ident COMMAND --help` print help. `ident
+--install-completion` installs completion of commands, options and effects in bash, zsh, fish
+and PowerShell; `ident --show-completion` prints the script. `EFFECT` is `kind:joint`,
 `kind` alone for every driven joint, or `file.py:function:joint`; see [the library](library.md).
 
 Results go to standard output, notes and progress to standard error. Exit status: 0 done, 1 the
