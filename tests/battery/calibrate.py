@@ -9,9 +9,8 @@ import mujoco
 import numpy as np
 from rigid import Machine
 from sensors import late
-from torques import SENSORS, TORQUES
-
 from simulate import Known, Rig, Run, tilted
+from torques import SENSORS, TORQUES
 
 # the unknown that is scaled, of the kinds that are one column (or one shape) times it
 SCALED = {

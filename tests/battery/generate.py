@@ -24,9 +24,8 @@ from machines import MACHINES
 from reference import reference
 from rigid import toml, urdf, write_folder
 from sensors import Columns, columns, noisy, sizes
-from torques import SENSORS
-
 from simulate import Known, Run, simulate
+from torques import SENSORS
 
 EXPERIMENTS = 2
 FRICTION = (0.03, 0.07)  # share of each arm joint's torque, of viscous and of Coulomb friction

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from rigid import Machine
-
 from simulate import BEFORE, Reference
 
 SECONDS = 9.0  # of a log

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from rigid import Machine
-from torques import temperature
-
 from simulate import BEFORE, RATE, Known, Run
+from torques import temperature
 
 Columns = dict[str, np.ndarray]
 

@@ -122,7 +122,7 @@ def test_the_error_is_the_least_of_all_possible_fits(arm):
     )
     fit = ident.identify(case.mechanism, noisy, consistent=True)
     assert fit.binding.edge
-    factor, x = fit.estimate.factor, fit.estimate.solution.x
+    factor, x = fit.estimate.triangle, fit.estimate.solution.x
     truth = np.array([case.values[name] for name in fit.columns.names])
     for toward in (fit.columns.prior, truth):
         for share in (1e-4, 1e-2, 1.0):

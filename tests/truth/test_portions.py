@@ -209,8 +209,8 @@ def test_the_order_in_which_portions_end_changes_no_bit(arm, run):
         cells = joined.without(())
         first = first or cells
         for one, other in zip(first, cells, strict=True):
-            assert np.array_equal(one.factor.R, other.factor.R)
-            assert (one.tau, one.span, one.factor.rho) == (other.tau, other.span, other.factor.rho)
+            assert np.array_equal(one.triangle.R, other.triangle.R)
+            assert (one.torque, one.span, one.triangle.rho) == (other.torque, other.span, other.triangle.rho)
 
 
 def test_the_fit_is_one_like_any_other_and_counts_all_samples(arm, run, tmp_path, monkeypatch):

@@ -58,7 +58,7 @@ def check(
     Joints, closures, degrees of freedom; of logs their columns, gaps and noise, and what smoothing
     left of each channel; base parameters.
     """
-    from ident.fit.structure import channels, describe, structure
+    from ident.show.fit import channels, describe, structure
 
     model = mechanism_of(mechanism, with_, allow_code=allow_code, absolute=absolute)
     motion = seen = None
@@ -177,20 +177,19 @@ def identify(
 
 def _show(fit: Fit, gathered: Gathered | None, reactions: Path | None, out: Path | None) -> None:
     """Write a fit to the terminal and into files."""
-    from ident.fit.summary import summary
+    from ident.show.fit import summary
 
     result(gathered.summary if gathered else summary(fit))
     known = None
     if reactions is not None:
-        from ident.fit.reactions import compare_multipliers
         from ident.log import read_log
 
-        known = compare_multipliers(fit, read_log(reactions))
+        known = fit.compare_multipliers(read_log(reactions))
         result(f"\n{known}")
     notes(gathered.notes if gathered else fit.warnings)
     notes(_advice(fit))
     if out is not None:
-        from ident.fit.output import write_fit
+        from ident.fit.files import write_fit
 
         wrote(gathered.write(out, known) if gathered else write_fit(fit, out, known))
 
@@ -235,7 +234,7 @@ def compare(
     of its motion, and on which signals what is left depends.
     """
     from ident.fit.compare import compare as compare_
-    from ident.fit.saved import read_fit
+    from ident.fit.files import read_fit
 
     model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute)
     if window is not None and not simulated:

@@ -138,10 +138,6 @@ class Constrained:
     binding: Binding
     findings: Sequence[Finding]
 
-    # names of before, until all callers have moved
-    regression = property(lambda self: self.problem)
-    notes = property(lambda self: list(self.findings))
-
 
 def nearest_possible(
     problem: Problem, found: Estimate, asked: Consistency, on_progress: Progress | None = None

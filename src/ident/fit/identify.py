@@ -211,6 +211,3 @@ def validated(
         e.name: other.of_log(number).squares(estimate.x).errors(validate.independent, units)
         for number, e in enumerate(validate.experiments)
     }
-
-
-estimated, bias_of = estimate_of, basis_bias  # names of before, until all callers have moved

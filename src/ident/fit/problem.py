@@ -106,12 +106,6 @@ class Problem:
             )
         return cls(mechanism, motion, point, columns, information, tuple(bands))
 
-    # names of before, until all callers have moved
-    cells = property(lambda self: list(self.information))
-    factors = property(lambda self: list(self.information.totals))
-    left = property(lambda self: list(self.stacked_information or ()))
-    sensible = property(lambda self: self.plausible)
-
     @property
     def d(self) -> int:
         """Number of independent coordinates."""

@@ -76,11 +76,6 @@ class Fit(Plotted):
     likelihood: Likelihood | None = None
     stacked_information: Information | None = None
 
-    # names of before, until all callers have moved
-    cells = property(lambda self: list(self.information))
-    regression = property(lambda self: self.problem)
-    worth = property(lambda self: self.row_scale)
-
     @cached_property
     def parameters(self) -> tuple[Value, ...]:
         """Unknown dynamic parameters in Γ's order."""

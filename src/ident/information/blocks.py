@@ -90,11 +90,6 @@ class Block:
         """Log, block and coordinate."""
         return Key(self.log, self.block, self.coordinate)
 
-    # names of before, until all callers have moved
-    experiment = property(lambda self: self.log)
-    factor = property(lambda self: self.triangle)
-    tau = property(lambda self: self.torque)
-
     @property
     def rows(self) -> int:
         """Number of rows, those at standstill included."""

@@ -38,8 +38,6 @@ class Estimate:
     triangle: Triangle
     held: np.ndarray
 
-    factor = property(lambda self: self.triangle)  # its name before, until all callers have moved
-
     @property
     def x(self) -> Array:
         """All unknowns (k,)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from ident.display import Displayed
 from ident.residual.noise import Memory
 from ident.residual.regimes import Regime
 from ident.residual.windows import Window
@@ -28,8 +29,8 @@ class Dependence:
         return f"{self.signal} (R² {self.r2:.2f}: {self.seen})"
 
 
-@dataclass(frozen=True)
-class Failure:
+@dataclass(frozen=True, repr=False)
+class Failure(Displayed):
     """How the model fails in one joint.
 
     Attributes:
@@ -88,8 +89,3 @@ class Failure:
             "repeats": self.repeats,
             "white": self.white,
         }
-
-    def __str__(self) -> str:
-        from ident.show.residual import failure_text
-
-        return "\n".join(failure_text(self, several=True))

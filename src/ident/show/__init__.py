@@ -25,6 +25,7 @@ MODULES: dict[str, str] = {
     "Binding": "fit",
     "Correlation": "fit",
     "Essential": "fit",
+    "Failure": "residual",
     "Finding": "fit",
     "Fit": "fit",
     "Likelihood": "fit",

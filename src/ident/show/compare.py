@@ -12,16 +12,26 @@ import numpy as np
 from ident.display import renders
 from ident.errors import FitError, one_of
 from ident.fit.compare import Comparison
-from ident.fit.reach import identifiable_multipliers
-from ident.residual import report
-from ident.residual.error import Error, error_rows
-from ident.residual.plots import plot_maps, plot_parts, plot_predictions, short, time_label
-from ident.residual.residual import Residual, zero_of
-from ident.residual.tables import errors_text, failure_lines, parts_table, where_text
+from ident.fit.multipliers import identifiable_multipliers
+from ident.fit.residual import Residual, zero_of
+from ident.information.blocks import Error
+from ident.show import residual as report
 from ident.show.charts import Chart, Line, Panel
 from ident.show.html import Block, Page, Section, folded, in_frame, items, strong
 from ident.show.html import table as html_table
 from ident.show.motion import made_of, understood
+from ident.show.residual import (
+    error_rows,
+    errors_text,
+    failure_lines,
+    parts_table,
+    plot_maps,
+    plot_parts,
+    plot_predictions,
+    short,
+    time_label,
+    where_text,
+)
 from ident.text import table
 
 SCHEMA = "ident.compare/1"

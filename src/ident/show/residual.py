@@ -189,6 +189,12 @@ def failure_text(failure: Failure, several: bool) -> list[str]:
     return [first[1], *(line for head, text in rest for line in _wrapped(head, text))]
 
 
+@renders(Failure, "text")
+def text_of_failure(failure: Failure) -> str:
+    """Return how a model fails in one joint."""
+    return "\n".join(failure_text(failure, several=True))
+
+
 def failure_lines(failure: Failure, several: bool) -> list[str]:
     """Return the same, a sentence a line."""
     return [" ".join(each).strip() for each in _sentences(failure, several)]

@@ -14,13 +14,13 @@ from ident.equations.corrections import Scene, check_needs, late
 from ident.equations.terms import Samples
 from ident.equations.unknowns import Point
 from ident.errors import MotionError, one_of
+from ident.fit.residual import NOTHING
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment, Motion, complete
 from ident.motion.closures import LoopSolver, best_conditioned, independent_joints
 from ident.motion.signals import noise_share
 from ident.progress import Progress
-from ident.residual.predict import NOTHING
 from ident.simulate.balance import STICK, Actuator, Dynamics, Surroundings
 from ident.simulate.drives import Drive, NoTorque, Torques
 from ident.simulate.integration import Integration, IntegrationRecord, Transition

@@ -23,13 +23,13 @@ from ident.equations.terms import Samples
 from ident.equations.unknowns import Point
 from ident.errors import FitError, MotionError
 from ident.files import write_all
-from ident.fit.fit import Fit
-from ident.fit.saved import Saved
+from ident.fit.files import Saved
+from ident.fit.residual import NOTHING
+from ident.fit.result import Fit
+from ident.information.blocks import Error
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment, Motion
 from ident.progress import Progress
-from ident.residual.error import Error
-from ident.residual.predict import NOTHING
 from ident.simulate.balance import Dynamics
 from ident.simulate.drives import TorqueSeries
 from ident.simulate.integrate import STEPS, joint_coordinates, rough_times, surroundings

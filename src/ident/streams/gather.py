@@ -17,17 +17,14 @@ from ident.equations.point import Point
 from ident.errors import FitError
 from ident.files import check_writable
 from ident.fit import Fit
-from ident.fit.assemble import assemble
-from ident.fit.banded import banded
-from ident.fit.constrain import constrained
-from ident.fit.descend import shape_bounds, stepped
-from ident.fit.identify import bias_of, estimated
-from ident.fit.noisy import MATTERS, share_of_motion
-from ident.fit.output import multipliers_rows, write_fit
-from ident.fit.reach import identifiable_multipliers
-from ident.fit.reactions import Reactions
-from ident.fit.regression import Regression
-from ident.fit.settle import settled
+from ident.fit.consistency import nearest_possible
+from ident.fit.files import multipliers_rows, write_fit
+from ident.fit.findings import basis_bias
+from ident.fit.identify import assembled, estimate_of, limits_asked
+from ident.fit.likelihood import MATTERS, share_of_motion
+from ident.fit.multipliers import Reactions, identifiable_multipliers
+from ident.fit.problem import Problem, bands_of, coordinates
+from ident.fit.shapes import shape_bounds, stepped, working_point
 from ident.information.blocks import Error, Information
 from ident.information.covariance import covariance
 from ident.information.estimate import Estimate, estimate
@@ -62,7 +59,7 @@ class Gathered(Displayed):
     """
 
     fit: Fit
-    regression: Regression
+    regression: Problem
     plan: Plan
     workers: Workers
     worked: int
@@ -217,7 +214,7 @@ def gather(
     common = Plan(mechanism, logged, some.independent, some.band, smoothing, (), prior)
     plan = with_logs(common, looked_at, samples, workers)
     saved = None if checkpoint is None else Checkpoint(Path(checkpoint), plan)
-    plan = replace(plan, point=settled(mechanism, some, None, progress))
+    plan = replace(plan, point=working_point(mechanism, some, None, progress))
     plan, regression, fitted, notes, worked, resumed = _iterated(plan, some, workers, saved)
     fit = _fit_of(regression, fitted, notes, workers, consistent)
     if others:
@@ -244,7 +241,7 @@ def _check_portionable(mechanism: Mechanism, consistent: bool | Consistency) -> 
 
 def _iterated(
     plan: Plan, some: Excerpt, workers: Workers, saved: Checkpoint | None
-) -> tuple[Plan, Regression, Estimate, list[str], int, int]:
+) -> tuple[Plan, Problem, Estimate, list[str], int, int]:
     """Pass over all portions, once where the equations are linear, else until no shape moves.
 
     Returns:
@@ -267,8 +264,12 @@ def _iterated(
         total, messages = _pass(plan, progress, workers, saved)
         worked, notes = worked + total.worked, notes + messages
         blocks, stacks = total.without(()), stack_blocks(plan, total.stretches)
-        r = Regression(plan.mechanism, some, plan.point, plan.columns, blocks, left=stacks)
-        fitted = estimated(r)
+        k, d = len(plan.columns), coordinates(plan.mechanism, some)
+        r = Problem(
+            plan.mechanism, some, plan.point, plan.columns, Information.of(blocks, k, d),
+            stacked_information=Information.of(stacks, k, 1) if stacks else None,
+        )  # fmt: skip
+        fitted = estimate_of(r)
         step = progress.step if linear else _next_step(r, fitted, progress.step)
         rests = step.moves <= RESTING
         if linear or rests or progress.passed + 1 == PASSES:
@@ -318,7 +319,7 @@ def _pass(
     return total, [note for index in sorted(messages) for note in messages[index]]
 
 
-def _next_step(r: Regression, fitted: Estimate, step: SearchStep) -> SearchStep:
+def _next_step(r: Problem, fitted: Estimate, step: SearchStep) -> SearchStep:
     """Step of variable projection, one a pass (`fit.descend`): the triangles of a pass give the
     least error at its point, which tells whether the step before was good, and the next step.
 
@@ -328,9 +329,9 @@ def _next_step(r: Regression, fitted: Estimate, step: SearchStep) -> SearchStep:
     shapes = np.zeros(len(columns), dtype=bool)
     shapes[columns.shapes] = True
     sigma = fitted.sigma if step.sigma is None else step.sigma
-    zeros = np.zeros(len(r.factors))
-    at = estimate(r.factors, r.prior, zeros, sigma=sigma, held=fitted.held | shapes)
-    loss = at.factor.residual_norm(at.solution.x) ** 2
+    zeros = np.zeros(r.d)
+    at = estimate(r.information.totals, r.prior, zeros, sigma=sigma, held=fitted.held | shapes)
+    loss = at.triangle.residual_norm(at.x) ** 2
     if step.best is not None and loss > step.loss * (1 + ROUNDING):
         values = {
             name: 0.5 * (step.best.values.get(name, value) + value)
@@ -344,12 +345,12 @@ def _next_step(r: Regression, fitted: Estimate, step: SearchStep) -> SearchStep:
     others = [r.point.values.get(name, 0.0) for name in columns.names[len(columns.rigid) :]]
     before = np.concatenate([r.point.pi[columns.rigid], others])
     implicit = any(effect.implicit for effect in r.mechanism.effects)
-    moves = np.linalg.norm(fitted.factor.R @ np.where(shapes | implicit, x - before, 0.0))
+    moves = np.linalg.norm(fitted.triangle.R @ np.where(shapes | implicit, x - before, 0.0))
     return SearchStep(r.point.at(r.mechanism, columns, x), r.point, loss, sigma, float(moves))
 
 
 def _fit_of(
-    r: Regression,
+    r: Problem,
     fitted: Estimate,
     notes: Sequence[str],
     workers: Workers,
@@ -358,7 +359,7 @@ def _fit_of(
     """Make the fit of the last pass' triangles, whose pictures are those of the excerpt."""
     assert isinstance(r.motion, Excerpt)
     r = replace(r, motion=r.motion.without(workers.broken))
-    cov = covariance(Information.of(r.fitting, len(r.columns), len(fitted.sigma)), fitted)
+    cov = covariance(r.fitting, fitted)
     notes = [note for note in notes if note not in r.motion.notes]
     share = float(share_of_motion(r, fitted).max(initial=0.0)) if len(r.columns) else 0.0
     if share >= MATTERS:
@@ -367,22 +368,16 @@ def _fit_of(
             "portions the motion is taken as it is, so that parameters may be shrunk: identify "
             "from a shorter log to see how much"
         )
-    notes += map(str, bias_of(r, fitted))
+    notes += map(str, basis_bias(r, fitted))
     shown = sum(len(e) for e in r.motion.experiments)
     if shown < r.motion.samples:
         notes.append(
             f"{r.motion.samples} samples were read in portions; pictures, unfiltered errors and "
             f"the table of multipliers show {shown} of them"
         )
-    if consistent is False:
-        fit = assemble(r, fitted, cov, notes=notes, progress=workers.on_progress)
-    else:
-        asked = consistent if isinstance(consistent, Consistency) else Consistency()
-        held = constrained(r, fitted, r.mechanism.consistency | asked, workers.on_progress)
-        fit = assemble(
-            held.regression, held.estimate, cov, outside=held.outside, binding=held.binding,
-            notes=[*notes, *held.notes], progress=workers.on_progress,
-        )  # fmt: skip
+    limits, on_progress = limits_asked(r.mechanism, consistent), workers.on_progress
+    possible = None if limits is None else nearest_possible(r, fitted, limits, on_progress)
+    fit = assembled(r, fitted, cov, notes, on_progress=on_progress, possible=possible)
     # the ends of an excerpt's stretches are not those of the log
     cut = {log for e in r.motion.experiments if (log := e.name.partition(", ")[0]) != e.name}
     warnings = tuple(
@@ -390,12 +385,13 @@ def _fit_of(
         for each in fit.warnings
         if not (": the filter takes" in each and each.partition(", ")[0] in cut)
     )
-    bands = banded(r.mechanism, r.columns, r.motion, None, r.point) if r.left else ()
+    stacked = r.stacked_information is not None
+    bands = bands_of(r.mechanism, r.columns, r.motion, r.point) if stacked else ()
     return replace(fit, warnings=warnings, bands=tuple(bands))  # λ of the excerpt
 
 
 def _validation(
-    plan: Plan, r: Regression, x: np.ndarray, workers: Workers, paths: Sequence[Path], samples: int
+    plan: Plan, r: Problem, x: np.ndarray, workers: Workers, paths: Sequence[Path], samples: int
 ) -> dict[str, dict[str, Error]]:
     """Errors of the parameters x (k,) in other logs, by log, then joint.
 

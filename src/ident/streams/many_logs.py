@@ -248,7 +248,7 @@ class _Logs:
 
     def __init__(self, information: Information, joint: Estimate, columns: Columns) -> None:
         base, self.columns = joint.base, columns
-        norm = joint.factor.column_norms()[base.independent]
+        norm = joint.triangle.column_norms()[base.independent]
         ways = np.zeros((base.rank, len(joint.solution.x)))
         ways[np.arange(base.rank), base.independent] = 1.0
         ways[:, base.dependent] = base.K

@@ -30,10 +30,9 @@ from ident.equations.terms import terms
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, LogError, one_of
 from ident.fit import Fit
-from ident.fit.accumulate import LENGTH
-from ident.fit.plausible import plausible
-from ident.fit.reach import identifiable_multipliers
-from ident.fit.settle import settled
+from ident.fit.multipliers import identifiable_multipliers
+from ident.fit.problem import LENGTH, plausible
+from ident.fit.shapes import working_point
 from ident.fit.values import BaseValue, Value, base_values, effect_values, rigid_values
 from ident.information.blocks import Block, Error, Information, Squares
 from ident.information.covariance import covariance
@@ -423,7 +422,7 @@ class Online:
                 "like=ident.complete(mechanism, log)"
             )
         start = like.point if isinstance(like, Fit) else None
-        point = settled(self.mechanism, motion, start)
+        point = working_point(self.mechanism, motion, start)
         known = _with_known_shapes(self.mechanism, point)
         return _Recursion(known, motion, point, self._forget, self._latency)
 

@@ -16,13 +16,12 @@ import numpy as np
 from ident.equations.corrections import Scene
 from ident.equations.multipliers import stack
 from ident.equations.rows import Rows, row_supports, rows
-from ident.fit.accumulate import block_cells, block_edges, split
-from ident.fit.banded import cells_of_blocks, time_blocks
+from ident.fit.problem import block_edges, blocks_of, equal_blocks, split_rows, time_blocks
+from ident.fit.residual import predict
 from ident.information.band import Stretch, eliminate
 from ident.information.blocks import Block, Key
 from ident.information.splines import Basis
 from ident.motion import Motion
-from ident.residual.predict import predict
 from ident.streams.plan import Plan, Portion, motion_of
 from ident.streams.stream import rows_at
 
@@ -73,13 +72,13 @@ def absorbed(plan: Plan, portion: Portion) -> PortionRows:
         own = (piece.t >= portion.since) & (piece.t < portion.until)
         if not own.any():
             continue
-        for at, some in split(rows_at(piece, own), edges):
+        for at, some in split_rows(rows_at(piece, own), edges):
             if at != block or count > WAITING:
-                total.absorb(block_cells(portion.log, block, waiting, supports))
+                total.absorb(blocks_of(portion.log, block, waiting, supports))
                 waiting, block, count = [], at, 0
             waiting.append(some)
             count += len(some.t)
-    total.absorb(block_cells(portion.log, block, waiting, supports))
+    total.absorb(blocks_of(portion.log, block, waiting, supports))
     stretch = _stretch(plan, portion, scene) if plan.stacked else None
     return PortionRows(portion, tuple(total.blocks.values()), tuple(notes), stretch)
 
@@ -160,7 +159,7 @@ def stack_blocks(plan: Plan, stretches: Mapping[int, Stretch]) -> list[Block]:
     results = []
     for log, stretch in sorted(stretches.items()):
         basis = _basis(plan, log)
-        results += cells_of_blocks(log, 0, stretch.closed(), basis.t0, basis.t_end)
+        results += equal_blocks(log, 0, stretch.closed(), basis.t0, basis.t_end)
     return results
 
 

@@ -11,13 +11,13 @@ from markupsafe import Markup
 
 from ident.diagnosis import Diagnosis
 from ident.fit import Fit
-from ident.residual.plots import plot_maps, plot_predictions
 from ident.show.charts import Chart
 from ident.show.diagnosis import listed, some
 from ident.show.diagnosis_report import plot_rungs
 from ident.show.explore.exploration import Exploration, ModelStep, error_text, share
 from ident.show.explore.predicted import PredictedGain
 from ident.show.html import code, items, paragraph, table
+from ident.show.residual import plot_maps, plot_predictions
 from ident.text import rounded
 
 
