@@ -9,7 +9,8 @@ import pytest
 import ident
 from ident import Noise
 from ident.fit.residual import Residual, Trace
-from ident.residual import periods, where
+from ident.residual.periods import periods
+from ident.residual.where import where
 from identification import motion_log, plant, robot
 
 NOISE = [Noise("tau", 0.02, relative=True), Noise("q", 1e-5)]

@@ -13,7 +13,7 @@ import numpy as np
 from ident.diagnosis.channel_fits import CLEAR, USUAL, Change, Trial, at_samples, changes, least
 from ident.display import Displayed
 from ident.fit import Fit
-from ident.fit.estimate import sizes, totals
+from ident.information.estimate import term_sizes
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Experiment
@@ -927,8 +927,7 @@ FREE = 0.1  # of the terms: 5 % of error in one of them is then half the torque 
 
 def shares(fit: Fit, x: np.ndarray) -> dict[str, float]:
     """By independent joint: rms torque over the root sum of squares of all terms at x (k,)."""
-    d = len(fit.motion.independent)
-    terms = sizes(totals(fit.cells, len(fit.columns), d), x)
+    terms = term_sizes(fit.information.totals, x)
     found = {}
     for (joint, error), size in zip(fit.train.items(), terms, strict=True):
         if error.relative and size > 0:

@@ -30,10 +30,13 @@ from ident.effects import Effect
 from ident.equations.point import Point
 from ident.errors import FitError, IdentError
 from ident.fit import Fit, identify
+from ident.fit.residual import residual_of
 from ident.fit.values import Value
+from ident.information.blocks import Error
 from ident.information.hypotheses import Regression, zscore
-from ident.residual import Failure, Periods, periods, residual_of, where
-from ident.residual.error import Error
+from ident.residual.failure import Failure
+from ident.residual.periods import Periods, periods
+from ident.residual.where import where
 
 SHOWN = 3  # candidates that are listed though nothing speaks for them
 LISTED = 8  # at most

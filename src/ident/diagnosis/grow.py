@@ -26,9 +26,9 @@ from ident.display import Displayed, Plotted, render
 from ident.effects import Effect
 from ident.equations.point import Point
 from ident.fit import Fit, identify
+from ident.information.blocks import Error
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
-from ident.residual.error import Error
 
 ROUNDS = 6  # searches, lest two effects take turns for ever
 

@@ -17,8 +17,8 @@ from ident.diagnosis.selection import Evidence
 from ident.display import renders
 from ident.effects import Effect
 from ident.fit.values import Value
-from ident.residual import Failure
-from ident.residual.error import Error
+from ident.information.blocks import Error
+from ident.residual.failure import Failure
 from ident.text import percent, rounded, table
 
 WIDTH = 100

@@ -16,13 +16,12 @@ from ident.display import renders
 from ident.errors import IdentError
 from ident.files import write_all
 from ident.fit import Fit
-from ident.fit.output import multipliers_csv
-from ident.fit.saved import fit_json
+from ident.fit.files import fit_json, multipliers_csv
+from ident.fit.residual import Residual, residual_of
+from ident.information.blocks import Error
 from ident.mechanism import Mechanism
 from ident.mechanism.write import folder_files
 from ident.motion.report import made_of, understood
-from ident.residual import Residual, residual_of
-from ident.residual.error import Error
 from ident.show import experiment  # noqa: F401 (it renders the next experiment)
 from ident.show.charts import (
     FAINT,
