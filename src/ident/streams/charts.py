@@ -62,22 +62,14 @@ class WatchedRows(Rows):
 
 @dataclass(frozen=True, eq=False)
 class WatchedInterval:
-    """The rows of one interval of time that inform, weighted.
-
-    Attributes:
-        start, end: first and last row [s].
-        triangle: of [A | b] over all coordinates, each divided by its σ.
-        squares, rows: (d + m,) sums of squares of the residual of each coordinate, over σ², and of
-            the error of each multiplier [N² | (N m)²]; and of how many rows.
-        torque: sum of squares of the measured torques over σ².
-    """
+    """The rows of one interval of time that inform, weighted."""
 
     start: float
-    end: float
-    triangle: Triangle
-    squares: np.ndarray
-    rows: np.ndarray
-    torque: float
+    end: float  # start, end: first and last row [s]
+    triangle: Triangle  # of [A | b] over all coordinates, each divided by its σ
+    squares: np.ndarray  # (d + m,) of residuals over σ, then of multipliers' errors [N | N m]
+    rows: np.ndarray  # (d + m,) of how many rows
+    torque: float  # sum of squares of the measured torques over σ²
 
     @classmethod
     def of(cls, rows: WatchedRows, sigma: np.ndarray, x: np.ndarray) -> WatchedInterval:
@@ -148,23 +140,14 @@ def intervals_of(
 
 @dataclass(frozen=True, eq=False)
 class NormalRunning:
-    """Normal running: d coordinates, m multipliers, k columns.
+    """Normal running: d coordinates, m multipliers, k columns."""
 
-    Attributes:
-        sigma: (d,) rms of the residual of each coordinate [N m | N].
-        triangle: of all rows.
-        spread: (k,) φ² of the scores.
-        least: (k,) δ, the smallest changes watched for; infinite where a column has no effect.
-        energy: (d + m,) mean squares of an interval, 0 where there are none; freedom: (d + m,) ν,
-            so that squares over rows and energy scatter like χ²_ν/ν.
-    """
-
-    sigma: np.ndarray
-    triangle: Triangle
-    spread: np.ndarray
-    least: np.ndarray
-    energy: np.ndarray
-    freedom: np.ndarray
+    sigma: np.ndarray  # (d,) rms of the residual of each coordinate [N m | N]
+    triangle: Triangle  # of all rows
+    spread: np.ndarray  # (k,) φ² of the scores
+    least: np.ndarray  # (k,) δ, smallest changes watched for; ∞ where a column has no effect
+    energy: np.ndarray  # (d + m,) mean squares of an interval, 0 where there are none
+    freedom: np.ndarray  # (d + m,) ν, so that squares over rows and energy scatter like χ²_ν/ν
 
     @classmethod
     def of(
@@ -174,13 +157,7 @@ class NormalRunning:
         x: np.ndarray,
         material: float,
     ) -> NormalRunning:
-        """Learn normal running from `FEWEST` intervals or more.
-
-        Args:
-            intervals: of a log; sigma: (d,) by which rows were weighed.
-            x: (k,) the reference.
-            material: share of the torques that a change must be.
-        """
+        """Learn normal running from `FEWEST` intervals or more."""
         triangle = Triangle.merge([each.triangle for each in intervals])
         s = np.array([each.score(x) for each in intervals])
         norm = triangle.column_norms()
@@ -223,10 +200,6 @@ class NormalRunning:
 
         Its error, seen as a change of column k, is I_k,g θ̃ / I_kk; and what it does not explain
         is normal from now on.
-
-        Args:
-            places: (g,) columns that changed; root: (g, r) of their covariance.
-            since: intervals since the change; x: (k,) the reference now.
         """
         R, rest = self.triangle.R, Triangle.merge([each.triangle for each in since])
         own = np.maximum((R**2).sum(axis=0), 1e-300)
@@ -238,12 +211,7 @@ class NormalRunning:
     def worse(
         self, since: Sequence[WatchedInterval], x: np.ndarray, remains: float
     ) -> NormalRunning:
-        """Return normal running with something in it that nothing explains.
-
-        Args:
-            since: intervals that have it; x: (k,) the reference now.
-            remains: mean square of what is left, 1 in normal running.
-        """
+        """Return normal running with something in it that nothing explains."""
         now = NormalRunning.of(since, self.sigma, x, 0.0)
         return replace(
             self,
@@ -264,11 +232,7 @@ def _block_variance(s: np.ndarray, total: np.ndarray, length: int) -> np.ndarray
 def moved_reference(triangle: Triangle, x: np.ndarray) -> np.ndarray:
     """Move the reference to where normal running has it, in the directions that it knows well.
 
-        x ← x + A⁺ (b − A x)
-
-    Args:
-        triangle: of the weighted rows of normal running.
-        x: (k,) the reference as it was identified.
+    x ← x + A⁺ (b − A x)
     """
     size = triangle.column_norms()
     safe = np.where(size > FELT * size.max(initial=0.0), size, np.inf)
@@ -285,18 +249,12 @@ def statistics(intervals: Sequence[WatchedInterval], x: np.ndarray) -> tuple[np.
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """What the charts of normal running look for.
-
-    Attributes:
-        normal: normal running.
-        mask: (k,) columns that have charts.
-        delta: (signs · sizes, k) changes; weight: (charts,) of all, parameters' first.
-    """
+    """What the charts of normal running look for."""
 
     normal: NormalRunning
-    mask: np.ndarray
-    delta: np.ndarray
-    weight: np.ndarray
+    mask: np.ndarray  # (k,) columns that have charts
+    delta: np.ndarray  # (signs · sizes, k) changes
+    weight: np.ndarray  # (charts,) of all, parameters' first
 
     @classmethod
     def of(cls, normal: NormalRunning, mask: np.ndarray) -> Design:
@@ -335,16 +293,11 @@ class Design:
 
 @dataclass(eq=False)
 class Charts:
-    """The running state of all charts, of one stream or of several beside each other.
+    """The running state of all charts, of one stream or of several beside each other."""
 
-    Attributes:
-        log_R: (…, charts); total: (…, charts) cumulative sums G; since: (…, charts) intervals
-            since G was last at zero.
-    """
-
-    log_R: np.ndarray
-    total: np.ndarray
-    since: np.ndarray
+    log_R: np.ndarray  # (…, charts)
+    total: np.ndarray  # (…, charts) cumulative sums G
+    since: np.ndarray  # (…, charts) intervals since G was last at zero
 
     @classmethod
     def fresh(cls, charts: int, streams: tuple[int, ...] = ()) -> Charts:
@@ -380,16 +333,12 @@ class Calibration:
     The theorem holds if scores scatter like a normal distribution of variance φ² I, one interval
     from the next. Blocks of a log keep its tails and its correlation; where the charts alarm more
     often on them than stated, φ² is raised until they do not.
-
-    Attributes:
-        design: of the charts; raised: factor by which φ² had to be raised.
-        alarms: counted, at a threshold so low that they can be; stated: that the theory allows.
     """
 
-    design: Design
-    raised: float
-    alarms: int
-    stated: float
+    design: Design  # of the charts
+    raised: float  # factor by which φ² had to be raised
+    alarms: int  # counted, at a threshold so low that they can be
+    stated: float  # that the theory allows
 
 
 def calibrated(
@@ -399,13 +348,7 @@ def calibrated(
     x: np.ndarray,
     seed: int = 0,
 ) -> Calibration:
-    """Raise φ² until charts keep their rate on the intervals of normal running.
-
-    Args:
-        normal: normal running; mask: (k,) columns with a chart.
-        intervals: of its log; x: (k,) the reference.
-        seed: of the blocks drawn.
-    """
+    """Raise φ² until charts keep their rate on the intervals of normal running."""
     data, random = statistics(intervals, x), np.random.default_rng(seed)
     length = len(intervals) // BLOCKS
     first = random.integers(0, len(intervals) - length + 1, (-(-STEPS // length), 1, STREAMS))

@@ -34,39 +34,25 @@ PORTIONS, SECONDS = 8, 20.0  # after so many portions and so much time the file 
 
 @dataclass(frozen=True, eq=False)
 class SearchStep:
-    """Progress of the search for what is not linear.
+    """Progress of the search for what is not linear."""
 
-    Attributes:
-        point: of the next pass.
-        best: the best point so far, from which it is a step; None before the first pass.
-        loss: sum of squares there, weighted by `sigma` (d,) [N m | N], those of the first pass.
-        moves: standard errors by which predictions move with the step.
-    """
-
-    point: Point
-    best: Point | None = None
-    loss: float = np.inf
-    sigma: np.ndarray | None = None
-    moves: float = np.inf
+    point: Point  # of the next pass
+    best: Point | None = None  # so far, from which it is a step; None before the first pass
+    loss: float = np.inf  # sum of squares at `best`, over σ²
+    sigma: np.ndarray | None = None  # (d,) [N m | N] of the first pass
+    moves: float = np.inf  # standard errors by which predictions move with the step
 
 
 @dataclass(frozen=True, eq=False)
 class Progress:
-    """Progress of a run.
+    """Progress of a run."""
 
-    Attributes:
-        passed: passes over all portions before this one; step: led to the point of this one.
-        absorbed: portions of this pass, from the first; blocks: their sum.
-        stretches: by log, what these portions leave of its stack.
-        broken: by name of a log, why it is left out.
-    """
-
-    passed: int
-    step: SearchStep
-    absorbed: int = 0
-    blocks: Sequence[Block] = ()
-    stretches: Mapping[int, Stretch] = field(default_factory=dict)
-    broken: Mapping[str, str] = field(default_factory=dict)
+    passed: int  # passes over all portions before this one
+    step: SearchStep  # led to the point of this one
+    absorbed: int = 0  # portions of this pass, from the first
+    blocks: Sequence[Block] = ()  # their sum
+    stretches: Mapping[int, Stretch] = field(default_factory=dict)  # by log: rest of its stack
+    broken: Mapping[str, str] = field(default_factory=dict)  # reason by name of a log
 
 
 NOUNS = {
@@ -77,10 +63,6 @@ NOUNS = {
 
 class Checkpoint:
     """The file of a run, replaced now and then.
-
-    Args:
-        folder: that it is in, made if it is not there.
-        plan: of the run.
 
     Attributes:
         file: its path.
@@ -115,11 +97,7 @@ class Checkpoint:
         return absorbed - portions >= PORTIONS and time.monotonic() - since >= SECONDS
 
     def write(self, progress: Progress) -> None:
-        """Replace the file.
-
-        Raises:
-            IdentError: if it cannot be written.
-        """
+        """Replace the file."""
         numbers: list[np.ndarray] = [np.empty(0)]
         text = json.dumps({"key": self.key, "progress": _packed(progress, numbers)})
         try:

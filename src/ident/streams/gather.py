@@ -242,12 +242,7 @@ def _check_portionable(mechanism: Mechanism, consistent: bool | Consistency) -> 
 def _iterated(
     plan: Plan, some: Excerpt, workers: Workers, saved: Checkpoint | None
 ) -> tuple[Plan, Problem, Estimate, list[str], int, int]:
-    """Pass over all portions, once where the equations are linear, else until no shape moves.
-
-    Returns:
-        The plan at the last pass' point, its equations and estimate; notes; portions worked now,
-        and those found in a checkpoint.
-    """
+    """Pass over all portions, once where the equations are linear, else until no shape moves."""
     progress, resumed, worked = Progress(0, SearchStep(plan.point)), 0, 0
     notes: list[str] = []
     if saved is not None and (before := saved.read()) is not None:
@@ -393,11 +388,7 @@ def _fit_of(
 def _validation(
     plan: Plan, r: Problem, x: np.ndarray, workers: Workers, paths: Sequence[Path], samples: int
 ) -> dict[str, dict[str, Error]]:
-    """Errors of the parameters x (k,) in other logs, by log, then joint.
-
-    Raises:
-        IdentError: if one of them is broken.
-    """
+    """Errors of the parameters x (k,) in other logs, by log, then joint."""
     alone = replace(workers, alone=True, broken={})
     plan = with_logs(plan, summaries(r.mechanism, paths, alone), samples, alone)
     portions, names, total = list(plan.portions()), [part.name for part in plan.parts], Sum()

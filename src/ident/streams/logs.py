@@ -34,20 +34,13 @@ Given = str | os.PathLike[str]
 
 @dataclass(frozen=True, eq=False)
 class Workers:
-    """Processes that do the work, and the logs that turned out to be broken.
-
-    Attributes:
-        jobs, scheduler: as `pool.spread` takes them.
-        alone: whether there is one log only, so that what is wrong with it is an error.
-        on_progress: called with (what is being done, share done).
-        broken: by name of a log, why it is left out.
-    """
+    """Processes that do the work, and the logs that turned out to be broken."""
 
     jobs: int | None = 1
-    scheduler: str | None = None
-    alone: bool = True
-    on_progress: Progress | None = None
-    broken: dict[str, str] = field(default_factory=dict)
+    scheduler: str | None = None  # jobs, scheduler: as `pool.spread` takes them
+    alone: bool = True  # whether there is one log only, so that what is wrong with it is an error
+    on_progress: Progress | None = None  # called with (what is being done, share done)
+    broken: dict[str, str] = field(default_factory=dict)  # by name of a log, why it is left out
 
     def over(
         self,
@@ -57,18 +50,7 @@ class Workers:
         names: Sequence[str],
         what: str,
     ) -> Iterator[tuple[int, Any]]:
-        """Yield (index, value) of the tasks in the order in which they end; None for a failed one.
-
-        Args:
-            function: of `common` and a task.
-            tasks: what is done.
-            common: sent once to each process.
-            names: of each task's log.
-            what: is being done, for the progress.
-
-        Raises:
-            IdentError: if the only log is broken.
-        """
+        """Yield (index, value) of tasks in the order in which they end; None for a failed one."""
         done = spread(function, tasks, common=common, jobs=self.jobs, scheduler=self.scheduler)
         with closing(done):
             for count, each in enumerate(done, start=1):
@@ -83,31 +65,18 @@ class Workers:
 
 @dataclass(frozen=True, eq=False)
 class LogOnDisk:
-    """A log on disk after one look at all of its rows, and what is decided for its portions.
+    """A log on disk after one look at all of its rows, and what is decided for its portions."""
 
-    Attributes:
-        file: the opened log.
-        clock: uniform, of the median step.
-        starts: (k,) [s] times of the rows 0, STRIDE, 2 STRIDE, …
-        top: largest speed in each `v.` column, by name.
-        values: number of values of each signal, by name.
-        repairs: what was changed, in words.
-        stamp: size [bytes] and time of the last change [ns] of the file.
-        borders: rows (k + 1,) between its k portions.
-        recipe: what `complete` decides; None for a log of one portion, which decides by itself.
-        anchors: (k, nq) a configuration near the beginning of each portion; None for a tree.
-    """
-
-    file: Pieces
-    clock: Clock
-    starts: np.ndarray
-    top: dict[str, float]
-    values: dict[str, int]
-    repairs: tuple[str, ...]
-    stamp: tuple[int, int]
-    borders: tuple[int, ...] = ()
-    recipe: Recipe | None = None
-    anchors: np.ndarray | None = None
+    file: Pieces  # the opened log
+    clock: Clock  # uniform, of the median step
+    starts: np.ndarray  # (k,) [s] times of the rows 0, STRIDE, 2 STRIDE, …
+    top: dict[str, float]  # largest speed in each `v.` column, by name
+    values: dict[str, int]  # number of values of each signal, by name
+    repairs: tuple[str, ...]  # what was changed, in words
+    stamp: tuple[int, int]  # size [bytes] and time of the last change [ns] of the file
+    borders: tuple[int, ...] = ()  # rows (k + 1,) between its k portions
+    recipe: Recipe | None = None  # None: a log of one portion, which decides by itself
+    anchors: np.ndarray | None = None  # (k, nq) near portions' beginnings; None for a tree
 
     @property
     def name(self) -> str:
@@ -155,15 +124,7 @@ def log_paths(given: Given | Sequence[Given], scheduler: str | None) -> list[Pat
 
 
 def summarise(mechanism: Mechanism, path: Path) -> LogOnDisk:
-    """Read a log once, piece by piece.
-
-    Args:
-        mechanism: whose names of columns it has.
-        path: of the log.
-
-    Raises:
-        LogError: where `read_log` would raise one.
-    """
+    """Read a log once, piece by piece."""
     log = open_log(path, mechanism.columns)
     signals = [name for name in log.columns if is_signal(name)]
     top = {name: 0.0 for name in signals if name.startswith("v.")}
@@ -261,17 +222,7 @@ def excerpt(
     smoothing: float | str | None,
     broken: dict[str, str],
 ) -> Excerpt:
-    """Complete stretches of the logs.
-
-    Args:
-        mechanism: the mechanism.
-        summaries: of the logs.
-        cutoff, smoothing: as `complete` takes them.
-        broken: by name of a log, why it is left out; those that cannot be completed are added.
-
-    Raises:
-        IdentError: if no log can be completed.
-    """
+    """Complete stretches of the logs."""
     remaining = [each for each in summaries if each.name not in broken]
     every = max(1, -(-len(remaining) // LOGS))
     chosen = (

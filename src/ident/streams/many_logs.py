@@ -161,14 +161,7 @@ def compare_logs(
     samples: Mapping[str, int],
     left_out: Mapping[str, str] | None = None,
 ) -> LogComparison:
-    """Compare each log with the fit of all logs and with a fit of its own.
-
-    Args:
-        r: rows of all logs.
-        names: of the logs by `Block.log`, in the order in which they were given.
-        samples: of each log by name.
-        left_out: by name of a log, why it is in no fit.
-    """
+    """Compare each log with the fit of all logs and with a fit of its own."""
     broken, whole = left_out or {}, r.information
     by_log = {log: whole.of_log(log) for log in whole.logs}
     joint = estimate(whole.totals, r.prior, r.torque, r.plausible)
@@ -211,16 +204,7 @@ def _own_fit(r: Problem, mine: Information, joint: Estimate) -> np.ndarray:
 def disagreements(
     information: Information, joint: Estimate, columns: Columns
 ) -> Mapping[int, Disagreement]:
-    """Find which logs disagree with the majority.
-
-    Args:
-        information: of all logs.
-        joint: estimate of all of them together; its weights and base are kept.
-        columns: names of its unknowns.
-
-    Returns:
-        By number of the log; empty for fewer than two logs with rows.
-    """
+    """Find which logs disagree with the majority."""
     numbers = information.where(lambda block: block.triangle.rows > 0).logs
     if len(numbers) < 2 or not joint.base.rank:
         return {}

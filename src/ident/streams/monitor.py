@@ -113,22 +113,16 @@ class Alarm(Displayed):
 
 @dataclass
 class _Raised:
-    """An alarm that waits for its name.
+    """An alarm that waits for its name."""
 
-    Attributes:
-        at: when it was sure [s]; height: evidence; by: what the leading chart is about.
-        since: intervals since the onset; waited: since it was sure.
-        leader: the suspect that leads alone, for `lead` intervals; named: whether it is named.
-    """
-
-    at: float
-    height: float
-    by: str
-    since: int
-    waited: int = 0
-    leader: str = ""
+    at: float  # when it was sure [s]
+    height: float  # evidence
+    by: str  # what the leading chart is about
+    since: int  # intervals since the onset
+    waited: int = 0  # since it was sure
+    leader: str = ""  # the suspect that leads alone, for `lead` intervals
     lead: int = 0
-    named: bool = False
+    named: bool = False  # whether it is named
 
     def ready(self, naming: Naming, length: int) -> bool:
         """Whether one suspect has led alone for long enough, on a window of `length` intervals."""

@@ -117,11 +117,7 @@ class Snapshot(Displayed):
     notes: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> Value:
-        """Return a parameter by its name.
-
-        Raises:
-            KeyError: with the nearest name.
-        """
+        """Return a parameter by its name."""
         own = {value.name: value for value in self.parameters}
         if name not in own:
             raise KeyError(f"no parameter '{name}'; {one_of(name, own)}")
@@ -140,17 +136,11 @@ class Snapshot(Displayed):
 
 @dataclass(frozen=True, eq=False)
 class Interval:
-    """The triangles of some time.
+    """The triangles of some time."""
 
-    Attributes:
-        at: the time to which weights refer [s].
-        blocks: one a coordinate.
-        weights: (2, d) Σ exp(−age/T) of the rows that inform, and of those that do not.
-    """
-
-    at: float
-    blocks: tuple[Block, ...]
-    weights: np.ndarray
+    at: float  # the time to which weights refer [s]
+    blocks: tuple[Block, ...]  # one a coordinate
+    weights: np.ndarray  # (2, d) Σ exp(−age/T) of the rows that inform, and of those that do not
 
     @property
     def start(self) -> float:
@@ -219,11 +209,6 @@ class Accumulator:
     An interval is as long as the shortest before it. Of too many, the first pair that makes the
     shortest one is merged, so that they remain about equal blocks for the jackknife and grow longer
     together; with forgetting, all are equally long, and the two oldest merge.
-
-    Args:
-        supports: for each coordinate the unknowns that can appear in its rows.
-        forget: T, the time constant of forgetting [s]; None: all rows count alike.
-        period: time between two rows [s].
 
     Attributes:
         now: time of the last row [s]; informed: of the last that informs.
@@ -452,31 +437,17 @@ def _with_known_shapes(mechanism: Mechanism, point: Point) -> Mechanism:
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """The estimate of a batch on the rows so far.
+    """The estimate of a batch on the rows so far."""
 
-    Attributes:
-        estimate: solution, base, weights; covariance: (n_ind, n_ind) of the base parameters.
-        squares: what the solution leaves in the rows.
-        parameters: unknown dynamic parameters, then those of effects; base: their combinations.
-    """
-
-    estimate: Estimate
-    covariance: np.ndarray
-    squares: Squares
-    parameters: tuple[Value, ...]
-    base: tuple[BaseValue, ...]
+    estimate: Estimate  # solution, base, weights
+    covariance: np.ndarray  # (n_ind, n_ind) of the base parameters
+    squares: Squares  # what the solution leaves in the rows
+    parameters: tuple[Value, ...]  # unknown dynamic parameters, then those of effects
+    base: tuple[BaseValue, ...]  # their combinations
 
 
 class _Recursion:
-    """A stream of rows, the triangles that absorb it, and what they say when it is asked for.
-
-    Args:
-        mechanism: with all shapes of its effects known.
-        like: a motion of this machine.
-        point: the working point.
-        forget: time constant [s]; None: all rows count alike.
-        latency: how long samples may wait for others [s].
-    """
+    """A stream of rows, the triangles that absorb it, and what they say when it is asked for."""
 
     def __init__(
         self,
@@ -506,11 +477,7 @@ class _Recursion:
         self._absorb(self.stream.push(sample))
 
     def snapshot(self) -> Snapshot:
-        """Return what is known by now.
-
-        Raises:
-            FitError: if no row informs yet.
-        """
+        """Return what is known by now."""
         self._absorb(self.stream.flush())
         solved, informed = self._solve()
         parameters, held = self._stated(solved, informed)

@@ -40,42 +40,27 @@ Extremes = tuple[np.ndarray, np.ndarray | None]
 
 @dataclass(frozen=True)
 class Portion:
-    """A stretch of one log, with margins on both sides.
+    """A stretch of one log, with margins on both sides."""
 
-    Attributes:
-        log: number of the log; number: of the portion in the log.
-        begin, end: rows that are read.
-        since, until: [s] of the samples that count in this portion and in no other.
-    """
-
-    log: int
-    number: int
-    begin: int
+    log: int  # number of the log
+    number: int  # of the portion in the log
+    begin: int  # first row that is read
     end: int
-    since: float
+    since: float  # [s] from which samples count in this portion and in no other
     until: float
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What portions have in common.
+    """What portions have in common."""
 
-    Attributes:
-        mechanism: that is identified.
-        logged: joints that determine the motion; independent: those in which errors count.
-        band: with the cut-off of the rows' filter.
-        smoothing: as it was asked for.
-        parts: one a log.
-        point: values of all parameters, at which what is not linear is evaluated.
-    """
-
-    mechanism: Mechanism
-    logged: tuple[str, ...]
-    independent: tuple[str, ...]
-    band: Band
-    smoothing: float | str | None
-    parts: tuple[LogOnDisk, ...]
-    point: Point
+    mechanism: Mechanism  # that is identified
+    logged: tuple[str, ...]  # joints that determine the motion
+    independent: tuple[str, ...]  # those in which errors count
+    band: Band  # with the cut-off of the rows' filter
+    smoothing: float | str | None  # as it was asked for
+    parts: tuple[LogOnDisk, ...]  # one a log
+    point: Point  # values of all parameters, at which what is not linear is evaluated
 
     @property
     def columns(self) -> Columns:
@@ -119,16 +104,7 @@ class Plan:
 
 
 def summaries(mechanism: Mechanism, paths: Sequence[Path], workers: Workers) -> list[LogOnDisk]:
-    """Look at all logs that can be opened and give them names that differ.
-
-    Args:
-        mechanism: whose logs they are.
-        paths: of the logs.
-        workers: who does it.
-
-    Raises:
-        IdentError: if none can be opened, or the only one cannot.
-    """
+    """Look at all logs that can be opened and give them names that differ."""
     names = names_of(paths)
     opened: dict[int, LogOnDisk] = {}
     for index, each in workers.over(summarise, paths, mechanism, names, "looking at the logs"):
@@ -139,17 +115,7 @@ def summaries(mechanism: Mechanism, paths: Sequence[Path], workers: Workers) -> 
 
 
 def with_logs(plan: Plan, logs: Sequence[LogOnDisk], samples: int, workers: Workers) -> Plan:
-    """Return the plan with these logs and with what long ones decide for all of their portions.
-
-    Args:
-        plan: with what logs have in common.
-        logs: summaries of them.
-        samples: of a portion, about.
-        workers: who does it.
-
-    Raises:
-        IdentError: if no log is left.
-    """
+    """Return the plan with these logs and with what long ones decide for all of their portions."""
     parts = []
     for log in logs:
         if log.name in workers.broken:
@@ -277,14 +243,7 @@ def _extremes(plan: Plan, portion: Portion) -> Extremes | None:
 
 
 def motion_of(plan: Plan, portion: Portion) -> tuple[State | None, list[str]]:
-    """Complete the motion of a portion with its margins, as the whole log would have made it.
-
-    Returns:
-        The experiment, None where no sample can be used, and notes.
-
-    Raises:
-        LogError, MotionError: where `read_log` or `complete` would raise one.
-    """
+    """Complete the motion of a portion with its margins, as the whole log would have made it."""
     part, mechanism = plan.parts[portion.log], plan.mechanism
     log = replace(part.file.piece(portion.begin, portion.end), name=part.name)
     if part.recipe is None:  # the whole log: what `complete` makes of it

@@ -30,31 +30,16 @@ WAITING = 4096  # rows that are absorbed together
 
 @dataclass(frozen=True, eq=False)
 class PortionRows:
-    """The rows of a portion as triangles.
+    """The rows of a portion as triangles."""
 
-    Attributes:
-        portion: where they are from.
-        blocks: triangles.
-        notes: what a person should know.
-        stretch: where multipliers have a time basis, what is left of the portion's stack.
-    """
-
-    portion: Portion
-    blocks: tuple[Block, ...]
-    notes: tuple[str, ...] = ()
-    stretch: Stretch | None = None
+    portion: Portion  # where they are from
+    blocks: tuple[Block, ...]  # triangles
+    notes: tuple[str, ...] = ()  # what a person should know
+    stretch: Stretch | None = None  # of multipliers in a time basis: rest of the stack
 
 
 def absorbed(plan: Plan, portion: Portion) -> PortionRows:
-    """Absorb the rows of a portion.
-
-    Args:
-        plan: of all portions.
-        portion: which one.
-
-    Raises:
-        LogError, MotionError: where `read_log` or `complete` would raise one.
-    """
+    """Absorb the rows of a portion."""
     part, columns, cutoff = plan.parts[portion.log], plan.columns, plan.band.cutoff
     e, notes = motion_of(plan, portion)
     if e is None:
@@ -151,11 +136,7 @@ def _stretch(plan: Plan, portion: Portion, scene: Scene) -> Stretch | None:
 
 
 def stack_blocks(plan: Plan, stretches: Mapping[int, Stretch]) -> list[Block]:
-    """Close the stacks of logs, when all of their portions are added.
-
-    Returns:
-        Triangles of coordinate 0, without multipliers.
-    """
+    """Close the stacks of logs, when all of their portions are added."""
     results = []
     for log, stretch in sorted(stretches.items()):
         basis = _basis(plan, log)
@@ -164,12 +145,7 @@ def stack_blocks(plan: Plan, stretches: Mapping[int, Stretch]) -> list[Block]:
 
 
 def multipliers_of(plan: Plan, portion: Portion) -> tuple[np.ndarray, np.ndarray]:
-    """Compute t (n,) [s] and multipliers (n, m) [N | N m] of the samples of a portion.
-
-    Args:
-        plan: at the identified parameters.
-        portion: which one.
-    """
+    """Compute t (n,) [s] and multipliers (n, m) [N | N m] of the samples of a portion."""
     names, cutoff = plan.mechanism.kinematics.multipliers, plan.band.cutoff
     e, _ = motion_of(plan, portion)
     if e is None:

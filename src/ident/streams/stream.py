@@ -53,51 +53,27 @@ SomeRows = TypeVar("SomeRows", bound=Rows)
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """What a batch chooses from a whole log, and a stream must know before its first sample.
+    """What a batch chooses from a whole log, and a stream must know before its first sample."""
 
-    Attributes:
-        rate: samples a second [Hz].
-        logged: joints that determine the motion; independent: those in which errors are compared.
-        channels: what is logged of each of `logged`, of "qva".
-        wrenches: columns of external wrenches.
-        cutoff: of the rows' zero-phase filter [Hz]; None: no filter.
-        half: M, samples on either side from which derivatives are made; 0: taken as logged.
-        taken: joints of `logged` whose q, v and a are taken as they are.
-        noise: standard deviation of white noise, by column.
-        still: (J,) speed below which a joint stands still [rad/s | m/s].
-        farthest: (J, d) largest leverage of every joint; None for a tree.
-        scale: (logged,) by which coordinates are divided where more are logged than needed.
-        singular: ‖K⁺‖ from which on a sample is too near a singular position.
-        y, q: (places, logged), (places, nq), configurations on the way of this machine.
-    """
-
-    rate: float
-    logged: tuple[str, ...]
-    independent: tuple[str, ...]
-    channels: tuple[str, ...]
-    wrenches: tuple[str, ...]
-    cutoff: float | None
-    half: int
-    taken: tuple[str, ...]
-    noise: Mapping[str, float]
-    still: np.ndarray
-    farthest: np.ndarray | None
-    scale: np.ndarray
-    singular: float
-    y: np.ndarray
-    q: np.ndarray
+    rate: float  # samples a second [Hz]
+    logged: tuple[str, ...]  # joints that determine the motion
+    independent: tuple[str, ...]  # those in which errors are compared
+    channels: tuple[str, ...]  # what is logged of each of `logged`, of "qva"
+    wrenches: tuple[str, ...]  # columns of external wrenches
+    cutoff: float | None  # of the rows' zero-phase filter [Hz]; None: no filter
+    half: int  # M, samples on either side from which derivatives are made; 0: taken as logged
+    taken: tuple[str, ...]  # joints of `logged` whose q, v and a are taken as they are
+    noise: Mapping[str, float]  # standard deviation of white noise, by column
+    still: np.ndarray  # (J,) speed below which a joint stands still [rad/s | m/s]
+    farthest: np.ndarray | None  # (J, d) largest leverage of every joint; None for a tree
+    scale: np.ndarray  # (logged,) of coordinates, where more are logged than needed
+    singular: float  # ‖K⁺‖ from which on a sample is too near a singular position
+    y: np.ndarray  # (places, logged) configurations on the way of this machine
+    q: np.ndarray  # (places, nq)
 
     @classmethod
     def of(cls, mechanism: Mechanism, motion: Motion) -> Setting:
-        """Take what `complete` chose from logs of the same machine.
-
-        Args:
-            mechanism: that moves.
-            motion: of earlier logs, or of the first seconds.
-
-        Raises:
-            MotionError: for a motion that was not completed from logs.
-        """
+        """Take what `complete` chose from logs of the same machine."""
         if not motion.logs:
             raise MotionError(
                 "this motion has no log, so nothing says what is logged; one of "
@@ -156,13 +132,6 @@ def _half(e: State) -> int:
 class SampleParser:
     """Takes samples under this robot's own names or ident's, checks them and scales them to SI.
 
-    Args:
-        name: of the mechanism, for messages.
-        mapping: this robot's own names, scales and offsets: [log] of mechanism.toml.
-        columns: names that are needed beside `t`; None: those of the first sample, in every one.
-        reads: of the columns of the first sample, those that effects need; others than these and
-            signals may be empty.
-
     Attributes:
         columns: of the arrays that it makes, `t` first; empty before the first sample.
         last: time of the last sample [s].
@@ -181,13 +150,7 @@ class SampleParser:
         self.last = -np.inf
 
     def __call__(self, sample: Sample) -> np.ndarray:
-        """Return a sample or a block as an array (n, columns).
-
-        Raises:
-            MotionError: for a column that is missing.
-            LogError: for a number that is not finite, times that do not increase, or columns that
-                the samples before did not have; nothing of the sample is taken then.
-        """
+        """Return a sample or a block as an array (n, columns)."""
         log = isinstance(sample, Log)
         given = {"t": sample.t, **sample.columns} if isinstance(sample, Log) else sample
         names = self._names(given, log) if self._any else self.columns
@@ -257,10 +220,6 @@ class StreamClock:
 
     Samples that are in step are taken as they are; the clock follows them. Others are interpolated
     on it, one sample late. Beyond a gap it begins anew: there numbers jump.
-
-    Args:
-        rate: of the clock [Hz].
-        free: whether nothing needs a uniform clock: then every sample is taken as it is.
     """
 
     def __init__(self, rate: float, free: bool) -> None:
@@ -301,11 +260,7 @@ class StreamClock:
 
 
 class Overlap:
-    """Puts the last samples before those that come; they are needed as neighbours.
-
-    Args:
-        count: of samples; a gap in the numbers leaves none.
-    """
+    """Puts the last samples before those that come; they are needed as neighbours."""
 
     def __init__(self, count: int) -> None:
         self._count, self._number = count, 0
@@ -371,10 +326,6 @@ class ClosureFollower:
     A position at which the closures cannot follow, or that is singular, is left out and counted;
     the next sample sets out from the last position that was good.
 
-    Args:
-        mechanism: that moves.
-        setting: of its logs.
-
     Attributes:
         lost: how many samples could not be completed; why: of the last of them.
     """
@@ -393,12 +344,7 @@ class ClosureFollower:
         self.lost, self.why = 0, ""
 
     def __call__(self, base: State, known: np.ndarray) -> tuple[State, np.ndarray]:
-        """Return the samples that can be completed, and their places (kept,) in the block.
-
-        Args:
-            base: with t, tau and extra.
-            known: (3, n, logged) of the logged joints.
-        """
+        """Return the samples that can be completed, and their places (kept,) in the block."""
         mechanism, names = self._mechanism, self._setting.logged
         if not mechanism.closures:
             return base.at(mechanism, known, names), np.arange(len(base))
@@ -448,10 +394,6 @@ class FixedLag:
 
     A symmetric filter of 2 M + 1 taps has all that it needs of a row M samples later, so filtered
     rows that come with this lag are those of a batch, number by number.
-
-    Args:
-        cutoff: of the filter [Hz], None passes all rows as they come; rate: of the rows [Hz].
-        sticking: a row informs if less than this share of it comes from samples that do not.
     """
 
     def __init__(self, cutoff: float | None, rate: float, sticking: float = STICKING) -> None:
@@ -499,29 +441,15 @@ def rows_at(rows: SomeRows, which: slice | np.ndarray) -> SomeRows:
 
 @dataclass(frozen=True, eq=False)
 class SampleWindow:
-    """Consecutive samples, of which those `inside` have all neighbours that they need.
+    """Consecutive samples, of which those `inside` have all neighbours that they need."""
 
-    Attributes:
-        e: the samples; number: of the first, in steps of the clock.
-        inside: which of them the window stands for.
-    """
-
-    e: State
-    number: int
-    inside: slice
+    e: State  # the samples
+    number: int  # of the first, in steps of the clock
+    inside: slice  # which of them the window stands for
 
 
 class Stream:
     """The equations of a mechanism, made of samples as they come.
-
-    Args:
-        mechanism: the mechanism; its effects must follow from a sample and its surroundings.
-        columns: the unknowns of the equations.
-        setting: what is chosen for all samples.
-        point: the working point, for effects that are not linear; default: the prior.
-        latency: how long samples may wait for others, so that rows are made together [s]; 0 makes
-            the rows of every sample at once.
-        sticking: share of a filtered row that may come from samples that do not inform it.
 
     Attributes:
         windows: the samples of which the last call made rows.
@@ -587,16 +515,7 @@ class Stream:
         return self._follower.lost, self._follower.why
 
     def push(self, sample: Sample) -> list[Rows]:
-        """Return the rows that are known with a further sample, or a block of them.
-
-        Args:
-            sample: numbers, or arrays (n,), by column: this robot's own names or ident's; or a
-                `Log`.
-
-        Raises:
-            LogError: for a sample that is not whole, or not later than those before; it is left
-                out, and others may follow.
-        """
+        """Return the rows that are known with a further sample, or a block of them."""
         X = self._parser(sample)
         self.samples += len(X)
         self._waiting.append(X)
@@ -617,11 +536,7 @@ class Stream:
         ]
 
     def configurations(self, rows: Rows) -> np.ndarray:
-        """Return the configurations (n, nq) at rows of the last call.
-
-        Args:
-            rows: as they were made.
-        """
+        """Return the configurations (n, nq) at rows of the last call."""
         number, q = (np.concatenate(each) for each in zip(*self._lately, strict=True))
         return np.asarray(q[np.searchsorted(number, rows.sample)])
 
@@ -698,11 +613,7 @@ def margin_of(mechanism: Mechanism, rate: float, cutoff: float | None) -> int:
 
 
 def check_causal(mechanism: Mechanism) -> None:
-    """Refuse effects whose columns at one sample depend on more than its surroundings.
-
-    Raises:
-        FitError: naming the effect, and what to do.
-    """
+    """Refuse effects whose columns at one sample depend on more than its surroundings."""
     for effect in mechanism.effects:
         why = "depends on all that was before" if effect.memory else ""
         why = "depends on the load of a whole log" if effect.whole_log else why

@@ -68,18 +68,12 @@ BODIES = np.stack([svec(pseudo_inertia(each)) for each in np.eye(COUNT)], axis=1
 
 @dataclass(frozen=True, eq=False)
 class Suspect:
-    """A cause that could change, and its k columns.
+    """A cause that could change, and its k columns."""
 
-    Attributes:
-        effects: kind and place; several that change together.
-        places: (k,) of its columns among all.
-        parameters: (k,) what they are; units: (k,) of them.
-    """
-
-    effects: tuple[Effect, ...]
-    places: np.ndarray
-    parameters: tuple[Unknown, ...]
-    units: tuple[str, ...]
+    effects: tuple[Effect, ...]  # that change together
+    places: np.ndarray  # (k,) of its columns among all
+    parameters: tuple[Unknown, ...]  # (k,) what they are
+    units: tuple[str, ...]  # (k,) of them
 
     @classmethod
     def of(cls, effects: tuple[Effect, ...], columns: Columns) -> Suspect:
@@ -110,37 +104,19 @@ class Suspect:
 
 @dataclass(frozen=True, eq=False)
 class Watched:
-    """The reference, opened for everything that could change.
+    """The reference, opened for everything that could change."""
 
-    Attributes:
-        mechanism: with all suspects; columns: its k unknowns; point: where rows are evaluated.
-        reference: (k,) x_ref.
-        suspects: what could change.
-        joints: of the d coordinates in which torques are compared.
-        cutoff: of the rows' filter [Hz].
-    """
-
-    mechanism: Mechanism
-    columns: Columns
-    point: Point
-    reference: np.ndarray
-    suspects: tuple[Suspect, ...]
-    joints: tuple[str, ...]
-    cutoff: float | None
+    mechanism: Mechanism  # with all suspects
+    columns: Columns  # its k unknowns
+    point: Point  # where rows are evaluated
+    reference: np.ndarray  # (k,) x_ref
+    suspects: tuple[Suspect, ...]  # what could change
+    joints: tuple[str, ...]  # of the d coordinates in which torques are compared
+    cutoff: float | None  # of the rows' filter [Hz]
 
     @classmethod
     def of(cls, reference: Fit | Mechanism, motion: Motion, kinds: Sequence[str]) -> Watched:
-        """Open the reference for suspects of some kinds.
-
-        Args:
-            reference: a fit, or a mechanism of which everything is known.
-            motion: of normal running.
-            kinds: of effects that could change.
-
-        Raises:
-            FitError: for a kind that cannot be watched for, or a reference of which something is
-                not known.
-        """
+        """Open the reference for suspects of some kinds."""
         valid = [*WATCHED, *(kind for kind, cls in KINDS.items() if cls.watched == "request")]
         for kind in kinds:
             if kind not in valid:
@@ -243,13 +219,7 @@ def _known(reference: Fit | Mechanism) -> tuple[Mechanism, Point]:
 def multiplier_sensitivity(
     mechanism: Mechanism, independent: tuple[str, ...], q: np.ndarray
 ) -> np.ndarray:
-    """Compute G (n, m, d), which turns residuals into errors of a loop's multipliers.
-
-    Args:
-        mechanism: with m closure equations; none for a tree.
-        independent: names of the d joints in whose coordinates errors are compared.
-        q: (n, nq).
-    """
+    """Compute G (n, m, d), which turns residuals into errors of a loop's multipliers."""
     if not mechanism.closures:
         return np.zeros((len(q), 0, len(independent)))
     J = mechanism.kinematics.closure_rows(q).rate
@@ -259,21 +229,15 @@ def multiplier_sensitivity(
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """One suspect fitted.
-
-    Attributes:
-        theta: (k,) change of its parameters; stderr: (k,), NaN where it is not determined alone.
-        root: (k, r) a root of θ's covariance.
-        fall: F; worth: q; predicted: (all columns,) R_g θ_g in the triangle's coordinates.
-    """
+    """One suspect fitted."""
 
     suspect: Suspect
-    theta: np.ndarray
-    stderr: np.ndarray
-    root: np.ndarray
-    fall: float
-    worth: float
-    predicted: np.ndarray
+    theta: np.ndarray  # (k,) change of its parameters
+    stderr: np.ndarray  # (k,), NaN where it is not determined alone
+    root: np.ndarray  # (k, r) a root of θ's covariance
+    fall: float  # F
+    worth: float  # q
+    predicted: np.ndarray  # (all columns,) R_g θ_g in the triangle's coordinates
 
     @classmethod
     def of(
@@ -315,22 +279,14 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class Naming:
-    """All suspects by their worth, and how many of them are tied.
+    """All suspects by their worth, and how many of them are tied."""
 
-    Attributes:
-        readings: best first; rivals: of the best one.
-        surplus: standard errors by which what the best leaves exceeds noise; explained: share of
-            the squares beyond noise that it removes; remains: mean square of what is left, 1 in
-            normal running.
-        least: worth that a cause must have to be one.
-    """
-
-    readings: tuple[Reading, ...]
-    rivals: tuple[Reading, ...]
-    surplus: float
-    explained: float
-    remains: float
-    least: float
+    readings: tuple[Reading, ...]  # best first
+    rivals: tuple[Reading, ...]  # of the best one
+    surplus: float  # standard errors by which what the best leaves exceeds noise
+    explained: float  # share of the squares beyond noise that it removes
+    remains: float  # mean square of what is left, 1 in normal running
+    least: float  # worth that a cause must have to be one
 
     @property
     def best(self) -> Reading | None:
@@ -353,16 +309,7 @@ def name_change(
     least: float,
     before: Sequence[WatchedInterval] = (),
 ) -> Naming:
-    """Fit all suspects to the intervals of a window.
-
-    Args:
-        suspects: what could have changed.
-        window: intervals since the onset.
-        x: (k,) the reference; normal: normal running.
-        least: worth that a cause must have to be one.
-        before: intervals before the onset; where their errors are larger than usual already, that
-            is nothing that the cause has to explain.
-    """
+    """Fit all suspects to the intervals of a window."""
     triangle = Triangle.merge([each.triangle for each in window])
     e, phi2 = triangle.d - triangle.R @ x, normal.typical
     n = max(triangle.rows, 2) / phi2
@@ -397,12 +344,7 @@ def name_change(
 
 
 def onset(held: Sequence[WatchedInterval], x: np.ndarray, best: Reading) -> int:
-    """Return the likeliest begin of a change θ: argmax_j Σ_{i ≥ j} θᵀs_i − |R_i θ|²/2.
-
-    Args:
-        held: intervals, the last one now.
-        x: (k,) the reference; best: what has changed.
-    """
+    """Return the likeliest begin of a change θ: argmax_j Σ_{i ≥ j} θᵀs_i − |R_i θ|²/2."""
     places, theta = best.suspect.places, best.theta
     gain = [
         float(each.score(x)[places] @ theta)
@@ -422,15 +364,7 @@ def name_since_onset(
     *,
     forgiving: bool,
 ) -> tuple[Naming, list[WatchedInterval]]:
-    """Fit all suspects to the intervals since the onset that the best of them gives.
-
-    Args:
-        suspects: what could have changed.
-        held: intervals, the last one now; since: of them, since the leading chart's onset.
-        x: (k,) the reference; normal: normal running.
-        least: worth that a cause must have to be one.
-        forgiving: whether errors that have been larger of late need no explanation.
-    """
+    """Fit all suspects to the intervals since the onset that the best of them gives."""
 
     def naming_from(start: int) -> Naming:
         window = held[start + 1 :] or held[start:]  # without the interval in which the onset was
@@ -447,12 +381,7 @@ def name_since_onset(
 
 
 def load_change(C: np.ndarray, e: np.ndarray) -> np.ndarray:
-    """Fit θ (10,) of a body put on or taken off, whichever is likelier; zero if neither is found.
-
-    Args:
-        C: (rows, 10), columns of the link's parameters.
-        e: (rows,) what they are to explain.
-    """
+    """Fit θ (10,) of a body put on or taken off, the likelier; zero if neither can be."""
     size = np.linalg.norm(C, axis=0)
     size = np.where(size > FELT * size.max(), size, size.max())
     Q, R = np.linalg.qr(np.vstack([C / size, RIDGE * np.eye(COUNT)]))
