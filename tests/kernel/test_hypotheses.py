@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident.information.blocks import Block, Information
-from ident.information.hypotheses import Part, Regression, quantile, surrogates, zscore
+from ident.information.hypotheses import Part, PartialRegression, quantile, surrogates, zscore
 from ident.information.triangle import Triangle
 
 BLOCKS, ROWS, K = 6, 25, 14
@@ -45,7 +45,7 @@ def refitted(given: tuple[Part, ...], columns: np.ndarray) -> np.ndarray:
 
 def test_gains_are_those_of_refits():
     given = parts()
-    regression = Regression(given, np.arange(4), WEIGHT)
+    regression = PartialRegression(given, np.arange(4), WEIGHT)
     before = refitted(given, np.arange(4))
     np.testing.assert_allclose(regression.loss, before[:, 0], rtol=1e-10)
     np.testing.assert_allclose(regression.losses.sum(axis=1), before[:, 0], rtol=1e-10)
@@ -60,7 +60,7 @@ def test_gains_are_those_of_refits():
 
 
 def test_adding_a_group_is_the_gain_that_was_announced():
-    regression = Regression(parts(), np.arange(4), WEIGHT)
+    regression = PartialRegression(parts(), np.arange(4), WEIGHT)
     for group in GROUPS:
         after = regression.extended(group)
         assert regression.loss.sum() - after.loss.sum() == pytest.approx(
@@ -78,10 +78,10 @@ def test_columns_that_the_model_has_are_not_visible():
              p.Y, p.edges)
         for p in given
     )  # fmt: skip
-    gains = Regression(twin, np.arange(4), WEIGHT).gains([np.array([K]), np.array([K, 6])])
+    gains = PartialRegression(twin, np.arange(4), WEIGHT).gains([np.array([K]), np.array([K, 6])])
     assert gains.visible[0] < 1e-6
     np.testing.assert_allclose(gains.D[0], 0.0, atol=1e-10)
-    alone = Regression(given, np.arange(4), WEIGHT).gains([np.array([6])])
+    alone = PartialRegression(given, np.arange(4), WEIGHT).gains([np.array([6])])
     np.testing.assert_allclose(gains.D[1], alone.D[0], atol=1e-8)
 
 
@@ -95,12 +95,12 @@ def test_triangles_say_what_their_rows_say():
             rest = Triangle.empty(part.X.shape[1])
             blocks.append(Block(0, k, part.coordinate, triangle, rest, part.columns, 1.0, (0, 1)))
     information = Information.of(blocks, K, 2)
-    of_triangles = Regression.of(information, WEIGHT, np.arange(4))
-    of_rows = Regression(given, np.arange(4), WEIGHT)
+    of_triangles = PartialRegression.of(information, WEIGHT, np.arange(4))
+    of_rows = PartialRegression(given, np.arange(4), WEIGHT)
     np.testing.assert_allclose(of_triangles.loss, of_rows.loss, rtol=1e-9)
     np.testing.assert_allclose(of_triangles.gains(GROUPS).D, of_rows.gains(GROUPS).D, atol=1e-9)
     x = np.random.default_rng(1).standard_normal(K)
-    off = Regression.of(information, WEIGHT, np.zeros(0, dtype=int), x)
+    off = PartialRegression.of(information, WEIGHT, np.zeros(0, dtype=int), x)
     left = sum(
         WEIGHT[p.coordinate] ** 2 * ((p.Y[:, 0] - p.X @ x[p.columns]) ** 2).sum() for p in given
     )
@@ -134,9 +134,9 @@ def credible(seed: int, size: float) -> tuple[bool, int]:
     edges = np.arange(21) * (n // 20)
     A = np.ones((n, 1))
 
-    def asked(Y: np.ndarray) -> Regression:
+    def asked(Y: np.ndarray) -> PartialRegression:
         X = np.column_stack([A, C])
-        return Regression((Part(0, np.arange(31), X, Y, edges),), np.arange(1), np.ones(1))
+        return PartialRegression((Part(0, np.arange(31), X, Y, edges),), np.arange(1), np.ones(1))
 
     left = asked(r).residual[0]
     null = surrogates(left, [slice(0, n)], 100, random)[:, 0]

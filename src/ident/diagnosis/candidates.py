@@ -14,7 +14,7 @@ from ident.equations.rows import LEVER, ROUNDING, reach
 from ident.errors import IdentError
 from ident.fit import Fit
 from ident.fit.table import Table
-from ident.information.hypotheses import Part, Regression
+from ident.information.hypotheses import Part, PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 
@@ -107,7 +107,7 @@ def blocks_of(table: Table) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class CandidateColumns:
     """One effect at one place, with its columns.
 
     Attributes:
@@ -145,8 +145,8 @@ class Contest:
     fit: Fit
     table: Table
     use: np.ndarray
-    regression: Regression
-    candidates: tuple[Candidate, ...]
+    regression: PartialRegression
+    candidates: tuple[CandidateColumns, ...]
     failed: tuple[tuple[Effect, str], ...]
 
     @classmethod
@@ -160,7 +160,7 @@ class Contest:
         held = fit.estimate.held
         prior = table.columns.prior_at(table.point.values)
         b = table.b - table.A[:, :, held] @ prior[held]
-        store = Columns(table, use, table.A, b)
+        store = ColumnStore(table, use, table.A, b)
         every = list(effects)
         moving = _moving(table)
         wanted = [*every, *(curves(tuple(moving), tuple(moving)) if curved else ())]
@@ -172,7 +172,7 @@ class Contest:
             except (IdentError, np.linalg.LinAlgError) as error:
                 failed.append((effect, str(error)))
         sigma = weights(fit, table)
-        regression = Regression(store.parts(), np.flatnonzero(~held), 1.0 / sigma)
+        regression = PartialRegression(store.parts(), np.flatnonzero(~held), 1.0 / sigma)
         return cls(fit, table, use, regression, tuple(found), tuple(failed))
 
     def columns(self, effect: Effect, shape: Shape) -> list[np.ndarray]:
@@ -197,8 +197,8 @@ class Contest:
         return replace(self, regression=replace(self.regression, parts=parts)), new
 
 
-class Columns:
-    """Columns of many effects in the rows that decide, by coordinate."""
+class ColumnStore:
+    """ColumnStore of many effects in the rows that decide, by coordinate."""
 
     def __init__(self, table: Table, use: np.ndarray, A: np.ndarray, b: np.ndarray) -> None:
         self.table, self.d, self.b = table, use.shape[1], b
@@ -207,7 +207,7 @@ class Columns:
         self.index = [[np.arange(A.shape[2])] for _ in range(self.d)]
         self.count = A.shape[2]
 
-    def add(self, effect: Effect) -> Candidate:
+    def add(self, effect: Effect) -> CandidateColumns:
         """The candidate that an effect is, its columns added."""
         if effect.corrects:
             zero = {each.name: effect.values.get(each.name, 0.0) for each in effect.shapes}
@@ -227,7 +227,7 @@ class Columns:
             self.blocks[coordinate].append(mine[:, some])
             self.index[coordinate].append(new[some])
         self.count += C.shape[2]
-        return Candidate(effect, shapes, tuple(new.reshape(-1, u)))
+        return CandidateColumns(effect, shapes, tuple(new.reshape(-1, u)))
 
     def parts(self) -> tuple[Part, ...]:
         """One part a coordinate."""

@@ -87,7 +87,7 @@ NODES = 12  # shifts on either side, from one to two samples up to LONGEST
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class ChannelRows:
     """Rows of all experiments, with J driven joints, d coordinates, k unknowns and L shifts.
 
     Attributes:
@@ -109,7 +109,7 @@ class Evidence:
 
 def gather(
     fit: Fit, experiments: Sequence[Experiment] | None = None, most: int = MOST, shifts: bool = True
-) -> Evidence:
+) -> ChannelRows:
     """The rows of a fit's motion, or of other experiments of its mechanism.
 
     Args:
@@ -139,7 +139,7 @@ def gather(
                 told = open_ < STICKING
             found.append((X, B, told, e.t[sample], np.full(len(sample), number)))
     X, B, informed, t, experiment = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return Evidence(X, B, informed, t, experiment, lags * dt, dt)
+    return ChannelRows(X, B, informed, t, experiment, lags * dt, dt)
 
 
 def _pieces(
@@ -295,7 +295,7 @@ class Result:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class ChannelTrial:
     """Triangles of all rows of a fit.
 
     Attributes:
@@ -314,13 +314,13 @@ class Trial:
     limits: tuple[np.ndarray, np.ndarray]
 
     @classmethod
-    def of(cls, fit: Fit, experiments: Sequence[Experiment] | None = None) -> Trial:
+    def of(cls, fit: Fit, experiments: Sequence[Experiment] | None = None) -> ChannelTrial:
         """The triangles of a fit's rows; of other experiments: few rows, without shifts."""
         rows = gather(fit) if experiments is None else gather(fit, experiments, 1500, False)
         return cls.of_rows(fit, rows)
 
     @classmethod
-    def of_rows(cls, fit: Fit, rows: Evidence) -> Trial:
+    def of_rows(cls, fit: Fit, rows: ChannelRows) -> ChannelTrial:
         """The triangles of rows that are at hand."""
         found, counts = [], []
         for u in range(rows.X.shape[1]):
@@ -431,7 +431,7 @@ class Change:
     rivals: tuple[Change, ...] = ()
 
 
-def changes(trial: Trial) -> list[Change]:
+def changes(trial: ChannelTrial) -> list[Change]:
     """All exchanges of torque channels that explain the log clearly better, best first."""
     J = len(trial.driven)
     take, gain = np.arange(J), np.ones(J)
@@ -480,7 +480,7 @@ def _better(kind: str, now: Result, then: Result, own: np.ndarray) -> bool:
     return bool((before > POOR).all() and (after < CLEAR * before).all())
 
 
-def _hypotheses(trial: Trial, take: np.ndarray, gain: np.ndarray) -> Iterator[Change]:
+def _hypotheses(trial: ChannelTrial, take: np.ndarray, gain: np.ndarray) -> Iterator[Change]:
     J = len(take)
     for j in range(J):
         turned = gain.copy()
@@ -500,7 +500,7 @@ def _hypotheses(trial: Trial, take: np.ndarray, gain: np.ndarray) -> Iterator[Ch
             yield Change("scale", (j,), factor, take, scaled)
 
 
-def _gain(trial: Trial, take: np.ndarray, gain: np.ndarray, j: int) -> float:
+def _gain(trial: ChannelTrial, take: np.ndarray, gain: np.ndarray, j: int) -> float:
     """The factor on joint j's torque that leaves the least error; 1 if none is better."""
 
     def score(log_factor: float) -> float:

@@ -10,7 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from ident.diagnosis.channel_fits import CLEAR, USUAL, Change, Trial, at_samples, changes, least
+from ident.diagnosis.channel_fits import (
+    CLEAR,
+    USUAL,
+    Change,
+    ChannelTrial,
+    at_samples,
+    changes,
+    least,
+)
 from ident.display import Displayed
 from ident.fit import Fit
 from ident.information.estimate import term_sizes
@@ -110,7 +118,7 @@ ROUNDING = 1e-9  # of a channel's largest value: nearer values are one
 
 
 @dataclass(frozen=True, eq=False)
-class Channel:
+class LoggedChannel:
     """One column of one log.
 
     Attributes:
@@ -156,11 +164,11 @@ class Channels:
         others: (log, column) of columns that are no channel of this mechanism.
     """
 
-    found: dict[tuple[str, str], Channel]
-    others: dict[tuple[str, str], Channel]
+    found: dict[tuple[str, str], LoggedChannel]
+    others: dict[tuple[str, str], LoggedChannel]
     logs: tuple[Log, ...]
 
-    def of(self, kind: str) -> list[Channel]:
+    def of(self, kind: str) -> list[LoggedChannel]:
         """The channels `q`, `v`, `a` or `tau`."""
         return [c for (_, name), c in self.found.items() if name.split(".", 1)[0] == kind]
 
@@ -171,24 +179,24 @@ def channels(fit: Fit, logs: Sequence[Log] = ()) -> Channels:
     mapped = tuple(measure(mechanism, log).log for log in logs)
     used = {source.column for source in mechanism.columns.values()}
     wanted = {f"{c}.{joint.name}" for joint in mechanism.joints for c in ("q", "v", "a", "tau")}
-    found: dict[tuple[str, str], Channel] = {}
-    others: dict[tuple[str, str], Channel] = {}
+    found: dict[tuple[str, str], LoggedChannel] = {}
+    others: dict[tuple[str, str], LoggedChannel] = {}
     for log in mapped:
         for name in log.columns:
             t, x = log.series(name)
             if len(x) > 2 and name not in used:
                 into = found if name in wanted else others
-                into[log.name, name] = Channel(name, log.name, t, x, True)
+                into[log.name, name] = LoggedChannel(name, log.name, t, x, True)
     if mapped:
         return Channels(found, others, mapped)
     for e in fit.motion.experiments:
         t = e.t[e.usable]
         for j, joint in enumerate(mechanism.driven):
             name = f"tau.{joint}"
-            found[e.name, name] = Channel(name, e.name, t, e.tau[e.usable, j], False)
+            found[e.name, name] = LoggedChannel(name, e.name, t, e.tau[e.usable, j], False)
         for name, x in e.extra.items():
             if name not in wanted and name not in used:
-                others[e.name, name] = Channel(name, e.name, t, x[e.usable], False)
+                others[e.name, name] = LoggedChannel(name, e.name, t, x[e.usable], False)
     return Channels(found, others, ())
 
 
@@ -245,7 +253,7 @@ def _at_extreme(x: np.ndarray) -> np.ndarray:
     return at if enough else np.zeros(len(x), dtype=bool)
 
 
-def _said(channel: Channel, share: float) -> Check:
+def _said(channel: LoggedChannel, share: float) -> Check:
     limit = float(np.abs(channel.x).max())
     return Check(
         "saturation", (channel.name,), share, SHARE, share > SHARE,
@@ -355,7 +363,7 @@ def commands(fit: Fit, data: Channels) -> list[Check]:
 Sign = tuple[float, float, str, str]
 
 
-def _zero(fit: Fit, e: Experiment, channel: Channel) -> list[Sign]:
+def _zero(fit: Fit, e: Experiment, channel: LoggedChannel) -> list[Sign]:
     """Exactly zero while the joint moves."""
     at = fit.mechanism.joint_index[channel.name.removeprefix("tau.")]
     speed = np.abs(np.interp(channel.t, e.t, e.yd[:, at]))
@@ -367,7 +375,7 @@ def _zero(fit: Fit, e: Experiment, channel: Channel) -> list[Sign]:
     return [(share, ZERO, text, "of moving samples")] if share > ZERO else []
 
 
-def _staircase(channel: Channel) -> list[Sign]:
+def _staircase(channel: LoggedChannel) -> list[Sign]:
     """Held for the same number of samples again and again."""
     edges = np.flatnonzero(np.diff(channel.x) != 0)
     lengths = np.diff(edges)
@@ -381,7 +389,7 @@ def _staircase(channel: Channel) -> list[Sign]:
     return [(float(usual), HELD, text, "samples")]
 
 
-def _noiseless(channel: Channel, peers: list[Channel]) -> list[Sign]:
+def _noiseless(channel: LoggedChannel, peers: list[LoggedChannel]) -> list[Sign]:
     """No noise, where the other torques have it; a quantised one has that of its steps."""
     if not peers or channel.step > 0:
         return []
@@ -393,7 +401,7 @@ def _noiseless(channel: Channel, peers: list[Channel]) -> list[Sign]:
     return [(own / theirs, NOISELESS, text, "of the others' noise")]
 
 
-def _copy(channel: Channel, others: list[Channel]) -> list[Sign]:
+def _copy(channel: LoggedChannel, others: list[LoggedChannel]) -> list[Sign]:
     """A constant times another column that is called a command, or another joint's torque."""
     for other in others:
         peer = other.name.startswith("tau.")
@@ -426,7 +434,7 @@ LEAST = 0.02  # relative error below which nothing is to be gained
 ALIKE = 1.5  # times the squares left by delays of their own, that one delay of all may leave
 
 
-def delays(fit: Fit, trial: Trial, idle: frozenset[str] = frozenset()) -> list[Check]:
+def delays(fit: Fit, trial: ChannelTrial, idle: frozenset[str] = frozenset()) -> list[Check]:
     """The delay of each torque channel but those of idle joints; those that matter are bad."""
     if not trial.square or not len(trial.lags):
         return []
@@ -487,7 +495,7 @@ def _common(found: list[Check], ms: float) -> Check:
     return Check("delay", channels, ms, found[0].threshold, True, text, remedy, "ms")
 
 
-def _grams(trial: Trial) -> list[np.ndarray]:
+def _grams(trial: ChannelTrial) -> list[np.ndarray]:
     """EᵀE of each coordinate, E what a refit leaves of every right-hand side."""
     size = trial.torque(trial.as_logged)
     scale = np.where(size > 0, size, 1.0)
@@ -502,7 +510,7 @@ def _left(gram: list[np.ndarray], c: np.ndarray) -> np.ndarray:
     return np.array([max(float(c @ G @ c), 0.0) for G in gram])  # rounding apart
 
 
-def _shifted(trial: Trial, at: np.ndarray) -> np.ndarray:
+def _shifted(trial: ChannelTrial, at: np.ndarray) -> np.ndarray:
     """c with τ_j(t + d), d the at[j]-th of the shifts and 0 in order of size."""
     J, L = len(trial.driven), len(trial.lags)
     zero = int((trial.lags < 0).sum())
@@ -517,7 +525,7 @@ def _shifted(trial: Trial, at: np.ndarray) -> np.ndarray:
 Profile = tuple[int, float, float]  # the best shift's place, d [s], S″/2 over the joint's own S
 
 
-def _best(trial: Trial, gram: list[np.ndarray], at: np.ndarray, j: int | slice) -> Profile:
+def _best(trial: ChannelTrial, gram: list[np.ndarray], at: np.ndarray, j: int | slice) -> Profile:
     """The shift of one joint, or of all, that leaves least, the others as they are."""
     nodes = np.insert(trial.lags, int((trial.lags < 0).sum()), 0.0)
     left = np.empty(len(nodes))
@@ -570,7 +578,7 @@ def grains(fit: Fit, data: Channels) -> list[Check]:
     return list(worst.values())
 
 
-def _torque(fit: Fit, channel: Channel, step: float) -> Check:
+def _torque(fit: Fit, channel: LoggedChannel, step: float) -> Check:
     share = step / np.sqrt(12) / channel.rms
     unit = fit.mechanism.joint(channel.name.removeprefix("tau.")).force_unit
     bad = share > TORQUE
@@ -582,7 +590,7 @@ def _torque(fit: Fit, channel: Channel, step: float) -> Check:
     )  # fmt: skip
 
 
-def _position(fit: Fit, data: Channels, channel: Channel, step: float) -> Check | None:
+def _position(fit: Fit, data: Channels, channel: LoggedChannel, step: float) -> Check | None:
     kind, joint = channel.name.split(".", 1)
     e = next((e for e in fit.motion.experiments if e.name == channel.log), None)
     if e is None:
@@ -625,7 +633,7 @@ FAMILIAR = {
 SIGNED = ("viscous", "coulomb", "rotor_inertia", "drag")
 
 
-def exchanged(fit: Fit, trial: Trial) -> list[Check]:
+def exchanged(fit: Fit, trial: ChannelTrial) -> list[Check]:
     """Swapped, mis-signed and scaled channels; one quiet check if there are none."""
     found = [_said_torques(fit.mechanism, change) for change in changes(trial)]
     if found:
@@ -728,14 +736,14 @@ FEW = 700  # samples that tell a right motion from a wrong one
 Map = tuple[str, tuple[int, ...], np.ndarray, np.ndarray]  # kind, joints, taken from, times
 
 
-def moved(fit: Fit, trial: Trial) -> list[Check]:
+def moved(fit: Fit, trial: ChannelTrial) -> list[Check]:
     """The one change of position channels that explains the log clearly better, if there is one."""
     mechanism, motion = fit.mechanism, fit.motion
     if mechanism.closures or max(trial.now.relative) < DOUBTFUL or not trial.square:
         return []
     thin = [_thinned(e, FEW // len(motion.experiments)) for e in motion.experiments]
     plain = replace(fit, motion=replace(motion, band=replace(motion.band, cutoff=None)))
-    before = Trial.of(plain, thin).now
+    before = ChannelTrial.of(plain, thin).now
     names = [joint.name for joint in mechanism.joints]
     tried = []
     span = [max(float(np.ptp(e.y[:, j])) for e in thin) for j in range(len(names))]
@@ -747,7 +755,9 @@ def moved(fit: Fit, trial: Trial) -> list[Check]:
             in_tree(mechanism, e, tuple(names), np.array(x))
             for e, x in zip(thin, known, strict=True)
         ]
-        tried.append((Trial.of(plain, other).now.score, kind, joints, float(times[joints[0]])))
+        tried.append(
+            (ChannelTrial.of(plain, other).now.score, kind, joints, float(times[joints[0]]))
+        )
     score, kind, joints, factor = min(tried)
     if score > POSITIONS_CLEAR * before.score:
         return []
@@ -803,7 +813,7 @@ LEFT = 0.2  # of the torque, that is neither friction, spring nor rotor inertia
 LIKE = 0.9  # correlation from which the URDF's prediction is like the torque at all
 
 
-def magnitudes(fit: Fit, trial: Trial) -> list[Check]:
+def magnitudes(fit: Fit, trial: ChannelTrial) -> list[Check]:
     """The gain of each torque against the URDF's prediction, with the usual effects left free."""
     found = []
     remainder = shares(fit, fit.columns.prior)
@@ -869,7 +879,7 @@ def dead(fit: Fit, data: Channels) -> list[Check]:
     return found
 
 
-def _constant(channel: Channel, idle: bool) -> Check:
+def _constant(channel: LoggedChannel, idle: bool) -> Check:
     """`idle`: a drive that others could do without may be off, and its torque zero."""
     text = f"{channel.log}: always {channel.x[0]:.4g} while the joint moves: " + (
         "a motor that is off, or no measurement" if idle else "no measurement"
@@ -881,7 +891,7 @@ def _constant(channel: Channel, idle: bool) -> Check:
     )  # fmt: skip
 
 
-def _noise(channel: Channel, joint: str, share: float) -> Check:
+def _noise(channel: LoggedChannel, joint: str, share: float) -> Check:
     text = (
         f"{channel.log}: {100 * share:.0f} % of its rms is noise of the sensor: the motor does "
         "nothing there, and its relative error says nothing"
@@ -967,7 +977,7 @@ USELESS_EXPLAINED = (
 )
 
 
-def useless(fit: Fit, trial: Trial) -> list[Check]:
+def useless(fit: Fit, trial: ChannelTrial) -> list[Check]:
     """Joints whose torque neither the model nor plain effects at each joint explain."""
     found = []
     for u, (joint, error) in enumerate(fit.train.items()):
@@ -1006,7 +1016,7 @@ def health(fit: Fit, logs: Sequence[Log] = ()) -> Health:
     Returns:
         All checks, bad ones first; `print` shows a table and the findings in words.
     """
-    data, trial = channels(fit, logs), Trial.of(fit)
+    data, trial = channels(fit, logs), ChannelTrial.of(fit)
     arranged = exchanged(fit, trial)
     wrong = any(check.bad for check in arranged)
     if not wrong:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ident.diagnosis.candidates import Contest, OnProgress, absorbed, possible
 from ident.diagnosis.data_checks import Health, health
-from ident.diagnosis.null import Noise, noise
+from ident.diagnosis.null import NoiseDraws, noise
 from ident.diagnosis.selection import (
     HIDDEN,
     Decision,
@@ -33,7 +33,7 @@ from ident.fit import Fit, identify
 from ident.fit.residual import residual_of
 from ident.fit.values import Value
 from ident.information.blocks import Error
-from ident.information.hypotheses import Regression, zscore
+from ident.information.hypotheses import PartialRegression, zscore
 from ident.residual.failure import Failure
 from ident.residual.periods import Periods, periods
 from ident.residual.where import where
@@ -224,7 +224,7 @@ class Judged:
 
     fit: Fit
     contest: Contest
-    noise: Noise
+    noise: NoiseDraws
     selection: Selection
     absorbed: tuple[Invisible, ...]
     decision: Decision
@@ -236,7 +236,7 @@ class Judged:
         return louder(self.contest, self.noise, self.selection.last, self.decision)
 
 
-def louder(contest: Contest, noise: Noise, last: Ranking, decision: Decision) -> np.ndarray:
+def louder(contest: Contest, noise: NoiseDraws, last: Ranking, decision: Decision) -> np.ndarray:
     """(d,) whether more than the sensors' noise is left, and matters."""
     regression = last.regression
     rows = np.maximum(regression.rows, 1)
@@ -495,7 +495,7 @@ def _motionless(fit: Fit, effect: Effect) -> str:
     return f"{', '.join(effect.joints)} does not move in this motion"
 
 
-def _why(fit: Fit, regression: Regression, group: np.ndarray) -> str:
+def _why(fit: Fit, regression: PartialRegression, group: np.ndarray) -> str:
     """What absorbs it: C ≈ A_I K, the unknowns that carry most of it named."""
     own = fit.estimate.base.independent
     A, C = (

@@ -7,20 +7,22 @@ again, until it adds nothing; an effect that the others have made superfluous go
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from ident.diagnosis.candidates import OnProgress
 from ident.diagnosis.diagnosis import (
     Decision,
     Diagnosis,
+    Judged,
     concluded,
     errors_of,
     fall_of,
     judge,
     started,
-    unsupported,
 )
 from ident.display import Displayed, Plotted, render
 from ident.effects import Effect
@@ -30,7 +32,7 @@ from ident.information.blocks import Error
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 
-ROUNDS = 6  # searches, lest two effects take turns for ever
+ROUNDS = 12  # searches, lest two effects take turns for ever
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -146,16 +148,10 @@ def grow(
     gone: set[str] = set()
     for _ in range(ROUNDS):
         judged = judge(fit, decision, seed, on_progress, without=gone, exchanging=True)
-        idle = [
-            each.effect for each in unsupported(fit, judged.contest, decision)
-            if each.effect.label not in given
-        ]  # fmt: skip
-        if idle:
-            model = fit.mechanism
-            for effect in idle:
-                model = model.without(effect.label)
-            gone |= {effect.label for effect in idle}
-            fit = reach(fitted(model, fit.point), None, tuple(idle))
+        idle = superfluous(judged, given)
+        if idle is not None:
+            gone.add(idle.label)
+            fit = reach(fitted(fit.mechanism.without(idle.label), fit.point), None, (idle,))
             continue
         if not judged.selection.members:
             break
@@ -168,3 +164,19 @@ def grow(
     else:
         judged = judge(fit, decision, seed, on_progress, without=gone)
     return History(tuple(steps), concluded(judged, on_progress))
+
+
+def superfluous(judged: Judged, given: Collection[str]) -> Effect | None:
+    """The added effect that brings least, if it brings no more than chance does; one at a time, for
+    of two that stand for each other one is needed.
+    """
+    regression, fit = judged.contest.regression, judged.fit
+    total = float(regression.loss.sum())
+    shares: list[tuple[float, Effect]] = []
+    for effect, places in fit.columns.effects:
+        mine = np.array([p for p in places if p >= 0 and not fit.estimate.held[p]], dtype=int)
+        if effect.label not in given and len(mine):
+            share = float(regression.without(mine).loss.sum()) / total - 1
+            shares.append((share, effect))
+    share, least = min(shares, key=lambda each: each[0], default=(np.inf, None))
+    return least if share < judged.selection.first.limit else None

@@ -20,7 +20,7 @@ from scipy.sparse.linalg import splu
 from ident.diagnosis.candidates import Contest
 from ident.equations.motion_noise import gain
 from ident.fit.table import Table
-from ident.information.hypotheses import Array, Regression, surrogates
+from ident.information.hypotheses import Array, PartialRegression, surrogates
 from ident.motion import Experiment
 from ident.motion.spline import WIDTH, Spline, evaluated
 
@@ -30,7 +30,7 @@ SAMPLES = 800  # of a log at which ∂r/∂motion is evaluated; between, it is i
 
 
 @dataclass(frozen=True, eq=False)
-class Noise:
+class NoiseDraws:
     """Draws of what the sensors' noise leaves of the torques.
 
     Attributes:
@@ -43,7 +43,7 @@ class Noise:
     ceiling: Array
 
 
-def noise(contest: Contest, seed: int) -> Noise:
+def noise(contest: Contest, seed: int) -> NoiseDraws:
     """Draws of the sensors' noise in the rows of a contest."""
     table, random = contest.table, np.random.default_rng([seed, 1])
     found = []
@@ -60,7 +60,7 @@ def noise(contest: Contest, seed: int) -> Noise:
     for part, x in zip(regression.parts, judged._left_out(judged.residual), strict=True):
         losses[:, part.coordinate] += (x**2).sum(axis=0)
     rms = np.sqrt(losses / np.maximum(regression.rows, 1)) / regression.weight
-    return Noise(rows, np.median(rms, axis=0), rms.max(axis=0))
+    return NoiseDraws(rows, np.median(rms, axis=0), rms.max(axis=0))
 
 
 def _of_torques(table: Table, e: Experiment, random: np.random.Generator) -> Array:
@@ -126,7 +126,9 @@ def runs(table: Table) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(edges)]
 
 
-def judging(contest: Contest, regression: Regression, noise: Noise | None, seed: int) -> Regression:
+def judging(
+    contest: Contest, regression: PartialRegression, noise: NoiseDraws | None, seed: int
+) -> PartialRegression:
     """The regression with surrogates of its residual, and draws of noise, as right-hand sides."""
     table = contest.table
     r = np.zeros(table.b.shape)

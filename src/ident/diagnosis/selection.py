@@ -15,10 +15,10 @@ from itertools import pairwise
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from ident.diagnosis.candidates import Candidate, Contest, Shape
-from ident.diagnosis.null import SURROGATES, Noise, judging
+from ident.diagnosis.candidates import CandidateColumns, Contest, Shape
+from ident.diagnosis.null import SURROGATES, NoiseDraws, judging
 from ident.effects import Effect
-from ident.information.hypotheses import Array, Index, Refit, Regression, quantile, zscore
+from ident.information.hypotheses import Array, Index, PartialRegression, Refit, quantile, zscore
 
 PARSIMONY = 0.10  # share of the best gain within which fewer numbers are preferred
 ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same part
@@ -110,7 +110,7 @@ class Ranking:
     """
 
     contest: Contest
-    regression: Regression
+    regression: PartialRegression
     evidence: tuple[Evidence, ...]
     gains: Mapping[str, tuple[float, float]]
     limit: float
@@ -124,8 +124,8 @@ class Ranking:
 
 
 def rank(
-    contest: Contest, regression: Regression, noise: Noise | None, decision: Decision, seed: int,
-    without: Collection[str] = (), curved: bool = True,
+    contest: Contest, regression: PartialRegression, noise: NoiseDraws | None, decision: Decision,
+    seed: int, without: Collection[str] = (), curved: bool = True,
 ) -> Ranking:  # fmt: skip
     """Weighs all candidates beside a model, `curved`: the curves as well as the laws."""
     regression = judging(contest, regression, noise, seed)
@@ -171,12 +171,12 @@ class Weigh:
     """Looks at one candidate in detail."""
 
     contest: Contest
-    regression: Regression
+    regression: PartialRegression
     decision: Decision
     total: float
 
     def __call__(
-        self, candidate: Candidate, start: int, gain: float, limit: float, p: float
+        self, candidate: CandidateColumns, start: int, gain: float, limit: float, p: float
     ) -> Evidence:
         """The evidence for a candidate at one of its starts."""
         effect, shape = candidate.effect, dict(candidate.shapes[start])
@@ -202,7 +202,7 @@ class Weigh:
             passed and sensible and material, tuple(int(u) for u in np.flatnonzero(mends)),
         )  # fmt: skip
 
-    def _refined(self, candidate: Candidate, start: int) -> dict[str, float]:
+    def _refined(self, candidate: CandidateColumns, start: int) -> dict[str, float]:
         """The one continuous shape parameter between the best start's neighbours."""
         effect, shape = candidate.effect, dict(candidate.shapes[start])
         (free,) = [each.name for each in effect.searched if not each.discrete]
@@ -243,7 +243,7 @@ class Weigh:
         return C
 
 
-def torque_squares(contest: Contest, regression: Regression) -> Array:
+def torque_squares(contest: Contest, regression: PartialRegression) -> Array:
     """(d,) weighted squares of the measured torque in the rows that decide."""
     tau = contest.table.tau
     return np.array([
@@ -368,7 +368,7 @@ class Selection:
 
 
 def select(
-    contest: Contest, noise: Noise | None, decision: Decision, seed: int,
+    contest: Contest, noise: NoiseDraws | None, decision: Decision, seed: int,
     without: Collection[str] = (), exchanging: bool = False,
     on_progress: OnProgress = lambda *_: None,
 ) -> Selection:  # fmt: skip
@@ -413,13 +413,15 @@ def select(
     return Selection(first, tuple(_formed(regression, members, last)), last)
 
 
-def _reweighted(regression: Regression) -> Regression:
+def _reweighted(regression: PartialRegression) -> PartialRegression:
     """With weights by the left-out errors that the set leaves."""
     sigma = np.sqrt(regression.losses.sum(axis=0) / np.maximum(regression.rows, 1))
     return regression.weighted(regression.weight / np.where(sigma > 0, sigma, 1.0))
 
 
-def _formed(regression: Regression, members: Sequence[Member], last: Ranking) -> list[Member]:
+def _formed(
+    regression: PartialRegression, members: Sequence[Member], last: Ranking
+) -> list[Member]:
     """Members with what each brings to the set, and the curve that rejects its form, if any."""
     found = []
     for each in members:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ident.diagnosis.candidates import Contest
-from ident.diagnosis.null import SURROGATES, Noise, judging
+from ident.diagnosis.null import SURROGATES, NoiseDraws, judging
 from ident.diagnosis.selection import Decision, Ranking
 from ident.effects import Signals
 from ident.effects.friction import direction
@@ -93,7 +93,7 @@ class Suggestion:
 
 
 def suggest(
-    contest: Contest, last: Ranking, noise: Noise, decision: Decision, seed: int
+    contest: Contest, last: Ranking, noise: NoiseDraws, decision: Decision, seed: int
 ) -> Suggestion | None:
     """A sparse expression for what the model leaves of its worst coordinate; None if none holds."""
     regression = contest.regression

@@ -9,7 +9,7 @@ nothing were missing. With the rows divided by the coordinates' σ,
     e_k = L_k b̃_k − L_k C̃_k θ₋k              D_k = |L_k b̃_k|² − |e_k|²          G = Σ_k D_k
 
 are the errors of blocks that were left out of all refits, without a single refit: partial
-regression (Frisch, Waugh, Lovell) with block downdating (Belsley, Kuh, Welsch, Regression
+regression (Frisch, Waugh, Lovell) with block downdating (Belsley, Kuh, Welsch, PartialRegression
 Diagnostics, 1980). The largest G over all candidates on r_1 … r_B is the null distribution of the
 largest G on b (Westfall, Young, Resampling-Based Multiple Testing, 1993).
 """
@@ -109,7 +109,7 @@ class Refit:
 
 
 @dataclass(frozen=True, eq=False)
-class Regression:
+class PartialRegression:
     """Blocks of rows with a model projected out.
 
     Attributes:
@@ -125,7 +125,7 @@ class Regression:
     @classmethod
     def of(
         cls, information: Information, weight: Array, model: Index, reference: Array | None = None
-    ) -> Regression:
+    ) -> PartialRegression:
         """The question which columns explain some information beside the model's.
 
         Args:
@@ -402,19 +402,19 @@ class Regression:
             direction / max(float(np.linalg.norm(direction)), 1e-300),
         )
 
-    def extended(self, columns: Index) -> Regression:
+    def extended(self, columns: Index) -> PartialRegression:
         """The same rows with further columns in the model."""
         return replace(self, model=np.append(self.model, columns))
 
-    def without(self, columns: Index) -> Regression:
+    def without(self, columns: Index) -> PartialRegression:
         """The same rows without some of the model's columns."""
         return replace(self, model=self.model[~np.isin(self.model, columns)])
 
-    def weighted(self, weight: Array) -> Regression:
+    def weighted(self, weight: Array) -> PartialRegression:
         """The same rows with other weights."""
         return replace(self, weight=np.asarray(weight, dtype=float))
 
-    def judging(self, Y: Sequence[Array]) -> Regression:
+    def judging(self, Y: Sequence[Array]) -> PartialRegression:
         """The same rows with other right-hand sides Y (m, 1 + B), one a part."""
         parts = zip(self.parts, Y, strict=True)
         return replace(self, parts=tuple(replace(part, Y=y) for part, y in parts))

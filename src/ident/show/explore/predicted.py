@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ident.diagnosis.candidates import Candidate, Contest, absorbed, possible
+from ident.diagnosis.candidates import CandidateColumns, Contest, absorbed, possible
 from ident.diagnosis.diagnosis import hidden_of, unsupported
 from ident.diagnosis.selection import Decision, Evidence, Weigh, alike, torque_squares
 from ident.effects import Effect
@@ -178,7 +178,7 @@ def predicted_gains(
     return (*best_first, *shut, *_present(ground))
 
 
-def _weighed(contest: Contest, seen: Sequence[Candidate]) -> list[Evidence]:
+def _weighed(contest: Contest, seen: Sequence[CandidateColumns]) -> list[Evidence]:
     """Each candidate at its best start, refined where it does anything."""
     regression = contest.regression
     total = max(float(regression.loss.sum()), 1e-300)
