@@ -75,7 +75,7 @@ def nothing(r: Result) -> Iterator[bool]:
 
 
 def unnamed(r: Result) -> Iterator[bool]:
-    """Something is left, and no name for it: `undecided` where the log cannot tell it from noise."""
+    """Something is left, and no name: `undecided` where the log cannot tell it from noise."""
     yield r["verdict"] in ("unexplained", "undecided")
 
 
