@@ -8,8 +8,8 @@ import pytest
 import ident
 from helpers import J, tree_urdf, write_mechanism
 from ident import Log, Noise
-from ident.equations.regressor import regressor
 from ident.information.covariance import covariance
+from ident.motion.regressor import regressor
 from identification import close, motion_log, plant, robot
 
 

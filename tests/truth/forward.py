@@ -3,8 +3,8 @@
 import numpy as np
 
 import ident
-from ident.equations.point import Point
-from ident.equations.samples import Samples
+from ident.equations.terms import Samples
+from ident.equations.unknowns import Point
 from ident.fit.residual import predict
 
 

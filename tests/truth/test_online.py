@@ -11,9 +11,9 @@ from streaming import HOW, given, samples
 import ident
 from helpers import ROBOTS
 from ident import FitError, Log, LogError, Noise, Online
-from ident.equations.columns import Columns
+from ident.equations.corrections import Scene
 from ident.equations.rows import Rows, raw_rows, reach
-from ident.equations.scene import Scene
+from ident.equations.unknowns import Columns
 from ident.information.covariance import covariance
 from ident.streams.online import INTERVALS, Accumulator
 from identification import motion_log, plant, robot

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 from scipy.linalg import lstsq
 
-from ident.equations.correct import Seen
+from ident.equations.corrections import Corrected, Scene
 from ident.equations.filter import Decimator
-from ident.equations.scene import Scene
 from ident.equations.terms import Terms, terms
 from ident.fit import Fit
-from ident.motion import Experiment
+from ident.motion import State
 
 # --- bounded -------------------------------------------------------------------------------------
 # Least squares of smallest norm, free or with inequalities, for columns that may depend.
@@ -108,7 +107,7 @@ class ChannelRows:
 
 
 def gather(
-    fit: Fit, experiments: Sequence[Experiment] | None = None, most: int = MOST, shifts: bool = True
+    fit: Fit, experiments: Sequence[State] | None = None, most: int = MOST, shifts: bool = True
 ) -> ChannelRows:
     """The rows of a fit's motion, or of other experiments of its mechanism.
 
@@ -142,9 +141,7 @@ def gather(
     return ChannelRows(X, B, informed, t, experiment, lags * dt, dt)
 
 
-def _pieces(
-    decimator: Decimator, e: Experiment, every: int
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _pieces(decimator: Decimator, e: State, every: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Samples that are needed, and those whose rows are kept, piece by piece."""
     if decimator.taps is None:
         kept = np.flatnonzero(e.usable)[::every]
@@ -254,13 +251,13 @@ def _inertia(fit: Fit, width: int) -> tuple[np.ndarray, np.ndarray]:
     return total / count, offset / count
 
 
-def _terms(fit: Fit, e: Experiment) -> Terms:
+def _terms(fit: Fit, e: State) -> Terms:
     """Of samples that are no course of time, so without what corrects the data."""
-    scene = Scene(Seen(fit.mechanism, e), fit.columns, fit.point)
+    scene = Scene(Corrected(fit.mechanism, e), fit.columns, fit.point)
     return terms(scene, slice(0, len(e)))
 
 
-def at_samples(e: Experiment, index: np.ndarray) -> Experiment:
+def at_samples(e: State, index: np.ndarray) -> State:
     """An experiment of some of its samples alone, all of them usable."""
     own: dict[str, Any] = {
         field.name: value[index]
@@ -314,7 +311,7 @@ class ChannelTrial:
     limits: tuple[np.ndarray, np.ndarray]
 
     @classmethod
-    def of(cls, fit: Fit, experiments: Sequence[Experiment] | None = None) -> ChannelTrial:
+    def of(cls, fit: Fit, experiments: Sequence[State] | None = None) -> ChannelTrial:
         """The triangles of a fit's rows; of other experiments: few rows, without shifts."""
         rows = gather(fit) if experiments is None else gather(fit, experiments, 1500, False)
         return cls.of_rows(fit, rows)

@@ -24,11 +24,9 @@ from ident.fit import Fit
 from ident.information.estimate import term_sizes
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
-from ident.motion import Experiment
-from ident.motion.clock import runs
-from ident.motion.measure import measure
-from ident.motion.place import in_tree
-from ident.motion.spectrum import ROWS_OVER_MOTION, noise_level, noise_share
+from ident.motion import State
+from ident.motion.recipe import ROWS_OVER_MOTION
+from ident.motion.signals import measure, noise_level, noise_share, runs
 
 # --- check ---------------------------------------------------------------------------------------
 # One check of the logged data: a number, its threshold, what it means and what to do.
@@ -363,7 +361,7 @@ def commands(fit: Fit, data: Channels) -> list[Check]:
 Sign = tuple[float, float, str, str]
 
 
-def _zero(fit: Fit, e: Experiment, channel: LoggedChannel) -> list[Sign]:
+def _zero(fit: Fit, e: State, channel: LoggedChannel) -> list[Sign]:
     """Exactly zero while the joint moves."""
     at = fit.mechanism.joint_index[channel.name.removeprefix("tau.")]
     speed = np.abs(np.interp(channel.t, e.t, e.yd[:, at]))
@@ -752,8 +750,7 @@ def moved(fit: Fit, trial: ChannelTrial) -> list[Check]:
             continue
         known = [[x[:, take] * times for x in (e.y, e.yd, e.ydd)] for e in thin]
         other = [
-            in_tree(mechanism, e, tuple(names), np.array(x))
-            for e, x in zip(thin, known, strict=True)
+            e.at(mechanism, np.array(x), tuple(names)) for e, x in zip(thin, known, strict=True)
         ]
         tried.append(
             (ChannelTrial.of(plain, other).now.score, kind, joints, float(times[joints[0]]))
@@ -798,7 +795,7 @@ def _maps(count: int) -> Iterator[Map]:
             yield "swapped", (i, j), take, ones
 
 
-def _thinned(e: Experiment, most: int) -> Experiment:
+def _thinned(e: State, most: int) -> State:
     index = np.flatnonzero(e.usable)
     return at_samples(e, index[:: max(1, len(index) // most)])
 

@@ -27,7 +27,7 @@ from ident.diagnosis.selection import (
 from ident.diagnosis.suggestion import Suggestion, suggest
 from ident.display import Plotted, render
 from ident.effects import Effect
-from ident.equations.point import Point
+from ident.equations.unknowns import Point
 from ident.errors import FitError, IdentError
 from ident.fit import Fit, identify
 from ident.fit.residual import residual_of

@@ -13,13 +13,13 @@ from ident.diagnosis.diagnosis import Diagnosis
 from ident.diagnosis.selection import Evidence
 from ident.diagnosis.trials import Move, Trial, allowed, present, trials
 from ident.effects import Effect
-from ident.equations.samples import reduced as in_independent
+from ident.equations.terms import reduced as in_independent
 from ident.equations.terms import unbalanced
 from ident.errors import IdentError
 from ident.fit.table import Table
 from ident.information.hypotheses import RANK
-from ident.motion import Experiment, Motion, complete
-from ident.motion.place import reduced
+from ident.motion import Motion, State, complete
+from ident.motion.motion import left_out
 
 # --- probe ---------------------------------------------------------------------------------------
 # What a trial motion would show: rivals apart from one another, effects beside the model.
@@ -128,20 +128,20 @@ class Probe:
         return max(shares)
 
 
-def _with_extra(e: Experiment, now: Motion) -> Experiment:
+def _with_extra(e: State, now: Motion) -> State:
     """The log's other columns, at rest at what they usually are."""
     seen = now.experiments[0].extra
     usual = {name: np.full(len(e), float(np.median(x))) for name, x in seen.items()}
     return replace(e, extra={**usual, **e.extra})
 
 
-def _loaded(d: Diagnosis, e: Experiment) -> Experiment:
+def _loaded(d: Diagnosis, e: State) -> State:
     """With the torques that the fitted model predicts, in the diagnosis's own coordinates."""
     mechanism, names = d.fit.mechanism, d.fit.motion.independent
     if mechanism.closures:
-        e, _, said = reduced(mechanism, e, names)
+        bare, e = e, e.transmitted(mechanism, names)
         worst = max(float(_size(each).max()) for each in d.fit.motion.experiments)
-        if said or float(_size(e).max()) > WORSE * worst:
+        if left_out(bare, e) or float(_size(e).max()) > WORSE * worst:
             raise ValueError("near a singular position")
     needed = -unbalanced(in_independent(mechanism, e, slice(None), d.fit.point), d.fit.point)
     if e.leverage is None:
@@ -150,7 +150,7 @@ def _loaded(d: Diagnosis, e: Experiment) -> Experiment:
     return replace(e, tau=np.einsum("ndj,nd->nj", np.linalg.pinv(L, rcond=1e-6), needed))
 
 
-def _size(e: Experiment) -> np.ndarray:
+def _size(e: State) -> np.ndarray:
     assert e.pinv is not None
     return np.linalg.norm(e.pinv[e.usable], axis=(1, 2))
 

@@ -26,7 +26,7 @@ from ident.diagnosis.diagnosis import (
 )
 from ident.display import Displayed, Plotted, render
 from ident.effects import Effect
-from ident.equations.point import Point
+from ident.equations.unknowns import Point
 from ident.fit import Fit, identify
 from ident.information.blocks import Error
 from ident.mechanism.mechanism import Mechanism

@@ -21,7 +21,7 @@ from ident.diagnosis.candidates import Contest
 from ident.equations.motion_noise import gain
 from ident.fit.table import Table
 from ident.information.hypotheses import Array, PartialRegression, surrogates
-from ident.motion import Experiment
+from ident.motion import State
 from ident.motion.spline import WIDTH, Spline, evaluated
 
 SURROGATES = 100  # of the residual: the 99 % quantile is the second largest of them
@@ -63,7 +63,7 @@ def noise(contest: Contest, seed: int) -> NoiseDraws:
     return NoiseDraws(rows, np.median(rms, axis=0), rms.max(axis=0))
 
 
-def _of_torques(table: Table, e: Experiment, random: np.random.Generator) -> Array:
+def _of_torques(table: Table, e: State, random: np.random.Generator) -> Array:
     """(n, d, DRAWS) of the torque channels' white noise."""
     d = table.b.shape[1]
     out = np.zeros((len(e), d, DRAWS))

@@ -31,7 +31,7 @@ from ident.information.estimate import TOLERANCE
 from ident.information.triangle import Triangle
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
-from ident.motion import Band, Experiment, Motion
+from ident.motion import Band, Motion, State
 from ident.motion.closures import LoopSolver
 from ident.progress import Progress
 
@@ -576,7 +576,7 @@ def _noise(joints: list[Joint], pilots: list[MotionRows], given: Mapping[str, fl
     return np.array([given.get(name, NOISE * usual[name]) for name in names])
 
 
-def _log(mechanism: Mechanism, e: Experiment) -> Log:
+def _log(mechanism: Mechanism, e: State) -> Log:
     columns = {}
     for channel, series in (("q", e.y), ("v", e.yd), ("a", e.ydd)):
         for name in mechanism.driven:

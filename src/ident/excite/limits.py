@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.errors import MechanismError, one_of
 from ident.mechanism.mechanism import Joint, Mechanism
-from ident.motion import Experiment
+from ident.motion import State
 
 CROSSING = 1.0  # [s] in which a joint without a limit of speed may cross its range
 ROUNDING = 1e-9  # of the box's width: a joint may stand at its limit
@@ -190,7 +190,7 @@ class LimitBox:
         low, high = np.array([row[3:] for row in rows]).T
         return cls(quantities, low, high)
 
-    def z(self, e: Experiment) -> np.ndarray:
+    def z(self, e: State) -> np.ndarray:
         """Return z (n, Z) of an experiment that has its predicted torques."""
         parts = [e.y, e.yd, e.ydd, e.tau]
         if e.pinv is not None:

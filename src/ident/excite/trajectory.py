@@ -23,7 +23,7 @@ from ident.equations.terms import terms
 from ident.equations.unknowns import Columns, Point
 from ident.errors import MotionError
 from ident.mechanism.mechanism import Mechanism
-from ident.motion import Experiment
+from ident.motion import State
 from ident.motion.closures import best_conditioned
 from ident.motion.recipe import STILL
 
@@ -133,7 +133,7 @@ class MotionRows:
         A: (n, d, k) rows; informed: (n, d), false where dry friction leaves the torque open.
     """
 
-    e: Experiment
+    e: State
     A: np.ndarray
     informed: np.ndarray
 
@@ -151,7 +151,7 @@ class MotionModel:
     columns: Columns
     point: Point
 
-    def follow(self, near: Experiment, states: np.ndarray) -> Experiment | None:
+    def follow(self, near: State, states: np.ndarray) -> State | None:
         """Return the experiment at y, ẏ, ÿ (3, n, d) of its drives, on the branch of a near one.
 
         None where the closures cannot be satisfied, or another branch was reached: the joints
@@ -177,7 +177,7 @@ class MotionModel:
                 return None
         return e
 
-    def rows(self, e: Experiment) -> MotionRows:
+    def rows(self, e: State) -> MotionRows:
         """Return the rows and predicted torques of an experiment."""
         x = self.columns.prior_at(self.point.values)
         e = replace(e, tau=np.zeros((len(e), len(self.mechanism.driven))))
@@ -190,7 +190,7 @@ class MotionModel:
         informed = informing(scene.samples(EVERY), found.told, reach(scene.e))
         return MotionRows(e, found.A, informed)
 
-    def _drives(self, e: Experiment, torque: np.ndarray) -> np.ndarray:
+    def _drives(self, e: State, torque: np.ndarray) -> np.ndarray:
         """Return (n, driven) from torques in independent coordinates; surplus drives share them."""
         driven = self.mechanism.driven
         if e.leverage is None:
@@ -236,7 +236,7 @@ class Family:
 
     model: MotionModel
     series: Fourier
-    rest: Experiment
+    rest: State
     basis: np.ndarray
 
     def at(self, t: np.ndarray) -> Family:
@@ -244,7 +244,7 @@ class Family:
         rest = at_rest(self.model.mechanism, self.rest.independent, self.series.home, t)
         return replace(self, rest=rest, basis=self.series.basis(t))
 
-    def motion(self, x: np.ndarray, near: Experiment) -> MotionRows | None:
+    def motion(self, x: np.ndarray, near: State) -> MotionRows | None:
         """Return the rows of the motion x (d, P), along the straight line from a motion near it.
 
         None where the closures cannot be followed.
@@ -254,7 +254,7 @@ class Family:
         start = np.stack([v[:, at] for v in (near.y, near.yd, near.ydd)])
         far = np.abs(goal[0] - start[0]).max() if self.model.mechanism.closures else 0.0
         count = max(int(np.ceil(far / (0.9 * LEAP))), 1)
-        e: Experiment | None = near
+        e: State | None = near
         for share in np.arange(1, count + 1) / count:
             e = e and self.model.follow(e, start + share * (goal - start))
         return None if e is None else self.model.rows(e)
@@ -280,16 +280,14 @@ class Family:
         return best
 
 
-def at_rest(
-    mechanism: Mechanism, names: tuple[str, ...], home: np.ndarray, t: np.ndarray
-) -> Experiment:
+def at_rest(mechanism: Mechanism, names: tuple[str, ...], home: np.ndarray, t: np.ndarray) -> State:
     """Return an experiment in which the drives `names` stay at home (d,), at the times t (n,) [s].
 
     Raises:
         MotionError: if the closures cannot be followed there from the start.
     """
     none = np.empty(0)
-    base = Experiment(
+    base = State(
         name=f"a motion of {mechanism.name}", t=t, q=none, v=none, a=none, y=none, yd=none,
         ydd=none, tau=np.zeros((len(t), len(mechanism.driven))), wrench=None, pinv=None,
         leverage=None, usable=np.ones(len(t), dtype=bool), still=none, logged=names,
@@ -301,7 +299,7 @@ def at_rest(
     return with_standstill(e.transmitted(mechanism, names) if mechanism.closures else e)
 
 
-def with_standstill(e: Experiment) -> Experiment:
+def with_standstill(e: State) -> State:
     """Return the experiment with the speeds of standstill that a log of this motion would get."""
     return replace(e, still=np.maximum(STILL * np.abs(e.yd).max(axis=0), 1e-9))
 

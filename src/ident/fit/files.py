@@ -29,7 +29,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, about_origin, pseudo_inertia, split
 from ident.mechanism.urdf import UrdfText
 from ident.mechanism.write import fixed_parameters, folder_files, set_inertial
-from ident.motion import Experiment, Motion
+from ident.motion import Motion, State
 
 SCHEMA = "ident.fit/1"
 
@@ -189,7 +189,7 @@ def _errors(errors: Mapping[str, Error]) -> dict[str, Any]:
     }
 
 
-def _smoothing(e: Experiment) -> dict[str, Any]:
+def _smoothing(e: State) -> dict[str, Any]:
     """Return what was done to an experiment's channels, noise and residual in their units."""
     return {
         "log": e.name,

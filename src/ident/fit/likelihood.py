@@ -4,7 +4,7 @@ Least squares takes the smooth motion as it is. Its noise is in all columns alik
 shrunk (bias), and instants at which accelerations matter most get too much weight (scatter). The
 likelihood lets the motion move within its noise; about some parameters and motion it is as good as
 linear, and a Gauss-Newton step of it is a least-squares problem in the parameters alone
-(`ident.likelihood`).
+(`ident.equations.motion_noise`).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from ident.errors import FitError
 from ident.fit.findings import Finding
 from ident.fit.problem import Problem, stacks_information
 from ident.information.estimate import Estimate, estimate
-from ident.motion import Experiment, Motion
+from ident.motion import Motion, State
 from ident.motion.smoothing import along, finer
 from ident.motion.spline import Smooth
 from ident.progress import Progress
@@ -260,7 +260,7 @@ class Linearization:
 
     problem: Problem
     x: np.ndarray
-    experiments: tuple[Experiment, ...]
+    experiments: tuple[State, ...]
     parts: tuple[Linear, ...]
 
     @classmethod
@@ -268,7 +268,7 @@ class Linearization:
         cls,
         problem: Problem,
         x: np.ndarray,
-        experiments: tuple[Experiment, ...],
+        experiments: tuple[State, ...],
         fine: Sequence[Smooth],
         on_progress: Progress | None,
         like: Sequence[Linear] | None = None,
@@ -302,9 +302,7 @@ class Linearization:
         """Return the loss of all experiments."""
         return sum(part.loss(self.x, sigma) for part in self.parts)
 
-    def moved(
-        self, runs: Sequence[Sequence[EliminatedRun]], x: np.ndarray
-    ) -> tuple[Experiment, ...]:
+    def moved(self, runs: Sequence[Sequence[EliminatedRun]], x: np.ndarray) -> tuple[State, ...]:
         """Return the experiments on the motions that go with parameters x."""
         return tuple(
             along(self.problem.mechanism, e, part.moved(mine, x))

@@ -28,7 +28,7 @@ from ident.information.splines import Basis
 from ident.information.triangle import Triangle
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, split
-from ident.motion import Experiment, Motion
+from ident.motion import Motion, State
 from ident.progress import Progress
 
 FEWEST, MOST, LENGTH = 10, 96, 12  # blocks of a log, and rows that make one
@@ -341,7 +341,7 @@ def equal_blocks(
 
 
 def band_multipliers(
-    bands: Sequence[EliminatedBand], e: Experiment, number: int, x: np.ndarray, m: int
+    bands: Sequence[EliminatedBand], e: State, number: int, x: np.ndarray, m: int
 ) -> np.ndarray:
     """Return λ(t) = B(t) a (n, m) of one experiment; NaN where no run of samples extends."""
     found = np.full((len(e), m), np.nan)

@@ -29,7 +29,7 @@ from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError
 from ident.information.blocks import Error, Squares
 from ident.mechanism.mechanism import Mechanism
-from ident.motion import Experiment, Motion
+from ident.motion import Motion, State
 from ident.motion.regressor import rigid_forces
 
 CHUNK = 2048  # samples whose regressor is in memory at once
@@ -92,7 +92,7 @@ def predict(mechanism: Mechanism, motion: Motion, point: Point) -> list[Predicti
     return [_predict(mechanism, motion, e, point) for e in motion.experiments]
 
 
-def _predict(mechanism: Mechanism, motion: Motion, bare: Experiment, point: Point) -> Prediction:
+def _predict(mechanism: Mechanism, motion: Motion, bare: State, point: Point) -> Prediction:
     scene = Scene.of(mechanism, NOTHING, bare, point, motion.band.cutoff)
     mechanism, e = scene.mechanism, scene.e
     n, d, m = len(e), dof(mechanism, e), len(mechanism.kinematics.multipliers)
@@ -114,7 +114,7 @@ def _predict(mechanism: Mechanism, motion: Motion, bare: Experiment, point: Poin
     return Prediction(e.name, e.t, joints, measured, predicted, parts, multipliers, e.usable)
 
 
-def _names(mechanism: Mechanism, e: Experiment) -> list[str]:
+def _names(mechanism: Mechanism, e: State) -> list[str]:
     """Return the names of the parts, in the order of `generalised`."""
     effects = [effect.label for effect in mechanism.effects if effect.unknowns]
     return [RIGID, *effects, *([WRENCHES] if e.wrench is not None else [])]
@@ -312,7 +312,7 @@ def residual_of(model: Model, motion: Motion | None = None, *, name: str = "") -
     )
 
 
-def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: Experiment) -> Trace:
+def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Trace:
     """Return the residual of one experiment at a working point."""
     scene = Scene.of(mechanism, NOTHING, e, point, motion.band.cutoff)
     mechanism, e = scene.mechanism, scene.e

@@ -4,6 +4,4 @@ from ident.motion.motion import Motion, complete
 from ident.motion.recipe import Band, Recipe
 from ident.motion.state import State
 
-Experiment = State
-
-__all__ = ["Band", "Experiment", "Motion", "Recipe", "State", "complete"]
+__all__ = ["Band", "Motion", "Recipe", "State", "complete"]

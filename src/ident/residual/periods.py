@@ -16,7 +16,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ident.fit.residual import Residual, Trace
-from ident.motion import Experiment
+from ident.motion import State
 from ident.residual.noise import ERRORS, own_correlation
 
 ALIKE = 0.98  # likeness of two periods of one motion
@@ -93,7 +93,7 @@ def _independent(residual: Residual, rows: int) -> float:
     return rows / float(1 + 2 * (own**2).sum())
 
 
-def period_of(e: Experiment, residual: Residual) -> tuple[float, int, float] | None:
+def period_of(e: State, residual: Residual) -> tuple[float, int, float] | None:
     """(period [s], whole periods, likeness) of one experiment's motion in its longest run."""
     run = max(e.segments(), key=lambda each: each.stop - each.start, default=slice(0, 0))
     stride = max(1, int(e.rate / (FINE * max(residual.motion.band.motion, 1e-9))))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.fit.residual import Residual
-from ident.motion.clock import runs
+from ident.motion.signals import runs
 
 PARTS = 50  # of an experiment that one window is
 SHORTEST, LONGEST = 0.1, 1.0  # s

@@ -21,7 +21,6 @@ from ident.fit.residual import Residual, residual_of
 from ident.information.blocks import Error
 from ident.mechanism import Mechanism
 from ident.mechanism.write import folder_files
-from ident.motion.report import made_of, understood
 from ident.show import experiment  # noqa: F401 (it renders the next experiment)
 from ident.show.charts import (
     FAINT,
@@ -60,6 +59,7 @@ from ident.show.html import (
     paragraph,
     table,
 )
+from ident.show.motion import made_of, understood
 from ident.show.residual import plot_maps, time_label
 from ident.text import percent
 

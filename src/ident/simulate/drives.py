@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline
 from ident.errors import MotionError, one_of
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
-from ident.motion import Experiment
+from ident.motion import State
 from ident.simulate.balance import Actuator
 from ident.simulate.plant import InstantTerms, Plant
 
@@ -39,7 +39,7 @@ class Torques:
 
     log: AnyLog
 
-    def actuator(self, mechanism: Mechanism, plant: Plant, e: Experiment) -> Actuator:
+    def actuator(self, mechanism: Mechanism, plant: Plant, e: State) -> Actuator:
         """Return the actuator that plays the completed log."""
         return TorqueSeries(CubicSpline(e.t, e.tau))
 
@@ -57,7 +57,7 @@ class PD:
     reference: AnyLog
     gains: Gains | None = None
 
-    def actuator(self, mechanism: Mechanism, plant: Plant, e: Experiment) -> Actuator:
+    def actuator(self, mechanism: Mechanism, plant: Plant, e: State) -> Actuator:
         """Return the actuator that follows the completed reference."""
         if self.gains is None:
             inertia = _drive_inertia(plant, e)
@@ -80,7 +80,7 @@ class ComputedTorque:
     reference: AnyLog
     gains: Gains | None = None
 
-    def actuator(self, mechanism: Mechanism, plant: Plant, e: Experiment) -> Actuator:
+    def actuator(self, mechanism: Mechanism, plant: Plant, e: State) -> Actuator:
         """Return the actuator that follows the completed reference."""
         gains = _by_joint(self.gains or (BANDWIDTH**2, 2 * BANDWIDTH), mechanism)
         return TrackingControl(_reference(plant, e), *gains, computed=True)
@@ -131,7 +131,7 @@ class TrackingControl:
         return plant.inverse(m, at, a + feedback, against) if self.computed else feedback
 
 
-def _drive_inertia(plant: Plant, e: Experiment) -> np.ndarray:
+def _drive_inertia(plant: Plant, e: State) -> np.ndarray:
     """Return (driven,) the inertia [kg m² | kg] at each drive at the start, the others held."""
     m = plant.terms(float(e.t[0]), e.q[0], e.v[0], np.zeros(len(plant.laws.states)))
     lever = m.W[plant.driven] @ m.Z
@@ -154,6 +154,6 @@ def _by_joint(gains: Gains, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarra
     return Kp, Kd
 
 
-def _reference(plant: Plant, e: Experiment) -> CubicSpline:
+def _reference(plant: Plant, e: State) -> CubicSpline:
     at = plant.driven
     return CubicSpline(e.t, np.hstack([e.y[:, at], e.yd[:, at], e.ydd[:, at]]))

@@ -17,7 +17,7 @@ from ident.errors import MotionError, one_of
 from ident.fit.residual import NOTHING
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
-from ident.motion import Experiment, Motion, complete
+from ident.motion import Motion, State, complete
 from ident.motion.closures import LoopSolver, best_conditioned, independent_joints
 from ident.motion.signals import noise_share
 from ident.progress import Progress
@@ -178,9 +178,7 @@ def _times(since: float, duration: float, rate: float) -> np.ndarray:
     return since + np.arange(count) / rate
 
 
-def corrected_run(
-    mechanism: Mechanism, motion: Motion, point: Point
-) -> tuple[Mechanism, Experiment]:
+def corrected_run(mechanism: Mechanism, motion: Motion, point: Point) -> tuple[Mechanism, State]:
     """Return mechanism and the one run of a motion, as correcting effects make them.
 
     Raises:
@@ -191,7 +189,7 @@ def corrected_run(
     return scene.mechanism, one_run(replace(motion, experiments=(scene.e,)))
 
 
-def surroundings(mechanism: Mechanism, e: Experiment) -> Surroundings:
+def surroundings(mechanism: Mechanism, e: State) -> Surroundings:
     """Return a log's wrenches and other columns, linear between samples."""
     extra = {
         name: interp1d(e.t, x, bounds_error=False, fill_value=(x[0], x[-1]))
@@ -211,15 +209,15 @@ def surroundings(mechanism: Mechanism, e: Experiment) -> Surroundings:
     return Surroundings(float(e.t[0]), extra, wrenches)
 
 
-def rough_times(e: Experiment) -> np.ndarray | None:
+def rough_times(e: State) -> np.ndarray | None:
     """Return times of the samples (n,) if torques are noisy: a spline through noise is rough."""
     return e.t if any(noise_share(x) > ROUGH for x in e.tau.T) else None
 
 
-def nothing_logged(name: str) -> Experiment:
+def nothing_logged(name: str) -> State:
     """Return an experiment without samples or columns."""
     none = np.empty(0)
-    return Experiment(name, none, *(none,) * 7, None, None, None, none, none)
+    return State(name, none, *(none,) * 7, None, None, None, none, none)
 
 
 def start_state(

@@ -17,7 +17,7 @@ from ident.fit.residual import Prediction, predict
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import CENTROIDAL, DYNAMIC, about_origin, split
-from ident.motion import Experiment, Motion, complete
+from ident.motion import Motion, State, complete
 from ident.simulate.plant import constant_correction
 
 CHANNELS = ("q", "v", "a", "tau")
@@ -108,7 +108,7 @@ def simulate(
     return replace(log, repairs=(*log.repairs, *completed.notes)), prediction
 
 
-def one_run(motion: Motion) -> Experiment:
+def one_run(motion: Motion) -> State:
     """Return the experiment between the ends that its splines lose.
 
     Raises:

@@ -28,7 +28,7 @@ from ident.fit.residual import NOTHING
 from ident.fit.result import Fit
 from ident.information.blocks import Error
 from ident.mechanism.mechanism import Mechanism
-from ident.motion import Experiment, Motion
+from ident.motion import Motion, State
 from ident.progress import Progress
 from ident.simulate.balance import Dynamics
 from ident.simulate.drives import TorqueSeries
@@ -201,7 +201,7 @@ def _part(on_progress: Progress | None, share: float, step: float) -> Progress |
 def _replayed(
     model: Fit | Saved,
     motion: Motion,
-    bare: Experiment,
+    bare: State,
     window: float,
     on_progress: Progress | None,
 ) -> ReplayedLog:
@@ -237,7 +237,7 @@ class _Player:
     """Integrates from measured states with measured torques."""
 
     def __init__(
-        self, mechanism: Mechanism, point: Point, e: Experiment, independent: Sequence[str]
+        self, mechanism: Mechanism, point: Point, e: State, independent: Sequence[str]
     ) -> None:
         self.mechanism, self.e = mechanism, e
         self.plant = Plant.of(mechanism, point)

@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 import ident
-from ident.equations.point import Point
+from ident.equations.unknowns import Point
 from ident.errors import IdentError
 from ident.files import whole
 from ident.information.band import Freed, Stretch, StretchPart

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.display import Displayed, render
-from ident.equations.point import Point
+from ident.equations.unknowns import Point
 from ident.errors import FitError
 from ident.files import check_writable
 from ident.fit import Fit

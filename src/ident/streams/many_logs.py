@@ -29,7 +29,7 @@ import polars as pl
 from scipy.stats import t as student
 
 from ident.display import Displayed
-from ident.equations.columns import Columns
+from ident.equations.unknowns import Columns
 from ident.fit.problem import Problem
 from ident.information.blocks import Information
 from ident.information.covariance import FEWEST_SQUARES, long_run, scores

@@ -31,11 +31,10 @@ import numpy as np
 from ident.diagnosis.candidates import possible as candidates
 from ident.effects import KINDS, Effect
 from ident.effects.effect import Unknown
-from ident.equations.columns import Columns
-from ident.equations.point import Point
+from ident.equations.corrections import Scene
 from ident.equations.rows import Rows, rows
-from ident.equations.scene import Scene
 from ident.equations.terms import terms
+from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, one_of
 from ident.fit import Fit
 from ident.information.cone import Limit, nearest, svec

@@ -11,7 +11,7 @@ from ident.diagnosis import Diagnosis, History, diagnose
 from ident.diagnosis.diagnosis import errors_of, fall_of
 from ident.diagnosis.grow import Step
 from ident.effects import Effect
-from ident.equations.point import Point
+from ident.equations.unknowns import Point
 from ident.errors import FitError, one_of
 from ident.files import write_all
 from ident.fit import Fit, identify

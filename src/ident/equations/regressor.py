@@ -1,5 +1,0 @@
-"""Γ under its former name."""
-
-from ident.motion.regressor import regressor, supports
-
-__all__ = ["regressor", "supports"]

@@ -1,1 +1,0 @@
-"""Former place of `ident.equations.motion_noise`."""

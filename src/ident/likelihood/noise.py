@@ -1,3 +1,0 @@
-"""Former place of names that stand in `ident.equations.motion_noise` now."""
-
-from ident.equations.motion_noise import motion_noise, torque_noise  # noqa: F401
