@@ -38,12 +38,10 @@ class _Ident(ModuleType):
         return getattr(public, name)
 
     def __setattr__(self, name: str, value: object) -> None:
-        """A verb is never hidden by the package of the same name, which importing that would do."""
         if not (name in VERBS and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 
     def __reduce__(self) -> tuple[object, tuple[str]]:
-        """By its name, as any module: functions of a notebook that use it go to other processes."""
         return import_module, (self.__name__,)
 
     def __dir__(self) -> list[str]:

@@ -32,11 +32,7 @@ def set_loader(load: Callable[[str], object]) -> None:
 
 
 def render(noun: object, form: str, *args: Any, **options: Any) -> Any:
-    """Return a noun in a form, by the renderer of its class or of the nearest base class.
-
-    Raises:
-        TypeError: if no renderer is registered.
-    """
+    """Return a noun in a form, by the renderer of its class or of the nearest base class."""
     for kind in type(noun).__mro__:
         if (kind, form) not in _renderers:
             _load(kind.__name__)

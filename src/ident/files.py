@@ -40,9 +40,6 @@ def write_all(folder: Path, contents: Mapping[str, bytes | Path]) -> list[Path]:
 
     Returns:
         The paths written.
-
-    Raises:
-        IdentError: if the folder cannot be made or written; then no file of it has changed.
     """
     paths = [folder / name for name in contents]
     with contextlib.ExitStack() as scraps, contextlib.ExitStack() as undo:  # undo runs first
@@ -86,11 +83,7 @@ def module_of(file: Path) -> ModuleType:
 
 
 def check_writable(folder: Path) -> None:
-    """Refuse, before long work, a folder into which nothing could be written; leaves no trace.
-
-    Raises:
-        IdentError: if the folder cannot be made, or no file in it.
-    """
+    """Refuse, before long work, a folder into which nothing could be written; leaves no trace."""
     if folder.is_file():
         raise IdentError(f"{folder}: is a file; give the name of a folder")
     with contextlib.ExitStack() as undo:
@@ -115,7 +108,6 @@ def _beside(path: Path, suffix: str) -> Path:
 
 
 def _make_folder(folder: Path, undo: contextlib.ExitStack) -> None:
-    """Make a folder and its missing parents; `undo` removes these if they are empty then."""
     for each in reversed([each for each in (folder, *folder.parents) if not each.exists()]):
         each.mkdir(exist_ok=True)
         undo.callback(_remove_folder, each)

@@ -28,7 +28,7 @@ OWN = tuple(
         "log.npz": "ident.log.storage:read_npz",
         "log.mcap": "ident.formats.rosbag:read_bag",
         "log.db3": "ident.formats.rosbag:read_bag",
-        "mechanism.urdf": "ident.mechanism.description:unchanged",
+        "mechanism.urdf": "ident.mechanism.description:Description",
         "mechanism.xml": "ident.formats.mjcf:read_mjcf",
         "mechanism.mjcf": "ident.formats.mjcf:read_mjcf",
         "mechanism.sdf": "ident.formats.sdf:read_sdf",

@@ -8,7 +8,5 @@ from contextvars import ContextVar
 Progress = Callable[[str, float], None]
 """Called with the name of the present step and the share of it that is done, 0 to 1."""
 
-Told = Progress
-
 running: ContextVar[str] = ContextVar("running", default="")
 """The command line, for reports; empty where there is none."""

@@ -49,7 +49,6 @@ class Cable(Effect):
     source = "Lin, Hui, Wang, Deguet, Kazanzides, Au, IEEE Robot. Autom. Lett. 4(4), 2019"
 
     def __post_init__(self) -> None:
-        """Check the degree before the parameters' names."""
         degree = self.setting("degree")
         if degree not in range(1, len(RAISED)):
             raise MechanismError(f"effect '{self.label}': degree = {degree:g}; valid: 1 to 7")

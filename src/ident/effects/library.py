@@ -39,15 +39,7 @@ KINDS: Mapping[str, type[Effect]] = {
 
 
 def kind_of(name: str, before: str = "") -> type[Effect]:
-    """Return the kind of the library called `name`.
-
-    Args:
-        name: of the kind.
-        before: begins the message of an error.
-
-    Raises:
-        MechanismError: if there is none, with the nearest name.
-    """
+    """Return the kind of the library called `name`; `before` begins the message of an error."""
     if name not in KINDS:
         raise MechanismError(f"{before}there is no effect '{name}'; {one_of(name, KINDS)}")
     return KINDS[name]
@@ -77,14 +69,9 @@ def create(
 
 
 def parse(text: str) -> tuple[str, tuple[str, ...]]:
-    """Return (kind, joints) of `kind:joint[,joint]` or `kind` alone; joints empty for the latter.
-
-    Raises:
-        MechanismError: for a kind that is not in the library.
-    """
+    """Return (kind, joints) of `kind:joint[,joint]`, or of `kind` alone with no joints."""
     kind, colon, joints = text.partition(":")
-    if kind not in KINDS:
-        raise MechanismError(f"effect '{text}': there is no '{kind}'; {one_of(kind, KINDS)}")
+    kind_of(kind, f"effect '{text}': ")
     names = tuple(part.strip() for part in joints.split(",")) if colon else ()
     if colon and not all(names):
         raise MechanismError(f"effect '{text}': a joint's name is missing; write {kind}:joint")
@@ -94,13 +81,7 @@ def parse(text: str) -> tuple[str, tuple[str, ...]]:
 def candidates(
     sites: Sites, present: Sequence[Effect] = (), columns: Collection[str] = ()
 ) -> list[Effect]:
-    """Return every effect of the library that could be missing, in the library's order.
-
-    Args:
-        sites: names of everything on which an effect can sit.
-        present: effects of the model.
-        columns: further columns of the logs, such as `temperature.elbow`.
-    """
+    """Return every effect of the library that `present` lacks and the `columns` of logs allow."""
     labels = {effect.label for effect in present}
     every = (kind(joints) for kind in KINDS.values() for joints in kind.candidates(sites))
     return [e for e in every if e.label not in labels and e.applicable(labels, columns)]

@@ -46,7 +46,6 @@ class UserEffect(Effect):
     fewest: ClassVar[int] = 1  # joints whose signals the function asks for
 
     def __post_init__(self) -> None:
-        """Check the joints before anything else."""
         if len(self.joints) < self.fewest:
             raise MechanismError(
                 f"effect '{self.kind}' looks at {self.fewest} joint(s), given: "
@@ -77,11 +76,7 @@ class UserEffect(Effect):
         return ""
 
     def columns(self, s: Signals) -> np.ndarray:
-        """E (n, joints, unknowns): the function's columns at the first joint, 0 at the others.
-
-        Raises:
-            MechanismError: where the function is not finite.
-        """
+        """E (n, joints, unknowns): the function's columns at the first joint, 0 at the others."""
         n, compiled = len(s.t), _compiled(type(self), len(self.joints))
         asked = (s.torque, s.load) if self.implicit else (np.zeros_like(s.q),) * 2
         shape = np.array([s.shape[each.name] for each in self.shapes]).reshape(-1, 1)
@@ -173,7 +168,6 @@ def user_effect(name: str, function: UserFunction, file: Path | None = None) -> 
 def _shapes(
     name: str, function: UserFunction
 ) -> tuple[dict[str, tuple[float, float, float]], dict[str, str]]:
-    """Start and bounds, and the unit, of each shape, from the function's keyword arguments."""
     try:
         given = list(inspect.signature(function).parameters.items())[1:]
     except (TypeError, ValueError):
@@ -199,11 +193,6 @@ def _shapes(
 def _evaluated(
     kind: type[UserEffect], joints: int
 ) -> tuple[dict[str, tuple[ca.SX, str]], list[ca.SX]]:
-    """The function's columns with their units, by unknown, and the symbols they depend on.
-
-    Raises:
-        MechanismError: if it fails or returns anything but one expression an unknown.
-    """
     symbols = {name: ca.SX.sym(name, joints) for name in SIGNALS}
     t, shapes = ca.SX.sym("t"), {name: ca.SX.sym(name) for name in kind.starting}
     try:
@@ -231,7 +220,6 @@ def _evaluated(
 
 @cache
 def _compiled(kind: type[UserEffect], joints: int) -> ca.Function:
-    """(q, v, a, tau, lam (joints each), t, shapes) → columns (unknowns,)."""
     columns, inputs = _evaluated(kind, joints)
     column = ca.densify(ca.vertcat(*(each for each, _ in columns.values())))
     try:
@@ -248,11 +236,7 @@ def _one_line(error: BaseException) -> str:
 
 
 def parse_user(text: str) -> tuple[Path, str, tuple[str, ...]] | None:
-    """`file.py:function:joint[,joint]` as (file, function, joints); None for anything else.
-
-    Raises:
-        MechanismError: if the function or a joint is missing.
-    """
+    """`file.py:function:joint[,joint]` as (file, function, joints); None for anything else."""
     stem, python, rest = text.partition(".py:")
     if not python and not text.endswith(".py"):
         return None

@@ -24,7 +24,7 @@ from ident.fit.multipliers import Reactions
 from ident.fit.result import Fit
 from ident.fit.values import Value
 from ident.information.blocks import Error
-from ident.mechanism.description import urdf_bytes
+from ident.mechanism.description import read_description
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, about_origin, pseudo_inertia, split
 from ident.mechanism.urdf import UrdfText
@@ -382,7 +382,7 @@ def identified_urdf(fit: Fit) -> bytes:
     """
     mechanism = fit.mechanism
     pi = _with_masses(fit)
-    text = UrdfText(urdf_bytes(mechanism.urdf), str(mechanism.urdf))
+    text = UrdfText(read_description(mechanism.urdf).urdf, str(mechanism.urdf))
     robot = text.robot
     links = {link.get("name"): link for link in robot.findall("link")}
     unknown = {name.rsplit(".", 1)[0] for name in mechanism.unknown}

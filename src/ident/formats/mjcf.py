@@ -55,17 +55,12 @@ def read_mjcf(path: Path, data: bytes) -> Description:
     Args:
         path: of the file; what it includes is beside it.
         data: its text.
-
-    Raises:
-        MechanismError: if MuJoCo is not installed or refuses the file, and for what has no
-            counterpart here: ball and free joints, equalities of tendons and flexible bodies.
     """
     model, warnings = _compiled(path, data)
     return _MjcfModel(model, path).description(warnings)
 
 
 def _compiled(path: Path, data: bytes) -> tuple[mujoco.MjModel, list[str]]:
-    """Return the model that MuJoCo makes of a file, and its warnings."""
     try:
         import mujoco
     except ImportError:
@@ -91,7 +86,6 @@ def _compiled(path: Path, data: bytes) -> tuple[mujoco.MjModel, list[str]]:
 
 
 def _check_includes(path: Path, data: bytes, folder: Path, above: tuple[Path, ...]) -> None:
-    """Refuse files from outside of the model's folder, which MuJoCo would read."""
     if len(above) > DEEPEST or path.resolve() in above:
         raise MechanismError(f"{path}: includes itself; remove that <include>")
     for include in parse_xml(data, str(path)).iter("include"):
@@ -167,7 +161,6 @@ class _MjcfModel:
         return float(self.model.qpos0[self.model.jnt_qposadr[j]])
 
     def _add(self, urdf: UrdfWriter, body: int) -> None:
-        """Append a body's link, and its joints with massless links between them."""
         m, joints = self.model, self.joints_of(body)
         parent = int(m.body_parentid[body])
         placement = self.offsets[parent] * _pose(m.body_pos[body], m.body_quat[body])
@@ -211,7 +204,6 @@ class _MjcfModel:
         return JointLimits(float(m.jnt_range[j][0]), float(m.jnt_range[j][1]), effort=effort)
 
     def _visuals(self, body: int) -> list[Visual]:
-        """Return a body's shapes as those that a URDF has."""
         m, visuals = self.model, []
         first = int(m.body_geomadr[body])
         for g in range(first, first + int(m.body_geomnum[body])):
@@ -233,7 +225,6 @@ class _MjcfModel:
         return visuals
 
     def _mesh_file(self, mesh: int) -> str:
-        """Return a mesh's path relative to the model's folder; empty if there is no such file."""
         at, folder = int(self.model.mesh_pathadr[mesh]), self.path.parent
         path = bytes(self.model.paths[at:]).split(b"\0")[0].decode() if at >= 0 else ""
         if not path or not (folder / path).is_file():
@@ -241,7 +232,6 @@ class _MjcfModel:
         return Path(os.path.relpath(folder / path, folder)).as_posix()
 
     def _undriven(self) -> list[int]:
-        """Return the joints that nothing drives; none, where the file has no actuator at all."""
         m, driven = self.model, set()
         for kind, (target, _) in zip(m.actuator_trntype, m.actuator_trnid, strict=True):
             if kind in BY_JOINT:
@@ -277,7 +267,6 @@ class _MjcfModel:
     # --- equalities -----------------------------------------------------------------------------
 
     def _closures(self) -> tuple[list[dict[str, Any]], list[str]]:
-        """Return tables [[closure]]: connect is a point, weld fixed, a joint's line linear."""
         m, closures, notes = self.model, [], []
         for e in range(m.neq):
             name = m.equality(e).name or f"equality_{e + 1}"
@@ -316,7 +305,6 @@ class _MjcfModel:
         return {"kind": "point" if kind == CONNECT else "fixed", "a": a, "b": b}
 
     def _linear(self, e: int, where: str) -> dict[str, Any]:
-        """q1 - ref1 = c0 + c1 (q2 - ref2): MuJoCo's polynomial with its higher terms zero."""
         one, two = int(self.model.eq_obj1id[e]), int(self.model.eq_obj2id[e])
         c0, c1, *higher = (float(x) for x in self.model.eq_data[e][:5])
         if two < 0 or c1 == 0:
@@ -344,7 +332,6 @@ def _free(name: str, taken: list[str]) -> str:
 
 
 def _pose(position: np.ndarray, wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> pin.SE3:
-    """Return a placement from MuJoCo's position and quaternion."""
     w, x, y, z = (float(value) for value in wxyz)
     rotation = pin.Quaternion(w, x, y, z).normalized().matrix()
     return pin.SE3(rotation, np.array(position, dtype=float))

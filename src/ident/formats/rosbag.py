@@ -37,10 +37,6 @@ def read_bag(path: Path, topics: Sequence[str] = ()) -> RawTable:
 
     Returns:
         Columns `t` [s] since the first message and q., v., tau., wrench. of the names in the bag.
-
-    Raises:
-        LogError: if rosbags is not installed, the bag is damaged, has no joint states or several
-            topics of them, or a message contradicts itself or the clock.
     """
     try:
         from rosbags.rosbag2 import Reader
@@ -65,7 +61,6 @@ def read_bag(path: Path, topics: Sequence[str] = ()) -> RawTable:
 def _chosen(
     connections: Sequence[Any], topics: Sequence[str], file: str
 ) -> tuple[list[Any], list[str]]:
-    """Return the connections to read, and notes on what is left out."""
     kinds = {each.topic: _kind(each) for each in reversed(connections)}
     joints = [topic for topic, kind in kinds.items() if kind == JOINTS]
     wrenches = [topic for topic, kind in kinds.items() if kind == WRENCH]
@@ -102,7 +97,6 @@ def _kind(connection: Any) -> str:
 
 
 def _messages(bag: Any, connections: list[Any], file: str) -> Groups:
-    """Decode the messages of some connections."""
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
@@ -134,7 +128,6 @@ def _messages(bag: Any, connections: list[Any], file: str) -> Groups:
 
 
 def _content(message: Any, place: str) -> tuple[tuple[str, ...], Sequence[float]]:
-    """Return columns and values [SI]; an empty array of a joint state is one not measured."""
     if not hasattr(message, "position"):
         frame = message.header.frame_id.strip("/")
         if not frame:
@@ -176,10 +169,6 @@ def _merged(file: str, groups: Groups, notes: list[str]) -> RawTable:
 
     Wrenches are interpolated at these times, as any column of another rate is later on; a clock of
     both together would be neither's.
-
-    Raises:
-        LogError: for no joint state, stamps of one topic that go backward, and columns that two
-            topics hold.
     """
     joints = [key for key in groups if not key[1][0].startswith("wrench.")]
     if not joints:
@@ -218,7 +207,6 @@ def _merged(file: str, groups: Groups, notes: list[str]) -> RawTable:
 
 
 def _check_topics(timed: Groups, file: str) -> None:
-    """Refuse columns that two topics hold, and times of a column that go backward."""
     topic_of: dict[str, str] = {}
     for topic, columns in timed:
         for name in columns:
@@ -248,7 +236,6 @@ def _seconds(time: np.int64) -> str:
 def _interpolated(
     topic: str, wrenches: pl.DataFrame, names: Sequence[str], t: Array, file: str, notes: list[str]
 ) -> dict[str, Array]:
-    """Return a topic's wrenches at the times t [ns], empty where none was measured near."""
     wrenches = wrenches.unique("t", keep="first").sort("t")
     at = wrenches["t"].to_numpy()
     if len(at) < 2:

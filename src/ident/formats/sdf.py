@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pinocchio as pin
@@ -47,10 +47,6 @@ def read_sdf(path: Path, data: bytes) -> Description:
     Args:
         path: of the file.
         data: its text.
-
-    Raises:
-        MechanismError: naming file, line, and what is not read: models within models, includes,
-            joints whose state is no column of a log, bodies that hang free.
     """
     where = str(path)
     root = parse_xml(data, where)
@@ -99,6 +95,10 @@ class _SdfModel:
             self.named[name] = element
         self.poses = {MODEL: pin.SE3.Identity()}
 
+    def refuse(self, element: etree._Element, message: str) -> NoReturn:
+        """Raise MechanismError with the line of an element."""
+        refuse(element, self.where, message)
+
     def description(
         self, gravity: tuple[float, float, float] | None, notes: list[str]
     ) -> Description:
@@ -126,11 +126,7 @@ class _SdfModel:
     # --- poses ----------------------------------------------------------------------------------
 
     def pose_of(self, name: str, above: tuple[str, ...] = ()) -> pin.SE3:
-        """Return the pose of a link, joint or frame in the model's frame.
-
-        Raises:
-            MechanismError: if there is none of this name, or poses refer to each other in a ring.
-        """
+        """Return the pose of a link, joint or frame in the model's frame."""
         if name in above:
             raise MechanismError(
                 f"{self.where}: the poses of {', '.join(above)} refer to each other in a ring; "
@@ -144,11 +140,7 @@ class _SdfModel:
         return self.poses[name]
 
     def link_of(self, name: str, above: tuple[str, ...] = ()) -> str:
-        """Return the link that a frame is attached to; a link's own name, or "world".
-
-        Raises:
-            MechanismError: if there is none of this name, or frames hang on each other in a ring.
-        """
+        """Return the link that a frame is attached to; a link's own name, or "world"."""
         if name == MODEL:
             return self.canonical
         if name == "world" or self._element(name).tag == "link":
@@ -175,7 +167,6 @@ class _SdfModel:
         return self.model.get("canonical_link") or next(iter(self.links), "")
 
     def _within(self, element: etree._Element, link: etree._Element) -> pin.SE3:
-        """Return the pose in a link's frame of something in that link: its inertia, a visual."""
         place, base = _pose(element, self.where)
         if not base:
             return place
@@ -191,9 +182,8 @@ class _SdfModel:
         for joint in self.model.findall("joint"):
             parent, child = self._ends(joint)
             if child in ("world", parent):
-                refuse(
+                self.refuse(
                     joint,
-                    self.where,
                     f"joint '{joint.get('name')}' leads from "
                     f"'{parent}' to '{child}'; its child must be another link",
                 )
@@ -237,11 +227,10 @@ class _SdfModel:
     def _end(self, joint: etree._Element, tag: str) -> str:
         name = _text(joint, tag)
         if not name:
-            refuse(joint, self.where, f"joint '{joint.get('name')}' has no <{tag}>")
+            self.refuse(joint, f"joint '{joint.get('name')}' has no <{tag}>")
         if "::" in name:
-            refuse(
+            self.refuse(
                 joint,
-                self.where,
                 f"'{name}' is in a model within the model, which is not read; write one "
                 "model (gz sdf -p prints one)",
             )
@@ -250,14 +239,12 @@ class _SdfModel:
     # --- bodies ---------------------------------------------------------------------------------
 
     def _body(self, link: etree._Element, offset: pin.SE3) -> RigidBody:
-        """Return a link's body in the frame in which the link's own is at `offset`."""
         inertial = link.find("inertial")
         if inertial is None:
             return RigidBody(1.0, np.zeros(3), np.eye(3)).moved(offset)
         if inertial.get("auto") in TRUE:
-            refuse(
+            self.refuse(
                 inertial,
-                self.where,
                 f"the inertia of link '{link.get('name')}' is to be worked out of its "
                 "shapes; write its numbers (gz sdf --inertial-stats prints them)",
             )
@@ -267,9 +254,8 @@ class _SdfModel:
             tensor[i, j] = tensor[j, i] = self._value(inertial, f"inertia/{key}", default)
         mass = self._value(inertial, "mass", 1.0)
         if mass < 0:
-            refuse(
+            self.refuse(
                 inertial,
-                self.where,
                 f"link '{link.get('name')}' has the mass {mass:g} kg; it must be ≥ 0",
             )
         return RigidBody(mass, np.zeros(3), tensor).moved(offset * self._within(inertial, link))
@@ -294,9 +280,7 @@ class _SdfModel:
         name, kind = str(joint.get("name")), joint.get("type") or ""
         if kind not in TREE:
             why = ", which only a joint that closes a loop may be" if kind in LOOP else ""
-            refuse(
-                joint, self.where, f"joint '{name}' is of type '{kind}'{why}; {one_of(kind, TREE)}"
-            )
+            self.refuse(joint, f"joint '{name}' is of type '{kind}'{why}; {one_of(kind, TREE)}")
         ends = self._ends(joint)
         placement = self.origin(ends[0]).inverse() * self.pose_of(name)
         if kind == "fixed":
@@ -320,14 +304,13 @@ class _SdfModel:
         urdf.joint(name, kind, ends, placement, self._axis(joint, "axis"), limits)
 
     def _axis(self, joint: etree._Element, tag: str) -> np.ndarray:
-        """Return the unit axis (3,) of a joint in the joint's frame."""
         axis, name = joint.find(tag), joint.get("name")
         if axis is None:
-            refuse(joint, self.where, f"joint '{name}' has no <{tag}>")
+            self.refuse(joint, f"joint '{name}' has no <{tag}>")
         xyz = axis.find("xyz")
         direction = np.array([0.0, 0.0, 1.0] if xyz is None else _values(xyz, 3, self.where))
         if np.linalg.norm(direction) < 1e-9:
-            refuse(axis, self.where, f"joint '{name}' has the axis 0 0 0; give a direction")
+            self.refuse(axis, f"joint '{name}' has the axis 0 0 0; give a direction")
         frame = "" if xyz is None else xyz.get("expressed_in") or ""
         if _text(axis, "use_parent_model_frame") in TRUE or self.version < (1, 5):
             frame = MODEL  # as SDF had it before 1.7, and always before 1.5
@@ -337,19 +320,17 @@ class _SdfModel:
         return direction / np.linalg.norm(direction)
 
     def _closure(self, joint: etree._Element) -> dict[str, Any]:
-        """Return the table [[closure]] of a joint whose child another joint carries."""
         name, kind = str(joint.get("name")), joint.get("type") or ""
         if kind not in LOOP:
-            refuse(joint, self.where, f"joint '{name}' is of type '{kind}'; {one_of(kind, LOOP)}")
+            self.refuse(joint, f"joint '{name}' is of type '{kind}'; {one_of(kind, LOOP)}")
         R = np.eye(3)
         if LOOP[kind] in ("revolute", "prismatic", "universal"):
             R = align_z(axis := self._axis(joint, "axis"))
         if kind == "universal":  # a's x and b's y stay at right angles
             other = self._axis(joint, "axis2")
             if abs(axis @ other) > 1e-6:
-                refuse(
+                self.refuse(
                     joint,
-                    self.where,
                     f"the axes of universal joint '{name}' are not at right angles",
                 )
             R = np.column_stack([axis, other, np.cross(axis, other)])
@@ -358,7 +339,6 @@ class _SdfModel:
         return {"name": name, "kind": LOOP[kind], "a": a, "b": b}
 
     def _mimic(self, joint: etree._Element) -> dict[str, Any] | None:
-        """Return the table [[closure]] of a joint with q = m (q' - reference) + offset, or None."""
         mimic = joint.find("axis/mimic")
         if mimic is None:
             return None
@@ -402,17 +382,11 @@ class _SdfModel:
     def _value(
         self, element: etree._Element, path: str, default: float, finite: bool = True
     ) -> float:
-        """Return the number at a path below an element, or the default where there is none."""
         inner = element.find(path)
         return default if inner is None else _values(inner, 1, self.where, finite=finite)[0]
 
 
 def _pose(element: etree._Element, where: str) -> tuple[pin.SE3, str]:
-    """Return the element's `<pose>`, and the name it is relative to, "" where it names none.
-
-    Raises:
-        MechanismError: for anything but six numbers, or seven with a quaternion.
-    """
     pose = element.find("pose")
     if pose is None:
         return pin.SE3.Identity(), ""
@@ -437,11 +411,6 @@ def _pose(element: etree._Element, where: str) -> tuple[pin.SE3, str]:
 def _values(
     element: etree._Element, count: int, where: str, default: str = "", finite: bool = True
 ) -> list[float]:
-    """Return the numbers that are an element's text.
-
-    Raises:
-        MechanismError: if there are not `count` of them, or one is not finite.
-    """
     text = (element.text or "").strip() or default
     try:
         values = [float(word) for word in text.split()]

@@ -20,25 +20,18 @@ TIME_NAME = re.compile(r"time|stamp|clock|^t([^a-z]|$)|^(ts|secs?|seconds)$|_(ms
 
 
 def with_clock(table: RawTable, source: Column | None = None) -> RawTable:
-    """Return the table with a strictly increasing `t` [s]; the first of repeated stamps is kept.
+    """Return the table with a strictly increasing `t` [s]; of repeated stamps the first stays.
 
-    Args:
-        table: under ident's names.
-        source: the file's column of `t`, for the message.
-
-    Raises:
-        LogError: where `t` is missing, has empty cells, goes backward, has fewer than 10 different
-            stamps, or is not in seconds.
+    `table` is under ident's names; `source` is the file's column of `t`, for the message.
     """
     if "t" not in table.columns:
         raise LogError(f"{table.file}: {_no_time(table)}")
     t = table.columns["t"]
-    empty = np.isnan(t)
-    if empty.any():
-        first = table.where(int(empty.argmax()))
+    empty = np.flatnonzero(np.isnan(t))
+    if empty.size:
         raise LogError(
-            f"{table.file}: t is empty in {_count(int(empty.sum()), 'row')}, first at {first}; "
-            "every row needs its time: remove these rows"
+            f"{table.file}: t is empty in {_count(empty.size, 'row')}, first at "
+            f"{table.where(int(empty[0]))}; every row needs its time: remove these rows"
         )
     step = np.diff(t)
     if (step < 0).any():
@@ -47,8 +40,17 @@ def with_clock(table: RawTable, source: Column | None = None) -> RawTable:
             f"{table.file}: t goes backward at {table.where(row)}: {float(t[row])} after "
             f"{float(t[row - 1])} (a clock reset, or two logs in one file?); split the file there"
         )
-    table = _without_repeats(table, step)
-    t = table.columns["t"]
+    repeats = np.flatnonzero(step == 0) + 1
+    if repeats.size:
+        run = np.concatenate([[0], np.cumsum(step > 0)])  # (n_rows,) which stamp a row belongs to
+        note = (
+            f"{_count(repeats.size, 'repeated time stamp')}, first at "
+            f"{table.where(int(repeats[0]))}: the first value of each kept"
+        )
+        columns = {name: _first_of_runs(x, run) for name, x in table.columns.items()}
+        repairs = (*table.repairs, note)
+        table = replace(table, columns=columns, repairs=repairs, lines=None)  # rows are no lines
+        t = table.columns["t"]
     if t.size < FEWEST_SAMPLES:
         raise LogError(
             f"{table.file}: {_count(t.size, 'sample')} of different times; "
@@ -59,25 +61,7 @@ def with_clock(table: RawTable, source: Column | None = None) -> RawTable:
     return table
 
 
-def _without_repeats(table: RawTable, step: Array) -> RawTable:
-    repeats = np.flatnonzero(step == 0) + 1
-    if not repeats.size:
-        return table
-    run = np.concatenate([[0], np.cumsum(step > 0)])  # (n_rows,) which stamp a row belongs to
-    note = (
-        f"{_count(repeats.size, 'repeated time stamp')}, first at {table.where(int(repeats[0]))}: "
-        "the first value of each kept"
-    )
-    return replace(
-        table,
-        columns={name: _first_of_runs(x, run) for name, x in table.columns.items()},
-        repairs=(*table.repairs, note),
-        lines=None,  # rows are no longer lines
-    )
-
-
 def _first_of_runs(x: Array, run: NDArray[np.int64]) -> Array:
-    """Return the first value in each run, not the first cell: merged loggers share stamps."""
     first = np.full(int(run[-1]) + 1, np.nan)
     known = np.flatnonzero(~np.isnan(x))[::-1]
     first[run[known]] = x[known]  # of several, the last assignment stays: the run's first
@@ -86,41 +70,40 @@ def _first_of_runs(x: Array, run: NDArray[np.int64]) -> Array:
 
 def _wrong_unit(t: Array, source: Column) -> str:
     step = float(np.median(np.diff(t)))
+    what = f"the median step of t is {step:g} s over {t.size} samples"
     fits = _scales(step)
     if not fits:
         low, high = USUAL_RATES
         return (
-            f"the median step of t is {step:g} s over {t.size} samples, and no unit of time makes "
-            f"a rate of {low:g} to {high:g} Hz of it; t must be in seconds"
+            f"{what}, and no unit of time makes a rate of {low:g} to {high:g} Hz of it; t must be "
+            "in seconds"
         )
     rates = " or ".join(f"{scale:g} makes {1 / (scale * step):g} Hz" for scale in fits)
     return (
-        f"the median step of t is {step:g} s over {t.size} samples, so t is not in seconds: "
-        f"a factor of {rates}; in mechanism.toml: {_entry(source.column, source.scale * fits[0])}"
+        f"{what}, so t is not in seconds: a factor of {rates}; in mechanism.toml: "
+        f"{_entry(source.column, source.scale * fits[0])}"
     )
 
 
 def _no_time(table: RawTable) -> str:
-    """Return the message about a missing `t`: which column looks like one and how to map it."""
     if "t" in table.left_out:
         return f"column 't' {table.left_out['t']}; it must be a number of seconds"
-    marks = {
-        name: 2 * bool(TIME_NAME.search(name)) + _increasing(x) for name, x in table.columns.items()
-    }
-    likely = sorted((name for name in marks if marks[name]), key=lambda name: -marks[name])
-    if not likely:
+    steps = {name: np.diff(x) for name, x in table.columns.items()}
+    increasing = {name for name, step in steps.items() if step.size and (step > 0).all()}
+    marks = {name: 2 * bool(TIME_NAME.search(name)) + (name in increasing) for name in steps}
+    best, *others = sorted((n for n in marks if marks[n]), key=lambda n: -marks[n]) or [""]
+    if not best:
         text = [name for name in table.left_out if TIME_NAME.search(name)]
         none = "".join(f"; column {name!r} {table.left_out[name]}" for name in text)
         return (
             "no time column 't', and none that looks like a time; a column t [s] is needed; "
             f"the file has: {', '.join(table.columns) or 'no column of numbers'}{none}"
         )
-    best = likely[0]
-    step = float(np.median(np.diff(table.columns[best]))) if _increasing(table.columns[best]) else 0
+    step = float(np.median(steps[best])) if best in increasing else 0.0
     scale = (_scales(step) or [1.0])[0] if step > LONGEST_STEP else 1.0
-    others = f" (so do: {', '.join(likely[1:6])})" if likely[1:] else ""
+    alike = f" (so do: {', '.join(others[:5])})" if others else ""
     return (
-        f"no time column 't'; {best!r} looks like a time{others}; name it t, "
+        f"no time column 't'; {best!r} looks like a time{alike}; name it t, "
         f"or write in mechanism.toml: {_entry(best, scale)}"
     )
 
@@ -128,10 +111,6 @@ def _no_time(table: RawTable) -> str:
 def _scales(step: float) -> list[float]:
     low, high = USUAL_RATES
     return [scale for scale in SMALLER_UNITS if low <= 1 / (scale * step) < high]
-
-
-def _increasing(x: Array) -> bool:
-    return x.size > 1 and bool((np.diff(x) > 0).all())
 
 
 def _entry(column: str, scale: float) -> str:

@@ -116,9 +116,6 @@ def rows_of(text: bytes, head: Head, file: str, before: int, last: bool = True) 
         file: as messages name it.
         before: number of lines of the file before these.
         last: whether the file ends with them.
-
-    Raises:
-        LogError: where rows are ragged, a cell is no number, or there is no row.
     """
     lines, width = Lines(text, head.separator), len(head.names)
     filled = lines.filled
@@ -156,7 +153,6 @@ def refuse_binary(raw: bytes, file: str, before: int = 0) -> None:
 
 
 def _check_row(line: bytes, head: Head, place: str, last: bool) -> None:
-    """Raise LogError for a line that has not one cell for each name; `last`: of the file."""
     if line.count(b'"') % 2:
         raise LogError(f"{place}: a quote is opened and not closed; close it")
     cells, width = QUOTED.sub(b"", line).count(head.separator) + 1, len(head.names)
@@ -169,7 +165,6 @@ def _check_row(line: bytes, head: Head, place: str, last: bool) -> None:
 
 
 def _values(lines: Lines, head: Head, file: str) -> pl.DataFrame:
-    """Return columns that begin with a number as numbers, if they are; else all as text."""
     first = _frame(lines[lines.filled[0]], head.separator, file).row(0)
     kinds = {
         f"column_{i}": pl.Float64 if cell and NUMBER.fullmatch(cell) else pl.String
@@ -183,7 +178,6 @@ def _values(lines: Lines, head: Head, file: str) -> pl.DataFrame:
 
 
 def _frame(text: bytes, separator: bytes, file: str) -> pl.DataFrame:
-    """Return the cells as strings."""
     try:
         return pl.read_csv(text, has_header=False, infer_schema=False, separator=separator.decode())
     except pl.exceptions.PolarsError as error:

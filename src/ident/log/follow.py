@@ -52,9 +52,6 @@ def follow(
 
     Yields:
         One line below the header that is not blank.
-
-    Raises:
-        LogError: where there is no such file, no header, or the file becomes shorter.
     """
     name = "standard input" if path is None else str(path)
     pieces = _of_pipe(stop) if path is None else _of_file(path, grow, stop)
@@ -78,7 +75,6 @@ def follow(
 
 
 def _head(text: bytes, name: str, end: bool) -> Head | None:
-    """Return the header, once its line is complete."""
     text = text.removeprefix(BOM)
     refuse_binary(text[: text.rfind(b"\n") + 1], name)
     filled = [x for x in text.splitlines(keepends=True) if x.strip() and x.lstrip()[:1] != b"#"]
@@ -111,7 +107,6 @@ def _number(cell: str) -> float:
 
 
 def _of_file(path: Path, grow: bool, stop: Callable[[], bool]) -> Iterator[bytes]:
-    """Yield bytes as they come; empty ones at the end, unless stopped."""
     if not path.exists():
         raise LogError(f"{path}: {not_there(path)}; name a CSV file, or - for standard input")
     with reading(path), path.open("rb", buffering=0) as stream:

@@ -187,7 +187,6 @@ class Log(Displayed):
 
 
 def _read_only(x: ArrayLike, log: str, column: str) -> Array:
-    """A float64 array of shape (n_samples,) that nobody can change."""
     try:
         array = np.asarray(x)
     except ValueError:  # nested lists of different lengths

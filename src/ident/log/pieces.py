@@ -84,9 +84,6 @@ class Pieces:
             first: row, from 0.
             stop: row behind the last, ten or more after the first.
             only: columns that are needed; others may be missing.
-
-        Raises:
-            LogError: where `read_log` would, and if a column holds numbers here and text elsewhere.
         """
         wanted, mapping = None, self.mapping
         if only is not None:
@@ -120,9 +117,6 @@ def open_log(
 
     Returns:
         The log in pieces. A text file was read once, to know where rows begin.
-
-    Raises:
-        LogError: for what can be decided without reading all values: one line.
     """
     path, topics = split(Path(path), topic)
     check_kind(path, topics)
@@ -221,7 +215,6 @@ class CsvRows(FileRows):
 
 
 def _blocks(path: Path) -> Iterator[bytes]:
-    """Read a text file in blocks of whole lines."""
     with path.open("rb") as stream:
         rest = b""
         while block := stream.read(BLOCK):

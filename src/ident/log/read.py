@@ -145,7 +145,6 @@ def _is_log(path: Path) -> bool:
 
 
 def _nearby(path: Path) -> str:
-    """Return the part of a message about a missing file that names the logs beside it."""
     try:
         logs = [file.name for file in path.parent.iterdir() if _is_log(file)]
     except OSError:
@@ -169,9 +168,6 @@ def logs_in(folder: str | os.PathLike[str]) -> list[Path]:
 
     Args:
         folder: of the logs.
-
-    Raises:
-        LogError: if there are none.
     """
     folder = Path(folder)
     try:
@@ -191,9 +187,6 @@ def expanded(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
 
     Args:
         paths: of logs and folders.
-
-    Raises:
-        LogError: for a folder that has none.
     """
     unique: dict[Path, Path] = {}
     for path in map(Path, paths):

@@ -53,11 +53,7 @@ class RawTable:
         return replace(self, columns=columns, lines=lines, first=self.first + (part.start or 0))
 
     def checked(self) -> RawTable:
-        """Return the table with a note about each column that has no value at all.
-
-        Raises:
-            LogError: at the first infinite value, naming its column and place.
-        """
+        """Return the table with a note about each column that has no value at all."""
         notes = []
         for name, x in self.columns.items():
             if np.isinf(x).any():
@@ -94,10 +90,6 @@ def renamed(table: RawTable, mapping: Mapping[str, Column]) -> RawTable:
     """Return the table under ident's names and in SI units; unmapped columns keep their own name.
 
     Two columns may exchange their names.
-
-    Raises:
-        LogError: for a mapped column that the file does not have, or that holds no numbers, and for
-            a name that a column of the file has already.
     """
     used = {source.column for source in mapping.values()}
     for name, source in mapping.items():
@@ -148,9 +140,6 @@ def table_of(
         repairs: notes made before.
         first: number of the first row, of a piece of a file without lines.
         since: tick from which columns of times count; by default their own first one.
-
-    Raises:
-        LogError: for doubled names, and cells that are no numbers in a column of numbers.
     """
     table = RawTable(file, {}, {}, (), lines, first)
     columns: dict[str, Array] = {}
@@ -191,7 +180,6 @@ def _is_time(column: pl.Series) -> bool:
 
 
 def _floats(column: pl.Series, since: int | None) -> Array | str:
-    """Return the column (n_rows,), NaN where a cell is empty; or why it is no measurement."""
     dtype = column.dtype
     if _is_time(column):
         # subtract in integers: float64 has no room for nanoseconds since 1970
@@ -236,11 +224,7 @@ def _parsed(text: pl.Series) -> Array | str:
 
 
 def table_of_arrays(file: str, arrays: Mapping[str, Any]) -> RawTable:
-    """Convert named arrays (n_rows,) of numbers, booleans, times or text.
-
-    Raises:
-        LogError: where one is not 1-D, holds anything else, or lengths differ.
-    """
+    """Convert named arrays (n_rows,) of numbers, booleans, times or text."""
     series: list[pl.Series] = []
     for name, values in arrays.items():
         x = np.asarray(values)
@@ -283,9 +267,6 @@ def frame_table(name: str, frame: Any, mapped: Collection[str] = ()) -> RawTable
         frame: its rows are samples. A pandas index that is named, or holds times, is a column too:
             `t`, where it holds times and nothing else is `t`.
         mapped: names of columns that are asked for under their own name.
-
-    Raises:
-        LogError: for anything else, for names that are no text, and for bad cells.
     """
     if isinstance(frame, pl.DataFrame):
         return table_of(name, frame.get_columns())

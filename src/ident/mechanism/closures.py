@@ -83,11 +83,7 @@ class Context:
     allow_code: bool
 
     def frame(self, table: TomlTable, key: str) -> Frame:
-        """Return the frame `key = { link = "…", xyz = […], rpy = […] }`; "world" is the ground.
-
-        Raises:
-            MechanismError: if the mechanism has no such link.
-        """
+        """Return the frame `key = { link = "…", xyz = […], rpy = […] }`; "world" is the ground."""
         if not isinstance(table.data.get(key), dict):
             raise table.error(
                 f'{key} = {table.data.get(key)!r}; write {key} = {{ link = "…", xyz = [0, 0, 0] }}'
@@ -124,19 +120,13 @@ class Closure(ABC):
     @classmethod
     @abstractmethod
     def read(cls, name: str, table: TomlTable, context: Context) -> Closure:
-        """Return the closure of a checked [[closure]] table.
-
-        Raises:
-            MechanismError: naming what is wrong.
-        """
+        """Return the closure of a checked [[closure]] table."""
 
     @abstractmethod
     def constraint(self, placements: Sequence[Placement], joints: Coordinates) -> Constraint:
-        """Return Φ(q).
+        """Return Φ(q), given the world placements of the joints' frames, the ground first.
 
-        Args:
-            placements: of the joints' frames in the world, the ground first.
-            joints: coordinates of the tree's joints and of own joints of closures of two frames.
+        `joints` are the coordinates of the tree and the own joints of closures of two frames.
         """
 
     @property
@@ -178,32 +168,31 @@ class FrameClosure(Closure):
         return (self.a, self.b)
 
     def constraint(self, placements: Sequence[Placement], joints: Coordinates) -> Constraint:
-        """Return the kept components of position and orientation."""
+        """Return the components of position and orientation that are zero."""
         return self.between(self.a.at(placements), self.b.at(placements))
 
     def between(self, a: Placement, b: Placement) -> Constraint:
         """Return Φ for two world placements."""
         d = a.R.T @ (b.p - a.p) if self.sliding else b.p - a.p
         rows = [d["xyz".index(axis)] for axis in self.position]
-        rows += [_rotation_row(row, a.R, b.R) for row in self.rotation]
+        (x_a, y_a), (x_b, y_b, z_b) = (a.R[:, 0], a.R[:, 1]), (b.R[:, i] for i in range(3))
+        zero = {  # where the frames agree, with unit slope for a small turn of b about a's axis
+            "rx": -(y_a.T @ z_b), "ry": x_a.T @ z_b, "rz": y_a.T @ x_b, "cross": -(x_a.T @ y_b),
+        }  # fmt: skip
+        rows += [zero[row] for row in self.rotation]
+        own = {"z": a.R[:, 2].T @ (b.p - a.p), "rz": ca.atan2(y_a.T @ x_b, x_a.T @ x_b)}
         words = [*self.position, *("rz" if row == "cross" else row for row in self.rotation)]
         return Constraint(
             ca.vertcat(*rows),
             tuple(f"{self.name}.{word}" for word in words),
             tuple("N" if word in "xyz" else "N m" for word in words),
-            tuple(self._own(free, a, b) for free in self.free),
+            tuple(OwnJoint(self.own_joint(word), word == "rz", own[word]) for word in self.free),
         )
 
     def own_joint(self, free: str) -> str:
         """Return the name of the own joint of a free coordinate."""
         several = f".{free}" if len(self.free) > 1 else ""
         return self.own_name or f"closure.{self.name}{several}"
-
-    def _own(self, free: str, a: Placement, b: Placement) -> OwnJoint:
-        if free == "z":
-            return OwnJoint(self.own_joint(free), False, a.R[:, 2].T @ (b.p - a.p))
-        angle = ca.atan2(a.R[:, 1].T @ b.R[:, 0], a.R[:, 0].T @ b.R[:, 0])
-        return OwnJoint(self.own_joint(free), True, angle)
 
     @property
     def places(self) -> Mapping[str, float]:
@@ -219,18 +208,6 @@ class FrameClosure(Closure):
         _, end, axis = place.rsplit(".", 2)
         step = by * np.eye(3)["xyz".index(axis)]
         return replace(self, **{end: getattr(self, end).moved(step)})
-
-
-def _rotation_row(row: str, Ra: ca.SX, Rb: ca.SX) -> ca.SX:
-    """Zero where the frames agree, with unit slope for a small turn of b about a's axis."""
-    x_a, y_a = Ra[:, 0], Ra[:, 1]
-    x_b, y_b, z_b = Rb[:, 0], Rb[:, 1], Rb[:, 2]
-    return {
-        "rx": -(y_a.T @ z_b),
-        "ry": x_a.T @ z_b,
-        "rz": y_a.T @ x_b,
-        "cross": -(x_a.T @ y_b),
-    }[row]
 
 
 @dataclass(frozen=True)
@@ -260,52 +237,39 @@ class PointClosure(FrameClosure):
 class RevoluteClosure(FrameClosure):
     """A hinge about the common z axis."""
 
-    kind: ClassVar[str] = "revolute"
-    rotation: ClassVar = ("rx", "ry")
-    free: ClassVar = ("rz",)
+    kind, rotation, free = "revolute", ("rx", "ry"), ("rz",)
 
 
 class PrismaticClosure(FrameClosure):
     """A slide along a's z axis."""
 
-    kind: ClassVar[str] = "prismatic"
-    position: ClassVar[str] = "xy"
-    rotation: ClassVar = ("rx", "ry", "rz")
-    sliding: ClassVar[bool] = True
-    free: ClassVar = ("z",)
+    kind, position, rotation, sliding = "prismatic", "xy", ("rx", "ry", "rz"), True
+    free = ("z",)
 
 
 class CylindricalClosure(FrameClosure):
     """A slide along a's z axis that also turns about it."""
 
-    kind: ClassVar[str] = "cylindrical"
-    position: ClassVar[str] = "xy"
-    rotation: ClassVar = ("rx", "ry")
-    sliding: ClassVar[bool] = True
-    free: ClassVar = ("z", "rz")
+    kind, position, rotation, sliding = "cylindrical", "xy", ("rx", "ry"), True
+    free = ("z", "rz")
 
 
 class UniversalClosure(FrameClosure):
     """A cross joint, x of a perpendicular to y of b."""
 
-    kind: ClassVar[str] = "universal"
-    rotation: ClassVar = ("cross",)
+    kind, rotation = "universal", ("cross",)
 
 
 class PlanarClosure(FrameClosure):
     """The plane of b's x and y axes lies in that of a."""
 
-    kind: ClassVar[str] = "planar"
-    position: ClassVar[str] = "z"
-    rotation: ClassVar = ("rx", "ry")
-    sliding: ClassVar[bool] = True
+    kind, position, rotation, sliding = "planar", "z", ("rx", "ry"), True
 
 
 class FixedClosure(FrameClosure):
     """Both frames are one."""
 
-    kind: ClassVar[str] = "fixed"
-    rotation: ClassVar = ("rx", "ry", "rz")
+    kind, rotation = "fixed", ("rx", "ry", "rz")
 
 
 @dataclass(frozen=True)
@@ -386,20 +350,13 @@ class LinearClosure(Closure):
         return Constraint(ca.dot(ca.SX(self.ratios), q) - self.offset, (f"{self.name}.1",), (unit,))
 
 
-class JointSymbols(Mapping[str, ca.SX]):
+class JointSymbols(dict[str | int, ca.SX]):
     """The argument of a user's closure function: `q["elbow"]`, or `q[0]`, the first joint."""
 
-    def __init__(self, symbols: Mapping[str, ca.SX]) -> None:
-        self._symbols = dict(symbols)
-
-    def __getitem__(self, key: str | int) -> ca.SX:
-        return list(self._symbols.values())[key] if isinstance(key, int) else self._symbols[key]
-
-    def __iter__(self):  # type: ignore[no-untyped-def]
-        return iter(self._symbols)
-
-    def __len__(self) -> int:
-        return len(self._symbols)
+    def __missing__(self, key: str | int) -> ca.SX:
+        if isinstance(key, int):
+            return list(self.values())[key]
+        raise KeyError(key)
 
 
 @dataclass(frozen=True)
@@ -430,11 +387,7 @@ class FunctionClosure(Closure):
         return cls(name, getattr(module, function))
 
     def constraint(self, placements: Sequence[Placement], joints: Coordinates) -> Constraint:
-        """Return Φ(q) as the user's function returns it: a scalar, a column or a list.
-
-        Raises:
-            MechanismError: if it fails, or returns anything but an expression of these joints.
-        """
+        """Return Φ(q) as the user's function returns it: a scalar, a column or a list."""
         try:
             value = self.function(JointSymbols(joints))
             if value is None or isinstance(value, str):  # CasADi's message does not help here
@@ -468,11 +421,7 @@ KINDS: dict[str, type[Closure]] = {
 
 
 def read_closure(table: TomlTable, context: Context) -> Closure:
-    """Return the closure of one [[closure]] table.
-
-    Raises:
-        MechanismError: naming what is wrong and what would be valid.
-    """
+    """Return the closure of one [[closure]] table."""
     name, kind = table.text("name"), table.text("kind")
     table = TomlTable(f"{table.where} ('{name}')", table.data)
     if kind not in KINDS:

@@ -50,12 +50,7 @@ class Description:
 
 
 def read_description(path: Path) -> Description:
-    """Read a URDF, a MuJoCo model, an SDF or a format of another package.
-
-    Raises:
-        MechanismError: if it cannot be read, is larger than any URDF, or states what has no
-            counterpart here.
-    """
+    """Read a URDF, a MuJoCo model, an SDF or a format of another package."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -76,33 +71,13 @@ def description_of(data: bytes, path: Path) -> Description:
         if isinstance(content, str):
             content = content.encode()
         return Description(content, suffix[1:]) if isinstance(content, bytes) else content
-    reader = reader_of("mechanism", FORMATS.get(str(parse_xml(data, str(path)).tag), ".urdf"))
-    assert reader is not None
-    description: Description = reader(path, data)
-    return description
-
-
-def unchanged(path: Path, data: bytes) -> Description:
-    """Return the description of a URDF, which is checked when it is parsed."""
-    return Description(data)
-
-
-def urdf_bytes(path: Path) -> bytes:
-    """Return the URDF's text: the file's own, unchecked, or one written from another format.
-
-    Raises:
-        MechanismError: as `read_description`.
-    """
-    return read_description(path).urdf
+    reader = reader_of("mechanism", FORMATS.get(str(parse_xml(data, str(path)).tag), ""))
+    return Description(data) if reader is None else reader(path, data)
 
 
 def read_urdf(path: Path) -> etree._Element:
-    """Return the checked `<robot>` element of a mechanism's file, comments included.
-
-    Raises:
-        MechanismError: naming file, line, what is wrong and what would be valid.
-    """
-    return parse_urdf(urdf_bytes(path), str(path))
+    """Return the checked `<robot>` element of a mechanism's file, comments included."""
+    return parse_urdf(read_description(path).urdf, str(path))
 
 
 # --- a URDF written from bodies and joints ------------------------------------------------------
@@ -222,9 +197,7 @@ def place_table(link: str, placement: pin.SE3) -> dict[str, Any]:
 def effect_notes(having: Mapping[str, Sequence[str]], effects: Mapping[str, str]) -> list[str]:
     """Return notes about properties of joints that are effects here, and how to identify them.
 
-    Args:
-        having: by property of the format, the joints that have it.
-        effects: by property of the format, the kind of effect.
+    `having` gives the joints and `effects` the kind of effect, by property of the format.
     """
     return [
         f"{word} of {', '.join(joints)} is not taken over; to identify it: --with "

@@ -188,7 +188,6 @@ class Kinematics:
         return ca.Function(f"newton_{len(self._newtons)}", [q, y], [twice, size, error])
 
     def _evaluate(self, function: ca.Function, q: np.ndarray, x: np.ndarray) -> list[np.ndarray]:
-        """Return outputs (n, …) of a function of q (n, nq) and x (n, …)."""
         parts = []
         for start in range(0, max(len(q), 1), CHUNK):
             part = slice(start, start + CHUNK)

@@ -97,11 +97,6 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
 
 
 def _toml_of(path: Path) -> Path | None:
-    """The mechanism.toml that a path names, or None for a bare URDF.
-
-    Raises:
-        MechanismError: if it names neither.
-    """
     if path.is_dir():
         if not (path / "mechanism.toml").is_file():
             raise MechanismError(
@@ -161,7 +156,6 @@ def _with_effect(mechanism: Mechanism, table: TomlTable, context: Context) -> Me
 
 
 def _effect(table: TomlTable, context: Context) -> Effect:
-    """The effect of one [[effect]]: of the library, or with `file` one of the user's own."""
     kind = table.text("kind")
     values = {key: table.number(key) for key in table.data if key not in ("kind", "joint", "file")}
     if "file" in table:
@@ -197,7 +191,6 @@ def _tree_joints(tree: Tree) -> tuple[Joint, ...]:
 def _passive_and_start(
     section: TomlTable, tree: Tree, joints: tuple[Joint, ...]
 ) -> tuple[set[str], np.ndarray]:
-    """Passive joints, mimicking ones among them, and the configuration (nq,) of [joints]."""
     section.check("passive", "start")
     q, places = pin.neutral(tree.model), {joint.name: joint.index for joint in joints}
     passive, table = section.words("passive"), section.data.get("start", {})
@@ -214,7 +207,6 @@ def _passive_and_start(
 
 
 def _remarks(mechanism: Mechanism) -> list[str]:
-    """What a user may not have meant: no drive at all, bodies of which the URDF says nothing."""
     asked = {name.rsplit(".", 1)[0] for name in mechanism.unknown}
     remarks = [
         f"link '{link}' has no <inertial>; its prior is massless"

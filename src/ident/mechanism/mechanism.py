@@ -68,11 +68,7 @@ class Multipliers:
 
 
 def multipliers(basis: str, spacing: float, where: str) -> Multipliers:
-    """A checked time basis.
-
-    Raises:
-        MechanismError: for an unknown basis, or one that needs a spacing [s] and has none.
-    """
+    """A checked time basis."""
     if basis not in DEGREES:
         raise MechanismError(f"{where}: basis = '{basis}'; {one_of(basis, DEGREES)}")
     if basis != "free" and not 0 < spacing < np.inf:
@@ -292,7 +288,6 @@ class Mechanism(Displayed):
         return replace(self, effects=(*self.effects[:at], new, *self.effects[at + 1 :]))
 
     def _rotational(self, effect: Effect) -> bool:
-        """Whether the joint of an effect is rotational; refuses a site that it cannot have."""
         valid = getattr(self.sites, effect.sits, ())
         for name in effect.joints:
             if name in valid:

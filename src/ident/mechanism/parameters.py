@@ -78,11 +78,7 @@ class Bodies:
         return tuple(name for name in self.names if name in chosen)
 
     def check(self, name: str, where: str) -> None:
-        """Refuse a name that is no body's parameter and can be no effect's.
-
-        Raises:
-            MechanismError: with the nearest valid name.
-        """
+        """Refuse a name that is no body's parameter and can be no effect's."""
         link, _, word = name.rpartition(".")
         if link in self.links and word not in WORDS:
             raise MechanismError(
@@ -127,11 +123,7 @@ class Consistency:
 
 
 def read_consistency(table: TomlTable, bodies: Bodies) -> Consistency:
-    """Return `bounds` and `total_mass` of [parameters].
-
-    Raises:
-        MechanismError: naming what is wrong, and what would be valid.
-    """
+    """Return `bounds` and `total_mass` of [parameters]."""
     given = table.data.get("bounds", {})
     if not isinstance(given, dict):
         raise table.error(f'bounds = {given!r}; write {{ "link.m" = [0.4, 0.6] }}')

@@ -93,11 +93,7 @@ class TomlTable:
 
 
 def read_toml(path: Path) -> TomlTable:
-    """Return the top level of a TOML file.
-
-    Raises:
-        MechanismError: if it cannot be read, with the place of the fault.
-    """
+    """Return the top level of a TOML file."""
     try:
         data = tomllib.loads(path.read_bytes().removeprefix(codecs.BOM_UTF8).decode())
     except UnicodeDecodeError as error:

@@ -57,11 +57,7 @@ class Tree:
 
 
 def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> Tree:
-    """Return Pinocchio's model of a checked `<robot>`.
-
-    Raises:
-        MechanismError: if a joint mimics one that does not exist, or nothing moves.
-    """
+    """Return Pinocchio's model of a checked `<robot>`."""
     robot = copy.deepcopy(robot)
     notes: list[str] = []
     names = {link.get("name") for link in robot.findall("link")}
@@ -176,7 +172,6 @@ def _tidy(values: np.ndarray) -> np.ndarray:
 
 
 def _motion_subspace(model: pin.Model, index: int) -> np.ndarray:
-    """S (6, nv of the joint), linear then angular, from Pinocchio, so that no type needs a case."""
     joint = model.joints[index]
     data = joint.createData()
     joint.calc(data, np.zeros(model.nq))

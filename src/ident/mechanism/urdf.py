@@ -30,11 +30,7 @@ PRODUCTS = ("ixy", "ixz", "iyz")
 
 
 def parse_xml(data: bytes, where: str) -> etree._Element:
-    """Return the root element of an XML text; nothing in it is expanded or fetched.
-
-    Raises:
-        MechanismError: if it has a document type, or is not well-formed.
-    """
+    """Return the root element of an XML text; nothing in it is expanded or fetched."""
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False)
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
         raise MechanismError(
@@ -53,11 +49,7 @@ def parse_xml(data: bytes, where: str) -> etree._Element:
 
 
 def parse_urdf(data: bytes, where: str) -> etree._Element:
-    """Return the checked `<robot>` element of a URDF's text, comments included.
-
-    Raises:
-        MechanismError: naming file, line, what is wrong and what would be valid.
-    """
+    """Return the checked `<robot>` element of a URDF's text, comments included."""
     robot = parse_xml(data, where)
     if robot.tag != "robot":
         refuse(
@@ -315,7 +307,6 @@ class UrdfText:
 
 
 def _spans(text: str) -> list[Span]:
-    """Return the places of all elements, in the order of their first tags."""
     spans: dict[int, Span] = {}
     opened: list[re.Match[str]] = []
     for token in TOKEN.finditer(text):
@@ -333,7 +324,6 @@ def _spans(text: str) -> list[Span]:
 
 
 def _indented(lines: list[str], before: str, step: str) -> str:
-    """Return the lines, each on a new one after `before`, or all on one where that is empty."""
     if not before:
         return "".join(line.lstrip() for line in lines)
     levels = [(len(line) - len(line.lstrip())) // 2 for line in lines]

@@ -36,9 +36,6 @@ def add_effects(mechanism: Mechanism, effects: Sequence[Effect]) -> Path:
 
     Returns:
         The file written.
-
-    Raises:
-        MechanismError: if a bare URDF's folder has a mechanism.toml of something else.
     """
     path = mechanism.toml or mechanism.urdf.parent / "mechanism.toml"
     if mechanism.toml is None and path.exists():
@@ -104,7 +101,6 @@ def folder_files(
 
 
 def _document(mechanism: Mechanism) -> tomlkit.TOMLDocument:
-    """The mechanism's own mechanism.toml, or a new one for a bare URDF."""
     if mechanism.toml is not None:
         raw = mechanism.toml.read_bytes()  # not as text, which would change the ends of lines
         return tomlkit.parse(raw.removeprefix(codecs.BOM_UTF8))
@@ -121,7 +117,6 @@ def _array(tables: Iterable[Mapping[str, Any]]) -> tomlkit.items.AoT:
 
 
 def _effect_table(effect: Effect, values: Mapping[str, float], file: str | None) -> dict[str, Any]:
-    """`[[effect]]` with the file of a user's own kind, settings, and values by short name."""
     settings = {name: effect.values[name] for name in effect.settings if name in effect.values}
     table: dict[str, Any] = {"kind": effect.kind}
     table |= {} if file is None else {"file": file}
@@ -130,11 +125,6 @@ def _effect_table(effect: Effect, values: Mapping[str, float], file: str | None)
 
 
 def _own_file(effect: Effect) -> Path | None:
-    """The Python file of a user's own effect.
-
-    Raises:
-        MechanismError: for one whose function came from no file.
-    """
     if effect.kind in KINDS:
         return None
     if effect.file is None:
@@ -146,7 +136,6 @@ def _own_file(effect: Effect) -> Path | None:
 
 
 def _spell_out(document: tomlkit.TOMLDocument, mechanism: Mechanism, source: Description) -> None:
-    """Write what a MuJoCo model or an SDF states beside its bodies and joints."""
     data = stated(document, source)
     document.setdefault("gravity", data["gravity"])
     if data["joints"]:
@@ -165,7 +154,6 @@ def _spell_out(document: tomlkit.TOMLDocument, mechanism: Mechanism, source: Des
 
 
 def _copied(files: dict[str, bytes], file: Path, owner: str) -> str:
-    """The name under which a Python file, kept elsewhere perhaps, is in the folder now."""
     content, name = file.read_bytes(), file.name
     if files.get(name, content) != content:
         name = f"{owner}_{name}"
@@ -189,7 +177,6 @@ def fixed_parameters(robot: etree._Element, link: str) -> np.ndarray:
 
 
 def _own_parameters(link: etree._Element) -> np.ndarray:
-    """The ten dynamic parameters (10,) of a link's `<inertial>`, in the link's frame."""
     inertial = link.find("inertial")
     if inertial is None:
         return np.zeros(COUNT)
@@ -250,7 +237,6 @@ def set_inertial(text: UrdfText, link: etree._Element, pi: np.ndarray) -> None:
 def _other(
     element: etree._Element, key: str, values: Sequence[float] | np.ndarray, default: str
 ) -> dict[str, str]:
-    """The attribute with these values, if it has others; equal ones stay as they are written."""
     if numbers(element, key, default, len(values), "") == [float(x) for x in values]:
         return {}
     return {key: _words(values)}

@@ -83,11 +83,6 @@ def _done(index: int, future: Future) -> Done:
 
 @contextlib.contextmanager
 def _client(scheduler: str) -> Iterator[Client]:
-    """Connect to a scheduler that has workers.
-
-    Raises:
-        IdentError: if there is none.
-    """
     try:
         with ThreadPoolExecutor(1) as apart:  # from the event loop that a notebook runs in
             apart.submit(asyncio.run, _knock(scheduler)).result()
@@ -109,18 +104,12 @@ def _client(scheduler: str) -> Iterator[Client]:
 
 
 async def _knock(scheduler: str) -> None:
-    """Check that somebody answers; a Client that nobody answers cannot be closed."""
     comm = await connect(scheduler, timeout=ANSWER, **Security().get_connection_args("client"))
     await comm.close()
 
 
 @contextlib.contextmanager
 def _shared(client: Client, common: bytes, scheduler: str) -> Iterator[str]:
-    """Send what is common to all workers and return its name there.
-
-    Raises:
-        IdentError: if one of them cannot use it.
-    """
     name = f"ident-{secrets.token_hex(8)}"
     try:
         try:
@@ -161,11 +150,7 @@ class Common(WorkerPlugin):
         self.check()
 
     def check(self) -> None:
-        """Refuse a worker that has other versions; called for each task, too, as workers may join.
-
-        Raises:
-            UnfitWorker: if it has.
-        """
+        """Refuse a worker that has other versions; called for each task, as workers may join."""
         for package, theirs in versions().items():
             if theirs != (ours := self.versions[package]):
                 raise UnfitWorker(

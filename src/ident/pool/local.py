@@ -118,5 +118,4 @@ def _call(file: str, function: Function, task: Any) -> tuple[Any, str | None]:
 
 @lru_cache(maxsize=1)
 def _common(file: str) -> Any:
-    """Read what is common once a process: its functions are compiled with the first task."""
     return pickle.loads(Path(file).read_bytes())

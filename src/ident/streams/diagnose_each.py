@@ -18,7 +18,7 @@ from ident.log.read import names_of
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.motion.recipe import AUTO
-from ident.progress import Told
+from ident.progress import Progress
 from ident.streams.logs import Given, Workers, excerpt, log_paths, summarise
 
 TOGETHER = 300_000  # samples of all logs, from which stretches stand for them
@@ -158,7 +158,7 @@ def diagnose_each(
     seed: int = 0,
     jobs: int | None = None,
     scheduler: str | None = None,
-    progress: Told | None = None,
+    progress: Progress | None = None,
 ) -> Verdicts:
     """Diagnose each log by itself, and all of them together.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import secrets
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -32,7 +32,6 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Consistency
 from ident.motion.closures import check_freedom
 from ident.motion.recipe import AUTO
-from ident.progress import Told
 from ident.streams.checkpoint import Checkpoint, Progress, SearchStep
 from ident.streams.logs import Excerpt, Given, Workers, excerpt, log_paths
 from ident.streams.many_logs import LogComparison, compare_logs
@@ -175,7 +174,7 @@ def gather(
     checkpoint: str | os.PathLike[str] | None = None,
     scheduler: str | None = None,
     jobs: int | None = 1,
-    progress: Told | None = None,
+    progress: Callable[[str, float], None] | None = None,
 ) -> Gathered:
     """Identify from logs that are read in portions, each a few times and never kept.
 
