@@ -8,6 +8,7 @@ correction's shapes are S = −∂(b − A x)/∂s, by central differences over 
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -167,7 +168,7 @@ class Scene:
         cutoff: float | None = None,
     ) -> Scene:
         """The scene of a state; `cutoff` [Hz] is that of the rows' filter."""
-        check_needs(mechanism, e)
+        check_needs(mechanism, e.name, e.extra)
         point = point or Point.prior(mechanism)
         bare = Corrected(mechanism, e)
         beside = []
@@ -224,8 +225,8 @@ class Scene:
         return replace(found, A=A, b=b)
 
 
-def check_needs(mechanism: Mechanism, e: State) -> None:
-    """Refuse an effect without the other effect, or the column of the log, that it needs.
+def check_needs(mechanism: Mechanism, log: str, columns: Container[str]) -> None:
+    """Refuse an effect without the other effect, or the further column of the log, that it needs.
 
     Raises:
         MotionError: naming the effect, what is missing and what to do.
@@ -240,9 +241,9 @@ def check_needs(mechanism: Mechanism, e: State) -> None:
                     f"there; add it (--with {other}), or leave out {effect.label}"
                 )
         for name in effect.reads():
-            if name not in e.extra:
+            if name not in columns:
                 raise MotionError(
-                    f"{e.name}: has no column '{name}', which effect '{effect.label}' needs; log "
+                    f"{log}: has no column '{name}', which effect '{effect.label}' needs; log "
                     f"it, map it in [log], or leave out {effect.label}"
                 )
 

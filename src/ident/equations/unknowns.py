@@ -126,6 +126,10 @@ class Columns:
         return pi
 
 
+NOTHING = Columns((), (), np.empty(0), np.empty(0, int), np.empty(0, int), np.empty(0), ())
+"""The unknowns of a mechanism of which all is known."""
+
+
 @dataclass(frozen=True, eq=False)
 class Point:
     """Values of all parameters of a mechanism.

@@ -25,7 +25,7 @@ from ident.equations.corrections import Scene
 from ident.equations.filter import STICKING, Decimator
 from ident.equations.rows import dof, informing, reach
 from ident.equations.terms import Samples, told_by
-from ident.equations.unknowns import Columns, Point
+from ident.equations.unknowns import NOTHING, Point
 from ident.errors import FitError
 from ident.information.blocks import Error, Squares
 from ident.mechanism.mechanism import Mechanism
@@ -36,7 +36,6 @@ CHUNK = 2048  # samples whose regressor is in memory at once
 FAR = 1e4  # s, beyond which no experiment begins by its own clock
 RIGID, WRENCHES = "rigid bodies", "external wrenches"
 DRIVES, CLOSURES = "other drives", "closure forces"
-NOTHING = Columns((), (), np.empty(0), np.empty(0, int), np.empty(0, int), np.empty(0), ())
 
 
 class Model(Protocol):

@@ -187,7 +187,7 @@ class State:
                 q, v, a = (np.ascontiguousarray(x[:, order]) for x in known)
                 motion = q, v, a
         assert motion is not None
-        y, yd, ydd = _joints(mechanism, *motion, turns or {})
+        y, yd, ydd = joint_coordinates(mechanism, *motion, turns or {})
         q, v, a = motion
         found = replace(self, q=q, v=v, a=a, y=y, yd=yd, ydd=ydd, usable=usable)
         if self.pinv is None:
@@ -235,7 +235,7 @@ def largest_nearness(sizes: np.ndarray) -> float:
     return min(HOPELESS, SINGULAR * float(np.median(sizes)))
 
 
-def _joints(
+def joint_coordinates(
     mechanism: Mechanism,
     q: np.ndarray,
     v: np.ndarray,

@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
+from ident.equations.terms import closure_forces
 from ident.errors import MechanismError, MotionError
 from ident.mechanism.parameters import COUNT, pseudo_inertia
 from ident.motion.closures import pseudo_inverse
@@ -28,14 +28,8 @@ STICK = 0  # a mode; −1 and +1 are sliding, by the sign of the rate
 MARGIN = 1e-9  # of F, by which a stuck joint's friction may be exceeded before it breaks away
 SMALL = 1e-12  # of the largest term of the box programme: zero
 CONVERGED, ITERATIONS = 1e-12, 60  # relative change of x = g(x), and evaluations of g at most
-
-
-class Actuator(Protocol):
-    """Torques of the driven joints."""
-
-    def torque(self, m: InstantTerms, plant: Plant, against: np.ndarray) -> np.ndarray:
-        """Return τ (driven,) [N m | N]; `against` (nv,): smooth effects, less external forces."""
-        ...
+# τ (driven,) [N m | N] from the terms and (nv,): smooth effects, less external forces
+Actuator = Callable[[InstantTerms, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,26 +83,14 @@ class Dynamics:
         self.plant, self.actuator, self.around = plant, actuator, around
         self.independent = independent
         self.asking = plant.laws.asking
-        self.near: np.ndarray | None = None  # whole turns are counted from here
         self._x, self._slope = np.zeros(len(self.asking)), np.zeros((len(self.asking),) * 2)
-
-    def terms(self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray) -> InstantTerms:
-        """Return the terms at one state."""
-        return self.plant.terms(t, q, v, z, self.near)
 
     def balance(
         self, m: InstantTerms, modes: np.ndarray, resting: np.ndarray | None = None
     ) -> Balance:
-        """Return accelerations and forces in given modes.
+        """Return accelerations and forces in the modes (dry,) −1, 0, +1.
 
-        Args:
-            modes: (dry,) −1, 0, +1.
-            resting: (dry,) joints at rest whose modes are open: they stick or slide according to
-                the forces at this instant.
-
-        Raises:
-            MechanismError: if the inertia of a possible motion is not positive.
-            MotionError: if effects that depend on the load contradict each other.
+        Joints at rest in `resting` (dry,) stick or slide according to the forces at this instant.
         """
         solver = _Instant(self, m, modes, resting)
         if not len(self._x):
@@ -132,11 +114,6 @@ class Dynamics:
             "large for this motion"
         )
 
-    def state_rates(self, m: InstantTerms) -> np.ndarray:
-        """Return ż (states,)."""
-        pairs = zip(self.plant.laws.states, m.z, strict=True)
-        return np.array([law.state_rate(float(z), float(m.yd[law.at[0]])) for law, z in pairs])
-
 
 class _Instant:
     """One instant's equations, to be solved for several x of what effects ask for."""
@@ -144,8 +121,7 @@ class _Instant:
     def __init__(
         self, dynamics: Dynamics, m: InstantTerms, modes: np.ndarray, resting: np.ndarray | None
     ) -> None:
-        self.dynamics, self.m, self.modes = dynamics, m, modes
-        self.open = resting is not None
+        self.dynamics, self.m, self.modes, self.open = dynamics, m, modes, resting is not None
         self.held = modes == STICK if resting is None else resting
         self.plant = plant = dynamics.plant
         laws, around = plant.laws, dynamics.around
@@ -166,7 +142,7 @@ class _Instant:
                 self.aside += force if law.effect.implicit else 0.0
         for law, z in zip(laws.states, m.z, strict=True):
             self.explicit += law.c.sum() * z * m.W[law.at[0]]
-        self.tau = dynamics.actuator.torque(m, plant, self.explicit - self.external)
+        self.tau = dynamics.actuator(m, self.explicit - self.external)
         self.applied = m.W[plant.driven].T @ self.tau + self.external
         self.A = m.Z.T @ m.M @ m.Z
         self.delta = self.w @ m.a0 + plant.dry @ m.drift
@@ -251,11 +227,7 @@ class _Instant:
         ])  # fmt: skip
 
     def _loads(self, rigid: np.ndarray, others: np.ndarray) -> dict[tuple[str, int], float]:
-        """Return load and torque of joints from generalised forces (nv,).
-
-        load = (Γ π − f_e)_j, torque = load + Σ E c of effects that do not ask; in closures |λ|; as
-        `ident.equations.predicted` has it for a whole log.
-        """
+        """Return load and torque of joints from forces (nv,), as `Samples.predicted` of a log."""
         mechanism, m = self.plant.mechanism, self.m
         joints = {i for word, i in self.dynamics.asking if word != "a"}
         loads: dict[tuple[str, int], float] = {}
@@ -282,21 +254,10 @@ class _Instant:
             elif joint.name in mechanism.driven:
                 load = torque = float(self.tau[mechanism.driven.index(joint.name)])
             elif not joint.in_tree:
-                force = Kp[:, self._forces_of(joint.name)].T @ (rigid + others - known)
+                force = Kp[:, closure_forces(mechanism, joint.name)].T @ (rigid + others - known)
                 load = torque = float(np.linalg.norm(force))
             loads["load", i], loads["torque", i] = load, torque
         return loads
-
-    def _forces_of(self, joint: str) -> list[int]:
-        """Return the multipliers that are forces of the closure whose own joint this is."""
-        kinematics = self.plant.mechanism.kinematics
-        bare = joint.removeprefix("closure.")
-        owners = {bare, bare.removesuffix(".z").removesuffix(".rz"), f"joint.{joint}"}
-        names = zip(kinematics.multipliers, kinematics.units, strict=True)
-        return [
-            k for k, (name, unit) in enumerate(names)
-            if name.rpartition(".")[0] in owners and unit == "N"
-        ]  # fmt: skip
 
     def balance(self, x: np.ndarray) -> Balance:
         """Return the complete solution at x."""

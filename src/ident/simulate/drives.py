@@ -39,10 +39,6 @@ class Torques:
 
     log: AnyLog
 
-    def actuator(self, mechanism: Mechanism, plant: Plant, e: State) -> Actuator:
-        """Return the actuator that plays the completed log."""
-        return TorqueSeries(CubicSpline(e.t, e.tau))
-
 
 @dataclass(frozen=True, eq=False)
 class PD:
@@ -56,15 +52,6 @@ class PD:
 
     reference: AnyLog
     gains: Gains | None = None
-
-    def actuator(self, mechanism: Mechanism, plant: Plant, e: State) -> Actuator:
-        """Return the actuator that follows the completed reference."""
-        if self.gains is None:
-            inertia = _drive_inertia(plant, e)
-            gains = BANDWIDTH**2 * inertia, 2 * BANDWIDTH * inertia
-        else:
-            gains = _by_joint(self.gains, mechanism)
-        return TrackingControl(_reference(plant, e), *gains, computed=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,55 +67,50 @@ class ComputedTorque:
     reference: AnyLog
     gains: Gains | None = None
 
-    def actuator(self, mechanism: Mechanism, plant: Plant, e: State) -> Actuator:
-        """Return the actuator that follows the completed reference."""
-        gains = _by_joint(self.gains or (BANDWIDTH**2, 2 * BANDWIDTH), mechanism)
-        return TrackingControl(_reference(plant, e), *gains, computed=True)
-
 
 Drive = Torques | PD | ComputedTorque
 
 
-class NoTorque:
-    """Drives that are switched off."""
+def actuator_of(drive: Drive | None, plant: Plant, e: State | None) -> Actuator:
+    """Return the torques of a drive that plays or follows a completed log; zeros without one."""
+    if drive is None or e is None:
+        return lambda m, against: np.zeros(len(plant.driven))
+    if isinstance(drive, Torques):
+        return torque_series(e)
+    at, gains = plant.driven, drive.gains
+    reference = CubicSpline(e.t, np.hstack([e.y[:, at], e.yd[:, at], e.ydd[:, at]]))
+    computed = isinstance(drive, ComputedTorque)
+    if gains:
+        Kp, Kd = _by_joint(gains, plant.mechanism)
+    else:
+        inertia = np.ones(len(at)) if computed else _drive_inertia(plant, e)
+        Kp, Kd = BANDWIDTH**2 * inertia, 2 * BANDWIDTH * inertia
 
-    def torque(self, m: InstantTerms, plant: Plant, against: np.ndarray) -> np.ndarray:
-        """Return zeros (driven,)."""
-        return np.zeros(len(plant.driven))
+    def control(m: InstantTerms, against: np.ndarray) -> np.ndarray:
+        q, v, a = np.split(reference(m.t), 3)
+        feedback = Kp * (q - m.y[at]) + Kd * (v - m.yd[at])
+        return inverse_dynamics(m, at, a + feedback, against) if computed else feedback
+
+    return control
 
 
-@dataclass(frozen=True, eq=False)
-class TorqueSeries:
-    """Torques as a function of time."""
-
-    spline: CubicSpline
-
-    def torque(self, m: InstantTerms, plant: Plant, against: np.ndarray) -> np.ndarray:
-        """Return τ(t) (driven,)."""
-        return np.asarray(self.spline(m.t))
+def torque_series(e: State) -> Actuator:
+    """Return the measured torques of a state as a function of time."""
+    spline = CubicSpline(e.t, e.tau)
+    return lambda m, against: np.asarray(spline(m.t))
 
 
-@dataclass(frozen=True, eq=False)
-class TrackingControl:
-    """A controller of the driven joints.
+def inverse_dynamics(
+    m: InstantTerms, at: list[int], ydd: np.ndarray, against: np.ndarray
+) -> np.ndarray:
+    """Return torques of the joints `at` for their accelerations, against further forces (nv,).
 
-    Attributes:
-        reference: of time, (3 · driven,): q, q̇, q̈.
-        Kp, Kd: (driven,).
-        computed: whether they are accelerations for the inverse dynamics, or torques.
+    Zᵀ Wᵀ τ = Zᵀ (M v̇ + h + against),  W v̇ + drift = ÿ; least squares and the smallest τ where
+    there are not as many drives as degrees of freedom.
     """
-
-    reference: CubicSpline
-    Kp: np.ndarray
-    Kd: np.ndarray
-    computed: bool
-
-    def torque(self, m: InstantTerms, plant: Plant, against: np.ndarray) -> np.ndarray:
-        """Return τ (driven,)."""
-        q, v, a = np.split(self.reference(m.t), 3)
-        at = plant.driven
-        feedback = self.Kp * (q - m.y[at]) + self.Kd * (v - m.yd[at])
-        return plant.inverse(m, at, a + feedback, against) if self.computed else feedback
+    back = np.linalg.pinv(m.W[at] @ m.Z, 1e-9)
+    a = m.a0 + m.Z @ (back @ (ydd - m.drift[at] - m.W[at] @ m.a0))
+    return np.asarray(back.T @ (m.Z.T @ (m.M @ a + m.h + against)))
 
 
 def _drive_inertia(plant: Plant, e: State) -> np.ndarray:
@@ -152,8 +134,3 @@ def _by_joint(gains: Gains, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarra
             raise MotionError(f"gains of '{name}': {table[name]}; give Kp, Kd of 0 or more")
     Kp, Kd = np.array([table[name] for name in names], dtype=float).reshape(-1, 2).T
     return Kp, Kd
-
-
-def _reference(plant: Plant, e: State) -> CubicSpline:
-    at = plant.driven
-    return CubicSpline(e.t, np.hstack([e.y[:, at], e.yd[:, at], e.ydd[:, at]]))

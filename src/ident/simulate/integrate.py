@@ -12,17 +12,17 @@ from scipy.interpolate import interp1d
 from ident.display import Displayed, render
 from ident.equations.corrections import Scene, check_needs, late
 from ident.equations.terms import Samples
-from ident.equations.unknowns import Point
+from ident.equations.unknowns import NOTHING, Point
 from ident.errors import MotionError, one_of
-from ident.fit.residual import NOTHING
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
-from ident.motion import Motion, State, complete
+from ident.motion import State, complete
 from ident.motion.closures import LoopSolver, best_conditioned, independent_joints
 from ident.motion.signals import noise_share
+from ident.motion.state import joint_coordinates
 from ident.progress import Progress
-from ident.simulate.balance import STICK, Actuator, Dynamics, Surroundings
-from ident.simulate.drives import Drive, NoTorque, Torques
+from ident.simulate.balance import STICK, Dynamics, Surroundings
+from ident.simulate.drives import Drive, Torques, actuator_of
 from ident.simulate.integration import Integration, IntegrationRecord, Transition
 from ident.simulate.inverse import (
     CHANNELS,
@@ -34,7 +34,7 @@ from ident.simulate.inverse import (
     point_of,
     with_noise,
 )
-from ident.simulate.plant import Plant, constant_correction, corrected_mechanism
+from ident.simulate.plant import Plant, constant_correction
 
 DURATION, RATE = 10.0, 250.0  # [s], [Hz] without a log
 TOLERANCE = 1e-10
@@ -75,6 +75,11 @@ class Run(Displayed):
     transitions: tuple[Transition, ...]
     closure_error: float
     evaluations: int
+
+    @property
+    def series(self) -> dict[str, np.ndarray]:
+        """Coordinates, rates and accelerations (n, J) of all joints, by channel."""
+        return {"q": self.y, "v": self.yd, "a": self.ydd}
 
     @property
     def summary(self) -> str:
@@ -129,34 +134,33 @@ def integrate(
     if not 1e-13 <= tolerance <= 1e-3:
         raise MotionError(f"tolerance {tolerance:g}; valid: 1e-13 to 1e-3, as 1e-10")
     point = point_of(mechanism, values, pi)
-    name, longest, knots = "simulated", np.inf, None
-    around = Surroundings()
-    actuator: Actuator = NoTorque()
+    name, longest, knots, e, around = "simulated", np.inf, None, None, Surroundings()
     if drive is None:
-        model = corrected_mechanism(mechanism, point)
-        q, v = start_state(model, start or {})
+        model = mechanism
+        for effect in mechanism.effects:
+            model = model.corrected(constant_correction(effect, point))
+        check_needs(model, model.name, ())
+        q, v = start_state(model, start or {}, model.assembled, np.zeros(model.model.nv))
         t = _times(0.0, DURATION if duration is None else duration, RATE if rate is None else rate)
-        check_needs(model, nothing_logged(mechanism.name))
-        plant = Plant.of(model, point)
     else:
         played = isinstance(drive, Torques)
         given = drive.log if isinstance(drive, Torques) else drive.reference
         motion = complete(mechanism, given, torques=played)
-        model, e = corrected_run(mechanism, motion, point)
+        scene = Scene.of(mechanism, NOTHING, motion.experiments[0], point, motion.band.cutoff)
+        model, e = scene.mechanism, one_run(replace(motion, experiments=(scene.e,)))
         q, v = start_state(model, start or {}, e.q[0], e.v[0])
-        span = float(e.t[-1] - e.t[0])
+        t, span = e.t, float(e.t[-1] - e.t[0])
         if duration is not None and duration > span * (1 + 1e-9):
             raise MotionError(
                 f"{e.name}: lasts {span:.4g} s, so nothing is known for {duration:g} s; give a "
                 "--duration of at most that"
             )
-        t = e.t
         if duration is not None or rate is not None:
             t = _times(float(t[0]), span if duration is None else duration, rate or e.rate)
-        plant, around = Plant.of(model, point), surroundings(model, e)
-        actuator = drive.actuator(model, plant, e)
-        name, longest = e.name, STEPS / e.rate
+        around, name, longest = surroundings(model, e), e.name, STEPS / e.rate
         knots = rough_times(e) if played else None
+    plant = Plant.of(model, point)
+    actuator = actuator_of(drive, plant, e)
     independent = best_conditioned(model, q[None]) if model.closures else ()
     integration = Integration(
         Dynamics(plant, actuator, around, independent), tolerance, longest, knots
@@ -176,17 +180,6 @@ def _times(since: float, duration: float, rate: float) -> np.ndarray:
             "or give a higher rate"
         )
     return since + np.arange(count) / rate
-
-
-def corrected_run(mechanism: Mechanism, motion: Motion, point: Point) -> tuple[Mechanism, State]:
-    """Return mechanism and the one run of a motion, as correcting effects make them.
-
-    Raises:
-        MotionError: if samples are missing in between, so that there is no one run.
-    """
-    (bare,) = motion.experiments
-    scene = Scene.of(mechanism, NOTHING, bare, point, motion.band.cutoff)
-    return scene.mechanism, one_run(replace(motion, experiments=(scene.e,)))
 
 
 def surroundings(mechanism: Mechanism, e: State) -> Surroundings:
@@ -214,27 +207,12 @@ def rough_times(e: State) -> np.ndarray | None:
     return e.t if any(noise_share(x) > ROUGH for x in e.tau.T) else None
 
 
-def nothing_logged(name: str) -> State:
-    """Return an experiment without samples or columns."""
-    none = np.empty(0)
-    return State(name, none, *(none,) * 7, None, None, None, none, none)
-
-
 def start_state(
-    mechanism: Mechanism,
-    given: Mapping[str, float],
-    q: np.ndarray | None = None,
-    v: np.ndarray | None = None,
+    mechanism: Mechanism, given: Mapping[str, float], q: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return q (nq,) and v (nv,) with some joints at given values; the closures place the others.
 
-    Args:
-        mechanism: the mechanism.
-        given: by `q.<joint>` [rad | m] or `v.<joint>` [rad/s | m/s]; `<joint>` alone means q.
-        q, v: values where nothing is given; default: assembled, at rest.
-
-    Raises:
-        MotionError: for a name that is no joint, or joints that are not independent.
+    Values are given by `q.<joint>` or `v.<joint>` [rad | m | …/s]; `<joint>` alone means q.
     """
     wanted = {key if key[:2] in ("q.", "v.") else f"q.{key}": x for key, x in given.items()}
     names = [joint.name for joint in mechanism.joints]
@@ -243,8 +221,6 @@ def start_state(
             raise MotionError(f"start: {key} is of no joint; {one_of(key[2:], names)}")
         if not np.isfinite(value):
             raise MotionError(f"start: {key} = {value}; give a finite number")
-    q = mechanism.assembled if q is None else q
-    v = np.zeros(mechanism.model.nv) if v is None else v
     if not wanted:
         return q, v
     asked = list(dict.fromkeys(key[2:] for key in wanted))
@@ -254,8 +230,8 @@ def start_state(
             f"start: {mechanism.name} has {mechanism.degrees_of_freedom} degrees of freedom, so "
             f"{', '.join(asked)} cannot all be chosen; leave out {', '.join(surplus)}"
         )
-    closer = LoopSolver(mechanism, chosen)
-    now = closer.coordinates(q[None], v[None])
+    solver = LoopSolver(mechanism, chosen)
+    now = solver.coordinates(q[None], v[None])
     y, yd = now.value[0], now.rate[0] @ v
     goal = np.array([wanted.get(f"q.{name}", x) for name, x in zip(chosen, y, strict=True)])
     rate = np.array([wanted.get(f"v.{name}", x) for name, x in zip(chosen, yd, strict=True)])
@@ -263,8 +239,8 @@ def start_state(
         q = q.copy()
         q[[mechanism.joint(name).index for name in chosen]] = goal
         return q, rate
-    q = closer.follow(goal[None], np.zeros(1))[0]
-    v, _ = closer.rates(q[None], rate[None], np.zeros((1, len(chosen))))
+    q = solver.follow(goal[None], np.zeros(1))[0]
+    v, _ = solver.rates(q[None], rate[None], np.zeros((1, len(chosen))))
     return q, v[0]
 
 
@@ -280,28 +256,10 @@ def _run_of(mechanism: Mechanism, record: IntegrationRecord, names: Sequence[str
     closed = mechanism.kinematics.closure_rows(q).value
     return Run(
         mechanism, Log.from_arrays(mechanism.name, t, {}), t, q, v, a,
-        *joint_coordinates(mechanism, q, v, a), tau, multipliers,
+        *joint_coordinates(mechanism, q, v, a, {}), tau, multipliers,
         dict(zip(names, friction.T, strict=True)), dict(zip(names, stuck.T, strict=True)),
         tuple(record.transitions), float(np.abs(closed).max(initial=0.0)), record.evaluations,
     )  # fmt: skip
-
-
-def joint_coordinates(
-    mechanism: Mechanism, q: np.ndarray, v: np.ndarray, a: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return y, ẏ, ÿ (n, J) of all joints; turns of closures' own joints are counted."""
-    y, yd, ydd = (np.empty((len(q), len(mechanism.joints))) for _ in range(3))
-    own = None
-    for i, joint in enumerate(mechanism.joints):
-        if joint.in_tree:
-            y[:, i], yd[:, i], ydd[:, i] = q[:, joint.index], v[:, joint.index], a[:, joint.index]
-            continue
-        own = own or mechanism.kinematics.own_rows(q, v)
-        value, W = own.value[:, joint.index], own.rate[:, joint.index]
-        y[:, i] = np.unwrap(value) if joint.rotational else value
-        yd[:, i] = np.einsum("nk,nk->n", W, v)
-        ydd[:, i] = np.einsum("nk,nk->n", W, a) + own.drift[:, joint.index]
-    return y, yd, ydd
 
 
 def _columns(
@@ -309,23 +267,24 @@ def _columns(
 ) -> dict[str, np.ndarray]:
     """Return the log's columns (n,) by name, with the errors of its sensors, without noise."""
     mechanism = run.mechanism
-    y, yd, ydd = run.y.copy(), run.yd.copy(), run.ydd.copy()
+    series = {channel: x.copy() for channel, x in run.series.items()}
     for effect in mechanism.effects:
         if effect.corrects and effect.implicit:  # it depends on the load, over the whole run
-            _, shape = point.of(effect)
-            signals = replace(_samples(run, point).signals(effect.joints), shape=shape)
-            shifts = effect.correction(signals).dq
+            sensed = joint_columns(mechanism, run.series, _logged(mechanism))
+            sensed |= {f"tau.{name}": run.tau[:, i] for i, name in enumerate(mechanism.driven)}
+            motion = complete(mechanism, Log.from_arrays("run", run.t, sensed), cutoff=None)
+            samples = Samples(mechanism, motion.experiments[0], slice(None), point)
+            signals = samples.signals(effect.joints)
+            shifts = effect.correction(replace(signals, shape=point.of(effect)[1])).dq
         else:
             shifts = constant_correction(effect, point).dq
         for name, dq in shifts.items():
             i = mechanism.joint_index[name]
             dq = np.broadcast_to(np.asarray(dq, dtype=float), run.t.shape)
             dv = np.gradient(dq, run.t)
-            y[:, i] -= dq
-            yd[:, i] -= dv
-            ydd[:, i] -= np.gradient(dv, run.t)
+            for x, offset in zip(series.values(), (dq, dv, np.gradient(dv, run.t)), strict=True):
+                x[:, i] -= offset
     names = _logged(mechanism) if joints is None else tuple(joints)
-    series = {"q": y, "v": yd, "a": ydd}
     made = joint_columns(mechanism, {c: series[c] for c in series if c in channels}, names)
     if "tau" in channels:
         late_by = delays(mechanism, point)
@@ -341,13 +300,3 @@ def _logged(mechanism: Mechanism) -> tuple[str, ...]:
         return mechanism.driven
     tree = tuple(joint.name for joint in mechanism.joints if joint.in_tree)
     return tree or tuple(joint.name for joint in mechanism.joints)
-
-
-def _samples(run: Run, point: Point) -> Samples:
-    """Return the samples of the whole run for effects that depend on the load."""
-    mechanism = run.mechanism
-    series = {"q": run.y, "v": run.yd, "a": run.ydd}
-    columns = joint_columns(mechanism, series, _logged(mechanism))
-    columns |= {f"tau.{name}": run.tau[:, i] for i, name in enumerate(mechanism.driven)}
-    motion = complete(mechanism, Log.from_arrays("run", run.t, columns), cutoff=None)
-    return Samples(mechanism, motion.experiments[0], slice(None), point)

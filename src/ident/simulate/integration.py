@@ -14,9 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
-from scipy.integrate import DOP853, RK45, OdeSolver
+from scipy.integrate import DOP853, RK45
 
 from ident.errors import MotionError
 from ident.progress import Progress
@@ -31,7 +32,9 @@ WATCHED = 0.01  # [s] longest step where a joint has dry friction
 MOST = 100_000, 30_000  # evaluations of the right side, in all cases and a simulated second
 LOOSE = 1e-9  # tolerance above which a method of order 5 is cheaper than one of order 8
 WILD = 1e4  # [rad | m | …/s] beyond which no machine moves
-State = tuple[np.ndarray, np.ndarray, np.ndarray]  # q (nq,), v (nv,), z (states,)
+Dense = Callable[[float], np.ndarray]  # the states within a step by time [s]
+ModeChange = tuple[float, np.ndarray, bool]  # t [s], sliding joints that stop (dry,), a break-away
+Step = tuple[float, np.ndarray, Dense, ModeChange | None]  # its end, the states, what ends it
 
 
 @dataclass(frozen=True)
@@ -63,25 +66,6 @@ class IntegrationRecord:
     evaluations: int = 0
 
 
-@dataclass(frozen=True, eq=False)
-class ModeChange:
-    """Which sliding joints stop (dry,) at t [s], and whether a stuck one broke away."""
-
-    t: float
-    stopped: np.ndarray
-    broke: bool
-
-
-@dataclass(frozen=True, eq=False)
-class IntegrationStep:
-    """A step up to t: the projected state there, the states before, and a change that ends it."""
-
-    t: float
-    x: np.ndarray
-    states: Callable[[float], np.ndarray]
-    change: ModeChange | None = None
-
-
 class Integration:
     """One integration over time; `run` performs it.
 
@@ -91,6 +75,7 @@ class Integration:
         longest: step [s].
         knots: times at which an input is not smooth, where steps end.
         until: called with every sample's terms; where true, the integration ends.
+        near: (J,) coordinates from which whole turns are counted.
     """
 
     def __init__(
@@ -100,11 +85,13 @@ class Integration:
         longest: float = np.inf,
         knots: np.ndarray | None = None,
         until: Callable[[InstantTerms], bool] | None = None,
+        near: np.ndarray | None = None,
     ) -> None:
         self.dynamics, self.tolerance, self.knots, self.until = dynamics, tolerance, knots, until
-        self.names = [each.name for each in dynamics.plant.laws.dry]
+        self.plant, self._near = dynamics.plant, near
+        self.names = [each.name for each in self.plant.laws.dry]
         self.longest = min(longest, WATCHED) if self.names else longest
-        model = dynamics.plant.mechanism.model
+        model = self.plant.mechanism.model
         self._cuts = [model.nq, model.nq + model.nv]
         self.record = IntegrationRecord()
         self.modes = np.zeros(len(self.names), dtype=int)
@@ -113,9 +100,9 @@ class Integration:
         self._rates: tuple[np.ndarray, np.ndarray, bool] | None = None
 
     def run(
-        self, start: State, times: np.ndarray, on_progress: Progress | None = None
+        self, start: tuple[np.ndarray, ...], times: np.ndarray, on_progress: Progress | None = None
     ) -> IntegrationRecord:
-        """Integrate from times[0] over all times (n,) [s].
+        """Integrate from q (nq,), v (nv,), z (states,) at times[0] over all times (n,) [s].
 
         Raises:
             MotionError: where the motion cannot go on: singular, unstable, or chattering.
@@ -127,22 +114,24 @@ class Integration:
         self._sample(t, x)
         quick, last = 0, -np.inf
         while not self._done(times):
-            for step in self._piece(t, x, float(times[-1])):
-                t, x = step.t, step.x
-                self._sample_until(step, times)
+            for end, found, states, change in self._piece(t, x, float(times[-1])):
+                t, x = end, found
+                while not self._done(times) and (at := float(times[len(self.record.t)])) <= t:
+                    self._sample(at, self._projected(at, states(at)) if at < t else x)
                 if on_progress:
                     on_progress("integrating", float((t - times[0]) / (times[-1] - times[0])))
                 if self._done(times):
                     break
-                if step.change is not None:
+                if change is not None:
                     quick, last = quick + 1 if t - last < MOMENT else 0, t
                     if quick > CHATTER:
                         raise MotionError(
                             f"{self._name}: at t = {t:.6g} s dry friction of "
                             f"{', '.join(self.names)} changes without end; check Fc and the torques"
                         )
+                    _, stopped, broke = change
                     stuck = (self.modes == STICK) | (np.abs(self._speeds(x)) <= REST)
-                    self._decide(t, x, step.change.stopped | stuck, step.change.broke)
+                    self._decide(t, x, stopped | stuck, broke)
                     x = self._projected(t, x)
         return self.record
 
@@ -151,11 +140,6 @@ class Integration:
         return len(record.t) == len(times) or (
             self.until is not None and self.until(record.terms[-1])
         )
-
-    def _sample_until(self, step: IntegrationStep, times: np.ndarray) -> None:
-        """Record the samples that a step has passed."""
-        while not self._done(times) and (at := float(times[len(self.record.t)])) <= step.t:
-            self._sample(at, self._projected(at, step.states(at)) if at < step.t else step.x)
 
     def _sample(self, t: float, x: np.ndarray) -> None:
         m = self._terms(t, x)
@@ -166,16 +150,16 @@ class Integration:
 
     @property
     def _name(self) -> str:
-        return self.dynamics.plant.mechanism.name
+        return self.plant.mechanism.name
 
     def _terms(self, t: float, x: np.ndarray) -> InstantTerms:
         q, v, z = np.split(x, self._cuts)
-        return self.dynamics.terms(t, q, v, z)
+        return self.plant.terms(t, q, v, z, self._near)
 
     def _speeds(self, x: np.ndarray) -> np.ndarray:
         q, v, _ = np.split(x, self._cuts)
-        _, W, _ = self.dynamics.plant.joints(q, v)
-        return self.dynamics.plant.dry @ (W @ v)
+        _, W, _ = self.plant.joints(q, v)
+        return np.asarray(self.plant.dry @ (W @ v))
 
     def _slope(self, t: float, x: np.ndarray) -> np.ndarray:
         self.record.evaluations += 1
@@ -187,11 +171,12 @@ class Integration:
             )
         m = self._terms(t, x)
         b = self.dynamics.balance(m, self.modes)
-        plant = self.dynamics.plant
-        self._rates = plant.dry @ m.yd, b.rates, b.holding
-        return np.concatenate([plant.qdot(m.q, m.v), b.a, self.dynamics.state_rates(m)])
+        self._rates = self.plant.dry @ m.yd, b.rates, b.holding
+        states = zip(self.plant.laws.states, m.z, strict=True)
+        zdot = [law.state_rate(float(z), float(m.yd[law.at[0]])) for law, z in states]
+        return np.concatenate([self.plant.qdot(m.q, m.v), b.a, zdot])
 
-    def _piece(self, t: float, x: np.ndarray, end: float) -> Iterator[IntegrationStep]:
+    def _piece(self, t: float, x: np.ndarray, end: float) -> Iterator[Step]:
         """Yield steps up to a change of mode."""
         method = RK45 if self.tolerance > LOOSE else DOP853
         solver = method(
@@ -201,7 +186,11 @@ class Integration:
         self._slope(t, x)
         while solver.t < end:
             before = self._rates
-            solver.t_bound, solver.status = self._bound(solver.t, end), "running"
+            bound = end
+            if self.knots is not None:  # a step ends at the next sample of a rough input
+                k = int(np.searchsorted(self.knots, solver.t, side="right"))
+                bound = min(end, float(self.knots[k])) if k < len(self.knots) else end
+            solver.t_bound, solver.status = bound, "running"
             failure = solver.step()
             if solver.status == "failed" or not np.abs(solver.y).max() < WILD:
                 raise MotionError(
@@ -209,24 +198,21 @@ class Integration:
                     f"({failure or 'it grows beyond all bounds'}); it is unstable, or its effects "
                     "are too stiff"
                 )
-            states = _DenseStates(solver)
+            dense = cache(solver.dense_output)  # evaluated only if a state in between is needed
+
+            def states(at: float, dense: Callable[[], Dense] = dense) -> np.ndarray:
+                return dense()(at)
+
             if self._suspect(solver.t - solver.t_old, before):
                 change = self._change(solver.t_old, solver.t, states)
                 if change is not None:
-                    yield IntegrationStep(change.t, states(change.t), states, change)
+                    yield change[0], states(change[0]), states, change
                     return
             x = self._projected(solver.t, solver.y)
-            yield IntegrationStep(solver.t, x, states)
+            yield solver.t, x, states, None
             if x is not solver.y:
                 solver.y = x
                 solver.f = self._slope(solver.t, x)
-
-    def _bound(self, t: float, end: float) -> float:
-        """Return the end of a step: the next sample of an input that is not smooth."""
-        if self.knots is None:
-            return end
-        k = int(np.searchsorted(self.knots, t, side="right"))
-        return min(end, float(self.knots[k])) if k < len(self.knots) else end
 
     def _overrun(self, u: np.ndarray) -> np.ndarray:
         """Return (dry,) or (n, dry) sliding joints whose speed has the other sign."""
@@ -242,9 +228,7 @@ class Integration:
         cubic = c * c * ((1 + 2 * s) * u0 + s * h * du0) + s * s * ((3 - 2 * s) * u1 - c * h * du1)
         return not holding or bool(self._overrun(cubic).any())
 
-    def _change(
-        self, a: float, b: float, states: Callable[[float], np.ndarray]
-    ) -> ModeChange | None:
+    def _change(self, a: float, b: float, states: Dense) -> ModeChange | None:
         """Return the first change of mode between two times [s]."""
 
         def over(t: float) -> np.ndarray:
@@ -253,15 +237,13 @@ class Integration:
         def slips(t: float) -> bool:
             return not self.dynamics.balance(self._terms(t, states(t)), self.modes).holding
 
-        stop = _first(
-            [float(t) for t in np.linspace(a, b, LOOKS + 1)], lambda t: bool(over(t).any())
-        )
+        stop = _first(np.linspace(a, b, LOOKS + 1).tolist(), lambda t: bool(over(t).any()))
         last = b if stop is None else stop
         if (self.modes == STICK).any():
             breaks = _first([a, 0.5 * (a + last), last], slips)
             if breaks is not None and (stop is None or breaks < stop):
-                return ModeChange(breaks, over(breaks), True)
-        return None if stop is None else ModeChange(stop, over(stop), False)
+                return breaks, over(breaks), True
+        return None if stop is None else (stop, over(stop), False)
 
     def _decide(self, t: float, x: np.ndarray, resting: np.ndarray, broke: bool) -> None:
         """Decide the modes of joints at rest, and of all others by their speed."""
@@ -279,13 +261,13 @@ class Integration:
 
     def _projected(self, t: float, x: np.ndarray) -> np.ndarray:
         """Return the state on the closures, with stuck joints at rest; x itself without either."""
-        plant, stuck = self.dynamics.plant, self.modes == STICK
+        plant, stuck = self.plant, self.modes == STICK
         if not plant.mechanism.closures and not stuck.any():
             return x
         q, v, z = np.split(x, self._cuts)
         _, W, _ = plant.joints(q, v)
         q, v = plant.closed(t, q, v, plant.dry[stuck] @ W)
-        self.dynamics.near, _, _ = plant.joints(q, v, self.dynamics.near)
+        self._near, _, _ = plant.joints(q, v, self._near)
         return np.concatenate([q, v, z])
 
 
@@ -302,20 +284,3 @@ def _first(times: list[float], is_bad: Callable[[float], bool]) -> float | None:
             return bad
         good = bad
     return None
-
-
-class _DenseStates:
-    """The states within a solver's last step, computed when they are first needed.
-
-    It must be called before the solver's state is changed, or never.
-    """
-
-    def __init__(self, solver: OdeSolver) -> None:
-        self._solver, self._at = solver, solver.t
-        self._dense: Callable[[float], np.ndarray] | None = None
-
-    def __call__(self, t: float) -> np.ndarray:
-        if self._dense is None:
-            assert self._solver.t == self._at
-            self._dense = self._solver.dense_output()
-        return self._dense(t)

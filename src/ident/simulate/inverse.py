@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -109,11 +108,7 @@ def simulate(
 
 
 def one_run(motion: Motion) -> State:
-    """Return the experiment between the ends that its splines lose.
-
-    Raises:
-        MotionError: if samples are missing in between, so that there is no one motion to follow.
-    """
+    """Return the state between the ends that its splines lose; refuse a motion with gaps."""
     (e,) = motion.experiments
     runs = list(e.segments())
     if len(runs) != 1:
@@ -121,12 +116,7 @@ def one_run(motion: Motion) -> State:
             f"{e.name}: the motion has {len(runs)} runs with gaps between them: "
             f"{'; '.join(motion.notes)}"
         )
-    cut: dict[str, Any] = {
-        field.name: value[runs[0]]
-        for field in fields(e)
-        if field.name != "still" and isinstance(value := getattr(e, field.name), np.ndarray)
-    }
-    return replace(e, **cut, extra={name: x[runs[0]] for name, x in e.extra.items()})
+    return e.at_samples(runs[0])
 
 
 def joint_columns(
@@ -147,11 +137,7 @@ def delays(mechanism: Mechanism, point: Point) -> dict[str, float]:
 def with_noise(
     columns: Mapping[str, np.ndarray], noise: Sequence[Noise], seed: int
 ) -> dict[str, np.ndarray]:
-    """Return columns (n,) by name with their noise.
-
-    Raises:
-        MotionError: for noise on no column.
-    """
+    """Return columns (n,) by name with their noise; refuse noise on no column."""
     random = np.random.default_rng(seed)
     for each in noise:
         if not any(each.matches(name) for name in columns):
@@ -168,11 +154,7 @@ def with_noise(
 
 
 def check_channels(columns: Sequence[str]) -> None:
-    """Refuse a channel that logs do not have.
-
-    Raises:
-        MotionError: naming it and the valid ones.
-    """
+    """Refuse a channel that logs do not have."""
     for column in columns:
         if column not in CHANNELS:
             raise MotionError(f"columns: '{column}'; {one_of(column, CHANNELS)}")
@@ -181,12 +163,7 @@ def check_channels(columns: Sequence[str]) -> None:
 def point_of(
     mechanism: Mechanism, values: Mapping[str, float] | None, pi: np.ndarray | None
 ) -> Point:
-    """Return the working point of a simulation from the URDF's values and those given by name.
-
-    Args:
-        mechanism: with effects; an effect's unknowns need values, from `[[effect]]` or `values`.
-        values: by full name: effects' unknowns and dynamic parameters, in place of the URDF's.
-        pi: all dynamic parameters (10 · bodies,) in place of the URDF's.
+    """Return the point of the URDF's values and those given by name.
 
     Raises:
         MechanismError: for unknown names, or an effect's unknown without a value.
@@ -204,7 +181,7 @@ def point_of(
             if word in CENTROIDAL and name in given:
                 row, column = ("xyz".index(letter) for letter in word[1:])
                 parameters[at.start + k] = given.pop(name) + shift[row, column]
-    point = Point(parameters, {})
+    own: dict[str, float] = {}
     for effect in mechanism.effects:
         for name, unknown in zip(effect.names, effect.parameters, strict=True):
             value = given.pop(name, effect.values.get(unknown.name))
@@ -213,7 +190,7 @@ def point_of(
                     f"effect '{effect.label}': give {name} a value to simulate it: --set {name}=…, "
                     f"or {unknown.name} = … in its [[effect]]"
                 )
-            point = point.with_values({name: float(value)})
+            own[name] = float(value)
     for name in given:
         if label := _effect_of(mechanism, name):
             raise MechanismError(
@@ -222,7 +199,7 @@ def point_of(
             )
         valid = [*bodies.names, *(n for e in mechanism.effects for n in e.names)]
         raise MechanismError(f"{mechanism.name}: no parameter '{name}'; {one_of(name, valid)}")
-    return point
+    return Point(parameters, own)
 
 
 def _effect_of(mechanism: Mechanism, name: str) -> str:

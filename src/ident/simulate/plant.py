@@ -10,20 +10,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import casadi as ca
 import numpy as np
 import pinocchio as pin
 
 from ident.effects import Correction, Effect, Signals
 from ident.equations.unknowns import Point
 from ident.errors import MotionError
+from ident.mechanism.kinematics import Mapped
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT
-from ident.mechanism.tree import rates
 from ident.simulate.laws import ForwardLaws
 
 SINGULAR = 1e-7  # of the largest singular value of J: below, the closures lose a direction
-FAR = 1e3  # [m] a centre of mass beyond belongs to a mass that is practically zero
+FAR = 1e3  # [m] a centre of mass beyond belongs to a mass of rounding error
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -80,27 +79,6 @@ def _with_inertias(model: pin.Model, bodies: np.ndarray) -> pin.Model:
     return other
 
 
-class SampleFunction:
-    """A CasADi function (q, v) → (value, rate, drift), called for one sample without overhead."""
-
-    def __init__(self, function: ca.Function) -> None:
-        m, nv = function.size1_out(0), function.size1_in(1)
-        self._q, self._v = np.zeros(function.size1_in(0)), np.zeros(nv)
-        self._out = np.zeros(m), np.zeros((nv, m)), np.zeros(m)
-        self._buffer, self._call = function.buffer()
-        for i, x in enumerate((self._q, self._v)):
-            self._buffer.set_arg(i, memoryview(x))  # type: ignore[call-arg, arg-type]
-        for i, out in enumerate(self._out):
-            self._buffer.set_res(i, memoryview(out))  # type: ignore[call-arg, arg-type]
-
-    def __call__(self, q: np.ndarray, v: np.ndarray) -> Rows:
-        """Return value (m,), rate (m, nv), drift (m,)."""
-        self._q[:], self._v[:] = q, v
-        self._call()
-        value, rate, drift = self._out
-        return value.copy(), rate.T.copy(), drift.copy()
-
-
 @dataclass(frozen=True, eq=False)
 class InstantTerms:
     """State and terms of the equations at one instant.
@@ -152,17 +130,16 @@ class Plant:
         return cls(mechanism, laws, Rigid.of(mechanism.model, laws.pi) if loaded else bare, bare)
 
     @cached_property
-    def _closure(self) -> SampleFunction:
-        return SampleFunction(self.mechanism.kinematics.closure_function)
+    def _closure(self) -> Mapped:
+        return Mapped(self.mechanism.kinematics.closure_function, 1)
 
     @cached_property
-    def _own(self) -> SampleFunction | None:
+    def _own(self) -> Mapped | None:
         """Coordinates of closures' own joints; None where nothing needs them."""
         joints = self.mechanism.joints
-        used = {*self.laws.joints, *self.driven}
-        if all(joints[i].in_tree for i in used):
+        if all(joints[i].in_tree for i in {*self.laws.joints, *self.driven}):
             return None
-        return SampleFunction(self.mechanism.kinematics.own_function)
+        return Mapped(self.mechanism.kinematics.own_function, 1)
 
     @cached_property
     def dry(self) -> np.ndarray:
@@ -187,30 +164,23 @@ class Plant:
         W[at, index] = 1.0
         return at, index, W
 
-    @cached_property
-    def _qdot(self) -> ca.Function | None:
-        model = self.mechanism.model
-        if model.nq == model.nv:
-            return None
-        q, v = ca.SX.sym("q", model.nq), ca.SX.sym("v", model.nv)
-        return ca.Function("qdot", [q, v], [rates(model, q) @ v])
-
     def qdot(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return q̇ (nq,): v itself where every joint has one coordinate."""
-        return v if self._qdot is None else self._qdot(q, v).full().ravel()
+        model = self.mechanism.model
+        return v if model.nq == model.nv else pin.integrateCoeffWiseJacobian(model, q) @ v
 
     def closures(self, q: np.ndarray, v: np.ndarray) -> Rows:
         """Return Φ (m,), J (m, nv), J̇v (m,)."""
         if not self.mechanism.closures:
             nv = self.mechanism.model.nv
             return np.zeros(0), np.zeros((0, nv)), np.zeros(0)
-        return self._closure(q, v)
+        value, rate, drift = self._closure(q, v)
+        return value[0, :, 0], rate[0], drift[0, :, 0]
 
     def joints(self, q: np.ndarray, v: np.ndarray, near: np.ndarray | None = None) -> Rows:
         """Return y (J,), W (J, nv), Ẇv (J,) of all joints; of closures' own only where needed.
 
-        Args:
-            near: (J,) coordinates from which whole turns of closures' own joints are counted.
+        Whole turns of closures' own joints are counted from coordinates `near` (J,).
         """
         at, index, W = self._tree
         y, drift = np.zeros(len(W)), np.zeros(len(W))
@@ -218,10 +188,11 @@ class Plant:
         if self._own is None:
             return y, W, drift
         W = W.copy()
-        value, rate, own_drift = self._own(q, v)
+        own = self._own(q, v)
         for i, joint in enumerate(self.mechanism.joints):
             if not joint.in_tree:
-                y[i], W[i], drift[i] = value[joint.index], rate[joint.index], own_drift[joint.index]
+                value, W[i], own_drift = (x[0, joint.index] for x in own)
+                y[i], drift[i] = value[0], own_drift[0]
                 if joint.rotational and near is not None:
                     y[i] += 2 * np.pi * np.round((near[i] - y[i]) / (2 * np.pi))
         return y, W, drift
@@ -229,11 +200,7 @@ class Plant:
     def terms(
         self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, near: np.ndarray | None = None
     ) -> InstantTerms:
-        """Return the terms of the equations at one instant.
-
-        Raises:
-            MotionError: at a singular position of the closures.
-        """
+        """Return the terms of the equations at one instant; refuse a singular position."""
         _, J, gamma = self.closures(q, v)
         y, W, drift = self.joints(q, v, near)
         M, h = self.rigid.mass(q), self.rigid.bias(q, v)
@@ -244,25 +211,8 @@ class Plant:
         Z, Jp = self.split(J, t)
         return InstantTerms(t, q, v, z, y, W @ v, W, drift, M, h, J, Jp, Z, -Jp @ gamma)
 
-    def inverse(
-        self, m: InstantTerms, at: list[int], ydd: np.ndarray, against: np.ndarray
-    ) -> np.ndarray:
-        """Return torques of the joints `at` for their accelerations, against further forces (nv,).
-
-        Zᵀ Wᵀ τ = Zᵀ (M v̇ + h + against),  W v̇ + drift = ÿ; least squares and the smallest τ where
-        there are not as many drives as degrees of freedom.
-        """
-        lever = m.W[at] @ m.Z
-        back = np.linalg.pinv(lever, 1e-9)
-        a = m.a0 + m.Z @ (back @ (ydd - m.drift[at] - m.W[at] @ m.a0))
-        return back.T @ (m.Z.T @ (m.M @ a + m.h + against))
-
     def split(self, J: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return Z (nv, d) with J Z = 0, and J⁺ (nv, m).
-
-        Raises:
-            MotionError: where J has lost rank.
-        """
+        """Return Z (nv, d) with J Z = 0, and J⁺ (nv, m); refuse J that has lost rank."""
         nv = self.mechanism.model.nv
         if not len(J):
             return np.eye(nv), np.zeros((nv, 0))
@@ -279,13 +229,10 @@ class Plant:
     def closed(
         self, t: float, q: np.ndarray, v: np.ndarray, stuck: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the nearest q with Φ(q) = 0 and v with J v = 0, at which stuck joints stand.
+        """Return the nearest q with Φ(q) = 0 and v with J v = 0 and w v = 0, w (k, nv) of `stuck`.
 
         Coordinate projection: Eich, SIAM J. Numer. Anal. 30(5), 1993; Hairer, Wanner, Solving
         Ordinary Differential Equations II, VII.2.
-
-        Args:
-            stuck: (k, nv) rows w of joints that stick, w v = 0.
         """
         model = self.mechanism.model
         if model.nq != model.nv:
@@ -312,10 +259,3 @@ def constant_correction(effect: Effect, point: Point) -> Correction:
     none = np.zeros((1, len(effect.joints)))
     signals = Signals(np.zeros(1), none, none, none, none[0], shape=point.of(effect)[1])
     return effect.correction(signals)
-
-
-def corrected_mechanism(mechanism: Mechanism, point: Point) -> Mechanism:
-    """Return the mechanism with the gravity and the lengths that its effects correct."""
-    for effect in mechanism.effects:
-        mechanism = mechanism.corrected(constant_correction(effect, point))
-    return mechanism

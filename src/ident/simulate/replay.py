@@ -9,30 +9,28 @@ takes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from ident.display import Displayed, render
 from ident.equations.corrections import Scene
 from ident.equations.terms import Samples
-from ident.equations.unknowns import Point
+from ident.equations.unknowns import NOTHING
 from ident.errors import FitError, MotionError
 from ident.files import write_all
 from ident.fit.files import Saved
-from ident.fit.residual import NOTHING
 from ident.fit.result import Fit
 from ident.information.blocks import Error
-from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, State
+from ident.motion.state import joint_coordinates
 from ident.progress import Progress
 from ident.simulate.balance import Dynamics
-from ident.simulate.drives import TorqueSeries
-from ident.simulate.integrate import STEPS, joint_coordinates, rough_times, surroundings
+from ident.simulate.drives import torque_series
+from ident.simulate.integrate import STEPS, rough_times, surroundings
 from ident.simulate.integration import Integration
 from ident.simulate.plant import InstantTerms, Plant
 
@@ -199,16 +197,11 @@ def _part(on_progress: Progress | None, share: float, step: float) -> Progress |
 
 
 def _replayed(
-    model: Fit | Saved,
-    motion: Motion,
-    bare: State,
-    window: float,
-    on_progress: Progress | None,
+    model: Fit | Saved, motion: Motion, bare: State, window: float, on_progress: Progress | None
 ) -> ReplayedLog:
-    scene = Scene.of(model.mechanism, NOTHING, bare, model.point, motion.band.cutoff)
-    mechanism, e = scene.mechanism, scene.e
-    player = _Player(mechanism, model.point, e, motion.independent)
-    simulated = np.full((len(e), len(mechanism.joints)), np.nan)
+    player = _Player(model, motion, bare)
+    e, at, joints = player.e, player.logged, player.mechanism.joints
+    simulated = np.full((len(e), len(joints)), np.nan)
     starts, failures = [], []
     segments = list(e.segments())
     length = max(2, round(window * e.rate))
@@ -225,9 +218,8 @@ def _replayed(
     longest = max(segments, key=lambda run: run.stop - run.start)
     # far from the measurement the motion may meet anything, so its failure is no news
     free, _ = player.play(longest.start, longest.stop - 1, True, _part(on_progress, 0.5, 0.5))
-    at = player.logged
     return ReplayedLog(
-        e.name, e.t, e.logged, tuple(mechanism.joint(name).unit for name in e.logged),
+        e.name, e.t, e.logged, tuple(joints[i].unit for i in at),
         np.where(e.usable[:, None], e.y[:, at], np.nan), simulated[:, at], tuple(starts),
         longest.start, free[:, at], tuple(dict.fromkeys(failures)),
     )  # fmt: skip
@@ -236,17 +228,15 @@ def _replayed(
 class _Player:
     """Integrates from measured states with measured torques."""
 
-    def __init__(
-        self, mechanism: Mechanism, point: Point, e: State, independent: Sequence[str]
-    ) -> None:
-        self.mechanism, self.e = mechanism, e
-        self.plant = Plant.of(mechanism, point)
-        self.around, self.knots = surroundings(mechanism, e), rough_times(e)
-        self.drive = TorqueSeries(CubicSpline(e.t, e.tau))
-        self.independent = tuple(independent)
+    def __init__(self, model: Fit | Saved, motion: Motion, bare: State) -> None:
+        scene = Scene.of(model.mechanism, NOTHING, bare, model.point, motion.band.cutoff)
+        self.mechanism, self.e = mechanism, e = scene.mechanism, scene.e
+        self.plant = Plant.of(mechanism, model.point)
+        around, self.knots = surroundings(mechanism, e), rough_times(e)
+        self.equations = self.plant, torque_series(e), around, motion.independent
         self.travel = np.ptp(e.y[e.usable], axis=0)
         self.logged = [mechanism.joint_index[name] for name in e.logged]
-        s = Samples(mechanism, e, slice(None), point)
+        s = Samples(mechanism, e, slice(None), model.point)
         states = [s.columns(law.effect, law.shape)[:, 0, 0] for law in self.plant.laws.states]
         self.z = np.stack(states, axis=1) if states else np.zeros((len(e), 0))
 
@@ -255,16 +245,13 @@ class _Player:
     ) -> tuple[np.ndarray, str]:
         """Return y (≤ b − a + 1, J) at the samples a to b, and why it ended before, if it did.
 
-        Args:
-            a, b: first and last sample.
-            far: whether to end where a joint is away by its travel.
-            on_progress: called with (what is being done, share done).
+        With `far` it ends where a joint is away by its travel.
         """
         e, failure = self.e, ""
-        dynamics = Dynamics(self.plant, self.drive, self.around, self.independent)
-        dynamics.near = e.y[a]
         until = self._is_far if far else None
-        integration = Integration(dynamics, TOLERANCE, STEPS / e.rate, self.knots, until)
+        integration = Integration(
+            Dynamics(*self.equations), TOLERANCE, STEPS / e.rate, self.knots, until, e.y[a]
+        )
         try:
             integration.run((e.q[a], e.v[a], self.z[a]), e.t[a : b + 1], on_progress)
         except MotionError as error:
@@ -273,8 +260,8 @@ class _Player:
         if not terms:
             return np.empty((0, len(self.mechanism.joints))), failure
         q, v = (np.array([getattr(m, key) for m in terms]) for key in "qv")
-        y, _, _ = joint_coordinates(self.mechanism, q, v, np.zeros_like(v))
-        for i, joint in enumerate(self.mechanism.joints):
+        y, _, _ = joint_coordinates(self.mechanism, q, v, np.zeros_like(v), {})
+        for i, joint in enumerate(self.mechanism.joints if self.mechanism.closures else ()):
             if joint.rotational and not joint.in_tree:  # turns are counted from the sample a
                 y[:, i] += 2 * np.pi * np.round((e.y[a, i] - y[0, i]) / (2 * np.pi))
         return y, failure
