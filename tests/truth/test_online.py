@@ -340,14 +340,14 @@ def test_effects_that_cannot_be_had():
 @pytest.mark.parametrize("forget", [None, 1.0])
 @pytest.mark.parametrize("name", ["slider_crank", "arm"])
 def test_memory_does_not_grow(name, forget):
-    """Ten times more samples, of a log that repeats itself: as many bytes."""
+    """Twice as many samples, of a log that repeats itself: as many bytes."""
     case = made(name, FRICTION, seconds=2.0)
     motion = ident.complete(case.mechanism, case.log, cutoff=12.0)
     online = Online(case.mechanism, like=motion, forget=forget)
     sizes = []
-    for turn in range(60):
+    for turn in range(81):
         online.update({"t": case.log.t + turn * 2.02, **case.log.columns})
-        if turn in (5, 59):
+        if turn in (40, 80):
             online.snapshot()
             sizes.append(len(pickle.dumps(online)))
     assert sizes[1] < 1.2 * sizes[0] + 10_000

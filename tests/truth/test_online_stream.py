@@ -76,8 +76,7 @@ def test_configurations_at_the_rows(cutoff):
     stream = Stream(case.mechanism, Columns.of(case.mechanism), setting)
     for sample in samples(case.log):
         for made_ in stream.push(sample):
-            q = stream.configurations(made_)
-            np.testing.assert_allclose(q, motion.experiments[0].q[made_.sample], atol=1e-9)
+            np.testing.assert_allclose(made_.q, motion.experiments[0].q[made_.sample], atol=1e-9)
 
 
 @pytest.mark.parametrize("latency", [0.0, 0.005, 1.0])

@@ -39,9 +39,9 @@ from ident.streams.stream import Setting, Stream
 from ident.streams.suspects import STICKING
 
 if TYPE_CHECKING:
-    from ident.equations.rows import Rows
     from ident.mechanism import Mechanism
     from ident.streams.online import Forces
+    from ident.streams.stream import StreamedRows
 
 MOST_SAID = 20  # lines that are left out, of which each is noted; then they are counted
 PARAMETERS = ("t", "quantity", "value", "stderr", "unit", "state")
@@ -138,9 +138,8 @@ class Watch:
         """What the samples that still wait raise, and what has no name yet."""
         return [*self._of(self._stream.flush()), *self._monitor.finish()]
 
-    def _of(self, made: list[Rows]) -> list[Alarm]:
-        q = self._stream.configurations
-        return [alarm for rows in made for alarm in self._monitor.absorb(rows, q(rows))]
+    def _of(self, made: Sequence[StreamedRows]) -> list[Alarm]:
+        return [alarm for rows in made for alarm in self._monitor.absorb(rows, rows.q)]
 
 
 def _watch(fit: Fit) -> Watch | None:

@@ -71,34 +71,18 @@ class Decimator:
             slice(start, min(start + CHUNK, segment.stop))
             for start in range(segment.start, segment.stop, CHUNK)
         )
-        if self.taps is None:
-            for part in parts:
-                yield np.arange(part.start, part.stop), list(make(part))
+        if self.taps is not None and segment.stop - segment.start <= 2 * self.half:
             return
-        half = self.half
-        kept = np.arange(segment.start + half, segment.stop - half, self.factor)
-        done = 0
-        sums: list[np.ndarray] = []
-        for part in parts if len(kept) else ():
-            series = make(part)
-            stop = int(np.searchsorted(kept, part.stop + half))  # rows that these samples enter
-            flat = [_flat(x) for x in series]
-            more = stop - done - (sums[0].shape[1] if sums else 0)
-            new = [np.zeros((len(x), more)) for x in flat]
-            sums = [np.hstack(each) for each in zip(sums, new, strict=True)] if sums else new
-            self._add(sums, flat, part, kept[done:stop])
-            ready = int(np.searchsorted(kept, part.stop - half)) - done
-            if ready > 0:
-                found = [
-                    _shaped(y[:, :ready], x, sticking) for y, x in zip(sums, series, strict=True)
-                ]
-                yield kept[done : done + ready], found
-                sums, done = [y[:, ready:] for y in sums], done + ready
+        run = FilterRun(self, segment.start, sticking)
+        for part in parts:
+            sample, series = run.push(make(part))
+            if len(sample):
+                yield sample, series
 
-    def _add(
+    def add(
         self, sums: list[np.ndarray], flat: list[np.ndarray], part: slice, kept: np.ndarray
     ) -> None:
-        """Adds to rows (columns, kept) what the samples of a part contribute, (columns, n)."""
+        """Add to rows (columns, kept) what the samples of a part contribute, (columns, n)."""
         assert self.taps is not None
         padded = np.concatenate([[0.0], self.taps, [0.0]])
         step = max(self.half // 2, 64)  # samples of one dense product, of which a half is zeros
@@ -146,6 +130,37 @@ class Decimator:
             reached = flat[:, first - inside.start : last - inside.start]
             out[:, i : i + len(centre)] = reached @ weights.T
         return np.moveaxis(out.reshape(*x.shape[1:], len(sample)), -1, 0)
+
+
+class FilterRun:
+    """A run of samples on its way through a filter: rows leave it half its length later.
+
+    Attributes:
+        end: number of the next sample.
+    """
+
+    def __init__(self, decimator: Decimator, first: int, sticking: float = STICKING) -> None:
+        self.end, self._decimator, self._sticking = first, decimator, sticking
+        self._next = first + decimator.half  # first row that has not left
+        self._sums: list[np.ndarray] = []  # of rows that samples have entered, from that on
+
+    def push(self, series: Sequence[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Return samples kept (n,) and series (n, …) that are complete with further samples."""
+        part = slice(self.end, self.end + len(series[0]))
+        self.end, half = part.stop, self._decimator.half
+        if self._decimator.taps is None:
+            return np.arange(part.start, part.stop), list(series)
+        kept = np.arange(self._next, part.stop + half, self._decimator.factor)
+        flat = [_flat(x) for x in series]
+        before = self._sums or [np.empty((len(x), 0)) for x in flat]
+        more = len(kept) - before[0].shape[1]
+        sums = [np.hstack([y, np.zeros((len(y), more))]) for y in before]
+        self._decimator.add(sums, flat, part, kept)
+        ready = int(np.searchsorted(kept, part.stop - half))
+        self._sums = [y[:, ready:] for y in sums]
+        self._next += ready * self._decimator.factor
+        done = zip(sums, series, strict=True)
+        return kept[:ready], [_shaped(y[:, :ready], x, self._sticking) for y, x in done]
 
 
 def _flat(x: np.ndarray) -> np.ndarray:

@@ -26,7 +26,7 @@ from ident.files import whole
 from ident.information.band import Freed, Stretch, StretchPart
 from ident.information.blocks import Block
 from ident.information.triangle import Triangle
-from ident.streams.plan import Plan
+from ident.streams.portions import Plan
 
 NAME = ".gathered.npz"
 PORTIONS, SECONDS = 8, 20.0  # after so many portions and so much time the file is replaced

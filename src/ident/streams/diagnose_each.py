@@ -189,9 +189,9 @@ def diagnose_each(
 
     workers = Workers(jobs, scheduler, False, on_progress)
     tasks = list(zip(names, paths, strict=True))
-    done = dict(workers.over(_verdict, tasks, (settings, seed), names, "logs"))
+    done = workers.over(_verdict, tasks, (settings, seed), names, "logs")
     verdicts = tuple(
-        done[i] or Verdict(name, left_out=workers.broken[name]) for i, name in enumerate(names)
+        verdict or Verdict(name, left_out=workers.broken[name]) for (name, _), verdict in done
     )
     good = [path for path, each in zip(paths, verdicts, strict=True) if not each.left_out]
     if not good:

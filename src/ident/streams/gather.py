@@ -35,8 +35,15 @@ from ident.motion.recipe import AUTO
 from ident.streams.checkpoint import Checkpoint, Progress, SearchStep
 from ident.streams.logs import Excerpt, Given, Workers, excerpt, log_paths
 from ident.streams.many_logs import LogComparison, compare_logs
-from ident.streams.plan import Plan, summaries, with_logs
-from ident.streams.portions import Sum, absorbed, multipliers_of, stack_blocks
+from ident.streams.portions import (
+    Plan,
+    Sum,
+    absorbed,
+    multipliers_of,
+    stack_blocks,
+    summaries,
+    with_logs,
+)  # fmt: skip
 
 SAMPLES = 65_536  # of a portion
 PASSES = 8  # at most, where the equations are not linear
@@ -142,24 +149,19 @@ class Gathered(Displayed):
 
     def _multiplier_rows(self) -> Iterator[bytes]:
         """Yield the rows of all portions in order, the header first, in a second pass."""
-        plan, names = replace(self.plan, point=self.fit.point), self.plan.mechanism.kinematics
+        plan = replace(self.plan, point=self.fit.point)
+        names = plan.mechanism.kinematics.multipliers
         logs = [i for i, part in enumerate(plan.parts) if part.name not in self.broken]
         portions = [portion for i in logs for portion in plan.portions(i)]
         determined = identifiable_multipliers(plan.mechanism, self.fit.motion)
         of = [plan.parts[portion.log].name for portion in portions]
-        nothing = np.empty(0), np.empty((0, len(names.multipliers)))
-        early, at, several = {-1: nothing}, -1, len(logs) > 1
+        nothing, several = (np.empty(0), np.empty((0, len(names)))), len(logs) > 1
+        yield multipliers_rows(names, *nothing, "" if several else None, header=True)
         done = self.workers.over(multipliers_of, portions, plan, of, "multipliers")
-        while True:
-            while at in early:
-                t, values = early.pop(at)
-                values = np.where(determined, values, np.nan)
-                log = (of[at] if at >= 0 else "") if several else None
-                yield multipliers_rows(names.multipliers, t, values, log, header=at < 0)
-                at += 1
-            if (each := next(done, None)) is None:
-                return
-            early[each[0]] = each[1] or nothing
+        for log, (_, each) in zip(of, done, strict=True):
+            t, values = each or nothing
+            values = np.where(determined, values, np.nan)
+            yield multipliers_rows(names, t, values, log if several else None, header=False)
 
 
 def gather(
@@ -231,7 +233,7 @@ def _check_portionable(mechanism: Mechanism, consistent: bool | Consistency) -> 
                 "made again where its limits put it, for which portions are not read; leave out "
                 f"--consistent or {effect.label}, or identify logs that fit into memory"
             )
-        if effect.memory and effect.kind != "hysteresis":
+        if effect.memory and not effect.fades:
             raise FitError(
                 f"{mechanism.name}: effect '{effect.label}' counts from a log's first sample, "
                 "which a portion does not have; leave it out, or cut the log"
@@ -256,11 +258,12 @@ def _iterated(
     while True:
         plan = replace(plan, point=progress.step.point)
         total, messages = _pass(plan, progress, workers, saved)
-        worked, notes = worked + total.worked, notes + messages
-        blocks, stacks = total.without(()), stack_blocks(plan, total.stretches)
+        worked, notes = worked + total.absorbed - progress.absorbed, notes + messages
+        stacks = stack_blocks(plan, total.stretches)
         k, d = len(plan.columns), coordinates(plan.mechanism, some)
         r = Problem(
-            plan.mechanism, some, plan.point, plan.columns, Information.of(blocks, k, d),
+            plan.mechanism, some, plan.point, plan.columns,
+            Information.of(total.blocks.values(), k, d),
             stacked_information=Information.of(stacks, k, 1) if stacks else None,
         )  # fmt: skip
         fitted = estimate_of(r)
@@ -287,15 +290,15 @@ def _pass(
     remaining = list(plan.portions())[progress.absorbed :]
     total = Sum(progress.blocks, progress.absorbed, progress.stretches)
     names = [plan.parts[portion.log].name for portion in remaining]
-    messages: dict[int, tuple[str, ...]] = {}
+    messages: list[str] = []
     what = "equations" if not progress.passed else f"equations, pass {progress.passed + 1}"
-    for index, done in workers.over(absorbed, remaining, plan, names, what):
-        total.add(progress.absorbed + index, done)
-        messages[index] = done.notes if done else ()
+    for _, done in workers.over(absorbed, remaining, plan, names, what):
+        total.add(done)
+        messages += done.notes if done else ()
         if saved is not None and saved.due(total.absorbed):
             saved.write(
                 replace(
-                    progress, absorbed=total.absorbed, blocks=total.without(()),
+                    progress, absorbed=total.absorbed, blocks=tuple(total.blocks.values()),
                     stretches=dict(total.stretches), broken=dict(workers.broken),
                 )
             )  # fmt: skip
@@ -310,7 +313,7 @@ def _pass(
             + (f" filtered at {cut:.3g} Hz" if cut else "")
             + f"; {why or 'give a longer log or a higher --cutoff'}"
         )
-    return total, [note for index in sorted(messages) for note in messages[index]]
+    return total, messages
 
 
 def _next_step(r: Problem, fitted: Estimate, step: SearchStep) -> SearchStep:
@@ -392,9 +395,9 @@ def _validation(
     plan = with_logs(plan, summaries(r.mechanism, paths, alone), samples, alone)
     portions, names, total = list(plan.portions()), [part.name for part in plan.parts], Sum()
     logs = [names[portion.log] for portion in portions]
-    for index, each in alone.over(absorbed, portions, plan, logs, "validation"):
-        total.add(index, each)
-    information = Information.of(total.without(()), len(x), r.d)
+    for _, each in alone.over(absorbed, portions, plan, logs, "validation"):
+        total.add(each)
+    information = Information.of(total.blocks.values(), len(x), r.d)
     return {
         name: information.of_log(i).squares(x).errors(r.motion.independent, r.units)
         for i, name in enumerate(names)

@@ -49,9 +49,14 @@ class Workers:
         common: Any,
         names: Sequence[str],
         what: str,
-    ) -> Iterator[tuple[int, Any]]:
-        """Yield (index, value) of tasks in the order in which they end; None for a failed one."""
+    ) -> Iterator[tuple[Any, Any]]:
+        """Yield (task, value) in the order of the tasks, None for one that failed.
+
+        The order in which they end is not that of the tasks, and floating-point sums depend on it.
+        """
         done = spread(function, tasks, common=common, jobs=self.jobs, scheduler=self.scheduler)
+        early: dict[int, Any] = {}
+        at = 0
         with closing(done):
             for count, each in enumerate(done, start=1):
                 if self.on_progress:
@@ -60,7 +65,10 @@ class Workers:
                     if self.alone:
                         raise IdentError(each.error)
                     self.broken.setdefault(names[each.index], each.error)
-                yield each.index, each.value
+                early[each.index] = each.value
+                while at in early:
+                    yield tasks[at], early.pop(at)
+                    at += 1
 
 
 @dataclass(frozen=True, eq=False)

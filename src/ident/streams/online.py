@@ -31,13 +31,12 @@ from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, LogError, one_of
 from ident.fit import Fit
 from ident.fit.multipliers import identifiable_multipliers
-from ident.fit.problem import LENGTH, plausible
+from ident.fit.problem import LENGTH, blocks_of, plausible
 from ident.fit.shapes import working_point
 from ident.fit.values import BaseValue, Value, base_values, effect_values, rigid_values
 from ident.information.blocks import Block, Error, Information, Squares
 from ident.information.covariance import covariance
 from ident.information.estimate import Estimate, estimate
-from ident.information.triangle import Triangle
 from ident.log import Log
 from ident.mechanism import Mechanism, Multipliers
 from ident.motion import Motion, complete
@@ -148,33 +147,13 @@ class Interval:
         return self.blocks[0].span[0]
 
     @classmethod
-    def empty(cls, supports: Sequence[np.ndarray], t: float) -> Interval:
-        """Return an interval without rows, from the time t [s] on."""
-        blocks = []
-        for u, support in enumerate(supports):
-            none = Triangle.empty(len(support))
-            blocks.append(Block(0, 0, u, none, none, support, 0.0, (t, t)))
-        return cls(t, tuple(blocks), np.zeros((2, len(blocks))))
-
-    def updated(self, rows: Rows, T: float | None) -> Interval:
-        """Add later rows; T is the time constant of forgetting [s], None: all count alike."""
+    def of(cls, rows: Rows, supports: Sequence[np.ndarray], T: float | None) -> Interval:
+        """Absorb rows; T is the time constant of forgetting [s], None: all count alike."""
         at = float(rows.t[-1])
-        w = np.ones(len(rows.t)) if T is None else np.exp((rows.t - at) / (2 * T))
-        old, blocks, informed = self.aged(at, T), [], rows.informed
-        for u, block in enumerate(old.blocks):
-            A, b = rows.A[:, u, block.support] * w[:, None], rows.b[:, u] * w
-            triangle, rest = (
-                before.updated(A[some], b[some]) if some.any() else before
-                for before, some in (
-                    (block.triangle, informed[:, u]), (block.rest, ~informed[:, u])
-                )
-            )  # fmt: skip
-            torque = block.torque + float(w**2 @ rows.tau[:, u] ** 2)
-            span = block.span[0], at
-            blocks.append(Block(0, 0, u, triangle, rest, block.support, torque, span))
-        return Interval(
-            at, tuple(blocks), old.weights + np.stack([w**2 @ informed, w**2 @ ~informed])
-        )
+        w = np.ones((len(rows.t), 1)) if T is None else np.exp((rows.t[:, None] - at) / (2 * T))
+        scaled = replace(rows, A=rows.A * w[:, None], b=rows.b * w, tau=rows.tau * w)
+        weights = np.stack([(w**2 * some).sum(axis=0) for some in (rows.informed, ~rows.informed)])
+        return cls(at, tuple(blocks_of(0, 0, [scaled], supports)), weights)
 
     def aged(self, to: float, T: float | None) -> Interval:
         """Return the same with weights that refer to a later time [s]."""
@@ -250,13 +229,13 @@ class Accumulator:
         waiting, self._waiting = self._waiting, []
         rows = concatenated(waiting) if waiting else None
         while rows is not None and len(rows.t):
-            self._open = self._open or Interval.empty(self._supports, float(rows.t[0]))
-            end = self._open.start + self._length - 0.5 * self._period
-            inside = int(np.searchsorted(rows.t, end))
+            start = self._open.start if self._open else float(rows.t[0])
+            inside = int(np.searchsorted(rows.t, start + self._length - 0.5 * self._period))
             if inside:
-                self._open = self._open.updated(rows_at(rows, slice(inside)), self._T)
+                new = Interval.of(rows_at(rows, slice(inside)), self._supports, self._T)
+                self._open = self._open.merged(new, self._T) if self._open else new
                 rows = rows_at(rows, slice(inside, None))
-            if len(rows.t):
+            if len(rows.t) and self._open:
                 self._close(self._open)
 
     def _close(self, last: Interval) -> None:
@@ -505,7 +484,7 @@ class _Recursion:
         """λ of the samples that the last call completed; None where there are none."""
         return self._forces(self.stream.windows)
 
-    def _absorb(self, parts: list[Rows]) -> None:
+    def _absorb(self, parts: Sequence[Rows]) -> None:
         if windows := self.stream.windows:
             end = windows[-1].inside.stop
             self._last = replace(windows[-1], inside=slice(end - 1, end))

@@ -1,6 +1,11 @@
-"""From a portion of a log to triangles, and their sum over all portions.
+"""From logs that need not fit into memory to triangles: a plan, its portions, and their sum.
 
     portion → motion → rows → one triangle a (log, block of time, coordinate),   triangles add
+
+A log of one portion decides by itself what `complete` decides: its clock, smoothing, standstill. A
+longer log decides once for all of its portions: smoothing and noise on some stretches, the speed
+below which a joint stands still by its top speed, and so by every sample. What several logs share
+(the filter, the joints in which errors count, the working point) is decided on an excerpt.
 
 Multipliers in a time basis have the knots of the whole log, so that portions meet inside one
 interval of them: what a portion leaves of the paper's stack is a `Stretch`, and neighbours add.
@@ -8,24 +13,275 @@ interval of them: what a portion leaves of the paper's stack is a `Stretch`, and
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
 from ident.equations.corrections import Scene
+from ident.equations.filter import Decimator
 from ident.equations.multipliers import stack
-from ident.equations.rows import Rows, row_supports, rows
+from ident.equations.rows import row_supports, rows
+from ident.equations.unknowns import Columns, Point
+from ident.errors import FitError, MotionError, one_of
 from ident.fit.problem import block_edges, blocks_of, equal_blocks, split_rows, time_blocks
 from ident.fit.residual import predict
 from ident.information.band import Stretch, eliminate
 from ident.information.blocks import Block, Key
 from ident.information.splines import Basis
+from ident.log.read import names_of
+from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
-from ident.streams.plan import Plan, Portion, motion_of
-from ident.streams.stream import rows_at
+from ident.motion.closures import LoopSolver
+from ident.motion.motion import decide, left_out, part_of, state_of
+from ident.motion.recipe import Band, standstill, thresholds, top_speeds
+from ident.motion.signals import measure
+from ident.motion.state import State
+from ident.streams.logs import LogOnDisk, Workers, summarise
+from ident.streams.stream import margin_of, rows_at
 
-WAITING = 4096  # rows that are absorbed together
+KNOTS = 40  # from a sample to another whose noise moves a spline there by 1e-7 of itself
+MEMORY = 4096  # samples after which an effect has forgotten where its memory began
+FEWEST = 64  # samples of a margin: what is interpolated reaches no farther
+THINNED = 8  # samples of which one is followed to know the branch of the closures
+
+Extremes = tuple[np.ndarray, np.ndarray | None]
+"""Top speeds (J,) and largest leverages (J, d), None for a tree, of some samples."""
+
+
+@dataclass(frozen=True)
+class Portion:
+    """A stretch of one log, with margins on both sides."""
+
+    log: int  # number of the log
+    number: int  # of the portion in the log
+    begin: int  # first row that is read
+    end: int
+    since: float  # [s] from which samples count in this portion and in no other
+    until: float
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What portions have in common."""
+
+    mechanism: Mechanism  # that is identified
+    logged: tuple[str, ...]  # joints that determine the motion
+    independent: tuple[str, ...]  # those in which errors count
+    band: Band  # with the cut-off of the rows' filter
+    smoothing: float | str | None  # as it was asked for
+    parts: tuple[LogOnDisk, ...]  # one a log
+    point: Point  # values of all parameters, at which what is not linear is evaluated
+
+    @property
+    def columns(self) -> Columns:
+        """The unknowns."""
+        return Columns.of(self.mechanism)
+
+    @property
+    def stacked(self) -> bool:
+        """Whether multipliers have a time basis, so that parameters come from the paper's stack."""
+        return bool(self.mechanism.closures) and self.mechanism.multipliers.basis != "free"
+
+    def margin(self, part: LogOnDisk) -> int:
+        """Return how many rows beside a portion its filter, splines, delays, memory depend on."""
+        clock, recipe = part.clock, part.recipe
+        samples = Decimator.of(self.band.cutoff, 1 / clock.step).half + FEWEST
+        if recipe is not None:
+            samples += int(np.ceil((KNOTS * recipe.knots + recipe.ends) / clock.step))
+        if self.stacked:
+            samples += int(np.ceil(KNOTS * self.mechanism.multipliers.spacing / clock.step))
+        if any(effect.memory for effect in self.mechanism.effects):
+            samples += MEMORY
+        samples += margin_of(self.mechanism, 1 / clock.step, self.band.cutoff)
+        return int(np.ceil(samples * max(1.0, part.file.rows / clock.count)))
+
+    def portions(self, log: int | None = None) -> Iterator[Portion]:
+        """Yield all portions in order of log and time, or those of one log."""
+        for i, part in enumerate(self.parts):
+            if log not in (None, i):
+                continue
+            every = Decimator.of(self.band.cutoff, 1 / part.clock.step).factor
+            margin, rows, at = self.margin(part), part.file.rows, part.at
+            for k, (first, stop) in enumerate(pairwise(part.borders)):
+                yield Portion(
+                    log=i,
+                    number=k,
+                    begin=max(0, (first - margin) // every * every),  # one grid of rows for the log
+                    end=min(rows, stop + margin),
+                    since=at(first) if first else -np.inf,
+                    until=at(stop) if stop < rows else np.inf,
+                )
+
+
+def summaries(mechanism: Mechanism, paths: Sequence[Path], workers: Workers) -> list[LogOnDisk]:
+    """Look at all logs that can be opened and give them names that differ."""
+    names = names_of(paths)
+    done = workers.over(summarise, paths, mechanism, names, "looking at the logs")
+    opened = [
+        replace(log, file=replace(log.file, name=name))
+        for name, (_, log) in zip(names, done, strict=True)
+        if log is not None
+    ]
+    _check_some(mechanism, workers, opened)
+    return opened
+
+
+def with_logs(plan: Plan, logs: Sequence[LogOnDisk], samples: int, workers: Workers) -> Plan:
+    """Return the plan with these logs and with what long ones decide for all of their portions."""
+    parts = []
+    for log in logs:
+        if log.name in workers.broken:
+            continue
+        try:
+            _check_columns(plan, log)
+            parts.append(log.cut(samples))
+        except MotionError as error:
+            if workers.alone:
+                raise
+            workers.broken[log.name] = str(error)
+    _check_some(plan.mechanism, workers, parts)
+    plan = replace(plan, parts=tuple(parts))
+    several = [i for i, part in enumerate(parts) if len(part.borders) > 2]
+    names = [parts[i].name for i in several]
+    for i, decision in workers.over(_decided, several, plan, names, "deciding on smoothing"):
+        if decision is not None:
+            parts[i] = decision
+    plan = replace(plan, parts=tuple(parts))
+    if plan.mechanism.effects:  # else nothing asks whether a joint stands still
+        extremes: dict[int, list[Extremes]] = {
+            i: _logged_speeds(plan, i) for i in several if parts[i].recipe is not None
+        }
+        unknown = [p for i, mine in extremes.items() if not mine for p in plan.portions(i)]
+        names = [parts[portion.log].name for portion in unknown]
+        for portion, x in workers.over(_extremes, unknown, plan, names, "top speeds"):
+            if x is not None:
+                extremes[portion.log].append(x)
+        for i, mine in extremes.items():
+            recipe = parts[i].recipe
+            if mine and recipe is not None and recipe.still is not None:
+                far = [farthest for _, farthest in mine if farthest is not None]
+                still = thresholds(np.max([top for top, _ in mine], axis=0), recipe.still)
+                farthest = np.max(far, axis=0) if far else None
+                parts[i] = replace(parts[i], recipe=replace(recipe, still=still, farthest=farthest))
+    remaining = tuple(part for part in parts if part.name not in workers.broken)
+    _check_some(plan.mechanism, workers, remaining)
+    return replace(plan, parts=remaining)
+
+
+def _check_some(mechanism: Mechanism, workers: Workers, remaining: object) -> None:
+    """Raise FitError if no log is left, with the reason that most logs share."""
+    if not remaining:
+        alike = Counter(why.replace(name, "") for name, why in workers.broken.items())
+        ((most, count),) = alike.most_common(1)
+        name, why = next(x for x in workers.broken.items() if x[1].replace(x[0], "") == most)
+        same = f" ({count} of them say the same)" if count > 1 else ""
+        raise FitError(
+            f"{mechanism.name}: none of {len(workers.broken)} logs can be used; {name}: {why}{same}"
+        )
+
+
+def _check_columns(plan: Plan, log: LogOnDisk) -> None:
+    """Raise MotionError for a log that lacks a column that the others have."""
+    for prefix, joints in (("q", plan.logged), ("tau", plan.mechanism.driven)):
+        for name in (f"{prefix}.{joint}" for joint in joints):
+            if name not in log.file.columns:
+                raise MotionError(
+                    f"{log.name}: has no column '{name}', which the other logs have; "
+                    f"{one_of(name, log.file.columns)}"
+                )
+
+
+def _decided(plan: Plan, number: int) -> LogOnDisk:
+    """Decide for all portions of a log; standstill by the speeds that its noise imitates."""
+    part, clock = plan.parts[number], plan.parts[number].clock
+    grid = Decimator.of(plan.band.cutoff, 1 / clock.step).factor
+    recipe = decide(
+        plan.mechanism, part.stretches(), replace(clock, grid=grid), logged=plan.logged,
+        independent=plan.independent, band=plan.band, smoothing=plan.smoothing,
+    )  # fmt: skip
+    anchors = _anchors(plan, number) if plan.mechanism.closures else None
+    return replace(part, recipe=recipe, anchors=anchors)
+
+
+def _anchors(plan: Plan, number: int) -> np.ndarray:
+    """(portions, nq) configurations near their beginnings, each followed from the one before.
+
+    A portion alone would be reached straight from [joints] start: on another branch, perhaps.
+    """
+    mechanism, part, anchors = plan.mechanism, plan.parts[number], []
+    solver = LoopSolver(mechanism, plan.logged)
+    columns = [f"q.{name}" for name in plan.logged]
+    portions = list(plan.portions(number))
+    q = y = None
+    for portion, after in zip(portions, [*portions[1:], portions[-1]], strict=True):
+        log = part.file.piece(portion.begin, portion.end, ["t", *columns])
+        x = np.stack([log.columns[name] for name in columns], axis=1)
+        known = np.flatnonzero(np.isfinite(x).all(axis=1))[::THINNED]
+        if not len(known):
+            anchors.append(mechanism.assembled if q is None else q)
+            continue
+        t, target = log.t[known], x[known]
+        if q is None or y is None:
+            path = solver.follow(target, t)
+        else:
+            path = solver.onward(q, y, target, t)
+        anchors.append(path[0])
+        at = max(int(np.searchsorted(known, after.begin - portion.begin)) - 1, 0)
+        q, y = path[at], target[at]
+    return np.array(anchors)
+
+
+def _logged_speeds(plan: Plan, number: int) -> list[Extremes]:
+    """Top speeds (J,) of a tree whose speeds are taken as logged; nothing for others."""
+    part, mechanism = plan.parts[number], plan.mechanism
+    assert part.recipe is not None
+    top, rows = part.top, part.file.rows
+    names = [f"v.{joint.name}" for joint in mechanism.joints]
+    whole = all(count in (0, rows) for count in part.values.values())
+    if mechanism.closures or part.recipe.noisy or not whole or not {*names} <= {*top}:
+        return []
+    return [(np.array([top[name] for name in names]), None)]
+
+
+def _extremes(plan: Plan, portion: Portion) -> Extremes | None:
+    """Extremes of a portion; None where nothing is usable."""
+    e, _ = motion_of(plan, portion)
+    if e is None:
+        return None
+    e = replace(e, usable=e.usable & (e.t >= portion.since) & (e.t < portion.until))
+    if e.leverage is None:
+        return top_speeds(e), None
+    return top_speeds(e), np.abs(e.leverage[e.usable]).max(axis=0, initial=0.0)
+
+
+def motion_of(plan: Plan, portion: Portion) -> tuple[State | None, list[str]]:
+    """Complete the motion of a portion with its margins, as the whole log would have made it."""
+    part, mechanism = plan.parts[portion.log], plan.mechanism
+    log = replace(part.file.piece(portion.begin, portion.end), name=part.name)
+    if part.recipe is None:  # the whole log: what `complete` makes of it
+        signals = measure(mechanism, log)
+        e, notes = state_of(mechanism, signals, plan.logged, plan.band, plan.smoothing)
+        if mechanism.closures:
+            before, e = e, e.transmitted(mechanism, plan.independent)
+            notes = [*notes, *left_out(before, e)]
+        still = standstill(mechanism, signals, e, plan.logged)
+        return replace(e, still=still), [*signals.notes, *notes]
+    asked = {name for effect in mechanism.effects for name in effect.reads()}
+    asked |= {name for name, count in part.values.items() if count > 1}
+    absent = [n for n in sorted(asked & {*log.columns}) if np.isfinite(log.columns[n]).sum() < 2]
+    where = f"{part.name}: rows {portion.begin} to {portion.end - 1}"
+    if absent:
+        return None, [f"{where}: {absent[0]} is empty; they are left out"]
+    if part.anchors is not None:  # on the branch on which the log arrives
+        near = replace(mechanism, start=part.anchors[portion.number])
+        near.__dict__["kinematics"] = mechanism.kinematics  # compiled functions, of no start
+        mechanism = near
+    state = part_of(mechanism, log, part.recipe)
+    return state, [f"{where}: no sample can be used"] if state is None else []
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,33 +307,17 @@ def absorbed(plan: Plan, portion: Portion) -> PortionRows:
         clock, farthest = part.recipe.clock, part.recipe.farthest
         edges = block_edges(cutoff, clock.t0, clock.t_end, clock.count)
     scene = Scene.of(plan.mechanism, columns, e, plan.point, cutoff)
-    total, block, count = Sum(), 0, 0
-    waiting: list[Rows] = []
+    total = Sum()
     for piece in rows(scene, cutoff, farthest=farthest, keep=False):
         own = (piece.t >= portion.since) & (piece.t < portion.until)
-        if not own.any():
-            continue
-        for at, some in split_rows(rows_at(piece, own), edges):
-            if at != block or count > WAITING:
-                total.absorb(blocks_of(portion.log, block, waiting, supports))
-                waiting, block, count = [], at, 0
-            waiting.append(some)
-            count += len(some.t)
-    total.absorb(blocks_of(portion.log, block, waiting, supports))
+        for block, some in split_rows(rows_at(piece, own), edges) if own.any() else ():
+            total.absorb(blocks_of(portion.log, block, [some], supports))
     stretch = _stretch(plan, portion, scene) if plan.stacked else None
     return PortionRows(portion, tuple(total.blocks.values()), tuple(notes), stretch)
 
 
 class Sum:
-    """The sum of portions' triangles, in the order of portions, whatever the order they come in.
-
-    Floating-point sums depend on the order; memory is that of the sum and of what came too early.
-
-    Attributes:
-        blocks: by log, block and coordinate.
-        stretches: by log.
-        absorbed: portions, from the first, without gaps; worked: portions that were handed in.
-    """
+    """The sum of portions' triangles: blocks by key, stretches by log, number of portions."""
 
     def __init__(
         self,
@@ -88,8 +328,7 @@ class Sum:
         self.blocks: dict[Key, Block] = {}
         self.absorb(blocks)
         self.stretches = dict(stretches or {})
-        self.absorbed, self.worked = absorbed, 0
-        self._early: dict[int, PortionRows | None] = {}
+        self.absorbed = absorbed
 
     def absorb(self, blocks: Iterable[Block]) -> None:
         """Add triangles."""
@@ -97,24 +336,14 @@ class Sum:
             old = self.blocks.get(block.key)
             self.blocks[block.key] = block if old is None else old + block
 
-    def add(self, number: int, done: PortionRows | None) -> None:
-        """Add a portion, of which the first has the number 0; None for one that failed."""
-        self._early[number] = done
-        self.worked += 1
-        while self.absorbed in self._early:
-            done = self._early.pop(self.absorbed)
-            self.absorbed += 1
-            if done is None:
-                continue
+    def add(self, done: PortionRows | None) -> None:
+        """Add the next portion; None for one that failed."""
+        self.absorbed += 1
+        if done is not None:
             self.absorb(done.blocks)
-            if done.stretch is not None:
-                old = self.stretches.get(done.portion.log)
-                self.stretches[done.portion.log] = old + done.stretch if old else done.stretch
-
-    def without(self, logs: Iterable[int]) -> list[Block]:
-        """Return all triangles in order of log, block, coordinate, but for those of some logs."""
-        out = set(logs)
-        return [self.blocks[key] for key in sorted(self.blocks) if key[0] not in out]
+        if done is not None and done.stretch is not None:
+            old = self.stretches.get(done.portion.log)
+            self.stretches[done.portion.log] = old + done.stretch if old else done.stretch
 
 
 def _basis(plan: Plan, log: int) -> Basis:

@@ -23,7 +23,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ident.equations.corrections import WIDER, Scene
-from ident.equations.filter import STICKING, Decimator
+from ident.equations.filter import STICKING, Decimator, FilterRun
 from ident.equations.rows import CHUNK, Rows, raw_rows, reach
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, LogError, MotionError, one_of
@@ -151,16 +151,21 @@ class SampleParser:
 
     def __call__(self, sample: Sample) -> np.ndarray:
         """Return a sample or a block as an array (n, columns)."""
-        log = isinstance(sample, Log)
-        given = {"t": sample.t, **sample.columns} if isinstance(sample, Log) else sample
-        names = self._names(given, log) if self._any else self.columns
-        values = [self._value(given, name, log) for name in names]
-        if self._any and self.columns and {*names} != {*self.columns}:
-            off = ", ".join(sorted({*names} ^ {*self.columns}))
+        given = self._renamed(sample)
+        names = self.columns or tuple(dict.fromkeys(("t", *given)))
+        if self._any and (off := ({*names} ^ {*given}) - {"t"}):
             raise LogError(
-                f"{self._name}: a sample has other columns than those before ({off}); every "
-                "sample needs the same"
+                f"{self._name}: a sample has other columns than those before "
+                f"({', '.join(sorted(off))}); every sample needs the same"
             )
+        if lacking := [name for name in names if name not in given]:
+            source = self._mapping.get(lacking[0])
+            wanted = f"{source.column!r}, which [log] makes " if source else ""
+            raise MotionError(
+                f"{self._name}: a sample has no column {wanted}{lacking[0]!r}; "
+                f"{one_of(lacking[0], given)}"
+            )
+        values = [given[name] for name in names]
         try:
             X = np.array(values, dtype=float).reshape(len(values), -1).T
         except (TypeError, ValueError):
@@ -185,30 +190,21 @@ class SampleParser:
                 f"{self._name}: a sample at t = {t[at + 1]:.6g} s comes after one at {t[at]:.6g} "
                 "s; times must increase"
             )
-        if self._any and self.columns and names != self.columns:
-            X = X[:, [names.index(name) for name in self.columns]]
-        self.columns, self.last = self.columns or names, float(t[-1])
+        self.columns, self.last = names, float(t[-1])
         return X
 
-    def _names(self, given: Mapping[str, Any], log: bool) -> tuple[str, ...]:
-        sources = set() if log else {source.column for source in self._mapping.values()}
-        mapped = [n for n, source in self._mapping.items() if source.column in given and not log]
-        own = [name for name in given if name not in sources]
-        return tuple(dict.fromkeys(("t", *own, *mapped)))
-
-    def _value(self, given: Mapping[str, Any], name: str, log: bool) -> Any:
-        source = self._mapping.get(name)
-        if log and name in given:  # read under ident's names
-            return given[name]
-        if source is not None and source.column in given:
-            value = given[source.column]
-            return source.scale * (value if np.ndim(value) == 0 else np.asarray(value)) + (
-                source.offset
-            )
-        if name in given:
-            return given[name]
-        wanted = f"{source.column!r}, which [log] makes {name!r}" if source else repr(name)
-        raise MotionError(f"{self._name}: a sample has no column {wanted}; {one_of(name, given)}")
+    def _renamed(self, sample: Sample) -> Mapping[str, Any]:
+        """Return the columns of a sample under ident's names, in SI."""
+        if isinstance(sample, Log):
+            return {"t": sample.t, **sample.columns}
+        own = {source.column for source in self._mapping.values()}
+        given = {name: x for name, x in sample.items() if name not in own}
+        for name, source in self._mapping.items():
+            if source.column in sample and (self._any or name in self.columns):
+                x = sample[source.column]
+                x = x if np.ndim(x) == 0 else np.asarray(x)
+                given[name] = source.scale * x + source.offset
+        return given
 
 
 Block = tuple[int, np.ndarray]
@@ -389,40 +385,11 @@ class ClosureFollower:
         self.lost, self.why = self.lost + count, why
 
 
-class FixedLag:
-    """The rows' zero-phase filter, as a fixed lag of half its length.
+@dataclass(frozen=True, eq=False)
+class StreamedRows(Rows):
+    """Rows with the configurations q (n, nq) of their samples."""
 
-    A symmetric filter of 2 M + 1 taps has all that it needs of a row M samples later, so filtered
-    rows that come with this lag are those of a batch, number by number.
-    """
-
-    def __init__(self, cutoff: float | None, rate: float, sticking: float = STICKING) -> None:
-        self._filter, self._sticking = Decimator.of(cutoff, rate), sticking
-        self.half, self.every = self._filter.half, self._filter.factor
-        self._waiting: list[Rows] = []
-        self._first, self._end, self._next = 0, -1, 0  # numbers of rows; the next row that is kept
-
-    def __call__(self, raw: Rows) -> Rows | None:
-        """Return the rows that are known by now, of raw rows that follow one by one."""
-        if self._filter.taps is None:
-            return raw
-        if raw.sample[0] != self._end:  # nothing is filtered across a gap
-            self._first, self._waiting = int(raw.sample[0]), []
-            self._next = self._first + self.half
-        self._waiting.append(raw)
-        self._end = int(raw.sample[-1]) + 1
-        centres = np.arange(self._next, self._end - self.half, self.every)
-        if not len(centres):
-            return None
-        rows = concatenated(self._waiting)
-        inside, local = slice(0, len(rows.t)), centres - self._first
-        A, b, tau = (self._filter.apply(x, inside, local) for x in (rows.A, rows.b, rows.tau))
-        shut = (~rows.informed).astype(float)
-        informed = self._filter.apply(shut, inside, local, absolute=True) < self._sticking
-        self._next = int(centres[-1]) + self.every
-        spent = min(self._next - self.half, self._end) - self._first
-        self._first, self._waiting = self._first + spent, [rows_at(rows, slice(spent, None))]
-        return Rows(rows.t[local], centres, A, b, tau, informed)
+    q: np.ndarray
 
 
 def concatenated(parts: Sequence[SomeRows]) -> SomeRows:
@@ -486,12 +453,13 @@ class Stream:
         self._margin = margin_of(mechanism, setting.rate, setting.cutoff)
         self._raw, self._completed = Overlap(2 * setting.half), Overlap(2 * self._margin)
         self._follower = ClosureFollower(mechanism, setting)
-        self._filter = FixedLag(setting.cutoff, setting.rate, sticking)
+        self._decimator, self._sticking = Decimator.of(setting.cutoff, setting.rate), sticking
+        self._run: FilterRun | None = None
+        self._recent = np.empty(0), np.empty((0, 0))  # t and q of the samples that the filter holds
         free = setting.half == self._margin == 0 and setting.cutoff is None
         self._clock = StreamClock(setting.rate, free)
         self._block = int(np.clip(round(latency * setting.rate), 1, TOGETHER))
         self._waiting: list[np.ndarray] = []
-        self._lately: list[tuple[np.ndarray, np.ndarray]] = []  # numbers and q of samples
 
     @property
     def t(self) -> float:
@@ -501,20 +469,20 @@ class Stream:
     @property
     def lag(self) -> float:
         """By how much the newest row is older than the newest sample, at most [s]."""
-        around = self.setting.half + self._margin + self._filter.half
-        return (around + self._filter.every - 1 + self._block - 1) / self.setting.rate
+        around = self.setting.half + self._margin + self._decimator.half
+        return (around + self._decimator.factor - 1 + self._block - 1) / self.setting.rate
 
     @property
     def period(self) -> float:
         """Time between two rows [s]."""
-        return self._filter.every / self.setting.rate
+        return self._decimator.factor / self.setting.rate
 
     @property
     def lost(self) -> tuple[int, str]:
         """Samples that could not be completed, and why the last of them."""
         return self._follower.lost, self._follower.why
 
-    def push(self, sample: Sample) -> list[Rows]:
+    def push(self, sample: Sample) -> list[StreamedRows]:
         """Return the rows that are known with a further sample, or a block of them."""
         X = self._parser(sample)
         self.samples += len(X)
@@ -524,7 +492,7 @@ class Stream:
         self.windows = []
         return []
 
-    def flush(self) -> list[Rows]:
+    def flush(self) -> list[StreamedRows]:
         """Return the rows of samples that wait for others."""
         self.windows, waiting, self._waiting = [], self._waiting, []
         X = np.concatenate(waiting) if waiting else np.empty((0, 1))
@@ -535,12 +503,7 @@ class Stream:
             for rows in self._rows_of(*block)
         ]
 
-    def configurations(self, rows: Rows) -> np.ndarray:
-        """Return the configurations (n, nq) at rows of the last call."""
-        number, q = (np.concatenate(each) for each in zip(*self._lately, strict=True))
-        return np.asarray(q[np.searchsorted(number, rows.sample)])
-
-    def _rows_of(self, number: int, X: np.ndarray) -> Iterator[Rows]:
+    def _rows_of(self, number: int, X: np.ndarray) -> Iterator[StreamedRows]:
         """Yield the rows that a block of samples X (n, columns) completes."""
         half, margin = self.setting.half, self._margin
         number, X = self._raw(number, X)
@@ -560,11 +523,11 @@ class Stream:
             window = SampleWindow(around, first, slice(margin, len(around) - margin))
             self.windows.append(window)
             sample = np.arange(first + margin, first + len(around) - margin)
-            self._remember(sample, around.q[window.inside])
             setting = self.setting
             scene = Scene.of(self.mechanism, self.columns, around, self.point, setting.cutoff)
             raw = raw_rows(scene, window.inside, setting.farthest)
-            if (rows := self._filter(replace(raw, sample=sample))) is not None:
+            rows = self._filtered(replace(raw, sample=sample), around.q[window.inside])
+            if rows is not None:
                 yield rows
 
     def _derived(self, X: np.ndarray) -> np.ndarray:
@@ -592,12 +555,16 @@ class Stream:
             e = replace(e, wrench=wrenches(self.mechanism, e.name, e.extra, e.q))
         return e, places
 
-    def _remember(self, sample: np.ndarray, q: np.ndarray) -> None:
-        """Keep configurations for as long as the filter holds rows back."""
-        self._lately.append((sample, q))
-        needed = 2 * (self._filter.half + CHUNK)
-        while sum(len(number) for number, _ in self._lately[1:]) > needed:
-            self._lately.pop(0)
+    def _filtered(self, raw: Rows, q: np.ndarray) -> StreamedRows | None:
+        """Return the rows that are known with further raw rows at configurations q (n, nq)."""
+        if self._run is None or raw.sample[0] != self._run.end:  # nothing passes a gap
+            self._run = FilterRun(self._decimator, int(raw.sample[0]), self._sticking)
+            self._recent = np.empty(0), np.empty((0, q.shape[1]))
+        t, q = (np.concatenate(both) for both in zip(self._recent, (raw.t, q), strict=True))
+        sample, (A, b, tau, informed) = self._run.push([raw.A, raw.b, raw.tau, raw.informed])
+        tail, at = max(0, len(t) - self._decimator.half), sample - self._run.end  # from the end
+        self._recent = t[tail:], q[tail:]
+        return StreamedRows(t[at], sample, A, b, tau, informed, q[at]) if len(sample) else None
 
 
 def margin_of(mechanism: Mechanism, rate: float, cutoff: float | None) -> int:
