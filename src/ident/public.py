@@ -9,13 +9,12 @@ from ident.excite import Excitation, Limits, excite
 from ident.fit import Fit, identify
 from ident.fit.compare import Comparison, compare
 from ident.fit.files import Saved, read_fit, write_fit
-from ident.fit.residual import Residual, residual_of
+from ident.fit.residual import Residual, residual_of, where
 from ident.log import Column, Log, read_log
 from ident.mechanism import Consistency, Mechanism, Multipliers, load
 from ident.mechanism.absolute import absolute
 from ident.montecarlo import MonteCarlo, Studies, monte_carlo, monte_carlo_each
 from ident.motion import Motion, complete
-from ident.residual.where import where
 from ident.show.explore import Exploration, explore
 from ident.simulate import (
     PD,

@@ -8,7 +8,7 @@ import pytest
 
 import ident
 from helpers import ROBOTS
-from ident.fit.residual import predict
+from ident.fit.prediction import predict
 from identification import close, motion_log, plant, robot
 
 NAMES = ["arm", "four_bar", "five_bar", "slider_crank", "pendulum"]

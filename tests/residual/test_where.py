@@ -8,9 +8,8 @@ import pytest
 
 import ident
 from ident import Noise
-from ident.fit.residual import Residual, Trace
-from ident.residual.periods import periods
-from ident.residual.where import where
+from ident.fit.prediction import Trace
+from ident.fit.residual import Residual, where
 from identification import motion_log, plant, robot
 
 NOISE = [Noise("tau", 0.02, relative=True), Noise("q", 1e-5)]
@@ -79,25 +78,25 @@ def test_without_noise_nothing_is_left():
 
 
 def test_periods_are_found_and_the_residual_repeats_with_what_is_missing():
-    clean = periods(left("arm", ["viscous", "coulomb"], [], seconds=8.0))
+    clean = left("arm", ["viscous", "coulomb"], [], seconds=8.0).periods
     assert clean.period["arm.csv"] == pytest.approx(4.0, abs=0.01)
     assert clean.count == {"arm.csv": 2}
     assert max(clean.rho.values()) < clean.chance
-    bare = periods(left("arm", ["viscous", "coulomb:yaw"], ["coulomb:elbow"], seconds=8.0))
+    bare = left("arm", ["viscous", "coulomb:yaw"], ["coulomb:elbow"], seconds=8.0).periods
     assert bare.rho["elbow"] > 0.9
     assert bare.floor["elbow"] == pytest.approx(clean.floor["elbow"], rel=0.5)
     assert "the motion repeats (arm.csv: 2 × " in str(bare)
 
 
 def test_a_turning_crank_repeats_too():
-    found = periods(left("four_bar", ["viscous"], [], seconds=12.0))
+    found = left("four_bar", ["viscous"], [], seconds=12.0).periods
     assert found.period["four_bar.csv"] == pytest.approx(4.0, abs=0.01)
     assert found.count == {"four_bar.csv": 3}
 
 
 @pytest.mark.parametrize("name", ["arm", "four_bar", "slider_crank"])
 def test_one_period_does_not_repeat(name):
-    assert periods(left(name, ["viscous"], [], seconds=4.0)) is None
+    assert left(name, ["viscous"], [], seconds=4.0).periods is None
 
 
 # --- residuals made by hand --------------------------------------------------------------------

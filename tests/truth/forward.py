@@ -5,7 +5,7 @@ import numpy as np
 import ident
 from ident.equations.terms import Samples
 from ident.equations.unknowns import Point
-from ident.fit.residual import predict
+from ident.fit.prediction import predict
 
 
 def planted(mechanism, effects):

@@ -10,7 +10,7 @@ import ident
 from helpers import ROBOTS
 from ident.effects import KINDS
 from ident.errors import MechanismError, MotionError
-from ident.fit.residual import predict
+from ident.fit.prediction import predict
 from ident.mechanism.write import add_effects
 from ident.show.effects import example, facts
 from identification import motion_log, plant, robot

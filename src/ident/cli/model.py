@@ -90,7 +90,7 @@ def view(
     """
     from ident.display import render
     from ident.fit.files import read_fit
-    from ident.fit.residual import predict
+    from ident.fit.prediction import predict
     from ident.show.view3d import SUFFIXES
 
     output_file(out, SUFFIXES)

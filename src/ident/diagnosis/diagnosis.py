@@ -30,13 +30,10 @@ from ident.effects import Effect
 from ident.equations.unknowns import Point
 from ident.errors import FitError, IdentError
 from ident.fit import Fit, identify
-from ident.fit.residual import residual_of
+from ident.fit.residual import Failure, Periods, residual_of
 from ident.fit.values import Value
 from ident.information.blocks import Error
 from ident.information.hypotheses import PartialRegression, zscore
-from ident.residual.failure import Failure
-from ident.residual.periods import Periods, periods
-from ident.residual.where import where
 
 SHOWN = 3  # candidates that are listed though nothing speaks for them
 LISTED = 8  # at most
@@ -315,7 +312,7 @@ def concluded(judged: Judged, on_progress: OnProgress) -> Diagnosis:
     if best is not None and (not candidates or candidates[0].effect.label != best.label):
         best = None  # what cannot be refitted is no name
     residual = residual_of(fit)
-    again = periods(residual)
+    again = residual.periods
     loud = judged.loud
     verdict = _verdict(judged, best, again)
     suggestion = None
@@ -329,7 +326,7 @@ def concluded(judged: Judged, on_progress: OnProgress) -> Diagnosis:
         verdict=verdict,
         decision=judged.decision,
         health=health(fit, fit.motion.logs),
-        where=where(residual),
+        where=residual.where,
         periods=again,
         candidates=tuple(candidates),
         selection=selection,

@@ -12,12 +12,12 @@ from ident.display import Displayed, render
 from ident.errors import FitError
 from ident.files import write_all
 from ident.fit.files import Saved
-from ident.fit.residual import Prediction, Residual, predict, residual_of
+from ident.fit.prediction import Prediction, predict
+from ident.fit.residual import Failure, Residual, residual_of
 from ident.fit.result import Fit
 from ident.information.blocks import Error
 from ident.motion import Motion
 from ident.progress import Progress
-from ident.residual.failure import Failure
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -19,8 +19,9 @@ from ident.fit.essential import Essential, essential
 from ident.fit.findings import Finding
 from ident.fit.likelihood import Likelihood
 from ident.fit.multipliers import Reactions, identifiable_multipliers
+from ident.fit.prediction import Prediction, predict, squares_of
 from ident.fit.problem import EliminatedBand, Problem, band_multipliers
-from ident.fit.residual import Prediction, Residual, predict, residual_of, squares_of
+from ident.fit.residual import Residual, residual_of
 from ident.fit.unexcited import Unexcited, unexcited
 from ident.fit.values import (
     BaseValue,

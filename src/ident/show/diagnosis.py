@@ -16,9 +16,9 @@ from ident.diagnosis.grow import History, Step
 from ident.diagnosis.selection import Evidence
 from ident.display import renders
 from ident.effects import Effect
+from ident.fit.residual import Failure
 from ident.fit.values import Value
 from ident.information.blocks import Error
-from ident.residual.failure import Failure
 from ident.text import percent, rounded, table
 
 WIDTH = 100

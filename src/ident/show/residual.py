@@ -10,19 +10,9 @@ from itertools import pairwise
 import numpy as np
 
 from ident.display import renders
-from ident.fit.residual import (
-    CLOSURES,
-    DRIVES,
-    RIGID,
-    WRENCHES,
-    Prediction,
-    Residual,
-    Trace,
-    zero_of,
-)
+from ident.fit.prediction import CLOSURES, DRIVES, RIGID, WRENCHES, Prediction, Trace
+from ident.fit.residual import Failure, Residual, zero_of
 from ident.information.blocks import Error
-from ident.residual.failure import Failure
-from ident.residual.where import where
 from ident.show.charts import MEASURED, RESIDUAL, Chart, Level, Line, Panel, Points
 from ident.show.html import Block, Choice, Option, Section, code, items, paragraph
 from ident.show.html import table as html_table
@@ -47,12 +37,6 @@ MAPS = (
 def text(residual: Residual) -> str:
     """Return the parts of the sum and where the model fails."""
     return "\n".join([headline(residual), *parts_table(residual), "", *where_text(residual)])
-
-
-@renders(Residual, "where")
-def where_of(residual: Residual) -> tuple[Failure, ...]:
-    """Return where the model fails, joint by joint, the largest share first."""
-    return where(residual)
 
 
 def error_rows(named: Mapping[str, Mapping[str, Error]]) -> list[list[str]]:

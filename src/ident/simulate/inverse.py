@@ -12,7 +12,7 @@ from ident.effects import KINDS
 from ident.equations.corrections import late
 from ident.equations.unknowns import Point
 from ident.errors import MechanismError, MotionError, one_of
-from ident.fit.residual import Prediction, predict
+from ident.fit.prediction import Prediction, predict
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import CENTROIDAL, DYNAMIC, about_origin, split

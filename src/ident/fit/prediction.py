@@ -1,0 +1,246 @@
+"""Torques that a model predicts of a motion, their parts, and the multipliers.
+
+    f = Γ π + E c − f_e                generalised forces of rigid bodies, effects, less wrenches
+    [−λ; τ̂_u] = K⁺ᵀ (f − Σ_{driven, not in u} W_jᵀ τ_j)
+                                       λ from the rows of the passive joints, then τ̂ of the
+                                       independent ones; τ̂_u never sees the measured torque of u
+    residual = measured − predicted    predicted = Σ parts
+
+A `Prediction` is at full rate and unfiltered; a `Trace` at the rows of the regression, filtered and
+decimated as they are, so that its residual is b − A x.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from ident.equations.corrections import Scene
+from ident.equations.filter import STICKING, Decimator
+from ident.equations.rows import dof, informing, reach
+from ident.equations.terms import Samples, told_by
+from ident.equations.unknowns import NOTHING, Point
+from ident.information.blocks import Squares
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Motion, State
+from ident.motion.regressor import rigid_forces
+
+CHUNK = 2048  # samples whose regressor is in memory at once
+RIGID, WRENCHES = "rigid bodies", "external wrenches"
+DRIVES, CLOSURES = "other drives", "closure forces"
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Prediction of one experiment: n samples, d independent coordinates and m multipliers.
+
+    Attributes:
+        t: (n,) [s]; joints: names of the independent coordinates.
+        measured, predicted: (n, d) torques [N m | N]; residual = measured − predicted.
+        parts: (n, d) by name: `rigid bodies`, each effect, `external wrenches`; they add up to
+            `predicted`.
+        multipliers: (n, m) λ.
+        usable: (n,) samples that take part.
+    """
+
+    name: str
+    t: np.ndarray
+    joints: tuple[str, ...]
+    measured: np.ndarray
+    predicted: np.ndarray
+    parts: dict[str, np.ndarray]
+    multipliers: np.ndarray
+    usable: np.ndarray
+
+    @property
+    def residual(self) -> np.ndarray:
+        """measured − predicted (n, d)."""
+        return self.measured - self.predicted
+
+
+def predict(mechanism: Mechanism, motion: Motion, point: Point) -> list[Prediction]:
+    """Predict every experiment of a motion, at full rate and unfiltered."""
+    return [_predict(mechanism, motion, e, point) for e in motion.experiments]
+
+
+def _predict(mechanism: Mechanism, motion: Motion, bare: State, point: Point) -> Prediction:
+    scene = Scene.of(mechanism, NOTHING, bare, point, motion.band.cutoff)
+    mechanism, e = scene.mechanism, scene.e
+    n, d, m = len(e), dof(mechanism, e), len(mechanism.kinematics.multipliers)
+    parts = {name: np.empty((n, d)) for name in _names(mechanism, e)}
+    others = tuple(name for name in mechanism.driven if name not in motion.independent)
+    measured, multipliers = np.empty((n, d)), np.empty((n, m))
+    for start in range(0, n, CHUNK):
+        part = slice(start, min(start + CHUNK, n))
+        s, u = scene.generalised(part), scene.samples(part)
+        forces = generalised(s, point)
+        for name, force in zip(parts, forces, strict=True):
+            parts[name][part] = u.reduce(force)
+        measured[part] = u.measured(mechanism.driven)
+        if e.pinv is not None:
+            f = sum(forces) - s.measured(others)
+            multipliers[part] = -np.einsum("nij,ni->nj", e.pinv[part][:, :, :m], f)
+    predicted = sum(parts.values(), np.zeros((n, d)))
+    joints = motion.independent
+    return Prediction(e.name, e.t, joints, measured, predicted, parts, multipliers, e.usable)
+
+
+def _names(mechanism: Mechanism, e: State) -> list[str]:
+    """Return the names of the parts, in the order of `generalised`."""
+    effects = [effect.label for effect in mechanism.effects if effect.unknowns]
+    return [RIGID, *effects, *([WRENCHES] if e.wrench is not None else [])]
+
+
+def generalised(s: Samples, point: Point) -> list[np.ndarray]:
+    """Return generalised forces (n, nv) of rigid bodies, of each effect, and less the wrenches."""
+    forces = [s.rigid(point.pi)]
+    for effect in s.mechanism.effects:
+        if effect.unknowns:
+            forces.append(np.zeros(s.shape))
+            s.add_effect(forces[-1], effect, *point.of(effect))
+    if s.e.wrench is not None:
+        forces.append(-s.e.wrench[s.part])
+    return forces
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """The residual of one experiment: n rows, filtered and decimated as the regression had them.
+
+    With d independent coordinates and J named joints:
+
+    Attributes:
+        name: the experiment's.
+        t: (n,) [s]; segment: (n,), rows of one number follow each other without a gap.
+        measured: (n, d) torques [N m | N].
+        parts: (n, d) by name: `rigid bodies`, each effect, less the `external wrenches`; they add
+            up to `predicted`.
+        gravity: (n, d), what of the rigid bodies' part is there without motion.
+        own: (n, d) by name, in each joint's own row of the generalised forces: rigid bodies and
+            effects of that row, `other drives`, and `closure forces` (Jᵀλ); they add up to the
+            joint's own torque. Empty for a tree; NaN for a closure's own joint, which has no row.
+        q, v, a: (n, J) [rad | m], [.../s], [.../s²] of all named joints.
+        direction: (n, J), sign(v), v/still at standstill.
+        informed: (n, d), false where dry friction at standstill leaves the torque open.
+        still: (J,) speed below which a joint stands still.
+    """
+
+    name: str
+    t: np.ndarray
+    segment: np.ndarray
+    measured: np.ndarray
+    parts: Mapping[str, np.ndarray]
+    gravity: np.ndarray
+    own: Mapping[str, np.ndarray]
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    direction: np.ndarray
+    informed: np.ndarray
+    still: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @cached_property
+    def predicted(self) -> np.ndarray:
+        """Σ parts (n, d)."""
+        return sum(self.parts.values(), np.zeros_like(self.measured))
+
+    @cached_property
+    def load(self) -> np.ndarray:
+        """Torque (n, d) that the links ask of each joint: the prediction without the effects."""
+        known = [self.parts[name] for name in (RIGID, WRENCHES) if name in self.parts]
+        return sum(known, np.zeros_like(self.measured))
+
+    @cached_property
+    def residual(self) -> np.ndarray:
+        """measured − predicted (n, d)."""
+        return self.measured - self.predicted
+
+    def runs(self) -> list[slice]:
+        """Return rows without a gap between them."""
+        edges = [0, *(np.flatnonzero(np.diff(self.segment)) + 1), len(self)]
+        return [slice(int(i), int(j)) for i, j in pairwise(edges) if j > i]
+
+
+def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Trace:
+    """Return the residual of one experiment at a working point."""
+    scene = Scene.of(mechanism, NOTHING, e, point, motion.band.cutoff)
+    mechanism, e = scene.mechanism, scene.e
+    decimator, farthest = Decimator.of(motion.band.cutoff, e.rate), reach(e)
+    names = _names(mechanism, e)
+    own = [*names, DRIVES, CLOSURES] if e.leverage is not None else []
+    d, J = len(motion.independent), len(mechanism.joints)
+    widths = [d] * (2 + len(names) + len(own)) + [J] * 4
+    none = [np.zeros(0), np.zeros(0, int), np.zeros((0, sum(widths))), np.ones((0, d), bool)]
+    found: list[list[np.ndarray]] = [none]
+    for number, segment in enumerate(e.segments()):
+        for inside, part in decimator.pieces(segment, CHUNK):
+            series, informed = _series(scene, motion, inside, farthest)
+            sample = np.arange(part.start, part.stop)
+            if decimator.taps is not None:
+                sample = decimator.centres(part, segment)
+                series = decimator.apply(series, inside, sample)
+                open_ = decimator.apply((~informed).astype(float), inside, sample, absolute=True)
+                informed = open_ < STICKING
+            found.append([e.t[sample], np.full(len(sample), number), series, informed])
+    t, segments, series, informed = (np.concatenate(each) for each in zip(*found, strict=True))
+    pieces = np.split(series, np.cumsum(widths)[:-1], axis=1)
+    parts, rows = pieces[2 : 2 + len(names)], pieces[2 + len(names) : -4]
+    q, v, a, direction = pieces[-4:]
+    return Trace(
+        e.name, t, segments, pieces[0], dict(zip(names, parts, strict=True)), pieces[1],
+        dict(zip(own, rows, strict=True)), q, v, a, direction, informed, e.still,
+    )  # fmt: skip
+
+
+def _series(
+    scene: Scene, motion: Motion, part: slice, farthest: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return all series of some samples side by side (n, …), unfiltered, and `informed` (n, d)."""
+    mechanism, e = scene.mechanism, scene.e
+    s, u = scene.generalised(part), scene.samples(part)
+    forces = generalised(s, scene.point)
+    q, zero = e.q[part], np.zeros_like(e.v[part])
+    gravity = rigid_forces(mechanism.model, q, zero, zero, scene.point.pi)
+    series = [u.measured(mechanism.driven), u.reduce(gravity), *(u.reduce(f) for f in forces)]
+    if e.leverage is not None:
+        series += _own_rows(s, u, motion, forces)
+    direction = np.clip(e.yd[part] / e.still, -1.0, 1.0)
+    series += [e.y[part], e.yd[part], e.ydd[part], direction]
+    informative = [each for effect in mechanism.effects for each in told_by(u, effect)]
+    return np.hstack(series), informing(u, informative, farthest)
+
+
+def _own_rows(s: Samples, u: Samples, motion: Motion, forces: list[np.ndarray]) -> list[np.ndarray]:
+    """Return each part (n, d) in the rows of the independent joints, then other drives, Jᵀλ.
+
+    Jᵀ λ = W_uᵀ τ̂_u + W_oᵀ τ_o − f of the drives u that are predicted and the others o.
+    """
+    mechanism = s.mechanism
+    others = tuple(name for name in mechanism.driven if name not in motion.independent)
+    drives = s.measured(others)
+    f = sum(forces, np.zeros(s.shape))
+    tau = u.reduce(f - drives)
+    for i, name in enumerate(motion.independent):
+        s.add_torque(drives, name, tau[:, i])
+    closures = drives - f
+    rows = [mechanism.joint(name) for name in motion.independent]
+    at = [row.index if row.in_tree else 0 for row in rows]
+    missing = np.where([row.in_tree for row in rows], 0.0, np.nan)
+    return [x[:, at] + missing for x in forces] + [
+        tau - drives[:, at] + missing,
+        closures[:, at] + missing,
+    ]
+
+
+def squares_of(residual: np.ndarray, measured: np.ndarray) -> Squares:
+    """Return the sums of squares of a residual and the measured torques, both (n, d)."""
+    n, d = residual.shape
+    error, torque = (residual**2).sum(axis=0), (measured**2).sum(axis=0)
+    return Squares(error, torque, np.full(d, float(n)))
