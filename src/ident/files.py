@@ -7,7 +7,7 @@ import importlib.util
 import os
 import secrets
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import BinaryIO
@@ -25,21 +25,18 @@ def whole(path: Path) -> Iterator[BinaryIO]:
             yield stream
         os.replace(part, path)
     finally:
-        _remove(part)
+        _quietly(part.unlink)
 
 
 def write_all(folder: Path, contents: Mapping[str, bytes | Path]) -> list[Path]:
     """Write the files of a folder, all or none of them.
 
     Each is written beside its place, then renamed. If that fails midway, the previous files are put
-    back and new ones, folders too, are removed.
+    back and new ones, folders too, are removed. Returns the paths written.
 
     Args:
         folder: made, with its parents, where it does not exist.
         contents: by name relative to the folder; a path is a file to be moved there.
-
-    Returns:
-        The paths written.
     """
     paths = [folder / name for name in contents]
     with contextlib.ExitStack() as scraps, contextlib.ExitStack() as undo:  # undo runs first
@@ -50,21 +47,21 @@ def write_all(folder: Path, contents: Mapping[str, bytes | Path]) -> list[Path]:
                     raise IsADirectoryError(21, "is a folder", str(path))
             parts = [_beside(path, "part") for path in paths]
             for part, content in zip(parts, contents.values(), strict=True):
-                scraps.callback(_remove, part)
-                undo.callback(_remove, part)
+                scraps.callback(_quietly, part.unlink)
+                undo.callback(_quietly, part.unlink)
                 if isinstance(content, Path):
                     os.replace(content, part)
                 else:
                     part.write_bytes(content)
             for part, path in zip(parts, paths, strict=True):
                 old = _beside(path, "old")
-                scraps.callback(_remove, old)
-                undo.callback(_remove, old)
+                scraps.callback(_quietly, old.unlink)
+                undo.callback(_quietly, old.unlink)
                 if path.exists():
                     shutil.copy2(path, old)
-                    undo.callback(_restore, old, path)
+                    undo.callback(_quietly, os.replace, old, path)
                 else:
-                    undo.callback(_remove, path)
+                    undo.callback(_quietly, path.unlink)
                 os.replace(part, path)
             undo.pop_all()
         except OSError as error:
@@ -110,19 +107,9 @@ def _beside(path: Path, suffix: str) -> Path:
 def _make_folder(folder: Path, undo: contextlib.ExitStack) -> None:
     for each in reversed([each for each in (folder, *folder.parents) if not each.exists()]):
         each.mkdir(exist_ok=True)
-        undo.callback(_remove_folder, each)
+        undo.callback(_quietly, each.rmdir)
 
 
-def _restore(old: Path, path: Path) -> None:
+def _quietly(change: Callable[..., object], *args: Path) -> None:
     with contextlib.suppress(OSError):  # the first error is the one to report
-        os.replace(old, path)
-
-
-def _remove(path: Path) -> None:
-    with contextlib.suppress(OSError):
-        path.unlink()
-
-
-def _remove_folder(path: Path) -> None:
-    with contextlib.suppress(OSError):
-        path.rmdir()
+        change(*args)

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ident.effects.effect import Bounds, Correcting, Correction, Effect, Signals, Unknown
+from ident.effects.effect import Correcting, Correction, Effect, Signals, Unknown
 from ident.effects.friction import direction
 
 LATEST = 0.05  # [s] that a channel may be late or early
@@ -29,7 +29,6 @@ class RotorInertia(Effect):
     source = KHALIL
 
     def columns(self, s: Signals) -> np.ndarray:
-        """E = a."""
         return s.a[:, :, None]
 
 
@@ -51,13 +50,11 @@ class Coupling(Effect):
     source = JANOT
 
     def columns(self, s: Signals) -> np.ndarray:
-        """E = [a1 + a2, v1 + v2, sign(v1 + v2)] for both joints."""
         v = s.v.sum(axis=1)
         both = np.stack([s.a.sum(axis=1), v, direction(v, s.still.max())], axis=-1)
         return np.repeat(both[:, None, :], 2, axis=1)
 
     def informed(self, s: Signals) -> np.ndarray:
-        """False where the sum of the rates is at standstill."""
         moving = np.abs(s.v.sum(axis=1)) >= s.still.max()
         return np.repeat(moving[:, None], 2, axis=1)
 
@@ -78,7 +75,6 @@ class TorqueOffset(Effect):
     source = JANOT
 
     def columns(self, s: Signals) -> np.ndarray:
-        """E = 1."""
         return np.ones((*s.q.shape, 1))
 
 
@@ -101,7 +97,6 @@ class TorqueGain(Effect):
     asks = ("torque",)
 
     def columns(self, s: Signals) -> np.ndarray:
-        """E = τ."""
         return s.torque[:, :, None]
 
 
@@ -119,7 +114,6 @@ class Drift(Effect):
     not_integrable = ""  # its state is the time
 
     def columns(self, s: Signals) -> np.ndarray:
-        """E = t − t0."""
         return np.repeat((s.t - s.t[0])[:, None, None], s.q.shape[1], axis=1)
 
 
@@ -130,7 +124,7 @@ class Delay(Correcting):
     watched = "request"
     margin = LATEST
     sits = "driven"
-    shapes = (Unknown("d", ("s", "s"), "by which the torque is late"),)
+    shapes = (Unknown("d", ("s", "s"), "by which the torque is late", range=(-LATEST, LATEST)),)
     equation = "τ(t) logged at t + d"
     signature = "the residual is large where the torque changes fast, with its slope"
     confused_with = ("viscous", "coulomb", "elasticity")
@@ -138,9 +132,4 @@ class Delay(Correcting):
     source = "Björklund, Ljung, IEEE CDC 2003"
 
     def correction(self, s: Signals) -> Correction:
-        """τ(t) = τ_logged(t + d)."""
         return Correction(delay={self.joints[0]: s.shape["d"]})
-
-    def bounds(self, s: Signals) -> Bounds:
-        """Fifty milliseconds either way."""
-        return {"d": (-LATEST, LATEST)}

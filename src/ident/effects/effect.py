@@ -32,28 +32,22 @@ from ident.errors import MechanismError, one_of
 
 @dataclass(frozen=True)
 class Signals:
-    """Time series of the joints that an effect acts on, and predictions of the present model.
+    """Time series of the joints that an effect acts on, and predictions of the present model."""
 
-    Attributes:
-        t: (n,) [s].
-        q, v, a: (n, joints) [rad | m], [.../s], [.../s²].
-        still: (joints,) speed [rad/s | m/s] below which a joint counts as standing still.
-        extra: the log's other columns on the same clock, each (n,).
-        shape: values of the effect's shape parameters.
-        present: present values of all effects' parameters, by full name.
-        predicted: gives (torque, load), both (n, joints) [N m | N]: the torque that the present
-            model predicts for each joint, and the part of it that the links need, without effects
-            at that joint. In a closure's own joint both are the size of the closure's force.
-    """
-
-    t: np.ndarray
-    q: np.ndarray
+    t: np.ndarray  # (n,) [s]
+    q: np.ndarray  # q, v, a: (n, joints) [rad | m], [.../s], [.../s²]
     v: np.ndarray
     a: np.ndarray
-    still: np.ndarray
+    still: np.ndarray  # (joints,) speed [rad/s | m/s] below which a joint counts as standing still
+    # the log's other columns on the same clock, each (n,)
     extra: Mapping[str, np.ndarray] = field(default_factory=dict)
+    # values of the effect's shape parameters
     shape: Mapping[str, float] = field(default_factory=dict)
+    # present values of all effects' parameters, by full name
     present: Mapping[str, float] = field(default_factory=dict)
+    # gives (torque, load), both (n, joints) [N m | N]: the torque that the present model predicts
+    # for each joint, and the part of it that the links need, without effects at that joint. In a
+    # closure's own joint both are the size of the closure's force
     predicted: Callable[[], tuple[np.ndarray, np.ndarray]] | None = None
 
     @property
@@ -74,71 +68,53 @@ class Signals:
 
 @dataclass(frozen=True)
 class Unknown:
-    """One parameter of an effect: its name, and its unit at a rotational and at a linear joint.
-
-    Attributes:
-        nonnegative: whether a negative value makes no physical sense.
-        discrete: of a shape parameter, whether it takes a few values only and has no slope.
-        largest: size above which a value is not plausible.
-        acts: how the part E_i c_i of an unknown enters a simulation: `torque` (any smooth function
-            of the state), `linear` (linear in q and v), `inertia` (c times the acceleration, summed
-            over the joints), `dry` (|E c| is the limit of dry friction at the summed rate), `level`
-            (a dry limit that no state changes), `state` (c times a state z with ż = `state_rate`),
-            `body` (one of a link's ten parameters).
-    """
+    """One parameter of an effect: its name, and its unit at a rotational and at a linear joint."""
 
     name: str
     units: tuple[str, ...]  # (rotational, linear)
     meaning: str
-    nonnegative: bool = False
+    nonnegative: bool = False  # whether a negative value makes no physical sense
+    # of a shape parameter, whether it takes a few values only and has no slope
     discrete: bool = False
-    largest: float = np.inf
+    largest: float = np.inf  # size above which a value is not plausible
+    # how the part E_i c_i of an unknown enters a simulation: `torque` (any smooth function of the
+    # state), `linear` (linear in q and v), `inertia` (c times the acceleration, summed over the
+    # joints), `dry` (|E c| is the limit of dry friction at the summed rate), `level` (a dry limit
+    # that no state changes), `state` (c times a state z with ż = `state_rate`), `body` (one of a
+    # link's ten parameters)
     acts: str = "torque"
+    # of a shape parameter, (lowest, highest) where the signals do not decide it
+    range: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
 class Sites:
-    """Names of everything in a mechanism on which an effect can sit; `Effect.sits` names a field.
+    """Names of all that an effect of a mechanism can sit on; `Effect.sits` names a field."""
 
-    Attributes:
-        joint: all coordinates, closures' own as well.
-        driven: joints with a drive.
-        loaded: joints whose load the model predicts: driven ones and closures' own.
-        logged: joints whose position is logged.
-        link: moving links.
-        closure: closures of every kind.
-        loop: closures between two frames.
-        place: lengths of the URDF and the closures, zero or not.
-        length: places whose coordinate is not zero, beyond the first joint.
-    """
-
-    joint: tuple[str, ...] = ()
-    driven: tuple[str, ...] = ()
+    joint: tuple[str, ...] = ()  # all coordinates, closures' own as well
+    driven: tuple[str, ...] = ()  # joints with a drive
+    # joints whose load the model predicts: driven ones and closures' own
     loaded: tuple[str, ...] = ()
-    logged: tuple[str, ...] = ()
-    link: tuple[str, ...] = ()
-    closure: tuple[str, ...] = ()
-    loop: tuple[str, ...] = ()
-    place: tuple[str, ...] = ()
-    length: tuple[str, ...] = ()
+    logged: tuple[str, ...] = ()  # joints whose position is logged
+    link: tuple[str, ...] = ()  # moving links
+    closure: tuple[str, ...] = ()  # closures of every kind
+    loop: tuple[str, ...] = ()  # closures between two frames
+    place: tuple[str, ...] = ()  # lengths of the URDF and the closures, zero or not
+    length: tuple[str, ...] = ()  # places whose coordinate is not zero, beyond the first joint
 
 
 @dataclass(frozen=True)
 class Correction:
-    """Changes of the data or the geometry by an effect, instead of a torque.
+    """Changes of the data or the geometry by an effect, instead of a torque."""
 
-    Attributes:
-        dq: by joint, true minus logged coordinate, (n,) or a number.
-        delay: by joint, the time by which its torque channel is late [s].
-        tilt: rotation of the base about x and y [rad].
-        moved: by place, a displacement [m] along its axis.
-        gap: by closure, its compliance C in Φ = C λ [m/N].
-    """
-
+    # by joint, true minus logged coordinate, (n,) or a number
     dq: Mapping[str, np.ndarray | float] = field(default_factory=dict)
+    # by joint, the time by which its torque channel is late [s]
     delay: Mapping[str, float] = field(default_factory=dict)
-    tilt: tuple[float, float] = (0.0, 0.0)
+    tilt: tuple[float, float] = (0.0, 0.0)  # rotation of the base about x and y [rad]
+    # by place, a displacement [m] along its axis
     moved: Mapping[str, float] = field(default_factory=dict)
+    # by closure, its compliance C in Φ = C λ [m/N]
     gap: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -327,8 +303,7 @@ class Effect(ABC):
     def columns(self, s: Signals) -> np.ndarray:
         """E (n, arity, unknowns): the torque each joint must supply per unit of each unknown.
 
-        Args:
-            s: signals of its joints, in their order, with the values of its shapes.
+        The signals `s` are those of its joints, in their order, with the values of its shapes.
         """
 
     def informed(self, s: Signals) -> np.ndarray:
@@ -337,13 +312,12 @@ class Effect(ABC):
 
     def bounds(self, s: Signals) -> Bounds:
         """The range of each shape parameter that the signals `s` can determine."""
-        return {}
+        return {shape.name: shape.range for shape in self.shapes if shape.range}
 
     def starts(self, s: Signals) -> list[Shape]:
         """Shapes from which the outer search starts, so close that one leads to the optimum.
 
-        Args:
-            s: signals of its joints, of all experiments.
+        The signals `s` are those of its joints in all experiments.
         """
         return [{}]
 
@@ -377,7 +351,6 @@ class Correcting(Effect):
     corrects: ClassVar[bool] = True
 
     def columns(self, s: Signals) -> np.ndarray:
-        """E (n, arity, 0)."""
         return np.zeros((*s.q.shape, 0))
 
     @abstractmethod
@@ -385,5 +358,5 @@ class Correcting(Effect):
         """The corrections at the shape `s.shape`."""
 
     def starts(self, s: Signals) -> list[Shape]:
-        """No correction at all."""
+        # no correction at all
         return [{shape.name: 0.0 for shape in self.shapes}]

@@ -33,7 +33,6 @@ class Spring(Effect):
     source = "Hooke, De Potentia Restitutiva, 1678"
 
     def columns(self, s: Signals) -> np.ndarray:
-        """E = [q, 1]."""
         return np.stack([s.q, np.ones_like(s.q)], axis=-1)
 
 
@@ -56,7 +55,6 @@ class Cable(Effect):
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:  # type: ignore[override]
-        """One coefficient a power of q."""
         pairs = (("N m", "rad"), ("N", "m"))
         return tuple(
             Unknown(
@@ -66,7 +64,6 @@ class Cable(Effect):
         )
 
     def columns(self, s: Signals) -> np.ndarray:
-        """E = [1, q, q², …]."""
         return s.q[:, :, None] ** np.arange(len(self.unknowns))
 
 
@@ -85,18 +82,17 @@ class EndStop(Effect):
     source = "Flores, Lankarani, Contact Force Models for Multibody Dynamics, ch. 2"
 
     def columns(self, s: Signals) -> np.ndarray:
-        """E = max(0, q − q1) or min(0, q − q1)."""
         side = np.sign(s.shape["side"]) or 1.0
         return (side * np.maximum(side * (s.q - s.shape["q1"]), 0.0))[:, :, None]
 
     def bounds(self, s: Signals) -> Bounds:
-        """Within the travel, but for its last hundredth."""
+        # within the travel, but for its last hundredth
         low, high = s.travel[0]
         margin = 0.01 * (high - low)
         return {"q1": (low + margin, high - margin), "side": (-1.0, 1.0)}
 
     def starts(self, s: Signals) -> list[Shape]:
-        """The outer thirds, in steps of a twentieth of the travel."""
+        # the outer thirds, in steps of a twentieth of the travel
         low, high = s.travel[0]
         share = np.linspace(0.05, 0.4, 8)
         upper = [{"q1": float(high - x * (high - low)), "side": 1.0} for x in share]
@@ -119,12 +115,11 @@ class Ripple(Effect):
     source = "Piccoli, Yim, Int. J. Robotics Research 35(1-3), 2016"
 
     def columns(self, s: Signals) -> np.ndarray:
-        """E = [sin(N q), cos(N q)]."""
         angle = s.shape["N"] * s.q
         return np.stack([np.sin(angle), np.cos(angle)], axis=-1)
 
     def bounds(self, s: Signals) -> Bounds:
-        """From one wave in the travel to what the samples still resolve."""
+        # from one wave in the travel to what the samples still resolve
         low, high = s.travel[0]
         lowest = 2 * np.pi / max(high - low, 1e-9)
         step = float(np.quantile(np.abs(np.diff(s.q[:, 0])), 0.9)) if len(s.q) > 1 else 0.0
@@ -132,7 +127,7 @@ class Ripple(Effect):
         return {"N": (lowest, min(max(finest, 2 * lowest), 64 * lowest))}
 
     def starts(self, s: Signals) -> list[Shape]:
-        """Steps of a third of what two waves must differ by over the travel to be told apart."""
+        # steps of a third of what two waves must differ by over the travel to be told apart
         low, high = self.bounds(s)["N"]
         step = 2 * low / 3
         return [{"N": float(N)} for N in np.arange(low, min(high, low + 96 * step), step)]

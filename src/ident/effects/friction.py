@@ -40,7 +40,6 @@ class Viscous(Effect):
     source = ARMSTRONG
 
     def columns(self, s: Signals) -> np.ndarray:
-        """E = v."""
         return s.v[:, :, None]
 
 
@@ -48,7 +47,6 @@ class Dry(Effect):
     """Friction that has the sign of the speed: at standstill it may be anything."""
 
     def informed(self, s: Signals) -> np.ndarray:
-        """False at standstill, where dry friction may have any value up to its limit."""
         return np.abs(s.v) >= s.still
 
 
@@ -70,7 +68,6 @@ class Coulomb(Dry):
     source = ARMSTRONG
 
     def columns(self, s: Signals) -> np.ndarray:
-        """E = sign(v)."""
         return direction(s.v, s.still)[:, :, None]
 
 
@@ -91,17 +88,16 @@ class Stribeck(Dry):
     source = ARMSTRONG
 
     def columns(self, s: Signals) -> np.ndarray:
-        """E = sign(v) exp(−(v/vs)²)."""
         fade = np.exp(-((s.v / s.shape["vs"]) ** 2))
         return (direction(s.v, s.still) * fade)[:, :, None]
 
     def bounds(self, s: Signals) -> Bounds:
-        """From twice standstill to the top speed."""
+        # from twice standstill to the top speed
         top = float(np.abs(s.v).max(initial=0.0)) or 1.0
         return {"vs": (min(max(2 * float(s.still[0]), 0.005 * top), 0.5 * top), top)}
 
     def starts(self, s: Signals) -> list[Shape]:
-        """Six speeds in equal ratios."""
+        # six speeds in equal ratios
         low, high = self.bounds(s)["vs"]
         return [{"vs": float(vs)} for vs in np.geomspace(2 * low, 0.7 * high, 6)]
 
@@ -118,7 +114,6 @@ class Drag(Effect):
     source = "Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 6"
 
     def columns(self, s: Signals) -> np.ndarray:
-        """E = v |v|."""
         return (s.v * np.abs(s.v))[:, :, None]
 
 
@@ -139,7 +134,6 @@ class LoadFriction(Dry):
     asks = ("load",)
 
     def columns(self, s: Signals) -> np.ndarray:
-        """E = |load| sign(v)."""
         return (np.abs(s.load) * direction(s.v, s.still))[:, :, None]
 
 
@@ -160,7 +154,6 @@ class Hysteresis(Effect):
     fades = True
 
     def state_rate(self, z: np.ndarray, v: np.ndarray, shape: Shape) -> np.ndarray:
-        """ż = v − |v| z/z0."""
         return v - np.abs(v) * z / shape["z0"]
 
     def columns(self, s: Signals) -> np.ndarray:
@@ -177,12 +170,12 @@ class Hysteresis(Effect):
         return z[:, :, None]
 
     def bounds(self, s: Signals) -> Bounds:
-        """From a two-thousandth of the travel to a quarter of it."""
+        # from a two-thousandth of the travel to a quarter of it
         low, high = s.travel[0]
         return {"z0": (max((high - low) / 2000, 1e-9), max((high - low) / 4, 1e-8))}
 
     def starts(self, s: Signals) -> list[Shape]:
-        """Six reaches in equal ratios."""
+        # six reaches in equal ratios
         low, high = self.bounds(s)["z0"]
         return [{"z0": float(z0)} for z0 in np.geomspace(4 * low, 0.7 * high, 6)]
 
@@ -202,11 +195,9 @@ class TemperatureFriction(Effect):
     implicit = True
 
     def reads(self) -> tuple[str, ...]:
-        """The joint's temperature [°C, as T0]."""
         return (f"temperature.{self.joints[0]}",)
 
     def columns(self, s: Signals) -> np.ndarray:
-        """E = Fv v (T − T0); Fv = 1 as long as it is not known."""
         Fv = s.present.get(f"viscous.{self.joints[0]}.Fv", 1.0)
         (T,) = (s.extra[name] for name in self.reads())
         return (Fv * s.v * (T[:, None] - self.setting("T0")))[:, :, None]

@@ -11,6 +11,10 @@ import numpy as np
 
 from ident.effects.effect import Bounds, Correcting, Correction, Signals, Unknown
 
+TILT = 0.35  # [rad] 20° of a base that is not level, or of an encoder's zero
+DISPLACED = 0.05  # [m] of an error of a drawing
+SOFTEST = 1e-4  # [m/N] of a closure: a millimetre at ten newtons
+
 
 class EncoderOffset(Correcting):
     """An encoder whose zero is off, at a joint whose position is logged."""
@@ -26,13 +30,12 @@ class EncoderOffset(Correcting):
     source = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, ch. 6"
 
     def correction(self, s: Signals) -> Correction:
-        """q + delta."""
         return Correction(dq={self.joints[0]: s.shape["delta"]})
 
     def bounds(self, s: Signals) -> Bounds:
-        """A fifth of a radian, or of the travel for a sliding joint."""
+        # up to a fifth of the travel for a sliding joint
         low, high = s.travel[0]
-        most = 0.35 if self.rotational else max(0.2 * (high - low), 1e-4)
+        most = TILT if self.rotational else max(0.2 * (high - low), 1e-4)
         return {"delta": (-most, most)}
 
 
@@ -44,8 +47,8 @@ class GravityTilt(Correcting):
     sits = "mechanism"
     watched = "always"
     shapes = (
-        Unknown("x", ("rad", "rad"), "rotation of the base about its x axis"),
-        Unknown("y", ("rad", "rad"), "then about its new y axis"),
+        Unknown("x", ("rad", "rad"), "rotation of the base about its x axis", range=(-TILT, TILT)),
+        Unknown("y", ("rad", "rad"), "then about its new y axis", range=(-TILT, TILT)),
     )
     equation = "g → Rᵀ g, R = Rx(x) Ry(y): the base is turned by R"
     signature = "joints that gravity should not feel show it, with their angle"
@@ -57,12 +60,7 @@ class GravityTilt(Correcting):
     source = "Featherstone, Rigid Body Dynamics Algorithms, ch. 5"
 
     def correction(self, s: Signals) -> Correction:
-        """R = Rx(x) Ry(y)."""
         return Correction(tilt=(s.shape["x"], s.shape["y"]))
-
-    def bounds(self, s: Signals) -> Bounds:
-        """Twenty degrees."""
-        return {"x": (-0.35, 0.35), "y": (-0.35, 0.35)}
 
 
 class Elasticity(Correcting):
@@ -81,11 +79,10 @@ class Elasticity(Correcting):
     implicit = True
 
     def correction(self, s: Signals) -> Correction:
-        """q − compliance · load."""
         return Correction(dq={self.joints[0]: -s.shape["compliance"] * s.load[:, 0]})
 
     def bounds(self, s: Signals) -> Bounds:
-        """A twist of up to a tenth of a radian, or of the travel, at the rms load."""
+        # a twist of up to a tenth of a radian, or of the travel, at the rms load
         low, high = s.travel[0]
         most = 0.1 if self.rotational else 0.1 * (high - low)
         return {"compliance": (0.0, most / max(float(np.sqrt(np.mean(s.load**2))), 1e-9))}
@@ -109,13 +106,12 @@ class Backlash(Correcting):
     implicit = True
 
     def correction(self, s: Signals) -> Correction:
-        """q − width/2 · sign(load), rounded off below a twentieth of its rms."""
         load = s.load[:, 0]
         side = np.tanh(load / max(0.05 * float(np.sqrt(np.mean(load**2))), 1e-12))
         return Correction(dq={self.joints[0]: -0.5 * s.shape["width"] * side})
 
     def bounds(self, s: Signals) -> Bounds:
-        """Up to a tenth of the travel."""
+        # up to a tenth of the travel
         low, high = s.travel[0]
         return {"width": (0.0, max(0.1 * (high - low), 1e-6))}
 
@@ -128,7 +124,9 @@ class Geometry(Correcting):
     sits = "place"
     tried = "length"
     watched = "request"
-    shapes = (Unknown("Delta", ("m", "m"), "displacement along the axis"),)
+    shapes = (
+        Unknown("Delta", ("m", "m"), "displacement along the axis", range=(-DISPLACED, DISPLACED)),
+    )
     equation = "place <joint>.<x|y|z> or <closure>.<a|b>.<x|y|z> moved by Delta"
     signature = "coupling and gravity terms are wrong in proportion"
     confused_with = ("inertias and centres of mass", "encoder_offset")
@@ -136,12 +134,7 @@ class Geometry(Correcting):
     source = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, ch. 6"
 
     def correction(self, s: Signals) -> Correction:
-        """The place moved by Delta."""
         return Correction(moved={self.joints[0]: s.shape["Delta"]})
-
-    def bounds(self, s: Signals) -> Bounds:
-        """Five centimetres either way."""
-        return {"Delta": (-0.05, 0.05)}
 
 
 class ClosureCompliance(Correcting):
@@ -155,7 +148,7 @@ class ClosureCompliance(Correcting):
     not_integrable = (
         "a closure that yields would vibrate, and this effect has no inertia to do it with"
     )
-    shapes = (Unknown("C", ("m/N", "m/N"), "compliance", nonnegative=True),)
+    shapes = (Unknown("C", ("m/N", "m/N"), "compliance", nonnegative=True, range=(0.0, SOFTEST)),)
     equation = "Φ = C λ, in the directions in which λ is a force"
     signature = "dependent joints leave the closure, and inertias act, as λ changes"
     confused_with = ("geometry",)
@@ -164,9 +157,4 @@ class ClosureCompliance(Correcting):
     implicit = True
 
     def correction(self, s: Signals) -> Correction:
-        """Φ = C λ."""
         return Correction(gap={self.joints[0]: s.shape["C"]})
-
-    def bounds(self, s: Signals) -> Bounds:
-        """Up to a millimetre at ten newtons."""
-        return {"C": (0.0, 1e-4)}

@@ -31,5 +31,4 @@ class Payload(Effect):
     source = "Khalil, Gautier, Lemoine, IEEE ICRA 2007"
 
     def columns(self, s: Signals) -> np.ndarray:
-        """No torque of a joint: the equations take Γ's columns of the link."""
         return np.zeros((*s.q.shape, len(self.unknowns)))

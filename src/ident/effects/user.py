@@ -20,9 +20,9 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from ident.effects.effect import Bounds, Effect, Shape, Signals, Unknown
+from ident.effects.effect import Effect, Shape, Signals, Unknown
 from ident.effects.library import KINDS
-from ident.errors import MechanismError, one_of
+from ident.errors import MechanismError, line_of, one_of
 from ident.files import module_of
 
 SIGNALS = {
@@ -42,7 +42,7 @@ class UserEffect(Effect):
     """Base of the classes that `user_effect` makes."""
 
     function: ClassVar[UserFunction]
-    starting: ClassVar[Mapping[str, tuple[float, float, float]]]
+    starting: ClassVar[Mapping[str, float]]  # where the search of each shape starts
     fewest: ClassVar[int] = 1  # joints whose signals the function asks for
 
     def __post_init__(self) -> None:
@@ -57,18 +57,15 @@ class UserEffect(Effect):
 
     @property
     def arity(self) -> int:  # type: ignore[override]
-        """As many joints as are given."""
         return len(self.joints)
 
     @property
     def asks(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Predictions on which the function depends."""
         compiled = _compiled(type(self), len(self.joints))
         return tuple(w for w, i in PREDICTED.items() if compiled.jac_sparsity(0, i).nnz())
 
     @property
     def not_integrable(self) -> str:
-        """A jump, or a dependence on the log's first sample."""
         compiled = _compiled(type(self), len(self.joints))
         used = {compiled.instruction_id(i) for i in range(compiled.n_instructions())}
         if ca.OP_SIGN in used:
@@ -93,15 +90,12 @@ class UserEffect(Effect):
             )
         return E
 
-    def bounds(self, s: Signals) -> Bounds:
-        """As the function's keyword arguments give them."""
-        return {name: (low, high) for name, (_, low, high) in self.starting.items()}
-
     def starts(self, s: Signals) -> list[Shape]:
-        """The given start, and points spread evenly between the bounds."""
+        # the given start, and points spread evenly between the bounds
         if not self.starting:
             return [{}]
-        start, low, high = np.array(list(self.starting.values())).T
+        start = np.array(list(self.starting.values()))
+        low, high = np.array([shape.range for shape in self.shapes]).T
         k = len(start)
         from scipy.stats import qmc  # takes half a second to import
 
@@ -128,13 +122,14 @@ def user_effect(name: str, function: UserFunction, file: Path | None = None) -> 
     if not name.isidentifier() or name in KINDS:
         why = "is in the library" if name in KINDS else "is no name"
         raise MechanismError(f"effect '{name}' {why}; give another of letters, digits and _")
-    starting, units = _shapes(name, function)
+    starting, shapes = _shapes(name, function)
     members: dict[str, Any] = {
         "__doc__": inspect.getdoc(function) or "A user's own effect.",
         "__module__": __name__,
         "kind": name,
         "function": staticmethod(function),
         "starting": starting,
+        "shapes": shapes,
         "file": file,
         "signature": "as the function has it",
         "source": file.name if file else "a function of one's own",
@@ -151,9 +146,6 @@ def user_effect(name: str, function: UserFunction, file: Path | None = None) -> 
         assert first is not None
         raise first
     kind.fewest = joints
-    kind.shapes = tuple(
-        Unknown(key, (unit, unit), "of the function") for key, unit in units.items()
-    )
     kind.unknowns = tuple(
         Unknown(key, (unit, unit), "of the function") for key, (_, unit) in columns.items()
     )
@@ -165,14 +157,12 @@ def user_effect(name: str, function: UserFunction, file: Path | None = None) -> 
     return kind
 
 
-def _shapes(
-    name: str, function: UserFunction
-) -> tuple[dict[str, tuple[float, float, float]], dict[str, str]]:
+def _shapes(name: str, function: UserFunction) -> tuple[dict[str, float], tuple[Unknown, ...]]:
     try:
         given = list(inspect.signature(function).parameters.items())[1:]
     except (TypeError, ValueError):
         raise MechanismError(f"effect '{name}': {function!r} is no function of s") from None
-    starting, units = {}, {}
+    starting, shapes = {}, []
     for key, parameter in given:
         try:
             start, low, high = (float(x) for x in parameter.default)
@@ -184,10 +174,11 @@ def _shapes(
                 f"effect '{name}': the default of {key} is {shown}; give its start and bounds: "
                 f"{key}=(start, lowest, highest)"
             )
-        starting[key] = (start, low, high)
         unit = parameter.annotation
-        units[key] = unit.strip("'\"") if isinstance(unit, str) else "?"
-    return starting, units
+        unit = unit.strip("'\"") if isinstance(unit, str) else "?"
+        starting[key] = start
+        shapes.append(Unknown(key, (unit, unit), "of the function", range=(low, high)))
+    return starting, tuple(shapes)
 
 
 def _evaluated(
@@ -203,7 +194,7 @@ def _evaluated(
             columns[name] = ca.SX(column), unit.removesuffix("]") or "?"
     except Exception as error:  # it is the user's code
         raise MechanismError(
-            f"effect '{kind.kind}': its function fails: {_one_line(error)}; it is given s with "
+            f"effect '{kind.kind}': its function fails: {line_of(error)}; it is given s with "
             f"{', '.join(SIGNALS)}, t and returns {{'unknown': CasADi expression}}"
         ) from None
     for name, (column, _) in columns.items():
@@ -227,12 +218,8 @@ def _compiled(kind: type[UserEffect], joints: int) -> ca.Function:
     except Exception as error:  # it contains other symbols than its inputs
         raise MechanismError(
             f"effect '{kind.kind}': its expression has other symbols than those of s: "
-            f"{_one_line(error)}"
+            f"{line_of(error)}"
         ) from None
-
-
-def _one_line(error: BaseException) -> str:
-    return f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
 
 
 def parse_user(text: str) -> tuple[Path, str, tuple[str, ...]] | None:
@@ -275,7 +262,7 @@ def read_user_effect(
     try:
         module = module_of(file)
     except (Exception, SystemExit) as error:  # it is the user's code
-        raise MechanismError(f"{before}{file} fails: {_one_line(error)}; mend it") from None
+        raise MechanismError(f"{before}{file} fails: {line_of(error)}; mend it") from None
     functions = {
         key: each
         for key, each in vars(module).items()

@@ -50,12 +50,7 @@ EFFECTS = {  # properties of a joint that are effects here
 
 
 def read_mjcf(path: Path, data: bytes) -> Description:
-    """Read a MuJoCo model's bodies, joints and equalities.
-
-    Args:
-        path: of the file; what it includes is beside it.
-        data: its text.
-    """
+    """Read a MuJoCo model's bodies, joints and equalities; what it includes is beside `path`."""
     model, warnings = _compiled(path, data)
     return _MjcfModel(model, path).description(warnings)
 

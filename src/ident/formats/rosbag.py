@@ -30,13 +30,8 @@ Groups = Mapping[tuple[str, tuple[str, ...]], pl.DataFrame]
 def read_bag(path: Path, topics: Sequence[str] = ()) -> RawTable:
     """Read the joint states of a bag, and the wrenches that are asked for.
 
-    Args:
-        path: of the folder or file.
-        topics: of joint states (several are merged) and of wrenches; none: the only topic of joint
-            states.
-
-    Returns:
-        Columns `t` [s] since the first message and q., v., tau., wrench. of the names in the bag.
+    Several `topics` of joint states are merged; none stands for the only one. The columns are `t`
+    [s] since the first message and q., v., tau., wrench. of the names in the bag.
     """
     try:
         from rosbags.rosbag2 import Reader

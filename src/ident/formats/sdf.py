@@ -42,12 +42,7 @@ TRUE = ("true", "1")
 
 
 def read_sdf(path: Path, data: bytes) -> Description:
-    """Read the only model of an SDF file, or of its world, that is not static.
-
-    Args:
-        path: of the file.
-        data: its text.
-    """
+    """Read the only model of an SDF file, or of its world, that is not static."""
     where = str(path)
     root = parse_xml(data, where)
     world = root.find("world")

@@ -27,19 +27,12 @@ NEWLINE, RETURN, QUOTE = b'\n\r"'
 
 @dataclass(frozen=True)
 class Head:
-    """The top of a CSV file.
+    """The top of a CSV file."""
 
-    Attributes:
-        names: of the columns, as written.
-        separator: of the cells.
-        line: the header's, from 1.
-        end: where the rows begin, in bytes behind a byte order mark.
-    """
-
-    names: tuple[str, ...]
-    separator: bytes
-    line: int
-    end: int
+    names: tuple[str, ...]  # of the columns, as written
+    separator: bytes  # of the cells
+    line: int  # the header's, from 1
+    end: int  # where the rows begin, in bytes behind a byte order mark
 
 
 class Lines:
@@ -110,12 +103,7 @@ def head_of(raw: bytes, file: str) -> Head:
 def rows_of(text: bytes, head: Head, file: str, before: int, last: bool = True) -> RawTable:
     """Return the columns of some whole lines of a CSV file below its header.
 
-    Args:
-        text: the lines.
-        head: of the file.
-        file: as messages name it.
-        before: number of lines of the file before these.
-        last: whether the file ends with them.
+    `before` is the number of lines of the file before these, `last` whether it ends with them.
     """
     lines, width = Lines(text, head.separator), len(head.names)
     filled = lines.filled

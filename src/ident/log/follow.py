@@ -27,17 +27,12 @@ HEAD = 1 << 20  # bytes in which the header must be
 
 @dataclass(frozen=True)
 class CsvLine:
-    """One line below the header.
+    """One line below the header."""
 
-    Attributes:
-        number: from 1.
-        sample: its cells by column, NaN where a cell is empty or text; None for no sample.
-        why: the reason why it is no sample.
-    """
-
-    number: int
+    number: int  # from 1
+    # its cells by column, NaN where a cell is empty or text; None for no sample
     sample: Mapping[str, float] | None
-    why: str = ""
+    why: str = ""  # the reason why it is no sample
 
 
 def follow(

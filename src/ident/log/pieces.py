@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -31,68 +31,38 @@ STRIDE = 1024  # rows of a CSV file from one kept place to the next
 
 
 @dataclass(frozen=True, eq=False)
-class FileRows:
-    """A file whose rows can be read by number.
-
-    Attributes:
-        path: of the file.
-        rows: their number.
-        sha256: of the file's bytes.
-    """
-
-    path: Path
-    rows: int
-    sha256: str
-
-    def table(self, first: int, stop: int, only: Collection[str] | None = None) -> RawTable:
-        """Return the rows first … stop - 1; of the columns `only`, if that saves work."""
-        raise NotImplementedError
-
-
-@dataclass(frozen=True, eq=False)
 class Pieces:
-    """A recorded experiment on disk, opened by `open_log`.
-
-    Attributes:
-        path: of the file.
-        name: in messages and tables.
-        mapping: ident's names to the file's columns.
-        source: of its rows.
-        columns: ident's names of all columns of numbers, t among them.
-    """
+    """A recorded experiment on disk, opened by `open_log`."""
 
     path: Path
-    name: str
-    mapping: Mapping[str, Column]
-    source: FileRows
-    columns: tuple[str, ...]
+    name: str  # in messages and tables
+    mapping: Mapping[str, Column]  # ident's names to the file's columns
+    file: FileRows
+    columns: tuple[str, ...]  # ident's names of all columns of numbers, t among them
 
     @property
     def rows(self) -> int:
         """Number of rows of the file, repeated time stamps among them."""
-        return self.source.rows
+        return self.file.rows
 
     @property
     def sha256(self) -> str:
         """SHA-256 of the file's bytes."""
-        return self.source.sha256
+        return self.file.sha256
 
     def piece(self, first: int, stop: int, only: Collection[str] | None = None) -> Log:
         """Return the samples of the rows first … stop - 1, checked and repaired as by `read_log`.
 
-        Args:
-            first: row, from 0.
-            stop: row behind the last, ten or more after the first.
-            only: columns that are needed; others may be missing.
+        There are ten rows or more. `only` names the columns that are needed; others may be missing.
         """
         wanted, mapping = None, self.mapping
         if only is not None:
             mapping = {name: source for name, source in mapping.items() if name in only}
             wanted = {mapping[name].column if name in mapping else name for name in only}
         with reading(self.path):
-            table = self.source.table(first, min(stop, self.rows), wanted)
-        if only is not None:
-            columns = {name: x for name, x in table.columns.items() if name in (wanted or ())}
+            table = self.file.table(first, min(stop, self.rows), wanted)
+        if wanted is not None:
+            columns = {name: x for name, x in table.columns.items() if name in wanted}
             table = replace(table, columns=columns)
         elif other := sorted(set(renamed(table, mapping).columns) ^ set(self.columns)):
             raise LogError(
@@ -100,6 +70,19 @@ class Pieces:
                 f"(from {table.where(0)} on); leave cells empty where there is no value"
             )
         return Log.from_table(self.name, table, mapping, self.sha256)
+
+
+@dataclass(frozen=True, eq=False)
+class FileRows:
+    """A file whose rows can be read by number.
+
+    `table(first, stop, only)` returns the rows first … stop - 1; of the columns `only`, if that
+    saves work.
+    """
+
+    rows: int
+    sha256: str
+    table: Callable[[int, int, Collection[str] | None], RawTable]
 
 
 def open_log(
@@ -110,108 +93,89 @@ def open_log(
 ) -> Pieces:
     """Open a log as `read_log` reads it; rows of CSV and Parquet files stay on disk.
 
-    Args:
-        path: of the file or bag.
-        columns: ident's names to the file's columns.
-        topic: of a bag.
-
-    Returns:
-        The log in pieces. A text file was read once, to know where rows begin.
+    A text file is read once, to know where rows begin. Raises LogError for what can be decided
+    without reading all values.
     """
     path, topics = split(Path(path), topic)
     check_kind(path, topics)
     mapping, suffix = dict(columns or {}), suffix_of(path)
     with reading(path):
-        source: FileRows
         if suffix == ".csv":
-            source = CsvRows.of(path)
+            file = _open_csv(path)
         elif suffix == ".parquet":
-            source = ParquetRows.of(path)
+            file = _open_parquet(path)
         else:
-            source = WholeRows.of(path, tuple(topics))
-        head = renamed(source.table(0, min(source.rows, 1024)), mapping)
-    return Pieces(path, log_name(path, topics), mapping, source, tuple(head.columns))
+            table = partial(_rows_of_whole, path, tuple(topics))
+            whole = _whole(path, tuple(topics), path.stat().st_mtime_ns)
+            file = FileRows(len(next(iter(whole.columns.values()), ())), digest(path), table)
+        head = renamed(file.table(0, min(file.rows, 1024), None), mapping)
+    return Pieces(path, log_name(path, topics), mapping, file, tuple(head.columns))
 
 
-@dataclass(frozen=True, eq=False)
-class ParquetRows(FileRows):
-    """FileRows of a Parquet file, of which the row groups that are asked for are read."""
-
-    since: Mapping[str, int]  # first tick of columns of times
-
-    @classmethod
-    def of(cls, path: Path) -> ParquetRows:
-        """Open a file; raises LogError where it is not Parquet."""
-        sha256 = digest(path)
-        with parquet_errors(path):
-            lazy = pl.scan_parquet(path)
-            rows = int(lazy.select(pl.len()).collect().item())
-            times = [name for name, kind in lazy.collect_schema().items() if kind.is_temporal()]
-            firsts = lazy.select(pl.col(times).drop_nulls().first()).collect()
-        return cls(path, rows, sha256, {name: first_tick(firsts[name]) for name in times})
-
-    def table(self, first: int, stop: int, only: Collection[str] | None = None) -> RawTable:
-        """Return the rows first … stop - 1."""
-        with parquet_errors(self.path):
-            lazy = pl.scan_parquet(self.path).slice(first, stop - first)
-            if only is not None:
-                lazy = lazy.select([name for name in lazy.collect_schema() if name in only])
-            frame = lazy.collect()
-        return table_of(str(self.path), frame, first=first, since=self.since)
+def _open_parquet(path: Path) -> FileRows:
+    with parquet_errors(path):
+        lazy = pl.scan_parquet(path)
+        rows = int(lazy.select(pl.len()).collect().item())
+        times = [name for name, kind in lazy.collect_schema().items() if kind.is_temporal()]
+        firsts = lazy.select(pl.col(times).drop_nulls().first()).collect()
+    since = {name: first_tick(firsts[name]) for name in times}
+    return FileRows(rows, digest(path), partial(_rows_of_parquet, path, since))
 
 
-@dataclass(frozen=True, eq=False)
-class CsvRows(FileRows):
-    """FileRows of a CSV file, of which every STRIDE-th row's place is known.
+def _rows_of_parquet(
+    path: Path, since: Mapping[str, int], first: int, stop: int, only: Collection[str] | None
+) -> RawTable:
+    with parquet_errors(path):
+        lazy = pl.scan_parquet(path).slice(first, stop - first)
+        if only is not None:
+            lazy = lazy.select([name for name in lazy.collect_schema() if name in only])
+        frame = lazy.collect()
+    return table_of(str(path), frame, first=first, since=since)
 
-    Attributes:
-        head: the header.
-        offset: (k + 1,) [bytes] where rows 0, STRIDE, … begin, and the end of the file.
-        line: (k,) number of lines before these rows.
-    """
 
-    head: Head
-    offset: NDArray[np.int64]
-    line: NDArray[np.int64]
+def _open_csv(path: Path) -> FileRows:
+    file, sha256 = str(path), hashlib.sha256()
+    offsets: list[NDArray[np.int64]] = []  # [bytes] where rows 0, STRIDE, … begin, and the end
+    numbers: list[NDArray[np.int64]] = []  # of lines before these rows
+    head: Head | None = None
+    at = before = rows = 0
+    for text in _blocks(path):
+        sha256.update(text)
+        begin = 0
+        if head is None:
+            begin = len(BOM) * text.startswith(BOM)
+            head = head_of(text[begin:], file)
+            begin += head.end
+            refuse_binary(text[:begin], file)
+            before = head.line
+        refuse_binary(text[begin:], file, before)
+        lines = Lines(text[begin:], head.separator)
+        every = lines.filled[-rows % STRIDE :: STRIDE]
+        offsets.append(lines.start[every] + at + begin)
+        numbers.append(every + before)
+        at, before, rows = at + len(text), before + len(lines), rows + len(lines.filled)
+    head = head or head_of(b"", file)
+    if not rows:
+        rows_of(b"", head, file, before)
+    offset, line = np.append(np.concatenate(offsets), at), np.concatenate(numbers)
+    return FileRows(rows, sha256.hexdigest(), partial(_rows_of_csv, path, head, offset, line))
 
-    @classmethod
-    def of(cls, path: Path) -> CsvRows:
-        """Find the places in one pass; raises LogError where the file is no text or has no row."""
-        file, sha256 = str(path), hashlib.sha256()
-        offsets: list[NDArray[np.int64]] = []
-        numbers: list[NDArray[np.int64]] = []
-        head: Head | None = None
-        at = before = rows = 0
-        for text in _blocks(path):
-            sha256.update(text)
-            begin = 0
-            if head is None:
-                begin = len(BOM) * text.startswith(BOM)
-                head = head_of(text[begin:], file)
-                begin += head.end
-                refuse_binary(text[:begin], file)
-                before = head.line
-            refuse_binary(text[begin:], file, before)
-            lines = Lines(text[begin:], head.separator)
-            every = lines.filled[-rows % STRIDE :: STRIDE]
-            offsets.append(lines.start[every] + at + begin)
-            numbers.append(every + before)
-            at, before, rows = at + len(text), before + len(lines), rows + len(lines.filled)
-        head = head or head_of(b"", file)
-        if not rows:
-            rows_of(b"", head, file, before)
-        offset, line = np.append(np.concatenate(offsets), at), np.concatenate(numbers)
-        return cls(path, rows, sha256.hexdigest(), head, offset, line)
 
-    def table(self, first: int, stop: int, only: Collection[str] | None = None) -> RawTable:
-        """Return the rows first … stop - 1, all columns."""
-        i, j = first // STRIDE, min(-(-stop // STRIDE), len(self.line))
-        with self.path.open("rb") as stream:
-            stream.seek(int(self.offset[i]))
-            text = stream.read(int(self.offset[j] - self.offset[i]))
-        last = j == len(self.line)
-        table = rows_of(text, self.head, str(self.path), int(self.line[i]), last)
-        return table.cut(slice(first - i * STRIDE, stop - i * STRIDE))
+def _rows_of_csv(
+    path: Path,
+    head: Head,
+    offset: NDArray[np.int64],
+    line: NDArray[np.int64],
+    first: int,
+    stop: int,
+    only: Collection[str] | None,
+) -> RawTable:
+    i, j = first // STRIDE, min(-(-stop // STRIDE), len(line))
+    with path.open("rb") as stream:
+        stream.seek(int(offset[i]))
+        text = stream.read(int(offset[j] - offset[i]))
+    table = rows_of(text, head, str(path), int(line[i]), j == len(line))
+    return table.cut(slice(first - i * STRIDE, stop - i * STRIDE))
 
 
 def _blocks(path: Path) -> Iterator[bytes]:
@@ -227,22 +191,10 @@ def _blocks(path: Path) -> Iterator[bytes]:
             yield rest
 
 
-@dataclass(frozen=True, eq=False)
-class WholeRows(FileRows):
-    """FileRows of a file that is read whole: an archive, a bag, a format of another package."""
-
-    topics: tuple[str, ...]
-
-    @classmethod
-    def of(cls, path: Path, topics: tuple[str, ...]) -> WholeRows:
-        """Open a file."""
-        table = _whole(path, topics, path.stat().st_mtime_ns)
-        return cls(path, len(next(iter(table.columns.values()), ())), digest(path), topics)
-
-    def table(self, first: int, stop: int, only: Collection[str] | None = None) -> RawTable:
-        """Return the rows first … stop - 1, all columns."""
-        whole = _whole(self.path, self.topics, self.path.stat().st_mtime_ns)
-        return whole.cut(slice(first, stop))
+def _rows_of_whole(
+    path: Path, topics: tuple[str, ...], first: int, stop: int, only: Collection[str] | None
+) -> RawTable:
+    return _whole(path, topics, path.stat().st_mtime_ns).cut(slice(first, stop))
 
 
 @lru_cache(maxsize=1)
@@ -251,11 +203,7 @@ def _whole(path: Path, topics: tuple[str, ...], changed: int) -> RawTable:
 
 
 def likely_rows(path: str | os.PathLike[str]) -> int:
-    """Return about how many rows a log has, without reading it; 0 for what it cannot tell.
-
-    Args:
-        path: of a file or bag, which need not be there.
-    """
+    """Return about how many rows a log has, without reading it; 0 for what it cannot tell."""
     path = Path(path)
     try:
         if path.suffix.lower() == ".parquet":

@@ -165,9 +165,6 @@ def logs_in(folder: str | os.PathLike[str]) -> list[Path]:
 
     Hidden files and inner folders are left out. The reader refuses a file that turns out to be no
     log.
-
-    Args:
-        folder: of the logs.
     """
     folder = Path(folder)
     try:
@@ -183,11 +180,7 @@ def logs_in(folder: str | os.PathLike[str]) -> list[Path]:
 
 
 def expanded(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
-    """Return logs, and in place of every folder the logs in it; each file once.
-
-    Args:
-        paths: of logs and folders.
-    """
+    """Return logs, and in place of every folder the logs in it; each file once."""
     unique: dict[Path, Path] = {}
     for path in map(Path, paths):
         for each in logs_in(path) if is_folder_of_logs(path) else [path]:

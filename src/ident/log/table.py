@@ -24,23 +24,16 @@ TICKS_PER_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 
 @dataclass(frozen=True, eq=False)
 class RawTable:
-    """Equally long columns of one file or of memory; every row knows its place in the file.
+    """Equally long columns of one file or of memory; every row knows its place in the file."""
 
-    Attributes:
-        file: as messages name it.
-        columns: (n_rows,) by name, NaN where a cell is empty.
-        left_out: why a column is no measurement, by name.
-        repairs: what was changed, in words.
-        lines: (n_rows,) line of each row; None for a file without lines.
-        first: number of the first row in a file without lines.
-    """
-
-    file: str
-    columns: Mapping[str, Array]
+    file: str  # as messages name it
+    columns: Mapping[str, Array]  # (n_rows,) by name, NaN where a cell is empty
+    # why a column is no measurement, by name
     left_out: Mapping[str, str] = field(default_factory=dict)
-    repairs: tuple[str, ...] = ()
+    repairs: tuple[str, ...] = ()  # what was changed, in words
+    # (n_rows,) line of each row; None for a file without lines
     lines: NDArray[np.int64] | None = None
-    first: int = 0
+    first: int = 0  # number of the first row in a file without lines
 
     def where(self, row: int) -> str:
         """Return the name of a row in messages: its line in a text file, else its index from 0."""
@@ -133,13 +126,8 @@ def table_of(
 ) -> RawTable:
     """Convert named columns of any type to float64.
 
-    Args:
-        file: as messages name it.
-        series: the columns.
-        lines: (n_rows,) of a text file.
-        repairs: notes made before.
-        first: number of the first row, of a piece of a file without lines.
-        since: tick from which columns of times count; by default their own first one.
+    Columns of times count from the tick `since`, by default their own first one; `lines`, `repairs`
+    and `first` are those of the table.
     """
     table = RawTable(file, {}, {}, (), lines, first)
     columns: dict[str, Array] = {}
@@ -260,13 +248,10 @@ def is_frame(thing: object) -> bool:
 
 
 def frame_table(name: str, frame: Any, mapped: Collection[str] = ()) -> RawTable:
-    """Convert the columns of a polars or pandas data frame.
+    """Convert the columns of a polars or pandas data frame, whose rows are samples.
 
-    Args:
-        name: as messages name it.
-        frame: its rows are samples. A pandas index that is named, or holds times, is a column too:
-            `t`, where it holds times and nothing else is `t`.
-        mapped: names of columns that are asked for under their own name.
+    A pandas index that is named, or holds times, is a column too: `t`, where it holds times and
+    nothing else is `t`. The columns `mapped` are asked for under their own name.
     """
     if isinstance(frame, pl.DataFrame):
         return table_of(name, frame.get_columns())

@@ -10,8 +10,10 @@ import pinocchio as pin
 from ident.errors import MechanismError
 from ident.mechanism.closures import Closure, Frame, PrismaticClosure, RevoluteClosure
 from ident.mechanism.description import align_z
-from ident.mechanism.mechanism import Joint, Mechanism
+from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import joint_axis
+
+HALF_TURN = np.pi + 0.01  # [rad] with room for limits written as 3.15
 
 
 def absolute(mechanism: Mechanism) -> Mechanism:
@@ -31,7 +33,8 @@ def absolute(mechanism: Mechanism) -> Mechanism:
         MechanismError: for gears between joints that turn by more than half a turn.
     """
     for closure in mechanism.closures:
-        if any(map(_turns_over, map(mechanism.joint, closure.tied))):
+        tied = map(mechanism.joint, closure.tied)
+        if any(j.rotational and max(-j.lower, j.upper) > HALF_TURN for j in tied):
             raise MechanismError(
                 f"{mechanism.name}: closure '{closure.name}' ties joints that turn by more than "
                 "half a turn, which absolute coordinates do not count; use joint coordinates, or "
@@ -49,6 +52,8 @@ def absolute(mechanism: Mechanism) -> Mechanism:
             model.addFrame(
                 pin.Frame(frame.name, frame.parentJoint, frame.placement, pin.FrameType.BODY), False
             )
+    data = tree.createData()
+    pin.forwardKinematics(tree, data, mechanism.assembled)
     return replace(
         mechanism,
         name=f"{mechanism.name} (absolute)",
@@ -60,12 +65,8 @@ def absolute(mechanism: Mechanism) -> Mechanism:
             *(_closure(mechanism, index) for index in range(1, tree.njoints)),
             *mechanism.closures,
         ),
-        start=_start(mechanism),
+        start=np.concatenate([pin.SE3ToXYZQUAT(data.oMi[i]) for i in range(1, tree.njoints)]),
     )
-
-
-def _turns_over(joint: Joint) -> bool:
-    return joint.rotational and max(-joint.lower, joint.upper) > np.pi + 0.01
 
 
 def _closure(mechanism: Mechanism, index: int) -> Closure:
@@ -76,11 +77,3 @@ def _closure(mechanism: Mechanism, index: int) -> Closure:
     a = Frame(links[parent], parent, tree.jointPlacements[index] * align)
     kind = RevoluteClosure if joint.rotational else PrismaticClosure
     return kind(f"joint.{joint.name}", a, Frame(links[index], index, align), joint.name)
-
-
-def _start(mechanism: Mechanism) -> np.ndarray:
-    data = mechanism.model.createData()
-    pin.forwardKinematics(mechanism.model, data, mechanism.assembled)
-    return np.concatenate(
-        [pin.SE3ToXYZQUAT(data.oMi[i]) for i in range(1, mechanism.model.njoints)]
-    )

@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from ident.errors import MechanismError, one_of
+from ident.errors import MechanismError, line_of, one_of
 from ident.files import module_of
 from ident.mechanism.toml import TomlTable
 from ident.mechanism.tree import Placement
@@ -42,7 +42,6 @@ class Frame:
         return joints[self.joint] * Placement.of(self.placement)
 
     def moved(self, step: np.ndarray) -> Frame:
-        """Return the frame displaced by `step` (3,) [m] in its own axes."""
         at = self.placement
         return replace(self, placement=pin.SE3(at.rotation, at.translation + at.rotation @ step))
 
@@ -68,19 +67,12 @@ class Constraint:
 
 @dataclass(frozen=True)
 class Context:
-    """The tree that a closure closes, and the rules for reading it from mechanism.toml.
+    """The tree that a closure closes, and the rules for reading it from mechanism.toml."""
 
-    Attributes:
-        model: Pinocchio's.
-        rotational: of every joint of the tree, by name.
-        folder: of mechanism.toml.
-        allow_code: whether Python files may be run.
-    """
-
-    model: pin.Model
-    rotational: Mapping[str, bool]
-    folder: Path
-    allow_code: bool
+    model: pin.Model  # Pinocchio's
+    rotational: Mapping[str, bool]  # of every joint of the tree, by name
+    folder: Path  # of mechanism.toml
+    allow_code: bool  # whether Python files may be run
 
     def frame(self, table: TomlTable, key: str) -> Frame:
         """Return the frame `key = { link = "…", xyz = […], rpy = […] }`; "world" is the ground."""
@@ -159,16 +151,13 @@ class FrameClosure(Closure):
 
     @classmethod
     def read(cls, name: str, table: TomlTable, context: Context) -> FrameClosure:
-        """Return the closure of frames a and b."""
         return cls(name, context.frame(table, "a"), context.frame(table, "b"))
 
     @property
     def frames(self) -> tuple[Frame, ...]:  # type: ignore[override]
-        """a and b."""
         return (self.a, self.b)
 
     def constraint(self, placements: Sequence[Placement], joints: Coordinates) -> Constraint:
-        """Return the components of position and orientation that are zero."""
         return self.between(self.a.at(placements), self.b.at(placements))
 
     def between(self, a: Placement, b: Placement) -> Constraint:
@@ -196,7 +185,6 @@ class FrameClosure(Closure):
 
     @property
     def places(self) -> Mapping[str, float]:
-        """The coordinates of both frames in their links' axes."""
         return {
             f"{self.name}.{end}.{axis}": float(frame.placement.translation[i])
             for end, frame in zip("ab", self.frames, strict=True)
@@ -204,7 +192,6 @@ class FrameClosure(Closure):
         }
 
     def moved(self, place: str, by: float) -> Closure:
-        """Return the closure with a frame displaced along one of its axes."""
         _, end, axis = place.rsplit(".", 2)
         step = by * np.eye(3)["xyz".index(axis)]
         return replace(self, **{end: getattr(self, end).moved(step)})
@@ -221,12 +208,10 @@ class PointClosure(FrameClosure):
 
     @property
     def position(self) -> str:  # type: ignore[override]
-        """Some of the world's axes."""
         return self.axes
 
     @classmethod
     def read(cls, name: str, table: TomlTable, context: Context) -> PointClosure:
-        """Return the closure along the world's axes that `axes` names."""
         axes = table.text("axes", "xyz")
         if set(axes) - set("xyz") or len(set(axes)) != len(axes):
             raise table.error(f"axes = '{axes}'; some of the letters xyz, each once")
@@ -287,7 +272,6 @@ class DistanceClosure(FrameClosure):
 
     @classmethod
     def read(cls, name: str, table: TomlTable, context: Context) -> DistanceClosure:
-        """Return the rod of a positive length."""
         length = table.number("length", 0.0)
         if not length > 0:
             raise table.error(f"length = {length:g} m; a distance needs one above 0")
@@ -299,11 +283,9 @@ class DistanceClosure(FrameClosure):
 
     @property
     def places(self) -> Mapping[str, float]:
-        """The coordinates of both frames, and the length."""
         return {**super().places, f"{self.name}.length": self.length}
 
     def moved(self, place: str, by: float) -> Closure:
-        """Return the rod with another length or end."""
         if place == f"{self.name}.length":
             return replace(self, length=self.length + by)
         return super().moved(place, by)
@@ -323,12 +305,10 @@ class LinearClosure(Closure):
 
     @property
     def tied(self) -> tuple[str, ...]:  # type: ignore[override]
-        """All its joints."""
         return self.joints
 
     @classmethod
     def read(cls, name: str, table: TomlTable, context: Context) -> LinearClosure:
-        """Return the closure of two or more joints."""
         joints, ratios = table.words("joints"), table.vector("ratios")
         if len(joints) < 2 or len(ratios) != len(joints) or len(set(joints)) != len(joints):
             raise table.error(
@@ -344,7 +324,6 @@ class LinearClosure(Closure):
         return cls(name, joints, ratios, offset, context.rotational[joints[0]])
 
     def constraint(self, placements: Sequence[Placement], joints: Coordinates) -> Constraint:
-        """Return Φ(q) = Σ ratio · q − offset."""
         q = ca.vertcat(*(joints[name] for name in self.joints))
         unit = "N m" if self.rotational else "N"
         return Constraint(ca.dot(ca.SX(self.ratios), q) - self.offset, (f"{self.name}.1",), (unit,))
@@ -370,7 +349,6 @@ class FunctionClosure(Closure):
 
     @classmethod
     def read(cls, name: str, table: TomlTable, context: Context) -> FunctionClosure:
-        """Return the closure of a function in a Python file, which is run."""
         file, function = context.folder / table.text("file"), table.text("function")
         if not context.allow_code:
             raise table.error(
@@ -381,22 +359,20 @@ class FunctionClosure(Closure):
         try:
             module = module_of(file)
         except (Exception, SystemExit) as error:  # it is the user's code
-            raise table.error(f"{file} fails: {type(error).__name__}: {error}") from None
+            raise table.error(f"{file} fails: {line_of(error)}") from None
         if not callable(getattr(module, function, None)):
             raise table.error(f"{file} has no function '{function}'")
         return cls(name, getattr(module, function))
 
     def constraint(self, placements: Sequence[Placement], joints: Coordinates) -> Constraint:
-        """Return Φ(q) as the user's function returns it: a scalar, a column or a list."""
         try:
             value = self.function(JointSymbols(joints))
             if value is None or isinstance(value, str):  # CasADi's message does not help here
                 raise TypeError(f"it returned {value!r}")
             phi = ca.SX(ca.vertcat(*value) if isinstance(value, (list, tuple)) else value)
         except Exception as error:  # it is the user's code
-            what = " ".join(str(error).split())[:200]
             raise MechanismError(
-                f"closure '{self.name}': its function fails: {type(error).__name__}: {what}; it is "
+                f"closure '{self.name}': its function fails: {line_of(error)}; it is "
                 f'given q["<joint>"] of {", ".join(joints)} and returns Φ written with CasADi'
             ) from None
         known = {s.element_hash() for s in ca.symvar(ca.vertcat(*joints.values()))}

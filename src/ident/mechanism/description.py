@@ -85,17 +85,11 @@ def read_urdf(path: Path) -> etree._Element:
 
 @dataclass(frozen=True)
 class RigidBody:
-    """A rigid body in a link's frame; not a pin.Inertia, which refuses impossible tensors.
+    """A rigid body in a link's frame; not a pin.Inertia, which refuses impossible tensors."""
 
-    Attributes:
-        mass: [kg]
-        centre: (3,) [m]
-        inertia: (3, 3) [kg m²] about the centre.
-    """
-
-    mass: float
-    centre: np.ndarray
-    inertia: np.ndarray
+    mass: float  # [kg]
+    centre: np.ndarray  # (3,) [m]
+    inertia: np.ndarray  # (3, 3) [kg m²] about the centre
 
     def moved(self, placement: pin.SE3) -> RigidBody:
         """Return the body in a frame in which its own is at `placement`."""
@@ -105,17 +99,11 @@ class RigidBody:
 
 @dataclass(frozen=True)
 class Visual:
-    """A shape to be shown.
+    """A shape to be shown."""
 
-    Attributes:
-        kind: `box`, `sphere`, `cylinder` or `mesh`.
-        attributes: of the URDF's element.
-        placement: in the link's frame.
-    """
-
-    kind: str
-    attributes: Mapping[str, str]
-    placement: pin.SE3
+    kind: str  # `box`, `sphere`, `cylinder` or `mesh`
+    attributes: Mapping[str, str]  # of the URDF's element
+    placement: pin.SE3  # in the link's frame
 
 
 @dataclass(frozen=True)

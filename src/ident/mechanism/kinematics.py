@@ -151,11 +151,8 @@ class Kinematics:
             K δq = [−Φ; y − y_u(q)]        K = [J; W_u], by QR; no step is longer than 0.5 rad or m
 
         Returns q (n, nq), the size of the last step (n,) and the remaining error (n,) [rad | m].
-        Where K has no full column rank, q may be anything. For mechanisms of scalar joints.
-
-        Args:
-            names: of the joints that determine the motion, in the tree or of closures.
-            q: (n, nq) configurations to start from; y: (n, d) the joints' coordinates [rad | m].
+        Where K has no full column rank, q may be anything. For mechanisms of scalar joints. It
+        starts from q (n, nq); y (n, d) are the coordinates [rad | m] of the joints `names`.
         """
         if names not in self._newtons:
             self._newtons[names] = self._newton(names)

@@ -39,21 +39,14 @@ class Mimic:
 
 @dataclass(frozen=True)
 class Tree:
-    """Pinocchio's model of a URDF with the names that it does not keep.
+    """Pinocchio's model of a URDF with the names that it does not keep."""
 
-    Attributes:
-        model: one scalar coordinate a joint, `model.nq == model.nv`.
-        links: the URDF link that each joint moves, by Pinocchio's joint index from 1 on.
-        mimics: joints that follow another.
-        auxiliary: links between the steps of a planar joint, massless and in no URDF.
-        notes: interpretations that differ from the text of the URDF.
-    """
-
-    model: pin.Model
+    model: pin.Model  # one scalar coordinate a joint, `model.nq == model.nv`
+    # the URDF link that each joint moves, by Pinocchio's joint index from 1 on
     links: tuple[str, ...]
-    mimics: tuple[Mimic, ...]
-    auxiliary: tuple[str, ...]
-    notes: tuple[str, ...]
+    mimics: tuple[Mimic, ...]  # joints that follow another
+    auxiliary: tuple[str, ...]  # links between the steps of a planar joint, massless and in no URDF
+    notes: tuple[str, ...]  # interpretations that differ from the text of the URDF
 
 
 def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> Tree:
@@ -192,12 +185,7 @@ def is_rotational(model: pin.Model, index: int) -> bool:
 
 
 def placements(model: pin.Model, q: ca.SX) -> list[Placement]:
-    """Return world placements of all joints' frames, index 0 being the world.
-
-    Args:
-        model: Pinocchio's model.
-        q: (nq,) in Pinocchio's order [rad | m | unit quaternion].
-    """
+    """Return world placements of all joints' frames, the world first, at q (nq,)."""
     placed = [Placement(ca.SX.eye(3), ca.SX.zeros(3))]
     for index in range(1, model.njoints):
         fixed = placed[model.parents[index]] * Placement.of(model.jointPlacements[index])

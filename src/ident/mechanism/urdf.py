@@ -208,19 +208,12 @@ WIDE = {  # decoded so that the mark, too, is written again
 
 @dataclass(frozen=True)
 class Span:
-    """The place of one element in the text; a tag that closes itself has inside = outside = end.
+    """The place of one element in the text; a tag that closes itself has inside = outside = end."""
 
-    Attributes:
-        start: of its first tag.
-        inside: behind its first tag.
-        outside: of its last tag.
-        end: behind its last tag.
-    """
-
-    start: int
-    inside: int
-    outside: int
-    end: int
+    start: int  # of its first tag
+    inside: int  # behind its first tag
+    outside: int  # of its last tag
+    end: int  # behind its last tag
 
 
 class UrdfText:

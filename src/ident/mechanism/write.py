@@ -19,7 +19,7 @@ from lxml import etree
 from ident.effects import KINDS, Effect
 from ident.errors import MechanismError
 from ident.files import write_all
-from ident.mechanism.description import Description, description_of, read_description
+from ident.mechanism.description import Description, description_of, read_description, words
 from ident.mechanism.load import stated
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, about_origin, join, split
@@ -30,12 +30,9 @@ UPPER = np.triu_indices(3)
 
 
 def add_effects(mechanism: Mechanism, effects: Sequence[Effect]) -> Path:
-    """Append effects to the mechanism.toml; a bare URDF gets one beside it.
+    """Append effects to the mechanism.toml, which a bare URDF gets beside it; return its path.
 
-    One that was there with known values is replaced.
-
-    Returns:
-        The file written.
+    An effect that was there with known values is replaced.
     """
     path = mechanism.toml or mechanism.urdf.parent / "mechanism.toml"
     if mechanism.toml is None and path.exists():
@@ -65,13 +62,10 @@ def folder_files(
     effects: Sequence[tuple[Effect, Mapping[str, float]]],
     unknown: Sequence[str] | None,
 ) -> dict[str, bytes]:
-    """A mechanism folder's files by name.
+    """Return a mechanism folder's files by name, its mechanism.toml taken over from a mechanism.
 
-    Args:
-        mechanism: whose mechanism.toml is taken over.
-        urdf: the URDF's content, or that of the file in its place.
-        effects: with the values that are known of each.
-        unknown: for [parameters]; None leaves it as it is.
+    `urdf` is the content of the URDF, or of the file in its place; `effects` come with their known
+    values; `unknown` is for [parameters], where None leaves it as it is.
     """
     document = _document(mechanism)
     source = read_description(mechanism.urdf)
@@ -198,12 +192,9 @@ def _placement(origin: etree._Element | None) -> pin.SE3:
 
 
 def set_inertial(text: UrdfText, link: etree._Element, pi: np.ndarray) -> None:
-    """Give a link of a URDF these ten dynamic parameters, by as few changes as will do.
+    """Give a link ten dynamic parameters (10,) in its frame, by as few changes as will do.
 
-    Args:
-        text: of the URDF.
-        link: whose `<inertial>` gets other numbers; one that has none gets one.
-        pi: (10,) in the link's frame, in Pinocchio's order.
+    A link that has no `<inertial>` gets one.
     """
     m, moments, L = split(pi)
     centre = moments / m if m else np.zeros(3)
@@ -212,9 +203,9 @@ def set_inertial(text: UrdfText, link: etree._Element, pi: np.ndarray) -> None:
     if inertial is None:
         lines = [
             "<inertial>",
-            f'  <origin xyz="{_words(centre)}" rpy="0 0 0"/>',
-            f'  <mass value="{_words([m])}"/>',
-            "  <inertia " + " ".join(f'{key}="{_words([x])}"' for key, x in terms.items()) + "/>",
+            f'  <origin xyz="{words(centre)}" rpy="0 0 0"/>',
+            f'  <mass value="{words([m])}"/>',
+            "  <inertia " + " ".join(f'{key}="{words([x])}"' for key, x in terms.items()) + "/>",
             "</inertial>",
         ]
         if np.any(pi):
@@ -225,7 +216,7 @@ def set_inertial(text: UrdfText, link: etree._Element, pi: np.ndarray) -> None:
         new = _other(origin, "xyz", centre, "0 0 0") | _other(origin, "rpy", np.zeros(3), "0 0 0")
         text.set(origin, new)
     elif np.any(centre):
-        text.insert(inertial, [f'<origin xyz="{_words(centre)}" rpy="0 0 0"/>'])
+        text.insert(inertial, [f'<origin xyz="{words(centre)}" rpy="0 0 0"/>'])
     mass, tensor = inertial.find("mass"), inertial.find("inertia")
     text.set(mass, _other(mass, "value", [m], ""))
     new = {}
@@ -239,8 +230,4 @@ def _other(
 ) -> dict[str, str]:
     if numbers(element, key, default, len(values), "") == [float(x) for x in values]:
         return {}
-    return {key: _words(values)}
-
-
-def _words(values: Sequence[float] | np.ndarray) -> str:
-    return " ".join(repr(float(x)) for x in values)
+    return {key: words(values)}

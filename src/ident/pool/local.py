@@ -28,17 +28,11 @@ Function = Callable[[Any, Any], Any]
 
 @dataclass(frozen=True)
 class Done:
-    """How a task ended.
+    """How a task ended."""
 
-    Attributes:
-        index: number of the task, from 0, in the order given.
-        value: what the function returned; None where it failed.
-        error: one line; None where it did not fail.
-    """
-
-    index: int
-    value: Any = None
-    error: str | None = None
+    index: int  # number of the task, from 0, in the order given
+    value: Any = None  # what the function returned; None where it failed
+    error: str | None = None  # one line; None where it did not fail
 
 
 def tried(function: Function, common: Any, task: Any) -> tuple[Any, str | None]:
