@@ -94,5 +94,5 @@ def test_the_share_of_open_samples_counts_both_signs():
     decimator = Decimator.of(20.0, 1000.0)
     segment = slice(0, 2 * decimator.half + 1)
     at = np.array([decimator.half])
-    found = decimator.apply(np.ones((segment.stop, 1)), segment, at, absolute=True)
+    found = decimator.apply(np.zeros((segment.stop, 1), dtype=bool), segment, at)
     assert found[0, 0] == pytest.approx(np.abs(decimator.taps).sum())

@@ -11,7 +11,6 @@ from ident.effects import create
 from ident.equations.corrections import Scene
 from ident.equations.filter import Decimator
 from ident.equations.rows import CHUNK, raw_rows, row_supports, rows
-from ident.equations.terms import terms
 from ident.equations.unknowns import Columns
 from ident.log import Log
 from ident.mechanism import load
@@ -131,7 +130,7 @@ def test_reduced_terms_are_the_projected_generalised_terms(name, form, robots):
     mechanism = form(mechanism + create("spring", mechanism.driven[0], {"k": 3.0}))
     (e,) = complete(mechanism, log).experiments
     scene, part = Scene.of(mechanism, Columns.of(mechanism), e), slice(10, 60)
-    whole, left = terms(scene, part, full=True), terms(scene, part)
+    whole, left = scene.terms(part, full=True), scene.terms(part)
     u = scene.samples(part)
     for one, other in ((whole.A, left.A), (whole.b, left.b), (whole.tau, left.tau)):
         np.testing.assert_allclose(u.reduce(one), other, atol=1e-9 * np.abs(other).max())

@@ -6,7 +6,6 @@ import pytest
 import ident
 from ident.effects import KINDS, Correcting
 from ident.equations.corrections import Scene
-from ident.equations.terms import terms
 from ident.equations.unknowns import Columns, Point
 from identification import motion_log, plant, robot
 
@@ -53,7 +52,7 @@ def test_a_shapes_column_is_the_slope_of_the_torque(text):
     true = {full: given[p.name] for full, p in zip(effect.names, effect.parameters, strict=True)}
     case = plant(mechanism, motion_log("arm", 100.0), true)
     scene, x = scene_of(mechanism, case.log, case.values)
-    found = terms(scene, slice(None))
+    found = scene.terms(slice(None))
     place = scene.columns.index[f"{text.replace(':', '.')}.{name}"]
     row = mechanism.joint("elbow").index
     s = scene.samples(slice(None)).signals(("elbow",))
@@ -107,7 +106,7 @@ def test_a_corrections_column_is_how_a_log_made_beside_it_differs(name, text):
         near[full], true[full] = at, at + step
     case = plant(mechanism, motion_log(name, 200.0), true)
     scene, x = scene_of(mechanism, case.log, {**case.values, **near})
-    found = terms(scene, slice(None))
+    found = scene.terms(slice(None))
     usable = scene.e.usable
     left = found.b - np.einsum("ndk,k->nd", found.A, x)
     moved = x.copy()

@@ -12,7 +12,7 @@ from scipy.linalg import lstsq
 
 from ident.equations.corrections import Corrected, Scene
 from ident.equations.filter import Decimator
-from ident.equations.terms import Terms, terms
+from ident.equations.terms import Terms
 from ident.fit import Fit
 from ident.motion import State
 
@@ -134,8 +134,7 @@ def gather(
             if decimator.taps is not None:
                 part = slice(int(inside[0]), int(inside[-1]) + 1)
                 X, B = (decimator.apply(x, part, sample) for x in (X, B))
-                open_ = decimator.apply((~told).astype(float), part, sample, absolute=True)
-                told = open_ < STICKING
+                told = decimator.apply(told, part, sample) < STICKING
             found.append((X, B, told, e.t[sample], np.full(len(sample), number)))
     X, B, informed, t, experiment = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return ChannelRows(X, B, informed, t, experiment, lags * dt, dt)
@@ -163,7 +162,7 @@ def _columns(
     """X, B and informed of some samples, unfiltered."""
     e, s = scene.e, scene.samples(part)
     driven, (n, d) = fit.mechanism.driven, s.shape
-    found = terms(scene, part)
+    found = scene.terms(part)
     k, J, L = len(fit.columns), len(driven), len(lags)
     X = np.zeros((n, d, k + USUAL * J))
     X[:, :, :k] = found.A
@@ -173,7 +172,7 @@ def _columns(
     B = np.zeros((n, d, 1 + J * J + J * L))
     B[:, :, 0] = known
     informed = np.ones((n, d), dtype=bool)
-    for _, told in found.told:
+    for _, told in found.informative:
         informed &= told[:, None] | (e.leverage is None)
     tau = e.tau[part]
     for j, name in enumerate(driven):
@@ -254,7 +253,7 @@ def _inertia(fit: Fit, width: int) -> tuple[np.ndarray, np.ndarray]:
 def _terms(fit: Fit, e: State) -> Terms:
     """Of samples that are no course of time, so without what corrects the data."""
     scene = Scene(Corrected(fit.mechanism, e), fit.columns, fit.point)
-    return terms(scene, slice(0, len(e)))
+    return scene.terms(slice(0, len(e)))
 
 
 def at_samples(e: State, index: np.ndarray) -> State:

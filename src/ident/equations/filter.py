@@ -58,14 +58,10 @@ class Decimator:
     ) -> Iterator[tuple[np.ndarray, list[np.ndarray]]]:
         """Series of a run of samples, filtered and decimated: (samples kept (n,), series (n, …)).
 
-        Every sample is made once. A series of booleans says which samples inform: a filtered row
-        does if less than the share `sticking` of it, by |taps|, comes from samples that do not.
-
-        Args:
-            segment: the run; what the filter needs at its ends is lost.
-            make: gives the series of some samples, each (samples, …); columns that stand whole in
-                memory are not copied.
-            sticking: for the series of booleans.
+        `make` gives the series of some samples, each (samples, …); columns that stand whole in
+        memory are not copied. Every sample is made once. A series of booleans says which samples
+        inform: a filtered row does if less than the share `sticking` of it, by |taps|, comes from
+        samples that do not. What the filter needs at the ends of the run is lost.
         """
         parts = (
             slice(start, min(start + CHUNK, segment.stop))
@@ -112,23 +108,14 @@ class Decimator:
         skip = -(part.start - first) % self.factor
         return np.arange(part.start + skip, part.stop, self.factor)
 
-    def apply(
-        self, x: np.ndarray, inside: slice, sample: np.ndarray, absolute: bool = False
-    ) -> np.ndarray:
-        """Filtered x (n, …) of the samples `inside`, at the kept samples: (kept, …)."""
-        assert self.taps is not None
-        taps = np.abs(self.taps) if absolute else self.taps
-        flat = np.moveaxis(x, 0, -1).reshape(-1, len(x))  # no copy where columns stand whole
-        out = np.empty((len(flat), len(sample)))
-        group = max(1, 2 * self.half // self.factor)  # outputs that share one dense product
-        for i in range(0, len(sample), group):
-            centre = sample[i : i + group]
-            first, last = centre[0] - self.half, centre[-1] + self.half + 1
-            weights = np.zeros((len(centre), last - first))
-            for row, at in enumerate(centre - self.half - first):
-                weights[row, at : at + len(taps)] = taps
-            reached = flat[:, first - inside.start : last - inside.start]
-            out[:, i : i + len(centre)] = reached @ weights.T
+    def apply(self, x: np.ndarray, inside: slice, sample: np.ndarray) -> np.ndarray:
+        """Filtered x (n, …) of the samples `inside`, at the kept samples: (kept, …).
+
+        Of booleans it is the share of each row, by |taps|, that is false.
+        """
+        flat = _flat(x)
+        out = np.zeros((len(flat), len(sample)))
+        self._add([out], [flat], inside, sample)
         return np.moveaxis(out.reshape(*x.shape[1:], len(sample)), -1, 0)
 
 

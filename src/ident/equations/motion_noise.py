@@ -33,7 +33,7 @@ from scipy.sparse.linalg import splu
 from ident.equations.corrections import Corrected, Scene, corrected
 from ident.equations.filter import Decimator
 from ident.equations.rows import informing, reach, rows
-from ident.equations.terms import reduced, told_by, unbalanced
+from ident.equations.terms import informative_joints, reduced, unbalanced
 from ident.equations.unknowns import Columns, Point
 from ident.information.band import Elimination, eliminate
 from ident.information.reduction import Chunk
@@ -74,8 +74,8 @@ def gain(
     for i, order, step, beside in _beside(mechanism, e, names):
         G[:, :, i, order] = (_residual(mechanism, beside, point, cutoff) - base) / step
     whole = reduced(mechanism, e, slice(None), point)
-    told = [each for effect in mechanism.effects for each in told_by(whole, effect)]
-    G[~informing(whole, told, reach(e))] = 0.0
+    informative = [x for effect in mechanism.effects for x in informative_joints(whole, effect)]
+    G[~informing(whole, informative, reach(e))] = 0.0
     return G
 
 

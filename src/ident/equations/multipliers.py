@@ -75,9 +75,9 @@ def full_rows(scene: Scene, part: slice) -> tuple[np.ndarray, np.ndarray, np.nda
     """A (n, nv, k), b (n, nv) of [Γ E] and the known side, and (n, nv) whether a row informs."""
     s, found = scene.generalised(part), scene.terms(part, full=True)
     informed = np.ones(s.shape, dtype=bool)
-    for name, told in found.told:
+    for name, moves in found.informative:
         rows, W = s.lever(name)
-        informed[:, rows] &= told[:, None] | (np.abs(W) < ABSENT)
+        informed[:, rows] &= moves[:, None] | (np.abs(W) < ABSENT)
     return found.A, found.b, informed
 
 

@@ -53,30 +53,24 @@ def dof(mechanism: Mechanism, e: State) -> int:
 
 
 def raw_rows(scene: Scene, part: slice, farthest: np.ndarray | None = None) -> Rows:
-    """The rows of some samples as they are, unfiltered.
-
-    Args:
-        scene: the state with its corrections.
-        part: the samples.
-        farthest: (J, d), the result of `reach` for the state, if it is at hand.
-    """
+    """The rows of some samples as they are, unfiltered; `farthest` of `reach` if it is at hand."""
     s, e = scene.samples(part), scene.e
     found = scene.terms(part)
-    informed = informing(s, found.told, reach(e) if farthest is None else farthest)
+    informed = informing(s, found.informative, reach(e) if farthest is None else farthest)
     sample = np.arange(part.start, part.stop)
     return Rows(e.t[part], sample, found.A, found.b, found.tau, informed)
 
 
 def informing(
-    s: Samples, told: Sequence[tuple[str, np.ndarray]], farthest: np.ndarray | None
+    s: Samples, informative: Sequence[tuple[str, np.ndarray]], farthest: np.ndarray | None
 ) -> np.ndarray:
     """(n, r), false where a joint with dry friction stands still and its torque is open."""
     informed = np.ones(s.shape, dtype=bool)
-    for name, says in told:
+    for name, moves in informative:
         at, lever = s.lever(name)
         most = np.ones(1) if farthest is None else farthest[s.mechanism.joint_index[name]]
         moved = (most > ROUNDING * most.max()) & (np.abs(lever) > LEVER * most)
-        informed[:, at] &= says[:, None] | ~moved
+        informed[:, at] &= moves[:, None] | ~moved
     return informed
 
 
@@ -104,28 +98,28 @@ def rows(
     e, model = scene.e, scene.mechanism.model
     farthest = reach(e) if farthest is None else farthest
     key = "Γ", cutoff, e.leverage is not None
-    kept = e.store.get(key, model)
+    stored = e.store.get(key, model)
     spans = _spans(scene.mechanism, e)
     supports = row_supports(scene.mechanism, scene.columns, e)
     before = len(scene.columns.rigid)
     of_effects = [mine[mine >= before] - before for mine in supports]
-    fresh: list[list[np.ndarray]] | None = [] if kept is None and keep else None
+    fresh: list[list[np.ndarray]] | None = [] if stored is None and keep else None
 
     def make(part: slice) -> list[np.ndarray]:
         """Γ by row, effects' columns by row, b, τ, informed of some samples."""
         s = scene.samples(part)
         found = scene.effects(s)
-        gamma = [] if kept is not None else [s.gamma[:, u, span] for u, span in enumerate(spans)]
+        gamma = [] if stored is not None else [s.gamma[:, u, span] for u, span in enumerate(spans)]
         effects = [found.A[:, u, mine] for u, mine in enumerate(of_effects)]
-        informed = informing(s, found.told, farthest)
+        informed = informing(s, found.informative, farthest)
         return [*gamma, *effects, found.b, found.tau, informed]
 
     d, done, size = len(spans), 0, 0
     for segment in e.segments():
         for sample, series in Decimator.of(cutoff, e.rate).filtered(segment, make, sticking):
             n = len(sample)
-            if kept is not None:
-                gamma = [x[:, done : done + n].T for x in kept]
+            if stored is not None:
+                gamma = [x[:, done : done + n].T for x in stored]
             else:
                 gamma, series = series[:d], series[d:]
                 size += sum(x.nbytes for x in gamma)

@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -306,14 +305,14 @@ class Terms:
         A: (n, r, k), the columns of the unknowns x.
         b: (n, r) [N m | N], the known side.
         tau: (n, r) [N m | N], the measured torques alone.
-        told: by effect and joint, where some sample does not inform: the joint's name and (n,),
+        informative: by effect and joint where some sample does not inform: the name and (n,),
             false where dry friction at standstill leaves the torque of that joint open.
     """
 
     A: np.ndarray
     b: np.ndarray
     tau: np.ndarray
-    told: list[tuple[str, np.ndarray]]
+    informative: list[tuple[str, np.ndarray]]
 
 
 def effect_terms(
@@ -333,7 +332,7 @@ def effect_terms(
     before = len(columns.rigid)
     # columns stand whole in memory: that is how they are filled, filtered and factored
     A = np.zeros((r, len(columns) - before, n)).transpose(2, 0, 1)
-    told = []
+    informative = []
     for effect, places in columns.effects:
         if effect.corrects or effect.loaded_link:
             continue
@@ -349,11 +348,11 @@ def effect_terms(
             if at >= 0:  # ∂(E c)/∂s
                 s.add_sensitivity(A[:, :, at - before], effect, c, shape, name)
                 b += A[:, :, at - before] * shape[name]
-        told += told_by(s, effect)
+        informative += informative_joints(s, effect)
     for place, value, S in sensitivities:
         A[:, :, place - before] = S
         b += S * value
-    return Terms(A, b, tau, told)
+    return Terms(A, b, tau, informative)
 
 
 def with_bodies(
@@ -392,13 +391,7 @@ def with_bodies(
     return whole, b
 
 
-def terms(scene: Any, part: slice | np.ndarray, *, full: bool = False) -> Terms:
-    """Former name of `Scene.terms`."""
-    found: Terms = scene.terms(part, full=full)
-    return found
-
-
-def told_by(s: Samples, effect: Effect) -> list[tuple[str, np.ndarray]]:
+def informative_joints(s: Samples, effect: Effect) -> list[tuple[str, np.ndarray]]:
     """Joints of an effect at which some sample does not inform, with (n,) whether it does."""
     if not effect.local:
         return []

@@ -14,16 +14,8 @@ from ident.equations.unknowns import Columns
 from ident.errors import MechanismError, MotionError, one_of
 from ident.excite.criterion import Criterion, cosine_and_shares
 from ident.excite.excitation import Excitation, ExpectedValue, LimitUse, Separation
-from ident.excite.limits import LimitBox, Limits, LimitsInForce, Quantity
-from ident.excite.trajectory import (
-    Family,
-    Fourier,
-    MotionModel,
-    MotionRows,
-    at_rest,
-    moved_joints,
-    with_standstill,
-)
+from ident.excite.limits import LimitBox, Limits, limits_in_force
+from ident.excite.trajectory import Family, Fourier, MotionModel, MotionRows, at_rest, moved_joints
 from ident.fit.shapes import initial
 from ident.fit.values import base_names
 from ident.information.base import Base, rank_revealing, solve
@@ -31,9 +23,11 @@ from ident.information.estimate import TOLERANCE
 from ident.information.triangle import Triangle
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
-from ident.motion import Band, Motion, State
+from ident.motion import Band, Motion
 from ident.motion.closures import LoopSolver
+from ident.motion.recipe import thresholds, top_speeds
 from ident.progress import Progress
+from ident.simulate.inverse import joint_columns
 
 SAMPLES = 24  # of the search, a period of the highest harmonic
 FINE = 10  # times these samples at which the result is checked
@@ -44,7 +38,6 @@ STEPS, GAIN = 150, 1e-5  # steps of each search at most, and gain of J below whi
 SLACK = 1e-3  # of half a limit's width, by which the optimum may exceed the tightened limits
 WORTHLESS = 1e3  # −J of a motion that cannot be followed: no step of the search leads there
 SHRINK, SHRINKS = 0.99, 20  # of a motion that breaks a limit between the samples
-INSIDE = 0.97  # of the drives' limits that a random motion reaches
 AWAY = 0.05  # of its range, the distance of home from a joint's limits
 SOFT = 0.02  # share of the top speed within which the search smooths the step of dry friction
 NOISE = 0.01  # of the limit of torque: the noise expected of a torque signal
@@ -207,15 +200,15 @@ class DesignProblem:
         names = moved_joints(mechanism)
         start = LoopSolver(mechanism, names).coordinates(mechanism.assembled[None]).value[0]
         known = dict(zip(names, start, strict=True))
-        in_force = LimitsInForce.of(mechanism, limits, names, known)
+        all_joints, acceleration, notes = limits_in_force(mechanism, limits, names, known)
         index = [mechanism.joint_index[name] for name in names]
-        joints = [in_force.joints[i] for i in index]
-        home, notes = _home(mechanism, joints, start)
+        joints = [all_joints[i] for i in index]
+        home = _home(mechanism, joints, start, notes)
         series = Fourier(
             period, harmonics, home,
             half=np.array([0.5 * (j.upper - j.lower) for j in joints]),
             speed=np.array([j.velocity for j in joints]),
-            acceleration=np.array([in_force.acceleration[i] for i in index]),
+            acceleration=np.array([acceleration[i] for i in index]),
         )  # fmt: skip
         n = SAMPLES * harmonics
         t = period * np.arange(n) / n
@@ -228,14 +221,22 @@ class DesignProblem:
         motion = Motion((rest,), names, Band(0.0, 0.0, None), 0.0)
         model = MotionModel(mechanism, columns, initial(mechanism, motion))
         pinv = 1.0 if rest.pinv is None else float(np.linalg.norm(rest.pinv[0]))
-        exact = LimitBox.of(mechanism, limits, in_force, pinv)
+        exact = LimitBox.of(mechanism, limits, all_joints, acceleration, pinv)
         z = exact.z(model.rows(rest.at_samples(slice(0, 1))).e)
         if (quantity := exact.broken(z)) is not None:
             at = exact.quantities.index(quantity)
-            raise MotionError(
-                f"{mechanism.name}: the limits leave no motion: "
-                f"{_excluded(quantity, z[0, at], exact.low[at], exact.high[at], limits.reserve)}"
+            low, high, unit = exact.low[at], exact.high[at], quantity.unit
+            why = (
+                f"to stand still at home asks {z[0, at]:.4g} {unit} of {quantity.joint}, and its "
+                f"limit is {high:.4g} {unit} (the reserve of {100 * limits.reserve:.3g} % taken "
+                "off); raise its limit of torque, lower the reserve, or give another [joints] start"
             )
+            if quantity.kind == "position":
+                why = (
+                    f"at home {quantity.joint} is at {z[0, at]:.4g} {unit}, its range is {low:.4g} "
+                    f"to {high:.4g}; widen it, or give another [joints] start"
+                )
+            raise MotionError(f"{mechanism.name}: the limits leave no motion: {why}")
         box = exact.tightened(names, series.between(n), MARGIN)
         family = Family(model, series, rest, series.basis(t))
         pilots = _pilots(family, box, seed)
@@ -244,7 +245,7 @@ class DesignProblem:
         W = W.reshape(-1, W.shape[2])
         base = rank_revealing(Triangle.of(W, np.zeros(len(W))), TOLERANCE)
         size = np.linalg.norm(W[:, base.independent], axis=0) / np.sqrt(len(pilots))
-        return cls(family, exact, box, names, (*in_force.notes, *notes), base, size, sigma, pinv)
+        return cls(family, exact, box, names, tuple(notes), base, size, sigma, pinv)
 
     def criterion(self, separate: tuple[str, str] | None, balance: float) -> Criterion:
         """Return D-optimality, or the separation of two effects.
@@ -274,7 +275,7 @@ class DesignProblem:
 
     def draw(self, random: np.random.Generator, criterion: Criterion) -> ExcitingMotion | None:
         """Return a random motion inside the limits; None if it is home alone or not informative."""
-        found = _draw(self.family, self.box, random)
+        found = self.family.draw(self.box, random)
         return None if found is None else self.candidate(*found, criterion)
 
     def candidate(
@@ -351,9 +352,14 @@ class DesignProblem:
         t = np.arange(round(duration * rate) + 1) / rate
         grown = self.family.at(t).grow(x, lambda rows: True)
         assert grown is not None  # it is known to close
-        rows = model.rows(with_standstill(grown[1].e))
+        e = grown[1].e
+        top = top_speeds(e)
+        rows = model.rows(replace(e, still=thresholds(top, np.zeros_like(top))))
+        e, mechanism = rows.e, model.mechanism
         result = Determined.of(model, rows, self.sigma)
-        z = self.exact.z(rows.e)
+        columns = joint_columns(mechanism, {"q": e.y, "v": e.yd, "a": e.ydd}, mechanism.driven)
+        columns |= {f"tau.{name}": e.tau[:, i] for i, name in enumerate(mechanism.driven)}
+        z = self.exact.z(e)
         low, high, share = z.min(axis=0), z.max(axis=0), self.exact.used(z)
         limits = zip(self.exact.low, self.exact.high, strict=True)
         uses = tuple(
@@ -362,14 +368,14 @@ class DesignProblem:
             for i, (q, (lower, upper)) in enumerate(zip(self.exact.quantities, limits, strict=True))
         )  # fmt: skip
         return Excitation(
-            name=model.mechanism.name,
-            log=_log(model.mechanism, rows.e),
+            name=mechanism.name,
+            log=Log.from_arrays(f"{mechanism.name} excited", t, columns),
             period=duration / periods,
             periods=periods,
             harmonics=series.harmonics,
             series=dict(zip(self.names, series.coefficients(x), strict=True)),
             uses=uses,
-            home=0.0 if rows.e.pinv is None else float(high[-1]) / self.pinv,
+            home=0.0 if e.pinv is None else float(high[-1]) / self.pinv,
             unknowns=len(model.columns),
             base=result.expected(model),
             condition_number=result.base.condition_number,
@@ -398,7 +404,7 @@ class Determined:
     @classmethod
     def of(cls, model: MotionModel, rows: MotionRows, sigma: np.ndarray) -> Determined:
         """Factorise the rows of a motion over the noise (d,) of the torques."""
-        W = (rows.informing / sigma[:, None]).reshape(-1, len(model.columns))
+        W = (rows.A * rows.informed[:, :, None] / sigma[:, None]).reshape(-1, len(model.columns))
         factor = Triangle.of(W, np.zeros(len(W)))
         base = rank_revealing(factor, TOLERANCE)
         R = factor.restricted(base.independent).R
@@ -483,10 +489,10 @@ def _places(columns: Columns, label: str) -> list[int]:
 
 
 def _home(
-    mechanism: Mechanism, joints: list[Joint], start: np.ndarray
-) -> tuple[np.ndarray, list[str]]:
+    mechanism: Mechanism, joints: list[Joint], start: np.ndarray, notes: list[str]
+) -> np.ndarray:
     """Return the home (d,) [rad | m]: the start, moved into the ranges of a tree's joints."""
-    home, notes = start.copy(), []
+    home = start.copy()
     for i, joint in enumerate(joints):
         inside = joint.lower <= start[i] <= joint.upper
         if mechanism.closures and not inside:
@@ -502,48 +508,7 @@ def _home(
             notes.append(
                 f"{joint.name} starts outside its range: {home[i]:.4g} {joint.unit} is home instead"
             )
-    return home, notes
-
-
-def _excluded(q: Quantity, value: float, low: float, high: float, reserve: float) -> str:
-    """Return why even standing still at home breaks a limit."""
-    if q.kind == "position":
-        return (
-            f"at home {q.joint} is at {value:.4g} {q.unit}, its range is {low:.4g} to {high:.4g}; "
-            "widen it, or give another [joints] start"
-        )
-    return (
-        f"to stand still at home asks {value:.4g} {q.unit} of {q.joint}, and its limit is "
-        f"{high:.4g} {q.unit} (the reserve of {100 * reserve:.3g} % taken off); "
-        "raise its limit of torque, lower the reserve, or give another [joints] start"
-    )
-
-
-def _draw(
-    family: Family, box: LimitBox, random: np.random.Generator
-) -> tuple[np.ndarray, MotionRows] | None:
-    """Return a random motion x (d, P) inside a box, with its rows.
-
-    Each drive's series is as large as its own limits allow and lies anywhere in its range; then
-    the motion is grown from home.
-    """
-    series, basis = family.series, family.basis
-    x = random.standard_normal(series.shape)
-    shift = random.uniform(-1.0, 1.0, len(x))
-    x[:, 0] = 0.0
-    y, v, a = series.states(x, basis)
-    y = y - series.home
-    joints = family.model.mechanism.joint_index
-    middle = box.middle[[joints[name] for name in family.rest.independent]]
-    low, high = y.min(axis=0), y.max(axis=0)
-    rates = np.minimum(
-        series.speed / np.abs(v).max(axis=0), series.acceleration / np.abs(a).max(axis=0)
-    )
-    size = INSIDE * np.minimum(2 * series.half / (high - low), rates)
-    x *= size[:, None]
-    free = INSIDE * series.half - 0.5 * size * (high - low)
-    x[:, 0] = (middle - series.home - 0.5 * size * (high + low) + shift * free) / series.half
-    return family.grow(x, lambda rows: bool((box.room(box.z(rows.e)) > 0).all()))
+    return home
 
 
 def _pilots(family: Family, box: LimitBox, seed: int) -> list[MotionRows]:
@@ -552,7 +517,7 @@ def _pilots(family: Family, box: LimitBox, seed: int) -> list[MotionRows]:
     wanted, most = PILOTS
     pilots: list[MotionRows] = []
     for _ in range(most):
-        if len(pilots) < wanted and (found := _draw(family, box, random)) is not None:
+        if len(pilots) < wanted and (found := family.draw(box, random)) is not None:
             pilots.append(found[1])
     if not pilots:
         raise MotionError(
@@ -574,12 +539,3 @@ def _noise(joints: list[Joint], pilots: list[MotionRows], given: Mapping[str, fl
     rms = max(float(np.sqrt(np.mean(np.concatenate([p.e.tau for p in pilots]) ** 2))), 1e-9)
     usual = {j.name: j.effort if np.isfinite(j.effort) else rms for j in joints}
     return np.array([given.get(name, NOISE * usual[name]) for name in names])
-
-
-def _log(mechanism: Mechanism, e: State) -> Log:
-    columns = {}
-    for channel, series in (("q", e.y), ("v", e.yd), ("a", e.ydd)):
-        for name in mechanism.driven:
-            columns[f"{channel}.{name}"] = series[:, mechanism.joint_index[name]]
-    columns |= {f"tau.{name}": e.tau[:, i] for i, name in enumerate(mechanism.driven)}
-    return Log.from_arrays(f"{mechanism.name} excited", e.t, columns)

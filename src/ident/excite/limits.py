@@ -5,7 +5,7 @@ low < z(t) < high,    z = (y, ẏ, ÿ of all joints, τ of the drives, ‖K⁺�
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from ident.errors import MechanismError, one_of
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion import State
 
-CROSSING = 1.0  # [s] in which a joint without a limit of speed may cross its range
+CROSSING = 1.0  # [s] in which a joint without a limit of speed may cross its range; a convention
 ROUNDING = 1e-9  # of the box's width: a joint may stand at its limit
 Given = float | Mapping[str, float] | None
 
@@ -64,64 +64,42 @@ class Limits:
             )
 
 
-@dataclass(frozen=True)
-class LimitsInForce:
-    """Limits of every joint, with the assumptions where none are given.
+def limits_in_force(
+    mechanism: Mechanism, limits: Limits, independent: tuple[str, ...], start: Mapping[str, float]
+) -> tuple[list[Joint], list[float], list[str]]:
+    """Return the joints with their limits, accelerations [rad/s² | m/s²], and assumptions.
 
-    Attributes:
-        joints: the mechanism's, with the limits in force.
-        acceleration: by joint [rad/s² | m/s²], inf where there is none.
-        notes: assumptions.
+    Joints in `independent` are moved; these need a range and a speed, `start` [rad | m] is where
+    they begin.
+
+    Raises:
+        MechanismError: for an unknown joint, or a sliding drive without a range.
     """
-
-    joints: tuple[Joint, ...]
-    acceleration: tuple[float, ...]
-    notes: tuple[str, ...]
-
-    @classmethod
-    def of(
-        cls,
-        mechanism: Mechanism,
-        limits: Limits,
-        independent: tuple[str, ...],
-        start: Mapping[str, float],
-    ) -> LimitsInForce:
-        """Combine the URDF's limits with those in their place.
-
-        Args:
-            mechanism: with the URDF's limits.
-            limits: in their place.
-            independent: joints that are moved; these need a range and a speed.
-            start: their positions [rad | m].
-
-        Raises:
-            MechanismError: for an unknown joint, or a sliding drive without a range.
-        """
-        for given in (limits.range, limits.speed, limits.acceleration, limits.torque):
-            for name in given if isinstance(given, Mapping) else ():
-                mechanism.joint(name)
-                if given is limits.torque and name not in mechanism.driven:
-                    raise MechanismError(
-                        f"{mechanism.name}: limit of torque: '{name}' is passive; "
-                        f"{one_of(name, mechanism.driven)}"
-                    )
-        joints, acceleration, notes = [], [], []
-        for joint in mechanism.joints:
-            name, driven = joint.name, joint.name in mechanism.driven
-            low, high = limits.range.get(name, (joint.lower, joint.upper))
-            joint = replace(
-                joint,
-                lower=low,
-                upper=high,
-                velocity=_limit(limits.speed, name, driven, joint.velocity or np.inf),
-                effort=_limit(limits.torque, name, driven, joint.effort or np.inf),
-            )
-            if name in independent:
-                joint, assumed = _bounded(joint, start[name])
-                notes += assumed
-            joints.append(joint)
-            acceleration.append(_limit(limits.acceleration, name, driven, np.inf))
-        return cls(tuple(joints), tuple(acceleration), tuple(notes))
+    for given in (limits.range, limits.speed, limits.acceleration, limits.torque):
+        for name in given if isinstance(given, Mapping) else ():
+            mechanism.joint(name)
+            if given is limits.torque and name not in mechanism.driven:
+                raise MechanismError(
+                    f"{mechanism.name}: limit of torque: '{name}' is passive; "
+                    f"{one_of(name, mechanism.driven)}"
+                )
+    joints, acceleration, notes = [], [], []
+    for joint in mechanism.joints:
+        name, driven = joint.name, joint.name in mechanism.driven
+        low, high = limits.range.get(name, (joint.lower, joint.upper))
+        joint = replace(
+            joint,
+            lower=low,
+            upper=high,
+            velocity=_limit(limits.speed, name, driven, joint.velocity or np.inf),
+            effort=_limit(limits.torque, name, driven, joint.effort or np.inf),
+        )
+        if name in independent:
+            joint, assumed = _bounded(joint, start[name])
+            notes += assumed
+        joints.append(joint)
+        acceleration.append(_limit(limits.acceleration, name, driven, np.inf))
+    return joints, acceleration, notes
 
 
 def _limit(given: Given, name: str, driven: bool, urdf: float) -> float:
@@ -172,14 +150,17 @@ class LimitBox:
 
     @classmethod
     def of(
-        cls, mechanism: Mechanism, limits: Limits, in_force: LimitsInForce, size: float
+        cls,
+        mechanism: Mechanism,
+        limits: Limits,
+        joints: Sequence[Joint],
+        acceleration: Sequence[float],
+        size: float,
     ) -> LimitBox:
         """Make the box from the limits in force and ‖K⁺‖ at home (unused in a tree)."""
-        rows: list[tuple[str, str, str, float, float]] = []
-        joints = in_force.joints
-        rows += [(j.name, "position", j.unit, j.lower, j.upper) for j in joints]
+        rows = [(j.name, "position", j.unit, j.lower, j.upper) for j in joints]
         rows += [(j.name, "speed", f"{j.unit}/s", -j.velocity, j.velocity) for j in joints]
-        for j, most in zip(joints, in_force.acceleration, strict=True):
+        for j, most in zip(joints, acceleration, strict=True):
             rows.append((j.name, "acceleration", f"{j.unit}/s²", -most, most))
         for j in (joints[mechanism.joint_index[name]] for name in mechanism.driven):
             most = (1 - limits.reserve) * j.effort

@@ -19,22 +19,20 @@ from scipy.linalg import null_space
 
 from ident.equations.corrections import Scene
 from ident.equations.rows import informing, reach
-from ident.equations.terms import terms
 from ident.equations.unknowns import Columns, Point
 from ident.errors import MotionError
+from ident.excite.limits import LimitBox
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import State
 from ident.motion.closures import best_conditioned
-from ident.motion.recipe import STILL
+from ident.motion.motion import prescribed
 
 LEAP = 0.4  # [rad | m] by which a drive may move in one step along the branch
 SLIP, GAIN = 0.05, 2.0  # [rad | m] and times ‖K⁺‖ of that step, by which the others may
 HALVINGS = 4  # of the last step along a line
-STEP = (
-    1e-5,
-    0.06,
-    1e-3,
-)  # of differences in y, ẏ, ÿ: shares of half range, top speed, acceleration
+INSIDE = 0.97  # of the drives' limits that a random motion reaches
+# steps of differences in y, ẏ, ÿ: shares of half range, top speed, acceleration
+STEP = 1e-5, 0.06, 1e-3
 EVERY = slice(None)
 
 
@@ -137,11 +135,6 @@ class MotionRows:
     A: np.ndarray
     informed: np.ndarray
 
-    @property
-    def informing(self) -> np.ndarray:
-        """A (n, d, k) with zeros where it does not inform."""
-        return self.A * self.informed[:, :, None]
-
 
 @dataclass(frozen=True, eq=False)
 class MotionModel:
@@ -152,7 +145,7 @@ class MotionModel:
     point: Point
 
     def follow(self, near: State, states: np.ndarray) -> State | None:
-        """Return the experiment at y, ẏ, ÿ (3, n, d) of its drives, on the branch of a near one.
+        """Return the state at y, ẏ, ÿ (3, n, d) of its drives, on the branch of a near one.
 
         None where the closures cannot be satisfied, or another branch was reached: the joints
         moved by more than K⁺ predicts. Speeds of standstill do not change.
@@ -182,12 +175,12 @@ class MotionModel:
         x = self.columns.prior_at(self.point.values)
         e = replace(e, tau=np.zeros((len(e), len(self.mechanism.driven))))
         scene = Scene.of(self.mechanism, self.columns, e, self.point)
-        found = terms(scene, EVERY)
+        found = scene.terms(EVERY)
         e = replace(e, tau=self._drives(e, found.A @ x - found.b))
         if any(effect.corrects for effect in self.mechanism.effects):  # these depend on torques
             scene = Scene.of(self.mechanism, self.columns, e, self.point)
-            found = terms(scene, EVERY)
-        informed = informing(scene.samples(EVERY), found.told, reach(scene.e))
+            found = scene.terms(EVERY)
+        informed = informing(scene.samples(EVERY), found.informative, reach(scene.e))
         return MotionRows(e, found.A, informed)
 
     def _drives(self, e: State, torque: np.ndarray) -> np.ndarray:
@@ -259,6 +252,32 @@ class Family:
             e = e and self.model.follow(e, start + share * (goal - start))
         return None if e is None else self.model.rows(e)
 
+    def draw(
+        self, box: LimitBox, random: np.random.Generator
+    ) -> tuple[np.ndarray, MotionRows] | None:
+        """Return a random motion x (d, P) inside a box, with its rows.
+
+        Each drive's series is as large as its own limits allow and lies anywhere in its range;
+        then the motion is grown from home.
+        """
+        series = self.series
+        x = random.standard_normal(series.shape)
+        shift = random.uniform(-1.0, 1.0, len(x))
+        x[:, 0] = 0.0
+        y, v, a = series.states(x, self.basis)
+        y = y - series.home
+        joints = self.model.mechanism.joint_index
+        middle = box.middle[[joints[name] for name in self.rest.independent]]
+        low, high = y.min(axis=0), y.max(axis=0)
+        rates = np.minimum(
+            series.speed / np.abs(v).max(axis=0), series.acceleration / np.abs(a).max(axis=0)
+        )
+        size = INSIDE * np.minimum(2 * series.half / (high - low), rates)
+        x *= size[:, None]
+        free = INSIDE * series.half - 0.5 * size * (high - low)
+        x[:, 0] = (middle - series.home - 0.5 * size * (high + low) + shift * free) / series.half
+        return self.grow(x, lambda rows: bool((box.room(box.z(rows.e)) > 0).all()))
+
     def grow(
         self, x: np.ndarray, allowed: Callable[[MotionRows], bool]
     ) -> tuple[np.ndarray, MotionRows] | None:
@@ -281,35 +300,15 @@ class Family:
 
 
 def at_rest(mechanism: Mechanism, names: tuple[str, ...], home: np.ndarray, t: np.ndarray) -> State:
-    """Return an experiment in which the drives `names` stay at home (d,), at the times t (n,) [s].
-
-    Raises:
-        MotionError: if the closures cannot be followed there from the start.
-    """
-    none = np.empty(0)
-    base = State(
-        name=f"a motion of {mechanism.name}", t=t, q=none, v=none, a=none, y=none, yd=none,
-        ydd=none, tau=np.zeros((len(t), len(mechanism.driven))), wrench=None, pinv=None,
-        leverage=None, usable=np.ones(len(t), dtype=bool), still=none, logged=names,
-        independent=names,
-    )  # fmt: skip
+    """Return a state in which the drives `names` stay at home (d,), at the times t (n,) [s]."""
     known = np.zeros((3, len(t), len(home)))
     known[0] = home
-    e = base.at(mechanism, known, start="follow")
-    return with_standstill(e.transmitted(mechanism, names) if mechanism.closures else e)
-
-
-def with_standstill(e: State) -> State:
-    """Return the experiment with the speeds of standstill that a log of this motion would get."""
-    return replace(e, still=np.maximum(STILL * np.abs(e.yd).max(axis=0), 1e-9))
+    (e,) = prescribed(mechanism, f"a motion of {mechanism.name}", t, names, known).experiments
+    return e if e.independent == names else e.transmitted(mechanism, names)
 
 
 def moved_joints(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the drives whose positions determine the motion.
-
-    Raises:
-        MotionError: if there are fewer drives than degrees of freedom.
-    """
+    """Return the drives whose positions determine the motion; refuse fewer than freedoms."""
     if mechanism.closures:
         names = best_conditioned(mechanism, mechanism.assembled[None])
     else:

@@ -8,7 +8,6 @@ import numpy as np
 
 from ident.display import Plotted
 from ident.equations.corrections import Scene
-from ident.equations.terms import terms
 from ident.errors import FitError, one_of
 from ident.fit.problem import Problem
 from ident.information.estimate import Estimate
@@ -57,7 +56,7 @@ def resting_on_priors(problem: Problem, estimate: Estimate) -> dict[str, list[st
     moved, size = np.zeros((m, len(base.dependent))), np.zeros(m)
     for e in motion.experiments:
         at = np.flatnonzero(e.usable)[:: max(1, len(e) // SAMPLES)]
-        found = terms(Scene.of(mechanism, columns, e, point, motion.band.cutoff), at, full=True)
+        found = Scene.of(mechanism, columns, e, point, motion.band.cutoff).terms(at, full=True)
         assert e.pinv is not None
         extract = -e.pinv[at][:, :, :m].transpose(0, 2, 1)
         A, unbalanced = found.A, found.A @ columns.prior - found.b

@@ -20,9 +20,9 @@ from itertools import pairwise
 import numpy as np
 
 from ident.equations.corrections import Scene
-from ident.equations.filter import STICKING, Decimator
+from ident.equations.filter import Decimator
 from ident.equations.rows import dof, informing, reach
-from ident.equations.terms import Samples, told_by
+from ident.equations.terms import Samples, informative_joints
 from ident.equations.unknowns import NOTHING, Point
 from ident.information.blocks import Squares
 from ident.mechanism.mechanism import Mechanism
@@ -180,21 +180,15 @@ def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Tr
     none = [np.zeros(0), np.zeros(0, int), np.zeros((0, sum(widths))), np.ones((0, d), bool)]
     found: list[list[np.ndarray]] = [none]
     for number, segment in enumerate(e.segments()):
-        for inside, part in decimator.pieces(segment, CHUNK):
-            series, informed = _series(scene, motion, inside, farthest)
-            sample = np.arange(part.start, part.stop)
-            if decimator.taps is not None:
-                sample = decimator.centres(part, segment)
-                series = decimator.apply(series, inside, sample)
-                open_ = decimator.apply((~informed).astype(float), inside, sample, absolute=True)
-                informed = open_ < STICKING
+        pieces = decimator.filtered(segment, lambda part: _series(scene, motion, part, farthest))
+        for sample, (series, informed) in pieces:
             found.append([e.t[sample], np.full(len(sample), number), series, informed])
     t, segments, series, informed = (np.concatenate(each) for each in zip(*found, strict=True))
-    pieces = np.split(series, np.cumsum(widths)[:-1], axis=1)
-    parts, rows = pieces[2 : 2 + len(names)], pieces[2 + len(names) : -4]
-    q, v, a, direction = pieces[-4:]
+    blocks = np.split(series, np.cumsum(widths)[:-1], axis=1)
+    parts, rows = blocks[2 : 2 + len(names)], blocks[2 + len(names) : -4]
+    q, v, a, direction = blocks[-4:]
     return Trace(
-        e.name, t, segments, pieces[0], dict(zip(names, parts, strict=True)), pieces[1],
+        e.name, t, segments, blocks[0], dict(zip(names, parts, strict=True)), blocks[1],
         dict(zip(own, rows, strict=True)), q, v, a, direction, informed, e.still,
     )  # fmt: skip
 
@@ -213,7 +207,7 @@ def _series(
         series += _own_rows(s, u, motion, forces)
     direction = np.clip(e.yd[part] / e.still, -1.0, 1.0)
     series += [e.y[part], e.yd[part], e.ydd[part], direction]
-    informative = [each for effect in mechanism.effects for each in told_by(u, effect)]
+    informative = [each for effect in mechanism.effects for each in informative_joints(u, effect)]
     return np.hstack(series), informing(u, informative, farthest)
 
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from types import MappingProxyType
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -36,36 +35,23 @@ class Estimator:
     words: str = ""
 
 
-@dataclass(frozen=True)
-class FreeMultipliers:
-    """`complete` with its defaults, then `identify` with `options` and free multipliers."""
-
-    options: Mapping[str, Any] = field(default_factory=dict)
-
-    def __call__(self, mechanism: Mechanism, log: Log) -> Fit:
-        """Return the fit of a log."""
-        model = with_basis(mechanism, Multipliers())
-        return identify(model, complete(model, log), **self.options)
+def with_free_multipliers(mechanism: Mechanism, log: Log, **options: Any) -> Fit:
+    """Return the fit of a completed log with `options` of `identify` and free multipliers."""
+    model = with_basis(mechanism, Multipliers())
+    return identify(model, complete(model, log), **options)
 
 
-@dataclass(frozen=True)
-class PaperMethod:
-    """All channels as logged, unfiltered; λ in hat functions, solved with the parameters (eq. 8).
+def _paper(mechanism: Mechanism, log: Log, spacing: float | None = None) -> Fit:
+    """Return the fit of all channels as logged, λ in hat functions beside the parameters (eq. 8).
 
-    Attributes:
-        spacing: of the hats [s]; None: the mechanism's own time basis, else 5 samples.
+    Without a `spacing` [s] the hats are the mechanism's own time basis, else 5 samples wide.
     """
-
-    spacing: float | None = None
-
-    def __call__(self, mechanism: Mechanism, log: Log) -> Fit:
-        """Return the fit of a log."""
-        spacing, basis = self.spacing, mechanism.multipliers
-        if spacing is not None or basis.degree <= 0:
-            basis = Multipliers("linear", spacing or SAMPLES * float(np.median(np.diff(log.t))))
-        model = with_basis(mechanism, basis)
-        motion = complete(model, log, smoothing=None, cutoff=None)
-        return identify(model, motion, estimator="least-squares")
+    basis = mechanism.multipliers
+    if spacing is not None or basis.degree <= 0:
+        basis = Multipliers("linear", spacing or SAMPLES * float(np.median(np.diff(log.t))))
+    model = with_basis(mechanism, basis)
+    motion = complete(model, log, smoothing=None, cutoff=None)
+    return identify(model, motion, estimator="least-squares")
 
 
 @lru_cache(maxsize=8)
@@ -88,43 +74,43 @@ def paper(spacing: float | None = None) -> Estimator:
     if spacing is not None and not (np.isfinite(spacing) and spacing > 0):
         raise FitError(f"spacing {spacing!r} s of the hats; valid: above 0, as 0.005")
     words = "channels as logged, multipliers in a time basis, plain least squares"
-    return Estimator("paper", PaperMethod(spacing), words)
+    return Estimator("paper", partial(_paper, spacing=spacing), words)
 
 
-_ALL = (
-    paper(),
-    Estimator(
-        "default",
-        FreeMultipliers(),
-        "smoothing and filter; noise of the motion in one step of the likelihood where it matters",
-    ),
-    Estimator(
-        "least-squares",
-        FreeMultipliers({"estimator": "least-squares"}),
-        "smoothing and filter, least squares",
-    ),
-    Estimator(
-        "likelihood",
-        FreeMultipliers({"estimator": "likelihood"}),
-        "torques and motion weighed together until nothing changes (--refine)",
-    ),
-    Estimator(
-        "consistent",
-        FreeMultipliers({"consistent": True}),
-        "default, bodies and friction possible",
-    ),
-)
-
-ESTIMATORS: Mapping[str, Estimator] = MappingProxyType({each.name: each for each in _ALL})
+ESTIMATORS: Mapping[str, Estimator] = {
+    each.name: each
+    for each in (
+        paper(),
+        Estimator(
+            "default",
+            with_free_multipliers,
+            "smoothing and filter; noise of the motion in one step of the likelihood where it "
+            "matters",
+        ),
+        Estimator(
+            "least-squares",
+            partial(with_free_multipliers, estimator="least-squares"),
+            "smoothing and filter, least squares",
+        ),
+        Estimator(
+            "likelihood",
+            partial(with_free_multipliers, estimator="likelihood"),
+            "torques and motion weighed together until nothing changes (--refine)",
+        ),
+        Estimator(
+            "consistent",
+            partial(with_free_multipliers, consistent=True),
+            "default, bodies and friction possible",
+        ),
+    )
+}
 """The project's own estimators by name."""
 
 
 def estimators_of(given: Sequence[str | Estimator | Estimate]) -> tuple[Estimator, ...]:
-    """Return estimators given by name, as they are, or as plain functions with their own names.
+    """Return estimators given by name, as they are, or as functions with their own names.
 
-    Raises:
-        FitError: for an empty list, an unknown name, an object that cannot be called, or a name
-            that occurs twice.
+    Refuses an empty list, an unknown name, an object that cannot be called, or a name twice.
     """
     if isinstance(given, str | Estimator) or callable(given):
         given = [given]

@@ -15,7 +15,7 @@ from ident.display import Displayed, render
 from ident.errors import FitError, one_of
 from ident.files import write_all
 from ident.fit import Fit
-from ident.montecarlo.trial import TrialOutcome, TrialPlan
+from ident.montecarlo.trial import TrialOutcome, TrialPlan, rms_of
 
 Z95 = 1.96  # standard errors: the central 95 % of a normal distribution
 SUMS = {"force": "N", "moment": "N m"}  # root sums of squares over all multipliers of a unit
@@ -51,14 +51,7 @@ class MonteCarlo(Displayed):
     def of(
         cls, plan: TrialPlan, snr: tuple[float, ...], runs: int, outcomes: Sequence[TrialOutcome]
     ) -> MonteCarlo:
-        """Make the frames of all runs.
-
-        Args:
-            plan: of the runs.
-            snr: signal-to-noise ratios [dB].
-            runs: at each of them.
-            outcomes: of all estimators, runs and ratios.
-        """
+        """Make the frames of all runs: outcomes of all estimators, runs and ratios."""
         truth = plan.truth
         samples, errors, failures = [], [], []
         for o in outcomes:
@@ -108,8 +101,14 @@ class MonteCarlo(Displayed):
 
         Columns: `runs`, `mean` and `std` of the rms errors, `size` (rms of the true one), `unit`.
         """
-        rms = pl.col("rms")
-        sizes = pl.col("multiplier").replace_strict(self._sizes(), return_dtype=pl.Float64)
+        truth, rms = self.plan.truth, pl.col("rms")
+        sizes = dict(zip(truth.multipliers, rms_of(truth.reactions), strict=True))
+        units = dict(zip(truth.multipliers, truth.multiplier_units, strict=True))
+        sums = {
+            total: float(np.sqrt(np.nansum([sizes[n] ** 2 for n in units if units[n] == unit])))
+            for total, unit in SUMS.items()
+        }
+        size = pl.col("multiplier").replace_strict(sizes | sums, return_dtype=pl.Float64)
         return (
             self.errors.group_by("estimator", "snr", "multiplier", maintain_order=True)
             .agg(
@@ -118,20 +117,9 @@ class MonteCarlo(Displayed):
                 rms.std().alias("std"),
                 pl.col("unit").first(),
             )
-            .with_columns(sizes.alias("size"))
+            .with_columns(size.alias("size"))
             .filter(pl.col("runs") > 0)
         )
-
-    def _sizes(self) -> Mapping[str, float]:
-        """Rms of the true multipliers, and root sums of squares of those of one unit."""
-        truth = self.plan.truth
-        sizes = dict(zip(truth.multipliers, truth.sizes(), strict=True))
-        units = dict(zip(truth.multipliers, truth.multiplier_units, strict=True))
-        sums = {
-            total: float(np.sqrt(np.nansum([sizes[n] ** 2 for n in units if units[n] == unit])))
-            for total, unit in SUMS.items()
-        }
-        return {**sizes, **sums}
 
     @property
     def estimators(self) -> tuple[str, ...]:

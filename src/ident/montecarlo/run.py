@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +23,6 @@ from ident.pool import spread
 from ident.progress import Progress
 
 AnyLog = Log | str | os.PathLike[str]
-TruthSettings = tuple[Mechanism, "StudyRequest", Mapping[str, float] | None, Sequence[str]]
 
 
 def monte_carlo(
@@ -65,10 +66,10 @@ def monte_carlo(
         FitError: for an SNR, a number or an estimator that is none, or an unknown truth.
         LogError: if the log cannot be read or has no channel that gets noise.
     """
-    request = StudyRequest.of(snr, runs, estimators, seed, jobs)
-    plan = request.plan(mechanism, log, truth, reactions, channels)
-    (outcomes,) = _outcomes([plan], request.tasks, jobs, scheduler, progress)
-    return MonteCarlo.of(plan, request.ratios, request.runs, outcomes)
+    tasks, applied = _checked(snr, runs, estimators, seed, jobs)
+    plan = _plan((mechanism, applied, truth, reactions, channels, int(seed)), log)
+    (study,) = _studies([plan], tasks, jobs, scheduler, progress)
+    return study
 
 
 def monte_carlo_each(
@@ -100,10 +101,10 @@ def monte_carlo_each(
     Raises:
         FitError: for an SNR, a number or an estimator that is none, or if no log can be used.
     """
-    request = StudyRequest.of(snr, runs, estimators, seed, jobs)
+    tasks, applied = _checked(snr, runs, estimators, seed, jobs)
     paths = [Path(log).absolute() if scheduler else Path(log) for log in logs]
     names = names_of(paths)
-    common: TruthSettings = mechanism, request, truth, tuple(channels)
+    common = mechanism, applied, truth, None, tuple(channels), int(seed)
     plans: dict[int, TrialPlan] = {}
     broken: dict[int, str] = {}
     with closing(spread(_plan, paths, common=common, jobs=jobs, scheduler=scheduler)) as ended:
@@ -119,108 +120,64 @@ def monte_carlo_each(
         first = "; ".join(f"{log}: {why}" for log, why in list(left_out.items())[:1])
         raise FitError(f"none of {len(paths)} logs can be used: {first or 'none was given'}")
     order = sorted(plans)
-    every = _outcomes([plans[i] for i in order], request.tasks, jobs, scheduler, progress)
-    studies = {
-        names[i]: MonteCarlo.of(plans[i], request.ratios, request.runs, outcomes)
-        for i, outcomes in zip(order, every, strict=True)
-    }
-    return Studies(studies, left_out)
+    studies = _studies([plans[i] for i in order], tasks, jobs, scheduler, progress)
+    return Studies({names[i]: each for i, each in zip(order, studies, strict=True)}, left_out)
 
 
-@dataclass(frozen=True)
-class StudyRequest:
-    """Checked arguments of a study.
-
-    Attributes:
-        ratios: SNRs [dB], highest first; runs: at each; seed: of all noise.
-        estimators: that are applied.
-    """
-
-    ratios: tuple[float, ...]
-    runs: int
-    seed: int
-    estimators: tuple[Estimator, ...]
-
-    @classmethod
-    def of(
-        cls,
-        snr: float | Sequence[float],
-        runs: int,
-        estimators: Sequence[str | Estimator | Estimate],
-        seed: int,
-        jobs: int | None,
-    ) -> StudyRequest:
-        """Check the arguments of `monte_carlo`.
-
-        Raises:
-            FitError: naming the one that is not valid.
-        """
-        for name, number, least in (("jobs", jobs, 1), ("runs", runs, 1), ("seed", seed, 0)):
-            whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
-            if (name, number) != ("jobs", None) and (not whole or number < least):  # type: ignore[operator]
-                raise FitError(f"{name} {number!r}; valid: a whole number, {least} or more")
-        return cls(_ratios(snr), int(runs), int(seed), estimators_of(estimators))
-
-    @property
-    def tasks(self) -> list[tuple[float, int]]:
-        """All pairs (SNR [dB], run)."""
-        return [(ratio, run) for ratio in self.ratios for run in range(self.runs)]
-
-    def plan(
-        self,
-        mechanism: Mechanism,
-        log: AnyLog,
-        truth: Mapping[str, float] | None,
-        reactions: AnyLog | None,
-        channels: Sequence[str],
-    ) -> TrialPlan:
-        """Read the log and identify its truth.
-
-        Args:
-            mechanism, log, truth, reactions, channels: as `monte_carlo` takes them.
-
-        Raises:
-            FitError, LogError: as `monte_carlo` says.
-        """
-        log = log if isinstance(log, Log) else read_log(log, mechanism.columns)
-        columns = noisy_columns(log, channels)
-        if reactions is not None and not isinstance(reactions, Log):
-            reactions = read_log(reactions)
-        known = truth_of(mechanism, log, truth, reactions)
-        return TrialPlan(mechanism, log, self.estimators, known, columns, self.seed)
+def _checked(
+    snr: float | Sequence[float],
+    runs: int,
+    estimators: Sequence[str | Estimator | Estimate],
+    seed: int,
+    jobs: int | None,
+) -> tuple[list[tuple[float, int]], tuple[Estimator, ...]]:
+    """Return all pairs (SNR [dB], run) and the estimators; refuse an argument that is not valid."""
+    for name, number, least in (("jobs", jobs, 1), ("runs", runs, 1), ("seed", seed, 0)):
+        whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
+        if (name, number) != ("jobs", None) and (not whole or number < least):  # type: ignore[operator]
+            raise FitError(f"{name} {number!r}; valid: a whole number, {least} or more")
+    return [(ratio, run) for ratio in _ratios(snr) for run in range(runs)], estimators_of(
+        estimators
+    )
 
 
-def _plan(common: TruthSettings, path: Path) -> TrialPlan:
-    mechanism, request, truth, channels = common
-    return request.plan(mechanism, path, truth, None, channels)
+def _plan(common: tuple[Any, ...], log: AnyLog) -> TrialPlan:
+    """Read a log and identify its truth."""
+    mechanism, estimators, truth, reactions, channels, seed = common
+    log = log if isinstance(log, Log) else read_log(log, mechanism.columns)
+    columns = noisy_columns(log, channels)
+    if reactions is not None and not isinstance(reactions, Log):
+        reactions = read_log(reactions)
+    known = truth_of(mechanism, log, truth, reactions)
+    return TrialPlan(mechanism, log, estimators, known, columns, seed)
 
 
 def _ratios(snr: float | Sequence[float]) -> tuple[float, ...]:
     """Return signal-to-noise ratios, each once, highest first."""
-    given = list(snr) if isinstance(snr, Sequence | np.ndarray) else [snr]
+    valid = "valid: numbers of dB, as snr=(60, 40, 30)"
     if isinstance(snr, str):
-        raise FitError(f"SNR {snr!r}; valid: numbers of dB, as snr=(60, 40, 30)")
+        raise FitError(f"SNR {snr!r}; {valid}")
     ratios = []
-    for each in given:
+    for each in snr if isinstance(snr, Sequence | np.ndarray) else [snr]:
         try:
             ratios.append(float(each))
         except (TypeError, ValueError):
             ratios.append(np.nan)
         if not np.isfinite(ratios[-1]):
-            raise FitError(f"SNR {each!r}; valid: numbers of dB, as snr=(60, 40, 30)")
+            raise FitError(f"SNR {each!r}; {valid}")
     if not ratios:
-        raise FitError("no SNR given; valid: numbers of dB, as snr=(60, 40, 30)")
+        raise FitError(f"no SNR given; {valid}")
     return tuple(sorted(dict.fromkeys(ratios), reverse=True))
 
 
-def _outcomes(
+def _studies(
     plans: Sequence[TrialPlan],
     runs: Sequence[tuple[float, int]],
     jobs: int | None,
     scheduler: str | None,
     progress: Progress | None,
-) -> list[list[TrialOutcome]]:
-    """Run (SNR [dB], run) of all plans in a pool; return each plan's outcomes in their order."""
+) -> list[MonteCarlo]:
+    """Make the runs (SNR [dB], number) of all plans in one pool."""
     tasks = [(number, snr, run) for number in range(len(plans)) for snr, run in runs]
     outcomes: list[list[TrialOutcome]] = [[] for _ in tasks]
     pool = spread(_trial, tasks, common=tuple(plans), jobs=jobs, scheduler=scheduler)
@@ -232,10 +189,12 @@ def _outcomes(
             outcomes[done.index] = done.value
             if progress:
                 progress(f"run {count} of {len(tasks)}", count / len(tasks))
-    each = len(runs)
+    each, ratios = len(runs), tuple(dict.fromkeys(snr for snr, _ in runs))
     return [
-        [outcome for done in outcomes[i : i + each] for outcome in done]
-        for i in range(0, len(tasks), each)
+        MonteCarlo.of(
+            plan, ratios, each // len(ratios), [*chain(*outcomes[i * each : (i + 1) * each])]
+        )
+        for i, plan in enumerate(plans)
     ]
 
 

@@ -17,7 +17,7 @@ from ident.errors import FitError, IdentError, LogError, one_of
 from ident.fit import Fit
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
-from ident.montecarlo.estimators import Estimator, FreeMultipliers
+from ident.montecarlo.estimators import Estimator, with_free_multipliers
 
 CHANNELS = ("q", "v", "a", "tau", "wrench")
 USUAL = CHANNELS[:4]
@@ -31,11 +31,7 @@ def level(x: np.ndarray, snr: float) -> float:
 
 
 def noisy_columns(log: Log, channels: Sequence[str]) -> tuple[str, ...]:
-    """Return the columns of a log that get noise.
-
-    Raises:
-        LogError: for an unknown channel, or a log that has none of them.
-    """
+    """Return the columns of a log that get noise; refuse an unknown channel, or a log of none."""
     for channel in channels:
         if channel not in CHANNELS:
             raise LogError(f"noise on '{channel}'; {one_of(channel, CHANNELS)}")
@@ -80,10 +76,6 @@ class Truth:
     reactions: np.ndarray
     words: tuple[str, ...]
 
-    def sizes(self) -> np.ndarray:
-        """Return the rms of the true multipliers (m,), NaN of one that is not known."""
-        return _rms(self.reactions)
-
     def errors(self, fit: Fit) -> tuple[float, ...]:
         """Return the rms of identified − true multipliers over time, 2 % at the ends left out."""
         if not self.multipliers:
@@ -94,10 +86,10 @@ class Truth:
         )
         margin = ENDS * (t[-1] - t[0])
         inside = (t >= t[0] + margin) & (t <= t[-1] - margin)
-        return tuple(map(float, _rms(np.where(inside[:, None], values - known, np.nan))))
+        return tuple(map(float, rms_of(np.where(inside[:, None], values - known, np.nan))))
 
 
-def _rms(x: np.ndarray) -> np.ndarray:
+def rms_of(x: np.ndarray) -> np.ndarray:
     """Return the root mean square (m,) of x (n, m) over the samples that are known."""
     count = np.isfinite(x).sum(axis=0)
     total = np.nansum(x**2, axis=0)
@@ -110,14 +102,13 @@ def truth_of(
     given: Mapping[str, float] | None = None,
     reactions: Log | None = None,
 ) -> Truth:
-    """Identify the log itself with free multipliers; given values replace the identified ones.
-
-    Raises:
-        FitError: for a name that is no parameter, a value that is no number, reactions of which
-            none is a multiplier, or a log that identifies nothing.
-    """
-    fit = FreeMultipliers()(mechanism, log)
-    values, units = _identified(fit)
+    """Identify the log itself with free multipliers; given values replace the identified ones."""
+    fit = with_free_multipliers(mechanism, log)
+    # everything that the data determine
+    effects = [v for e in fit.effects for v in e.parameters if v.name in fit.columns.names]
+    known = [v for v in (*fit.parameters, *effects) if v.identifiable]
+    known += [v for v in fit.base_parameters if " " in v.name]
+    values, units = {v.name: v.value for v in known}, {v.name: v.unit for v in known}
     if not values:
         raise FitError(
             f"{log.name}: identifies nothing of {mechanism.name}, so noise harms nothing"
@@ -128,9 +119,9 @@ def truth_of(
         try:
             values[name] = float(value)
         except (TypeError, ValueError):
-            raise FitError(f"truth of '{name}' {value!r}; valid: a number") from None
+            values[name] = np.nan
         if not np.isfinite(values[name]):
-            raise FitError(f"truth of '{name}' {value!r}; valid: a finite number")
+            raise FitError(f"truth of '{name}' {value!r}; valid: a number, finite")
     kinematics = mechanism.kinematics
     names = kinematics.multipliers
     own = f"{log.name} as it is" + (", with free multipliers" if names else "")
@@ -138,25 +129,16 @@ def truth_of(
         words = ["parameters: as given"]
     else:
         words = [f"parameters: of {own}" + (f"; as given: {', '.join(given)}" if given else "")]
-    t, known = fit.multipliers[0]
+    t, true = fit.multipliers[0]
     if reactions is not None:
         if not any(name in reactions for name in names):
             column = next(iter(reactions.columns), "t")
             raise FitError(f"{reactions.name}: no column is a multiplier; {one_of(column, names)}")
         t, nothing = reactions.t, np.full(len(reactions.t), np.nan)
-        known = np.stack([reactions.columns.get(name, nothing) for name in names], axis=1)
+        true = np.stack([reactions.columns.get(name, nothing) for name in names], axis=1)
     if names:
         words.append(f"multipliers: of {own if reactions is None else reactions.name}")
-    return Truth(values, units, names, kinematics.units, t, known, tuple(words))
-
-
-def _identified(fit: Fit) -> tuple[dict[str, float], dict[str, str]]:
-    """Return values and units of everything that the data determine, by name."""
-    effects = [v for e in fit.effects for v in e.parameters if v.name in fit.columns.names]
-    own = [v for v in (*fit.parameters, *effects) if v.identifiable]
-    combined = [v for v in fit.base_parameters if " " in v.name]
-    values = {v.name: v.value for v in own} | {v.name: v.value for v in combined}
-    return values, {v.name: v.unit for v in own} | {v.name: v.unit for v in combined}
+    return Truth(values, units, names, kinematics.units, t, true, tuple(words))
 
 
 @dataclass(frozen=True, eq=False)

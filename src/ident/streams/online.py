@@ -26,7 +26,6 @@ import numpy as np
 from ident.display import Displayed, render
 from ident.equations.corrections import Scene
 from ident.equations.rows import Rows, row_supports
-from ident.equations.terms import terms
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, LogError, one_of
 from ident.fit import Fit
@@ -546,7 +545,7 @@ class _Recursion:
         for window in windows:
             around, part = window.e, window.inside
             scene = Scene.of(mechanism, self._columns, around, self._point, self._setting.cutoff)
-            e, equations, s = scene.e, terms(scene, part, full=True), scene.generalised(part)
+            e, equations, s = scene.e, scene.terms(part, full=True), scene.generalised(part)
             assert e.pinv is not None
             K_T = e.pinv[part, :, :m].transpose(0, 2, 1)
             b = equations.b - s.measured(e.independent)

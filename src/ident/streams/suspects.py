@@ -33,7 +33,6 @@ from ident.effects import KINDS, Effect
 from ident.effects.effect import Unknown
 from ident.equations.corrections import Scene
 from ident.equations.rows import Rows, rows
-from ident.equations.terms import terms
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, one_of
 from ident.fit import Fit
@@ -190,7 +189,7 @@ class Watched:
             at = np.flatnonzero(e.usable)[:: max(1, len(e) // THINNED)]
             scene = self.scene(e.at_samples(at))
             assert scene.e.pinv is not None
-            A = terms(scene, slice(None), full=True).A
+            A = scene.terms(slice(None), full=True).A
             slope = -scene.e.pinv[:, :, :m].transpose(0, 2, 1) @ A
             triangles = [f.updated(slope[:, j], np.zeros(len(at))) for j, f in enumerate(triangles)]
         return tuple(triangles)
