@@ -115,7 +115,7 @@ class Decimator:
         """
         flat = _flat(x)
         out = np.zeros((len(flat), len(sample)))
-        self._add([out], [flat], inside, sample)
+        self.add([out], [flat], inside, sample)
         return np.moveaxis(out.reshape(*x.shape[1:], len(sample)), -1, 0)
 
 
