@@ -1,4 +1,4 @@
-"""The fit nearest to the data among those that are physically possible, and what its limits cost.
+"""The fit nearest to the data among those that are physically possible, and the cost of limits.
 
     x = argmin ‖A (x − x_u)‖² + ‖A_0 (x − x_0)‖² + ρ² ‖W (x − a)‖²    such that limits(x)
 
@@ -26,7 +26,7 @@ import numpy as np
 from ident.display import Displayed
 from ident.equations.unknowns import Columns
 from ident.errors import FitError
-from ident.fit.findings import Finding
+from ident.fit.findings import Finding, bodies_with_unknowns
 from ident.fit.limits import limits_of, pseudo_inertia_basis, smallest_eigenvalue, unit_ball
 from ident.fit.problem import Problem
 from ident.fit.shapes import shape_bounds
@@ -149,7 +149,6 @@ def nearest_possible(
     """
     if on_progress:
         on_progress("physical consistency", 0.8)
-    mechanism = problem.mechanism
     unlimited = problem.squares(found.x)
     before = held_out(problem.fitting, problem.information, found, problem.prior)
     program = Program.of(problem, asked, found.x)
@@ -159,10 +158,10 @@ def nearest_possible(
         lambda other: program.solve(other).x,
     )  # fmt: skip
     worse = None if outside is None or before is None else rise(outside, before)
-    cost = rise(problem.squares(point.x), unlimited)
-    pi = problem.columns.dynamic_parameters(mechanism, point.x)
-    binding = _binding(mechanism, asked, program, point, pi, cost, worse)
-    findings = [*_impossible_known(mechanism), *binding.findings]
+    rises = rise(problem.squares(point.x), unlimited), worse
+    pi = problem.columns.dynamic_parameters(problem.mechanism, point.x)
+    binding = _binding(problem.mechanism, asked, program, point, pi, rises)
+    findings = [*_impossible_known(problem.mechanism), *binding.findings]
     return Constrained(problem, found.at(point.x), found, outside, binding, findings)
 
 
@@ -179,7 +178,11 @@ def _converged(
         at = problem.point.at(problem.mechanism, problem.columns, point.x)
         problem = Problem.of(problem.mechanism, problem.motion, at)
         found = problem.estimate_fixed(found)
-        program, before = program.at(problem.prior), point
+        shapes = np.isin(
+            np.arange(len(point.x)), problem.columns.shapes
+        )  # stay if no data move them
+        anchor = np.where(shapes, problem.prior, program.anchor)
+        program, before = replace(program, prior=problem.prior, anchor=anchor), point
         point = program.solve(found)
         if np.abs((point.x - before.x) / problem.plausible).max(initial=0.0) < CONVERGED:
             break
@@ -230,18 +233,16 @@ class Program:
         W = _metric(mechanism, columns, scale, BALL, anchor)
         return cls(columns, limits, prior, anchor, scale, W, *_still(problem, x, anchor))
 
-    def at(self, prior: np.ndarray) -> Program:
-        """Return it with shapes, which stay where they are if no data move them, elsewhere."""
-        moved = np.where(np.isin(np.arange(len(prior)), self.columns.shapes), prior, self.anchor)
-        return replace(self, prior=prior, anchor=moved)
-
     def solve(self, found: Estimate) -> NearestPoint:
         """Return the nearest x within the limits, and by how much each of them pushes.
 
         Raises:
             FitError: if no x is found that holds when checked without the solver.
         """
-        data, W, x_u = self._data(found), self._pull(found), found.x
+        data, x_u = _data(found), found.x
+        stiff = np.ones(len(x_u))  # for effects that are in no base parameter
+        stiff[found.base.dependent[found.base.dependent >= len(self.columns.rigid)]] = 1 / EFFECT
+        W = self.W * stiff
         at_rest = np.where(self.trusted[:, None], x_u, self.anchor)  # x_0, by coordinate
         still = np.einsum("uij,uj->ui", self.still, at_rest)
         A = np.vstack([data, *self.still, PULL * W])
@@ -264,23 +265,16 @@ class Program:
                 felt |= limit.G.any(axis=0)
         return felt
 
-    def _pull(self, found: Estimate) -> np.ndarray:
-        """Return W (rows, k), stiff for effects that are in no base parameter."""
-        stiff = np.ones(len(self.prior))
-        silent = found.base.dependent[found.base.dependent >= len(self.columns.rigid)]
-        stiff[silent] = 1 / EFFECT
-        return self.W * stiff
 
-    def _data(self, found: Estimate) -> np.ndarray:
-        """Return A (rows, k)."""
-        base, k = found.base, len(self.prior)
-        held = np.flatnonzero(found.held)
-        B = np.zeros((base.rank + len(held), k))  # x ↦ (β, what is held)
-        B[np.arange(base.rank), base.independent] = 1.0
-        B[: base.rank, base.dependent] += base.K
-        B[np.arange(base.rank, len(B)), held] = 1.0
-        own = found.triangle.restricted(np.concatenate([base.independent, held]).astype(int))
-        return np.asarray(own.R @ B / _noise(found))
+def _data(found: Estimate) -> np.ndarray:
+    """Return A (rows, k) in units of the rows' noise."""
+    base, held = found.base, np.flatnonzero(found.held)
+    B = np.zeros((base.rank + len(held), len(found.x)))  # x ↦ (β, held unknowns)
+    B[np.arange(base.rank), base.independent] = 1.0
+    B[: base.rank, base.dependent] += base.K
+    B[np.arange(base.rank, len(B)), held] = 1.0
+    own = found.triangle.restricted(np.concatenate([base.independent, held]).astype(int))
+    return np.asarray(own.R @ B / _noise(found))
 
 
 def _still(problem: Problem, x: np.ndarray, anchor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -334,18 +328,16 @@ def _binding(
     program: Program,
     point: NearestPoint,
     pi: np.ndarray,
-    cost: float,
-    held_out_cost: float | None,
+    rises: tuple[float, float | None],
 ) -> Binding:
-    """Return what limits did, with the eigenvalues of all bodies computed anew.
+    """Return the effect of the limits, with the eigenvalues of all bodies computed anew.
 
     Raises:
         FitError: if a body that could move is no possible one after all.
     """
-    asking = _with_unknowns(mechanism)
-    eigenvalues = {
-        link: value for link, value in _eigenvalues(mechanism, pi).items() if link in asking
-    }
+    links = bodies_with_unknowns(mechanism)
+    after, before = (_eigenvalues(mechanism, each) for each in (pi, mechanism.prior))
+    eigenvalues = {link: after[link] for link in links}
     least = SLACK["psd"] - 1e-9
     if broken := [link for link, smallest in eigenvalues.items() if not smallest >= least]:
         raise FitError(f"no consistent fit was found: {', '.join(broken)} is no possible body")
@@ -354,26 +346,17 @@ def _binding(
     ]
     edge = tuple(dict.fromkeys(limit.of for limit in pushing if limit.kind == "psd"))
     bounds = [limit for limit in pushing if limit.kind != "psd"]
-    before = _eigenvalues(mechanism, mechanism.prior)
+    possible = [f"possible bodies ({', '.join(edge)})"] if edge else []
     return Binding(
         asked=asked,
         edge=edge,
         at_bound=frozenset(limit.of for limit in bounds if limit.of),
-        active=(
-            *([f"possible bodies ({', '.join(edge)})"] if edge else []),
-            *(limit.name for limit in bounds),
-        ),
-        repaired=tuple(
-            link for link, value in before.items() if link in asking and value < IMPOSSIBLE
-        ),
+        active=(*possible, *(limit.name for limit in bounds)),
+        repaired=tuple(link for link in links if before[link] < IMPOSSIBLE),
         eigenvalues=eigenvalues,
-        rise=cost,
-        held_out_rise=held_out_cost,
+        rise=rises[0],
+        held_out_rise=rises[1],
     )
-
-
-def _with_unknowns(mechanism: Mechanism) -> set[str]:
-    return {name.rpartition(".")[0] for name in mechanism.unknown}
 
 
 def _eigenvalues(mechanism: Mechanism, pi: np.ndarray) -> dict[str, float]:
@@ -386,18 +369,15 @@ def _eigenvalues(mechanism: Mechanism, pi: np.ndarray) -> dict[str, float]:
 
 def _impossible_known(mechanism: Mechanism) -> list[Finding]:
     """Report bodies that are known, and impossible: nothing that is identified repairs them."""
-    asking = _with_unknowns(mechanism)
-    found = tuple(
-        link
-        for link, value in _eigenvalues(mechanism, mechanism.prior).items()
-        if link not in asking and value < IMPOSSIBLE
-    )
+    smallest = _eigenvalues(mechanism, mechanism.prior)
+    known = smallest.keys() - bodies_with_unknowns(mechanism)
+    links = tuple(link for link, value in smallest.items() if link in known and value < IMPOSSIBLE)
     text = (
-        f"{', '.join(found)} is known, and that of no possible body (its pseudo-inertia has a "
+        f"{', '.join(links)} is known, and that of no possible body (its pseudo-inertia has a "
         "negative eigenvalue): a simulator may refuse it"
     )
     remedy = "correct the URDF, or make it unknown"
-    return [Finding("impossible known body", found, None, IMPOSSIBLE, text, remedy)] * bool(found)
+    return [Finding("impossible known body", links, None, IMPOSSIBLE, text, remedy)] * bool(links)
 
 
 def _contradiction(names: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""What a fit writes (fit.json, multipliers.csv, identified.urdf), and reading fit.json back."""
+"""Files of a fit: fit.json, multipliers.csv, identified.urdf; and reading fit.json back."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from ident.effects import create as create_effect
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, MechanismError, not_there, one_of
 from ident.files import write_all
-from ident.fit.findings import LEAST_MASS
+from ident.fit.findings import LEAST_MASS, bodies_with_unknowns
 from ident.fit.multipliers import Reactions
 from ident.fit.result import Fit
 from ident.fit.values import Value
 from ident.information.blocks import Error
 from ident.mechanism.description import read_description
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import COUNT, about_origin, pseudo_inertia, split
+from ident.mechanism.parameters import about_origin, pseudo_inertia, split
 from ident.mechanism.urdf import UrdfText
 from ident.mechanism.write import fixed_parameters, folder_files, set_inertial
-from ident.motion import Motion, State
+from ident.motion import Motion
 
 SCHEMA = "ident.fit/1"
 
@@ -73,8 +73,7 @@ def write_fit(
         for effect, values in fit.effect_solution
     ]
     inside = folder_files(fit.mechanism, urdf, known, unknown=[])
-    files |= {f"identified/{name}": content for name, content in inside.items()}
-    return write_all(Path(folder), files)
+    return write_all(Path(folder), files | {f"identified/{name}": x for name, x in inside.items()})
 
 
 def write_urdf(fit: Fit, path: str | Path) -> Path:
@@ -155,7 +154,17 @@ def fit_json(fit: Fit) -> dict[str, Any]:
             "unfiltered": _errors(fit.unfiltered),
             "validation": {log: _errors(errors) for log, errors in fit.validation.items()},
         },
-        "smoothing": [_smoothing(e) for e in fit.motion.experiments],
+        "smoothing": [
+            {
+                "log": e.name,
+                "knots": e.smooth.spacing if e.smooth else None,
+                "channels": [
+                    {"name": c.column, "noise": c.noise, "residual": c.residual, "how": c.how}
+                    for c in e.channels
+                ],
+            }
+            for e in fit.motion.experiments
+        ],
         "likelihood": None if fit.likelihood is None else fit.likelihood.described(),
         "filter": {"cutoff": band.cutoff, "motion_bandwidth": band.motion, "unit": "Hz"},
         "condition_number": _number(fit.condition_number),
@@ -189,18 +198,6 @@ def _errors(errors: Mapping[str, Error]) -> dict[str, Any]:
     }
 
 
-def _smoothing(e: State) -> dict[str, Any]:
-    """Return what was done to an experiment's channels, noise and residual in their units."""
-    return {
-        "log": e.name,
-        "knots": e.smooth.spacing if e.smooth else None,
-        "channels": [
-            {"name": c.column, "noise": c.noise, "residual": c.residual, "how": c.how}
-            for c in e.channels
-        ],
-    }
-
-
 @dataclass(frozen=True, eq=False)
 class Saved:
     """A fit.json read back: a mechanism with its effects and the values of all unknowns.
@@ -221,16 +218,12 @@ class Saved:
     point: Point
     cutoff: float | str | None = "auto"
     errors: Mapping[str, Mapping[str, Error]] = field(default_factory=dict)
+    motion: Motion | None = field(default=None, init=False)  # a file does not hold its data
 
     @property
     def dynamic_parameters(self) -> np.ndarray:
         """All bodies' ten parameters (10 · bodies,), in Γ's order."""
         return self.point.pi
-
-    @property
-    def motion(self) -> Motion | None:
-        """None: a file does not hold what it was fitted to."""
-        return None
 
 
 def read_fit(path: str | Path, mechanism: Mechanism) -> Saved:
@@ -249,17 +242,16 @@ def read_fit(path: str | Path, mechanism: Mechanism) -> Saved:
         path = path / "fit.json"
     try:
         data = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
-    except FileNotFoundError:
-        raise FitError(f"{path}: {not_there(path)}; give a fit.json of ident identify") from None
-    except OSError as error:
-        raise FitError(
-            f"{path}: cannot be read ({error.strerror}); give a fit.json of ident identify"
-        ) from None
-    except (ValueError, RecursionError) as error:
-        raise FitError(f"{path}: is no JSON: {error}; give a fit.json of ident identify") from None
-    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-        found = data.get("schema") if isinstance(data, dict) else type(data).__name__
-        raise FitError(f"{path}: schema is {found!r}; a fit.json of schema '{SCHEMA}' is expected")
+    except (OSError, ValueError, RecursionError) as error:
+        why = f"is no JSON: {error}"
+        if isinstance(error, FileNotFoundError):
+            why = not_there(path)
+        elif isinstance(error, OSError):
+            why = f"cannot be read ({error.strerror})"
+        raise FitError(f"{path}: {why}; give a fit.json of ident identify") from None
+    schema = data.get("schema") if isinstance(data, dict) else type(data).__name__
+    if schema != SCHEMA:
+        raise FitError(f"{path}: schema is {schema!r}; a fit.json of schema '{SCHEMA}' is expected")
     try:
         return _model(path, data, mechanism)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
@@ -274,19 +266,14 @@ def _refuse(constant: str) -> None:
     raise ValueError(f"{constant} is no number")
 
 
-def _check_closures(path: Path, data: dict[str, Any], mechanism: Mechanism) -> None:
-    """Refuse the fit of another mechanism whose links happen to have the same names."""
+def _model(path: Path, data: dict[str, Any], mechanism: Mechanism) -> Saved:
     lists = data["multipliers"]["names"], mechanism.kinematics.multipliers
     theirs, ours = ([n for n in names if not n.startswith("joint.")] for names in lists)
-    if theirs != ours:
+    if theirs != ours:  # another mechanism, whose links happen to have the same names
         raise FitError(
             f"{path}: is of another mechanism, {data.get('mechanism')}, whose multipliers are "
             f"{', '.join(theirs) or 'none'}; {mechanism.name} has {', '.join(ours) or 'none'}"
         )
-
-
-def _model(path: Path, data: dict[str, Any], mechanism: Mechanism) -> Saved:
-    _check_closures(path, data, mechanism)
     values = {str(entry["name"]): entry["value"] for entry in data["parameters"]}
     grown = mechanism
     for effect in data["effects"]:
@@ -302,29 +289,27 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism) -> Saved:
                 )
             grown = grown + create_effect(kind, effect["joint"], effect.get("settings"))
         values |= {str(entry["name"]): entry["value"] for entry in effect["parameters"]}
+    effects = {full for effect in grown.effects for full in effect.names}
+    for name in values:
+        if name not in effects and name.rpartition(".")[0] not in grown.bodies.links:
+            raise FitError(
+                f"{path}: parameter '{name}' belongs to no link or effect of {mechanism.name}; "
+                f"{one_of(name.split('.')[0], grown.bodies.links)}"
+            )
+    given = {name: float(value) for name, value in values.items() if value is not None}
     columns = Columns.of(grown)
     x = columns.prior.copy()
-    for name, i in columns.index.items():
-        if values.get(name) is not None:
-            x[i] = float(values[name])
+    for name, value in given.items():
+        if name in columns.index:
+            x[columns.index[name]] = value
     pi = columns.dynamic_parameters(grown, x)
-    for name, value in values.items():  # moments of inertia about the centre of mass
+    for name, value in given.items():  # moments of inertia about the centre of mass
         link, _, word = name.rpartition(".")
-        if name in columns.index or value is None or link not in grown.bodies.links:
-            continue
-        if word[:1] != "I" or f"{link}.L{word[1:]}" not in columns.index:
-            continue
-        shift = about_origin(*split(pi[grown.bodies.columns(link)])[:2])
-        at = columns.index[f"{link}.L{word[1:]}"]
-        x[at] = value + shift["xyz".index(word[1]), "xyz".index(word[2])]
-    strange = [name for name in values if not _belongs(name, grown)]
-    if strange:
-        raise FitError(
-            f"{path}: parameter '{strange[0]}' belongs to no link or effect of {mechanism.name}; "
-            f"{one_of(strange[0].split('.')[0], grown.bodies.links)}"
-        )
-    given = {name: float(value) for name, value in values.items() if value is not None}
-    point = Point.prior(grown).with_values({n: v for n, v in given.items() if _belongs(n, grown)})
+        at = columns.index.get(f"{link}.L{word[1:]}", -1)
+        if word[:1] == "I" and at >= 0 and link in grown.bodies.links:
+            shift = about_origin(*split(pi[grown.bodies.columns(link)])[:2])
+            x[at] = value + shift["xyz".index(word[1]), "xyz".index(word[2])]
+    point = Point.prior(grown).with_values(given)
     return Saved(
         str(path), grown, columns, x, point.at(grown, columns, x), _cutoff(data), _read_errors(data)
     )
@@ -365,11 +350,6 @@ def _read_errors(data: dict[str, Any]) -> dict[str, dict[str, Error]]:
     }
 
 
-def _belongs(name: str, mechanism: Mechanism) -> bool:
-    effects = {full for effect in mechanism.effects for full in effect.names}
-    return name in effects or name.rpartition(".")[0] in mechanism.bodies.links
-
-
 def identified_urdf(fit: Fit) -> bytes:
     """Return the URDF's text with new `<inertial>` numbers for the links of identified bodies.
 
@@ -385,11 +365,8 @@ def identified_urdf(fit: Fit) -> bytes:
     text = UrdfText(read_description(mechanism.urdf).urdf, str(mechanism.urdf))
     robot = text.robot
     links = {link.get("name"): link for link in robot.findall("link")}
-    unknown = {name.rsplit(".", 1)[0] for name in mechanism.unknown}
-    for number, link in enumerate(mechanism.bodies.links):
-        if link not in unknown:
-            continue
-        body = pi[COUNT * number : COUNT * (number + 1)]
+    for link in bodies_with_unknowns(mechanism):
+        body = pi[mechanism.bodies.columns(link)]
         fixed = fixed_parameters(robot, link)
         if not fixed.any() or _carries(body, fixed):
             own = body - fixed
@@ -403,21 +380,20 @@ def identified_urdf(fit: Fit) -> bytes:
 
 
 def _carries(body: np.ndarray, fixed: np.ndarray) -> bool:
-    """Return whether what the fixed links leave of a body has mass, and is possible if it is."""
-    left = body - fixed
-    least = [float(np.linalg.eigvalsh(pseudo_inertia(pi))[0]) for pi in (left, body)]
-    return bool(left[0] > 0 and (least[0] > 0 or least[1] <= 0))
+    """Return whether a body without its fixed links has mass, and is possible if the body is."""
+    own = body - fixed
+    least = [float(np.linalg.eigvalsh(pseudo_inertia(pi))[0]) for pi in (own, body)]
+    return bool(own[0] > 0 and (least[0] > 0 or least[1] <= 0))
 
 
 def _fixed_links(robot: etree._Element, link: str) -> list[str]:
-    found, front = [], [link]
-    while front:
-        parent = front.pop()
-        for joint in robot.findall("joint"):
-            if joint.get("type") == "fixed" and joint.find("parent").get("link") == parent:
-                found.append(joint.find("child").get("link"))
-                front.append(found[-1])
-    return found
+    """Return the links that are fixed to a link, directly or by others."""
+    children = [
+        joint.find("child").get("link")
+        for joint in robot.findall("joint")
+        if joint.get("type") == "fixed" and joint.find("parent").get("link") == link
+    ]
+    return [*children, *(name for child in children for name in _fixed_links(robot, child))]
 
 
 def _with_masses(fit: Fit) -> np.ndarray:
@@ -428,9 +404,8 @@ def _with_masses(fit: Fit) -> np.ndarray:
     x, base, columns = fit.estimate.x.copy(), fit.estimate.base, fit.columns
     if fit.binding is not None:  # possible bodies have masses, however small
         return columns.dynamic_parameters(fit.mechanism, x)
-    for number, link in enumerate(fit.mechanism.bodies.links):
-        pi = columns.dynamic_parameters(fit.mechanism, x)
-        body = pi[COUNT * number : COUNT * (number + 1)]
+    for link in fit.mechanism.bodies.links:
+        body = columns.dynamic_parameters(fit.mechanism, x)[fit.mechanism.bodies.columns(link)]
         if abs(body[0]) > LEAST_MASS or not np.any(np.abs(body[1:]) > 0):
             continue
         at = columns.index.get(f"{link}.m", -1)

@@ -1,8 +1,8 @@
-"""What a person should know before trusting a fit: findings, each with a remedy."""
+"""Findings to read before a fit is trusted, each with a remedy."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,7 +59,7 @@ def findings_of(
     pi: np.ndarray,
     more: Iterable[str | Finding] = (),
 ) -> tuple[Finding, ...]:
-    """Return what to know of a fit, in the order in which a person should read it.
+    """Return the findings of a fit, in the order in which a person should read them.
 
     Args:
         problem: the equations; estimate: their solution.
@@ -69,148 +69,119 @@ def findings_of(
         more: findings of the way in which the estimate was made.
     """
     mechanism, motion, columns = problem.mechanism, problem.motion, problem.columns
-    found = [*_few_equations(estimate)]
-    found += map(note, (*mechanism.notes, *motion.notes))
-    found += [*_standstill(problem), *_nothing_unknown(columns), *_held(columns, estimate)]
-    found += [*_filter(motion), *_partly_known(mechanism), *_absorbed(columns, estimate)]
+    of_data = [
+        *_equations(problem, estimate),
+        *_held(columns, estimate),
+        *_filter(motion),
+        *_partly_known(mechanism),
+        *_absorbed(columns, estimate),
+    ]
     if (condition := estimate.base.condition_number) > POOR:
-        found.append(
-            Finding(
-                "excitation", (), condition, POOR,
-                f"condition number {condition:.3g}: this motion excites some base parameters "
-                "poorly",
-                "see their standard errors, and move more joints, faster or farther",
-            )
-        )  # fmt: skip
-    found += _multipliers(problem, estimate)
-    found = list(dict.fromkeys(found))
-    found += [each if isinstance(each, Finding) else note(each) for each in more]
-    return (*found, *_implausible(mechanism, errors, effects, pi))
+        text = f"condition number {condition:.3g}: this motion excites some base parameters poorly"
+        remedy = "see their standard errors, and move more joints, faster or farther"
+        of_data.append(Finding("excitation", (), condition, POOR, text, remedy))
+    of_data += _multipliers(problem, estimate)
+    made = [each if isinstance(each, Finding) else note(each) for each in more]
+    return (*dict.fromkeys(of_data), *made, *_implausible(mechanism, errors, effects, pi))
 
 
-def _few_equations(estimate: Estimate) -> list[Finding]:
+def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
+    """Report equations that are few, at standstill, or without unknowns; and the data's notes."""
     rows, rank = estimate.triangle.rows, estimate.base.rank
-    if not rank or rows >= FEW * rank:
-        return []
-    return [
-        Finding(
-            "few equations", (), rows / rank, FEW,
-            f"only {rows} equations for {rank} parameters: these values and errors mean nothing",
-            "give a longer log, or make less unknown ([parameters] unknown)",
-        )
-    ]  # fmt: skip
+    if rank and rows < FEW * rank:
+        text = f"only {rows} equations for {rank} parameters: these values and errors mean nothing"
+        remedy = "give a longer log, or make less unknown ([parameters] unknown)"
+        yield Finding("few equations", (), rows / rank, FEW, text, remedy)
+    yield from map(note, (*problem.mechanism.notes, *problem.motion.notes))
+    if rest := sum(block.rest.rows for block in problem.information):
+        share = rest / problem.information.rows
+        text = f"{100 * share:.3g} % of the equations are at standstill, where dry friction is open"
+        remedy = "they count in the errors but not in the fit"
+        yield Finding("standstill", (), share, 0.0, text, remedy)
+    if not len(problem.columns):
+        text = "nothing is unknown: these are the errors of the model as it is"
+        remedy = "to identify, give [parameters] unknown in mechanism.toml or add an effect"
+        yield Finding("nothing unknown", (), None, None, text, remedy)
 
 
-def _standstill(problem: Problem) -> list[Finding]:
-    rest = sum(block.rest.rows for block in problem.information)
-    share = rest / max(problem.information.rows, 1)
-    if not rest:
-        return []
-    text = f"{100 * share:.3g} % of the equations are at standstill, where dry friction is open"
-    remedy = "they count in the errors but not in the fit"
-    return [Finding("standstill", (), share, 0.0, text, remedy)]
-
-
-def _nothing_unknown(columns: Columns) -> list[Finding]:
-    if len(columns):
-        return []
-    return [
-        Finding(
-            "nothing unknown", (), None, None,
-            "nothing is unknown: these are the errors of the model as it is",
-            "to identify, give [parameters] unknown in mechanism.toml or add an effect",
-        )
-    ]  # fmt: skip
-
-
-def _held(columns: Columns, estimate: Estimate) -> list[Finding]:
+def _held(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
     """Report unknowns that the data know worse than is plausible."""
-    rigid = np.arange(len(columns)) < len(columns.rigid)
-    shapes = np.isin(np.arange(len(columns)), columns.shapes)
-    found = []
-    for held, where in (
-        (estimate.held & rigid, "held at the prior"),
-        (estimate.held & shapes, "left where the search ended"),
-        (estimate.held & ~rigid & ~shapes, "held at zero"),
+    number = np.arange(len(columns))
+    rigid, shapes = number < len(columns.rigid), np.isin(number, columns.shapes)
+    for kind, where in (
+        (rigid, "held at the prior"),
+        (shapes, "left where the search ended"),
+        (~rigid & ~shapes, "held at zero"),
     ):
-        names = tuple(columns.names[i] for i in np.flatnonzero(held))
-        if names:
+        if names := tuple(columns.names[i] for i in np.flatnonzero(estimate.held & kind)):
             text = (
                 f"with a residual of this size this motion cannot tell {_some(names, 8)}: {where}"
             )
             remedy = "move more joints, faster or farther, or see what is missing"
-            found.append(Finding("held", names, None, None, text, remedy))
-    return found
+            yield Finding("held", names, None, None, text, remedy)
 
 
-def _absorbed(columns: Columns, estimate: Estimate) -> list[Finding]:
+def _absorbed(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
     """Report effects' unknowns without columns of their own."""
     absorbed = absorbed_by(columns, estimate.base)
-    found = []
     for effect, places in columns.effects:
         for name, at in zip(effect.names, places, strict=True):
             if at >= 0 and name in absorbed and not estimate.held[at]:
                 carrier = absorbed[name]
                 why = f"same columns as {carrier}" if carrier else "nothing in this motion feels it"
                 text = f"{name} cannot be identified: {why}"
-                found.append(Finding("absorbed", (name,), None, None, text))
-    return found
+                yield Finding("absorbed", (name,), None, None, text)
 
 
-def _filter(motion: Motion) -> list[Finding]:
+def _filter(motion: Motion) -> Iterator[Finding]:
     """Report samples that the filter needs on either side, and runs too short to give a row."""
-    found = []
     for e in motion.experiments:
         half = Decimator.of(motion.band.cutoff, e.rate).half
+        if not half:
+            continue
         runs = [segment.stop - segment.start for segment in e.segments()]
         short = [length for length in runs if length <= 2 * half]
-        if half and short:
-            found.append(
-                Finding(
-                    "short runs", (e.name,), sum(short), None,
-                    f"{e.name}: {sum(short)} samples in {len(short)} runs between gaps are left "
-                    f"out: shorter than the filter ({(2 * half + 1) / e.rate:.3g} s)",
-                    "a higher cut-off keeps them",
-                )
-            )  # fmt: skip
-        if half and len(runs) > len(short):
+        if short:
+            text = (
+                f"{e.name}: {sum(short)} samples in {len(short)} runs between gaps are left "
+                f"out: shorter than the filter ({(2 * half + 1) / e.rate:.3g} s)"
+            )
+            remedy = "a higher cut-off keeps them"
+            yield Finding("short runs", (e.name,), sum(short), None, text, remedy)
+        if len(runs) > len(short):
             text = (
                 f"{e.name}: the filter takes {1e3 * half / e.rate:.3g} ms at both ends of "
                 f"{len(runs) - len(short)} run(s)"
             )
-            found.append(Finding("filter ends", (e.name,), half / e.rate, None, text))
-    return found
+            yield Finding("filter ends", (e.name,), half / e.rate, None, text)
 
 
-def _partly_known(mechanism: Mechanism) -> list[Finding]:
+def _partly_known(mechanism: Mechanism) -> Iterator[Finding]:
     """Report bodies of which mass or first moments are unknown, but not all that they enter."""
-    found = []
     for link in mechanism.bodies.links:
-        mine = {n.rsplit(".", 1)[1] for n in mechanism.unknown if n.rsplit(".", 1)[0] == link}
-        if mine & {"m", "mx", "my", "mz"} and len(mine) < COUNT:
-            held = [word for word in DYNAMIC if word not in mine]
+        unknown = [word for word in DYNAMIC if f"{link}.{word}" in mechanism.unknown]
+        if set(unknown) & {"m", "mx", "my", "mz"} and len(unknown) < COUNT:
             text = (
-                f"of {link} {', '.join(w for w in DYNAMIC if w in mine)} is unknown while "
-                f"{', '.join(held)} are held: first moments and moments about the joint frame, so "
-                "that its centre of mass and inertia about it move"
+                f"of {link} {', '.join(unknown)} is unknown while "
+                f"{', '.join(word for word in DYNAMIC if word not in unknown)} are held: first "
+                "moments and moments about the joint frame, so that its centre of mass and inertia "
+                "about it move"
             )
-            found.append(Finding("partly known", (link,), None, None, text))
-    return found
+            yield Finding("partly known", (link,), None, None, text)
 
 
-def _multipliers(problem: Problem, estimate: Estimate) -> list[Finding]:
+def _multipliers(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
     """Report multipliers that are not determined, or rest on priors."""
-    mechanism, motion = problem.mechanism, problem.motion
-    determined = identifiable_multipliers(mechanism, motion)
+    mechanism = problem.mechanism
+    determined = identifiable_multipliers(mechanism, problem.motion)
     names = mechanism.kinematics.multipliers
     open_ = tuple(name for name, good in zip(names, determined, strict=True) if not good)
-    found = []
     if open_:
         text = (
             f"multipliers {', '.join(open_)} are not determined: closure equations are redundant "
             f"({len(determined)} of rank {mechanism.rank}), which is normal for planar loops"
         )
-        found.append(Finding("redundant", open_, mechanism.rank, len(determined), text))
+        yield Finding("redundant", open_, mechanism.rank, len(determined), text)
     resting = resting_on_priors(problem, estimate)
     resting = {name: on for name, on in resting.items() if name not in open_}
     if resting:
@@ -219,8 +190,7 @@ def _multipliers(problem: Problem, estimate: Estimate) -> list[Finding]:
             f"multipliers {', '.join(resting)} rest on the priors of {_some(on, 6)}"
             ", which no torque determines: a wrong prior moves them, however well torques fit"
         )
-        found.append(Finding("rest on priors", tuple(resting), None, None, text))
-    return found
+        yield Finding("rest on priors", tuple(resting), None, None, text)
 
 
 def basis_bias(problem: Problem, estimate: Estimate) -> list[Finding]:
@@ -230,10 +200,8 @@ def basis_bias(problem: Problem, estimate: Estimate) -> list[Finding]:
     free = problem.free_estimate()
     if not np.array_equal(estimate.base.independent, free.base.independent):
         return []
-    cov = np.zeros((estimate.base.rank, estimate.base.rank))
-    both = (
-        rigid_values(problem.mechanism, problem.columns, each, cov) for each in (estimate, free)
-    )
+    cov = np.zeros((estimate.base.rank,) * 2)
+    both = [rigid_values(problem.mechanism, problem.columns, x, cov) for x in (estimate, free)]
     moved = [
         f"{a.name} {100 * (a.value / b.value - 1):+.3g} %"
         for a, b in zip(*both, strict=True)
@@ -253,16 +221,15 @@ def _implausible(
     errors: Mapping[str, Error],
     effects: Sequence[EffectValues],
     pi: np.ndarray,
-) -> list[Finding]:
-    """Report what in a result cannot be right, or not of a real machine, and what to look at."""
-    found = []
-    useless = tuple(
-        joint for joint, e in errors.items() if e.relative is not None and e.relative >= 1
-    )
+) -> Iterator[Finding]:
+    """Report results that cannot be right, or not of a real machine."""
+    useless = tuple(joint for joint, e in errors.items() if (e.relative or 0.0) >= 1)
     if useless:
-        text = f"the prediction for {', '.join(useless)} is no better than zero torque: check sign"
-        text += ", unit and column of its torque and position, and that the torque is a measurement"
-        found.append(Finding("no prediction", useless, None, 1.0, text))
+        text = (
+            f"the prediction for {', '.join(useless)} is no better than zero torque: check sign, "
+            "unit and column of its torque and position, and that the torque is a measurement"
+        )
+        yield Finding("no prediction", useless, None, 1.0, text)
     negative = tuple(
         value.name
         for each in effects
@@ -274,7 +241,7 @@ def _implausible(
             f"{', '.join(negative)} came out negative, which no such effect can be: check the sign "
             "of the torque, or whether another effect is missing"
         )
-        found.append(Finding("negative", negative, None, -CERTAIN, text))
+        yield Finding("negative", negative, None, -CERTAIN, text)
     bodies = {link: pi[mechanism.bodies.columns(link)] for link in mechanism.bodies.links}
     massless = tuple(
         link for link, body in bodies.items() if abs(body[0]) <= LEAST_MASS and np.any(body[1:])
@@ -284,9 +251,9 @@ def _implausible(
             f"{', '.join(massless)} has moments but a mass that no torque determines: "
             "identified.urdf gives it 1 kg, shifted along what no torque feels"
         )
-        found.append(Finding("massless", massless, None, LEAST_MASS, text))
-    asked = {name.rsplit(".", 1)[0] for name in mechanism.unknown}
-    impossible = tuple(link for link, body in bodies.items() if link in asked and _impossible(body))
+        yield Finding("massless", massless, None, LEAST_MASS, text)
+    unknown_bodies = bodies_with_unknowns(mechanism)
+    impossible = tuple(link for link in unknown_bodies if _impossible(bodies[link]))
     if impossible:
         text = (
             f"the identified inertia of {', '.join(impossible)} is that of no possible body (its "
@@ -294,8 +261,13 @@ def _implausible(
             "that, but a simulator may refuse identified.urdf"
         )
         remedy = "--consistent finds the nearest bodies that are possible"
-        found.append(Finding("impossible body", impossible, None, POSSIBLE, text, remedy))
-    return found
+        yield Finding("impossible body", impossible, None, POSSIBLE, text, remedy)
+
+
+def bodies_with_unknowns(mechanism: Mechanism) -> list[str]:
+    """Return the links of bodies with an unknown parameter, in Γ's order."""
+    unknown = {name.rpartition(".")[0] for name in mechanism.unknown}
+    return [link for link in mechanism.bodies.links if link in unknown]
 
 
 def _impossible(body: np.ndarray) -> bool:

@@ -80,14 +80,18 @@ def identify(
     findings = basis_bias(problem, estimate)
     problem, estimate, likelihood, more = weighed(problem, estimate, estimator, progress)
     findings += more
-    cov = covariance_of(problem, estimate, likelihood)
+    cov = covariance(problem.fitting, estimate)
+    if likelihood is not None:
+        cov = likelihood.covariance(cov, estimate)
+    possible = None
     limits = limits_asked(mechanism, consistent)
-    if limits is None:
-        findings += limits_ignored(mechanism)
-        return assembled(problem, estimate, cov, findings, likelihood, validate, progress)
-    possible = nearest_possible(problem, estimate, limits, progress)
-    if possible.problem is not problem:  # made anew where columns depend on the solution
-        cov = covariance(possible.problem.fitting, possible.free)
+    if limits is not None:
+        possible = nearest_possible(problem, estimate, limits, progress)
+        if possible.problem is not problem:  # made anew where columns depend on the solution
+            cov = covariance(possible.problem.fitting, possible.free)
+    elif mechanism.consistency != Consistency():
+        text = "bounds and total_mass of [parameters] hold in a consistent fit only: --consistent"
+        findings.append(Finding("limits ignored", (), None, None, text))
     return assembled(problem, estimate, cov, findings, likelihood, validate, progress, possible)
 
 
@@ -96,8 +100,7 @@ def estimate_of(problem: Problem) -> Estimate:
     found = problem.estimate()
     if problem.stacked:
         return found
-    p = problem
-    if (beyond := beyond_bounds(p.mechanism, p.columns, p.motion, p.point, found)).any():
+    if (beyond := beyond_bounds(problem, found)).any():
         found = problem.estimate(sigma=found.sigma, held=found.held | beyond)
     return found
 
@@ -121,25 +124,11 @@ def weighed(
     return problem, estimate, None, []
 
 
-def covariance_of(problem: Problem, estimate: Estimate, likelihood: Likelihood | None) -> Array:
-    """Return the covariance (n_ind, n_ind) of the base parameters."""
-    cov = covariance(problem.fitting, estimate)
-    return cov if likelihood is None else likelihood.covariance(cov, estimate)
-
-
 def limits_asked(mechanism: Mechanism, consistent: bool | Consistency) -> Consistency | None:
     """Return the limits of a consistent fit; None if none is asked for."""
     if not isinstance(consistent, Consistency):
         return mechanism.consistency | Consistency() if consistent else None
     return mechanism.consistency | consistent
-
-
-def limits_ignored(mechanism: Mechanism) -> list[Finding]:
-    """Report limits that the mechanism has and nobody asked for."""
-    if mechanism.consistency == Consistency():
-        return []
-    text = "bounds and total_mass of [parameters] hold in a consistent fit only: --consistent"
-    return [Finding("limits ignored", (), None, None, text)]
 
 
 def assembled(
@@ -174,6 +163,16 @@ def assembled(
     train = problem.squares(estimate.x).errors(names, units)
     point = problem.point.at(problem.mechanism, problem.columns, estimate.x)
     effects = effect_values(problem.columns, estimate, cov, point)
+    validation: dict[str, dict[str, Error]] = {}
+    if validate is not None:
+        model, joints = problem.mechanism, validate.independent
+        other = information_of(model, problem.columns, validate, problem.point, on_progress)
+        validation = {
+            e.name: other.of_log(number)
+            .squares(estimate.x)
+            .errors(joints, [model.joint(name).force_unit for name in joints])
+            for number, e in enumerate(validate.experiments)
+        }
     every = findings_of(problem, estimate, train, effects, point.pi, findings)
     return Fit(
         mechanism=problem.mechanism,
@@ -184,7 +183,7 @@ def assembled(
         covariance=cov,
         train=train,
         held_out={} if outside is None else outside.errors(names, units),
-        validation=validated(problem, estimate, validate, on_progress),
+        validation=validation,
         warnings=tuple(map(str, every)),
         findings=every,
         bands=problem.bands,
@@ -193,21 +192,3 @@ def assembled(
         binding=None if possible is None else possible.binding,
         likelihood=likelihood,
     )
-
-
-def validated(
-    problem: Problem,
-    estimate: Estimate,
-    validate: Motion | None,
-    on_progress: Progress | None = None,
-) -> dict[str, dict[str, Error]]:
-    """Return the errors of an estimate in other logs, by log, then joint."""
-    if validate is None:
-        return {}
-    mechanism, columns = problem.mechanism, problem.columns
-    other = information_of(mechanism, columns, validate, problem.point, on_progress)
-    units = [mechanism.joint(name).force_unit for name in validate.independent]
-    return {
-        e.name: other.of_log(number).squares(estimate.x).errors(validate.independent, units)
-        for number, e in enumerate(validate.experiments)
-    }

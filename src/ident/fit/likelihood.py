@@ -170,8 +170,6 @@ def one_step(
     """Make one step with the noise that the channels show; None if it leaves more than noise.
 
     Then the model lacks something, and a motion bent until torques fit would hide it.
-
-    Args and returns are those of `refined`.
     """
     fine = _fine(problem)
     at = Linearization.at(problem, found.x, problem.motion.experiments, fine, on_progress)
@@ -187,22 +185,16 @@ def refined(
 ) -> Weighed:
     """Make Gauss-Newton steps from a least-squares estimate, until parameters are at rest.
 
-    Args:
-        problem: the equations; its motion is where the steps begin.
-        found: least squares; what it holds at the prior and how it regroups stays.
-        share: of the motion's noise.
-        on_progress: called with (what is being done, share done).
-
-    Returns:
-        The problem with rows whitened by the noise of torques and motion, the estimate from them,
-        and what was done.
+    The steps begin at the problem's motion; unknowns that `found` holds at the prior, and how it
+    regroups, stay. The problem that is returned has rows whitened by noise of torques and motion.
     """
     fine = _fine(problem)
     now_at = Linearization.at(problem, found.x, problem.motion.experiments, fine, on_progress)
     sigma, runs, now = now_at.weighed(found)
     step, converged = 1, False
     while step < STEPS and not converged:
-        after = now_at.towards(runs, now.x, fine, on_progress)
+        moved = now_at.moved(runs, now.x)
+        after = Linearization.at(problem, now.x, moved, fine, on_progress, now_at.parts)
         for _ in range(HALVES):
             if after.loss(sigma) <= (1 + ROUNDING) * now_at.loss(sigma):
                 break
@@ -229,9 +221,7 @@ def _squares_per_row(now: Estimate) -> float:
 
 def _at_rest(now: Estimate, before: np.ndarray) -> bool:
     """Return whether no base parameter moved by more than a fraction of its standard error."""
-    base = now.base
-    beta = before[base.independent] + base.K @ before[base.dependent]
-    moved = np.abs(now.solution.beta - beta)
+    moved = np.abs(now.solution.beta - now.at(before).solution.beta)
     return bool((moved <= CONVERGED * np.sqrt(np.diag(now.solution.C))).all())
 
 
@@ -309,17 +299,6 @@ class Linearization:
             for e, part, mine in zip(self.experiments, self.parts, runs, strict=True)
         )
 
-    def towards(
-        self,
-        runs: Sequence[Sequence[EliminatedRun]],
-        x: np.ndarray,
-        fine: Sequence[Smooth],
-        on_progress: Progress | None,
-    ) -> Linearization:
-        """Return the linearization after a full step."""
-        moved = self.moved(runs, x)
-        return Linearization.at(self.problem, x, moved, fine, on_progress, self.parts)
-
     def halfway(
         self, other: Linearization, fine: Sequence[Smooth], on_progress: Progress | None
     ) -> Linearization:
@@ -338,19 +317,17 @@ class Linearization:
         that of the sensors if it explains the residual, else as much more as model errors ask.
         """
         least, largest = self.noise()
-        best: tuple[np.ndarray, list[list[EliminatedRun]], Estimate] | None = None
         low, high, theta = 0.0, 1.0, 0.0
-        for _ in range(TRIALS):
+        for trial in range(TRIALS):
             sigma = least ** (1 - theta) * largest**theta
             runs, now = self.whitened(found, sigma)
-            agreed = _squares_per_row(now)
-            if best is None or agreed <= AGREED:
+            squares = _squares_per_row(now)
+            if not trial or squares <= AGREED:
                 best = sigma, runs, now
-            if (theta == 0.0 and agreed <= AGREED) or 1 / AGREED < agreed <= AGREED:
+            if (theta == 0.0 and squares <= AGREED) or 1 / AGREED < squares <= AGREED:
                 break
-            low, high = (low, theta) if agreed <= AGREED else (theta, high)
+            low, high = (low, theta) if squares <= AGREED else (theta, high)
             theta = 0.5 * (low + high)
-        assert best is not None
         return best
 
     def whitened(

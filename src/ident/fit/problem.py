@@ -1,4 +1,4 @@
-"""The equations of a mechanism and a motion, as information: what is estimated, from which rows.
+"""The equations of a mechanism and a motion as information: unknowns and rows.
 
     A x = b        A = [Γ E S]: rigid bodies, effects, sensitivities of shapes at a working point
 
@@ -8,10 +8,11 @@ where the multipliers have a time basis, the paper's stack [A | L] is eliminated
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from itertools import pairwise
+from itertools import groupby, pairwise
+from operator import itemgetter
 
 import numpy as np
 
@@ -84,10 +85,6 @@ class Problem:
     ) -> Problem:
         """Make all rows at a point.
 
-        Args:
-            mechanism, motion, point: the model and its data.
-            on_progress: called with (what is being done, share done).
-
         Raises:
             FitError: if there are no rows, or no more than coefficients of multipliers.
         """
@@ -99,10 +96,9 @@ class Problem:
         if bands and not any(t.rows for band in bands for t in band.elimination.factors):
             cut = motion.band.cutoff
             raise FitError(
-                f"{mechanism.name}: "
-                + (f"filtered at {cut:.3g} Hz, " if cut else "")
-                + "there are no more rows than coefficients of the multipliers in their time basis;"
-                " give --basis free, a larger --spacing or a higher --cutoff"
+                f"{mechanism.name}: {f'filtered at {cut:.3g} Hz, ' if cut else ''}there are no "
+                "more rows than coefficients of the multipliers in their time basis; give --basis "
+                "free, a larger --spacing or a higher --cutoff"
             )
         return cls(mechanism, motion, point, columns, information, tuple(bands))
 
@@ -178,12 +174,8 @@ class Problem:
         Raises:
             FitError: with the reason and the remedy.
         """
-        totals = self.information.totals
-        if (
-            len(self.columns)
-            and all(t.rhs_norm() == 0 for t in totals)
-            and any(t.rows for t in totals)
-        ):
+        totals = [t for t in self.information.totals if t.rows]
+        if len(self.columns) and totals and all(t.rhs_norm() == 0 for t in totals):
             raise FitError(
                 "every torque is zero and no body is known, so parameters are free up to a common "
                 "factor; log a motion that is driven, or give what is known ([parameters] unknown)"
@@ -204,10 +196,12 @@ def information_of(
         supports = row_supports(mechanism, columns, e)
         edges = block_edges(cutoff, e.t[0], e.t[-1], len(e))
         scene = Scene.of(mechanism, columns, e, point, cutoff)
-        for piece, block, waiting in _by_block(rows(scene, cutoff), edges):
-            blocks += blocks_of(number, block, waiting, supports)
+        pieces = (part for piece in rows(scene, cutoff) for part in split_rows(piece, edges))
+        for block, group in groupby(pieces, itemgetter(0)):
+            parts = [part for _, part in group]
+            blocks += blocks_of(number, block, parts, supports)
             if on_progress:
-                done = (number + piece.sample[-1] / len(e)) / len(motion.experiments)
+                done = (number + parts[-1].sample[-1] / len(e)) / len(motion.experiments)
                 on_progress(f"equations of {e.name}", float(done))
     if not blocks:
         lost = ", ".join(experiment.name for experiment in motion.experiments)
@@ -215,22 +209,7 @@ def information_of(
             f"{lost}: no stretch is long enough for the filter ({motion.band.cutoff:.3g} Hz); "
             "give a longer log or a higher --cutoff"
         )
-    return Information.of(blocks, len(columns), coordinates(mechanism, motion))
-
-
-def _by_block(pieces: Iterable[Rows], edges: np.ndarray) -> Iterator[tuple[Rows, int, list[Rows]]]:
-    """Yield the last piece, the number and all rows of every block of time."""
-    waiting: list[Rows] = []
-    block, piece = 0, None
-    for piece in pieces:
-        for at, part in split_rows(piece, edges):
-            if at != block and waiting:
-                yield piece, block, waiting
-                waiting = []
-            block = at
-            waiting.append(part)
-    if piece is not None and waiting:
-        yield piece, block, waiting
+    return Information.of(blocks, len(columns), dof(mechanism, motion.experiments[0]))
 
 
 def block_edges(cutoff: float | None, first: float, last: float, samples: int) -> np.ndarray:
@@ -262,27 +241,22 @@ def blocks_of(
         np.concatenate([getattr(part, name) for part in parts]) for name in ("b", "tau", "informed")
     )
     span = (float(parts[0].t[0]), float(parts[-1].t[-1]))
-    found = []
+    blocks = []
     for u, support in enumerate(supports):
         A = np.concatenate([part.A[:, u, support] for part in parts])
         inside = informed[:, u]
         if inside.all():
-            some, rest = Triangle.of(A, b[:, u]), _nothing(len(support))
+            some, rest = Triangle.of(A, b[:, u]), _empty(len(support))
         else:
             some, rest = (Triangle.of(A[mask], b[mask, u]) for mask in (inside, ~inside))
         torque = float(tau[:, u] @ tau[:, u])
-        found.append(Block(log, block, u, some, rest, support, torque, span))
-    return found
+        blocks.append(Block(log, block, u, some, rest, support, torque, span))
+    return blocks
 
 
 @cache
-def _nothing(k: int) -> Triangle:
+def _empty(k: int) -> Triangle:
     return Triangle.empty(k)
-
-
-def coordinates(mechanism: Mechanism, motion: Motion) -> int:
-    """Return the number of independent coordinates of a motion."""
-    return dof(mechanism, motion.experiments[0])
 
 
 def bands_of(

@@ -14,19 +14,18 @@ Rows at another point differ in the columns of effects and in nothing else: the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from ident.effects import Correcting, Effect
 from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
-from ident.fit.problem import information_of, plausible_of
+from ident.fit.problem import Problem, information_of, plausible_of
 from ident.fit.table import Table
 from ident.information.blocks import Information
 from ident.information.estimate import Estimate, estimate
-from ident.information.triangle import Triangle
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.progress import Progress
@@ -118,14 +117,6 @@ def _started(mechanism: Mechanism, motion: Motion, point: Point, effect: Effect)
     return point.with_values({full[name]: float(value) for name, value in best.items()})
 
 
-@dataclass(frozen=True, eq=False)
-class _ShapeTrial:
-    """A working point, and the least error with its shapes."""
-
-    point: Point
-    loss: float
-
-
 def variable_projection(
     mechanism: Mechanism, motion: Motion, point: Point, on_progress: Progress | None = None
 ) -> Point:
@@ -137,49 +128,45 @@ def variable_projection(
     def rows_at(point: Point) -> Information:
         return information_of(mechanism, columns, motion, point)
 
-    def trial(
-        point: Point, first: Estimate, totals: Sequence[Triangle] | None = None
-    ) -> _ShapeTrial:
-        """Return the least error with the shapes where they are, and the point at which it is."""
-        for number in range(passes):
-            if totals is None or number:
-                totals = rows_at(point).totals
-            prior = columns.prior_at(point.values)
-            held = first.held | shapes
-            found = estimate(totals, prior, np.zeros(len(totals)), sigma=first.sigma, held=held)
-            point = point.at(mechanism, columns, found.x)
-        return _ShapeTrial(point, found.triangle.residual_norm(found.x) ** 2)
+    def solved(point: Point, first: Estimate, held: np.ndarray, rows: Information) -> Estimate:
+        prior, zeros = columns.prior_at(point.values), np.zeros(rows.d)
+        return estimate(rows.totals, prior, zeros, sigma=first.sigma, held=held)
 
-    def tangent(point: Point, first: Estimate) -> np.ndarray:
-        """Return x (k,), shapes included, that solves the equations linearised at a point."""
-        totals = rows_at(point).totals
-        prior, zeros = columns.prior_at(point.values), np.zeros(len(totals))
-        return estimate(totals, prior, zeros, sigma=first.sigma, held=first.held).x
+    def trial(
+        point: Point, first: Estimate, rows: Information | None = None
+    ) -> tuple[Point, float]:
+        """Return the point of least error with the shapes where they are, and that error."""
+        for number in range(passes):
+            if rows is None or number:
+                rows = rows_at(point)
+            found = solved(point, first, first.held | shapes, rows)
+            point = point.at(mechanism, columns, found.x)
+        return point, found.triangle.residual_norm(found.x) ** 2
 
     before = rows_at(point)
-    now = trial(point, _estimate(mechanism, columns, before), before.totals)
-    before = rows_at(now.point)  # a shape without size had no slope
-    first = _estimate(mechanism, columns, before)
     bounds = shape_bounds(mechanism, columns, motion, point)
+    point, _ = trial(point, _estimate(mechanism, columns, before), before)
+    before = rows_at(point)  # a shape without size had no slope
+    first = _estimate(mechanism, columns, before)
     same = SAME * float(np.sum((first.triangle.column_norms() * first.x) ** 2))
-    now = trial(now.point, first, before.totals)
+    point, loss = trial(point, first, before)
     for step in range(STEPS):
         if on_progress:
             on_progress("searching shapes", step / STEPS)
-        x, share = tangent(now.point, first), 1.0
+        x, share = solved(point, first, first.held, rows_at(point)).x, 1.0
         for _ in range(HALVES):
-            at = now.point.at(mechanism, columns, stepped(columns, now.point, x, bounds, share))
-            after = trial(at, first)
-            if after.loss <= now.loss + same:
+            at = point.at(mechanism, columns, stepped(columns, point, x, bounds, share))
+            after, error = trial(at, first)
+            if error <= loss + same:
                 break
             share *= 0.5
-        if after.loss > now.loss + same:
+        else:
             break
-        fell, at_rest = now.loss - after.loss, _at_rest(now.point, after.point)
-        now = after
-        if step >= FEWEST and fell <= CONVERGED * now.loss + same and at_rest:
+        fell, at_rest = loss - error, _at_rest(point, after)
+        point, loss = after, error
+        if step >= FEWEST and fell <= CONVERGED * loss + same and at_rest:
             break
-    return now.point
+    return point
 
 
 def _at_rest(before: Point, after: Point) -> bool:
@@ -212,17 +199,14 @@ def stepped(
     return x
 
 
-def beyond_bounds(
-    mechanism: Mechanism, columns: Columns, motion: Motion, point: Point, found: Estimate
-) -> np.ndarray:
+def beyond_bounds(problem: Problem, found: Estimate) -> np.ndarray:
     """Return (k,) shapes that an estimate puts where their columns mean nothing.
 
     Those of corrections may be on either side of their bounds: a negative play is noise around 0.
     """
+    columns = problem.columns
     outside = np.zeros(len(columns), dtype=bool)
-    if not len(columns.shapes):
-        return outside
-    bounds = shape_bounds(mechanism, columns, motion, point)
+    bounds = shape_bounds(problem.mechanism, columns, problem.motion, problem.point)
     for effect, places in columns.effects:
         for at in places[len(effect.unknowns) :]:
             if at >= 0 and effect.unknowns:

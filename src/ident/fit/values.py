@@ -71,16 +71,10 @@ class EffectValues:
 
 def base_values(columns: Columns, estimate: Estimate, cov: np.ndarray) -> tuple[BaseValue, ...]:
     """Return base parameters with the unit of their leading unknown."""
-    stderr = np.sqrt(np.diag(cov))
+    names, stderr = base_names(columns, estimate.base), np.sqrt(np.diag(cov))
     return tuple(
-        BaseValue(name, float(value), float(error), columns.units[own])
-        for name, value, error, own in zip(
-            base_names(columns, estimate.base),
-            estimate.solution.beta,
-            stderr,
-            estimate.base.independent,
-            strict=True,
-        )
+        BaseValue(name, float(estimate.solution.beta[i]), float(stderr[i]), columns.units[own])
+        for i, (name, own) in enumerate(zip(names, estimate.base.independent, strict=True))
     )
 
 
@@ -141,11 +135,8 @@ def rigid_values(
                 name = f"{link}.{CENTROIDAL[word]}"
                 value -= _shift(mine)[k]
                 before -= _shift(prior)[k]
-                error = (
-                    _centroidal_error(estimate, cov, mine, names, at, k)
-                    if error == error
-                    else error
-                )
+                if np.isfinite(error):
+                    error = _centroidal_error(estimate, cov, mine, names, at, k)
             found.append(_value(name, value, error, unit_of(word), before))
     return tuple(found)
 
@@ -168,36 +159,27 @@ def _centroidal_error(
     """Return the standard error of I = L − shift(m, moments), to first order (delta method)."""
     place = {int(own): i for i, own in enumerate(estimate.base.independent)}
     gradient = np.zeros(len(cov))
-    for j, name in enumerate(names):
-        if name not in at or (j > 3 and j != k):
+    for j in (0, 1, 2, 3, k):
+        if names[j] not in at:
             continue
-        if j == k:
-            slope = 1.0
-        else:
-            step = 1e-6 * max(abs(pi[j]), abs(pi[0]))
-            up, down = pi.copy(), pi.copy()
-            up[j] += step
-            down[j] -= step
-            slope = -(_shift(up)[k] - _shift(down)[k]) / (2 * step)
-        gradient[place[at[name]]] = slope
+        step = np.zeros(COUNT)
+        step[j] = 1e-6 * max(abs(pi[j]), abs(pi[0]))
+        slope = -(_shift(pi + step)[k] - _shift(pi - step)[k]) / (2 * step[j])
+        gradient[place[at[names[j]]]] = 1.0 if j == k else slope
     return float(np.sqrt(gradient @ cov @ gradient))
 
 
 def base_names(columns: Columns, base: Base) -> list[str]:
     """Return an expression for each independent column: the unknown and what is regrouped."""
-    return [
-        " ".join(
-            [
-                columns.names[own],
-                *(
-                    _term(float(base.K[i, j]), columns.names[other])
-                    for j, other in enumerate(base.dependent)
-                    if base.K[i, j] != 0.0
-                ),
-            ]
-        )
-        for i, own in enumerate(base.independent)
-    ]
+    names = []
+    for own, row in zip(base.independent, base.K, strict=True):
+        others = [
+            _term(float(k), columns.names[other])
+            for k, other in zip(row, base.dependent, strict=True)
+            if k != 0.0
+        ]
+        names.append(" ".join([columns.names[own], *others]))
+    return names
 
 
 def _term(coefficient: float, name: str) -> str:
@@ -211,11 +193,12 @@ def _term(coefficient: float, name: str) -> str:
 
 def absorbed_by(columns: Columns, base: Base) -> dict[str, str]:
     """Return for every dependent unknown the unknowns that carry it; empty if no torque does."""
-    found = {}
-    for j, other in enumerate(base.dependent):
-        carriers = [columns.names[base.independent[i]] for i in np.flatnonzero(base.K[:, j])]
-        found[columns.names[other]] = ", ".join(carriers)
-    return found
+    return {
+        columns.names[other]: ", ".join(
+            columns.names[base.independent[i]] for i in np.flatnonzero(base.K[:, j])
+        )
+        for j, other in enumerate(base.dependent)
+    }
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -254,10 +237,7 @@ class Correlation(Displayed):
         """
         for name in names:
             if name not in self.names:
-                raise KeyError(f"'{name}' leads no base parameter; {_few(self.names)}")
+                some = ", ".join(self.names[:12]) + (", …" if len(self.names) > 12 else "")
+                raise KeyError(f"'{name}' leads no base parameter; valid: {some}")
         i, j = (self.names.index(name) for name in names)
         return float(self.matrix[i, j])
-
-
-def _few(names: Sequence[str]) -> str:
-    return f"valid: {', '.join(names[:12])}" + (", …" if len(names) > 12 else "")

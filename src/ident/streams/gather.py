@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.display import Displayed, render
+from ident.equations.rows import dof
 from ident.equations.unknowns import Point
 from ident.errors import FitError
 from ident.files import check_writable
@@ -23,7 +24,7 @@ from ident.fit.findings import basis_bias
 from ident.fit.identify import assembled, estimate_of, limits_asked
 from ident.fit.likelihood import MATTERS, share_of_motion
 from ident.fit.multipliers import Reactions, identifiable_multipliers
-from ident.fit.problem import Problem, bands_of, coordinates
+from ident.fit.problem import Problem, bands_of
 from ident.fit.shapes import shape_bounds, stepped, working_point
 from ident.information.blocks import Error, Information
 from ident.information.covariance import covariance
@@ -260,7 +261,7 @@ def _iterated(
         total, messages = _pass(plan, progress, workers, saved)
         worked, notes = worked + total.absorbed - progress.absorbed, notes + messages
         stacks = stack_blocks(plan, total.stretches)
-        k, d = len(plan.columns), coordinates(plan.mechanism, some)
+        k, d = len(plan.columns), dof(plan.mechanism, some.experiments[0])
         r = Problem(
             plan.mechanism, some, plan.point, plan.columns,
             Information.of(total.blocks.values(), k, d),
