@@ -41,10 +41,10 @@ from ident.motion.smoothing import (
     derive,
     fused,
     missed,
-    reweighted,
     smoothed,
     through_motion,
 )
+from ident.motion.spline import reweighted
 from ident.motion.state import State, largest_nearness, nearness, wrenches
 from ident.progress import Progress
 
@@ -487,16 +487,16 @@ def _together(
     e = along(mechanism, e, smoothed(signals, through, names, band, e.smooth.spacing, own)[0])
     white = [channel.sigma for channel in channels]
     if recipe is not None:
-        channels = [channel.with_noise(recipe.noise[channel.column]) for channel in channels]
+        channels = [replace(each, sigma=recipe.noise[each.column]) for each in channels]
     else:
         e = along(mechanism, e, fused(mechanism, e, channels))
-        channels = reweighted(mechanism, e, channels)
+        channels = reweighted(channels, missed(mechanism, e, channels))
     smooth = fused(mechanism, e, channels)
     e = along(mechanism, e, smooth)
     how = f"spline in {', '.join(names)}, knots {1e3 * smooth.spacing:.3g} ms"
     table = [
-        Smoothed(c.column, how, sigma, float(np.sqrt(np.mean(off**2))), smooth.spacing)
-        for c, sigma, off in zip(channels, white, missed(mechanism, e, channels), strict=True)
+        Smoothed(each.column, how, sigma, rms, smooth.spacing)
+        for each, sigma, rms in zip(channels, white, missed(mechanism, e, channels), strict=True)
     ]
     return replace(e, channels=tuple(table))
 

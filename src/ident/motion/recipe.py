@@ -1,4 +1,4 @@
-"""What is decided once of a motion's logs, and obeyed by portions of them and by streams.
+"""Decisions made once for a log, which its portions and streams obey.
 
 The cut-off of the rows' filter and the knots of smoothing follow from the bandwidth and the noise
 that the logs show; the speeds below which joints stand still from their top speeds and their noise.
@@ -100,14 +100,15 @@ def band_of(mechanism: Mechanism, logs: list[LogSignals], names: tuple[str, ...]
     motion, noise = 0.0, 0.0
     for signals in logs:
         for name in names:
-            q, dt = signals.even(f"q.{name}")
-            motion = max(motion, *(_bandwidth(signals, name, order) for order in range(3)))
-            if f"a.{name}" in signals.columns:
-                noise = max(noise, noise_share(signals.even(f"a.{name}")[0]))
-            elif f"v.{name}" in signals.columns:
-                noise = max(noise, noise_share(np.diff(signals.even(f"v.{name}")[0])))
+            present = [k for k in range(3) if f"{'qva'[k]}.{name}" in signals.columns]
+            series = {k: signals.even(f"{'qva'[k]}.{name}") for k in present}
+            motion = max(motion, *(motion_bandwidth(*series[k], k) for k in present))
+            if 2 in series:
+                noise = max(noise, noise_share(series[2][0]))
+            elif 1 in series:
+                noise = max(noise, noise_share(np.diff(series[1][0])))
             else:
-                noise = max(noise, acceleration_noise_share(q, dt))
+                noise = max(noise, acceleration_noise_share(*series[0]))
         for name in mechanism.driven:
             if f"tau.{name}" in signals.columns:
                 noise = max(noise, noise_share(signals.even(f"tau.{name}")[0]))
@@ -125,30 +126,23 @@ def band_of(mechanism: Mechanism, logs: list[LogSignals], names: tuple[str, ...]
     return Band(motion, noise, cutoff if filtered else None)
 
 
-def _bandwidth(signals: LogSignals, name: str, order: int) -> float:
-    """Bandwidth [Hz] of a joint's motion in one of its channels; 0 where there is none."""
-    column = f"{'qva'[order]}.{name}"
-    return motion_bandwidth(*signals.even(column), order) if column in signals.columns else 0.0
-
-
 def _calm_cutoff(signals: LogSignals, name: str, motion: float) -> float:
     """Cut-off [Hz] below which the acceleration of a logged joint holds little noise.
 
     White noise σ of the k-th derivative, seen in the acceleration below f, with j = 2 − k:
     σ_a² = σ² 2 dt (2π)^(2j) f^(2j+1) / (2j+1)      ≤ (NOISY · its rms)²
     """
-    q, dt = signals.even(f"q.{name}")
-    size = acceleration_size(q, dt, motion)
-    lowest = ROWS_OVER_MOTION_LEAST * motion
-    best = 0.0
+    size = acceleration_size(*signals.even(f"q.{name}"), motion)
+    cutoff = ROWS_OVER_MOTION_LEAST * motion
     for k, channel in enumerate("qva"):
         if f"{channel}.{name}" not in signals.columns:
             continue
         x, step = signals.even(f"{channel}.{name}")
         j = 2 - k
         noise = noise_level(x) * (2 * np.pi) ** j * np.sqrt(2 * step / (2 * j + 1))
-        best = max(best, (NOISY * size / max(noise, 1e-12 * size, 1e-300)) ** (2 / (2 * j + 1)))
-    return float(max(best, lowest))
+        calm = (NOISY * size / max(noise, 1e-12 * size, 1e-300)) ** (2 / (2 * j + 1))
+        cutoff = max(cutoff, float(calm))
+    return cutoff
 
 
 def standstill(
@@ -172,23 +166,23 @@ def noise_of_speeds(
 ) -> np.ndarray:
     """(J,) speeds that noise of the logged joints can feign."""
     at = [mechanism.joint_index[name] for name in names]
-    noise = np.array([NOISE * speed_noise(signals, e, name) for name in names])
+    noise = np.array([NOISE * _speed_noise(signals, e, name) for name in names])
     if e.leverage is None:
-        reached = np.zeros(e.yd.shape[1])
-        reached[at] = noise
-        return reached
+        speeds = np.zeros(e.yd.shape[1])
+        speeds[at] = noise
+        return speeds
     some = e.leverage[e.usable][:: max(1, len(e) // LOOKED_AT)]
     gain = some @ np.linalg.pinv(some[:, at])
     return np.asarray(np.sqrt((gain**2).mean(axis=0) @ noise**2))
 
 
-def thresholds(top: np.ndarray, reached: np.ndarray) -> np.ndarray:
-    """(J,) speeds of standstill from top speeds and what noise reaches, both (J,)."""
-    speed = np.maximum(STILL * top, reached)
+def thresholds(top: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """(J,) speeds of standstill from top speeds and speeds that noise feigns, both (J,)."""
+    speed = np.maximum(STILL * top, noise)
     return np.maximum(np.where(speed < HARDLY * top, speed, 1.01 * top), 1e-9)
 
 
-def speed_noise(signals: LogSignals, e: State, name: str) -> float:
+def _speed_noise(signals: LogSignals, e: State, name: str) -> float:
     """Standard deviation of the noise left in the rate of a logged joint [rad/s | m/s].
 
     Splines with knots every h pass what lies below f = 1/(2 h). Of white noise in v that is the

@@ -1,4 +1,4 @@
-"""LogSignals of a log on one uniform clock, their noise and bandwidth, and channels of the motion.
+"""Signals of a log on one uniform clock, their noise and bandwidth, and channels of the motion.
 
 Columns may have gaps, empty cells, rates of their own and jittering time stamps; units and signs
 that contradict each other are refused.
@@ -25,7 +25,7 @@ ORDER = 6  # of the difference that leaves little but noise
 POWER = 0.999  # share of the velocities' power that is the motion's
 VISIBLE = 200.0  # times the mean power of noise; real noise (quantised, jittering) is not white
 SHARPEST = 1e-3  # noise of a derivative over that of what it derives, a log's length
-GRAINS = 20  # changes of a signal from which its step can be known
+GRAINS = 20  # changes of a signal from which its quantisation can be known
 MOST = 1000.0  # steps between two samples beyond which multiples are no sign of anything
 NIL = 1e-12  # rad, m and their rates: what moves less stands still, but for rounding
 ROUNDING = 1e-9  # of its spread, or of 1 rad or m: no channel is trusted better
@@ -85,7 +85,7 @@ def uniform_clock(log: Log) -> tuple[np.ndarray, bool]:
     return (np.asarray(log.t), True) if even else (uniform, False)
 
 
-def holes(t: np.ndarray, at: np.ndarray) -> np.ndarray:
+def gaps(t: np.ndarray, at: np.ndarray) -> np.ndarray:
     """True (n,) where t lies in a gap of a column that has samples at the times `at`."""
     step = float(np.median(np.diff(at)))
     right = np.clip(np.searchsorted(at, t), 1, len(at) - 1)
@@ -99,25 +99,6 @@ def runs(usable: np.ndarray) -> list[slice]:
     """The runs of true values (n,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], usable.astype(np.int8), [0]])))
     return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-def without_short_runs(usable: np.ndarray, shortest: int) -> np.ndarray:
-    """`usable` (n,) without runs of fewer than `shortest` samples."""
-    kept = usable.copy()
-    for run in runs(usable):
-        if run.stop - run.start < shortest:
-            kept[run] = False
-    return kept
-
-
-def at_own_rate(t: np.ndarray, at: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, float]:
-    """A column (m,) within t (n,), uniform, no finer than its own samples, and its step."""
-    step = float(np.median(np.diff(at)))
-    dt = float(t[1] - t[0])
-    if step > 1.5 * dt:
-        first, last = np.searchsorted(at, (t[0] - 0.5 * dt, t[-1] + 0.5 * dt))
-        t, dt = np.arange(at[first], at[last - 1] + 1e-6 * step, step), step
-    return np.interp(t, at, x), dt
 
 
 # --- signals -------------------------------------------------------------------------------------
@@ -147,8 +128,13 @@ class LogSignals:
 
     def even(self, name: str) -> tuple[np.ndarray, float]:
         """A column (m,) in the longest run, uniform, no finer than its samples; its step [s]."""
-        longest = max(runs(self.usable), key=lambda run: run.stop - run.start)
-        return at_own_rate(self.t[longest], *self.log.series(name))
+        run = max(runs(self.usable), key=lambda each: each.stop - each.start)
+        t, (at, x) = self.t[run], self.log.series(name)
+        dt, step = float(t[1] - t[0]), float(np.median(np.diff(at)))
+        if step > 1.5 * dt:
+            first, last = np.searchsorted(at, (t[0] - 0.5 * dt, t[-1] + 0.5 * dt))
+            t, dt = np.arange(at[first], at[last - 1] + 1e-6 * step, step), step
+        return np.interp(t, at, x), dt
 
 
 def measure(mechanism: Mechanism, log: Log, clock: Clock | None = None) -> LogSignals:
@@ -163,16 +149,24 @@ def measure(mechanism: Mechanism, log: Log, clock: Clock | None = None) -> LogSi
         MotionError: if a column's unit or sign contradicts another column, or one that is needed
             is missing.
     """
-    log = _mapped(mechanism, log)
+    own = dict(log.columns)  # this robot's own names become ident's
+    for name, source in mechanism.columns.items():
+        if name != "t" and name not in own and source.column in own:
+            own[name] = source.scale * own[source.column] + source.offset
+    log = replace(log, columns=own)
     notes = [f"{log.name}: {repair}" for repair in log.repairs]
-    notes += _unknown_names(mechanism, log)
-    t, even = uniform_clock(log)
-    if clock is not None:
-        t, even = clock.within(log), clock.even
-    n = len(t)
-    largest, rms = log.jitter
-    dt = float(np.median(np.diff(log.t)))
+    names = [joint.name for joint in mechanism.joints]
+    for column in own:
+        prefix, _, rest = column.partition(".")
+        if prefix in ("q", "v", "a", "tau") and rest and rest not in names:
+            notes.append(
+                f"{log.name}: column '{column}' names no joint and is not used; "
+                f"{one_of(rest, names)}"
+            )
+    t, even = (clock.within(log), clock.even) if clock else uniform_clock(log)
+    n, dt = len(t), float(np.median(np.diff(log.t)))
     if not even:
+        largest, rms = log.jitter
         notes.append(
             f"{log.name}: time stamps are uneven (step {1e3 * dt:.4g} ms ± {1e3 * rms:.2g} ms rms, "
             f"largest {1e3 * largest:.3g} ms); everything is evaluated on a uniform clock of "
@@ -191,42 +185,36 @@ def measure(mechanism: Mechanism, log: Log, clock: Clock | None = None) -> LogSi
         if len(x) < 2:
             continue
         columns[name] = x if even and len(x) == n else np.interp(t, at, x)
-        if is_signal(name):
-            empty = holes(t, at)
-            steps.append(float(np.median(np.diff(at))))
-            if (count := int((empty & usable).sum())) > 0:
-                notes.append(
-                    f"{log.name}: {name} has no sample near {count} of {n} instants "
-                    f"(first at t = {t[np.argmax(empty)]:.4g} s); they are left out"
-                )
-            usable &= ~empty
-            if len(x) < len(log.t):
-                notes.append(
-                    f"{log.name}: {name} is empty in {len(log.t) - len(x)} of {len(log.t)} rows; "
-                    "values between are interpolated"
-                )
+        if not is_signal(name):
+            continue
+        empty = gaps(t, at)
+        steps.append(float(np.median(np.diff(at))))
+        if (count := int((empty & usable).sum())) > 0:
+            notes.append(
+                f"{log.name}: {name} has no sample near {count} of {n} instants "
+                f"(first at t = {t[np.argmax(empty)]:.4g} s); they are left out"
+            )
+        usable &= ~empty
+        if len(x) < len(log.t):
+            notes.append(
+                f"{log.name}: {name} is empty in {len(log.t) - len(x)} of {len(log.t)} rows; "
+                "values between are interpolated"
+            )
     shortest = round(SHORTEST * max(steps) / (t[1] - t[0]))
-    long = without_short_runs(usable, min(shortest, n))
-    if not long.any() and clock is None:
+    short = [run for run in runs(usable) if run.stop - run.start < min(shortest, n)]
+    if (count := sum(run.stop - run.start for run in short)) > 0:
+        notes.append(f"{log.name}: {count} samples in short runs between gaps are left out")
+    for run in short:
+        usable[run] = False
+    if not usable.any() and clock is None:
         raise MotionError(
             f"{log.name}: no run of {shortest} instants at which all columns have samples; log "
             "all joints together, or remove columns that are mostly empty"
         )
-    if (count := int((usable & ~long).sum())) > 0:
-        notes.append(f"{log.name}: {count} samples in short runs between gaps are left out")
-    signals = LogSignals(log, t, columns, long, even, tuple(notes))
+    signals = LogSignals(log, t, columns, usable, even, tuple(notes))
     for joint in mechanism.joints if clock is None else ():
         check_units(log.name, columns, signals.dt, joint)
     return signals
-
-
-def _mapped(mechanism: Mechanism, log: Log) -> Log:
-    """The log under ident's names, where it still has this robot's own."""
-    columns = dict(log.columns)
-    for name, source in mechanism.columns.items():
-        if name != "t" and name not in columns and source.column in columns:
-            columns[name] = source.scale * columns[source.column] + source.offset
-    return Log(log.name, columns, log.t, log.repairs, log.sha256)
 
 
 def is_signal(name: str) -> bool:
@@ -234,21 +222,8 @@ def is_signal(name: str) -> bool:
     return name.split(".", 1)[0] in PREFIXES and "." in name
 
 
-def _unknown_names(mechanism: Mechanism, log: Log) -> list[str]:
-    notes = []
-    names = [joint.name for joint in mechanism.joints]
-    for column in log.columns:
-        prefix, _, rest = column.partition(".")
-        if prefix in ("q", "v", "a", "tau") and rest and rest not in names:
-            notes.append(
-                f"{log.name}: column '{column}' names no joint and is not used; "
-                f"{one_of(rest, names)}"
-            )
-    return notes
-
-
 def check_units(name: str, columns: Mapping[str, np.ndarray], dt: float, joint: Joint) -> None:
-    """Refuse q, v and a of a joint whose increments disagree by more than a factor of two.
+    """Refuse q, v, a of a joint that disagree by a factor of two, and q in degrees.
 
     Args:
         name: of the log, for the message.
@@ -281,17 +256,14 @@ def check_units(name: str, columns: Mapping[str, np.ndarray], dt: float, joint: 
                 f"{where} by a factor of {ratio:.4g}{guess}; logs are in rad, m and s: give the "
                 "wrong one a scale in [log] of mechanism.toml"
             )
-    _check_limits(name, columns.get(f"q.{joint.name}"), joint)
-
-
-def _check_limits(name: str, q: np.ndarray | None, joint: Joint) -> None:
+    q = columns.get(f"q.{joint.name}")
     if q is None or not joint.rotational or not np.isfinite(joint.upper - joint.lower):
         return
-    most, reach = float(np.abs(q).max()), max(abs(joint.lower), abs(joint.upper))
-    if most > 3.0 * reach and most * np.pi / 180 <= 1.2 * reach:
+    most, limit = float(np.abs(q).max()), max(abs(joint.lower), abs(joint.upper))
+    if most > 3.0 * limit and most * np.pi / 180 <= 1.2 * limit:
         raise MotionError(
             f"{name}: q.{joint.name} reaches {most:.4g}, beyond the joint's limit of "
-            f"{reach:.4g} rad, and looks like degrees; logs are in rad: give it "
+            f"{limit:.4g} rad, and looks like degrees; logs are in rad: give it "
             "scale = 0.017453292519943295 in [log] of mechanism.toml"
         )
 
@@ -367,7 +339,7 @@ def acceleration_size(q: np.ndarray, dt: float, below: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """What was logged of one derivative of one joint's coordinate.
+    """The logged samples of one derivative of one joint's coordinate.
 
     Attributes:
         joint: its name; order: 0 position, 1 velocity, 2 acceleration.
@@ -397,14 +369,10 @@ class Channel:
         a, b = np.searchsorted(self.t, (t[0] - margin, t[-1] + margin))
         return replace(self, t=self.t[a:b], x=self.x[a:b])
 
-    def with_noise(self, sigma: float) -> Channel:
-        """The channel with another noise."""
-        return replace(self, sigma=sigma)
-
 
 @dataclass(frozen=True)
 class Smoothed:
-    """What smoothing did to a channel.
+    """The result of smoothing a channel.
 
     Attributes:
         column: of the log; how: in words.
@@ -422,26 +390,20 @@ class Smoothed:
 
 def channels_of(signals: LogSignals, names: Sequence[str]) -> list[Channel]:
     """All motion channels that a log has of some joints."""
-    found: list[Channel] = []
+    channels: list[Channel] = []
     for name in names:
         for order, letter in enumerate(ORDERS):
             column = f"{letter}.{name}"
             if column not in signals.columns:
                 continue
             t, x = signals.log.series(column)
-            spread = _spread(x)
+            spread = float(np.std(x)) if float(np.ptp(x)) > NIL else 0.0
             sigma = max(noise_level(signals.even(column)[0]), float(grain(x) / np.sqrt(12.0)))
             sigma = max(sigma, ROUNDING * (spread or 1.0))
-            if found and found[-1].joint == name:  # beside noisy positions no rate is exact
-                before = found[-1]
-                sigma = max(sigma, SHARPEST * before.sigma / float(np.ptp(t)))
-            found.append(Channel(name, order, t, x, sigma, spread))
-    return found
-
-
-def _spread(x: np.ndarray) -> float:
-    """Standard deviation of a signal (n,); 0 for a constant, but for rounding."""
-    return float(np.std(x)) if float(np.ptp(x)) > NIL else 0.0
+            if channels and channels[-1].joint == name:  # beside noisy positions no rate is exact
+                sigma = max(sigma, SHARPEST * channels[-1].sigma / float(np.ptp(t)))
+            channels.append(Channel(name, order, t, x, sigma, spread))
+    return channels
 
 
 def grain(x: np.ndarray) -> float:

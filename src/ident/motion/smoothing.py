@@ -17,8 +17,8 @@ fitted to the channels of all joints, by Gauss-Newton steps with the transmissio
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from math import comb
 
 import numpy as np
@@ -28,13 +28,11 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion.recipe import AUTO, CLEAN, Band, Recipe
 from ident.motion.signals import Channel, LogSignals, Smoothed, channels_of, periods, runs
 from ident.motion.spline import (
-    INCONSISTENT,
     WIDTH,
     Observations,
     Smooth,
     Spline,
     basis_over,
-    filled,
     fitted,
     interpolate,
     residuals,
@@ -55,7 +53,7 @@ ALONE = 1e-6  # the same for positions alone, which are differentiated
 AS_LOGGED = "as logged"
 SAMPLES = 1.5  # from one knot to the next, at least
 STEPS = 6
-SETTLED = 1e-7  # of a joint's motion: a smaller step changes nothing
+CONVERGED = 1e-7  # of a joint's motion: a smaller step changes nothing
 
 
 def finest(band: Band, channels: Sequence[Channel]) -> float:
@@ -70,12 +68,15 @@ def finest(band: Band, channels: Sequence[Channel]) -> float:
 def resolution(channels: Sequence[Channel], t: np.ndarray, band: Band) -> float:
     """The spacing of knots [s] for the channels of one run on the clock t (n,)."""
     t = t[:LOOKED_AT]
-    mine = [channel.within(t) for channel in channels]
-    names = tuple(dict.fromkeys(channel.joint for channel in mine))
+    inside = [channel.within(t) for channel in channels]
+    joints = [
+        [each for each in inside if each.joint == name]
+        for name in dict.fromkeys(channel.joint for channel in inside)
+    ]
     h = best = finest(band, channels)
     least, worse = np.inf, 0
     while worse < WORSE and (t[-1] - t[0]) / h >= FEWEST:
-        value = sum(_criterion(basis_over(t[0], t[-1], h), mine, name) for name in names)
+        value = sum(_criterion(basis_over(t[0], t[-1], h), own) for own in joints)
         worse = 0 if value < least else worse + 1
         if value < least:
             least, best = value, h
@@ -83,15 +84,14 @@ def resolution(channels: Sequence[Channel], t: np.ndarray, band: Band) -> float:
     return best
 
 
-def _criterion(basis: Basis, channels: Sequence[Channel], name: str) -> float:
-    """AICc of one joint."""
-    mine = [channel for channel in channels if channel.joint == name]
-    n, m = sum(len(channel.x) for channel in mine), basis.count
+def _criterion(basis: Basis, channels: Sequence[Channel]) -> float:
+    """AICc of one joint's channels."""
+    n, m, names = sum(len(each.x) for each in channels), basis.count, (channels[0].joint,)
     if n - m <= 1:
         return np.inf
-    left = residuals(fitted(basis, mine, (name,)), mine, (name,))
-    squares = [float(off @ off) / c.sigma**2 for off, c in zip(left, mine, strict=True)]
-    return n * float(np.log(sum(squares) + 1e-300)) + 2 * m * n / (n - m - 1)
+    off = residuals(fitted(basis, channels, names), channels, names)
+    squares = sum(float(x @ x) / c.sigma**2 for x, c in zip(off, channels, strict=True))
+    return n * float(np.log(squares + 1e-300)) + 2 * m * n / (n - m - 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +109,7 @@ class Derived:
     known: np.ndarray
     ends: float
     smooth: Smooth | None
-    table: list[Smoothed] = field(default_factory=list)
+    table: list[Smoothed]
 
 
 def derive(
@@ -127,42 +127,39 @@ def derive(
 
     Args:
         signals: the log; names: the joints.
-        band: what the spectra say.
+        band: bandwidth and noise of the motion.
         spacing: of the knots [s]; "auto": from the data; None: as logged, nothing is smoothed.
-        recipe: of a part of a log: recipe of the whole log.
+        recipe: of the whole log, if this is a part of one.
     """
-    channels = channels_of(signals, names)
-    noisy = [
-        name
-        for name in names
-        if spacing is not None and not _as_logged(channels, name, band, signals.exact)
-    ]
-    noisy = list(recipe.noisy) if recipe else noisy
-    known, ends = np.zeros((3, len(signals.t), len(names))), 0.0
+    channels, t = channels_of(signals, names), signals.t
+    joints = {name: [each for each in channels if each.joint == name] for name in names}
+    known, ends, smooth = np.zeros((3, len(t), len(names))), 0.0, None
     table: dict[str, Smoothed] = {}
-    for i, name in enumerate(names):
-        if name not in noisy:
-            mine = [channel for channel in channels if channel.joint == name]
-            known[:, :, i], end, said = _taken(signals, mine, band)
-            ends = max(ends, end)
-            table |= {each.column: each for each in said}
-    smooth = None
+    noisy: list[str] = []
+    for i, (name, own) in enumerate(joints.items()):
+        as_logged = spacing is None or _as_logged(own, band, signals.exact)
+        if name in recipe.noisy if recipe else not as_logged:
+            noisy.append(name)
+            continue
+        known[:, :, i], lost, done = _unsmoothed(signals, own)
+        ends = max(ends, lost)
+        table |= {each.column: each for each in done}
     if noisy:
-        mine = [channel for channel in channels if channel.joint in noisy]
-        smooth, said = smoothed(signals, mine, tuple(noisy), band, spacing, recipe)
+        own = [channel for channel in channels if channel.joint in noisy]
+        smooth, done = smoothed(signals, own, tuple(noisy), band, spacing, recipe)
         at = [list(names).index(name) for name in noisy]
         for run, spline in smooth.runs:
-            known[:, run, at] = spline.at(signals.t[run])
-        table |= {each.column: each for each in said}
-        accelerations = {channel.joint for channel in mine if channel.order == 2}
-        shortest = min(float(t[-1] - t[0]) for t in (signals.t[run] for run, _ in smooth.runs))
-        lost = min(ENDS * smooth.spacing, MOST * shortest)
-        ends = max(ends, 0.0 if accelerations >= set(noisy) else lost)
-    ends = recipe.ends if recipe else ends
-    t, gap = signals.t, ~signals.usable
+            known[:, run, at] = spline.at(t[run])
+        table |= {each.column: each for each in done}
+        if {channel.joint for channel in own if channel.order == 2} < set(noisy):
+            shortest = min(float(np.ptp(t[run])) for run, _ in smooth.runs)
+            ends = max(ends, min(ENDS * smooth.spacing, MOST * shortest))
+    gap = ~signals.usable
     for i in range(len(names)):
         known[0, gap, i] = np.interp(t[gap], t[~gap], known[0, ~gap, i])
-    return Derived(known, ends, smooth, [table[channel.column] for channel in channels])
+    return Derived(
+        known, recipe.ends if recipe else ends, smooth, [table[each.column] for each in channels]
+    )
 
 
 def smoothed(
@@ -173,83 +170,73 @@ def smoothed(
     spacing: float | str | None,
     recipe: Recipe | None = None,
 ) -> tuple[Smooth, list[Smoothed]]:
-    """One spline a run through all channels of the joints, and what it left of each."""
-    t, found = signals.t, runs(signals.usable)
-    h, noise = _weighed(signals, channels, names, band, spacing, recipe)
-    white = [channel.sigma for channel in channels]
-    channels = [channel.with_noise(noise[channel.column]) for channel in channels]
-    origin = recipe.clock.t0 if recipe else None
-    smooth = Smooth.of(channels, names, [(run, t[run]) for run in found], h, origin)
-    squares, counts = np.zeros(len(channels)), np.zeros(len(channels))
+    """One spline a run through all channels of the joints, and what it leaves of each."""
+    spans = [(run, signals.t[run]) for run in runs(signals.usable)]
+    if recipe:
+        h, origin = recipe.knots, recipe.clock.t0
+        noise = {each.column: each.sigma for each in channels} | dict(recipe.noise)
+    else:
+        t, origin = max((t for _, t in spans), key=len), None
+        automatic = spacing == AUTO or spacing is None
+        h = resolution(channels, t, band) if automatic else float(spacing or 0.0)
+        inside = [channel.within(t) for channel in channels]
+        agreeing = weighted(basis_over(t[0], t[-1], h), inside, names)
+        noise = {channel.column: channel.sigma for channel in agreeing}
+    pieces = [(run, t, basis_over(t[0], t[-1], h, origin)) for run, t in spans]
+    own = [replace(channel, sigma=noise[channel.column]) for channel in channels]
+    smooth = Smooth.of(own, names, h, pieces)
+    squares, counts = np.zeros(len(own)), np.zeros(len(own))
     for run, spline in smooth.runs:
-        inside = [channel.within(t[run]) for channel in channels]
+        inside = [channel.within(signals.t[run]) for channel in own]
         for k, off in enumerate(residuals(spline, inside, names)):
             squares[k] += off @ off
             counts[k] += len(off)
     rms = np.sqrt(squares / np.maximum(counts, 1))
     how = f"spline, knots {1e3 * h:.3g} ms"
     return smooth, [
-        Smoothed(channel.column, how, sigma, float(off), h)
-        for channel, sigma, off in zip(channels, white, rms, strict=True)
+        Smoothed(channel.column, how, channel.sigma, float(off), h)
+        for channel, off in zip(channels, rms, strict=True)
     ]
 
 
-def _weighed(
-    signals: LogSignals,
-    channels: Sequence[Channel],
-    names: tuple[str, ...],
-    band: Band,
-    spacing: float | str | None,
-    recipe: Recipe | None,
-) -> tuple[float, Mapping[str, float]]:
-    """The distance of the knots [s], and the noise by which each channel is weighed, by column."""
-    if recipe:
-        own = {channel.column: channel.sigma for channel in channels}
-        return recipe.knots, own | dict(recipe.noise)
-    t = signals.t[max(runs(signals.usable), key=lambda run: run.stop - run.start)]
-    automatic = spacing == AUTO or spacing is None
-    h = resolution(channels, t, band) if automatic else float(spacing or 0.0)
-    seen = [channel.within(t) for channel in channels]
-    found = weighted(basis_over(t[0], t[-1], h), seen, names)
-    return h, {channel.column: channel.sigma for channel in found}
-
-
-def _as_logged(channels: Sequence[Channel], name: str, band: Band, exact: bool) -> bool:
+def _as_logged(channels: Sequence[Channel], band: Band, exact: bool) -> bool:
     """Whether a joint's channels are clean, and enough to be taken as they are."""
-    mine = [channel for channel in channels if channel.joint == name]
-    worst = max(channel.noise for channel in mine)
-    if all(channel.spread == 0 for channel in mine):  # it stands still
+    worst = max(channel.noise for channel in channels)
+    if all(channel.spread == 0 for channel in channels):  # it stands still
         return True
-    if len(mine) == 3 and exact:
+    if len(channels) == 3 and exact:
         return worst <= WHOLE
-    return worst <= ALONE and len(mine) == 1 and band.cutoff is None
+    return worst <= ALONE and len(channels) == 1 and band.cutoff is None
 
 
-def _taken(
-    signals: LogSignals, channels: Sequence[Channel], band: Band
+def _unsmoothed(
+    signals: LogSignals, channels: Sequence[Channel]
 ) -> tuple[np.ndarray, float, list[Smoothed]]:
     """A joint's q, v and a (3, n) without smoothing, what its ends lose [s], and what was done."""
-    found, t = np.zeros((3, len(signals.t))), signals.t
-    has = [channel.order for channel in channels]
-    ends = 0.0
+    known, ends = np.zeros((3, len(signals.t))), 0.0
+    orders = [channel.order for channel in channels]
     for run in runs(signals.usable):
-        inside = [channel.within(t[run]) for channel in channels]
-        if has == [0, 1, 2]:
-            found[:, run] = [filled(channel.t, channel.x, t[run]) for channel in inside]
+        t = signals.t[run]
+        inside = [channel.within(t) for channel in channels]
+        if orders == [0, 1, 2]:
+            known[:, run] = [
+                each.x if len(each.t) == len(t) else interpolate(each.t, each.x, t)[0]
+                for each in inside
+            ]
         elif all(channel.spread == 0 for channel in channels):
             for channel in channels:
-                found[channel.order, run] = channel.x[0]
-        elif has == [0]:
-            found[:, run] = interpolate(inside[0].t, inside[0].x, t[run])
+                known[channel.order, run] = channel.x[0]
+        elif orders == [0]:
+            known[:, run] = interpolate(inside[0].t, inside[0].x, t)
         else:
             h = finest(Band(0.0, 0.0, None), inside)
-            basis = basis_over(t[run][0], t[run][-1], h)
-            found[:, run] = fitted(basis, inside, (channels[0].joint,)).at(t[run])[:, :, 0]
-            ends = 0.0 if 2 in has else ENDS * h
-    missing = " and ".join("qva"[k] for k in range(3) if k not in has)
-    had = " and ".join("qva"[k] for k in has)
-    how = f"{missing} by quintic interpolation of {had}" if missing else AS_LOGGED
-    return found, ends, [Smoothed(c.column, how, c.sigma, 0.0) for c in channels]
+            spline = fitted(basis_over(t[0], t[-1], h), inside, (channels[0].joint,))
+            known[:, run] = spline.at(t)[:, :, 0]
+            ends = 0.0 if 2 in orders else ENDS * h
+    missing = " and ".join("qva"[k] for k in range(3) if k not in orders)
+    logged = " and ".join("qva"[k] for k in orders)
+    how = f"{missing} by quintic interpolation of {logged}" if missing else AS_LOGGED
+    return known, ends, [Smoothed(each.column, how, each.sigma, 0.0) for each in channels]
 
 
 # --- more joints logged than needed --------------------------------------------------------------
@@ -272,23 +259,21 @@ def finer(mechanism: Mechanism, e: State, times: int) -> Smooth:
     Fewer where samples are too far apart for that.
     """
     assert e.smooth is not None
-    t = [e.t[run] for run, _ in e.smooth.runs]
     times = max(1, min(times, int(e.smooth.spacing * e.rate / SAMPLES)))
     if len(e.logged) == mechanism.degrees_of_freedom:
-        return e.smooth.finer(t, times)
+        return e.smooth.finer(e.t, times)
     through = replace(e.smooth, channels=tuple(through_motion(mechanism, e, e.smooth.names)))
-    return fused(mechanism, along(mechanism, e, through.finer(t, times)), e.smooth.channels)
+    return fused(mechanism, along(mechanism, e, through.finer(e.t, times)), e.smooth.channels)
 
 
 def through_motion(mechanism: Mechanism, e: State, names: tuple[str, ...]) -> list[Channel]:
     """The motion of some joints itself, as channels."""
-    found = []
+    channels = []
     for name in names:
-        at = mechanism.joint_index[name]
-        for order, y in enumerate((e.y, e.yd, e.ydd)):
-            spread = float(np.std(y[:, at])) or 1.0
-            found.append(Channel(name, order, e.t, y[:, at], spread, spread))
-    return found
+        for order, y in enumerate(e.known(mechanism, (name,))[:, :, 0]):
+            spread = float(np.std(y)) or 1.0
+            channels.append(Channel(name, order, e.t, y, spread, spread))
+    return channels
 
 
 def fused(mechanism: Mechanism, e: State, channels: Sequence[Channel]) -> Smooth:
@@ -300,57 +285,45 @@ def fused(mechanism: Mechanism, e: State, channels: Sequence[Channel]) -> Smooth
         channels: of any joints.
     """
     assert e.smooth is not None
-    names = e.smooth.names
+    smooth = e.smooth
     for _ in range(STEPS):
-        e = e.transmitted(mechanism, names)
-        smooth = e.smooth
-        assert smooth is not None
+        e = e.transmitted(mechanism, smooth.names)
         L = e.leverage
         assert L is not None
         rates = [L, np.zeros_like(L), np.zeros_like(L)]
-        found, step = [], 0.0
+        splines, step = [], 0.0
         for run, before in smooth.runs:
+            t = e.t[run]
             for order in (1, 2):
-                rates[order][run] = np.gradient(rates[order - 1][run], e.t[run], axis=0)
+                rates[order][run] = np.gradient(rates[order - 1][run], t, axis=0)
             rows = [
-                _rows(
-                    before, channel.within(e.t[run]), e, rates, mechanism.joint_index[channel.joint]
-                )
-                for channel in channels
+                _rows(before, each.within(t), e, rates, mechanism.joint_index[each.joint])
+                for each in channels
             ]
-            spline = solved(before.basis, rows, len(names))
-            found.append((run, spline))
-            now = spline.at(e.t[run])[0]
-            moved = np.abs(now - before.at(e.t[run])[0]).max(axis=0)
+            spline = solved(before.basis, rows, len(smooth.names))
+            splines.append((run, spline))
+            now = spline.at(t)[0]
+            moved = np.abs(now - before.at(t)[0]).max(axis=0)
             step = max(step, float((moved / (now.std(axis=0) + 1e-12)).max()))
-        e = along(mechanism, e, replace(smooth, runs=tuple(found), channels=tuple(channels)))
-        if step < SETTLED:
+        smooth = replace(smooth, runs=tuple(splines), channels=tuple(channels))
+        e = along(mechanism, e, smooth)
+        if step < CONVERGED:
             break
-    assert e.smooth is not None
-    return e.smooth
+    return smooth
 
 
-def missed(mechanism: Mechanism, e: State, channels: Sequence[Channel]) -> list[np.ndarray]:
-    """Measured minus smoothed (n_k,) of each channel in all runs of an experiment."""
+def missed(mechanism: Mechanism, e: State, channels: Sequence[Channel]) -> list[float]:
+    """rms of measured minus smoothed of each channel, in all runs of an experiment."""
     assert e.smooth is not None
-    found = []
+    rms = []
     for channel in channels:
-        series = (e.y, e.yd, e.ydd)[channel.order][:, mechanism.joint_index[channel.joint]]
+        series = e.known(mechanism, (channel.joint,))[channel.order, :, 0]
         parts = []
         for run, _ in e.smooth.runs:
             inside = channel.within(e.t[run])
             parts.append(inside.x - np.interp(inside.t, e.t[run], series[run]))
-        found.append(np.concatenate(parts))
-    return found
-
-
-def reweighted(mechanism: Mechanism, e: State, channels: Sequence[Channel]) -> list[Channel]:
-    """The channels with the noise that residuals show, where that is more than they had."""
-    found = []
-    for channel, off in zip(channels, missed(mechanism, e, channels), strict=True):
-        rms = float(np.sqrt(np.mean(off**2)))
-        found.append(channel.with_noise(rms) if rms > INCONSISTENT * channel.sigma else channel)
-    return found
+        rms.append(float(np.sqrt(np.mean(np.concatenate(parts) ** 2))))
+    return rms
 
 
 def _rows(
@@ -367,7 +340,6 @@ def _rows(
         own = rates[k - r][:, joint]
         L = (1 - share) * own[at - 1] + share * own[at]
         R += comb(k, r) * B[:, :, None] * L[:, None, :]
-    series = (e.y, e.yd, e.ydd)[k][:, joint]
-    now = np.interp(t, e.t, series)
+    now = np.interp(t, e.t, (e.y, e.yd, e.ydd)[k][:, joint])
     linear = np.einsum("nrd,nrd->n", R, spline.c[first[:, None] + np.arange(WIDTH)])
     return Observations(first, R / channel.sigma, (channel.x - now + linear) / channel.sigma)

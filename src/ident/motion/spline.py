@@ -42,7 +42,7 @@ class Observations:
 
 @dataclass(frozen=True, eq=False)
 class Spline:
-    """One run's motion in d coordinates, and how much its channels say of it.
+    """One run's motion in d coordinates, and how well its channels determine it.
 
     Attributes:
         basis: quintic B-splines over the run.
@@ -60,28 +60,24 @@ class Spline:
 
     @property
     def first(self) -> NDArray[np.intp]:
-        """(count · d,) the first function that each row of U reaches."""
+        """(count · d,) the first function in each row of U."""
         count, d = self.c.shape
         return np.minimum(np.arange(count * d) // d, count - WIDTH)
 
     @cached_property
     def U(self) -> np.ndarray:
         """(count · d, WIDTH, d) rows of U."""
-        if len(self.roots) == 1:
-            return self.roots[0]
-        count, d = self.c.shape
-        whole = np.zeros((count, d, WIDTH, d))
-        for i, root in enumerate(self.roots):
-            whole[:, i, :, i] = root[:, :, 0]
-        return whole.reshape(-1, WIDTH, d)
+        return self.leading(self.c.size)
 
     def leading(self, rows: int) -> np.ndarray:
         """The first rows of U (rows, WIDTH, d), a multiple of d."""
-        d = self.c.shape[1]
         if len(self.roots) == 1:
             return self.roots[0][:rows]
-        few = tuple(root[: rows // d] for root in self.roots)
-        return Spline(self.basis, self.c[: rows // d], few).U
+        d = len(self.roots)
+        U = np.zeros((rows // d, d, WIDTH, d))
+        for i, root in enumerate(self.roots):
+            U[:, i, :, i] = root[: rows // d, :, 0]
+        return U.reshape(-1, WIDTH, d)
 
 
 def basis_over(start: float, stop: float, spacing: float, origin: float | None = None) -> Basis:
@@ -104,15 +100,15 @@ def evaluated(basis: Basis, c: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 def derivative(basis: Basis, c: np.ndarray, t: np.ndarray, order: int) -> np.ndarray:
-    """One of them (n, d), of an order."""
+    """A derivative (n, d) of coefficients c (count, d) at times t (n,)."""
     first, B = basis.window(np.clip(t, basis.t0, basis.t_end), order)
-    found = np.zeros((len(t), c.shape[1]))
+    u = np.zeros((len(t), c.shape[1]))
     for r in range(WIDTH):
-        found += B[:, r, None] * c[first + r]
-    return found
+        u += B[:, r, None] * c[first + r]
+    return u
 
 
-def solved(basis: Basis, rows: list[Observations], d: int) -> Spline:
+def solved(basis: Basis, rows: Sequence[Observations], d: int) -> Spline:
     """The least-squares spline of observations."""
     count, band = basis.count, WIDTH * d
     normal, right = np.zeros((band, count * d)), np.zeros(count * d)
@@ -124,29 +120,21 @@ def solved(basis: Basis, rows: list[Observations], d: int) -> Spline:
             right += np.bincount(place + i, flat[:, i] * part.x, count * d)
             for j in used[used >= i]:
                 normal[j - i] += np.bincount(place + i, flat[:, i] * flat[:, j], count * d)
-    rough = _roughness(count)
-    for k in range(WIDTH):
+    D = np.array([-1.0, 3.0, -3.0, 1.0])  # third differences of the coefficients fill missing ones
+    rough = np.zeros((len(D), count))  # lower bands of DᵀD
+    for k in range(len(D)):
+        for i in range(len(D) - k):
+            rough[k, i : count - len(D) + 1 + i] += D[i] * D[i + k]
         normal[k * d] += BRIDGE * normal[0].max() * np.repeat(rough[k], d)
     lower = cholesky_banded(normal, lower=True, check_finite=False)
     c = cho_solve_banded((lower, True), right, check_finite=False).reshape(count, d)
     row = np.arange(count * d)
-    first = np.minimum(row // d, count - WIDTH)
+    column = row - np.minimum(row // d, count - WIDTH) * d
     U = np.zeros((count * d, band))
-    column = row - first * d
     for k in range(band):  # lower[k, a] = L[a + k, a] = U[a, a + k]
         inside = column + k < band
         U[row[inside], (column + k)[inside]] = lower[k, inside]
     return Spline(basis, c, (U.reshape(-1, WIDTH, d),))
-
-
-def _roughness(count: int) -> np.ndarray:
-    """Lower bands of DᵀD, D the third differences of the coefficients: what fills a few missing."""
-    D = np.array([-1.0, 3.0, -3.0, 1.0])
-    bands = np.zeros((WIDTH, count))
-    for k in range(len(D)):
-        for i in range(len(D) - k):
-            bands[k, i : count - len(D) + 1 + i] += D[i] * D[i + k]
-    return bands
 
 
 def interpolate(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -157,22 +145,16 @@ def interpolate(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
     return np.stack([spline(at, nu) for nu in range(3)])
 
 
-def filled(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """x (n,) at the times `at` (n_at,): as it is if complete, else a spline's values."""
-    return x if len(t) == len(at) else make_interp_spline(t, x, k=DEGREE)(at)
-
-
 def fitted(basis: Basis, channels: Sequence[Channel], names: Sequence[str]) -> Spline:
     """The spline of the joints `names`, each from its own channels."""
     parts = []
     for name in names:
         rows = []
-        for channel in channels:
-            if channel.joint == name:
-                t = np.clip(channel.t, basis.t0, basis.t_end)
-                first, B = basis.window(t, channel.order)
-                R, x = B[:, :, None] / channel.sigma, channel.x / channel.sigma
-                rows.append(Observations(first, R, x))
+        for channel in (each for each in channels if each.joint == name):
+            t = np.clip(channel.t, basis.t0, basis.t_end)
+            first, B = basis.window(t, channel.order)
+            R, x = B[:, :, None] / channel.sigma, channel.x / channel.sigma
+            rows.append(Observations(first, R, x))
         parts.append(solved(basis, rows, 1))
     c = np.concatenate([part.c for part in parts], axis=1)
     return Spline(basis, c, tuple(part.roots[0] for part in parts))
@@ -182,12 +164,11 @@ def residuals(
     spline: Spline, channels: Sequence[Channel], names: Sequence[str]
 ) -> list[np.ndarray]:
     """Measured minus smoothed (n_k,) of each channel."""
-    found = []
-    for channel in channels:
-        i = list(names).index(channel.joint)
-        u = derivative(spline.basis, spline.c[:, [i]], channel.t, channel.order)
-        found.append(channel.x - u[:, 0])
-    return found
+    at = {name: spline.c[:, [i]] for i, name in enumerate(names)}
+    return [
+        each.x - derivative(spline.basis, at[each.joint], each.t, each.order)[:, 0]
+        for each in channels
+    ]
 
 
 def weighted(basis: Basis, channels: Sequence[Channel], names: Sequence[str]) -> list[Channel]:
@@ -200,31 +181,30 @@ def weighted(basis: Basis, channels: Sequence[Channel], names: Sequence[str]) ->
     Args:
         basis: over one run; channels: their samples in it; names: the joints.
     """
-    return [each for name in names for each in _agreeing(basis, channels, name)]
+    result = []
+    for name in names:
+        own = before = [channel for channel in channels if channel.joint == name]
+        n = sum(len(channel.x) for channel in own)
+        spare = np.sqrt(n / max(n - basis.count, 1))  # as if coefficients cost nothing
+        for _ in range(DOUBLINGS + 1):
+            off = residuals(fitted(basis, own, (name,)), own, (name,))
+            rms = [spare * float(np.sqrt(np.mean(x**2))) for x in off]
+            late = [
+                c.order == 0 and r > INCONSISTENT * c.sigma for c, r in zip(own, rms, strict=True)
+            ]
+            if not any(late) or len(own) == 1:
+                break
+            own = [c if c.order == 0 else replace(c, sigma=2 * c.sigma) for c in own]
+        result += reweighted(before, rms)
+    return result
 
 
-def _agreeing(basis: Basis, channels: Sequence[Channel], name: str) -> list[Channel]:
-    mine = [channel for channel in channels if channel.joint == name]
-    before = mine
-    for _ in range(DOUBLINGS):
-        rms = _rms(basis, mine, name)
-        late = [c.order == 0 and r > INCONSISTENT * c.sigma for c, r in zip(mine, rms, strict=True)]
-        if not any(late) or len(mine) == 1:
-            break
-        mine = [c if c.order == 0 else c.with_noise(2 * c.sigma) for c in mine]
-    rms = _rms(basis, mine, name)
+def reweighted(channels: Sequence[Channel], rms: Sequence[float]) -> list[Channel]:
+    """The channels with the rms of their residuals as noise, where that is clearly more."""
     return [
-        old.with_noise(max(old.sigma, r)) if r > INCONSISTENT * old.sigma else old
-        for old, r in zip(before, rms, strict=True)
+        replace(channel, sigma=r) if r > INCONSISTENT * channel.sigma else channel
+        for channel, r in zip(channels, rms, strict=True)
     ]
-
-
-def _rms(basis: Basis, channels: Sequence[Channel], name: str) -> list[float]:
-    """Of the residuals of one joint's channels, as if coefficients cost nothing."""
-    n = sum(len(channel.x) for channel in channels)
-    spare = np.sqrt(n / max(n - basis.count, 1))
-    left = residuals(fitted(basis, channels, (name,)), channels, (name,))
-    return [spare * float(np.sqrt(np.mean(off**2))) for off in left]
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,40 +227,27 @@ class Smooth:
         cls,
         channels: Sequence[Channel],
         names: tuple[str, ...],
-        runs: Sequence[tuple[slice, np.ndarray]],
         spacing: float,
-        origin: float | None = None,
+        runs: Sequence[tuple[slice, np.ndarray, Basis]],
     ) -> Smooth:
-        """Splines of all runs (samples, times (n,)), each joint's from its own channels."""
-        bases = [basis_over(t[0], t[-1], spacing, origin) for _, t in runs]
-        return cls._on(channels, names, runs, bases, spacing)
-
-    def finer(self, t: Sequence[np.ndarray], times: int) -> Smooth:
-        """Splines with `times` knots for one, fitted to the own channels; t: (n,) of each run."""
-        bases = [
-            Basis.with_count(b.t0, b.t_end, times * (b.count - DEGREE) + DEGREE, DEGREE)
-            for b in (spline.basis for _, spline in self.runs)
-        ]
-        runs = [(run, each) for (run, _), each in zip(self.runs, t, strict=True)]
-        fine = self._on(self.own, self.names, runs, bases, self.spacing / times)
-        return replace(fine, channels=self.channels)
-
-    @classmethod
-    def _on(
-        cls,
-        channels: Sequence[Channel],
-        names: tuple[str, ...],
-        runs: Sequence[tuple[slice, np.ndarray]],
-        bases: Sequence[Basis],
-        spacing: float,
-    ) -> Smooth:
+        """Splines of all runs (samples, times (n,), basis), each joint's from its own channels."""
         splines = tuple(
             (run, fitted(basis, [channel.within(t) for channel in channels], names))
-            for (run, t), basis in zip(runs, bases, strict=True)
+            for run, t, basis in runs
         )
         return cls(names, spacing, splines, tuple(channels))
 
-    @property
-    def own(self) -> tuple[Channel, ...]:
-        """The channels of its own joints."""
-        return tuple(channel for channel in self.channels if channel.joint in self.names)
+    def finer(self, t: np.ndarray, times: int) -> Smooth:
+        """Splines with `times` knots for one, fitted to the own joints' channels.
+
+        t: (n,) [s], the clock.
+        """
+        runs = []
+        for run, spline in self.runs:
+            b = spline.basis
+            count = times * (b.count - DEGREE) + DEGREE
+            runs.append((run, t[run], Basis.with_count(b.t0, b.t_end, count, DEGREE)))
+        own = [channel for channel in self.channels if channel.joint in self.names]
+        return replace(
+            Smooth.of(own, self.names, self.spacing / times, runs), channels=self.channels
+        )

@@ -25,27 +25,27 @@ LEFT_OPEN = 1e-6  # [m | rad] largest equation of a sample that is used at other
 
 
 class Store:
-    """Arrays that are slow to make, kept with a state while all states stay below `LIMIT` bytes."""
+    """A cache of a state's slow arrays; those of all states stay below `LIMIT` bytes."""
 
     LIMIT: ClassVar[int] = 128_000_000
     _used: ClassVar[int] = 0
 
     def __init__(self) -> None:
-        self._held: dict[object, tuple[object, Any]] = {}
+        self._arrays: dict[object, tuple[object, Any]] = {}
         self._size = 0
 
     def get(self, key: object, owner: object) -> Any:
-        """The entry of a key that was made for this very owner; None if there is none."""
-        made_for, value = self._held.get(key, (None, None))
-        return value if made_for is owner else None
+        """The entry of a key and this very owner; None if there is none."""
+        of, value = self._arrays.get(key, (None, None))
+        return value if of is owner else None
 
     def put(self, key: object, owner: object, value: Sequence[np.ndarray]) -> None:
-        """Keeps arrays, if there is room."""
+        """Keep arrays, if there is room."""
         size = sum(x.nbytes for x in value)
-        if self.fits(size) and key not in self._held:
+        if self.fits(size) and key not in self._arrays:
             Store._used += size
             self._size += size
-            self._held[key] = owner, value
+            self._arrays[key] = owner, value
 
     @classmethod
     def fits(cls, size: int) -> bool:
@@ -173,26 +173,26 @@ class State:
         if known is not None:
             names = names or self.logged
             turns = dict(zip(names, known[0].T, strict=True))
-            if mechanism.closures:
+            if not mechanism.closures:
+                order = np.argsort([mechanism.joint(name).index for name in names])
+                q, v, a = (np.ascontiguousarray(x[:, order]) for x in known)
+            else:
                 solver = LoopSolver(mechanism, names, np.maximum(known[0].std(axis=0), 1e-9))
                 q = self.q
                 if start == "follow":
                     q = solver.follow(known[0], self.t)
                 elif start == "near":
-                    q, left = solver.newton(q, known[0])
-                    usable = usable & (left < LEFT_OPEN)
-                motion = (q, *solver.rates(q, *known[1:]))
-            else:
-                order = np.argsort([mechanism.joint(name).index for name in names])
-                q, v, a = (np.ascontiguousarray(x[:, order]) for x in known)
-                motion = q, v, a
+                    q, gap = solver.newton(q, known[0])
+                    usable = usable & (gap < LEFT_OPEN)
+                v, a = solver.rates(q, *known[1:])
+            motion = q, v, a
         assert motion is not None
         y, yd, ydd = joint_coordinates(mechanism, *motion, turns or {})
         q, v, a = motion
-        found = replace(self, q=q, v=v, a=a, y=y, yd=yd, ydd=ydd, usable=usable)
-        if self.pinv is None:
-            return found
-        return found if start == "same" else found.transmitted(mechanism, self.independent)
+        e = replace(self, q=q, v=v, a=a, y=y, yd=yd, ydd=ydd, usable=usable)
+        if self.pinv is None or start == "same":
+            return e
+        return e.transmitted(mechanism, self.independent)
 
     def transmitted(
         self, mechanism: Mechanism, independent: tuple[str, ...], largest: float | None = None
@@ -212,8 +212,8 @@ class State:
         W = every[:, [mechanism.joint_index[name] for name in independent]]
         Kp = pseudo_inverse(np.concatenate([J, W], axis=1))
         leverage = every @ Kp[:, :, J.shape[1] :]
-        found = replace(self, pinv=Kp, leverage=leverage, independent=independent)
-        size = nearness(found)
+        e = replace(self, pinv=Kp, leverage=leverage, independent=independent)
+        size = nearness(e)
         limit = largest_nearness(size) if largest is None else largest
         usable = self.usable if limit == np.inf else self.usable & (size < limit)
         if largest is None and not usable.any():
@@ -221,7 +221,7 @@ class State:
                 f"{self.name}: every sample is near a singular position of {mechanism.name}; "
                 "nothing can be identified from it"
             )
-        return replace(found, usable=usable)
+        return replace(e, usable=usable)
 
 
 def nearness(e: State) -> np.ndarray:
@@ -243,21 +243,19 @@ def joint_coordinates(
     turns: Mapping[str, np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """y, ẏ, ÿ (n, J) of all joints, with the whole turns of `turns`."""
-    order = [joint.index for joint in mechanism.joints]
     if all(joint.in_tree for joint in mechanism.joints):
+        order = [joint.index for joint in mechanism.joints]
         if order == list(range(q.shape[1])):  # the same arrays: no second copy of long logs
             return q, v, a
         return q[:, order], v[:, order], a[:, order]
     rows = LoopSolver(mechanism, (j.name for j in mechanism.joints)).coordinates(q, v)
-    value = rows.value.copy()
-    for i, joint in enumerate(mechanism.joints):
+    for joint, y in zip(mechanism.joints, rows.value.T, strict=True):
         if joint.rotational and not joint.in_tree:
-            value[:, i] = np.unwrap(value[:, i])
+            y[:] = np.unwrap(y)
             if joint.name in turns:
-                off = value[:, i] - turns[joint.name]
-                value[:, i] -= 2 * np.pi * np.round(off / (2 * np.pi))
+                y -= 2 * np.pi * np.round((y - turns[joint.name]) / (2 * np.pi))
     rates = np.einsum("njk,nk->nj", rows.rate, v)
-    return value, rates, np.einsum("njk,nk->nj", rows.rate, a) + rows.drift
+    return rows.value, rates, np.einsum("njk,nk->nj", rows.rate, a) + rows.drift
 
 
 def wrenches(
@@ -272,20 +270,17 @@ def wrenches(
         q: (n, nq) its configurations.
     """
     parts = ("fx", "fy", "fz", "mx", "my", "mz")
+    known = [f.name for f in mechanism.model.frames if f.type == pin.FrameType.BODY]
     frames: dict[str, np.ndarray] = {}
-    for column in columns:
-        if not column.startswith("wrench."):
-            continue
+    for column in (each for each in columns if each.startswith("wrench.")):
         frame, _, part = column[len("wrench.") :].rpartition(".")
         if part not in parts or not frame:
             raise MotionError(f"{name}: column '{column}': write wrench.<link>.<{'|'.join(parts)}>")
-        if not mechanism.model.existFrame(frame, pin.FrameType.BODY):
-            known = [f.name for f in mechanism.model.frames if f.type == pin.FrameType.BODY]
+        if frame not in known:
             raise MotionError(
                 f"{name}: column '{column}': no link '{frame}'; {one_of(frame, known)}"
             )
-        wrench = frames.setdefault(frame, np.zeros((len(q), 6)))
-        wrench[:, parts.index(part)] = columns[column]
+        frames.setdefault(frame, np.zeros((len(q), 6)))[:, parts.index(part)] = columns[column]
     if not frames:
         return None
     model, data = mechanism.model, mechanism.model.createData()
