@@ -47,16 +47,6 @@ def _times(M: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.asarray(np.einsum("nij,nj->ni", M, x))
 
 
-def _step(K: np.ndarray, off: np.ndarray) -> np.ndarray:
-    """K⁺ off (n, nv) of stacked K (n, m + d, nv)."""
-    if K.shape[1] == K.shape[2]:
-        try:
-            return np.asarray(np.linalg.solve(K, off[:, :, None])[:, :, 0])
-        except np.linalg.LinAlgError:
-            pass
-    return _times(pseudo_inverse(K), off)
-
-
 class LoopSolver:
     """Finds configurations at which Φ = 0 and the joints `names` have given coordinates.
 
@@ -84,11 +74,11 @@ class LoopSolver:
         if not all(joint.in_tree for joint in self.joints):
             own = self.mechanism.kinematics.own_rows(q, v)
         for i, joint in enumerate(self.joints):
+            at = joint.index
             if joint.in_tree or own is None:
-                y[:, i], W[:, i, joint.index] = q[:, joint.index], 1.0
+                y[:, i], W[:, i, at] = q[:, at], 1.0
             else:
-                y[:, i], W[:, i] = own.value[:, joint.index], own.rate[:, joint.index]
-                drift[:, i] = own.drift[:, joint.index]
+                y[:, i], W[:, i], drift[:, i] = own.value[:, at], own.rate[:, at], own.drift[:, at]
         return ConstraintRows(y, W, drift)
 
     def _residual(self, q: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -101,25 +91,30 @@ class LoopSolver:
         return np.concatenate([-closure.value, off / self.scale], axis=1), K
 
     def newton(self, q: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Configurations (n, nq) near q at the targets (n, d), and what is left open (n,)."""
+        """Configurations (n, nq) near q at the targets (n, d), and the largest |Φ| there (n,)."""
         if not self._compiled:
             return self._newton(q, target)
         names = tuple(joint.name for joint in self.joints)
-        found = q
+        at = q
         for _ in range(STEPS // 2):
-            found, size, left = self.mechanism.kinematics.newton(names, found, target)
+            at, size, gap = self.mechanism.kinematics.newton(names, at, target)
             if size.max() < CLOSED:
                 break
-        bad = ~(np.isfinite(found).all(axis=1) & (left < OPEN))
+        bad = ~(np.isfinite(at).all(axis=1) & (gap < OPEN))
         if bad.any():  # K is singular there, or nearly
-            found[bad], left[bad] = self._newton(q[bad], target[bad])
-        return found, left
+            at[bad], gap[bad] = self._newton(q[bad], target[bad])
+        return at, gap
 
     def _newton(self, q: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         model, m = self.mechanism.model, len(self.mechanism.kinematics.multipliers)
         for _ in range(STEPS):
             off, K = self._residual(q, target)
-            step = _step(K, off)
+            try:
+                square = K.shape[1] == K.shape[2]
+                step = np.linalg.solve(K, off[:, :, None])[:, :, 0] if square else None
+            except np.linalg.LinAlgError:
+                step = None
+            step = _times(pseudo_inverse(K), off) if step is None else step
             largest = np.abs(step).max(axis=1, keepdims=True)
             q = integrate(model, q, step * np.minimum(1.0, 0.5 / (largest + 1e-300)))
             if largest.max() < CLOSED:
@@ -134,13 +129,14 @@ class LoopSolver:
         self, q: np.ndarray, yd: np.ndarray, ydd: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """v and a (n, nv) that keep the closures, from the joints' rates (n, d)."""
-        J, own = self.mechanism.kinematics.closure_rows(q).rate, self.coordinates(q).rate
+        closure_rows = self.mechanism.kinematics.closure_rows
+        J, own = closure_rows(q).rate, self.coordinates(q).rate
         Kp = pseudo_inverse(np.concatenate([J, own / self.scale[:, None]], axis=1))
-        Jp = np.linalg.pinv(J, 1e-9) if self.surplus else None
         v = _times(Kp[:, :, J.shape[1] :], yd / self.scale)
+        Jp = np.linalg.pinv(J, 1e-9) if self.surplus else None
         if Jp is not None:
             v = v - _times(Jp, _times(J, v))
-        closing = self.mechanism.kinematics.closure_rows(q, v).drift
+        closing = closure_rows(q, v).drift
         wanted = (ydd - self.coordinates(q, v).drift) / self.scale
         a = _times(Kp, np.concatenate([-closing, wanted], axis=1))
         if Jp is not None:
@@ -155,15 +151,14 @@ class LoopSolver:
         """
         n = len(target)
         q = np.empty((n, self.mechanism.model.nq))
-        start = self.mechanism.assembled
-        there = self.coordinates(start[None]).value[0]
-        first = int(np.abs(target - there).max(axis=1).argmin())  # the branch is surest there
-        q[first] = self._travel(start, there, target[first], t[first], FARTHEST)
-        forward = [*range(first, n - 1, STRIDE), n - 1]
-        back = [*range(first, 0, -STRIDE), 0]
-        for stops in (forward, back):
+        assembled = self.mechanism.assembled
+        y = self.coordinates(assembled[None]).value[0]
+        first = int(np.abs(target - y).max(axis=1).argmin())  # the branch is surest there
+        q[first] = self._travel(assembled, y, target[first], t[first], FARTHEST)
+        anchors = [[*range(first, n - 1, STRIDE), n - 1], [*range(first, 0, -STRIDE), 0]]
+        for stops in anchors:
             self._march(q, target, t, stops)
-        self._between(q, target, t, sorted({*forward, *back}))
+        self._between(q, target, t, sorted({*anchors[0], *anchors[1]}))
         return q
 
     def onward(self, q: np.ndarray, y: np.ndarray, target: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -173,10 +168,10 @@ class LoopSolver:
             MotionError: where the closures cannot follow, with time and joints.
         """
         n = len(target)
-        found, gap = self.newton(np.tile(q, (n, 1)), target)
-        path, target = np.concatenate([q[None], found]), np.concatenate([y[None], target])
+        near, gap = self.newton(np.tile(q, (n, 1)), target)
+        path, target = np.concatenate([q[None], near]), np.concatenate([y[None], target])
         if gap.max() < OPEN and self._straight(path, np.diff(target, axis=0)).all():
-            return found
+            return near
         t = np.concatenate([t[:1], t])
         anchors = [*range(0, n, STRIDE), n]
         self._march(path, target, t, anchors)
@@ -186,30 +181,30 @@ class LoopSolver:
     def _between(
         self, q: np.ndarray, target: np.ndarray, t: np.ndarray, anchors: list[int]
     ) -> None:
-        """Sets q between the anchors at which it is known, of which the last is the last of q."""
-        known, n = np.array(anchors), len(q)
+        """Set q between the anchors at which it is known, of which the last is the last of q."""
+        known, n, model = np.array(anchors), len(q), self.mechanism.model
         while len(known) < n:  # halve the distances; each level is one call for all samples
             left, right = known[:-1], known[1:]
             wide = right - left > 1
             left, right = left[wide], right[wide]
             middle = (left + right) // 2
-            guess = _halfway(self.mechanism.model, q[left], q[right])
+            guess = integrate(model, q[left], 0.5 * _difference(model, q[left], q[right]))
             q[middle], gap = self.newton(guess, target[middle])
             for bad in np.flatnonzero(gap > OPEN):
                 self._bridge(q, target, t, int(left[bad]), int(middle[bad]))
             known = np.union1d(known, middle)
 
     def _march(self, q: np.ndarray, target: np.ndarray, t: np.ndarray, stops: list[int]) -> None:
-        """Sets q at the stops, from each to the next; it is known at the first.
+        """Set q at the stops, from each to the next; it is known at the first.
 
         All steps are judged together; from the first bad one on, each is made with care.
         """
         done = stops[:1]
         for a, b in pairwise(stops):
-            found, gap = self.newton(q[a : a + 1], target[b : b + 1])
+            near, gap = self.newton(q[a : a + 1], target[b : b + 1])
             if not gap[0] < OPEN:
                 break
-            q[b] = found[0]
+            q[b] = near[0]
             done.append(b)
         fine = self._straight(q[done], np.diff(target[done], axis=0))
         good = int(np.append(fine, False).argmin())
@@ -217,11 +212,11 @@ class LoopSolver:
             self._bridge(q, target, t, a, b)
 
     def _bridge(self, q: np.ndarray, target: np.ndarray, t: np.ndarray, a: int, b: int) -> None:
-        """Sets q[b] from q[a]; goes over the samples between them where that is too far."""
-        found, gap = self.newton(q[a : a + 1], target[b : b + 1])
+        """Set q[b] from q[a], over the samples between them where that is too far."""
+        near, gap = self.newton(q[a : a + 1], target[b : b + 1])
         moved = target[b] - target[a]
-        if gap[0] < OPEN and self._straight(np.stack([q[a], found[0]]), moved[None])[0]:
-            q[b] = found[0]
+        if gap[0] < OPEN and self._straight(np.stack([q[a], near[0]]), moved[None])[0]:
+            q[b] = near[0]
         elif abs(b - a) > 1:
             middle = (a + b) // 2
             self._bridge(q, target, t, a, middle)
@@ -258,10 +253,10 @@ class LoopSolver:
         done, step = 0.0, 1.0 / max(1.0, np.ceil(np.abs(goal - y).max() / 0.1))
         while done < 1.0:
             share = min(1.0, done + step)
-            found, gap = self.newton(q[None], (y + share * (goal - y))[None])
-            near = np.abs(_difference(self.mechanism.model, q[None], found)).max() < 1.0
-            if gap[0] < OPEN and near:
-                q, done, step = found[0], share, step * 1.5
+            near, gap = self.newton(q[None], (y + share * (goal - y))[None])
+            moved = np.abs(_difference(self.mechanism.model, q[None], near)).max()
+            if gap[0] < OPEN and moved < 1.0:
+                q, done, step = near[0], share, step * 1.5
             elif step > 1e-4:
                 step *= 0.5
             else:
@@ -284,18 +279,12 @@ def integrate(model: pin.Model, q: np.ndarray, step: np.ndarray) -> np.ndarray:
     return np.array([pin.integrate(model, a, b) for a, b in zip(q, step, strict=True)])
 
 
-def _halfway(model: pin.Model, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    if model.nq == model.nv:
-        return 0.5 * (a + b)
-    return np.array([pin.interpolate(model, x, y, 0.5) for x, y in zip(a, b, strict=True)])
-
-
 def _difference(model: pin.Model, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """b ⊖ a (n, nv) of configurations (n, nq)."""
     if model.nq == model.nv:
         return b - a
-    found = [pin.difference(model, x, y) for x, y in zip(a, b, strict=True)]
-    return np.reshape(found, (len(a), model.nv))
+    steps = [pin.difference(model, x, y) for x, y in zip(a, b, strict=True)]
+    return np.reshape(steps, (len(a), model.nv))
 
 
 # --- which joints determine the motion -----------------------------------------------------------
@@ -312,26 +301,25 @@ def independent_joints(mechanism: Mechanism, preferred: Iterable[str]) -> tuple[
         the motion, in the mechanism's order.
     """
     names = list(dict.fromkeys(preferred))
+    in_order = [joint.name for joint in mechanism.joints]
     if not mechanism.closures:
-        return tuple(joint.name for joint in mechanism.joints if joint.name in names)
+        return tuple(name for name in in_order if name in names)
     q = mechanism.general[None]
     J = mechanism.kinematics.closure_rows(q).rate[0]
     W = LoopSolver(mechanism, names).coordinates(q).rate[0]
     _, sizes, directions = np.linalg.svd(J)
-    basis = list(directions[: int((sizes > 1e-8 * max(1.0, sizes.max(initial=0))).sum())])
+    basis = directions[: int((sizes > 1e-8 * max(1.0, sizes.max(initial=0))).sum())]
     chosen: list[str] = []
     for strictness in (1e-3, 1e-7):  # a nearly dependent joint only if nothing better is there
         for name, w in zip(names, W, strict=True):
             if len(basis) == mechanism.model.nv or name in chosen:
                 continue
-            rest = w.copy()
-            for _ in range(2):
-                for direction in basis:
-                    rest = rest - direction * (direction @ rest)
+            rest = w - (w @ basis.T) @ basis
+            rest -= (rest @ basis.T) @ basis
             if np.linalg.norm(rest) > strictness * np.linalg.norm(w):
-                basis.append(rest / np.linalg.norm(rest))
+                basis = np.vstack([basis, rest / np.linalg.norm(rest)])
                 chosen.append(name)
-    return tuple(joint.name for joint in mechanism.joints if joint.name in chosen)
+    return tuple(name for name in in_order if name in chosen)
 
 
 def best_conditioned(mechanism: Mechanism, q: np.ndarray) -> tuple[str, ...]:
@@ -348,9 +336,8 @@ def best_conditioned(mechanism: Mechanism, q: np.ndarray) -> tuple[str, ...]:
     fixed = independent_joints(mechanism, mechanism.driven)
     if len(fixed) == d == len(mechanism.driven):
         return fixed
-    if len(fixed) == d:
-        sets = [*combinations(mechanism.driven, d)]
-    else:
+    sets = [*combinations(mechanism.driven, d)]
+    if len(fixed) < d:
         others = [joint.name for joint in mechanism.joints if joint.name not in fixed]
         sets = [(*fixed, *more) for more in combinations(others, d - len(fixed))]
     names = tuple(dict.fromkeys(name for each in sets for name in each))
@@ -367,40 +354,33 @@ def best_conditioned(mechanism: Mechanism, q: np.ndarray) -> tuple[str, ...]:
 
 
 def check_freedom(mechanism: Mechanism) -> None:
-    """Refuses a mechanism that its loops hold still.
+    """Refuse a mechanism that its loops hold still.
 
     Raises:
         MechanismError: if they leave no degree of freedom, with the axes that stand apart.
     """
     if mechanism.degrees_of_freedom > 0:
         return
-    name = mechanism.name
+    name, model = mechanism.name, mechanism.model
     if not mechanism.closures:
         raise MechanismError(
             f"{name}: no joint of it moves; valid: one revolute or prismatic, or more"
         )
-    apart, others = _apart(mechanism)
+    J = pin.computeJointJacobians(model, model.createData(), mechanism.assembled)
+    axes = {j.name: J[3:, j.index] for j in mechanism.joints if j.in_tree and j.rotational}
+    parallel = [
+        [each for each, axis in axes.items() if np.linalg.norm(np.cross(one, axis)) < PARALLEL]
+        for one in axes.values()
+    ]
+    most = max(parallel, key=len, default=[])
+    apart = [each for each in axes if each not in most]
     why = "check the closures' kinds and frames, and the joints' <axis>"
-    if apart:
+    if 0 < len(apart) < len(most):
         why = (
-            f"the axis of {', '.join(apart)} is not parallel to those of {', '.join(others)}, as "
+            f"the axis of {', '.join(apart)} is not parallel to those of {', '.join(most)}, as "
             "it is in a planar loop: check its <axis> (without one it is x of the joint's frame) "
             "and the closures' frames and kinds"
         )
     raise MechanismError(
         f"{name}: the loops leave 0 degrees of freedom, so nothing can move; {why}"
     )
-
-
-def _apart(mechanism: Mechanism) -> tuple[list[str], list[str]]:
-    """Turning joints whose axes are not parallel to those of most, and the most; or none."""
-    model = mechanism.model
-    J = pin.computeJointJacobians(model, model.createData(), mechanism.assembled)
-    axes = {j.name: J[3:, j.index] for j in mechanism.joints if j.in_tree and j.rotational}
-    sets = [
-        [name for name, axis in axes.items() if np.linalg.norm(np.cross(one, axis)) < PARALLEL]
-        for one in axes.values()
-    ]
-    most = max(sets, key=len, default=[])
-    apart = [name for name in axes if name not in most]
-    return (apart, most) if len(apart) < len(most) else ([], [])
