@@ -66,7 +66,7 @@ class Motion(Displayed):
         closure_error: largest |Φ| left [m | rad].
         notes: what was repaired, derived or left out, in words.
         logs: as they were read, under ident's column names.
-        mechanism: that moves; None where a motion was made up without one.
+        mechanism: that moves; None for a motion without one.
     """
 
     experiments: tuple[State, ...]
@@ -152,21 +152,16 @@ def complete(
         raise MotionError(f"{mechanism.name}: no log given")
     read = _distinct([_log(mechanism, each) for each in given])
     measured = [measure(mechanism, log) for log in read]
-    for signals in measured if torques else []:
-        _check_torques(mechanism, signals)
+    notes = [note for signals in measured for note in signals.notes]
+    notes += [
+        note for signals in measured for note in _missing_torques(mechanism, signals, torques)
+    ]
     names = _determining(mechanism, measured)
-    smoothing = _checked_smoothing(smoothing, measured)
+    smoothing = _spacing(smoothing, measured)
     band = band_of(mechanism, measured, names)
     if cutoff != "auto":
-        band = replace(band, cutoff=None if cutoff is None else _checked(cutoff, measured))
-    notes = [note for signals in measured for note in signals.notes]
-    for signals in [] if torques else measured:
-        missing = [f"tau.{n}" for n in mechanism.driven if f"tau.{n}" not in signals.columns]
-        if missing:
-            notes.append(
-                f"{signals.log.name}: has no {', '.join(missing)}: a motion, no experiment"
-            )
-    if band.cutoff is None and cutoff == "auto" and band.noise > CLEAN:
+        band = replace(band, cutoff=None if cutoff is None else _cutoff(cutoff, measured))
+    elif band.cutoff is None and band.noise > CLEAN:
         notes.append(
             f"the motion reaches {band.motion:.3g} Hz, too near the sampling rate for a filter, "
             f"but some channel is noisy ({100 * band.noise:.2g} % of it): accelerations and "
@@ -176,9 +171,9 @@ def complete(
     for i, signals in enumerate(measured):
         if progress:
             progress(f"completing {signals.log.name}", i / len(measured))
-        experiment, said = state_of(mechanism, signals, names, band, smoothing)
+        experiment, more = state_of(mechanism, signals, names, band, smoothing)
         experiments.append(experiment)
-        notes += said
+        notes += more
     independent, worst = names, 0.0
     if mechanism.closures:
         independent = best_conditioned(mechanism, np.concatenate([e.q for e in experiments]))
@@ -190,8 +185,8 @@ def complete(
     for i, signals in enumerate(measured):
         still = standstill(mechanism, signals, experiments[i], names)
         experiments[i] = replace(experiments[i], still=still)
-    noted = tuple(dict.fromkeys(notes))
-    return Motion(tuple(experiments), independent, band, worst, noted, tuple(read), mechanism)
+    unique = tuple(dict.fromkeys(notes))
+    return Motion(tuple(experiments), independent, band, worst, unique, tuple(read), mechanism)
 
 
 def decide(
@@ -206,8 +201,8 @@ def decide(
 ) -> Recipe:
     """The recipe of a long log, from excerpts of it that decide by themselves.
 
-    Its speeds of standstill are those that noise imitates; top speeds are known when all parts have
-    been seen (`recipe.thresholds`).
+    Its speeds of standstill are those that noise imitates; top speeds are known after all parts
+    (`recipe.thresholds`).
 
     Args:
         mechanism: the mechanism.
@@ -312,23 +307,19 @@ def _log(mechanism: Mechanism, given: Given) -> Log:
 
 def _distinct(logs: list[Log]) -> list[Log]:
     """The logs with names that differ: run.csv of two folders become run.csv and run.csv (2)."""
-    seen: dict[str, int] = {}
-    found = []
+    counts: dict[str, int] = {}
+    renamed = []
     for log in logs:
-        seen[log.name] = seen.get(log.name, 0) + 1
-        count = seen[log.name]
-        found.append(log if count == 1 else replace(log, name=f"{log.name} ({count})"))
-    return found
+        count = counts[log.name] = counts.get(log.name, 0) + 1
+        renamed.append(log if count == 1 else replace(log, name=f"{log.name} ({count})"))
+    return renamed
 
 
-def _checked(cutoff: float | str, measured: list[LogSignals]) -> float:
+def _cutoff(cutoff: float | str, measured: list[LogSignals]) -> float:
     slowest = max(measured, key=lambda signals: signals.dt)
     nyquist = 0.5 / slowest.dt
-    try:
-        value = float(cutoff)
-    except (TypeError, ValueError):
-        raise MotionError(f"cut-off {cutoff!r}; valid: a number [Hz], 'auto' or none") from None
-    lowest = 1 / max(float(signals.t[-1] - signals.t[0]) for signals in measured)
+    value = _number(cutoff, f"cut-off {cutoff!r}; valid: a number [Hz], 'auto' or none")
+    lowest = 1 / max(float(np.ptp(signals.t)) for signals in measured)
     if 0 < value < lowest:
         raise MotionError(
             f"cut-off {value:g} Hz: no log is long enough for it; valid: above {lowest:.3g} Hz"
@@ -341,68 +332,68 @@ def _checked(cutoff: float | str, measured: list[LogSignals]) -> float:
     return value
 
 
-def _check_torques(mechanism: Mechanism, signals: LogSignals) -> None:
-    for name in mechanism.driven:
-        if f"tau.{name}" not in signals.columns:
-            has = [c for c in signals.columns if c.startswith("tau.")]
-            raise MotionError(
-                f"{signals.log.name}: joint '{name}' is driven, but there is no column 'tau.{name}'"
-                f" ({one_of('tau.' + name, has or signals.columns)}); log it, map it in [log], or "
-                f"put '{name}' among the passive joints"
-            )
-
-
-def _determining(mechanism: Mechanism, measured: list[LogSignals]) -> tuple[str, ...]:
-    logged = [
-        joint.name
-        for joint in mechanism.joints
-        if all(f"q.{joint.name}" in signals.columns for signals in measured)
-    ]
-    order = [name for name in logged if name in mechanism.driven] + logged
-    names = independent_joints(mechanism, order)
-    if len(names) == mechanism.degrees_of_freedom:
-        return tuple(logged)
-    if len(names) < mechanism.degrees_of_freedom:
-        free = [
-            joint.name
-            for joint in mechanism.joints
-            if joint.name not in logged
-            and len(independent_joints(mechanism, [*names, joint.name])) > len(names)
-        ]
-        shown = ", ".join(f"q.{name}" for name in free) or "none"
-        fewest = min(
-            measured, key=lambda s: sum(f"q.{j.name}" in s.columns for j in mechanism.joints)
-        )
-        has = ", ".join(f"q.{name}" for name in logged) or "none"
-        held = [f"q.{name}" for name in logged if not independent_joints(mechanism, [name])]
-        fixed = f": the closures let {', '.join(held)} not move at all, check them" if held else ""
-        raise MotionError(
-            f"{fewest.log.name}: {mechanism.name} has {mechanism.degrees_of_freedom} degrees of "
-            f"freedom, but the positions logged ({has}) determine only {len(names)}{fixed}; "
-            f"log one more of: {shown}"
-        )
-    return names
-
-
-def _checked_smoothing(
-    spacing: float | str | None, measured: list[LogSignals]
-) -> float | str | None:
+def _spacing(spacing: float | str | None, measured: list[LogSignals]) -> float | str | None:
     if spacing is None or spacing == AUTO:
         return spacing
     finest = max(signals.dt for signals in measured)
-    longest = min(float(signals.t[-1] - signals.t[0]) for signals in measured) / 2
-    try:
-        value = float(spacing)
-    except (TypeError, ValueError):
-        raise MotionError(
-            f"smoothing {spacing!r}; valid: knots' spacing [s], 'auto' or none"
-        ) from None
+    longest = min(float(np.ptp(signals.t)) for signals in measured) / 2
+    value = _number(spacing, f"smoothing {spacing!r}; valid: knots' spacing [s], 'auto' or none")
     if not finest <= value <= longest:
         raise MotionError(
             f"smoothing {value:g} s; valid: knots every {finest:.3g} s (one sample) to "
             f"{longest:.3g} s"
         )
     return value
+
+
+def _number(given: float | str, problem: str) -> float:
+    try:
+        return float(given)
+    except (TypeError, ValueError):
+        raise MotionError(problem) from None
+
+
+def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) -> list[str]:
+    """The note on driven joints without torques, if they are not needed."""
+    columns, log = signals.columns, signals.log.name
+    missing = [name for name in mechanism.driven if f"tau.{name}" not in columns]
+    if missing and needed:
+        name, present = missing[0], [c for c in columns if c.startswith("tau.")]
+        raise MotionError(
+            f"{log}: joint '{name}' is driven, but there is no column 'tau.{name}'"
+            f" ({one_of('tau.' + name, present or columns)}); log it, map it in [log], or "
+            f"put '{name}' among the passive joints"
+        )
+    shown = ", ".join(f"tau.{name}" for name in missing)
+    return [f"{log}: has no {shown}: a motion, no experiment"] if missing else []
+
+
+def _determining(mechanism: Mechanism, measured: list[LogSignals]) -> tuple[str, ...]:
+    """The joints of which all logs have positions.
+
+    Raises:
+        MotionError: if they do not determine the motion.
+    """
+    joints, dof = [joint.name for joint in mechanism.joints], mechanism.degrees_of_freedom
+    logged = [name for name in joints if all(f"q.{name}" in each.columns for each in measured)]
+    order = [name for name in logged if name in mechanism.driven] + logged
+    names = independent_joints(mechanism, order)
+    if len(names) >= dof:
+        return tuple(logged)
+    free = [
+        name
+        for name in joints
+        if name not in logged and len(independent_joints(mechanism, [*names, name])) > len(names)
+    ]
+    fixed = [name for name in logged if not independent_joints(mechanism, [name])]
+    fewest = min(measured, key=lambda each: sum(f"q.{name}" in each.columns for name in joints))
+    given, wanted, still = (", ".join(f"q.{n}" for n in each) for each in (logged, free, fixed))
+    check = f": the closures let {still} not move at all, check them" if fixed else ""
+    raise MotionError(
+        f"{fewest.log.name}: {mechanism.name} has {dof} degrees of "
+        f"freedom, but the positions logged ({given or 'none'}) determine only {len(names)}{check};"
+        f" log one more of: {wanted or 'none'}"
+    )
 
 
 # --- one log -------------------------------------------------------------------------------------
@@ -416,41 +407,48 @@ def state_of(
     smoothing: float | str | None,
     recipe: Recipe | None = None,
 ) -> tuple[State, list[str]]:
-    """The experiment of a log, and what a person should know of how it was had.
+    """The experiment of a log, and notes on what was derived or left out.
 
     Args:
         mechanism: the mechanism; signals: the log.
         names: joints from which the motion follows.
-        band: what the spectra say.
+        band: bandwidth and noise of the motion.
         smoothing: spacing of the knots [s], "auto" or None.
-        recipe: of a part of a log: recipe of the whole log.
+        recipe: of the whole log, if this is a part of one.
     """
-    n, log = len(signals.t), signals.log.name
+    n, log, columns = len(signals.t), signals.log.name, signals.columns
     derived = derive(signals, names, band, smoothing, recipe)
-    tau = np.zeros((n, len(mechanism.driven)))
-    for i, name in enumerate(mechanism.driven):
-        tau[:, i] = signals.columns.get(f"tau.{name}", 0.0)
+    driven = [f"tau.{name}" for name in mechanism.driven]
+    tau = np.zeros((n, len(driven)))
+    for i, name in enumerate(driven):
+        tau[:, i] = columns.get(name, 0.0)
+    usable = signals.usable.copy()
+    for run in runs(signals.usable):
+        t, ends = signals.t[run], derived.ends - ROUNDING * signals.dt
+        usable[run] = (t >= t[0] + ends) & (t <= t[-1] - ends)
+    usable = usable if usable.any() else signals.usable
+    noisy = [f"{channel}.{name}" for name in names for channel in "qva"] + driven
     base = State(
         name=log, t=signals.t, q=np.empty(0), v=np.empty(0), a=np.empty(0), y=np.empty(0),
         yd=np.empty(0), ydd=np.empty(0), tau=tau, wrench=None, pinv=None, leverage=None,
-        usable=_without_ends(signals, derived.ends), still=np.empty(0), logged=names,
+        usable=usable, still=np.empty(0), logged=names,
         independent=names,
-        extra={k: x for k, x in signals.columns.items() if not k.startswith(("q.", "v.", "a."))},
-        noise=_noise(mechanism, signals, names), smooth=derived.smooth,
-        channels=tuple(derived.table),
+        extra={k: x for k, x in columns.items() if not k.startswith(("q.", "v.", "a."))},
+        noise={k: noise_level(signals.even(k)[0]) for k in noisy if k in columns},
+        smooth=derived.smooth, channels=tuple(derived.table),
     )  # fmt: skip
     notes: list[str] = []
     experiment = base.at(mechanism, derived.known, names, start="follow")
     if len(names) > mechanism.degrees_of_freedom:
         if recipe is None:  # a part may hardly move, and then disagree by noise alone
-            notes = disagreements(mechanism, experiment, names, derived.known[0])
+            notes = _disagreements(mechanism, experiment, names, derived.known[0])
         if derived.smooth is not None:
             experiment = _together(mechanism, signals, experiment, band, recipe)
-    said: dict[str, list[str]] = {}
+    treated: dict[str, list[str]] = {}
     for channel in experiment.channels:
         if channel.how != AS_LOGGED:
-            said.setdefault(channel.how, []).append(channel.column)
-    notes = [f"{log}: {', '.join(same)}: {how}" for how, same in said.items()] + notes
+            treated.setdefault(channel.how, []).append(channel.column)
+    notes = [f"{log}: {', '.join(same)}: {how}" for how, same in treated.items()] + notes
     why = "the knots are too far apart (--smoothing)"
     if len(experiment.channels) > 1:
         why = f"it contradicts other channels, or {why}"
@@ -464,7 +462,7 @@ def state_of(
             f"{log}: {lost} samples within {1e3 * derived.ends:.3g} ms of where splines end are "
             "left out"
         )
-    wrench = wrenches(mechanism, log, signals.columns, experiment.q)
+    wrench = wrenches(mechanism, log, columns, experiment.q)
     return replace(experiment, wrench=wrench), notes
 
 
@@ -501,25 +499,10 @@ def _together(
     return replace(e, channels=tuple(table))
 
 
-def _noise(mechanism: Mechanism, signals: LogSignals, names: tuple[str, ...]) -> dict[str, float]:
-    wanted = [f"{channel}.{name}" for name in names for channel in "qva"]
-    wanted += [f"tau.{name}" for name in mechanism.driven]
-    return {name: noise_level(signals.even(name)[0]) for name in wanted if name in signals.columns}
-
-
-def _without_ends(signals: LogSignals, ends: float) -> np.ndarray:
-    """Usable samples (n,) that are `ends` [s] away from both ends of their run, if any are."""
-    usable, rounding = signals.usable.copy(), ROUNDING * signals.dt
-    for run in runs(signals.usable):
-        t = signals.t[run]
-        usable[run] = (t >= t[0] + ends - rounding) & (t <= t[-1] - ends + rounding)
-    return usable if usable.any() else signals.usable
-
-
-def disagreements(
+def _disagreements(
     mechanism: Mechanism, experiment: State, names: tuple[str, ...], logged: np.ndarray
 ) -> list[str]:
-    """More joints logged than needed: how far the closures' answer is from what was logged."""
+    """Notes on how far logged joints are from what the closures and the others give."""
     notes = []
     for i, name in enumerate(names):
         joint = mechanism.joint(name)
@@ -527,7 +510,7 @@ def disagreements(
         if joint.rotational:
             off = (off + np.pi) % (2 * np.pi) - np.pi
         rms, spread = float(np.sqrt(np.mean(off**2))), float(np.std(logged[:, i]))
-        said = (
+        note = (
             f"{experiment.name}: q.{name} differs from what the closures and the other joints give "
             f"by {rms:.3g} {joint.unit} rms, {np.abs(off).max():.3g} at most"
         )
@@ -536,11 +519,11 @@ def disagreements(
         own = float(np.sqrt(spread**2 - noise**2))
         if rms > CONTRADICTION * own + 1.5 * noise:
             raise MotionError(
-                f"{said}, while it moves by {spread:.3g} rms: the positions contradict the "
+                f"{note}, while it moves by {spread:.3g} rms: the positions contradict the "
                 "closures; check sign, unit and zero of this column and the closures' frames"
             )
         agree = rms <= AGREE * spread
-        notes.append(f"{experiment.name}: q.{name} agrees with the closures" if agree else said)
+        notes.append(f"{experiment.name}: q.{name} agrees with the closures" if agree else note)
     return notes
 
 

@@ -15,6 +15,7 @@ stand last, where NumPy's loops are long.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,22 +40,14 @@ def regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> 
         for i in range(n):
             gamma[:, :, i] = pin.computeJointTorqueRegressor(model, data, q[i], v[i], a[i])
         return gamma.transpose(2, 0, 1)
-    joints = _joints(model)
-    widths = [3, *(3 + 2 * len(joint.rows) for joint in joints)]
-    work = [np.empty((3, width, min(n, CHUNK))) for width in widths]
-    for start in range(0, n, CHUNK):
-        part = slice(start, min(start + CHUNK, n))
-        state = [x[part].T for x in (q, v, a)]
-        here = [x[:, :, : state[0].shape[1]] for x in work]
-        _at_rest(here[0], model)
+    for part, joints, bodies, _ in _motions(model, q, v, a, axes=True):
         for body, joint in enumerate(joints):
-            _move(joint, here[joint.parent], here[body + 1], *state)
             columns, rows = slice(COUNT * body, COUNT * (body + 1)), joint.rows
             if len(rows) == rows[-1] - rows[0] + 1:  # neighbours: filled in place
-                _project(gamma[rows[0] : rows[-1] + 1, columns, part], here[body + 1])
+                _project(gamma[rows[0] : rows[-1] + 1, columns, part], bodies[body + 1])
                 continue
-            block = np.empty((len(rows), COUNT, state[0].shape[1]))
-            _project(block, here[body + 1])
+            block = np.empty((len(rows), COUNT, part.stop - part.start))
+            _project(block, bodies[body + 1])
             gamma[rows, columns, part] = block
     return gamma.transpose(2, 0, 1)
 
@@ -68,35 +61,25 @@ def rigid_forces(
         model, q, v, a: as `regressor`.
         pi: (10 · bodies,) dynamic parameters.
     """
-    n, joints = len(q), _joints(model)
-    if n < FEW:
+    if len(q) < FEW:
         return np.asarray(regressor(model, q, v, a) @ pi)
-    found = np.empty((model.nv, n))
-    bodies = [(each[0], each[1:4], each[[[4, 5, 7], [5, 6, 8], [7, 8, 9]]]) for each in
-              pi.reshape(-1, COUNT)]  # fmt: skip
-    work = [np.empty((3, 3, min(n, CHUNK))) for _ in range(model.njoints)]
-    for start in range(0, n, CHUNK):
-        part = slice(start, min(start + CHUNK, n))
-        state = [x[part].T for x in (q, v, a)]
-        here = [x[:, :, : state[0].shape[1]] for x in work]
-        _at_rest(here[0], model)
-        forces, poses = [np.zeros((2, 3, state[0].shape[1]))], []
-        for body, joint in enumerate(joints):
-            poses.append(_move(joint, here[joint.parent], here[body + 1], *state))
-            omega, alpha, acc = here[body + 1].transpose(1, 0, 2)
-            m, mc, inertia = bodies[body]
-            force = m * acc + np.einsum("ijn,j->in", _about_centre(here[body + 1]), mc)
+    torque, rigid = np.empty((model.nv, len(q))), pi.reshape(-1, COUNT)
+    for part, joints, bodies, poses in _motions(model, q, v, a, axes=False):
+        forces = [np.zeros((2, 3, part.stop - part.start))]
+        for each, motion in zip(rigid, bodies[1:], strict=True):
+            m, mc, inertia = each[0], each[1:4], each[[[4, 5, 7], [5, 6, 8], [7, 8, 9]]]
+            omega, alpha, acc = motion.transpose(1, 0, 2)
+            force = m * acc + np.einsum("ijn,j->in", _about_centre(motion), mc)
             spin = np.einsum("ijn,jn->in", _skew(omega), inertia @ omega)
-            moment = inertia @ alpha + spin + pin.skew(mc) @ acc
-            forces.append(np.stack([force, moment]))
-        for body, joint in reversed([*enumerate(joints)]):
-            f, moment = forces[body + 1]
-            mine = slice(joint.row, joint.row + joint.size)
-            found[mine, part] = joint.S[:3].T @ f + joint.S[3:].T @ moment
-            R, p = poses[body]
+            forces.append(np.stack([force, inertia @ alpha + spin + pin.skew(mc) @ acc]))
+        for joint, (R, p) in reversed([*zip(joints, poses, strict=True)]):
+            f, moment = forces.pop()
+            torque[joint.row : joint.row + joint.size, part] = (
+                joint.S[:3].T @ f + joint.S[3:].T @ moment
+            )
             moment = moment + np.einsum("ijn,jn->in", _skew(p), f)
             forces[joint.parent] += np.einsum("ijn,kjn->kin", R, np.stack([f, moment]))
-    return found.T
+    return torque.T
 
 
 def supports(model: pin.Model) -> list[np.ndarray]:
@@ -108,7 +91,7 @@ def supports(model: pin.Model) -> list[np.ndarray]:
             for row in range(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint]):
                 moved[row].extend(range(COUNT * (body - 1), COUNT * body))
             joint = model.parents[joint]
-    return [np.array(sorted(columns), dtype=int) for columns in moved]
+    return [np.array(columns, dtype=int) for columns in moved]
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,18 +155,28 @@ class _Joint:
         return A[0] + A[1] * np.sin(x) + A[2] * (1.0 - np.cos(x)), self.place[:, None]
 
 
-def _joints(model: pin.Model) -> list[_Joint]:
-    """All joints of a model, parents before children."""
+def _motions(
+    model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray, axes: bool
+) -> Iterator[tuple[slice, list[_Joint], list[np.ndarray], list[tuple[np.ndarray, np.ndarray]]]]:
+    """Samples, joints, motion of the world and all bodies (with axes or without), and R and p of
+    all bodies, parents before children; arrays are used again for the next samples.
+    """
     joints: list[_Joint] = []
     for body in range(1, model.njoints):
         joints.append(_Joint.of(model, body, joints))
-    return joints
-
-
-def _at_rest(world: np.ndarray, model: pin.Model) -> None:
-    """Sets ω, α, a (3, 3, n) of the world: all that stands still is accelerated against gravity."""
-    world[:] = 0.0
-    world[:, 2] = -np.asarray(model.gravity.linear)[:, None]
+    widths = [3, *(3 + 2 * len(joint.rows) * axes for joint in joints)]
+    work = [np.empty((3, width, min(len(q), CHUNK))) for width in widths]
+    for start in range(0, len(q), CHUNK):
+        part = slice(start, min(start + CHUNK, len(q)))
+        state = [x[part].T for x in (q, v, a)]
+        bodies = [x[:, :, : part.stop - part.start] for x in work]
+        bodies[0][:] = 0.0  # all that stands still is accelerated against gravity
+        bodies[0][:, 2] = -np.asarray(model.gravity.linear)[:, None]
+        poses = [
+            _move(joint, bodies[joint.parent], body, *state)
+            for joint, body in zip(joints, bodies[1:], strict=True)
+        ]
+        yield part, joints, bodies, poses
 
 
 def _move(
@@ -194,7 +187,7 @@ def _move(
     v: np.ndarray,
     a: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Sets the motion of a body from its parent's; returns R (3, 3, n) and p (3, n) of its origin.
+    """Set the motion of a body from its parent's; returns R (3, 3, n) and p (3, n) of its origin.
 
     Both are (3, 3 + 2 rows, n): ω, α, a of the body in its frame, then the linear and the angular
     part of every axis that moves it, in turn; p is in its frame too. Axes may be left out.
