@@ -123,8 +123,8 @@ def solved(basis: Basis, rows: Sequence[Observations], d: int) -> Spline:
     D = np.array([-1.0, 3.0, -3.0, 1.0])  # third differences of the coefficients fill missing ones
     rough = np.zeros((len(D), count))  # lower bands of DᵀD
     for k in range(len(D)):
-        for i in range(len(D) - k):
-            rough[k, i : count - len(D) + 1 + i] += D[i] * D[i + k]
+        for r in range(len(D) - k):
+            rough[k, r : count - len(D) + 1 + r] += D[r] * D[r + k]
         normal[k * d] += BRIDGE * normal[0].max() * np.repeat(rough[k], d)
     lower = cholesky_banded(normal, lower=True, check_finite=False)
     c = cho_solve_banded((lower, True), right, check_finite=False).reshape(count, d)
