@@ -1,7 +1,7 @@
 """Which unknowns the equations determine, in an order that means something.
 
-Columns are scanned left to right (base body to tip): one is kept if it is independent of those kept
-before it; otherwise it is a combination of them, A_D = A_I K, and its unknown is regrouped onto
+Columns are scanned left to right (base body to tip): one joins the base if it is independent of it;
+otherwise it is a combination of the base's columns, A_D = A_I K, and its unknown is regrouped onto
 theirs: A x = A_I (x_I + K x_D) = A_I beta. The base parameters beta are what the data determine
 (M. Gautier and W. Khalil, IEEE Trans. Robot. Autom. 6(3), 1990). A pivoted QR would give the same
 rank but an arbitrary choice of unknowns.
@@ -26,13 +26,13 @@ _NULL = 1e-12  # of its reference magnitude: a column, or what is left of one, i
 class Base:
     """The unknowns that a triangle determines.
 
-    independent: (n_ind,) columns kept, ascending.
+    independent: (n_ind,) columns of the base, ascending.
     dependent: (n_dep,) the others, ascending: A_D = A_I K.
     K: (n_ind, n_dep); entries that rounding cannot tell from zero are exactly zero.
     zero: columns that are null, part of `dependent`; their K is zero.
     condition_number: of the independent columns, each scaled to unit norm; 1 for none.
     singular_values: (n_ind,) of the same, descending.
-    distance: (k,) the part of each unit column that those kept before it cannot make, in [0, 1].
+    distance: (k,) the part of each unit column that the base's before it cannot make, in [0, 1].
     """
 
     independent: NDArray[np.intp]
@@ -97,7 +97,7 @@ def rank_revealing(
 
     Q = np.empty((k, k), order="F")  # orthonormal columns, the first `rank` of them in use
     T = np.zeros((k, k))  # inverse of the triangle Q^T unit_I, grown with it
-    rank, kept, distance, regroup = 0, np.zeros(k, bool), np.zeros(k), np.zeros((k, k))
+    rank, chosen, distance, regroup = 0, np.zeros(k, bool), np.zeros(k), np.zeros((k, k))
     for j in np.flatnonzero(~null):
         rest, c = unit[:, j].copy(), np.zeros(rank)
         for _ in range(2):
@@ -105,19 +105,19 @@ def rank_revealing(
             rest -= Q[:, :rank] @ step
             c += step
         distance[j] = np.linalg.norm(rest)
-        combination = T[:rank, :rank] @ c  # of the unit columns kept so far
+        combination = T[:rank, :rank] @ c  # of the base's unit columns so far
         noise = rounding * (1 + np.abs(combination).sum())
         if distance[j] > max(tols[j], noise, floor[j] / norm[j]):
             T[:rank, rank], T[rank, rank] = -combination / distance[j], 1 / distance[j]
             Q[:, rank] = rest / distance[j]
-            rank, kept[j] = rank + 1, True
+            rank, chosen[j] = rank + 1, True
         else:
             # an error e in the column moves its combination by at most |row of T| e
             error = max(noise, distance[j]) * np.linalg.norm(T[:rank, :rank], axis=1)
             combination[np.abs(combination) <= error] = 0.0
             regroup[:rank, j] = combination
 
-    ind, dep = np.flatnonzero(kept), np.flatnonzero(~kept)
+    ind, dep = np.flatnonzero(chosen), np.flatnonzero(~chosen)
     s = np.asarray(np.linalg.svd(unit[:, ind], compute_uv=False)[:rank], dtype=float)
     return Base(
         independent=ind,
@@ -133,7 +133,7 @@ def rank_revealing(
 def solve(triangle: Triangle, base: Base, prior: ArrayLike | None = None) -> Solution:
     """Least squares on the base: beta = argmin |A_I beta - b|, x_I = beta - K x_D, x_D = prior_D.
 
-    prior: (k,) of which the values at the dependent columns are kept; default zeros.
+    prior: (k,) with the values of the dependent columns; default zeros.
     Raises `FitError` for a prior of another shape, or a base of another triangle.
     """
     ind, dep = base.independent, base.dependent

@@ -28,7 +28,7 @@ import numpy as np
 
 from ident.information.blocks import Information
 from ident.information.estimate import Estimate
-from ident.information.triangle import Array, Triangle
+from ident.information.triangle import Array
 
 ALIKE = 1.3  # standard errors of no correlation beyond which neighbouring blocks are alike
 LASTING = 0.8  # the most by which a block is believed to resemble the one before
@@ -52,11 +52,11 @@ def covariance(information: Information, estimate: Estimate) -> Array:
     shares = ((others @ H_blocks) * others).sum(axis=2)  # of the variance, white residuals
     total, nu = long_run(times, deltas, shares)
     wider = np.sqrt(nu / (nu - 2)) / norm
-    found = total * np.outer(wider, wider)
+    result = total * np.outer(wider, wider)
     # what only one block determines has no spread between blocks; white residuals are the least
     inverse = np.linalg.pinv(H, rcond=1e-13, hermitian=True) / norm[:, None]
     least = np.einsum("ij,jk,ik->i", inverse, white, inverse)
-    return np.asarray(found + np.diag(np.maximum(least - np.diag(found), 0.0)))
+    return np.asarray(result + np.diag(np.maximum(least - np.diag(result), 0.0)))
 
 
 def scores(
@@ -79,27 +79,21 @@ def scores(
         support = mine[0].support
         inside = place[support] >= 0
         at, x = place[support][inside], estimate.solution.x[support]
-        R, d = _stacked([block.triangle for block in mine])
+        triangles = [block.triangle for block in mine]
+        height = max(len(t.R) for t in triangles)
+        R, d = np.zeros((len(mine), height, len(support))), np.zeros((len(mine), height))
+        for b, t in enumerate(triangles):  # zeros where a block has fewer rows
+            R[b, : len(t.R)], d[b, : len(t.R)] = t.R, t.d
         r = d / sigma - R / sigma @ x
         R = R[:, :, inside] / sigma / norm[at]
         H_u = R.swapaxes(1, 2) @ R
-        b = np.array([number[block.log, block.block] for block in mine])
-        H_blocks[b[:, None, None], at[:, None], at] += H_u  # a block has one key a coordinate
-        g_blocks[b[:, None], at] += (r[:, None, :] @ R)[:, 0]
-        rho = np.array([block.triangle.rho for block in mine]) / sigma
-        squares = float((r**2).sum() + rho @ rho)
-        rows = sum(block.triangle.rows for block in mine)
+        place_of = np.array([number[block.log, block.block] for block in mine])
+        H_blocks[place_of[:, None, None], at[:, None], at] += H_u  # one key a coordinate
+        g_blocks[place_of[:, None], at] += (r[:, None, :] @ R)[:, 0]
+        rho = np.array([t.rho for t in triangles]) / sigma
+        squares, rows = float((r**2).sum() + rho @ rho), sum(t.rows for t in triangles)
         white[np.ix_(at, at)] += squares / max(rows, 1) * H_u.sum(axis=0)
     return times, H_blocks, g_blocks, white
-
-
-def _stacked(triangles: Sequence[Triangle]) -> tuple[Array, Array]:
-    """Return R (B, r, k) and d (B, r), filled with zeros where a block has fewer rows."""
-    height = max(len(t.R) for t in triangles)
-    R, d = np.zeros((len(triangles), height, triangles[0].k)), np.zeros((len(triangles), height))
-    for b, t in enumerate(triangles):
-        R[b, : len(t.R)], d[b, : len(t.R)] = t.R, t.d
-    return R, d
 
 
 def long_run(times: Times, deltas: Array, shares: Array) -> tuple[Array, Array]:
@@ -111,18 +105,27 @@ def long_run(times: Times, deltas: Array, shares: Array) -> tuple[Array, Array]:
         deltas: (B, m), the changes δ.
         shares: (B, m), of the variance, by block, if residuals were white.
     """
-    total, squares = deltas.T @ deltas, (shares**2).sum(axis=0)
-    lags = _lags(times, deltas)
-    for lag in range(1, lags + 1):
-        one, other = _pairs(times, lag)
-        weight = 1 - lag / (lags + 1)
-        cross = deltas[one].T @ deltas[other]
-        total += weight * (cross + cross.T)
-        squares += 2 * weight**2 * (shares[one] * shares[other]).sum(axis=0)
     tiny = np.finfo(float).tiny
+    size = np.maximum((deltas**2).sum(axis=0), tiny)
+    one, other = _pairs(times, 1)
+    alike = (deltas[one] * deltas[other]).sum(axis=0) / size
+    total, squares = deltas.T @ deltas, (shares**2).sum(axis=0)
+    rho = np.clip(alike, -0.97, 0.97)
+    alpha = np.mean(4 * rho**2 / ((1 - rho) ** 6 * (1 + rho) ** 2)) / np.mean((1 - rho) ** -4.0)
+    lags = int(np.clip(1.1447 * np.cbrt(alpha * len(times)), 1, max(1, len(times) // 4)))
+    for lag in range(1, lags + 1):  # filtered blocks touch: one at least
+        a, b = _pairs(times, lag)
+        weight = 1 - lag / (lags + 1)
+        cross = deltas[a].T @ deltas[b]
+        total += weight * (cross + cross.T)
+        squares += 2 * weight**2 * (shares[a] * shares[b]).sum(axis=0)
     nu = np.maximum(shares.sum(axis=0) ** 2 / np.maximum(squares, tiny), FEWEST_SQUARES)
     window = np.maximum(np.diag(total), tiny)
-    wider = np.sqrt(0.5 + 0.5 * _lasting(times, deltas, window) / window)
+    rho = np.clip(alike, 0.0, LASTING)
+    new = ((deltas[other] - rho * deltas[one]) ** 2).sum(axis=0)
+    autoregression = len(times) / max(len(one), 1) * new / (1 - rho) ** 2
+    lasting = np.where(alike > ALIKE / np.sqrt(len(times)), autoregression, window)
+    wider = np.sqrt(0.5 + 0.5 * lasting / window)
     return (len(times) - 1) / len(times) * total * np.outer(wider, wider), nu
 
 
@@ -130,23 +133,3 @@ def _pairs(times: Times, lag: int) -> tuple[list[int], list[int]]:
     """Return the places of the blocks of one log that are `lag` apart."""
     first = [i for i in range(len(times) - lag) if times[i][0] == times[i + lag][0]]
     return first, [i + lag for i in first]
-
-
-def _lasting(times: Times, deltas: Array, window: Array) -> Array:
-    """Return Σ δ² (m,) of first-order autoregressions in the long run, else the window's."""
-    one, other = _pairs(times, 1)
-    size = np.maximum((deltas**2).sum(axis=0), np.finfo(float).tiny)
-    measured = (deltas[one] * deltas[other]).sum(axis=0) / size
-    rho = np.clip(measured, 0.0, LASTING)
-    new = ((deltas[other] - rho * deltas[one]) ** 2).sum(axis=0)
-    long = len(times) / max(len(one), 1) * new / (1 - rho) ** 2
-    return np.where(measured > ALIKE / np.sqrt(len(times)), long, window)
-
-
-def _lags(times: Times, deltas: Array) -> int:
-    """Return L, from the correlation of neighbouring blocks: 1 at least, filtered blocks touch."""
-    a, b = _pairs(times, 1)
-    size = np.maximum((deltas**2).sum(axis=0), np.finfo(float).tiny)
-    rho = np.clip((deltas[a] * deltas[b]).sum(axis=0) / size, -0.97, 0.97)
-    alpha = np.mean(4 * rho**2 / ((1 - rho) ** 6 * (1 + rho) ** 2)) / np.mean((1 - rho) ** -4.0)
-    return int(np.clip(1.1447 * np.cbrt(alpha * len(times)), 1, max(1, len(times) // 4)))

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from ident.errors import FitError
 from ident.information.triangle import Array
 
-_KEPT = 4  # windows
-_SHORT = 20000  # times of which windows are kept
+_CACHED = 4  # windows
+_SHORT = 20000  # times of which windows are cached
 _ROUND = 1e-9  # of a spacing: times this far outside the span are rounding, not extrapolation
 
 
@@ -78,17 +78,17 @@ class Basis:
         (order 0) or 0.
         Raises `FitError` for a time outside the span.
 
-        Channels share their times, and fits are iterated: what was asked last is kept.
+        Channels share their times, and fits are iterated: the last windows are cached.
         """
         t = np.asarray(t, dtype=float)
-        for known, at, found in self._last:
+        for known, at, window in self._last:
             if known == order and np.array_equal(at, t):
-                return found
-        found = self._window(t, order)
+                return window
+        window = self._window(t, order)
         if len(t) <= _SHORT:
-            self._last.append((order, t, found))
-            del self._last[:-_KEPT]
-        return found
+            self._last.append((order, t, window))
+            del self._last[:-_CACHED]
+        return window
 
     @cached_property
     def _last(self) -> list[tuple[int, Array, tuple[NDArray[np.intp], Array]]]:

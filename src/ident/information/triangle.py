@@ -30,7 +30,6 @@ _PANEL = 16  # columns LAPACK handles as one block
 class Triangle:
     """An immutable triangular factor of the stacked block [A | b], A (rows, k), b (rows,).
 
-    Several right-hand sides are columns of A: `with_right_side(j)` puts column j in the place of b.
     Where columns depend on each other, rounding decides which part of the residual is in d and
     which in rho; `residual_norm` is the same, and `restricted` to independent columns is definite.
 
@@ -66,13 +65,13 @@ class Triangle:
         A = np.asarray(A, dtype=float)
         if A.ndim != 2:
             raise FitError(f"A has shape {A.shape}; valid: two dimensions, (rows, unknowns)")
-        if compact and len(A) < A.shape[1]:
-            stack = np.column_stack([A, b])
-            if not np.isfinite(stack).all():
-                raise FitError("an equation has a number that is not finite")
-            stack.flags.writeable = False
-            return cls(stack[:, :-1], stack[:, -1], 0.0, len(A))
-        return cls._absorbed(np.zeros((A.shape[1] + 1,) * 2, order="F"), 0, A, b)
+        if not compact or len(A) >= A.shape[1]:
+            return cls.empty(A.shape[1]).updated(A, b)
+        stack = np.column_stack([A, b])
+        if not np.isfinite(stack).all():
+            raise FitError("an equation has a number that is not finite")
+        stack.flags.writeable = False
+        return cls(stack[:, :-1], stack[:, -1], 0.0, len(A))
 
     @classmethod
     def merge(cls, triangles: Iterable[Triangle]) -> Triangle:
@@ -85,8 +84,8 @@ class Triangle:
         if len(triangles) == 1:
             return triangles[0]
         first, *others = triangles
-        rows = [stack[stack.any(axis=1)] for stack in (each.stack() for each in others)]
-        stack = np.concatenate(rows)  # rows of zeros hold no information
+        stack = np.concatenate([each.stack() for each in others])
+        stack = stack[stack.any(axis=1)]  # rows of zeros hold no information
         merged = cls._absorbed(first._square(), 0, stack[:, :-1], stack[:, -1])
         return replace(merged, rows=sum(each.rows for each in triangles))
 
@@ -113,22 +112,23 @@ class Triangle:
         """Multiply every equation by `w` ≥ 0; a weight of 1/σ gives unit noise."""
         if not (np.isfinite(w) and w >= 0):
             raise FitError(f"weight {w}; valid: finite and not negative")
-        return Triangle(_frozen(w * self.R), _frozen(w * self.d), float(w * self.rho), self.rows)
+        triangle = Triangle(w * self.R, w * self.d, float(w * self.rho), self.rows)
+        triangle.R.flags.writeable = triangle.d.flags.writeable = False
+        return triangle
 
     def embedded(self, columns: ArrayLike, k: int) -> Triangle:
         """Return the same equations among `k` unknowns: these are at `columns`, others zero."""
         place = _indices(columns, k)
         if len(place) != self.k:
             raise FitError(f"{len(place)} columns for {self.k} unknowns; valid: one for each")
-        if len(self.R) == self.k and (np.diff(place) > 0).all():  # a triangle stays one
-            place = np.append(place, k)
-            triangle = np.zeros((k + 1, k + 1))
-            triangle[np.ix_(place, place)] = self.stack()
-            return Triangle._of_square(triangle, self.rows)
         stack = self.stack()
         wide = np.zeros((len(stack), k + 1))
         wide[:, np.append(place, k)] = stack
-        return Triangle._of_rows(wide, self.rows)
+        if len(self.R) < self.k or (np.diff(place) < 0).any():
+            return Triangle._of_rows(wide, self.rows)
+        square = np.zeros((k + 1, k + 1))  # a triangle stays one
+        square[np.append(place, k)] = wide
+        return Triangle._of_square(square, self.rows)
 
     def restricted(self, columns: ArrayLike, x_known: ArrayLike | None = None) -> Triangle:
         """Return the equations in the unknowns `columns` alone, in that order.
@@ -145,13 +145,6 @@ class Triangle:
             known[keep] = 0.0
             stack[: len(self.R), -1] -= self.R @ known
         return Triangle._of_rows(stack[:, np.append(keep, self.k)], self.rows)
-
-    def with_right_side(self, column: int) -> Triangle:
-        """Return the same equations with column j on the right, where b was; b is forgotten."""
-        stack = self.stack()
-        keep = np.arange(self.k) != column
-        return Triangle._of_rows(np.column_stack([stack[:, :-1][:, keep], stack[:, column]]),
-                                 self.rows)  # fmt: skip
 
     def stack(self) -> Array:
         """Return rows [A | b] (r, k + 1) that say the same as all equations: [R d; 0 ρ]."""
@@ -218,12 +211,6 @@ class Triangle:
         signed += 0.0  # no −0.0
         signed.flags.writeable = False
         return cls(signed[:-1, :-1], signed[:-1, -1], float(signed[-1, -1]), rows)
-
-
-def _frozen(array: Array) -> Array:
-    array = np.array(array)  # a copy: nobody else holds it
-    array.flags.writeable = False
-    return array
 
 
 def _indices(columns: ArrayLike, k: int) -> Index:
