@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import ParseResult, unquote, urlparse
@@ -51,7 +52,7 @@ def urdf_shapes(urdf: Path) -> tuple[dict[str, list[Shape]], list[str]]:
             colour = next(iter(own.values()), None) or next(
                 (colours[name] for name in names if name in colours), None
             )
-            shape = shape if colour is None else shape.coloured(colour)
+            shape = shape if colour is None else replace(shape, colour=colour)
             shapes.setdefault(link.get("name"), []).append(shape)
     return shapes, notes
 

@@ -38,7 +38,7 @@ def test_a_recording_plays_without_a_network(five_bar, look, tmp_path):
     path = view.write(tmp_path / "five_bar.html")
     k = int(np.argmin(np.abs(e.t - 1.0)))
     tip = tip_of(mechanism, e.q[k])
-    length = view.scene.scales.length
+    length = view.scales.length
 
     def there(seen) -> bool:
         """Both arrows point from the tip, where a pinhole camera sees it."""
@@ -47,7 +47,7 @@ def test_a_recording_plays_without_a_network(five_bar, look, tmp_path):
             and np.linalg.norm(
                 np.median(seen.like(colour), axis=0)
                 - pixel(
-                    view.scene.camera, seen.drawing, tip + length * np.array([0.6 * sign, 0, 0])
+                    view.camera, seen.drawing, tip + length * np.array([0.6 * sign, 0, 0])
                 )
             )
             < 25

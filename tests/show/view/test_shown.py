@@ -14,6 +14,7 @@ import ident
 from helpers import J, tree_urdf, write_mechanism
 from ident.show.mechanism import ShownMotion, loads_of, view_of
 from ident.show.view3d import rotations
+from ident.show.view3d.page import legend
 
 KINDS = ("point", "revolute", "prismatic", "cylindrical", "universal", "planar", "fixed")
 SIX = [("prismatic", axis) for axis in ("1 0 0", "0 1 0", "0 0 1")]
@@ -106,7 +107,7 @@ def test_the_rod_rests_on_the_crank_with_half_its_weight(slider, robots):
     np.testing.assert_allclose(film.loads.at[0], [pin_, pin_], atol=1e-9)
     np.testing.assert_allclose(film.ends[0, 0], [pin_, pin_], atol=1e-9)
     largest = np.linalg.norm(forces, axis=1).max()
-    assert view.scene.scales.force == pytest.approx(largest, rel=1e-2)
+    assert view.scales.force == pytest.approx(largest, rel=1e-2)
 
 
 def test_a_fit_colours_joints_and_moves_no_body(robots):
@@ -169,7 +170,7 @@ def test_loops_that_do_not_close_are_shown_open(robots, tmp_path):
     view = ident.load(tmp_path).view()
     assert "do not close" in view.notes[0]
     assert view.films[0].gap[0] > 1
-    assert "open by up to" in view.scene.legend
+    assert "open by up to" in legend(view)
 
 
 def test_a_gear_has_no_arrow_and_says_so(robots, tmp_path):

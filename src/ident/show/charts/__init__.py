@@ -1,36 +1,342 @@
-"""Charts described once as plain data, drawn still by Matplotlib and live by BokehJS."""
+"""Charts described once as plain data, drawn still by Matplotlib and live by BokehJS's own API.
 
-from ident.show.charts.chart import SUFFIXES, Chart
-from ident.show.charts.marks import (
-    FAINT,
-    MEASURED,
-    PRIOR,
-    RESIDUAL,
-    Bars,
-    Boxes,
-    Colour,
-    Dots,
-    Level,
-    Line,
-    Mark,
-    Panel,
-    Points,
+Nothing of Bokeh runs in Python: its Python models take 2 s for the 65 panels of a report of seven
+joints, the data 0.1 s. A long line goes into the page whole, as binary numbers; `charts.js` draws
+the extremes of the samples in view, so that a million samples zoom as easily as a thousand.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import math
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ident.errors import IdentError
+from ident.files import write_all
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SUFFIXES = (".png", ".svg", ".pdf", ".html")
+PIXELS = 75  # of one inch of a panel's height
+LEAST = 150  # pixels, below which nobody reads a panel
+MEASURED, RESIDUAL, PRIOR, FAINT = "measured", "residual", "prior", "faint"
+
+ROLES = {  # legible on white and on black; FAINT is for marks in the background
+    MEASURED: "#8f959e",
+    PRIOR: "#8f959e",
+    RESIDUAL: "#d1495b",
+    FAINT: "#b9bec6",
+    "mean": "#6b3fa0",
+}
+SERIES = (
+    "#2b7bd1",  # blue
+    "#d9730d",  # orange
+    "#2a9d5c",  # green
+    "#9a62d0",  # violet
+    "#1598a5",  # teal
+    "#a8763e",  # brown
+    "#d6589f",  # pink
+    "#8b8b1a",  # olive
+    "#5c6bc0",  # indigo
+    "#c0563f",  # brick
 )
+CLOUD = 4000  # points that are drawn of a cloud; more only darken it
 
-__all__ = [
-    "FAINT",
-    "MEASURED",
-    "PRIOR",
-    "RESIDUAL",
-    "SUFFIXES",
-    "Bars",
-    "Boxes",
-    "Chart",
-    "Colour",
-    "Dots",
-    "Level",
-    "Line",
-    "Mark",
-    "Panel",
-    "Points",
-]
+Colour = int | str
+
+
+def colour(c: Colour) -> str:
+    """Return the colour of a role, given its name, or of a series, given its number."""
+    return ROLES[c] if isinstance(c, str) else SERIES[c % len(SERIES)]
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """y (n,) over x (n,), which increases; a NaN in y breaks the line."""
+
+    x: np.ndarray
+    y: np.ndarray
+    label: str = ""
+    colour: Colour = 0
+    width: float = 1.2
+    dotted: bool = False  # with a dot at every value
+
+    def thinned(self, points: int) -> Line:
+        """Return the smallest and the largest value of each of `points` buckets of samples."""
+        n = len(self.y)
+        if n <= 2 * points:
+            return self
+        edges = np.linspace(0, n, points + 1).astype(int)
+        first, last = edges[:-1], edges[1:] - 1
+        known = np.isfinite(self.y)
+        low = np.minimum.reduceat(np.where(known, self.y, np.inf), first)
+        high = np.maximum.reduceat(np.where(known, self.y, -np.inf), first)
+        y = np.column_stack([low, high])
+        y[np.add.reduceat(known, first) == 0] = np.nan  # only a bucket of gaps is a gap
+        return replace(self, x=np.column_stack([self.x[first], self.x[last]]).ravel(), y=y.ravel())
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """A cloud of y (n,) over x (n,)."""
+
+    x: np.ndarray
+    y: np.ndarray
+    label: str = ""
+    colour: Colour = 0
+
+    def thinned(self, points: int) -> Points:
+        """Return at most some `points` of the cloud, evenly chosen."""
+        some = slice(None, None, max(1, len(self.x) // points))
+        return replace(self, x=self.x[some], y=self.y[some])
+
+
+@dataclass(frozen=True, eq=False)
+class Bars:
+    """Horizontal bars of values (n,) ± errors (n,) at the rows `at` (n,)."""
+
+    at: np.ndarray
+    values: np.ndarray
+    errors: np.ndarray
+    label: str = ""
+    colour: Colour = 0
+
+
+class Dots(Bars):
+    """The same values as dots."""
+
+
+@dataclass(frozen=True, eq=False)
+class Boxes:
+    """5, 25, 50, 75, 95 % quantiles (n, 5) of samples at the columns `at` (n,), `width` wide."""
+
+    at: np.ndarray
+    quantiles: np.ndarray
+    width: float
+    label: str = ""
+    colour: Colour = 0
+
+
+@dataclass(frozen=True)
+class Level:
+    """A straight line across the panel at a value of y, or of x if `upright`; or y = x."""
+
+    value: float = 0.0
+    upright: bool = False
+    diagonal: bool = False
+    label: str = ""
+    colour: Colour = MEASURED
+    dashed: bool = False
+
+
+Mark = Line | Points | Bars | Dots | Boxes | Level
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """Marks on one pair of axes.
+
+    Attributes:
+        marks: in the order in which they are drawn.
+        x, y: labels of the axes, with units.
+        title: above it.
+        x_names, y_names: at positions 0, 1, 2, … in place of numbers; rows run downwards.
+        logarithmic: whether y is.
+        marked: whether it is to be looked at first.
+        height: [inch] of a still chart.
+    """
+
+    marks: tuple[Mark, ...]
+    x: str = ""
+    y: str = ""
+    title: str = ""
+    x_names: tuple[str, ...] = ()
+    y_names: tuple[str, ...] = ()
+    logarithmic: bool = False
+    marked: bool = False
+    height: float = 2.1
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Chart:
+    """Panels in rows, as plain data. Jupyter shows it as a still; `live()` can be zoomed.
+
+    Attributes:
+        words: text alternative, for readers who cannot see the chart.
+        rows: of panels, all of one length.
+        shared_x: whether all panels have one x axis, as of time; shared_y: all of a row one y axis.
+        width: [inch] of a still chart.
+        clock: the log whose time x is, if any: all charts of one clock are zoomed together.
+    """
+
+    words: str
+    rows: tuple[tuple[Panel, ...], ...]
+    shared_x: bool = False
+    shared_y: bool = False
+    width: float = 9.0
+    clock: str = ""
+
+    @property
+    def panels(self) -> tuple[Panel, ...]:
+        """All panels, row by row."""
+        return tuple(panel for row in self.rows for panel in row)
+
+    def pieces(self, rows: int) -> tuple[Chart, ...]:
+        """Return charts of at most `rows` rows, zoomed together: those out of view cost nothing."""
+        if len(self.rows) <= rows:
+            return (self,)
+        starts = range(0, len(self.rows), rows)
+        return tuple(
+            replace(
+                self, words=f"{self.words} ({i + 1} of {len(starts)})", rows=self.rows[k : k + rows]
+            )
+            for i, k in enumerate(starts)
+        )
+
+    def thinned(self, points: int) -> Chart:
+        """Return the chart with lines of at most 2 · `points` values; all peaks remain."""
+
+        def panel(p: Panel) -> Panel:
+            marks = (m.thinned(points) if isinstance(m, Line) else m for m in p.marks)
+            return replace(p, marks=tuple(marks))
+
+        return replace(self, rows=tuple(tuple(map(panel, row)) for row in self.rows))
+
+    @cached_property
+    def figure(self) -> Figure:
+        """Matplotlib's figure, which belongs to no window."""
+        from ident.show.charts.still import figure_of  # imports Matplotlib
+
+        return figure_of(self)
+
+    @property
+    def axes(self) -> list[Axes]:
+        """Axes of `figure`, row by row."""
+        return self.figure.axes
+
+    def savefig(self, *args: object, **options: object) -> None:
+        """Save `figure` as Matplotlib does."""
+        self.figure.savefig(*args, **options)  # type: ignore[arg-type]
+
+    def save(self, path: str | Path) -> None:
+        """Save as .png, .svg, .pdf, or as .html, where it can be zoomed; whole or not at all.
+
+        Raises:
+            IdentError: for another suffix, or where the file cannot be written.
+        """
+        path = Path(path)
+        if (suffix := path.suffix.lower()) not in SUFFIXES:
+            raise IdentError(f"{path}: give a name that ends in .png, .svg, .pdf or .html")
+        content = self.live().html().encode() if suffix == ".html" else self._image(suffix[1:])
+        write_all(path.parent, {path.name: content})
+
+    def live(self) -> Live:
+        """Return the chart that can be zoomed with the mouse, in Jupyter too."""
+        return Live(self)
+
+    def __str__(self) -> str:
+        return self.words
+
+    def __repr__(self) -> str:
+        return f"Chart: {self.words}"
+
+    def _image(self, kind: str) -> bytes:
+        from ident.show.charts.still import image
+
+        return image(self.figure, kind)
+
+    def _repr_png_(self) -> bytes:
+        return self._image("png")
+
+
+@dataclass(frozen=True, eq=False)
+class Live:
+    """A chart that can be zoomed; Jupyter shows it as it is. Made by `Chart.live`."""
+
+    chart: Chart
+
+    def data(self) -> str:
+        """Return the chart as JSON, safe inside a <script> element; what `drawChart` takes."""
+        arrays: dict[str, int] = {}  # each once, however many lines share it
+
+        def placed(x: np.ndarray, kind: str) -> int:
+            text = kind + base64.b64encode(np.asarray(x, kind).tobytes()).decode()
+            return arrays.setdefault(text, len(arrays))
+
+        def plain(value: Any, name: str) -> Any:
+            if isinstance(value, np.ndarray):  # y needs no more digits than a screen has
+                return placed(value, "<f4" if name == "y" else "<f8")
+            return None if isinstance(value, float) and not math.isfinite(value) else value
+
+        def described(mark: Mark) -> dict[str, Any]:
+            found = {f.name: plain(getattr(mark, f.name), f.name) for f in fields(mark)}
+            return {"kind": type(mark).__name__, **found, "colour": colour(mark.colour)}
+
+        def panel_data(panel: Panel) -> dict[str, Any]:
+            own = {f.name: getattr(panel, f.name) for f in fields(panel)}
+            marks = [described(_thinned(mark)) for mark in panel.marks]
+            return own | {"height": _pixels(panel), "marks": marks}
+
+        rows = [list(map(panel_data, row)) for row in self.chart.rows]
+        content = {
+            "rows": rows, "arrays": list(arrays), "shared_x": self.chart.shared_x,
+            "shared_y": self.chart.shared_y,
+        }  # fmt: skip
+        return json.dumps(content).replace("<", "\\u003c")
+
+    def html(self) -> str:
+        """Return a page that needs no network."""
+        words = html.escape(self.chart.words)
+        return (
+            f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{words}</title>'
+            f'{scripts()}</head><body style="margin:0"><div id="chart" role="img" '
+            f'aria-label="{words}"></div>'
+            f'<script>drawChart({self.data()}, document.getElementById("chart"))</script></body>'
+            "</html>"
+        )
+
+    @property
+    def height(self) -> int:
+        """Height [pixel]."""
+        return 70 + sum(max(map(_pixels, row)) for row in self.chart.rows)
+
+    def _repr_html_(self) -> str:
+        page = html.escape(self.html())
+        return (
+            f'<iframe srcdoc="{page}" title="{html.escape(self.chart.words)}" '
+            f'style="width:100%;height:{self.height}px;border:0"></iframe>'
+        )
+
+
+def _thinned(mark: Mark) -> Mark:
+    return mark.thinned(CLOUD) if isinstance(mark, Points) else mark
+
+
+def _pixels(panel: Panel) -> int:
+    return max(LEAST, int(PIXELS * panel.height))
+
+
+def source(name: str) -> str:
+    """Return a script of BokehJS (`bokeh.min.js`, `bokeh-api.min.js`) or of this package."""
+    own = resources.files("ident.show.charts").joinpath(name)
+    # the folder is read without importing bokeh, which takes half a second
+    path = own if name == "charts.js" else resources.files("bokeh").joinpath(
+        "server", "static", "js", name)  # fmt: skip
+    return path.read_text(encoding="utf-8")
+
+
+def scripts() -> str:
+    """Return what a page with charts needs, inline."""
+    names = ("bokeh.min.js", "bokeh-api.min.js", "charts.js")
+    texts = (source(name).replace("</script", "<\\/script") for name in names)
+    return "".join(f"<script>{text}</script>" for text in texts)

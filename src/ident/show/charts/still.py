@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import io
-from functools import singledispatch
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ident.show.charts.marks import (
+from ident.show.charts import (
     CLOUD,
     Bars,
     Boxes,
+    Chart,
     Dots,
-    Drawing,
     Level,
     Line,
     Mark,
@@ -29,7 +28,7 @@ SHORT = 6  # characters of names that stand upright beside each other
 LABEL = 34  # characters of a name in a legend
 
 
-def figure_of(chart: Drawing) -> Figure:
+def figure_of(chart: Chart) -> Figure:
     """Return the chart as a figure that belongs to no window."""
     rows, columns = len(chart.rows), max(map(len, chart.rows))
     heights = [max(panel.height for panel in row) for row in chart.rows]
@@ -95,64 +94,40 @@ def _panel(axis: Axes, panel: Panel) -> None:
         axis.title.set_color(colour("residual"))
 
 
-@singledispatch
 def _draw(mark: Mark, axis: Axes) -> None:
-    raise TypeError(f"{mark!r} is no mark; valid: Line, Points, Bars, Dots, Boxes, Level")
-
-
-@_draw.register
-def _(mark: Line, axis: Axes) -> None:
-    style = "o-" if mark.dotted else "-"
-    axis.plot(
-        mark.x, mark.y, style, ms=4, color=colour(mark.colour), lw=mark.width,
-        label=mark.label or None,
-    )  # fmt: skip
-
-
-@_draw.register
-def _(mark: Points, axis: Axes) -> None:
-    some = mark.thinned(CLOUD)
-    axis.scatter(
-        some.x, some.y, s=3, color=colour(mark.colour), alpha=0.45, lw=0,
-        rasterized=True, label=mark.label or None,
-    )  # fmt: skip
-
-
-@_draw.register
-def _(mark: Bars, axis: Axes) -> None:
-    axis.barh(
-        mark.at, mark.values, xerr=mark.errors if np.any(mark.errors) else None, height=0.7,
-        color=colour(mark.colour), ecolor="0.3", capsize=2, label=mark.label or None,
-    )  # fmt: skip
-
-
-@_draw.register
-def _(mark: Dots, axis: Axes) -> None:
-    axis.errorbar(
-        mark.values, mark.at, xerr=mark.errors if np.any(mark.errors) else None, fmt="o", ms=4,
-        color=colour(mark.colour), capsize=3, lw=1.2, label=mark.label or None,
-    )  # fmt: skip
-
-
-@_draw.register
-def _(mark: Boxes, axis: Axes) -> None:
-    c = colour(mark.colour)
-    low, q1, middle, q3, high = mark.quantiles.T
-    half = mark.width / 2
-    axis.vlines(mark.at, low, high, color=c, lw=1.0)
-    axis.bar(
-        mark.at, q3 - q1, bottom=q1, width=mark.width, color=c, alpha=0.6, label=mark.label or None
-    )
-    axis.hlines(middle, mark.at - half, mark.at + half, color="black", lw=1.2)
-
-
-@_draw.register
-def _(mark: Level, axis: Axes) -> None:
-    style = "--" if mark.dashed else "-"
     c, label = colour(mark.colour), mark.label or None
-    if mark.diagonal:
-        axis.axline((0, 0), slope=1, color=c, lw=1.2, ls=style, label=label)
-    elif mark.upright:
-        axis.axvline(mark.value, color=c, lw=1.0, ls=style, label=label)
-    else:
-        axis.axhline(mark.value, color=c, lw=1.0, ls=style, label=label)
+    style: dict[str, Any]
+    match mark:
+        case Line():
+            line = "o-" if mark.dotted else "-"
+            axis.plot(mark.x, mark.y, line, ms=4, color=c, lw=mark.width, label=label)
+        case Points():
+            some = mark.thinned(CLOUD)
+            style = {"s": 3, "alpha": 0.45, "lw": 0, "rasterized": True}
+            axis.scatter(some.x, some.y, color=c, label=label, **style)
+        case Dots():
+            errors = mark.errors if np.any(mark.errors) else None
+            style = {"fmt": "o", "ms": 4, "capsize": 3, "lw": 1.2}
+            axis.errorbar(mark.values, mark.at, xerr=errors, color=c, label=label, **style)
+        case Bars():
+            errors = mark.errors if np.any(mark.errors) else None
+            style = {"height": 0.7, "ecolor": "0.3", "capsize": 2}
+            axis.barh(mark.at, mark.values, xerr=errors, color=c, label=label, **style)
+        case Boxes():
+            low, q1, middle, q3, high = mark.quantiles.T
+            half = mark.width / 2
+            axis.vlines(mark.at, low, high, color=c, lw=1.0)
+            axis.bar(mark.at, q3 - q1, mark.width, q1, color=c, alpha=0.6, label=label)
+            axis.hlines(middle, mark.at - half, mark.at + half, color="black", lw=1.2)
+        case Level(diagonal=True):
+            axis.axline((0, 0), slope=1, color=c, lw=1.2, ls=_dash(mark), label=label)
+        case Level(upright=True):
+            axis.axvline(mark.value, color=c, lw=1.0, ls=_dash(mark), label=label)
+        case Level():
+            axis.axhline(mark.value, color=c, lw=1.0, ls=_dash(mark), label=label)
+        case _:
+            raise TypeError(f"{mark!r} is no mark; valid: Line, Points, Bars, Dots, Boxes, Level")
+
+
+def _dash(mark: Level) -> str:
+    return "--" if mark.dashed else "-"

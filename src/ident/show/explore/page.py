@@ -19,8 +19,7 @@ from markupsafe import Markup
 
 from ident.errors import IdentError
 from ident.progress import Progress
-from ident.show.charts import Chart
-from ident.show.charts.live import source
+from ident.show.charts import Chart, source
 from ident.show.explore.exploration import Exploration, ladder_rows
 from ident.show.explore.views import VIEWS, beside_verdict, contents, error_rows, rows_of
 from ident.show.html import table

@@ -1,35 +1,199 @@
-"""HTML for reports and notebooks: words, tables and charts, everything from outside escaped."""
+"""HTML for reports and notebooks, made by the macros of `report.jinja`; words are escaped."""
 
-from ident.show.html.elements import (
-    Shown,
-    code,
-    definitions,
-    folded,
-    headed,
-    in_frame,
-    items,
-    paragraph,
-    strong,
-    table,
-)
-from ident.show.html.page import Block, Choice, Option, Page, Section, origin, running
+from __future__ import annotations
 
-__all__ = [
-    "Block",
-    "Choice",
-    "Option",
-    "Page",
-    "Section",
-    "Shown",
-    "code",
-    "definitions",
-    "folded",
-    "headed",
-    "in_frame",
-    "items",
-    "origin",
-    "paragraph",
-    "running",
-    "strong",
-    "table",
-]
+import base64
+import hashlib
+import platform
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup, escape
+
+from ident.progress import running
+from ident.show.charts import Chart, scripts
+
+CODE = re.compile(r"`([^`]*)`")
+SHORT = 32  # characters of a cell that stays on one line
+PACKAGES = ("ident", "pin", "casadi", "numpy", "scipy", "clarabel", "bokeh")
+LONG = 30  # rows of a table, beyond which it is folded
+
+
+def text_of(name: str) -> str:
+    """Return a style sheet or script of this package."""
+    return resources.files("ident.show.html").joinpath(name).read_text(encoding="utf-8")
+
+
+@cache
+def macros() -> Any:
+    """Return the macros of the template, compiled at the first use."""
+    from jinja2 import Environment
+
+    environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment.filters |= {"code": _code, "tied": _tied, "slug": slug}
+    return environment.from_string(text_of("report.jinja")).module
+
+
+def slug(title: str) -> str:
+    """Return a title as the name of a place in the page."""
+    return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
+
+
+def _code(words: str) -> Markup:
+    return Markup(CODE.sub(r"<code>\1</code>", str(escape(words))))
+
+
+def _tied(cell: str) -> str:
+    return cell.replace(" ", "\u00a0") if len(cell) <= SHORT else cell
+
+
+def paragraph(words: str, kind: str = "") -> Markup:
+    """Return words as a paragraph, with what stands between backticks as code."""
+    return Markup(macros().paragraph(words, kind))
+
+
+def strong(words: str) -> Markup:
+    """Return a paragraph that is to be read first."""
+    return Markup("<p><strong>{}</strong></p>").format(words)
+
+
+def folded(title: str, *blocks: Markup) -> Markup:
+    """Return blocks under a title that opens them."""
+    frame = Markup("<details><summary>{}</summary>{}</details>")
+    return frame.format(title, Markup("\n").join(blocks)) if blocks else Markup("")
+
+
+def code(words: str) -> Markup:
+    """Return preformatted text."""
+    return Markup("<pre>{}</pre>").format(words)
+
+
+def headed(words: str) -> Markup:
+    """Return a heading within a section."""
+    return Markup("<h3>{}</h3>").format(words)
+
+
+def items(words: Iterable[str]) -> Markup:
+    """Return a list, with what stands between backticks as code."""
+    return Markup(macros().items(list(words)))
+
+
+def definitions(pairs: Mapping[str, str]) -> Markup:
+    """Return words and their meanings; pairs without a meaning are left out."""
+    return Markup(macros().definitions({k: v for k, v in pairs.items() if v}))
+
+
+def table(rows: Sequence[Sequence[str]], caption: str, *, tied: bool = True) -> Markup:
+    """Return a table whose first row is its head and whose first column names the rows.
+
+    Args:
+        rows: cells as words, the head first.
+        caption: content of the table, understandable by itself.
+        tied: whether short cells stay on one line.
+    """
+    return Markup(macros().table(rows, caption, tied, LONG))
+
+
+def in_frame(blocks: Iterable[Markup | Chart]) -> str:
+    """Return blocks as Jupyter shows them: with their own style, charts as still pictures."""
+    inside = Markup("\n").join(map(_still, blocks))
+    frame = Markup('<style>{}</style><div class="ident">{}</div>')
+    return str(frame.format(Markup(text_of("shown.css")), inside))
+
+
+def _still(block: Markup | Chart) -> Markup:
+    if isinstance(block, Markup):
+        return block
+    data = base64.b64encode(block._repr_png_()).decode()
+    return Markup('<img alt="{}" src="data:image/png;base64,{}">').format(block.words, data)
+
+
+class Shown:
+    """A noun that Jupyter shows as tables; by default as it prints itself."""
+
+    def _blocks(self) -> Iterable[Markup | Chart]:
+        return (code(str(self)),)
+
+    def _repr_html_(self) -> str:
+        return in_frame(self._blocks())
+
+
+@dataclass(frozen=True, eq=False)
+class Option:
+    """One option of a choice: the name on its button, and the blocks it shows."""
+
+    name: str
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """Buttons, each of which shows its blocks in the place of the others'."""
+
+    words: str
+    options: tuple[Option, ...]
+
+
+Block = Markup | Chart | Choice
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """A title and the blocks below it; a section without blocks is left out."""
+
+    title: str
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Page:
+    """A report: a title, one line that says the most important thing, and sections."""
+
+    title: str
+    line: str
+    sections: tuple[Section, ...]
+
+    def html(self) -> bytes:
+        """Return one file that opens without a network."""
+        charts: list[Chart] = []  # filled by the template, in the order of reading
+        page = macros().page(
+            self, charts, text_of("style.css"), text_of("script.js"), lambda: Markup(scripts())
+        )
+        return str(page).encode()
+
+
+def origin(files: Sequence[Path], logs: Sequence[tuple[str, str]]) -> Section:
+    """Return the section on how to reproduce a result: command, versions, checksums of files.
+
+    Args:
+        files: of the mechanism.
+        logs: names and SHA-256 of the logs' bytes, "" where one was made in memory.
+    """
+    rows = [["file", "SHA-256"]]
+    rows += [[file.name, _sha256(file)] for file in files]
+    rows += [[name, digest or "made in memory"] for name, digest in logs]
+    command = running.get()
+    first = code(command) if command else paragraph("Made in Python, by no command.")
+    versions = {name: _version(name) for name in PACKAGES}
+    versions["Python"] = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
+    return Section("How to reproduce", (first, table(rows, "What went in"), definitions(versions)))
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def _sha256(file: Path) -> str:
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError:
+        return "no longer there"

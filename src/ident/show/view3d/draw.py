@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from ident.show.view3d.stage import (
+from ident.show.view3d import (
     Colour,
     Film,
     Loads,
     Pivot,
     Shape,
     Stage,
+    View,
     arrow,
     box,
     cylinder,
@@ -77,21 +78,14 @@ ROBUST = 99.0  # percentile of residuals that gets the last colour
 
 @dataclass(frozen=True)
 class Scales:
-    """What stands for what; 0 where there is nothing to show.
+    """Scales of what is drawn; 0 where there is nothing to show."""
 
-    Attributes:
-        force: largest force [N]; moment: largest moment [N m]; both are drawn `length` [m] long.
-        misfit: share of the residual that gets the last colour.
-        unit: of the misfit, in words.
-        gap: largest |Φ| of all films [m | rad].
-    """
-
-    force: float
-    moment: float
+    force: float  # largest [N], drawn `length` [m] long
+    moment: float  # largest [N m], drawn `length` [m] long
     length: float
-    misfit: float
-    unit: str
-    gap: float
+    misfit: float  # share of the residual that gets the last colour
+    unit: str  # of the misfit, in words
+    gap: float  # largest |Φ| of all films [m | rad]
 
 
 def scales(films: Sequence[Film], size: float) -> Scales:
@@ -191,7 +185,6 @@ SEE_THROUGH = 0.5  # opacity of bodies, in which joints and closures would be hi
 class Drawn:
     """Handles of what moves; the one thing here that changes, as viser's scene does."""
 
-    stage: Stage
     scales: Scales
     bodies: list[Any] = field(default_factory=list)
     meshes: list[Any] = field(default_factory=list)
@@ -225,15 +218,10 @@ class Drawn:
             self.title.text = f"{film.name}   {film.t[k]:.3f} s"
 
 
-def draw(scene: Any, stage: Stage, scales: Scales, camera: Camera, loads: Loads | None) -> Drawn:
-    """Put a stage into a scene, not yet at any moment.
-
-    Args:
-        scene: viser's.
-        stage: what to draw; scales: for reactions and residuals; camera: for the grid's place.
-        loads: any of the films', for the number of arrows.
-    """
-    drawn, size = Drawn(stage, scales), stage.size
+def draw(scene: Any, view: View) -> Drawn:
+    """Put a view into viser's scene, not yet at any moment."""
+    stage, scales, camera, loads = view.stage, view.scales, view.camera, view.loads
+    drawn, size = Drawn(scales), stage.size
     scene.set_up_direction(tuple(float(part) for part in stage.up))
     _light(scene, stage, camera)
     _ground(scene, stage, camera)
@@ -279,15 +267,12 @@ def draw(scene: Any, stage: Stage, scales: Scales, camera: Camera, loads: Loads 
     return drawn
 
 
-def aim(page: Any, camera: Camera, up: np.ndarray) -> None:
-    """Where a page looks from when it opens."""
-    page.initial_camera.position = camera.position
-    page.initial_camera.look_at = camera.target
-    page.initial_camera.up = up
-    page.initial_camera.fov = float(ANGLE)
+def aim(page: Any, view: View) -> None:
+    """Set the camera with which a page opens."""
+    camera, first = view.camera, page.initial_camera
     distance = float(np.linalg.norm(camera.position - camera.target))
-    page.initial_camera.near = 0.01 * distance
-    page.initial_camera.far = 100.0 * distance
+    first.position, first.look_at, first.up = camera.position, camera.target, view.stage.up
+    first.fov, first.near, first.far = float(ANGLE), 0.01 * distance, 100.0 * distance
 
 
 def _plain(name: str) -> str:

@@ -13,42 +13,20 @@ import socket
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from rich import get_console
 
 from ident.errors import IdentError
-from ident.show.view3d.draw import (
-    ENDS,
-    MOMENTS,
-    SEE_THROUGH,
-    Camera,
-    Scales,
-    aim,
-    css,
-    css_ramp,
-    draw,
-    framed,
-    scales,
-)
-from ident.show.view3d.stage import Film, Loads, Stage, frames
+from ident.show.view3d import Film, View, frames, nearest
+from ident.show.view3d.draw import ENDS, MOMENTS, SEE_THROUGH, aim, css, css_ramp, draw
 
 HOST = "127.0.0.1"
 
 
 def open_page(title: str, port: int = 0) -> Any:
-    """A viser server on this machine alone.
-
-    Args:
-        title: of its panel.
-        port: 0 takes a free one.
-
-    Raises:
-        IdentError: if viser is not installed, or the port cannot be had.
-    """
+    """Return a viser server on this machine alone; port 0 takes a free one."""
     try:
         import viser
     except ImportError:
@@ -63,8 +41,11 @@ def open_page(title: str, port: int = 0) -> Any:
     port = _free(port)
     # it announces itself on standard output, where only results belong; and a port of the
     # environment would take the place of the one asked for
-    with _quiet(), _without("_VISER_PORT_OVERRIDE"):
+    override = os.environ.pop("_VISER_PORT_OVERRIDE", None)
+    with _quiet():
         page = LocalServer(host=HOST, port=port, label=title, verbose=False)
+    if override is not None:
+        os.environ["_VISER_PORT_OVERRIDE"] = override
     if page.get_port() != port:  # it takes the next one when somebody was faster
         close_page(page)
         raise _taken(port)
@@ -112,23 +93,13 @@ def _taken(port: int) -> IdentError:
     )
 
 
-@contextlib.contextmanager
-def _without(name: str) -> Any:
-    value = os.environ.pop(name, None)
-    try:
-        yield
-    finally:
-        if value is not None:
-            os.environ[name] = value
-
-
 CLOSED = 1e-7  # [m | rad] |Φ| of a closure that nobody would call open
 SHOWN = 6  # closures and notes that are listed
 
 
-def legend(stage: Stage, films: Sequence[Film], scales: Scales, notes: Sequence[str]) -> str:
-    """The legend of a view as an HTML fragment, styles included, every name escaped."""
-    lines = []
+def legend(view: View) -> str:
+    """Return what colours and lengths mean, as an HTML fragment, every name escaped."""
+    stage, scales, notes, lines = view.stage, view.scales, view.notes, []
     if scales.misfit > 0:
         lines.append(
             "joints: residual, " + html.escape(scales.unit) + "<br>"
@@ -165,11 +136,7 @@ NOTICE = (
 
 
 def overlaid(page: str, title: str, text: str) -> str:
-    """A recording's page with its title and the legend in a corner.
-
-    Args:
-        page: HTML document; title: plain text; text: an HTML fragment.
-    """
+    """Return a recording's HTML document with its title and the legend `text` in a corner."""
     head = f"<title>{html.escape(title)}</title>"
     page = page.replace("<title>Viser</title>", head, 1).replace("Viser client", "ident", 1)
     panel = (
@@ -189,57 +156,21 @@ def _dot(colour: tuple[int, int, int]) -> str:
     return f'<span style="color:{css(colour)}">●</span>'
 
 
-@dataclass(frozen=True, eq=False)
-class ViewSetup:
-    """A stage with its films, and what follows from both."""
-
-    title: str
-    stage: Stage
-    films: tuple[Film, ...]
-    notes: tuple[str, ...] = ()
-
-    @cached_property
-    def camera(self) -> Camera:
-        """That sees all films."""
-        return framed(self.stage, self.films)
-
-    @cached_property
-    def scales(self) -> Scales:
-        """Of all films."""
-        return scales(self.films, self.stage.size)
-
-    @property
-    def loads(self) -> Loads | None:
-        """Of the first film that has any."""
-        return next((film.loads for film in self.films if film.loads is not None), None)
-
-    @property
-    def legend(self) -> str:
-        """What colours and lengths mean (HTML)."""
-        return legend(self.stage, self.films, self.scales, self.notes)
-
-
 RATE = 30.0  # frames a second of motion
 MOST, LEAST = 600, 150  # frames of a recording, over all films
 PAUSE = 0.5  # s between two films, in which the last picture stays
 
 
-def recording(scene: ViewSetup) -> str:
-    """The page (HTML) that plays all films of a scene, one after the other."""
-    films = kept(scene.films)
-    page = open_page(scene.title)
+def recording(view: View) -> str:
+    """Return the page (HTML) that plays all films of a view, one after the other."""
+    films, title = recorded(view.films), view.stage.name
+    page = open_page(title)
     try:
-        aim(page, scene.camera, scene.stage.up)
-        drawn = draw(
-            page.scene,
-            scene.stage,
-            scene.scales,
-            scene.camera,
-            scene.loads,
-        )
+        aim(page, view)
+        drawn = draw(page.scene, view)
         if sum(len(film) for film in films) > 1:
             drawn.title = page.scene.add_label(
-                "/time", "", position=_above(scene), anchor="bottom-center"
+                "/time", "", position=_above(view), anchor="bottom-center"
             )
         drawn.show(films[0], 0)
         tape = page.get_scene_serializer()
@@ -253,21 +184,20 @@ def recording(scene: ViewSetup) -> str:
         document = tape.as_html()
     finally:
         close_page(page)
-    return overlaid(document, scene.title, scene.legend)
+    return overlaid(document, title, legend(view))
 
 
-def kept(films: Sequence[Film]) -> list[Film]:
-    """What of some films a recording holds: fewer moments than a live page shows."""
+def recorded(films: Sequence[Film]) -> list[Film]:
+    """Return what a recording has of films: fewer moments than a live page shows."""
     most, least = (max(2, number // max(len(films), 1)) for number in (MOST, LEAST))
     return [film.at(frames(film.t, RATE, most, least)) for film in films]
 
 
-def _above(scene: ViewSetup) -> np.ndarray:
-    """Over the middle of the motion, out of its way."""
-    camera, up = scene.camera, scene.stage.up
+def _above(view: View) -> np.ndarray:
+    """Return a point (3,) [m] over the middle of the motion, out of its way."""
+    camera = view.camera
     away = camera.position - camera.target
-    right = np.cross(up, away)
-    over = np.cross(away, right)
+    over = np.cross(away, np.cross(view.stage.up, away))
     over /= np.linalg.norm(over)
     corners = np.array(np.meshgrid(*camera.box.T)).reshape(3, -1).T - camera.target
     return camera.target + (1.04 * float((corners @ over).max())) * over
@@ -284,23 +214,17 @@ class Served:
         port: on 127.0.0.1; address: to open in a browser.
     """
 
-    def __init__(self, scene: ViewSetup, port: int = 0) -> None:
-        self._scene = scene
-        self._page = open_page(scene.title, port)
+    def __init__(self, view: View, port: int = 0) -> None:
+        self._view = view
+        self._page = open_page(view.stage.name, port)
         self.port: int = self._page.get_port()
         self.address = f"http://{HOST}:{self.port}"
         self._end = threading.Event()
-        self._film, self._time, self._speed = scene.films[0], float(scene.films[0].t[0]), 1.0
+        self._film, self._time, self._speed = view.films[0], float(view.films[0].t[0]), 1.0
         self._playing = len(self._film) > 1
         self._stale = True
-        aim(self._page, scene.camera, scene.stage.up)
-        self._drawn = draw(
-            self._page.scene,
-            scene.stage,
-            scene.scales,
-            scene.camera,
-            scene.loads,
-        )
+        aim(self._page, view)
+        self._drawn = draw(self._page.scene, view)
         self._slider: Any = None
         self._panel()
         self._drawn.show(self._film, 0)
@@ -326,7 +250,7 @@ class Served:
         self.stop()
 
     def __repr__(self) -> str:
-        return f"{self._scene.title}: {self.address}" + (" (ended)" * self._end.is_set())
+        return f"{self._view.stage.name}: {self.address}" + (" (ended)" * self._end.is_set())
 
     def _play(self) -> None:
         before = time.monotonic()
@@ -341,21 +265,21 @@ class Served:
             before = now
             if self._stale:
                 self._stale = False
-                k = film.nearest(self._time)
+                k = int(nearest(film.t, np.array([self._time]))[0])
                 with self._page.atomic():
                     self._drawn.show(film, k)
                     if self._slider is not None and self._playing:
                         self._slider.value = round(float(film.t[k]), 4)
 
     def _panel(self) -> None:
-        gui, films = self._page.gui, self._scene.films
+        gui, films = self._page.gui, self._view.films
         gui.main_panel.dock_right()  # beside the picture, not over it
         if len(films) > 1:
             self._choice(gui, films)
         if max(len(film) for film in films) > 1:
             self._controls(gui)
         self._checks(gui)
-        if text := self._scene.legend:
+        if text := legend(self._view):
             gui.add_html(f'<div style="padding:0 1em;font-size:.85em">{text}</div>')
 
     def _choice(self, gui: Any, films: Sequence[Film]) -> None:
