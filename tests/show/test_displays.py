@@ -8,7 +8,7 @@ from lxml import html
 
 import ident
 from ident import Log
-from ident.show.fit import plot_multipliers
+from ident.show.fit_pages import plot_multipliers
 from identification import motion_log, plant, robot
 
 NASTY = '<script>alert("x")</script>'

@@ -175,7 +175,8 @@ def explore(
     Serves a page on 127.0.0.1 until Ctrl-C. It lists every effect of the library with the fall of
     the held-out error that it would bring; a click adds it and refits everything.
     """
-    from ident.show.explore import Exploration, check_panel, free_port, serve
+    from ident.show.explore import Exploration, check_panel, serve
+    from ident.show.port import free_port
 
     check_panel()
     port = free_port(port)

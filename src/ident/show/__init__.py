@@ -4,47 +4,35 @@ from importlib import import_module
 
 from ident.display import Displayed, renders
 
-MODULES: dict[str, str] = {
-    "Comparison": "compare",
-    "Log": "log",
-    "Mechanism": "mechanism",
-    "Excitation": "excite",
-    "Diagnosis": "diagnosis_report",
-    "Health": "diagnosis",
-    "History": "diagnosis_report",
-    "Step": "diagnosis",
-    "Alarm": "streams",
-    "Cause": "streams",
-    "Forces": "streams",
-    "Gathered": "streams",
-    "LogComparison": "streams",
-    "Monitor": "streams",
-    "ParameterChange": "streams",
-    "Snapshot": "streams",
-    "Verdicts": "streams",
-    "Binding": "fit",
-    "Correlation": "fit",
-    "Essential": "fit",
-    "Failure": "residual",
-    "Finding": "fit",
-    "Fit": "fit",
-    "Likelihood": "fit",
-    "MonteCarlo": "montecarlo",
-    "Motion": "motion",
-    "Run": "simulate",
-    "Replay": "simulate",
-    "Reactions": "fit",
-    "Residual": "residual",
-    "Studies": "montecarlo",
-    "Unexcited": "fit",
-}
-"""The module of this package that renders a class, by the name of the class."""
+MODULES = {
+    "diagnosis": ("Health", "Step"),
+    "diagnosis_report": ("Diagnosis", "History"),
+    "excite": ("Excitation",),
+    "fit": (
+        "Binding", "Comparison", "Correlation", "Essential", "Failure", "Finding", "Fit",
+        "Likelihood", "Reactions", "Residual", "Unexcited",
+    ),
+    "log": ("Log",),
+    "mechanism": ("Mechanism",),
+    "montecarlo": ("MonteCarlo", "Studies"),
+    "motion": ("Motion",),
+    "simulate": ("Replay", "Run"),
+    "streams": (
+        "Alarm", "Cause", "Forces", "Gathered", "LogComparison", "Monitor", "ParameterChange",
+        "Snapshot", "Verdicts",
+    ),
+}  # fmt: skip
+"""The classes that each module of this package renders."""
+TEXTS = ("text", "summary", "line", "advice", "where")  # forms that need neither charts nor HTML
 
 
-def load(name: str) -> None:
-    """Import the module that registers the renderers of a class, if there is one."""
-    if module := MODULES.get(name):
-        import_module(f"ident.show.{module}")
+def load(name: str, form: str) -> None:
+    """Import the module that registers the renderer of a class in a form, if there is one."""
+    for module, names in MODULES.items():
+        if name in names:
+            import_module(f"ident.show.{module}")
+            if module == "fit" and form not in TEXTS:
+                import_module("ident.show.fit_pages")
 
 
 @renders(Displayed, "html")

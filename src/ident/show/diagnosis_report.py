@@ -46,7 +46,7 @@ from ident.show.diagnosis import (
     verdict_line,
     where_rows,
 )
-from ident.show.fit import found, misfit
+from ident.show.fit_pages import found, misfit, plot_maps, time_label
 from ident.show.html import (
     Block,
     Choice,
@@ -60,7 +60,6 @@ from ident.show.html import (
     table,
 )
 from ident.show.motion import made_of, understood
-from ident.show.residual import plot_maps, time_label
 from ident.text import percent
 
 BARS = 12

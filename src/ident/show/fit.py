@@ -1,57 +1,38 @@
-"""Fits and what belongs to them as text, HTML, charts, 3-D view and report."""
+"""Fits, residuals and comparisons as text."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
+import textwrap
+from collections.abc import Iterable, Mapping
 
 import numpy as np
-from markupsafe import Markup
 
-from ident.display import render, renders
+from ident.display import renders
 from ident.equations.unknowns import Columns
-from ident.errors import FitError, one_of
+from ident.fit.compare import Comparison
 from ident.fit.consistency import Binding
 from ident.fit.essential import Essential
-from ident.fit.files import write_fit, write_urdf
 from ident.fit.findings import Finding
 from ident.fit.likelihood import Likelihood
 from ident.fit.multipliers import Reactions
 from ident.fit.problem import information_of
+from ident.fit.prediction import CLOSURES, DRIVES, RIGID, WRENCHES
+from ident.fit.residual import Failure, Residual
 from ident.fit.result import Fit
 from ident.fit.shapes import initial
 from ident.fit.unexcited import Lost, Unexcited, excitation
 from ident.fit.values import STRONG, Correlation, Value, absorbed_by, base_names
+from ident.information.blocks import Error
 from ident.information.estimate import estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.motion.closures import LoopSolver
-from ident.show import residual as report
-from ident.show.charts import MEASURED, PRIOR, Chart, Dots, Line, Panel
-from ident.show.html import (
-    Block,
-    Page,
-    Section,
-    code,
-    folded,
-    headed,
-    in_frame,
-    items,
-    paragraph,
-    strong,
-)
-from ident.show.html import table as html_table
-from ident.show.motion import made_of, understood
-from ident.show.residual import error_rows, plot_predictions, time_label, zero_of
-from ident.show.view3d import View
 from ident.text import percent, rounded, shortened, table
 
-MOST = 60  # parameters in one chart
-STRUCTURE = (
-    "What is left in {} has structure: the model may lack something, and ± is what noise alone "
-    "would do to a complete model. `ident diagnose` says what could be missing."
-)
-LAMBDA = "The reaction forces that the closures need for this motion; they rest on the model."
+WIDTH = 100  # characters of a line in a terminal
+TITLE, ABREAST = 32, 2  # characters of a model's name in a table, and models side by side
+ROUNDING = 1e-12  # of the measured torque: below, a part is nil
+WINDOWS, REGIMES = 3, 3  # that are printed; all are in compare.json
 WHY = {
     "noise": "too little of it for a residual of this size",
     "same columns": "acts as {}",
@@ -76,6 +57,25 @@ def shown(value: Value) -> str:
     return rounded(value.value, value.stderr) + (", at bound" if value.at_bound else "")
 
 
+def value_tables(fit: Fit, most: int = 72) -> dict[str, list[list[str]]]:
+    """Return tables of effects, parameters and combinations of `most` characters, by caption."""
+    effects = [value for effect in fit.effects for value in effect.parameters]
+    own = [value for value in fit.parameters if value.identifiable]
+    combined = [value for value in fit.base_parameters if " " in value.name]
+    tables = {
+        "Effects": [["effect", "value", "unit"], *([v.name, shown(v), v.unit] for v in effects)],
+        "Identified parameters": [
+            ["parameter", "value", "prior", "unit"],
+            *([v.name, shown(v), f"{v.prior:.5g}", v.unit] for v in own),
+        ],
+        "Combinations that only together can be identified": [
+            ["base parameter", "value", "unit"],
+            *([shortened(v.name, most), rounded(v.value, v.stderr), v.unit] for v in combined),
+        ],
+    }
+    return {title: rows for title, rows in tables.items() if len(rows) > 1}
+
+
 def summary(fit: Fit) -> str:
     """Return errors, effects, parameters and statistics of a fit."""
     motion = fit.motion
@@ -91,20 +91,7 @@ def summary(fit: Fit) -> str:
         "error of the predicted torque" + (f" below {cut:.3g} Hz" if cut else ""),
         *table(error_rows(errors)),
     ]
-    if fit.effects:
-        rows = [["effect", "value", "unit"]]
-        for effect in fit.effects:
-            rows += [[v.name, shown(v), v.unit] for v in effect.parameters]
-        lines += ["", *table(rows)]
-    own = [value for value in fit.parameters if value.identifiable]
-    if own:
-        rows = [["parameter", "value", "prior", "unit"]]
-        rows += [[v.name, shown(v), f"{v.prior:.5g}", v.unit] for v in own]
-        lines += ["", *table(rows)]
-    combined = [value for value in fit.base_parameters if " " in value.name]
-    if combined:
-        rows = [["base parameter", "value", "unit"]]
-        rows += [[shortened(v.name), rounded(v.value, v.stderr), v.unit] for v in combined]
+    for rows in value_tables(fit).values():
         lines += ["", *table(rows)]
     lines += _multipliers(fit)
     left = [value.name for value in fit.parameters if not value.identifiable]
@@ -267,236 +254,213 @@ def reactions(x: Reactions) -> str:
     return "\n".join(["multipliers against known reactions", *table(rows)])
 
 
-@renders(Reactions, "plot")
-def plot_reactions(x: Reactions) -> Chart:
-    """Draw λ(t) identified over λ(t) known."""
-    return plot_multipliers(x.mechanism, *x.identified, (x.t, x.known), x.log)
+# --- residuals and comparisons --------------------------------------------------------------------
 
 
-@renders(Fit, "plot")
-def plot(fit: Fit, experiment: int = 0) -> Chart:
-    """Draw measured and predicted torque of every independent joint, and what is left."""
-    return plot_predictions({fit.name: fit.predictions}, fit.problem.units, experiment)
-
-
-@renders(Fit, "plot_parts")
-def plot_parts(fit: Fit, experiment: int = 0) -> Chart:
-    """Draw the sum taken apart: rigid bodies, effects and what is left, per joint."""
-    return report.plot_parts({fit.name: fit.residual}, experiment)
-
-
-@renders(Fit, "plot_maps")
-def plot_maps(fit: Fit, joint: str | None = None) -> Chart:
-    """Draw a joint's residual against t, q, v, a and load; by default where the model fails most.
-
-    Raises:
-        FitError: if the joint is not an independent one.
-    """
-    joint = fit.residual.where[0].joint if joint is None else joint
-    if joint not in fit.residual.joints:
-        raise FitError(f"no residual of joint '{joint}'; {one_of(joint, fit.residual.joints)}")
-    return report.plot_maps({fit.name: fit.residual}, joint)
-
-
-@renders(Fit, "plot_parameters")
-def plot_fit_parameters(fit: Fit) -> Chart:
-    """Draw identified parameters and effects with their 95 % intervals, beside the prior.
-
-    Raises:
-        FitError: if there are none.
-    """
-    own = [value for effect in fit.effects for value in effect.parameters]
-    chart = plot_parameters([*own, *(v for v in fit.parameters if v.identifiable)])
-    if chart is None:
-        raise FitError(f"{fit.mechanism.name}: nothing was identified by itself")
-    return chart
-
-
-@renders(Fit, "plot_multipliers")
-def plot_fit_multipliers(fit: Fit, experiment: int = 0) -> Chart:
-    """Draw λ(t), the reaction forces of the closures.
-
-    Raises:
-        FitError: of a mechanism without closures.
-    """
-    t, values = fit.multipliers[experiment]
-    if not values.shape[1]:
-        raise FitError(f"{fit.mechanism.name}: has no closures, so no multipliers")
-    log = fit.motion.experiments[experiment].name
-    return plot_multipliers(fit.mechanism, t, values, log=log)
-
-
-@renders(Fit, "view")
-def view(fit: Fit) -> View:
-    """Return the mechanism in 3-D: reaction forces as arrows, joints coloured by residual."""
-    return render(fit.mechanism, "view", fit.motion.experiments, fit.predictions)
-
-
-@renders(Fit, "folder")
-def folder(fit: Fit, path: str | Path) -> list[Path]:
-    """Write a fit with its report into a folder."""
-    return write_fit(fit, path)
-
-
-@renders(Fit, "urdf")
-def urdf(fit: Fit, path: str | Path) -> Path:
-    """Write the identified URDF."""
-    return write_urdf(fit, path)
-
-
-@renders(Fit, "html")
-def html(fit: Fit) -> str:
-    """Return the tables for Jupyter: errors, effects, parameters, warnings."""
-    blocks = [strong(headline(fit)), *_errors(fit).blocks, *_parameters(fit)]
-    if fit.warnings:
-        blocks.append(folded(f"Notes: {len(fit.warnings)}", items(fit.warnings)))
-    return in_frame(block for block in blocks if isinstance(block, Markup))
-
-
-def plot_multipliers(
-    mechanism: Mechanism,
-    t: np.ndarray,
-    values: np.ndarray,
-    reference: tuple[np.ndarray, np.ndarray] | None = None,
-    log: str = "",
-) -> Chart:
-    """Draw λ(t) (n, m) of a log, beside known reactions (t, (n, m)) where there are any."""
-    zero = zero_of(t)
-    names, units = mechanism.kinematics.multipliers, mechanism.kinematics.units
-    rows = []
-    for i, (name, unit) in enumerate(zip(names, units, strict=True)):
-        if not np.isfinite(values[:, i]).any():
-            continue
-        lines = []
-        if reference is not None:
-            lines.append(Line(reference[0] - zero, reference[1][:, i], "known", MEASURED, 2.4))
-        lines.append(Line(t - zero, values[:, i], "identified", 0))
-        rows.append((Panel(tuple(lines), time_label(zero), f"{name} [{unit}]", height=1.8),))
-    if not rows:
-        rows = [(Panel((), "t [s]", title="this motion determines none of them"),)]
-    words = "Multipliers λ over time, the reaction forces of the closures"
-    return Chart(words, tuple(rows), shared_x=True, clock=log)
-
-
-def plot_parameters(values: Sequence[Value]) -> Chart | None:
-    """Draw values ± 1.96 standard errors beside the prior, a panel a unit; None of no values."""
-    known = [v for v in values if v.stderr is not None and np.isfinite(v.stderr)]
-    shown = known[:MOST]
-    units = list(dict.fromkeys(v.unit for v in shown))
-    rows = [(_unit_panel(unit, [v for v in shown if v.unit == unit]),) for unit in units]
-    words = "Identified values with their 95 % intervals, beside what was assumed before"
-    if len(known) > MOST:
-        words += f"; the first {MOST} of {len(known)}, all are in the tables"
-    return Chart(words, tuple(rows)) if rows else None
-
-
-def _unit_panel(unit: str, values: Sequence[Value]) -> Panel:
-    at, none = np.arange(len(values), dtype=float), np.zeros(len(values))
-    prior, found = (np.array([getattr(v, key) for v in values]) for key in ("prior", "value"))
-    reach = np.array([1.96 * (v.stderr or 0.0) for v in values])
-    marks = (Dots(at, prior, none, "prior", PRIOR), Dots(at, found, reach, "identified", 0))
-    names = tuple(v.name for v in values)
-    return Panel(marks, f"[{unit}]", y_names=names, height=0.7 + 0.22 * len(values))
-
-
-@renders(Fit, "report")
-def report_html(fit: Fit, known: Reactions | None = None, more: Sequence[Section] = ()) -> bytes:
-    """Return the report of a fit, with further sections before its parameters."""
-    sections = (
-        *misfit(fit),
-        *more,
-        *found(fit, known),
-        understood(fit.mechanism, fit.motion),
-        made_of(fit.mechanism, fit.motion),
-    )
-    return Page(f"{fit.mechanism.name}: identification", headline(fit), sections).html()
-
-
-def headline(fit: Fit) -> str:
-    """Return how well it predicts, in one line."""
-    errors = fit.held_out or fit.train
-    known = {name: e.relative for name, e in errors.items() if e.relative is not None}
-    if not known:
-        return "No torque was measured that could be compared."
-    best, worst = min(known, key=lambda n: known[n]), max(known, key=lambda n: known[n])
-    what = "held out" if fit.held_out else "in the data that were fitted"
-    if best == worst:
-        return f"The predicted torque of {best} is off by {percent(known[best])}, {what}."
-    return (
-        f"The predicted torque is off by {percent(known[best])} ({best}) to "
-        f"{percent(known[worst])} ({worst}), {what}."
+@renders(Residual, "text")
+def residual_text(residual: Residual) -> str:
+    """Return the parts of the sum and where the model fails."""
+    return "\n".join(
+        [residual_headline(residual), *parts_table(residual), "", *where_text(residual)]
     )
 
 
-def _errors(fit: Fit) -> Section:
-    errors = {"train": fit.train, "held out": fit.held_out, **fit.validation}
-    cut = fit.motion.band.cutoff
-    if not cut:
-        return report.errors(errors)
-    errors["unfiltered"] = fit.unfiltered
-    words = f"Below {cut:.3g} Hz, where the fit was made; unfiltered: with all noise in it."
-    return report.errors(errors, words)
+@renders(Failure, "text")
+def text_of_failure(failure: Failure) -> str:
+    """Return how a model fails in one joint."""
+    return "\n".join(failure_text(failure, several=True))
 
 
-def misfit(fit: Fit) -> tuple[Section, ...]:
-    """Return warnings, errors, measured against predicted, where it fails, the sum taken apart."""
-    residuals = {fit.name: fit.residual}
-    notes = [each for each in fit.warnings if each not in fit.motion.notes]  # those stand elsewhere
-    rough = [failure.joint for failure in fit.residual.where if not failure.white]
-    if rough:
-        notes.append(STRUCTURE.format(", ".join(rough)))
-    return (
-        Section("Warnings", (items(notes),) if notes else ()),
-        _errors(fit),
-        report.torques({fit.name: fit.predictions}, fit.problem.units),
-        report.maps(residuals),
-        report.parts(residuals),
+def error_rows(named: Mapping[str, Mapping[str, Error]]) -> list[list[str]]:
+    """Return one row a joint, two columns (rms, relative) for each set of errors."""
+    titles = [title for title in named if named[title]]
+    joints = list(dict.fromkeys(joint for title in titles for joint in named[title]))
+    rows = [["joint", *(cell for title in titles for cell in (title, ""))]]
+    for joint in joints:
+        row = [joint]
+        for title in titles:
+            e = named[title].get(joint)
+            row += ["", ""] if e is None else [f"{e.rms:.3g} {e.unit}", percent(e.relative)]
+        rows.append(row)
+    return rows
+
+
+def errors_text(residuals: Mapping[str, Residual]) -> list[str]:
+    """Return errors of several models on one motion, side by side, and how far they fall."""
+    names = list(residuals)
+    first, last = residuals[names[0]], residuals[names[-1]]
+    cut = first.motion.band.cutoff
+    logs = ", ".join(trace.name for trace in first.traces)
+    lines = _filled(
+        f"error of the predicted torque{f' below {cut:.3g} Hz' if cut else ''} on {logs}"
     )
+    short = {name: name if len(name) <= TITLE else f"…{name[-TITLE:]}" for name in names}
+    for i in range(0, len(names), ABREAST):
+        some = {short[name]: residuals[name].errors for name in names[i : i + ABREAST]}
+        lines += table(error_rows(some))
+    if first is not last:
+        falls = [
+            f"{joint} {100 * (1 - last.errors[joint].rms / error.rms):.3g} %"
+            for joint, error in first.errors.items()
+            if error.rms > 0
+        ]
+        lines += _filled(f"error falls from {first.name} to {last.name}: {', '.join(falls)}")
+    return lines
 
 
-def found(fit: Fit, known: Reactions | None = None) -> tuple[Section, ...]:
-    """Return parameters and multipliers."""
-    return (
-        Section("Parameters", _parameters(fit)),
-        Section("Multipliers", _lambda(fit, known)),
+def _filled(text: str) -> list[str]:
+    return textwrap.wrap(text, WIDTH, subsequent_indent="  ", break_on_hyphens=False)
+
+
+def residual_headline(residual: Residual) -> str:
+    """Return the model, logs and rows of a residual."""
+    logs = ", ".join(trace.name for trace in residual.traces)
+    cut = residual.motion.band.cutoff
+    below = f" below {cut:.3g} Hz" if cut else ""
+    text = f"residual of {residual.name} on {logs}{below}: {residual.rows} rows"
+    return "\n".join(_filled(text))
+
+
+def by_kind(parts: Mapping[str, np.ndarray], residual: Residual) -> dict[str, list[str]]:
+    """Return the parts that one column shows: effects of one kind act on a joint as one."""
+    kinds: dict[str, list[str]] = {}
+    for name in parts:
+        fixed = name in (RIGID, WRENCHES, DRIVES, CLOSURES)
+        kinds.setdefault(name if fixed else name.split(":")[0], []).append(name)
+    return kinds
+
+
+def parts_table(residual: Residual, indent: str = "  ") -> list[str]:
+    """Return the rms of the measured torque, of each part and of the residual, by joint."""
+    kinds = by_kind(residual.traces[0].parts, residual)
+    rms = residual.parts
+    columns = {"measured": rms["measured"]}
+    for kind, names in kinds.items():
+        columns[kind] = _together(residual, "parts", names)
+        if kind == RIGID:
+            columns["(gravity)"] = rms["gravity"]
+    columns["residual"] = rms["residual"]
+    lines = ["", "the sum taken apart, rms: rigid bodies + effects = predicted"]
+    lines += _by_joint(residual, columns, indent)
+    if residual.own:
+        columns = {
+            kind: _together(residual, "own", names)
+            for kind, names in by_kind(residual.traces[0].own, residual).items()
+        }
+        columns = {k: x for k, x in columns.items() if k != DRIVES or np.nanmax(x) > 0}
+        lines += [
+            "",
+            "the joint's own row, rms: rigid bodies + effects + closure forces = its torque",
+        ]
+        lines += _by_joint(residual, columns, indent)
+    return lines
+
+
+def _together(residual: Residual, which: str, names: Iterable[str]) -> np.ndarray:
+    """Return the rms (d,) of the sum of some parts."""
+    squares, rows = np.zeros(len(residual.joints)), 0
+    for trace in residual.traces:
+        parts = getattr(trace, which)
+        squares = squares + (sum(parts[name] for name in names) ** 2).sum(axis=0)
+        rows += len(trace)
+    return np.asarray(np.sqrt(squares / max(rows, 1)))
+
+
+def _by_joint(residual: Residual, columns: Mapping[str, np.ndarray], indent: str) -> list[str]:
+    """Return one row a joint; more columns than fit go into a second table below."""
+    names, lines = list(columns), []
+    first = max(len(joint) for joint in residual.joints) + 8
+    while names:
+        width = first
+        some: list[str] = []
+        while names and (not some or width + max(len(names[0]), 7) + 2 <= WIDTH):
+            width += max(len(names[0]), 7) + 2
+            some.append(names.pop(0))
+        rows = [["joint", "", *some]]
+        for u, joint in enumerate(residual.joints):
+            cells = [_number(columns[name][u], residual.parts["measured"][u]) for name in some]
+            rows.append([joint, residual.units[u], *cells])
+        lines += table(rows, indent)
+    return lines
+
+
+def _number(x: float, beside: float) -> str:
+    if np.isnan(x):
+        return "–"
+    return "0" if x < ROUNDING * beside else f"{x:.3g}"
+
+
+def where_text(residual: Residual, indent: str = "  ") -> list[str]:
+    """Return where the model fails, joint by joint."""
+    lines = ["where it fails"]
+    several = len(residual.traces) > 1
+    for failure in residual.where:
+        lines += [f"{indent}{line}" for line in failure_text(failure, several)]
+    return lines
+
+
+def failure_text(failure: Failure, several: bool) -> list[str]:
+    """Return how much one joint fails, on what that depends, in which regimes and when."""
+    first, *rest = _sentences(failure, several)
+    return [first[1], *(line for head, text in rest for line in _wrapped(head, text))]
+
+
+def failure_lines(failure: Failure, several: bool) -> list[str]:
+    """Return the same, a sentence a line."""
+    return [" ".join(each).strip() for each in _sentences(failure, several)]
+
+
+def _sentences(failure: Failure, several: bool) -> list[tuple[str, str]]:
+    white = "indistinguishable from noise" if failure.white else "has structure"
+    first = (
+        f"{failure.joint}: {failure.rms:.3g} {failure.unit} ({percent(failure.relative)}), "
+        f"{100 * failure.share:.0f} % of the misfit; {white}"
     )
+    found = [("", first)]
+    if failure.depends_on:
+        found.append(("depends on", "; ".join(str(each) for each in failure.depends_on)))
+    elif not failure.white:
+        found.append(
+            ("depends on", "no single signal that was tried; but it is correlated in time")
+        )
+    if regimes := failure.stands_out[:REGIMES]:
+        found.append(("larger at", ", ".join(str(each) for each in regimes)))
+    if failure.worst and not failure.white:
+        windows = [
+            f"{each}" + (f" of {each.experiment}" if several else "")
+            for each in failure.worst[:WINDOWS]
+        ]
+        found.append(("worst in", ", ".join(windows)))
+    return found
 
 
-def _parameters(fit: Fit) -> tuple[Block, ...]:
-    blocks: list[Block] = []
-    effects = [value for effect in fit.effects for value in effect.parameters]
-    own = [value for value in fit.parameters if value.identifiable]
-    if (chart := plot_parameters([*effects, *own])) is not None:
-        blocks.append(chart)
-    if effects:
-        rows = [["effect", "value", "unit"], *([v.name, shown(v), v.unit] for v in effects)]
-        blocks.append(html_table(rows, "Effects"))
-    if own:
-        rows = [["parameter", "value", "prior", "unit"]]
-        rows += [[v.name, shown(v), f"{v.prior:.5g}", v.unit] for v in own]
-        blocks.append(html_table(rows, "Identified parameters"))
-    combined = [value for value in fit.base_parameters if " " in value.name]
-    if combined:
-        rows = [["base parameter", "value", "unit"]]
-        rows += [[shortened(v.name, 120), rounded(v.value, v.stderr), v.unit] for v in combined]
-        blocks.append(html_table(rows, "Combinations that only together can be identified"))
-    if fit.binding is not None:
-        blocks.append(paragraph(binding(fit.binding)))
-    return tuple(blocks)
+def _wrapped(head: str, text: str) -> list[str]:
+    indent = " " * 15
+    lines = textwrap.wrap(text, WIDTH - 2 - len(indent), break_on_hyphens=False)
+    return [f"   {head:<12}{lines[0]}", *(indent + line for line in lines[1:])]
 
 
-def _lambda(fit: Fit, known: Reactions | None) -> tuple[Block, ...]:
-    if not fit.mechanism.kinematics.multipliers:
-        return ()
-    blocks: list[Block] = [paragraph(LAMBDA)]
-    notes = [each for each in fit.warnings if each.startswith("multipliers ")]
-    blocks += [paragraph(each, "warning") for each in notes]
-    if known is not None:
-        blocks += [headed("Against known reactions"), code(reactions(known)), plot_reactions(known)]
-    names = [e.name for e in fit.motion.experiments]
-    if known is None or len(names) > 1:
-        blocks += report.by_log(names, fit.plot_multipliers)
-    return tuple(blocks)
+@renders(Comparison, "text")
+def comparison_text(c: Comparison) -> str:
+    """Return errors, the parts of the sum, and where each model fails."""
+    lines = [c.summary]
+    for name, residual in c.residuals.items():
+        lines += ["", name] if len(c.residuals) > 1 else []
+        lines += [*parts_table(residual), "", *where_text(residual)]
+    return "\n".join(lines)
+
+
+@renders(Comparison, "summary")
+def comparison_summary(c: Comparison) -> str:
+    """Return errors on this motion, those of the fits, and how far the error falls."""
+    lines = errors_text(c.residuals)
+    for name, errors in c.fitted.items():
+        if any(errors.values()):
+            lines += ["", f"errors of {name} as it was fitted", *table(error_rows(errors))]
+    return "\n".join(lines)
+
+
+# --- what a motion determines ---------------------------------------------------------------------
 
 
 def describe(mechanism: Mechanism, motion: Motion | None = None) -> str:

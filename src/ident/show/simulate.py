@@ -11,9 +11,9 @@ import polars as pl
 from ident.display import renders
 from ident.log import Log
 from ident.show.charts import MEASURED, Chart, Level, Line, Panel
+from ident.show.fit_pages import by_log
 from ident.show.html import Page, Section, items, paragraph
 from ident.show.html import table as html_table
-from ident.show.residual import by_log
 from ident.simulate.integrate import Run
 from ident.simulate.replay import Replay, ReplayedLog
 from ident.text import percent, table

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ident.diagnosis import Diagnosis, History, diagnose
 from ident.diagnosis.diagnosis import errors_of, fall_of
 from ident.diagnosis.grow import Step
+from ident.display import Displayed
 from ident.effects import Effect
 from ident.equations.unknowns import Point
 from ident.errors import FitError, one_of
@@ -20,12 +20,7 @@ from ident.mechanism import Mechanism
 from ident.motion import Motion
 from ident.progress import Progress
 from ident.show.diagnosis_report import model_files, refuse_own, write_history
-from ident.show.explore.predicted import (
-    ColumnCache,
-    PredictedGain,
-    ScreeningContext,
-    predicted_gains,
-)
+from ident.show.explore.predicted import PredictedGain, delivered, predicted_gains
 from ident.text import percent, table
 
 START = "as given"
@@ -68,23 +63,23 @@ class ModelStep:
         return errors_of(self.fit)
 
     def risen(self, before: ModelStep) -> list[str]:
-        """What is to be said of joints whose error has grown though another's has fallen."""
-        said = []
+        """Return a sentence for each joint whose error has grown though another's has fallen."""
+        sentences = []
         for joint, error in self.errors.items():
             old = before.errors.get(joint)
             if old is not None and error.rms > GROWN * old.rms:
-                said.append(
+                sentences.append(
                     f"{self.name}: the held-out error of {joint} has grown from {old.rms:.3g} to "
                     f"{error.rms:.3g} {error.unit}; {self._why_risen(joint)}"
                 )
-        return said
+        return sentences
 
     def _why_risen(self, joint: str) -> str:
-        """Weights are a reason only where several joints share them."""
-        alone, gone = len(self.errors) == 1, self.removed
-        if gone is not None and (alone or joint in gone.joints or not gone.joints):
-            return f"what {gone.label} explained is left now"
-        if gone is not None:
+        """Return the reason; weights are one only where several joints share them."""
+        alone, removed = len(self.errors) == 1, self.removed
+        if removed is not None and (alone or joint in removed.joints or not removed.joints):
+            return f"what {removed.label} explained is left now"
+        if removed is not None:
             return "what it explained may be left there, or joints weigh otherwise than before"
         if alone:
             return "what the effect follows in some stretches of time does not hold in the others"
@@ -130,8 +125,8 @@ def ladder_rows(rungs: Sequence[ModelStep]) -> list[list[str]]:
     return rows
 
 
-@dataclass(frozen=True, eq=False)
-class Exploration:
+@dataclass(frozen=True, eq=False, repr=False)
+class Exploration(Displayed):
     """Models tried one after the other. Each verb returns a new one; `before` is the way back.
 
     Attributes:
@@ -141,8 +136,6 @@ class Exploration:
 
     rungs: tuple[ModelStep, ...]
     before: Exploration | None = None
-    store: ColumnCache = field(default_factory=ColumnCache, repr=False)
-    ground: ScreeningContext | None = field(default=None, repr=False)
 
     @classmethod
     def of(
@@ -153,7 +146,7 @@ class Exploration:
         Args:
             mechanism: the model.
             motion: what it is fitted to.
-            progress: is told of every step, with the share that is done.
+            progress: called with (what is being done, share done).
 
         Raises:
             FitError: if there are no equations to identify with.
@@ -189,8 +182,7 @@ class Exploration:
         """
         if self.now.candidates is not None:
             return self
-        ground = self._ground()
-        return self._with(replace(self.now, candidates=predicted_gains(ground, progress)), ground)
+        return self._with(replace(self.now, candidates=predicted_gains(self.fit, progress)))
 
     def with_effect(self, effect: str | Effect, progress: Progress | None = None) -> Exploration:
         """With one more effect in the model, everything refitted.
@@ -210,33 +202,31 @@ class Exploration:
                 f"'{effect}' names {len(new)} effects; add one at a time: "
                 f"{', '.join(each.label for each in new[:4])}"
             )
-        told = self._announced(new[0].label, present=False)
+        gain = self._announced(new[0].label, present=False)
         start = self.fit.point
-        if told is not None and told.shape:
+        if gain is not None and gain.shape:
             names = zip(new[0].names[len(new[0].unknowns) :], new[0].shapes, strict=True)
-            shape = {full: told.shape[s.name] for full, s in names if s.name in told.shape}
+            shape = {full: gain.shape[s.name] for full, s in names if s.name in gain.shape}
             start = Point(start.pi, {**start.values, **shape})
-        fit = _fitted(mechanism, self.fit, start, progress)
-        return self._grown(fit, told.fall if told else None, added=new[0])
+        return self._extended(mechanism, start, gain.fall if gain else None, progress, added=new[0])
 
     def without(self, label: str, progress: Progress | None = None) -> Exploration:
         """With one effect less, everything refitted.
 
         Args:
             label: of the effect, as `coulomb:elbow`.
-            progress: is told of every step.
+            progress: called with (what is being done, share done).
 
         Raises:
             MechanismError: if the model has no such effect.
         """
         mechanism = self.mechanism.without(label)
-        gone = next(e for e in self.mechanism.effects if e.label == label)
-        told = self._announced(label, present=True)
-        fit = _fitted(mechanism, self.fit, self.fit.point, progress)
+        removed = next(e for e in self.mechanism.effects if e.label == label)
+        gain = self._announced(label, present=True)
         announced = None
-        if told is not None and told.fall is not None and told.fall < 1:
-            announced = -told.fall / (1 - told.fall)  # 1 − loss₀/loss₁ seen from the other side
-        return self._grown(fit, announced, removed=gone)
+        if gain is not None and gain.fall is not None and gain.fall < 1:
+            announced = -gain.fall / (1 - gain.fall)  # 1 − loss₀/loss₁ seen from the other side
+        return self._extended(mechanism, self.fit.point, announced, progress, removed=removed)
 
     def at(self, rung: int) -> Exploration:
         """Back to an earlier rung, 0 the model as given.
@@ -249,7 +239,7 @@ class Exploration:
             raise FitError(f"there is no rung {rung}; {valid}")
         if rung == len(self.rungs) - 1:
             return self
-        return replace(self, rungs=self.rungs[: rung + 1], before=self, ground=None)
+        return replace(self, rungs=self.rungs[: rung + 1], before=self)
 
     @property
     def undone(self) -> Exploration:
@@ -260,12 +250,12 @@ class Exploration:
         """With the diagnosis of the present model: whether a fall means anything.
 
         Args:
-            progress: is told of every step.
+            progress: called with (what is being done, share done).
         """
         if self.now.diagnosis is not None:
             return self
         found = diagnose(self.fit, progress=progress)
-        return self._with(replace(self.now, diagnosis=found), self.ground)
+        return self._with(replace(self.now, diagnosis=found))
 
     def write(self, folder: str | Path) -> list[Path]:
         """The present mechanism's folder with its fit; with its diagnosis, where there is one.
@@ -291,35 +281,24 @@ class Exploration:
         found = (x for x in self.candidates if x.label == label and x.present == present)
         return next(found, None)
 
-    def _ground(self) -> ScreeningContext:
-        return self.ground or ScreeningContext.of(self.fit, self.store)
+    def _with(self, now: ModelStep) -> Exploration:
+        """Return the same model with more known of it."""
+        return replace(self, rungs=(*self.rungs[:-1], now))
 
-    def _with(self, now: ModelStep, ground: ScreeningContext | None) -> Exploration:
-        """The same model, with more known of it."""
-        return replace(self, rungs=(*self.rungs[:-1], now), ground=ground)
-
-    def _grown(
-        self, fit: Fit, announced: float | None, added: Effect | None = None,
-        removed: Effect | None = None,
+    def _extended(
+        self, mechanism: Mechanism, start: Point, announced: float | None,
+        progress: Progress | None, added: Effect | None = None, removed: Effect | None = None,
     ) -> Exploration:  # fmt: skip
-        ground = ScreeningContext.of(fit, self.store)
+        fit = identify(  # least squares throughout, as the prediction has it
+            mechanism, self.fit.motion, start=start, estimator="least-squares", progress=progress
+        )
         step = ModelStep(
-            added, removed, fit, announced, delivered=self._ground().delivered(ground),
+            added, removed, fit, announced, delivered=delivered(self.fit, fit),
             fall=fall_of(errors_of(self.fit), errors_of(fit)),
         )  # fmt: skip
-        return replace(self, rungs=(*self.rungs, step), before=self, ground=ground)
+        return replace(self, rungs=(*self.rungs, step), before=self)
 
     def __str__(self) -> str:
         return "\n".join(table(self.table(), ""))
 
     __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(str(self))}</pre>"
-
-
-def _fitted(mechanism: Mechanism, old: Fit, start: Point, progress: Progress | None) -> Fit:
-    """Least squares throughout, as the announcement has it."""
-    return identify(
-        mechanism, old.motion, start=start, estimator="least-squares", progress=progress
-    )

@@ -21,7 +21,7 @@ from ident.errors import IdentError
 from ident.progress import Progress
 from ident.show.charts import Chart, source
 from ident.show.explore.exploration import Exploration, ladder_rows
-from ident.show.explore.views import VIEWS, beside_verdict, contents, error_rows, rows_of
+from ident.show.explore.views import VIEWS, beside_verdict, contents, effect_list, error_rows
 from ident.show.html import table
 
 
@@ -128,7 +128,7 @@ class Controls:
         if e.now.candidates is None:
             self.candidates.param.update(stale=True, said="announced for another model …")
         else:
-            rows = rows_of(e.now.candidates, e.now.diagnosis)
+            rows = effect_list(e.now.candidates, e.now.diagnosis)
             said = f"{len(rows)} effects; fall of the held-out squares ± standard error"
             if beside_verdict(e.now.candidates, e.now.diagnosis):
                 said += "; none of them is judged to be missing"
@@ -193,29 +193,29 @@ class Board(panel.viewable.Viewer):
         return self.controls.layout
 
     async def toggle(self, label: str, present: bool) -> None:
-        """Adds an effect, or removes it."""
+        """Add an effect, or remove it."""
         if present:
-            await self._change(f"without {label}", lambda e, told: e.without(label, told))
+            await self._change(f"without {label}", lambda e, p: e.without(label, p))
         else:
             joint = self._joint_of(label)
-            await self._change(f"with {label}", lambda e, told: _added(e, label, told), joint)
+            await self._change(f"with {label}", lambda e, p: _added(e, label, p), joint)
 
     async def back(self, rung: int) -> None:
-        """To an earlier rung of the ladder."""
-        await self._change("going back", lambda e, told: e.at(rung))
+        """Go back to an earlier rung of the ladder."""
+        await self._change("going back", lambda e, p: e.at(rung))
 
     async def undone(self) -> None:
-        """As before the last change."""
-        await self._change("undoing", lambda e, told: e.undone)
+        """Undo the last change."""
+        await self._change("undoing", lambda e, p: e.undone)
 
     async def judged(self) -> None:
-        """Diagnoses the present model."""
-        await self._change("judging", lambda e, told: e.judged(told))
+        """Diagnose the present model."""
+        await self._change("judging", lambda e, p: e.judged(p))
         if self.exploration.now.diagnosis is not None:
             self.controls.view.value = "Verdict"
 
     async def saved(self) -> None:
-        """Writes the present model into the folder that is named."""
+        """Write the present model into the folder that is named."""
         written = str(self.controls.folder.value_input or self.controls.folder.value or "").strip()
         if self._busy:
             return
@@ -234,7 +234,7 @@ class Board(panel.viewable.Viewer):
             self._lock(False)
 
     async def redrawn(self) -> None:
-        """What is looked at now, unless it is there already or is left before it is drawn."""
+        """Draw what is looked at, unless it is shown already or left before it is drawn."""
         wanted = self._wanted()
         if wanted == self._drawn:
             return
@@ -244,18 +244,14 @@ class Board(panel.viewable.Viewer):
             self.controls.show(picture)
 
     async def announced(self, wrong: str = "") -> None:
-        """What every effect would do now; given up as soon as the model changes again.
-
-        Args:
-            wrong: what remains to be said when it is done.
-        """
+        """Predict what every effect would do; given up as soon as the model changes again."""
         mine, turn = self.exploration, self._turn
 
-        def screened(told: Progress) -> Exploration:
+        def screened(on_progress: Progress) -> Exploration:
             def checked(what: str, share: float) -> None:
                 if self._turn != turn:
                     raise Stale
-                told(what, share)
+                on_progress(what, share)
 
             return mine.screened(checked)
 
@@ -271,10 +267,7 @@ class Board(panel.viewable.Viewer):
                 return
             self._is(found)
             self._drawn = found, *self._drawn[1:]  # the same model
-        if wrong:
-            self.controls.say(wrong, "bad")
-        else:
-            self.controls.say(_summary(self.exploration))
+        self.controls.say(*((wrong, "bad") if wrong else (_summary(self.exploration),)))
 
     async def _change(self, words: str, verb: Verb, joint: str | None = None) -> None:
         """One change; a click during one does nothing."""
@@ -284,7 +277,7 @@ class Board(panel.viewable.Viewer):
         self._turn += 1
         before, wrong = self.exploration, ""
         try:
-            self._is(await self._working(words, lambda told: verb(before, told)))
+            self._is(await self._working(words, lambda p: verb(before, p)))
             wanted = self.exploration, str(self.controls.view.value), joint or self._wanted()[2]
             picture = await asyncio.to_thread(contents, *wanted)
             self._drawn = wanted
@@ -301,16 +294,16 @@ class Board(panel.viewable.Viewer):
         await self.announced(wrong)
 
     async def _working(self, words: str, work: Callable[[Progress], T]) -> T:
-        """Runs it in a thread, and says how far it is."""
-        heard: tuple[str, float] = words, 0.0
+        """Run work in a thread, and show its progress."""
+        state: tuple[str, float] = words, 0.0
 
-        def told(what: str, share: float) -> None:
-            nonlocal heard
-            heard = f"{words}: {what}", share
+        def on_progress(what: str, share: float) -> None:
+            nonlocal state
+            state = f"{words}: {what}", share
 
-        task = asyncio.ensure_future(asyncio.to_thread(work, told))
+        task = asyncio.ensure_future(asyncio.to_thread(work, on_progress))
         while not task.done():
-            self.controls.say(f"{heard[0]} …", "busy", heard[1])
+            self.controls.say(f"{state[0]} …", "busy", state[1])
             await asyncio.wait([task], timeout=PAUSE)
         return task.result()
 
@@ -323,12 +316,11 @@ class Board(panel.viewable.Viewer):
         return self.exploration, str(self.controls.view.value), str(self.controls.joint.value)
 
     def _joint_of(self, label: str) -> str | None:
-        """The joint to look at: its own, or else the one whose error an effect lowers most."""
-        found = (x for x in self.exploration.candidates if x.label == label and x.joints)
-        told = next(found, None)
-        if told is None:
-            return None
-        return next((j for j in told.joints if j in told.effect.joints), told.joints[0])
+        """Return the joint to look at: the effect's own, or the one whose error it lowers most."""
+        for x in self.exploration.candidates:
+            if x.label == label and x.joints:
+                return next((j for j in x.joints if j in x.effect.joints), x.joints[0])
+        return None
 
     def _lock(self, busy: bool) -> None:
         self._busy = busy
@@ -338,10 +330,10 @@ class Board(panel.viewable.Viewer):
         c = self.controls
 
         def calls(verb: Callable[[], Awaitable[None]]) -> Callable[[Any], Awaitable[None]]:
-            async def heard(event: Any) -> None:
+            async def handle(event: Any) -> None:
                 await verb()
 
-            return heard
+            return handle
 
         async def effect(event: Any) -> None:
             await self.toggle(str(event.data["label"]), bool(event.data["present"]))
@@ -358,10 +350,10 @@ class Board(panel.viewable.Viewer):
         c.joint.param.watch(calls(self.redrawn), "value")
 
 
-def _added(e: Exploration, label: str, told: Progress) -> Exploration:
-    """With the effect that is announced under this label, whichever it is."""
-    found = next((x.effect for x in e.candidates if x.label == label and not x.present), None)
-    return e.with_effect(label if found is None else found, told)
+def _added(e: Exploration, label: str, progress: Progress) -> Exploration:
+    """Return the exploration with the effect that is listed under a label."""
+    effects = (x.effect for x in e.candidates if x.label == label and not x.present)
+    return e.with_effect(next(effects, label), progress)
 
 
 def _summary(e: Exploration) -> str:

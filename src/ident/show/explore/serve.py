@@ -2,34 +2,29 @@
 
 from __future__ import annotations
 
-import base64
-from functools import cache
-from typing import TYPE_CHECKING, Any
-
-from ident.errors import IdentError
-
-if TYPE_CHECKING:
-    from ident.show.explore.page import Board
-
-
 import asyncio
+import base64
 import contextlib
 import logging
 import os
-import socket
 import webbrowser
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from ident.errors import MechanismError
+from ident.errors import IdentError, MechanismError
 from ident.log import Log
 from ident.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.show.explore.exploration import Exploration
+from ident.show.port import HOST, free_port, refused
 
 if TYPE_CHECKING:
     from ident.show.explore.page import Board
+
+File = str | os.PathLike[str]
+Logs = Log | File | Sequence[Log | File]
 
 
 def check_panel() -> None:
@@ -46,7 +41,7 @@ def check_panel() -> None:
 
 @cache
 def load_in_jupyter() -> None:
-    """Puts Panel's scripts into the notebook, once, so that nothing comes from a network."""
+    """Put Panel's scripts into the notebook, once, so that nothing comes from a network."""
     import panel
 
     try:
@@ -58,7 +53,7 @@ def load_in_jupyter() -> None:
 
 
 def without_network(board: Board) -> Board:
-    """The same, in a notebook: the styles that Panel would fetch there come along with the page."""
+    """Return the board with the styles inline that Panel would fetch in a notebook."""
     from bokeh.models import ImportedStyleSheet
     from panel.io.resources import CDN_DIST, DIST_DIR
 
@@ -74,9 +69,6 @@ def without_network(board: Board) -> Board:
     return board
 
 
-HOST = "127.0.0.1"
-
-
 def serve(
     exploration: Exploration,
     *,
@@ -85,9 +77,7 @@ def serve(
     folder: str | Path | None = None,
     ready: Callable[[str], None] | None = None,
 ) -> None:
-    """Serves the page until interrupted (Ctrl-C).
-
-    A page that is loaded again goes on where the last one was.
+    """Serve the page until interrupted (Ctrl-C); loaded again it goes on where the last one was.
 
     Args:
         exploration: to start from.
@@ -103,7 +93,7 @@ def serve(
     try:
         server = _server(exploration, port, folder)
     except OSError as error:
-        raise _taken(port, error) from None
+        raise refused(port, error.strerror or str(error)) from None
     address = f"http://{HOST}:{port}/"
     server.io_loop.asyncio_loop.set_exception_handler(_heard)
     if ready:
@@ -117,7 +107,7 @@ def serve(
 
 
 def _heard(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """What goes wrong on the loop, but for what is written to a page that has been left."""
+    """Report errors of the loop, but not of writing to a closed page."""
     from tornado.websocket import WebSocketClosedError
 
     if not isinstance(context.get("exception"), WebSocketClosedError):
@@ -144,32 +134,6 @@ def _server(exploration: Exploration, port: int, folder: str | Path | None) -> A
     return panel.io.server.get_server(
         {"/": page}, port=port, address=HOST, websocket_origin=origins, title={"/": title}
     )
-
-
-def free_port(port: int) -> int:
-    """The port asked for if it is free, or any that is.
-
-    Raises:
-        IdentError: if it is taken.
-    """
-    with socket.socket() as tried:
-        tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            tried.bind((HOST, port))
-        except OSError as error:
-            raise _taken(port, error) from None
-        return int(tried.getsockname()[1])
-
-
-def _taken(port: int, error: OSError) -> IdentError:
-    return IdentError(
-        f"--port {port}: {error.strerror or error}; name another port, or leave --port out for a "
-        "free one"
-    )
-
-
-File = str | os.PathLike[str]
-Logs = Log | File | Sequence[Log | File]
 
 
 def explore(mechanism: Mechanism, log: Motion | Logs) -> Board:

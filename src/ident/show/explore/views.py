@@ -16,8 +16,8 @@ from ident.show.diagnosis import listed, some
 from ident.show.diagnosis_report import plot_rungs
 from ident.show.explore.exploration import Exploration, ModelStep, error_text, share
 from ident.show.explore.predicted import PredictedGain
+from ident.show.fit_pages import plot_maps, plot_predictions
 from ident.show.html import code, items, paragraph, table
-from ident.show.residual import plot_maps, plot_predictions
 from ident.text import rounded
 
 
@@ -61,7 +61,7 @@ GROUPS = (
 NAMED = 5  # rivals that are listed, the others counted
 
 
-def rows_of(found: Sequence[PredictedGain], d: Diagnosis | None = None) -> list[dict[str, Any]]:
+def effect_list(found: Sequence[PredictedGain], d: Diagnosis | None = None) -> list[dict[str, Any]]:
     """One row an effect, group by group, best first in each.
 
     Args:
@@ -90,40 +90,29 @@ def beside_verdict(found: Sequence[PredictedGain], d: Diagnosis | None) -> str:
     )
 
 
-def group_of(each: PredictedGain) -> str:
-    """Where it is listed."""
-    if each.present:
-        return GROUPS[0]
-    if each.fall is None:
-        return GROUPS[3]
-    return GROUPS[1] if each.sure else GROUPS[2]
-
-
 def _row(each: PredictedGain, verdict: str) -> dict[str, Any]:
-    said = ""
+    fall = "not linear" if each.present else ""
     if each.fall is not None and each.error is not None:
         about = "" if each.effect.linear else "≈ "  # exact for what is linear in its unknowns
-        said = f"{about}{share(each.fall)} ± {100 * each.error:.1f}"
-    elif each.present:
-        said = "not linear"
-    told = (("not told apart from", each.rivals), ("explained better by", each.better))
-    rivals = "; ".join(f"{words} {some(others, NAMED)}" for words, others in told if others)
-    words = each.words
+        fall = f"{about}{share(each.fall)} ± {100 * each.error:.1f}"
+    behind = (("not told apart from", each.rivals), ("explained better by", each.better))
+    words = what = type(each.effect).summary()
     if each.joints and not each.present and (each.fall or 0.0) > 0:
         words += f"; lowers the error of {listed(each.joints)}"
+    seen = 3 if each.fall is None else 1 if each.sure else 2
     return {
         "key": each.label,
         "label": each.label,
         "present": each.present,
         "mark": "in the model" if each.present else verdict,
         "sure": each.sure,
-        "fall": said,
+        "fall": fall,
         "share": min(max(each.fall or 0.0, 0.0), 1.0),
         "words": words,
-        "rivals": rivals,
+        "rivals": "; ".join(f"{head} {some(names, NAMED)}" for head, names in behind if names),
         "why": each.why,
-        "group": group_of(each),
-        "find": " ".join([each.label, each.words, *each.joints]),
+        "group": GROUPS[0 if each.present else seen],
+        "find": " ".join([each.label, what, *each.joints]),
     }
 
 

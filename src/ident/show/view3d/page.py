@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import html
 import os
-import socket
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -19,10 +18,9 @@ import numpy as np
 from rich import get_console
 
 from ident.errors import IdentError
+from ident.show.port import HOST, free_port, refused
 from ident.show.view3d import Film, View, frames, nearest
 from ident.show.view3d.draw import ENDS, MOMENTS, SEE_THROUGH, aim, css, css_ramp, draw
-
-HOST = "127.0.0.1"
 
 
 def open_page(title: str, port: int = 0) -> Any:
@@ -38,7 +36,7 @@ def open_page(title: str, port: int = 0) -> Any:
         def request_share_url(self, verbose: bool = True) -> str | None:
             return None  # it would open a tunnel to the outside
 
-    port = _free(port)
+    port = free_port(port)
     # it announces itself on standard output, where only results belong; and a port of the
     # environment would take the place of the one asked for
     override = os.environ.pop("_VISER_PORT_OVERRIDE", None)
@@ -48,7 +46,7 @@ def open_page(title: str, port: int = 0) -> Any:
         os.environ["_VISER_PORT_OVERRIDE"] = override
     if page.get_port() != port:  # it takes the next one when somebody was faster
         close_page(page)
-        raise _taken(port)
+        raise refused(port)
     page.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
     return page
 
@@ -68,29 +66,6 @@ def close_page(page: Any) -> None:
     """End the server of `open_page`."""
     with _quiet():
         page.stop()
-
-
-def _free(port: int) -> int:
-    if not 0 <= port <= 65535:
-        raise IdentError(f"port {port}: there is none; valid: 1 to 65535, or 0 for a free one")
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as trial:
-        if os.name == "posix":  # elsewhere it would let two programs share a port
-            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            trial.bind((HOST, port))
-        except PermissionError:
-            raise IdentError(
-                f"port {port}: needs an administrator; give one of 1024 to 65535, or none"
-            ) from None
-        except OSError:
-            raise _taken(port) from None
-        return int(trial.getsockname()[1])
-
-
-def _taken(port: int) -> IdentError:
-    return IdentError(
-        f"port {port}: is taken on {HOST}; give another one, or none, and a free one is taken"
-    )
 
 
 CLOSED = 1e-7  # [m | rad] |Φ| of a closure that nobody would call open
