@@ -7,8 +7,7 @@ from importlib import import_module
 import pytest
 
 import ident
-from ident.cli.app import app
-from ident.cli.late import COMMANDS, command_of
+from ident.cli.app import COMMANDS, app, command_of
 
 HEAVY = ("casadi", "pinocchio", "scipy", "matplotlib", "polars", "bokeh", "panel", "viser")
 

@@ -12,7 +12,7 @@ from urllib.parse import unquote
 import pytest
 
 import ident
-from ident.cli.late import COMMANDS
+from ident.cli.app import COMMANDS
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 

@@ -1,4 +1,4 @@
-"""`ident`: the commands, and what becomes of errors."""
+"""`ident`: its commands, imported when one of them is run, and the output of errors."""
 
 from __future__ import annotations
 
@@ -7,15 +7,67 @@ import os
 import shlex
 import sys
 import traceback
-from typing import Annotated
+from functools import cache
+from importlib import import_module
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 import ident
 from ident.cli.console import fail
-from ident.cli.late import HELP, Commands
 from ident.errors import IdentError
 from ident.progress import running
+
+HELP = {"help_option_names": ["-h", "--help"]}
+COMMANDS = {  # in which module of this package, and the first line of its docstring
+    "check": ("logs", "What was understood, and what could be identified."),
+    "identify": ("logs", "Parameters, effects and multipliers from logs."),
+    "compare": ("logs", "Models against measurement, joint by joint."),
+    "diagnose": ("logs", "Where the model fails, and which effect is missing."),
+    "grow": ("logs", "Add the best effect, refit, and repeat until none is missing."),
+    "add": ("model", "Write an effect into mechanism.toml."),
+    "effects": ("model", "The library of effects."),
+    "simulate": ("simulations", "A log of the model itself."),
+    "excite": ("simulations", "A periodic motion that tells most, inside all limits."),
+    "explore": ("logs", "Add effects by hand, in a browser; watch the error fall."),
+    "montecarlo": ("simulations", "What noise makes of the estimates: bias and spread."),
+    "monitor": ("monitor", "Identify a machine while it runs; say when it changes."),
+    "view": ("model", "The mechanism moving in 3-D, in a browser."),
+    "demo": ("simulations", "A hidden effect found, step by step, in half a minute."),
+}
+
+
+@cache
+def command_of(name: str) -> Any:
+    """The command itself, with its arguments and options."""
+    function = getattr(import_module(f"ident.cli.{COMMANDS[name][0]}"), name)
+    alone = typer.Typer(
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        context_settings=HELP,
+    )
+    alone.command(name)(function)
+    return typer.main.get_command(alone)
+
+
+class Late(TyperCommand):
+    """Stands for a command until it is run, or its own help or options are asked for."""
+
+    def make_context(self, info_name: str | None, args: list[str], *rest: Any, **more: Any) -> Any:
+        """The context of the command that it stands for."""
+        return command_of(str(self.name)).make_context(info_name, args, *rest, **more)
+
+
+class Commands(TyperGroup):
+    """All of them by name."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        for name, (_, line) in COMMANDS.items():
+            self.add_command(Late(name, help=line, rich_markup_mode=None))
+
 
 app = typer.Typer(
     name="ident",

@@ -9,7 +9,6 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -39,11 +38,10 @@ from ident.streams.stream import Setting, Stream
 from ident.streams.suspects import STICKING
 
 if TYPE_CHECKING:
-    from ident.mechanism import Mechanism
     from ident.streams.online import Forces
     from ident.streams.stream import StreamedRows
 
-MOST_SAID = 20  # lines that are left out, of which each is noted; then they are counted
+MOST_NOTED = 20  # lines that are left out, of which each is noted; then they are counted
 PARAMETERS = ("t", "quantity", "value", "stderr", "unit", "state")
 ALARMS = ("onset", "detected", "named", "verdict", "suspects", "evidence", "text")
 
@@ -102,22 +100,21 @@ def monitor(
                 ]
             )
     online = Online(model, like=fit, forget=forget, cutoff=cut, smoothing=knots)
-    with Record(out, model) as record, _until_interrupted() as interrupted:
-        running = Running(online, watch, record, every)
+    with Session(online, watch, out, every) as session, _until_interrupted() as interrupted:
         for line in follow(None if log == "-" else Path(log), grow=follow_, stop=interrupted):
-            running.take(line)
+            session.take(line)
         if not online.samples:
             name = "standard input" if log == "-" else log
             raise LogError(
                 f"{name}: no sample came; a header line (t, q.<joint>, tau.<joint>, …) and rows of "
                 "numbers are needed"
             )
-        found = running.end()
-    result(found)
-    if running.raised:
+        snapshot = session.end()
+    result(snapshot)
+    if session.raised:
         notes(
             [
-                f"{len(running.raised)} alarm(s), first {running.raised[0].headline}; parameters "
+                f"{len(session.raised)} alarm(s), first {session.raised[0].headline}; parameters "
                 "of all samples are a mean of before and after it: --forget S, or a new start, "
                 "tells what they are now"
             ]
@@ -125,109 +122,123 @@ def monitor(
 
 
 class Watch:
-    """A monitor, and the stream that makes its rows."""
+    """A monitor of logs that differ from the one that was fitted, and the stream of its rows."""
 
-    def __init__(self, monitor: Monitor, stream: Stream) -> None:
-        self._monitor, self._stream = monitor, stream
+    def __init__(self, fit: Fit) -> None:
+        self.monitor = Monitor.of(fit, fit.motion)
+        watched = self.monitor.watched
+        self._stream = Stream(
+            watched.mechanism,
+            watched.columns,
+            Setting.of(watched.mechanism, fit.motion),
+            watched.point,
+            latency=self.monitor.seconds / 2,  # alarms come by intervals
+            sticking=STICKING,
+        )
 
     def alarms(self, sample: Mapping[str, float]) -> list[Alarm]:
-        """What a further sample raises."""
-        return self._of(self._stream.push(sample))
+        """Return the alarms that a further sample raises."""
+        return self._absorbed(self._stream.push(sample))
 
     def last(self) -> list[Alarm]:
-        """What the samples that still wait raise, and what has no name yet."""
-        return [*self._of(self._stream.flush()), *self._monitor.finish()]
+        """Return the alarms of the samples that still wait, and those without a name yet."""
+        return [*self._absorbed(self._stream.flush()), *self.monitor.finish()]
 
-    def _of(self, made: Sequence[StreamedRows]) -> list[Alarm]:
-        return [alarm for rows in made for alarm in self._monitor.absorb(rows, rows.q)]
+    def _absorbed(self, made: Sequence[StreamedRows]) -> list[Alarm]:
+        return [alarm for rows in made for alarm in self.monitor.absorb(rows, rows.q)]
 
 
 def _watch(fit: Fit) -> Watch | None:
-    """What raises alarms where a log differs from the one that was fitted."""
     try:
-        monitor = Monitor.of(fit, fit.motion)
+        watch = Watch(fit)
     except FitError as error:
         notes([f"no alarms: {error}"])
         return None
-    notes(str(monitor).splitlines()[:3])
-    watched = monitor.watched
-    setting = Setting.of(watched.mechanism, fit.motion)
-    stream = Stream(
-        watched.mechanism,
-        watched.columns,
-        setting,
-        watched.point,
-        latency=monitor.seconds / 2,  # alarms come by intervals
-        sticking=STICKING,
-    )
-    return Watch(monitor, stream)
+    notes(str(watch.monitor).splitlines()[:3])
+    return watch
 
 
-class Running:
-    """Takes lines, one by one, and says what they say.
+class Session(contextlib.ExitStack):
+    """Lines of a log, one by one: printed, and recorded in the CSV files of a folder.
 
     Args:
-        online: what identifies; watch: what raises alarms, if anything does.
-        record: of all that is said.
-        every: seconds of the log between two lines [s].
+        online: identifies; watch: raises alarms, if anything does.
+        folder: of parameters.csv, multipliers.csv and alarms.csv; None for no files.
+        every: seconds of the log between two printed lines [s].
 
-    Attributes:
-        raised: alarms so far.
+    Raises:
+        IdentError: if a file cannot be written, or has other columns already.
     """
 
-    def __init__(self, online: Online, watch: Watch | None, record: Record, every: float) -> None:
-        self._online, self._watch, self._record, self._every = online, watch, record, every
-        self._due = -float("inf")
+    def __init__(
+        self, online: Online, watch: Watch | None, folder: Path | None, every: float
+    ) -> None:
+        super().__init__()
+        self._online, self._watch, self._every = online, watch, every
+        self._due, self._left_out = -float("inf"), 0
         self.raised: list[Alarm] = []
-        self._out = 0
+        self._files: dict[str, int] = {}
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+            m = online.mechanism
+            names = m.kinematics.multipliers if m.closures else ()
+            headers = {"parameters": PARAMETERS, "alarms": ALARMS}
+            if names:
+                headers["multipliers"] = ("t", *names, *(f"{name}.stderr" for name in names))
+            for name, header in headers.items():
+                self._files[name] = _appended(folder / f"{name}.csv", _text([header]))
+                self.callback(os.close, self._files[name])
 
     def take(self, line: CsvLine) -> None:
-        """One line of the log."""
-        online = self._online
-        if line.sample is None:
-            self._leave_out(line, line.why)
+        """Take one line of the log."""
+        online, why = self._online, line.why
+        if line.sample is not None:
+            try:
+                online.update(line.sample)
+            except LogError as error:
+                why = str(error)
+        if why:
+            self._left_out += 1
+            if self._left_out <= MOST_NOTED:
+                notes([f"line {line.number} is left out: {why}"])
+            elif self._left_out == MOST_NOTED + 1:
+                notes(["further lines are left out, without a note"])
             return
-        try:
-            online.update(line.sample)
-        except LogError as error:
-            self._leave_out(line, str(error))
-            return
-        self._record.multipliers(online.multipliers)
+        assert line.sample is not None
+        self._record("multipliers", _multiplier_rows(online.multipliers))
         self._warn(self._watch.alarms(line.sample) if self._watch else [])
         if online.warm and online.t >= self._due:
             self._due = online.t + self._every
             with contextlib.suppress(FitError):  # no equation yet, so soon
-                result(self.snapshot().line)
+                result(self._snapshot().line)
 
     def end(self) -> Snapshot:
-        """The last alarm, and what is known."""
+        """Return the last snapshot, after the last alarms."""
         self._warn(self._watch.last() if self._watch else [])
-        return self.snapshot()
+        return self._snapshot()
 
-    def snapshot(self) -> Snapshot:
-        """What is known by now, recorded."""
+    def _snapshot(self) -> Snapshot:
         found = self._online.snapshot()
-        self._record.multipliers(self._online.multipliers)
-        self._record.snapshot(found)
+        self._record("multipliers", _multiplier_rows(self._online.multipliers))
+        self._record("parameters", _parameter_rows(found))
         return found
 
     def _warn(self, alarms: list[Alarm]) -> None:
-        for alarm in alarms:
-            self.raised.append(alarm)
-            result(f"alarm: {alarm.headline}")
-            self._record.alarm(alarm)
+        for x in alarms:
+            self.raised.append(x)
+            result(f"alarm: {x.headline}")
+            suspects = " ".join(x.suspects)
+            row = (x.onset, x.detected, x.named, x.verdict, suspects, x.evidence, x.headline)
+            self._record("alarms", [row])
 
-    def _leave_out(self, line: CsvLine, why: str) -> None:
-        self._out += 1
-        if self._out <= MOST_SAID:
-            notes([f"line {line.number} is left out: {why}"])
-        elif self._out == MOST_SAID + 1:
-            notes(["further lines are left out, and not said"])
+    def _record(self, name: str, rows: Sequence[Sequence[object]]) -> None:
+        if rows and name in self._files:
+            os.write(self._files[name], _text(rows))
 
 
 @contextlib.contextmanager
 def _until_interrupted() -> Iterator[Callable[[], bool]]:
-    """Whether Ctrl-C or SIGTERM has asked for an end, within a `with`."""
+    """Yield whether Ctrl-C or SIGTERM has asked for an end."""
     stop = threading.Event()
     before = {s: signal.signal(s, lambda *_: stop.set()) for s in (signal.SIGINT, signal.SIGTERM)}
     try:
@@ -237,93 +248,27 @@ def _until_interrupted() -> Iterator[Callable[[], bool]]:
             signal.signal(each, handler)
 
 
-class Record(AbstractContextManager["Record"]):
-    """parameters.csv, multipliers.csv and alarms.csv of a folder; nothing where there is none.
-
-    Args:
-        folder: is made if it is not there.
-        mechanism: whose multipliers are written.
-
-    Raises:
-        IdentError: if a file cannot be written, or has other columns already.
-    """
-
-    def __init__(self, folder: Path | None, mechanism: Mechanism) -> None:
-        self._files: dict[str, Growing] = {}
-        if folder is None:
-            return
-        folder.mkdir(parents=True, exist_ok=True)
-        names = mechanism.kinematics.multipliers if mechanism.closures else ()
-        headers = {"parameters": PARAMETERS, "alarms": ALARMS}
-        if names:
-            headers["multipliers"] = ("t", *names, *(f"{name}.stderr" for name in names))
-        for name, header in headers.items():
-            self._files[name] = Growing(folder / f"{name}.csv", header)
-
-    def __exit__(self, *_: object) -> None:
-        for each in self._files.values():
-            each.close()
-
-    def snapshot(self, found: Snapshot) -> None:
-        """Its parameters and errors."""
-        self._write("parameters", _parameter_rows(found))
-
-    def multipliers(self, found: Forces | None) -> None:
-        """λ of some samples."""
-        if found is not None:
-            self._write("multipliers", _multiplier_rows(found))
-
-    def alarm(self, found: Alarm) -> None:
-        """An alarm."""
-        said = (found.onset, found.detected, found.named, found.verdict)
-        row = (*said, " ".join(found.suspects), found.evidence, found.headline)
-        self._write("alarms", [row])
-
-    def _write(self, name: str, rows: Iterable[Sequence[object]]) -> None:
-        if name in self._files:
-            self._files[name].write(rows)
-
-
-class Growing:
-    """A CSV file to whose end lines are written; begun with its header, or gone on with.
-
-    Args:
-        path: of the file.
-        header: its columns.
-
-    Raises:
-        IdentError: if it cannot be written, or has other columns already.
-    """
-
-    def __init__(self, path: Path, header: Sequence[str]) -> None:
-        first = _text([header])
-        try:
-            self._stream = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
-            before = os.read(self._stream, len(first))
-            size = os.fstat(self._stream).st_size
-            cut = size > 0 and os.pread(self._stream, 1, size - 1) != b"\n"
-        except OSError as error:
-            raise IdentError(
-                f"{path}: cannot be written ({error.strerror}); name a folder that you may write"
-            ) from None
-        if before not in (b"", first):
-            raise IdentError(
-                f"{path}: has other columns than would be written; remove it, or name another "
-                "folder"
-            )
-        os.write(self._stream, b"\n" if cut else b"" if before else first)
-
-    def write(self, rows: Iterable[Sequence[object]]) -> None:
-        """Appends rows, all at once."""
-        os.write(self._stream, _text(rows))
-
-    def close(self) -> None:
-        """No more rows."""
-        os.close(self._stream)
+def _appended(path: Path, header: bytes) -> int:
+    """Return the descriptor of a CSV file that is appended to, begun with its header."""
+    try:
+        stream = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
+        before = os.read(stream, len(header))
+        size = os.fstat(stream).st_size
+        cut = size > 0 and os.pread(stream, 1, size - 1) != b"\n"
+    except OSError as error:
+        raise IdentError(
+            f"{path}: cannot be written ({error.strerror}); name a folder that you may write"
+        ) from None
+    if before not in (b"", header):
+        raise IdentError(
+            f"{path}: has other columns than would be written; remove it, or name another folder"
+        )
+    os.write(stream, b"\n" if cut else b"" if before else header)
+    return stream
 
 
 def _parameter_rows(found: Snapshot) -> list[tuple[object, ...]]:
-    """A row a parameter, then the errors by joint, under `PARAMETERS`."""
+    """Return a row a parameter, then the errors by joint, under `PARAMETERS`."""
     t, held = repr(found.t), found.held
     rows: list[tuple[object, ...]] = [
         (
@@ -337,8 +282,10 @@ def _parameter_rows(found: Snapshot) -> list[tuple[object, ...]]:
     return rows
 
 
-def _multiplier_rows(found: Forces) -> list[list[object]]:
-    """A row a sample; a multiplier that is not determined has empty cells."""
+def _multiplier_rows(found: Forces | None) -> list[list[object]]:
+    """Return a row a sample; a multiplier that is not determined has empty cells."""
+    if found is None:
+        return []
     each = zip(found.t.tolist(), found.values.tolist(), found.stderr.tolist(), strict=True)
     return [[t, *("" if x != x else x for x in (*values, *errors))] for t, values, errors in each]
 

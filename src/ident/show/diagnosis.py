@@ -507,9 +507,8 @@ def _unsupported(d: Diagnosis) -> list[str]:
 @renders(Diagnosis, "html")
 def blocks(d: Diagnosis) -> str:
     """The verdict, two tables, and the words folded."""
-    from ident.show.html import folded, paragraph, strong
+    from ident.show.html import folded, in_frame, paragraph, strong
     from ident.show.html import table as html_table
-    from ident.show.html.elements import in_frame
 
     parts = [strong(verdict_line(d)), html_table(where_rows(d), "Where the model fails")]
     if d.candidates:
@@ -627,9 +626,8 @@ def ladder_rows(history: History) -> Rows:
 @renders(History, "html")
 def ladder_html(history: History) -> str:
     """The verdict and the ladder."""
-    from ident.show.html import strong
+    from ident.show.html import in_frame, strong
     from ident.show.html import table as html_table
-    from ident.show.html.elements import in_frame
 
     rows = html_table(history.table(), "Held-out error, rung by rung", tied=False)
     return in_frame([strong(verdict_line(history.diagnosis)), rows])

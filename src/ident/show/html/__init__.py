@@ -114,16 +114,6 @@ def _still(block: Markup | Chart) -> Markup:
     return Markup('<img alt="{}" src="data:image/png;base64,{}">').format(block.words, data)
 
 
-class Shown:
-    """A noun that Jupyter shows as tables; by default as it prints itself."""
-
-    def _blocks(self) -> Iterable[Markup | Chart]:
-        return (code(str(self)),)
-
-    def _repr_html_(self) -> str:
-        return in_frame(self._blocks())
-
-
 @dataclass(frozen=True, eq=False)
 class Option:
     """One option of a choice: the name on its button, and the blocks it shows."""
