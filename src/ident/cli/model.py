@@ -91,7 +91,7 @@ def view(
     from ident.display import render
     from ident.fit.files import read_fit
     from ident.fit.prediction import predict
-    from ident.show.view3d import SUFFIXES
+    from ident.show.view3d.page import SUFFIXES
 
     output_file(out, SUFFIXES)
     if fit is not None and not logs:

@@ -15,8 +15,8 @@ from ident.fit.essential import Essential
 from ident.fit.findings import Finding
 from ident.fit.likelihood import Likelihood
 from ident.fit.multipliers import Reactions
-from ident.fit.problem import information_of
 from ident.fit.prediction import CLOSURES, DRIVES, RIGID, WRENCHES
+from ident.fit.problem import information_of
 from ident.fit.residual import Failure, Residual
 from ident.fit.result import Fit
 from ident.fit.shapes import initial

@@ -29,11 +29,11 @@ from ident.show.view3d import (
     Shape,
     Stage,
     Tie,
-    View,
     frames,
     running_rms,
     wxyz,
 )
+from ident.show.view3d.page import View
 
 RATE, MOST, LEAST = 120.0, 6000, 2000  # pictures of a film
 ORIGIN = np.zeros(3)

@@ -15,8 +15,7 @@ from ident.display import renders
 from ident.errors import FitError
 from ident.montecarlo.montecarlo import SUMS, MonteCarlo, Studies
 from ident.motion import complete
-from ident.show.charts import MEASURED, PRIOR, Boxes, Chart, Level, Line, Mark, Panel
-from ident.show.charts.still import image
+from ident.show.charts import MEASURED, PRIOR, Boxes, Chart, Level, Line, Mark, Panel, image
 from ident.show.html import Block, Page, Section, in_frame, items, strong
 from ident.show.html import table as html_table
 from ident.show.motion import made_of, understood

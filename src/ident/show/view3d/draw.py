@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,6 @@ from ident.show.view3d import (
     Pivot,
     Shape,
     Stage,
-    View,
     arrow,
     box,
     cylinder,
@@ -172,6 +172,29 @@ def framed(stage: Stage, films: Sequence[Film]) -> Camera:
     return Camera(target + max(distance, 1e-3) * direction, target, box)
 
 
+@dataclass(frozen=True, eq=False)
+class FilmedStage:
+    """A stage with its films, and camera and scales that follow from both."""
+
+    stage: Stage
+    films: tuple[Film, ...]
+
+    @cached_property
+    def camera(self) -> Camera:
+        """Camera that sees all films."""
+        return framed(self.stage, self.films)
+
+    @cached_property
+    def scales(self) -> Scales:
+        """Scales of reactions and residuals, common to all films."""
+        return scales(self.films, self.stage.size)
+
+    @property
+    def loads(self) -> Loads | None:
+        """Reactions of the first film that has any."""
+        return next((film.loads for film in self.films if film.loads is not None), None)
+
+
 DISC = 0.022  # radius of a joint's disc over the mechanism's size
 BAR = 0.15  # length of a sliding joint's bar over the size
 BALL = 0.012  # radius of a closure's mark over the size
@@ -218,7 +241,7 @@ class Drawn:
             self.title.text = f"{film.name}   {film.t[k]:.3f} s"
 
 
-def draw(scene: Any, view: View) -> Drawn:
+def draw(scene: Any, view: FilmedStage) -> Drawn:
     """Put a view into viser's scene, not yet at any moment."""
     stage, scales, camera, loads = view.stage, view.scales, view.camera, view.loads
     drawn, size = Drawn(scales), stage.size
@@ -267,7 +290,7 @@ def draw(scene: Any, view: View) -> Drawn:
     return drawn
 
 
-def aim(page: Any, view: View) -> None:
+def aim(page: Any, view: FilmedStage) -> None:
     """Set the camera with which a page opens."""
     camera, first = view.camera, page.initial_camera
     distance = float(np.linalg.norm(camera.position - camera.target))

@@ -12,15 +12,19 @@ import os
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich import get_console
 
 from ident.errors import IdentError
+from ident.files import write_all
 from ident.show.port import HOST, free_port, refused
-from ident.show.view3d import Film, View, frames, nearest
-from ident.show.view3d.draw import ENDS, MOMENTS, SEE_THROUGH, aim, css, css_ramp, draw
+from ident.show.view3d import Film, frames, nearest
+from ident.show.view3d.draw import ENDS, MOMENTS, SEE_THROUGH, FilmedStage, aim, css, css_ramp, draw
 
 
 def open_page(title: str, port: int = 0) -> Any:
@@ -176,6 +180,84 @@ def _above(view: View) -> np.ndarray:
     over /= np.linalg.norm(over)
     corners = np.array(np.meshgrid(*camera.box.T)).reshape(3, -1).T - camera.target
     return camera.target + (1.04 * float((corners @ over).max())) * over
+
+
+HEIGHT = 480  # of a notebook's frame [px]
+SUFFIXES = (".html", ".htm")
+
+
+@dataclass(frozen=True, eq=False)
+class View(FilmedStage):
+    """A mechanism moving in 3-D.
+
+    In a notebook it shows itself as a recording, which needs no server and stays in the file.
+
+    Attributes:
+        stage: bodies, joints and closures.
+        films: their motion, one an experiment.
+        notes: what is shown otherwise than the files have it, or not at all.
+    """
+
+    notes: tuple[str, ...] = ()
+
+    @property
+    def moments(self) -> int:
+        """Number of moments in a recording."""
+        return sum(len(film) for film in recorded(self.films))
+
+    @cached_property
+    def html(self) -> str:
+        """A page that plays the films by itself: no server, no network.
+
+        Raises:
+            IdentError: if viser is not installed.
+        """
+        return recording(self)
+
+    def write(self, path: str | os.PathLike[str]) -> Path:
+        """Write the page that plays the films, whole or not at all.
+
+        Args:
+            path: of the .html file.
+
+        Raises:
+            IdentError: for another suffix, or where it cannot be written.
+        """
+        path = Path(path)
+        if path.suffix.lower() not in SUFFIXES:
+            raise IdentError(
+                f"{path}: unknown suffix '{path.suffix}'; valid: {', '.join(SUFFIXES)}"
+            )
+        return write_all(path.parent, {path.name: self.html.encode()})[0]
+
+    def serve(self, port: int = 0) -> Served:
+        """The live page, with controls, on 127.0.0.1 until `.stop()`.
+
+        Args:
+            port: 0 takes a free one.
+
+        Raises:
+            IdentError: if the port is taken or there is none such, or viser is not installed.
+        """
+        return Served(self, port)
+
+    def __str__(self) -> str:
+        length = sum(len(film) for film in self.films)
+        lines = [
+            f"view of {self.stage.name}: {len(self.stage.bodies) - 1} bodies, "
+            f"{len(self.films)} film(s) of {length} pictures in all; "
+            ".serve() opens it, .write('view.html') keeps it"
+        ]
+        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        page = html.escape(self.html, quote=True)
+        return (
+            f'<iframe srcdoc="{page}" title="{html.escape(str(self.stage.name), quote=True)} in '
+            f'3-D" width="100%" height="{HEIGHT}" style="border:1px solid #ddd"></iframe>'
+        )
 
 
 TICK = 1 / 30  # s between two pictures
