@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
 
@@ -24,10 +25,12 @@ def free_port(port: int) -> int:
         try:
             trial.bind((HOST, port))
         except OSError as error:
-            raise refused(port, error.strerror or str(error)) from None
+            raise refused(port, error) from None
         return int(trial.getsockname()[1])
 
 
-def refused(port: int, why: str = "is taken") -> IdentError:
-    """Return the error of a port that cannot be had."""
-    return IdentError(f"port {port}: {why} on {HOST}; name another one, or none for a free one")
+def refused(port: int, error: OSError | None = None) -> IdentError:
+    """Return the error of a port that cannot be had, or that somebody else was faster to take."""
+    taken = error is None or error.errno == errno.EADDRINUSE
+    why = "is taken" if taken else f"cannot be had: {error}"
+    return IdentError(f"port {port}: {why} on {HOST}; give another one, or none for a free one")

@@ -93,7 +93,7 @@ def serve(
     try:
         server = _server(exploration, port, folder)
     except OSError as error:
-        raise refused(port, error.strerror or str(error)) from None
+        raise refused(port, error) from None
     address = f"http://{HOST}:{port}/"
     server.io_loop.asyncio_loop.set_exception_handler(_heard)
     if ready:
