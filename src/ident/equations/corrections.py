@@ -74,7 +74,10 @@ def _corrected(
     if what.moved:
         e = e.at(mechanism, e.known(mechanism))
     for name, d in what.delay.items():
-        e = _early(e, mechanism.driven.index(name), d, margin)
+        tau, channel = e.tau.copy(), mechanism.driven.index(name)
+        tau[:, channel] = late(e.t, e.tau[:, channel], -d)  # read at t + d, without the ends
+        inside = (e.t >= e.t[0] + margin) & (e.t <= e.t[-1] - margin)
+        e = replace(e, tau=tau, usable=e.usable & inside)
     if what.dq:
         known = e.known(mechanism)
         for name, dq in what.dq.items():
@@ -84,14 +87,6 @@ def _corrected(
     for name, C in what.gap.items():
         e = _opened(mechanism, e, name, C, whole, cutoff)
     return mechanism, e
-
-
-def _early(e: State, channel: int, d: float, margin: float) -> State:
-    """The state with one torque channel read at t + d, without its ends, where none is."""
-    tau = e.tau.copy()
-    tau[:, channel] = late(e.t, e.tau[:, channel], -d)
-    inside = (e.t >= e.t[0] + margin) & (e.t <= e.t[-1] - margin)
-    return replace(e, tau=tau, usable=e.usable & inside)
 
 
 def late(t: np.ndarray, x: np.ndarray, d: float) -> np.ndarray:
@@ -131,32 +126,18 @@ def _opened(
     return e.at(mechanism, motion=(q, e.v + rates[1], e.a + rates[2]))
 
 
-@dataclass(frozen=True, eq=False)
-class Beside:
-    """The scenes at s + h and s − h of the shape in column `place`, at value s."""
-
-    place: int
-    value: float
-    h: float
-    above: Corrected
-    below: Corrected
+# the place in x of an unknown shape, its value s, h, and the scenes at s + h and s − h
+Beside = tuple[int, float, float, Corrected, Corrected]
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """One state with its corrections.
+    """One state with its corrections."""
 
-    Attributes:
-        seen: mechanism and state, corrected at the working point.
-        columns: the unknowns.
-        point: values of all parameters.
-        beside: for every unknown shape of a correcting effect.
-    """
-
-    seen: Corrected
-    columns: Columns
-    point: Point
-    beside: tuple[Beside, ...] = ()
+    seen: Corrected  # mechanism and state, corrected at the working point
+    columns: Columns  # the unknowns
+    point: Point  # values of all parameters
+    beside: tuple[Beside, ...] = ()  # for every unknown shape of a correcting effect
 
     @classmethod
     def of(
@@ -184,7 +165,7 @@ class Scene:
                     corrected(bare, point.with_values({full: value + sign * h}), cutoff)
                     for sign in (1, -1)
                 )
-                beside.append(Beside(int(place), value, h, above, below))
+                beside.append((int(place), value, h, above, below))
         return cls(corrected(bare, point, cutoff), columns, point, tuple(beside))
 
     @property
@@ -208,12 +189,12 @@ class Scene:
     def effects(self, s: Samples) -> Terms:
         """The equations of some samples without Γ, with the sensitivities S of corrections."""
         found = []
-        for each in self.beside:
+        for place, value, h, *sides in self.beside:
             above, below = (
                 unbalanced(replace(s, mechanism=x.mechanism, e=x.e, memo=x.memo), self.point)
-                for x in (each.above, each.below)
+                for x in sides
             )
-            found.append((each.place, each.value, -(above - below) / (2 * each.h)))
+            found.append((place, value, -(above - below) / (2 * h)))
         return effect_terms(s, self.columns, found)
 
     def terms(self, part: slice | np.ndarray, *, full: bool = False) -> Terms:
@@ -226,11 +207,7 @@ class Scene:
 
 
 def check_needs(mechanism: Mechanism, log: str, columns: Container[str]) -> None:
-    """Refuse an effect without the other effect, or the further column of the log, that it needs.
-
-    Raises:
-        MotionError: naming the effect, what is missing and what to do.
-    """
+    """Refuse an effect without the other effect, or the column of the log, that it needs."""
     present = {effect.label for effect in mechanism.effects}
     for effect in mechanism.effects:
         for kind in effect.needs:

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.information.splines import Basis
+
 RIPPLE = 60.0  # dB in the stop band
 OVERSAMPLING = 4.0  # samples kept a period of the cut-off
 STICKING = 0.2  # share of a filtered row that may come from samples that do not inform it
@@ -20,15 +22,10 @@ ROUNDING = 1e-6  # of a sample: parts of a log, whose rates differ by it, are de
 
 @dataclass(frozen=True, eq=False)
 class Decimator:
-    """The filter's taps (2 · half + 1,), or None to keep every sample as it is.
+    """The filter's taps (2 · half + 1,), or None to keep every sample as it is."""
 
-    Attributes:
-        taps: symmetric, of unit sum.
-        factor: one sample of `factor` is kept.
-    """
-
-    taps: np.ndarray | None
-    factor: int
+    taps: np.ndarray | None  # symmetric, of unit sum
+    factor: int  # one sample of `factor` is kept
 
     @classmethod
     def of(cls, cutoff: float | None, rate: float) -> Decimator:
@@ -160,3 +157,29 @@ def _shaped(found: np.ndarray, like: np.ndarray, sticking: float) -> np.ndarray:
     """Filtered columns (columns, kept) as a series (kept, …)."""
     series = np.moveaxis(found.reshape(*like.shape[1:], found.shape[1]), -1, 0)
     return series < sticking if like.dtype == bool else series
+
+
+def filtered_windows(
+    decimator: Decimator,
+    basis: Basis,
+    t: np.ndarray,
+    first: np.ndarray,
+    values: np.ndarray,
+    sample: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Filtered Σ_w values[:, w] c[first + w], linear in coefficients c of a time basis.
+
+    From windows (N, w, …) of the basis functions that differ from zero at the times t (N,) [s]
+    follow (first (n,), wider windows (n, w', …)) at the samples (n,) that are kept.
+    """
+    half, w = decimator.half, values.shape[1]
+    if decimator.taps is None:
+        return first[sample], values[sample]
+    width = min(w + 1 + int(np.ceil(2 * half * (t[1] - t[0]) / basis.spacing)), basis.count)
+    low = np.minimum(first[sample - half], basis.count - width)
+    wide = np.zeros((len(sample), width, *values.shape[2:]))
+    row = np.arange(len(sample))[:, None]
+    for tap, h in enumerate(decimator.taps):
+        at = sample - half + tap
+        wide[row, (first[at] - low)[:, None] + np.arange(w)] += h * values[at]
+    return low, wide

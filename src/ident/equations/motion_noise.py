@@ -31,7 +31,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from ident.equations.corrections import Corrected, Scene, corrected
-from ident.equations.filter import Decimator
+from ident.equations.filter import Decimator, filtered_windows
 from ident.equations.rows import informing, reach, rows
 from ident.equations.terms import informative_joints, reduced, unbalanced
 from ident.equations.unknowns import Columns, Point
@@ -61,13 +61,9 @@ def gain(
     point: Point,
     cutoff: float | None,
 ) -> np.ndarray:
-    """G (n, d, coordinates, 3) of all samples of an state, for the joints `names`.
+    """G (n, d, coordinates, 3) of all samples of a state, which may be thinned, at a point.
 
-    Args:
-        mechanism, e: what is moved; e may be thinned.
-        names: coordinates that are moved; others of `e.logged` stay.
-        point: at which r is taken.
-        cutoff: of the rows' filter [Hz].
+    The joints `names` are moved, others of `e.logged` stay; `cutoff` [Hz] is that of the rows.
     """
     base = _residual(mechanism, e, point, cutoff)
     G = np.empty((*base.shape, len(names), 3))
@@ -168,121 +164,50 @@ class TorqueRows:
     """The rows of one run, at c₀, before they are weighed.
 
     With n rows of each of d independent coordinates, k unknowns and w functions in reach:
-
-    Attributes:
-        A: (n, d, k); b: (n, d); informed: (n, d).
-        first: (n,) the first function in reach; L: (n, w, coordinates, d), F G B.
-        t: (n,) [s].
     """
 
-    A: np.ndarray
-    b: np.ndarray
-    informed: np.ndarray
-    first: np.ndarray
-    L: np.ndarray
-    t: np.ndarray
-
-    def informed_as(self, other: TorqueRows) -> TorqueRows:
-        """The rows, of which those inform that do in `other`, if they are the same instants."""
-        same = np.array_equal(self.t, other.t)
-        return replace(self, informed=other.informed) if same else self
-
-
-def through_filter(
-    basis: Basis, t: np.ndarray, G: np.ndarray, decimator: Decimator, sample: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """F G B: (first (n,), L (n, w, coordinates, d)) of rows kept at some samples of a run.
-
-    Args:
-        basis: of the splines; t: (N,) the run's clock [s].
-        G: (N, d, coordinates, 3).
-        decimator: F; sample: (n,) kept, counted from the start of the run.
-    """
-    inside = np.clip(t, basis.t0, basis.t_end)
-    first = basis.window(inside)[0]
-    values = np.zeros((len(t), WIDTH, G.shape[2], G.shape[1]))
-    for order in range(3):
-        B = basis.window(inside, order)[1]
-        values += B[:, :, None, None] * G[:, :, :, order].transpose(0, 2, 1)[:, None]
-    half = decimator.half
-    if decimator.taps is None:
-        return first[sample], values[sample]
-    span = 2 * half * (t[1] - t[0]) / basis.spacing
-    width = min(WIDTH + 1 + int(np.ceil(span)), basis.count)
-    low = np.minimum(first[sample - half], basis.count - width)
-    L = np.zeros((len(sample), width, *values.shape[2:]))
-    row = np.arange(len(sample))[:, None]
-    for tap, h in enumerate(decimator.taps):
-        at = sample - half + tap
-        L[row, (first[at] - low)[:, None] + np.arange(WIDTH)] += h * values[at]
-    return low, L
+    A: np.ndarray  # (n, d, k)
+    b: np.ndarray  # (n, d)
+    informed: np.ndarray  # (n, d)
+    first: np.ndarray  # (n,) the first function in reach
+    L: np.ndarray  # (n, w, coordinates, d), F G B
+    t: np.ndarray  # (n,) [s]
 
 
 def weighed(torques: TorqueRows, spline: Spline, c: np.ndarray, sigma: np.ndarray) -> list[Chunk]:
-    """The run's rows divided by their noise, for `solve.eliminate`.
-
-    Args:
-        torques: the run's; spline: with ĉ and U.
-        c: (count, coordinates) the coefficients c₀ at which the rows were made.
-        sigma: (d,) noise of the torque rows.
-    """
+    """The run's rows, made at c (count, coordinates), divided by their noise σ (d,)."""
     w, d = torques.L.shape[1], torques.L.shape[3]
     off = c - spline.c
     known = np.einsum("nwid,nwi->nd", torques.L, off[torques.first[:, None] + np.arange(w)])
     chunks = []
     for u in range(d):
-        told = torques.informed[:, u]
-        chunks.append(
-            Chunk(
-                torques.first[told],
-                -torques.L[told, :, :, u] / sigma[u],
-                torques.A[told, u] / sigma[u],
-                (torques.b - known)[told, u] / sigma[u],
-            )
-        )
-    k, rows = torques.A.shape[2], len(spline.first)
-    first, U = widened(spline.first, spline.U, w, spline.basis)
-    return [*chunks, Chunk(first, U, np.zeros((rows, k)), np.zeros(rows))]
-
-
-def widened(
-    first: np.ndarray, U: np.ndarray, width: int, basis: Basis
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rows with windows of WIDTH functions as rows with windows of `width`."""
-    low = np.minimum(first, basis.count - width)
-    wide = np.zeros((len(first), width, U.shape[2]))
-    row = np.arange(len(first))[:, None]
-    wide[row, (first - low)[:, None] + np.arange(WIDTH)] = U
-    return low, wide
+        at = torques.informed[:, u]
+        L, A, b = -torques.L[at, :, :, u], torques.A[at, u], (torques.b - known)[at, u]
+        chunks.append(Chunk(torques.first[at], L / sigma[u], A / sigma[u], b / sigma[u]))
+    # U's windows of WIDTH functions as windows of w
+    n, low = len(spline.first), np.minimum(spline.first, spline.basis.count - w)
+    wide = np.zeros((n, w, spline.U.shape[2]))
+    wide[np.arange(n)[:, None], (spline.first - low)[:, None] + np.arange(WIDTH)] = spline.U
+    return [*chunks, Chunk(low, wide, np.zeros((n, torques.A.shape[2])), np.zeros(n))]
 
 
 @dataclass(frozen=True, eq=False)
 class EliminatedRun:
-    """One run of samples with its motion eliminated.
+    """One run of samples with its motion eliminated."""
 
-    Attributes:
-        experiment: its number; segment: its samples.
-        basis: of the motion; elimination: factors of the parameters and the way back to c − ĉ.
-    """
-
-    experiment: int
-    segment: slice
-    basis: Basis
-    elimination: Elimination
+    experiment: int  # its number
+    segment: slice  # its samples
+    basis: Basis  # of the motion
+    elimination: Elimination  # factors of the parameters and the way back to c − ĉ
 
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """The likelihood of one experiment, linear about its present motion.
+    """The likelihood of one experiment, linear about its present motion."""
 
-    Attributes:
-        fine: splines with ĉ and U; c: by run, (count, coordinates) of the present motion.
-        torques: rows of each run that has any.
-    """
-
-    fine: Smooth
-    c: tuple[np.ndarray, ...]
-    torques: tuple[TorqueRows | None, ...]
+    fine: Smooth  # splines with ĉ and U
+    c: tuple[np.ndarray, ...]  # by run, (count, coordinates) of the present motion
+    torques: tuple[TorqueRows | None, ...]  # rows of each run that has any
 
     def eliminated(self, number: int, sigma: np.ndarray) -> list[EliminatedRun]:
         """All runs of experiment `number`, for torque rows of noise sigma (d,)."""
@@ -352,14 +277,9 @@ def linear(
     point: Point,
     like: Linear | None = None,
 ) -> Linear:
-    """The likelihood about an experiment's motion.
+    """The likelihood about a smooth motion e, `fine` the splines with what channels say of them.
 
-    Args:
-        mechanism, columns: the model and its unknowns.
-        e: the experiment, on a smooth motion.
-        fine: the splines of the likelihood, with what the channels say of them.
-        point: values of all parameters.
-        like: about an earlier motion, whose rows inform or not as they did there.
+    Rows inform or not as they do in `like`, about an earlier motion.
     """
     cutoff = rows_cutoff(fine, e.rate)
     every = 1 if cutoff is None else max(1, int(e.rate / (PERIOD * cutoff)))
@@ -372,34 +292,33 @@ def linear(
     pieces = [*rows(scene, cutoff, STICKING)]
     coefficients: list[np.ndarray] = []
     torques: list[TorqueRows | None] = []
-    for segment, spline in fine.runs:
-        coefficients.append(_coefficients(spline.basis, e, segment, fine.names, mechanism))
+    for k, (segment, spline) in enumerate(fine.runs):
+        channels = through_motion(mechanism, e, fine.names)
+        inside = [channel.within(e.t[segment]) for channel in channels]
+        coefficients.append(fitted(spline.basis, inside, fine.names).c)
         mine = [p for p in pieces if segment.start <= p.sample[0] < segment.stop]
         if not mine:
             torques.append(None)
             continue
-        sample, A, b, told, t = (
+        sample, A, b, informed, t = (
             np.concatenate([getattr(p, name) for p in mine])
             for name in ("sample", "A", "b", "informed", "t")
         )
-        first, L = through_filter(
-            spline.basis, e.t[segment], G[segment], decimator, sample - segment.start
+        before = None if like is None else like.torques[k]
+        if before is not None and np.array_equal(t, before.t):
+            informed = before.informed
+        at = np.clip(e.t[segment], spline.basis.t0, spline.basis.t_end)
+        windows = [spline.basis.window(at, order) for order in range(3)]
+        values = sum(
+            B[:, :, None, None] * G[segment, :, :, order].transpose(0, 2, 1)[:, None]
+            for order, (_, B) in enumerate(windows)
         )
-        torques.append(TorqueRows(A, b, told, first, L, t))
-    if like is not None:
-        torques = [
-            now if now is None or before is None else now.informed_as(before)
-            for now, before in zip(torques, like.torques, strict=True)
-        ]
+        first, L = filtered_windows(
+            decimator, spline.basis, e.t[segment], windows[0][0], np.asarray(values),
+            sample - segment.start,
+        )  # fmt: skip
+        torques.append(TorqueRows(A, b, informed, first, L, t))
     return Linear(fine, tuple(coefficients), tuple(torques))
-
-
-def _coefficients(
-    basis: Basis, e: State, segment: slice, names: tuple[str, ...], mechanism: Mechanism
-) -> np.ndarray:
-    """Of the experiment's motion (count, coordinates), which is a coarser spline or the same."""
-    inside = [channel.within(e.t[segment]) for channel in through_motion(mechanism, e, names)]
-    return fitted(basis, inside, names).c
 
 
 def _between(t: np.ndarray, at: np.ndarray, G: np.ndarray) -> np.ndarray:

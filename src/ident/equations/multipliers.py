@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ident.equations.corrections import Scene
-from ident.equations.filter import Decimator
+from ident.equations.filter import Decimator, filtered_windows
 from ident.errors import FitError
 from ident.information.reduction import Chunk
 from ident.information.splines import Basis
@@ -22,11 +22,7 @@ FINEST = 20.0  # knots a sample; more say nothing, and fill the memory
 
 
 def basis_of(mechanism: Mechanism, segment: slice, e: State) -> Basis:
-    """The time basis of the multipliers over a run of usable samples.
-
-    Raises:
-        FitError: for knots far closer than samples.
-    """
+    """The time basis of the multipliers over a run of usable samples."""
     settings = mechanism.multipliers
     if settings.spacing * FINEST < 1 / e.rate:
         raise FitError(
@@ -60,7 +56,11 @@ def stack(
         if decimator.taps is None:
             chunk = Chunk.of_samples(first, values, J_T, A, b)
         else:
-            first, L = _filtered_window(decimator, inside, sample, first, values, J_T, basis, e)
+            values = values[:, :, None, None] * J_T[:, None]
+            first, L = filtered_windows(
+                decimator, basis, e.t[inside], first, values, sample - inside.start
+            )
+            L = L.transpose(0, 2, 1, 3)
             n, nv = b.shape
             chunk = Chunk(
                 np.repeat(first, nv), L.reshape(n * nv, *L.shape[2:]),
@@ -79,34 +79,3 @@ def full_rows(scene: Scene, part: slice) -> tuple[np.ndarray, np.ndarray, np.nda
         rows, W = s.lever(name)
         informed[:, rows] &= moves[:, None] | (np.abs(W) < ABSENT)
     return found.A, found.b, informed
-
-
-def _filtered_window(
-    decimator: Decimator,
-    inside: slice,
-    sample: np.ndarray,
-    first: np.ndarray,
-    values: np.ndarray,
-    J_T: np.ndarray,
-    basis: Basis,
-    e: State,
-) -> tuple[np.ndarray, np.ndarray]:
-    """First basis function (n,) and L (n, nv, width, m) of filtered JᵀB: a wider window."""
-    half, taps = decimator.half, decimator.taps
-    assert taps is not None
-    width = basis.degree + 2 + int(np.ceil(2 * half / e.rate / basis.spacing))
-    width = min(width, basis.count)
-    local = sample - inside.start
-    start = np.minimum(first[local - half], basis.count - width)
-    n, nv, m = len(sample), J_T.shape[1], J_T.shape[2]
-    L = np.zeros((n, nv, width, m))
-    offsets = np.arange(-half, half + 1)
-    for row, (centre, begin) in enumerate(zip(local, start, strict=True)):
-        at = centre + offsets
-        weights = np.zeros((len(at), width))
-        place = first[at] - begin
-        for j in range(values.shape[1]):
-            weights[np.arange(len(at)), place + j] += taps * values[at, j]
-        flat = J_T[at].reshape(len(at), nv * m)
-        L[row] = (weights.T @ flat).reshape(width, nv, m).transpose(1, 0, 2)
-    return start, L

@@ -31,20 +31,14 @@ class Rows:
     """Rows of consecutive samples.
 
     With n samples, d independent coordinates and k unknowns:
-
-    Attributes:
-        t: (n,) [s]; sample: (n,) index into the state.
-        A: (n, d, k); b: (n, d), with all that is known moved to the right.
-        tau: (n, d), the measured torques Zᵀτ alone.
-        informed: (n, d), false where dry friction at standstill leaves the torque open.
     """
 
-    t: np.ndarray
-    sample: np.ndarray
-    A: np.ndarray
-    b: np.ndarray
-    tau: np.ndarray
-    informed: np.ndarray
+    t: np.ndarray  # (n,) [s]
+    sample: np.ndarray  # (n,) index into the state
+    A: np.ndarray  # (n, d, k)
+    b: np.ndarray  # (n, d), with all that is known moved to the right
+    tau: np.ndarray  # (n, d), the measured torques Zᵀτ alone
+    informed: np.ndarray  # (n, d), false where dry friction at standstill leaves the torque open
 
 
 def dof(mechanism: Mechanism, e: State) -> int:

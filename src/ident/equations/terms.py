@@ -37,14 +37,8 @@ UNIT = np.ones((1, 1))  # W of a joint of the tree, in its own row
 class Samples:
     """The samples `part` of a state, in r coordinates: r = nv generalised or d independent ones.
 
-    Args:
-        mechanism: the mechanism.
-        e: its state.
-        part: a slice, or an index of samples.
-        point: the working point, for what depends on the present model.
-        memo: of what is slow to make for the whole state, shared by its parts.
-        independent: whether forces are in the independent coordinates of a mechanism with closures;
-            those of a tree are its generalised coordinates.
+    What depends on the present model is taken at `point`; `memo`, shared by all parts, stores what
+    is slow to make for the whole state. The generalised coordinates of a tree are independent.
     """
 
     mechanism: Mechanism
@@ -134,16 +128,11 @@ class Samples:
     def add_effect(
         self, out: np.ndarray, effect: Effect, c: np.ndarray, shape: Mapping[str, float]
     ) -> None:
-        """Adds the forces E c of one effect to `out`, in these coordinates.
+        """Adds the forces E c (n, r) of one effect to `out`, in these coordinates.
 
         The only place where an effect becomes forces: torques E (n, joints, unknowns) of its
-        joints, each spread by its W; a load of a link has the link's columns of Γ.
-
-        Args:
-            out: (n, r), or (n, r, c) for c combinations of the effect's unknowns.
-            effect: the effect.
-            c: values (unknowns,), or combinations (unknowns, c).
-            shape: of the effect.
+        joints, each spread by its W; a load of a link has the link's columns of Γ. For several
+        combinations c (unknowns, k) of its unknowns they are (n, r, k).
         """
         if effect.loaded_link:
             link = self.mechanism.bodies.columns(effect.loaded_link)
@@ -218,25 +207,21 @@ class Samples:
         key = ("forces",)
         if key not in self.memo:
             n, nv = len(self.e), self.mechanism.model.nv
-            found = np.empty((2, n, nv))
+            assert self.point is not None
+            found = np.zeros((2, n, nv))
             for start in range(0, n, CHUNK):
                 part = slice(start, min(start + CHUNK, n))
-                found[:, part] = self.generalised(part)._forces()
+                s = self.generalised(part)
+                found[0, part] = s.rigid(self.point.pi)
+                if s.wrench is not None:
+                    found[0, part] -= s.wrench
+                for effect in self.mechanism.effects:
+                    c, shape = self.point.of(effect)
+                    if not effect.implicit and effect.unknowns and len(shape) == len(effect.shapes):
+                        s.add_effect(found[1, part], effect, c, shape)
             self.memo[key] = found
         rigid, others = self.memo[key]
         return rigid[self.part], others[self.part]
-
-    def _forces(self) -> list[np.ndarray]:
-        assert self.point is not None
-        rigid = self.rigid(self.point.pi)
-        if self.wrench is not None:
-            rigid = rigid - self.wrench
-        others = np.zeros(self.shape)
-        for effect in self.mechanism.effects:
-            c, shape = self.point.of(effect)
-            if not effect.implicit and effect.unknowns and len(shape) == len(effect.shapes):
-                self.add_effect(others, effect, c, shape)
-        return [rigid, others]
 
     def multipliers(self) -> np.ndarray:
         """λ = −(K⁺ᵀ f)_λ (n, m) [N | N m], f less the torques of drives that are not in u."""
@@ -299,19 +284,13 @@ def reduced(
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """The equations of n samples, r rows each.
+    """The equations of n samples, r rows each."""
 
-    Attributes:
-        A: (n, r, k), the columns of the unknowns x.
-        b: (n, r) [N m | N], the known side.
-        tau: (n, r) [N m | N], the measured torques alone.
-        informative: by effect and joint where some sample does not inform: the name and (n,),
-            false where dry friction at standstill leaves the torque of that joint open.
-    """
-
-    A: np.ndarray
-    b: np.ndarray
-    tau: np.ndarray
+    A: np.ndarray  # (n, r, k), the columns of the unknowns x
+    b: np.ndarray  # (n, r) [N m | N], the known side
+    tau: np.ndarray  # (n, r) [N m | N], the measured torques alone
+    # by effect and joint where some sample does not inform: the name and (n,), false where dry
+    # friction at standstill leaves the torque of that joint open
     informative: list[tuple[str, np.ndarray]]
 
 
@@ -320,10 +299,7 @@ def effect_terms(
 ) -> Terms:
     """The equations without Γ: A (n, r, k − rigid) holds the columns of effects only.
 
-    Args:
-        s: the samples, with the working point.
-        columns: the unknowns.
-        sensitivities: of shapes of corrections: place in x, value s₀, S (n, r).
+    `sensitivities` are those of corrections' shapes: place in x, value s₀, S (n, r).
     """
     assert s.point is not None
     tau = s.measured(s.mechanism.driven)
@@ -365,10 +341,7 @@ def with_bodies(
 ) -> tuple[np.ndarray, np.ndarray]:
     """A (n, r, k) and b (n, r) with the rigid bodies, from those of the effects alone.
 
-    Args:
-        columns, point: the unknowns and their values.
-        gamma: of each row Γ's columns (n, span); spans: which, by default all.
-        A: (n, r, k − rigid); b: (n, r).
+    `gamma` holds, for each row, the columns `spans` of Γ (n, span), by default all of them.
     """
     n, r = b.shape
     whole = np.zeros((r, len(columns), n)).transpose(2, 0, 1)

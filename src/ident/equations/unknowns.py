@@ -22,26 +22,19 @@ from ident.mechanism.parameters import unit_of
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Names, units, priors and places of the unknowns x = [p; c].
+    """Names, units, priors and places of the unknowns x = [p; c]."""
 
-    Attributes:
-        names: (k,) full names; units: (k,).
-        prior: (k,) the URDF's values, 0 for effects.
-        rigid: columns of Γ that are unknown, in this order.
-        known: columns of Γ that are known, with `known_values`.
-        effects: every effect with, for each of its parameters (unknowns, then shapes), its place in
-            x, or −1 if it is known or discrete. A shape's column is its sensitivity.
-        loads: of every effect that is a load of a link, the link's columns of Γ and the places of
-            its parameters in x, or −1.
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    prior: np.ndarray
-    rigid: np.ndarray
-    known: np.ndarray
+    names: tuple[str, ...]  # (k,) full names
+    units: tuple[str, ...]  # (k,)
+    prior: np.ndarray  # (k,) the URDF's values, 0 for effects
+    rigid: np.ndarray  # columns of Γ that are unknown, in this order
+    known: np.ndarray  # columns of Γ that are known, with `known_values`
     known_values: np.ndarray
+    # every effect with, for each of its parameters (unknowns, then shapes), its place in x, or −1
+    # if it is known or discrete. A shape's column is its sensitivity
     effects: tuple[tuple[Effect, np.ndarray], ...]
+    # of every effect that is a load of a link, the link's columns of Γ and the places of its
+    # parameters in x, or −1
     loads: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
 
     @classmethod
@@ -132,15 +125,10 @@ NOTHING = Columns((), (), np.empty(0), np.empty(0, int), np.empty(0, int), np.em
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Values of all parameters of a mechanism.
+    """Values of all parameters of a mechanism."""
 
-    Attributes:
-        pi: (10 · bodies,) dynamic parameters in Γ's order.
-        values: of all effects' parameters, by full name.
-    """
-
-    pi: np.ndarray
-    values: Mapping[str, float]
+    pi: np.ndarray  # (10 · bodies,) dynamic parameters in Γ's order
+    values: Mapping[str, float]  # of all effects' parameters, by full name
 
     @classmethod
     def prior(cls, mechanism: Mechanism) -> Point:

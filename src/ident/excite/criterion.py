@@ -25,14 +25,10 @@ TINY = 1e-13  # of R's diagonal: below, the columns do not determine some unknow
 
 @dataclass(frozen=True, eq=False)
 class Criterion:
-    """J as weighted log-determinants of groups of columns of W.
+    """J as weighted log-determinants of groups of columns of W."""
 
-    Attributes:
-        parts: (weight, columns) each; balance: w, the weight of the condition number.
-    """
-
-    parts: tuple[tuple[float, np.ndarray], ...]
-    balance: float = 0.0
+    parts: tuple[tuple[float, np.ndarray], ...]  # (weight, columns) each
+    balance: float = 0.0  # w, the weight of the condition number
 
     @classmethod
     def of_all(cls, r: int, balance: float) -> Criterion:

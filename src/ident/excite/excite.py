@@ -159,24 +159,17 @@ class ExcitingMotion:
 
 @dataclass(frozen=True, eq=False)
 class DesignProblem:
-    """Motions of one mechanism, their limits, and the scales in which they are compared.
+    """Motions of one mechanism, their limits, and the scales in which they are compared."""
 
-    Attributes:
-        family: of motions; exact: their limits; box: the same, tightened for samples.
-        names: of the drives that are moved; notes: assumptions.
-        base: what can be identified at all; size: usual norms of its columns.
-        sigma: (d,) expected noise of the torques [N m | N]; pinv: ‖K⁺‖ at home, 1 in a tree.
-    """
-
-    family: Family
-    exact: LimitBox
-    box: LimitBox
-    names: tuple[str, ...]
-    notes: tuple[str, ...]
-    base: Base
-    size: np.ndarray
-    sigma: np.ndarray
-    pinv: float
+    family: Family  # of motions
+    exact: LimitBox  # their limits
+    box: LimitBox  # the same, tightened for samples
+    names: tuple[str, ...]  # of the drives that are moved
+    notes: tuple[str, ...]  # assumptions
+    base: Base  # what can be identified at all
+    size: np.ndarray  # usual norms of its columns
+    sigma: np.ndarray  # (d,) expected noise of the torques [N m | N]
+    pinv: float  # ‖K⁺‖ at home, 1 in a tree
 
     @classmethod
     def of(
@@ -188,12 +181,7 @@ class DesignProblem:
         noise: Mapping[str, float],
         seed: int,
     ) -> DesignProblem:
-        """Prepare a search.
-
-        Raises:
-            MechanismError, MotionError: where the limits exclude every motion, with the limit that
-                does; where nothing is unknown.
-        """
+        """Prepare a search; refuse limits without a motion, and models without unknowns."""
         columns = Columns.of(mechanism)
         if not len(columns):
             raise MotionError(f"{mechanism.name}: nothing is unknown, so no motion is needed")
@@ -248,11 +236,7 @@ class DesignProblem:
         return cls(family, exact, box, names, tuple(notes), base, size, sigma, pinv)
 
     def criterion(self, separate: tuple[str, str] | None, balance: float) -> Criterion:
-        """Return D-optimality, or the separation of two effects.
-
-        Raises:
-            MotionError: where an effect's columns are combinations of others' in every motion.
-        """
+        """Return D-optimality, or the separation of two effects that no others make up."""
         if separate is None:
             return Criterion.of_all(self.base.rank, balance)
         columns, independent = self.family.model.columns, list(self.base.independent)
@@ -389,17 +373,12 @@ class DesignProblem:
 
 @dataclass(frozen=True, eq=False)
 class Determined:
-    """The base parameters that the rows of a motion determine.
+    """The base parameters that the rows of a motion determine."""
 
-    Attributes:
-        W: (N, k) informing rows over the noise; base: the independent columns.
-        C: covariance of the base parameters; log_det: of its inverse.
-    """
-
-    W: np.ndarray
-    base: Base
-    C: np.ndarray
-    log_det: float
+    W: np.ndarray  # (N, k) informing rows over the noise
+    base: Base  # the independent columns
+    C: np.ndarray  # covariance of the base parameters
+    log_det: float  # of its inverse
 
     @classmethod
     def of(cls, model: MotionModel, rows: MotionRows, sigma: np.ndarray) -> Determined:
@@ -460,11 +439,7 @@ def separation(
 
 
 def with_rivals(mechanism: Mechanism, pair: tuple[str, str]) -> Mechanism:
-    """Return the mechanism with both effects, their parameters unknown.
-
-    Raises:
-        MechanismError: for a label that names no single effect, or the same one twice.
-    """
+    """Return the mechanism with two different effects, their parameters unknown."""
     if len(set(pair)) != 2:
         raise MechanismError(f"separate {' '.join(pair)}: two different effects are expected")
     for label in pair:

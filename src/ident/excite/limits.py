@@ -70,10 +70,7 @@ def limits_in_force(
     """Return the joints with their limits, accelerations [rad/s² | m/s²], and assumptions.
 
     Joints in `independent` are moved; these need a range and a speed, `start` [rad | m] is where
-    they begin.
-
-    Raises:
-        MechanismError: for an unknown joint, or a sliding drive without a range.
+    they begin. Refuses an unknown joint, or a sliding drive without a range.
     """
     for given in (limits.range, limits.speed, limits.acceleration, limits.torque):
         for name in given if isinstance(given, Mapping) else ():
@@ -138,13 +135,10 @@ class Quantity:
 
 @dataclass(frozen=True, eq=False)
 class LimitBox:
-    """Limits of all quantities z.
+    """Limits of all quantities z."""
 
-    Attributes:
-        quantities: (Z,); low, high: (Z,) their limits, infinite where there are none.
-    """
-
-    quantities: tuple[Quantity, ...]
+    quantities: tuple[Quantity, ...]  # (Z,)
+    # low, high: (Z,) their limits, infinite where there are none
     low: np.ndarray
     high: np.ndarray
 

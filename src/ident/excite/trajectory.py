@@ -38,18 +38,13 @@ EVERY = slice(None)
 
 @dataclass(frozen=True, eq=False)
 class Fourier:
-    """Series of d joints about their home positions: y = home + basis(t) x.
+    """Series of d joints about their home positions: y = home + basis(t) x."""
 
-    Attributes:
-        period: T [s]; harmonics: H, 2 or more.
-        home: (d,) [rad | m], the positions at x = 0.
-        half: (d,) half of the joints' ranges; speed, acceleration: (d,) the largest allowed.
-    """
-
-    period: float
-    harmonics: int
-    home: np.ndarray
-    half: np.ndarray
+    period: float  # T [s]
+    harmonics: int  # H, 2 or more
+    home: np.ndarray  # (d,) [rad | m], the positions at x = 0
+    half: np.ndarray  # (d,) half of the joints' ranges
+    # speed, acceleration: (d,) the largest allowed
     speed: np.ndarray
     acceleration: np.ndarray
 
@@ -124,16 +119,11 @@ class Fourier:
 
 @dataclass(frozen=True, eq=False)
 class MotionRows:
-    """Rows of the equations at n samples of a motion.
+    """Rows of the equations at n samples of a motion."""
 
-    Attributes:
-        e: the experiment, with the torques that the model predicts.
-        A: (n, d, k) rows; informed: (n, d), false where dry friction leaves the torque open.
-    """
-
-    e: State
-    A: np.ndarray
-    informed: np.ndarray
+    e: State  # with the torques that the model predicts
+    A: np.ndarray  # (n, d, k) rows
+    informed: np.ndarray  # (n, d), false where dry friction leaves the torque open
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,17 +210,12 @@ class MotionModel:
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """All series of one mechanism at the n samples of a period.
+    """All series of one mechanism at the n samples of a period."""
 
-    Attributes:
-        model: the equations; series: the family of series.
-        rest: the mechanism at home, at the samples; basis: (3, n, d, P) of the series there.
-    """
-
-    model: MotionModel
-    series: Fourier
-    rest: State
-    basis: np.ndarray
+    model: MotionModel  # the equations
+    series: Fourier  # the family of series
+    rest: State  # the mechanism at home, at the samples
+    basis: np.ndarray  # (3, n, d, P) of the series there
 
     def at(self, t: np.ndarray) -> Family:
         """Return the same family at other times t (n,) [s]."""

@@ -51,7 +51,7 @@ class MonteCarlo(Displayed):
     def of(
         cls, plan: TrialPlan, snr: tuple[float, ...], runs: int, outcomes: Sequence[TrialOutcome]
     ) -> MonteCarlo:
-        """Make the frames of all runs: outcomes of all estimators, runs and ratios."""
+        """Make the frames of a `plan` from `outcomes` at all ratios `snr` [dB], `runs` of each."""
         truth = plan.truth
         samples, errors, failures = [], [], []
         for o in outcomes:

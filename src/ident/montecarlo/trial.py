@@ -59,22 +59,16 @@ def random_of(seed: int, snr: float, run: int) -> np.random.Generator:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """True values, given or identified from the log without noise.
+    """True values, given or identified from the log without noise."""
 
-    Attributes:
-        values, units: by name of parameters, effects' parameters and base parameters.
-        multipliers: their names; multiplier_units: [N | N m].
-        t: (n,) [s]; reactions: (n, m), NaN where nothing is known.
-        words: sources of values and reactions.
-    """
-
+    # values, units: by name of parameters, effects' parameters and base parameters
     values: Mapping[str, float]
     units: Mapping[str, str]
-    multipliers: tuple[str, ...]
-    multiplier_units: tuple[str, ...]
-    t: np.ndarray
-    reactions: np.ndarray
-    words: tuple[str, ...]
+    multipliers: tuple[str, ...]  # their names
+    multiplier_units: tuple[str, ...]  # [N | N m]
+    t: np.ndarray  # (n,) [s]
+    reactions: np.ndarray  # (n, m), NaN where nothing is known
+    words: tuple[str, ...]  # sources of values and reactions
 
     def errors(self, fit: Fit) -> tuple[float, ...]:
         """Return the rms of identified − true multipliers over time, 2 % at the ends left out."""
@@ -143,20 +137,14 @@ def truth_of(
 
 @dataclass(frozen=True, eq=False)
 class TrialPlan:
-    """Everything that the runs of one log have in common.
+    """Everything that the runs of one log have in common."""
 
-    Attributes:
-        mechanism: its unknowns are identified; log: gets the noise.
-        estimators: applied to the same noise; truth: compared with them.
-        columns: of the log, that get noise; seed: of all noise.
-    """
-
-    mechanism: Mechanism
-    log: Log
-    estimators: tuple[Estimator, ...]
-    truth: Truth
-    columns: tuple[str, ...]
-    seed: int
+    mechanism: Mechanism  # its unknowns are identified
+    log: Log  # gets the noise
+    estimators: tuple[Estimator, ...]  # applied to the same noise
+    truth: Truth  # compared with them
+    columns: tuple[str, ...]  # of the log, that get noise
+    seed: int  # of all noise
 
     def log_of(self, snr: float, run: int) -> Log:
         """Return the noisy log of a run."""
@@ -191,19 +179,13 @@ def _value_and_stderr(fit: Fit, name: str) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class TrialOutcome:
-    """The result of one estimator in one run.
+    """The result of one estimator in one run."""
 
-    Attributes:
-        estimator: its name; snr: [dB]; run: its number.
-        values, stderrs: in the order of the truth's; NaN where the run does not determine one.
-        errors: of the multipliers, root mean squares; NaN where none is known.
-        failure: the error in which the run ended; empty where there is a fit.
-    """
-
-    estimator: str
-    snr: float
-    run: int
+    estimator: str  # its name
+    snr: float  # [dB]
+    run: int  # its number
+    # values, stderrs: in the order of the truth's; NaN where the run does not determine one
     values: tuple[float, ...] = ()
     stderrs: tuple[float, ...] = ()
-    errors: tuple[float, ...] = ()
-    failure: str = ""
+    errors: tuple[float, ...] = ()  # of the multipliers, root mean squares; NaN where none is known
+    failure: str = ""  # the error in which the run ended; empty where there is a fit

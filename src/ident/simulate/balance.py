@@ -34,48 +34,30 @@ Actuator = Callable[[InstantTerms, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """External inputs as functions of time.
+    """External inputs as functions of time."""
 
-    Attributes:
-        since: the log's first sample [s].
-        extra: other columns of the log.
-        wrenches: (frame, wrench (6,) in its axes).
-    """
-
-    since: float = 0.0
-    extra: Extra = field(default_factory=dict)
+    since: float = 0.0  # the log's first sample [s]
+    extra: Extra = field(default_factory=dict)  # other columns of the log
+    # (frame, wrench (6,) in its axes)
     wrenches: tuple[tuple[int, Callable[[float], np.ndarray]], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """The equations solved at one instant.
+    """The equations solved at one instant."""
 
-    Attributes:
-        a: (nv,) v̇; tau: (driven,); multipliers: (m,) the smallest λ that fit.
-        friction: (dry,) torques of dry friction; rates: (dry,) their joints' accelerations.
-        sides: (dry,) of joints at rest with open modes, the limit (−1, +1) that friction reaches.
-        holding: whether the friction of stuck joints suffices.
-    """
-
-    a: np.ndarray
-    tau: np.ndarray
-    multipliers: np.ndarray
-    friction: np.ndarray
-    rates: np.ndarray
+    a: np.ndarray  # (nv,) v̇
+    tau: np.ndarray  # (driven,)
+    multipliers: np.ndarray  # (m,) the smallest λ that fit
+    friction: np.ndarray  # (dry,) torques of dry friction
+    rates: np.ndarray  # (dry,) their joints' accelerations
+    # (dry,) of joints at rest with open modes, the limit (−1, +1) that friction reaches
     sides: np.ndarray
-    holding: bool
+    holding: bool  # whether the friction of stuck joints suffices
 
 
 class Dynamics:
-    """The right side of the equations of motion of a plant.
-
-    Args:
-        plant: the mechanism.
-        actuator: its drives.
-        around: external inputs.
-        independent: joints in whose coordinates driven joints' torques are predicted.
-    """
+    """The right side of the equations of motion; drives are predicted in `independent` joints."""
 
     def __init__(
         self, plant: Plant, actuator: Actuator, around: Surroundings, independent: tuple[str, ...]
@@ -299,11 +281,6 @@ def box_programme(H: np.ndarray, g: np.ndarray, F: np.ndarray) -> tuple[np.ndarr
     The accelerations α and the friction torques f of the joints at rest solve a strictly convex
     problem in α (Moreau, C. R. Acad. Sci. 262A, 1966; Glocker, Set-Valued Force Laws, 2001), whose
     dual this is. u̇ is unique; f is not where several joints of a loop hold the same motion.
-
-    Args:
-        H: (k, k), symmetric and positive semidefinite.
-        g: (k,).
-        F: (k,) bounds, none negative.
     """
     k = len(g)
     f, side = np.zeros(k), np.zeros(k, dtype=int)

@@ -69,13 +69,9 @@ class IntegrationRecord:
 class Integration:
     """One integration over time; `run` performs it.
 
-    Args:
-        dynamics: the equations.
-        tolerance: relative error a step; absolute: a hundredth of it [rad | m | …].
-        longest: step [s].
-        knots: times at which an input is not smooth, where steps end.
-        until: called with every sample's terms; where true, the integration ends.
-        near: (J,) coordinates from which whole turns are counted.
+    Steps have the relative error `tolerance` and are no longer than `longest` [s]; they end at the
+    times `knots`, where an input is not smooth. The integration ends where `until` is true of a
+    sample's terms. Whole turns are counted from coordinates `near` (J,).
     """
 
     def __init__(

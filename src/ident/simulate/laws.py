@@ -30,19 +30,15 @@ Extra = Mapping[str, Callable[[float], float]]
 
 @dataclass(frozen=True, eq=False)
 class InstantSignals:
-    """Signals of all J joints at one instant.
+    """Signals of all J joints at one instant."""
 
-    Attributes:
-        t: [s]; since: the log's first sample [s].
-        y, yd: (J,); extra: other columns of the log, as functions of time.
-        a, torque, load: (J,) predictions of the present model, for effects that ask for them.
-    """
-
-    t: float
-    since: float
+    t: float  # [s]
+    since: float  # the log's first sample [s]
+    # y, yd: (J,)
     y: np.ndarray
     yd: np.ndarray
-    extra: Extra
+    extra: Extra  # other columns of the log, as functions of time
+    # a, torque, load: (J,) predictions of the present model, for effects that ask for them
     a: np.ndarray
     torque: np.ndarray
     load: np.ndarray
@@ -56,20 +52,15 @@ class InstantSignals:
 
 @dataclass(frozen=True, eq=False)
 class EffectLaw:
-    """The unknowns of one effect that act alike, with their values.
-
-    Attributes:
-        c: (unknowns,) values, zero for those that act otherwise; acts: see above.
-        shape, present: values of its shapes, and of all effects' parameters.
-        at: indices of its joints among the mechanism's.
-    """
+    """The unknowns of one effect that act alike, with their values."""
 
     effect: Effect
-    c: np.ndarray
-    acts: str
+    c: np.ndarray  # (unknowns,) values, zero for those that act otherwise
+    acts: str  # see above
+    # shape, present: values of its shapes, and of all effects' parameters
     shape: Mapping[str, float]
     present: Mapping[str, float]
-    at: tuple[int, ...]
+    at: tuple[int, ...]  # indices of its joints among the mechanism's
 
     def torque(self, s: InstantSignals) -> np.ndarray:
         """Return E c (arity,) [N m | N] that the joints must supply."""
@@ -104,19 +95,13 @@ class EffectLaw:
 
 @dataclass(frozen=True, eq=False)
 class DryJoint:
-    """Dry friction at one joint, or at the sum of two joints' rates.
+    """Dry friction at one joint, or at the sum of two joints' rates."""
 
-    Attributes:
-        name: of the joint, or of both with a comma; at: their indices; effects: labels.
-        level: the part of F that does not depend on the state.
-        parts: the laws of the rest.
-    """
-
-    name: str
-    at: tuple[int, ...]
-    effects: tuple[str, ...]
-    level: float
-    parts: tuple[EffectLaw, ...]
+    name: str  # of the joint, or of both with a comma
+    at: tuple[int, ...]  # their indices
+    effects: tuple[str, ...]  # labels
+    level: float  # the part of F that does not depend on the state
+    parts: tuple[EffectLaw, ...]  # the laws of the rest
 
     def limit(self, s: InstantSignals) -> float:
         """Return F [N m | N]."""
@@ -129,22 +114,17 @@ class DryJoint:
 
 @dataclass(frozen=True, eq=False)
 class ForwardLaws:
-    """All effects of a mechanism at a working point, sorted.
+    """All effects of a mechanism at a working point, sorted."""
 
-    Attributes:
-        T0, Tq, Tv: (J,), (J, J), (J, J): the linear laws, T = T0 + Tq y + Tv ẏ.
-        smooth: other torques; dry: joints with dry friction; states: laws with a state.
-        inertial: (joints, coefficient [kg m² | kg]).
-        pi: (10 · bodies,) dynamic parameters with payloads.
-    """
-
+    # T0, Tq, Tv: (J,), (J, J), (J, J): the linear laws, T = T0 + Tq y + Tv ẏ
     T0: np.ndarray
     Tq: np.ndarray
     Tv: np.ndarray
-    pi: np.ndarray
-    smooth: list[EffectLaw] = field(default_factory=list)
-    dry: list[DryJoint] = field(default_factory=list)
-    states: list[EffectLaw] = field(default_factory=list)
+    pi: np.ndarray  # (10 · bodies,) dynamic parameters with payloads
+    smooth: list[EffectLaw] = field(default_factory=list)  # other torques
+    dry: list[DryJoint] = field(default_factory=list)  # joints with dry friction
+    states: list[EffectLaw] = field(default_factory=list)  # laws with a state
+    # (joints, coefficient [kg m² | kg])
     inertial: list[tuple[tuple[int, ...], float]] = field(default_factory=list)
 
     @property
@@ -165,11 +145,7 @@ class ForwardLaws:
 
     @classmethod
     def of(cls, mechanism: Mechanism, point: Point) -> ForwardLaws:
-        """Sort the laws of a mechanism whose effects all have values.
-
-        Raises:
-            MechanismError: for an effect that cannot be integrated, with the reason.
-        """
+        """Sort the laws of a mechanism whose effects all have values; refuse one without a law."""
         J = len(mechanism.joints)
         rest = InstantSignals.at_rest(J)
         laws = cls(np.zeros(J), np.zeros((J, J)), np.zeros((J, J)), point.pi.copy())

@@ -33,11 +33,9 @@ class Rigid:
     Pinocchio stores a body by mass and centre of mass, and adds bodies only if their mass is
     positive. Identified parameters need not be those of bodies that can exist, so π is written as
     the difference π⁺ − π⁻ of two sets with positive masses where that is necessary.
-
-    Attributes:
-        terms: (sign, model, data) whose signed sum it is.
     """
 
+    # (sign, model, data) whose signed sum it is
     terms: tuple[tuple[float, pin.Model, pin.Data], ...]
 
     @classmethod
@@ -81,45 +79,35 @@ def _with_inertias(model: pin.Model, bodies: np.ndarray) -> pin.Model:
 
 @dataclass(frozen=True, eq=False)
 class InstantTerms:
-    """State and terms of the equations at one instant.
-
-    Attributes:
-        q, v: (nq,), (nv,); z: (states,) of effects that have one.
-        y, yd: (J,) of the mechanism's joints; W (J, nv), drift (J,): ÿ = W v̇ + drift.
-        M, h: with the inertias that effects add.
-        J: (m, nv); Jp: (nv, m) its pseudo-inverse; Z: (nv, d); a0: (nv,).
-    """
+    """State and terms of the equations at one instant."""
 
     t: float
+    # q, v: (nq,), (nv,)
     q: np.ndarray
     v: np.ndarray
-    z: np.ndarray
+    z: np.ndarray  # (states,) of effects that have one
+    # y, yd: (J,) of the mechanism's joints; W (J, nv), drift (J,): ÿ = W v̇ + drift
     y: np.ndarray
     yd: np.ndarray
     W: np.ndarray
     drift: np.ndarray
+    # M, h: with the inertias that effects add
     M: np.ndarray
     h: np.ndarray
-    J: np.ndarray
-    Jp: np.ndarray
-    Z: np.ndarray
-    a0: np.ndarray
+    J: np.ndarray  # (m, nv)
+    Jp: np.ndarray  # (nv, m) its pseudo-inverse
+    Z: np.ndarray  # (nv, d)
+    a0: np.ndarray  # (nv,)
 
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """A mechanism ready to be integrated.
+    """A mechanism ready to be integrated."""
 
-    Attributes:
-        mechanism: as its effects correct it (gravity, lengths).
-        laws: of its effects.
-        rigid: its bodies with payloads; bare: without.
-    """
-
-    mechanism: Mechanism
-    laws: ForwardLaws
-    rigid: Rigid
-    bare: Rigid
+    mechanism: Mechanism  # as its effects correct it (gravity, lengths)
+    laws: ForwardLaws  # of its effects
+    rigid: Rigid  # its bodies with payloads
+    bare: Rigid  # without payloads
 
     @classmethod
     def of(cls, mechanism: Mechanism, point: Point) -> Plant:
