@@ -92,7 +92,7 @@ def test_errors_are_those_of_the_batch_on_the_same_cells():
     fit = ident.identify(case.mechanism, motion, estimator="least-squares")
     online = Online(case.mechanism, like=motion)
     found = fed(online, given(case.log, "blocks"))
-    cells, _ = online._recursion.accumulator.information(len(fit.estimate.x))
+    cells = online._recursion.accumulator.information(len(fit.estimate.x))
     assert len(cells.times) <= INTERVALS + 1
     expected = np.sqrt(np.diag(covariance(cells, fit.estimate)))
     own = np.array([value.stderr for value in found.base_parameters])
@@ -375,11 +375,11 @@ def test_intervals_stay_few_and_hold_everything():
         part = slice(start, start + int(rng.integers(1, 200)))
         store.absorb(Rows(t[part], np.arange(len(t))[part], A[part], b[part], b[part], told[part]))
         start = part.stop
-        assert len(store.information(3)[0].times) <= 1.5 * INTERVALS + 1
-    cells, total = store.information(3)
+        assert len(store.information(3).times) <= 1.5 * INTERVALS + 1
+    cells = store.information(3)
     assert sum(cell.triangle.rows for cell in cells) == told.sum()
     assert sum(cell.rest.rows for cell in cells) == (~told).sum()
-    whole = total.totals[0]
+    whole = cells.totals[0]
     mine = told[:, 0]
     expected = np.linalg.lstsq(A[mine, 0], b[mine, 0], rcond=None)[0]
     np.testing.assert_allclose(np.linalg.solve(whole.R, whole.d), expected, rtol=1e-10)

@@ -95,17 +95,17 @@ def log_text(x: LogComparison) -> str:
     return "\n".join([log_summary(x), *(f"note: {note}" for note in x.notes)])
 
 
-@renders(LogComparison, "html")
-def log_html(x: LogComparison) -> str:
-    """Return the table, and below it who disagrees."""
-    return in_frame([html_table(log_rows(x), "Log by log"), items([who_disagrees(x), *x.notes])])
-
-
 @renders(LogComparison, "section")
 def log_section(x: LogComparison) -> Section:
-    """Return the section of a report."""
+    """Return the table, and below it who disagrees."""
     below = items([who_disagrees(x), *x.notes])
     return Section("Log by log", (html_table(log_rows(x), "Logs"), below))
+
+
+@renders(LogComparison, "html")
+def log_html(x: LogComparison) -> str:
+    """Return the section of a report by itself."""
+    return in_frame(log_section(x).blocks)
 
 
 @renders(Gathered, "summary")
@@ -260,9 +260,9 @@ def alarm_lines(x: Alarm) -> list[str]:
     ]
     for cause in (x.best, *x.rivals) if x.best else ():
         lines.append(f"{cause}, explains {100 * cause.explains:.0f} %")
-        felt = [f"{name} by {v:.2g}" for name, v in cause.reactions.items() if v > 0]
-        if felt:
-            lines.append(f"  it would change the reaction {', '.join(felt)} rms")
+        forces = [f"{name} by {v:.2g}" for name, v in cause.reactions.items() if v > 0]
+        if forces:
+            lines.append(f"  it would change the reaction {', '.join(forces)} rms")
     ratios = ", ".join(f"{name} {v:.3g}" for name, v in x.errors.items())
     return [*lines, f"errors over their normal size: {ratios}"]
 

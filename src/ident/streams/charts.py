@@ -27,7 +27,7 @@ would be seen as a change in the long run. Changes are watched for from δ_k on:
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -45,7 +45,7 @@ MARGIN = 1.5  # for what a log of minutes has not shown yet
 BLOCKS = 8  # at least, in the longest sums, and drawn from a log
 FEWEST = 40  # intervals of a log of normal running
 USUAL = 0.5  # of the rows that an interval usually has; one with fewer is left out
-FELT = 1e-6  # of the largest column: a smaller one has no effect
+FELT = 1e-6  # of the largest column, singular value or component: a smaller one has no effect
 KNOWN = 0.03  # of the largest singular value of unit columns: a direction known less well stays
 REMAINS = 3.0  # times what is left of a change that has been named: that is no new change
 STREAMS, STEPS = 20, 2000  # simulated beside each other, and intervals of each
@@ -101,32 +101,29 @@ class WatchedInterval:
         return (self.triangle.R**2).sum(axis=0)
 
 
-@dataclass(eq=False)
 class Cutter:
     """Cuts rows at multiples of `seconds`; holds the rows of the interval that is not over yet."""
 
-    seconds: float
-    at: int | None = None
-    waiting: list[WatchedRows] = field(default_factory=list)
-    usual: int = 0
+    def __init__(self, seconds: float) -> None:
+        self._seconds, self._usual = seconds, 0
+        self._waiting: list[WatchedRows] = []
 
     def cut(self, rows: WatchedRows) -> Iterator[WatchedRows]:
         """Yield the rows of every interval that these rows complete."""
-        number = np.floor(rows.t / self.seconds).astype(int)
-        edges = [0, *(np.flatnonzero(np.diff(number)) + 1), len(number)]
-        for i, j in pairwise(edges):
-            if j > i and number[i] != self.at:
-                yield from self.flush()
-                self.at = int(number[i])
-            self.waiting += [rows_at(rows, slice(i, j))] if j > i else []
+        rows = concatenated([*self._waiting, rows])
+        edges = np.flatnonzero(np.diff(np.floor(rows.t / self._seconds))) + 1
+        *whole, last = (rows_at(rows, slice(*x)) for x in pairwise([0, *edges, len(rows.t)]))
+        self._waiting = [last]
+        return filter(self._is_usual, whole)
 
     def flush(self) -> Iterator[WatchedRows]:
         """Yield the rows held, if they are about as many as usual."""
-        waiting, self.waiting = self.waiting, []
-        count = sum(len(part.t) for part in waiting)
-        self.usual = max(self.usual, count)
-        if count and count >= USUAL * self.usual:
-            yield concatenated(waiting)
+        waiting, self._waiting = self._waiting, []
+        return filter(self._is_usual, waiting)
+
+    def _is_usual(self, rows: WatchedRows) -> bool:
+        self._usual = max(self._usual, len(rows.t))
+        return len(rows.t) >= USUAL * self._usual
 
 
 def intervals_of(
@@ -182,12 +179,8 @@ class NormalRunning:
 
     def wider(self, factor: float) -> NormalRunning:
         """Return normal running that scatters more."""
-        return replace(
-            self,
-            spread=factor * self.spread,
-            least=factor**0.5 * self.least,
-            freedom=self.freedom / factor,
-        )
+        spread, least = factor * self.spread, factor**0.5 * self.least
+        return replace(self, spread=spread, least=least, freedom=self.freedom / factor)
 
     def moved(
         self,
@@ -284,11 +277,9 @@ class Design:
         flat = [x.reshape(*x.shape[:-2], -1) for x in (change, error)]
         return np.concatenate(flat, axis=-1)
 
-    def about(self, chart: int) -> tuple[int | None, int | None]:
-        """Return the column, or else the error, that a chart is about."""
-        if chart < self.delta.size:
-            return chart % self.delta.shape[1], None
-        return None, (chart - self.delta.size) % len(self.normal.energy)
+    def subjects(self, columns: Sequence[str], errors: Sequence[str]) -> list[str]:
+        """Return what each chart is about, from the names of columns (k,) and errors (d + m,)."""
+        return [*columns] * len(self.delta) + [f"error of {name}" for name in errors] * len(RATIOS)
 
 
 @dataclass(eq=False)

@@ -340,10 +340,9 @@ def _next_step(r: Problem, fitted: Estimate, step: SearchStep) -> SearchStep:
     if shapes.any():
         bounds = shape_bounds(r.mechanism, columns, r.motion, r.point)
         x = stepped(columns, r.point, x, bounds, 1.0)
-    others = [r.point.values.get(name, 0.0) for name in columns.names[len(columns.rigid) :]]
-    before = np.concatenate([r.point.pi[columns.rigid], others])
     implicit = any(effect.implicit for effect in r.mechanism.effects)
-    moves = np.linalg.norm(fitted.triangle.R @ np.where(shapes | implicit, x - before, 0.0))
+    moved = np.where(shapes | implicit, x - r.point.unknowns(columns), 0.0)
+    moves = np.linalg.norm(fitted.triangle.R @ moved)
     return SearchStep(r.point.at(r.mechanism, columns, x), r.point, loss, sigma, float(moves))
 
 

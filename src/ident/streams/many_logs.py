@@ -40,7 +40,6 @@ SAME = 1e-6  # of the largest fall of squared error, within which two are the sa
 NEARLY = 0.05  # of what a log's difference explains: parts as near as that are not told apart
 UNKNOWN = 1e-12  # of the largest eigenvalue of H, below which logs do not determine a direction
 BELIEVED = 0.5  # of ν: far out in the tail it counts that how long blocks are alike is estimated
-CERTAIN = 1e-6  # a block that is all that is known of a direction leaves no residual there
 LEAST_NOISE = 0.01, 1e-3  # of σ² of a log's own rows, and of the joint residual: the least believed
 
 
@@ -258,7 +257,8 @@ class _Logs:
                 for c in mine
             ]
             spare = max(sum(c.triangle.rows for c in mine) - base.rank + open_.shape[1], 1)
-            errors = _left_out(H, H_b, g_b - H_b @ own)
+            others = np.linalg.pinv(H - H_b, rcond=UNKNOWN, hermitian=True)
+            errors = (others @ (g_b - H_b @ own)[..., None])[..., 0] @ H  # at the fit of all others
             self.H[log], self.g[log] = H, g
             self.noise[log] = max((np.sum(np.square(residuals)) - g @ own) / spare, LEAST_NOISE[0])
             self.S[log], nu = long_run(keys, errors, np.diagonal(H_b, axis1=1, axis2=2))
@@ -334,20 +334,6 @@ def _inverse(H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     values, vectors = np.linalg.eigh(H)
     known = values > UNKNOWN * values.max(initial=0.0)
     return (vectors[:, known] / values[known]) @ vectors[:, known].T, vectors[:, ~known]
-
-
-def _left_out(H: np.ndarray, H_b: np.ndarray, g_b: np.ndarray) -> np.ndarray:
-    """(B, n) scores of blocks at the fit of all other blocks, from those at the fit of all.
-
-    With K_b = H^(-1/2) H_b H^(-1/2), H^(1/2) (1 − K_b)⁻¹ H^(-1/2) g_b (as in `covariance`).
-    """
-    values, vectors = np.linalg.eigh(H)
-    known = values > UNKNOWN * values.max(initial=0.0)
-    root = np.sqrt(values[known])
-    down, up = vectors[:, known] / root, vectors[:, known] * root
-    shares, axes = np.linalg.eigh(down.T @ H_b @ down)
-    along = np.einsum("bij,bi->bj", axes, g_b @ down) / np.maximum(1 - shares, CERTAIN)
-    return np.einsum("bij,bj->bi", axes, along) @ up.T
 
 
 def _of_many(p: np.ndarray, covariance: np.ndarray) -> float:

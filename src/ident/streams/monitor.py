@@ -266,24 +266,19 @@ class Monitor(Displayed):
         return [self._alarm(self.raised, *self._naming(self.raised))]
 
     def _absorbed(self, parts: Iterable[WatchedRows]) -> list[Alarm]:
-        alarms = []
-        for rows in (whole for part in parts for whole in self._cutter.cut(part)):
-            interval = WatchedInterval.of(rows, self.design.normal.sigma, self.reference)
-            if (alarm := self._step(interval)) is not None:
-                alarms.append(alarm)
-        return alarms
+        sigma = self.design.normal.sigma
+        cut = (rows for part in parts for rows in self._cutter.cut(part))
+        steps = (self._step(WatchedInterval.of(rows, sigma, self.reference)) for rows in cut)
+        return [alarm for alarm in steps if alarm is not None]
 
     def _step(self, interval: WatchedInterval) -> Alarm | None:
         self._held.append(interval)
         if self.raised is None:
-            interval_statistics = statistics([interval], self.reference)
-            self._charts.update(self.design.evidence(*interval_statistics)[0])
+            self._charts.update(self.design.evidence(*statistics([interval], self.reference))[0])
             if self.evidence < self.threshold:
                 return None
             leader = self._charts.leader(self.design.weight)
-            column, error = self.design.about(leader)
-            by = f"error of {self.watched.errors[error or 0]}"
-            by = by if column is None else self.watched.columns.names[column]
+            by = self.design.subjects(self.watched.columns.names, self.watched.errors)[leader]
             since = max(int(self._charts.since[leader]), 1)
             self.raised = _Raised(interval.end, self.evidence, by, since)
         else:
@@ -311,14 +306,14 @@ class Monitor(Displayed):
         rows = np.maximum(np.sum([each.rows for each in window], axis=0), 1)
         usual = rows * np.where(normal.energy > 0, normal.energy, np.inf)
         rms = np.sqrt(np.sum([each.squares for each in window], axis=0) / usual)
-        excess = best.fall / naming.explained if best else 1.0
+        causes = [self._cause(each, naming) for each in ((best, *naming.rivals) if best else ())]
         alarm = Alarm(
             onset=window[0].start,
             detected=raised.at,
             named=window[-1].end,
             verdict="cannot tell" if not naming.sound else "one of" if naming.rivals else "named",
-            best=self._cause(best, excess) if best else None,
-            rivals=tuple(self._cause(each, excess) for each in naming.rivals),
+            best=causes[0] if causes else None,
+            rivals=tuple(causes[1:]),
             seen_by=raised.by,
             evidence=raised.height,
             threshold=self.threshold,
@@ -332,8 +327,10 @@ class Monitor(Displayed):
         raised.named = True
         return alarm
 
-    def _cause(self, reading: Reading, excess: float) -> Cause:
-        """The cause of a reading, of the squares `excess` beyond noise."""
+    def _cause(self, reading: Reading, naming: Naming) -> Cause:
+        """The cause of a reading, one of those of a naming."""
+        assert naming.best is not None
+        excess = naming.best.fall / naming.explained  # squares beyond noise
         suspect, dx = reading.suspect, np.zeros(len(self.watched.columns))
         dx[suspect.places] = reading.theta
         parts = zip(suspect.parameters, reading.theta, reading.stderr, suspect.units, strict=True)
@@ -341,11 +338,10 @@ class Monitor(Displayed):
             ParameterChange(each.name, float(x), None if np.isnan(s) else float(s), unit)
             for each, x, s, unit in parts
         )
+        names = self.watched.mechanism.kinematics.multipliers
         forces = {
             name: float(np.linalg.norm(triangle.R @ dx)) / max(triangle.rows, 1) ** 0.5
-            for name, triangle in zip(
-                self.watched.mechanism.kinematics.multipliers, self.multipliers, strict=True
-            )
+            for name, triangle in zip(names, self.multipliers, strict=True)
         }
         explains = float(np.clip(reading.fall / excess, 0.0, 1.0))
         return Cause(suspect.label, steps, explains, forces)

@@ -30,7 +30,7 @@ from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, LogError, one_of
 from ident.fit import Fit
 from ident.fit.multipliers import identifiable_multipliers
-from ident.fit.problem import LENGTH, blocks_of, plausible
+from ident.fit.problem import LENGTH, blocks_of, plausible_of
 from ident.fit.shapes import working_point
 from ident.fit.values import BaseValue, Value, base_values, effect_values, rigid_values
 from ident.information.blocks import Block, Error, Information, Squares
@@ -197,7 +197,6 @@ class Accumulator:
         self._length = LENGTH * period if forget is None else forget / FADING
         self._intervals: list[Interval] = []
         self._open: Interval | None = None
-        self._closed: Interval | None = None  # all intervals but the open one, together
         self._waiting: list[Rows] = []
         self.now = self.informed = -np.inf
 
@@ -210,18 +209,13 @@ class Accumulator:
         if sum(len(each.t) for each in self._waiting) >= TOGETHER:
             self._absorb_waiting()
 
-    def information(self, k: int) -> tuple[Information, Information]:
-        """Return all rows on k columns, by interval of time and together; weights refer to now."""
+    def information(self, k: int) -> Information:
+        """Return all rows on k columns by interval of time; weights refer to now."""
         self._absorb_waiting()
-        parts = [each for each in (self._closed, self._open) if each]
-        if len(parts) > 1:
-            parts = [parts[0].merged(parts[1], self._T)]
-        both = []
-        for some in ([*self._intervals, *([self._open] if self._open else [])], parts):
-            aged = [each.aged(self.now, self._T) for each in some]
-            blocks = [block for i, each in enumerate(aged) for block in each.numbered(i)]
-            both.append(Information.of(blocks, k, len(self._supports)))
-        return both[0], both[1]
+        intervals = [*self._intervals, *([self._open] if self._open else [])]
+        aged = [each.aged(self.now, self._T) for each in intervals]
+        blocks = [block for i, each in enumerate(aged) for block in each.numbered(i)]
+        return Information.of(blocks, k, len(self._supports))
 
     def _absorb_waiting(self) -> None:
         """Absorb what waits, interval by interval."""
@@ -238,7 +232,6 @@ class Accumulator:
                 self._close(self._open)
 
     def _close(self, last: Interval) -> None:
-        self._closed = self._closed.merged(last, self._T) if self._closed else last
         self._intervals.append(last)
         self._open = None
         if len(self._intervals) <= INTERVALS:
@@ -500,15 +493,12 @@ class _Recursion:
         old, columns = self._solved, self._columns
         if old and self._T and self.accumulator.now - self.accumulator.informed > self._T:
             return old, False
-        by_time, total = self.accumulator.information(len(columns))
+        total = self.accumulator.information(len(columns))
         # what is forgotten stays where it was
         prior = old.estimate.x if old is not None and self._T else columns.prior
-        before = total.squares(columns.prior)
-        torque = np.sqrt(before.torque / np.maximum(before.rows, 1))
-        size = sum(t.column_norms() ** 2 / max(t.rows, 1) for t in total.totals)
-        sensible = plausible(self._mechanism, columns, torque, np.sqrt(size))
-        fitted = estimate(total.totals, prior, torque, sensible)
-        cov = covariance(by_time, fitted)
+        sensible = plausible_of(self._mechanism, columns, total)
+        fitted = estimate(total.totals, prior, total.rms_torque, sensible)
+        cov = covariance(total, fitted)
         after = self._point.at(self._mechanism, columns, fitted.x)
         values = [*rigid_values(self._mechanism, columns, fitted, cov)]
         for each in effect_values(columns, fitted, cov, after):

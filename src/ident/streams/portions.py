@@ -24,7 +24,7 @@ import numpy as np
 from ident.equations.corrections import Scene
 from ident.equations.filter import Decimator
 from ident.equations.multipliers import stack
-from ident.equations.rows import row_supports, rows
+from ident.equations.rows import reach, row_supports, rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, MotionError, one_of
 from ident.fit.prediction import predict
@@ -143,7 +143,6 @@ def with_logs(plan: Plan, logs: Sequence[LogOnDisk], samples: int, workers: Work
             if workers.alone:
                 raise
             workers.broken[log.name] = str(error)
-    _check_some(plan.mechanism, workers, parts)
     plan = replace(plan, parts=tuple(parts))
     several = [i for i, part in enumerate(parts) if len(part.borders) > 2]
     names = [parts[i].name for i in several]
@@ -253,9 +252,7 @@ def _extremes(plan: Plan, portion: Portion) -> Extremes | None:
     if e is None:
         return None
     e = replace(e, usable=e.usable & (e.t >= portion.since) & (e.t < portion.until))
-    if e.leverage is None:
-        return top_speeds(e), None
-    return top_speeds(e), np.abs(e.leverage[e.usable]).max(axis=0, initial=0.0)
+    return top_speeds(e), reach(e)
 
 
 def motion_of(plan: Plan, portion: Portion) -> tuple[State | None, list[str]]:

@@ -153,17 +153,17 @@ class SampleParser:
         """Return a sample or a block as an array (n, columns)."""
         given = self._renamed(sample)
         names = self.columns or tuple(dict.fromkeys(("t", *given)))
-        if self._any and (off := ({*names} ^ {*given}) - {"t"}):
-            raise LogError(
-                f"{self._name}: a sample has other columns than those before "
-                f"({', '.join(sorted(off))}); every sample needs the same"
-            )
-        if lacking := [name for name in names if name not in given]:
+        if lacking := [name for name in (("t",) if self._any else names) if name not in given]:
             source = self._mapping.get(lacking[0])
             wanted = f"{source.column!r}, which [log] makes " if source else ""
             raise MotionError(
                 f"{self._name}: a sample has no column {wanted}{lacking[0]!r}; "
                 f"{one_of(lacking[0], given)}"
+            )
+        if self._any and (off := {*names} ^ {*given}):
+            raise LogError(
+                f"{self._name}: a sample has other columns than those before "
+                f"({', '.join(sorted(off))}); every sample needs the same"
             )
         values = [given[name] for name in names]
         try:
@@ -234,11 +234,11 @@ class StreamClock:
         self._last = X[-1]
         gaps = np.flatnonzero(np.diff(whole[:, 0]) > GAP * dt) + 1
         for i, j in pairwise([0, *gaps, len(whole)]):
-            run, parts = whole[i:j], []
-            if i or not begun:
-                if i:
-                    self._number += max(2, round((run[0, 0] - self._t) / dt)) - 1
-                parts, self._t = [run[:1]], float(run[0, 0])
+            run = whole[i:j]
+            first = run[: int(i > 0 or not begun)]  # the sample that came last is not made again
+            if i:
+                self._number += max(2, round((run[0, 0] - self._t) / dt)) - 1
+            self._t = float(run[0, 0]) if len(first) else self._t
             samples, n = run[1:], np.arange(1, j - i)
             if len(n):
                 off = samples[:, 0] - self._t - dt * n
@@ -248,9 +248,7 @@ class StreamClock:
                     t = self._t + dt * np.arange(1, instants + 1)
                     columns = [np.interp(t, run[:, 0], x) for x in run.T[1:]]
                     samples = np.stack([t, *columns], axis=1)
-                parts.append(samples)
-            block = np.concatenate(parts) if parts else run[:0]
-            if len(block):
+            if len(block := np.concatenate([first, samples])):
                 self._t, self._number = float(block[-1, 0]), self._number + len(block)
                 yield self._number - len(block), block
 
@@ -277,17 +275,16 @@ class Overlap:
 
 
 def _joined(a: Any, b: Any) -> Any:
-    """One block of samples after the other: arrays, `State`s or `Rows`."""
+    """One block of samples after the other: arrays, or `State`s."""
     if isinstance(a, np.ndarray):
         return np.concatenate([a, b])
-    both: dict[str, Any] = {
+    arrays = {
         each.name: np.concatenate([x, getattr(b, each.name)])
         for each in fields(a)
         if each.name != "still" and isinstance(x := getattr(a, each.name), np.ndarray)
     }
-    if isinstance(a, State):
-        both["extra"] = {name: np.concatenate([x, b.extra[name]]) for name, x in a.extra.items()}
-    return replace(a, **both)
+    extra = {name: np.concatenate([x, b.extra[name]]) for name, x in a.extra.items()}
+    return replace(a, **arrays, extra=extra)
 
 
 def _derivative_weights(setting: Setting) -> tuple[np.ndarray, np.ndarray]:
@@ -411,7 +408,6 @@ class SampleWindow:
     """Consecutive samples, of which those `inside` have all neighbours that they need."""
 
     e: State  # the samples
-    number: int  # of the first, in steps of the clock
     inside: slice  # which of them the window stands for
 
 
@@ -520,7 +516,7 @@ class Stream:
             )
             if len(around) <= 2 * margin:
                 continue
-            window = SampleWindow(around, first, slice(margin, len(around) - margin))
+            window = SampleWindow(around, slice(margin, len(around) - margin))
             self.windows.append(window)
             sample = np.arange(first + margin, first + len(around) - margin)
             setting = self.setting

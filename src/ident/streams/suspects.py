@@ -43,7 +43,7 @@ from ident.mechanism.parameters import COUNT, pseudo_inertia
 from ident.motion import Motion
 from ident.motion.closures import LoopSolver
 from ident.motion.state import State
-from ident.streams.charts import NormalRunning, WatchedInterval, WatchedRows
+from ident.streams.charts import FELT, NormalRunning, WatchedInterval, WatchedRows
 
 WATCHED = tuple(kind for kind, cls in KINDS.items() if cls.watched == "always")
 STICKING = 0.02  # share of a row that may come from standstill, where dry friction is open
@@ -53,13 +53,10 @@ RANK = 1e-4  # of the largest singular value of unit columns; below, a direction
 SURPLUS = 2.5  # standard errors by which what is left may exceed noise
 EXPLAINS = 0.999  # or share of what is beyond noise that is explained: no model is that exact
 MOSTLY = 0.8  # share that a cause must explain however little is left
-BLURRED = 1e-6  # share of a parameter in directions that are not asked for: it is not told alone
 NEGATIVE = 2.0  # standard errors below zero at which a value is one that no such thing can have
 EARLIER = 10  # intervals before the leading chart's onset in which it can have been
 LATELY = 10, 40  # least and most intervals before the onset that show how large errors were before
 RIDGE = 1e-3  # of unit columns, for what the intervals do not determine of a load
-FELT = 1e-6  # of the largest column of a load
-REDUNDANT = 1e-6  # of the largest singular value of J
 THINNED = 600  # samples of an experiment in which Δλ is taken
 BODIES = np.stack([svec(pseudo_inertia(each)) for each in np.eye(COUNT)], axis=1)
 
@@ -77,16 +74,14 @@ class Suspect:
     def of(cls, effects: tuple[Effect, ...], columns: Columns) -> Suspect:
         """Make the suspect whose columns are those of some effects."""
         parameters: list[Unknown] = []
-        full: list[str] = []
+        names: list[str] = []
         for effect in effects:
             open_ = effect.unknowns or effect.shapes
             parameters += open_
-            known = zip(effect.names, effect.parameters, strict=True)
-            if effect.loaded_link:  # its columns are the link's own
-                full += [f"{effect.loaded_link}.{each.name}" for each in open_]
-            else:
-                full += [name for name, each in known if each in open_]
-        places = np.array([columns.index[name] for name in full])
+            own = dict(zip([each.name for each in effect.parameters], effect.names, strict=True))
+            link = effect.loaded_link  # whose own columns are its
+            names += [f"{link}.{each.name}" if link else own[each.name] for each in open_]
+        places = np.array([columns.index[name] for name in names])
         units = tuple(columns.units[i] for i in places)
         return cls(effects, places, tuple(parameters), units)
 
@@ -134,15 +129,14 @@ class Watched:
                 shapes |= {name: values.values.get(name, 0.0) for name in effect.names}
         point = Point(values.pi, {**values.values, **shapes})
         columns = Columns.of(whole)
-        x = np.array([point.values.get(name, 0.0) for name in columns.names])
-        x[: len(columns.rigid)] = point.pi[columns.rigid]
         # each alone, and companions of a joint together
         groups: list[tuple[Effect, ...]] = [(each,) for each in effects]
         for name in dict.fromkeys(e.joints[0] for e in effects if e.companions):
             together = tuple(e for e in effects if e.companions and e.joints[0] == name)
             groups += [together] if len(together) > 1 else []
         return cls(
-            whole, columns, point, x, tuple(Suspect.of(group, columns) for group in groups),
+            whole, columns, point, point.unknowns(columns),
+            tuple(Suspect.of(group, columns) for group in groups),
             motion.independent, motion.band.cutoff,
         )  # fmt: skip
 
@@ -222,7 +216,7 @@ def multiplier_sensitivity(
         return np.zeros((len(q), 0, len(independent)))
     J = mechanism.kinematics.closure_rows(q).rate
     W = LoopSolver(mechanism, independent).coordinates(q).rate
-    return np.linalg.pinv(J.transpose(0, 2, 1), rcond=REDUNDANT) @ W.transpose(0, 2, 1)
+    return np.linalg.pinv(J.transpose(0, 2, 1), rcond=FELT) @ W.transpose(0, 2, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,7 +238,7 @@ class Reading:
         """Fit a suspect; None where its columns have no effect, or values come out impossible."""
         C = R[:, suspect.places]
         size = np.linalg.norm(C, axis=0)
-        if not (size > 0).any():
+        if not size.any():
             return None
         safe = np.where(size > 0, size, 1.0)
         U, s, Vt = np.linalg.svd(C / safe, full_matrices=False)
@@ -252,7 +246,7 @@ class Reading:
         theta = Vt[good].T @ ((U[:, good].T @ e) / s[good]) / safe
         root = np.sqrt(phi2) * (Vt[good].T / s[good]) / safe[:, None]
         error = np.linalg.norm(root, axis=1)
-        alone = (size > 0) & ~((Vt[~good] ** 2).sum(axis=0) > BLURRED)
+        alone = (size > 0) & ~((Vt[~good] ** 2).sum(axis=0) > FELT)
         if suspect.effects[0].loaded_link:
             theta = load_change(C, e)
         elif any(
