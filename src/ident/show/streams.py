@@ -62,15 +62,12 @@ def log_rows(x: LogComparison) -> list[list[str]]:
             rows.append([each.log, "–", "–", "–", "–", "left out"])
             continue
         odd = each.disagreement
-        chance = "–" if odd is None else _chance(odd.p_value)
+        p = odd and odd.p_value
+        chance = "–" if p is None else f"< {TINY:.0e}" if p < TINY else f"{p:.2g}"
         what = _difference(odd) if odd is not None and odd.clear else ""
         errors = percent(each.error), percent(each.own)
         rows.append([each.log, str(each.samples), *errors, chance, what])
     return rows
-
-
-def _chance(p: float) -> str:
-    return f"< {TINY:.0e}" if p < TINY else f"{p:.2g}"
 
 
 def _difference(odd: Disagreement) -> str:
@@ -157,20 +154,20 @@ def verdicts_text(x: Verdicts) -> str:
     return "\n".join([*lines, str(x.together)])
 
 
-@renders(Verdicts, "html")
-def verdicts_html(x: Verdicts) -> str:
-    """Return the same as tables."""
-    below = [items(votes(x))] if x.asked else []
-    each = [html_table(verdict_rows(x), "Each log by itself"), *below]
-    return in_frame(each) + x.together._repr_html_()
-
-
 @renders(Verdicts, "section")
 def verdicts_section(x: Verdicts) -> Section:
     """Return the section of a report."""
     below = [*votes(x), *x.notes]
     blocks = html_table(verdict_rows(x), "Each by itself"), *((items(below),) if below else ())
     return Section("Log by log", blocks)
+
+
+@renders(Verdicts, "html")
+def verdicts_html(x: Verdicts) -> str:
+    """Return the tables and the votes, and the diagnosis of all logs together."""
+    below = [items(votes(x))] if x.asked else []
+    each = [html_table(verdict_rows(x), "Each log by itself"), *below]
+    return in_frame(each) + x.together._repr_html_()
 
 
 # --- online --------------------------------------------------------------------------------------

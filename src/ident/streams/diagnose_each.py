@@ -184,8 +184,7 @@ def diagnose_each(
 
     def on_progress(what: str, share: float) -> None:
         if progress:
-            count = round(share * len(paths))
-            progress(f"log {count} of {len(paths)}", EACH * share)
+            progress(f"log {round(share * len(paths))} of {len(paths)}", EACH * share)
 
     workers = Workers(jobs, scheduler, False, on_progress)
     tasks = list(zip(names, paths, strict=True))
