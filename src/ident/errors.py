@@ -60,7 +60,7 @@ def one_of(name: str, valid: Iterable[str]) -> str:
     return (f"did you mean '{meant}'? " if meant else "") + f"valid: {listed or 'none'}"
 
 
-def not_there(path: Path) -> str:
+def missing_file(path: Path) -> str:
     """Return the part of a message about a missing file: the name that is near it, if any.
 
     The path is walked down to its first part that does not exist, and the folder above searched.

@@ -16,7 +16,7 @@ from ident.errors import IdentError
 
 
 @contextlib.contextmanager
-def whole(path: Path) -> Iterator[BinaryIO]:
+def atomic_write(path: Path) -> Iterator[BinaryIO]:
     """Open a stream whose content appears under `path` only if the block ends without an error."""
     # same folder, so that the last step is one rename; not tempfile, whose files are private
     part = _beside(path, "part")

@@ -42,8 +42,8 @@ ERRORS: dict[str, type[IdentError]] = {"log": LogError, "mechanism": MechanismEr
 def suffixes(kind: Kind) -> tuple[str, ...]:
     """Return the suffixes of all formats of a kind, ident's own first."""
     names = [each.name for each in (*OWN, *entry_points(group=GROUP))]
-    found = [f".{name.partition('.')[2].lower()}" for name in names if name.startswith(f"{kind}.")]
-    return tuple(dict.fromkeys(found))
+    kinds = [f".{name.partition('.')[2].lower()}" for name in names if name.startswith(f"{kind}.")]
+    return tuple(dict.fromkeys(kinds))
 
 
 def is_own(kind: Kind, suffix: str) -> bool:

@@ -29,7 +29,7 @@ from ident.cli.options import (
     option,
     output_folder,
 )
-from ident.errors import FitError, IdentError, LogError, not_there
+from ident.errors import FitError, IdentError, LogError, missing_file
 from ident.fit import Fit, identify
 from ident.log.follow import CsvLine, follow
 from ident.streams.monitor import Alarm, Monitor
@@ -84,7 +84,7 @@ def monitor(
     cut, knots = cutoff_of(cutoff), knots_of(smoothing)
     fit, watch = None, None
     if log != "-" and not Path(log).is_file():
-        why = "is a folder" if Path(log).is_dir() else not_there(Path(log))
+        why = "is a folder" if Path(log).is_dir() else missing_file(Path(log))
         raise LogError(f"{log}: {why}; name a CSV file, or - for standard input")
     if like:
         with progress() as on_progress:

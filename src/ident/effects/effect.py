@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
@@ -254,13 +254,9 @@ class Effect(ABC):
         """Labels of the effects that it changes, which must be in the model."""
         return tuple(f"{kind}:{','.join(self.joints)}" for kind in self.needs)
 
-    def applicable(self, labels: Collection[str], columns: Collection[str]) -> bool:
-        """Whether the effects it needs are among `labels` and the log's columns among `columns`."""
-        return {*self.required} <= {*labels} and {*self.reads()} <= {*columns}
-
     @property
     def local(self) -> bool:
-        """Whether it acts in the rows of its own joints only."""
+        """Return whether it acts in the rows of its own joints only."""
         return self.site == "joint" and self.arity > 0 and not self.corrects
 
     @property
@@ -281,7 +277,7 @@ class Effect(ABC):
 
     @property
     def known(self) -> bool:
-        """Whether all its parameters are given."""
+        """Return whether all its parameters are given."""
         return all(each.name in self.values for each in self.parameters)
 
     @property
@@ -294,7 +290,7 @@ class Effect(ABC):
 
     @property
     def linear(self) -> bool:
-        """Whether one least-squares solve suffices: nothing to search, no prediction in columns."""
+        """Return whether one solve suffices: nothing to search, no prediction in the columns."""
         return not self.searched and not self.implicit
 
     # --- columns --------------------------------------------------------------------------------

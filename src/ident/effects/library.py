@@ -85,7 +85,13 @@ def candidates(
     """Return every effect of the library that `present` lacks and the `columns` of logs allow."""
     labels = {effect.label for effect in present}
     every = (kind(joints) for kind in KINDS.values() for joints in kind.candidates(sites))
-    return [e for e in every if e.label not in labels and e.applicable(labels, columns)]
+    return [
+        each
+        for each in every
+        if each.label not in labels
+        and labels.issuperset(each.required)
+        and {*columns}.issuperset(each.reads())
+    ]
 
 
 def separating(kinds: Collection[str]) -> list[str]:

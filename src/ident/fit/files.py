@@ -17,7 +17,7 @@ from ident.display import render
 from ident.effects import KINDS, Effect
 from ident.effects import create as create_effect
 from ident.equations.unknowns import Columns, Point
-from ident.errors import FitError, MechanismError, not_there, one_of
+from ident.errors import FitError, MechanismError, missing_file, one_of
 from ident.files import write_all
 from ident.fit.findings import LEAST_MASS, bodies_with_unknowns
 from ident.fit.multipliers import Reactions
@@ -245,7 +245,7 @@ def read_fit(path: str | Path, mechanism: Mechanism) -> Saved:
     except (OSError, ValueError, RecursionError) as error:
         why = f"is no JSON: {error}"
         if isinstance(error, FileNotFoundError):
-            why = not_there(path)
+            why = missing_file(path)
         elif isinstance(error, OSError):
             why = f"cannot be read ({error.strerror})"
         raise FitError(f"{path}: {why}; give a fit.json of ident identify") from None

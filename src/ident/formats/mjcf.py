@@ -320,8 +320,8 @@ class _MjcfModel:
         }
 
 
-def _free(name: str, taken: list[str]) -> str:
-    while name in taken:
+def _free(name: str, used: list[str]) -> str:
+    while name in used:
         name += "_"
     return name
 

@@ -250,8 +250,7 @@ class _SdfModel:
         mass = self._value(inertial, "mass", 1.0)
         if mass < 0:
             self.refuse(
-                inertial,
-                f"link '{link.get('name')}' has the mass {mass:g} kg; it must be ≥ 0",
+                inertial, f"link '{link.get('name')}' has the mass {mass:g} kg; it must be ≥ 0"
             )
         return RigidBody(mass, np.zeros(3), tensor).moved(offset * self._within(inertial, link))
 
@@ -324,10 +323,7 @@ class _SdfModel:
         if kind == "universal":  # a's x and b's y stay at right angles
             other = self._axis(joint, "axis2")
             if abs(axis @ other) > 1e-6:
-                self.refuse(
-                    joint,
-                    f"the axes of universal joint '{name}' are not at right angles",
-                )
+                self.refuse(joint, f"the axes of universal joint '{name}' are not at right angles")
             R = np.column_stack([axis, other, np.cross(axis, other)])
         at = self.pose_of(name) * pin.SE3(R, np.zeros(3))
         a, b = (place_table(link, self.origin(link).inverse() * at) for link in self._ends(joint))

@@ -86,15 +86,15 @@ def _wrong_unit(t: Array, source: Column) -> str:
 
 
 def _no_time(table: RawTable) -> str:
-    if "t" in table.left_out:
-        return f"column 't' {table.left_out['t']}; it must be a number of seconds"
+    if "t" in table.ignored:
+        return f"column 't' {table.ignored['t']}; it must be a number of seconds"
     steps = {name: np.diff(x) for name, x in table.columns.items()}
     increasing = {name for name, step in steps.items() if step.size and (step > 0).all()}
     marks = {name: 2 * bool(TIME_NAME.search(name)) + (name in increasing) for name in steps}
     best, *others = sorted((n for n in marks if marks[n]), key=lambda n: -marks[n]) or [""]
     if not best:
-        text = [name for name in table.left_out if TIME_NAME.search(name)]
-        none = "".join(f"; column {name!r} {table.left_out[name]}" for name in text)
+        text = [name for name in table.ignored if TIME_NAME.search(name)]
+        none = "".join(f"; column {name!r} {table.ignored[name]}" for name in text)
         return (
             "no time column 't', and none that looks like a time; a column t [s] is needed; "
             f"the file has: {', '.join(table.columns) or 'no column of numbers'}{none}"

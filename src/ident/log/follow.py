@@ -15,9 +15,9 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from ident.errors import LogError, not_there
+from ident.errors import LogError, missing_file
 from ident.log.csv_text import BOM, Head, head_of, refuse_binary
-from ident.log.read import reading
+from ident.log.read import file_errors
 from ident.log.table import EMPTY
 
 PIECE = 1 << 16  # bytes read at once
@@ -49,7 +49,7 @@ def follow(
         One line below the header that is not blank.
     """
     name = "standard input" if path is None else str(path)
-    pieces = _of_pipe(stop) if path is None else _of_file(path, grow, stop)
+    pieces = _pipe_pieces(stop) if path is None else _file_pieces(path, grow, stop)
     head: Head | None = None
     rest, number = b"", 0
     for piece in pieces:
@@ -101,10 +101,10 @@ def _number(cell: str) -> float:
         return {"true": 1.0, "false": 0.0}.get(cell, math.nan)
 
 
-def _of_file(path: Path, grow: bool, stop: Callable[[], bool]) -> Iterator[bytes]:
+def _file_pieces(path: Path, grow: bool, stop: Callable[[], bool]) -> Iterator[bytes]:
     if not path.exists():
-        raise LogError(f"{path}: {not_there(path)}; name a CSV file, or - for standard input")
-    with reading(path), path.open("rb", buffering=0) as stream:
+        raise LogError(f"{path}: {missing_file(path)}; name a CSV file, or - for standard input")
+    with file_errors(path), path.open("rb", buffering=0) as stream:
         while not stop():
             piece = stream.read(PIECE)
             if piece or not grow:
@@ -117,7 +117,7 @@ def _of_file(path: Path, grow: bool, stop: Callable[[], bool]) -> Iterator[bytes
                 time.sleep(WAIT)
 
 
-def _of_pipe(stop: Callable[[], bool]) -> Iterator[bytes]:
+def _pipe_pieces(stop: Callable[[], bool]) -> Iterator[bytes]:
     stream = sys.stdin.fileno()
     while not stop():
         if select.select([stream], [], [], WAIT)[0]:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ident.errors import LogError
 from ident.log.csv_text import BOM, Head, Lines, head_of, refuse_binary, rows_of
 from ident.log.log import Log
-from ident.log.read import check_kind, digest, log_name, read_table, reading, split, suffix_of
+from ident.log.read import LogFile, file_errors, log_file
 from ident.log.storage import parquet_errors
 from ident.log.table import Column, RawTable, first_tick, renamed, table_of
 
@@ -59,7 +59,7 @@ class Pieces:
         if only is not None:
             mapping = {name: source for name, source in mapping.items() if name in only}
             wanted = {mapping[name].column if name in mapping else name for name in only}
-        with reading(self.path):
+        with file_errors(self.path):
             table = self.file.table(first, min(stop, self.rows), wanted)
         if wanted is not None:
             columns = {name: x for name, x in table.columns.items() if name in wanted}
@@ -96,30 +96,30 @@ def open_log(
     A text file is read once, to know where rows begin. Raises LogError for what can be decided
     without reading all values.
     """
-    path, topics = split(Path(path), topic)
-    check_kind(path, topics)
-    mapping, suffix = dict(columns or {}), suffix_of(path)
-    with reading(path):
+    source, mapping = log_file(path, topic), dict(columns or {})
+    suffix = source.path.suffix.lower()
+    with file_errors(source.path):
         if suffix == ".csv":
-            file = _open_csv(path)
+            file = _open_csv(source.path)
         elif suffix == ".parquet":
-            file = _open_parquet(path)
+            file = _open_parquet(source)
         else:
-            table = partial(_rows_of_whole, path, tuple(topics))
-            whole = _whole(path, tuple(topics), path.stat().st_mtime_ns)
-            file = FileRows(len(next(iter(whole.columns.values()), ())), digest(path), table)
-        head = renamed(file.table(0, min(file.rows, 1024), None), mapping)
-    return Pieces(path, log_name(path, topics), mapping, file, tuple(head.columns))
+            whole = _whole(source, source.path.stat().st_mtime_ns)
+            rows = len(next(iter(whole.columns.values()), ()))
+            file = FileRows(rows, source.sha256(), partial(_rows_of_whole, source))
+        head = renamed(file.table(0, min(file.rows, STRIDE), None), mapping)
+    return Pieces(source.path, source.name, mapping, file, tuple(head.columns))
 
 
-def _open_parquet(path: Path) -> FileRows:
+def _open_parquet(file: LogFile) -> FileRows:
+    path = file.path
     with parquet_errors(path):
         lazy = pl.scan_parquet(path)
         rows = int(lazy.select(pl.len()).collect().item())
         times = [name for name, kind in lazy.collect_schema().items() if kind.is_temporal()]
         firsts = lazy.select(pl.col(times).drop_nulls().first()).collect()
     since = {name: first_tick(firsts[name]) for name in times}
-    return FileRows(rows, digest(path), partial(_rows_of_parquet, path, since))
+    return FileRows(rows, file.sha256(), partial(_rows_of_parquet, path, since))
 
 
 def _rows_of_parquet(
@@ -191,15 +191,13 @@ def _blocks(path: Path) -> Iterator[bytes]:
             yield rest
 
 
-def _rows_of_whole(
-    path: Path, topics: tuple[str, ...], first: int, stop: int, only: Collection[str] | None
-) -> RawTable:
-    return _whole(path, topics, path.stat().st_mtime_ns).cut(slice(first, stop))
+def _rows_of_whole(file: LogFile, first: int, stop: int, only: Collection[str] | None) -> RawTable:
+    return _whole(file, file.path.stat().st_mtime_ns).cut(slice(first, stop))
 
 
 @lru_cache(maxsize=1)
-def _whole(path: Path, topics: tuple[str, ...], changed: int) -> RawTable:
-    return read_table(path, list(topics))
+def _whole(file: LogFile, changed: int) -> RawTable:
+    return file.table()
 
 
 def likely_rows(path: str | os.PathLike[str]) -> int:

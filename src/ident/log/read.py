@@ -6,6 +6,7 @@ import contextlib
 import hashlib
 import os
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from ident.errors import LogError, one_of
@@ -42,15 +43,51 @@ def read_log(
     Raises:
         LogError: one line: what, where in the file, and what would be valid.
     """
-    path, topics = split(Path(path), topic)
-    check_kind(path, topics)
-    with reading(path):
-        table, sha256 = read_table(path, topics), digest(path)
-    return Log.from_table(log_name(path, topics), table, columns, sha256)
+    file = log_file(path, topic)
+    with file_errors(file.path):
+        table, sha256 = file.table(), file.sha256()
+    return Log.from_table(file.name, table, columns, sha256)
 
 
-def split(path: Path, topic: str | None) -> tuple[Path, list[str]]:
-    """Return the path without its `#topic`, and the topics; raises LogError if both are given."""
+@dataclass(frozen=True)
+class LogFile:
+    """The file of a log, or a ROS 2 bag with the topics to read, in a format that has a reader."""
+
+    path: Path
+    topics: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Name of the log."""
+        name = self.path.name or self.path.resolve().name
+        return name + (f"#{','.join(self.topics)}" if self.topics else "")
+
+    def table(self) -> RawTable:
+        """Read all columns under the file's own names."""
+        suffix = suffix_of(self.path)
+        reader = reader_of("log", suffix)
+        assert reader is not None
+        content = reader(self.path, self.topics) if suffix in BAG else reader(self.path)
+        if isinstance(content, RawTable):
+            return content
+        if is_frame(content):
+            return frame_table(str(self.path), content)
+        return table_of_arrays(str(self.path), content)
+
+    def sha256(self) -> str:
+        """Return the SHA-256 of the file; of a bag's folder that of its data files, by name."""
+        digest = hashlib.sha256()
+        for file in sorted(self.path.iterdir()) if self.path.is_dir() else [self.path]:
+            if file == self.path or set(file.suffixes) & set(BAG):
+                with file.open("rb") as stream:
+                    while block := stream.read(1 << 20):
+                        digest.update(block)
+        return digest.hexdigest()
+
+
+def log_file(path: str | os.PathLike[str], topic: str | None) -> LogFile:
+    """Return the file that `path` or `path#topic` names; a LogError says what would be valid."""
+    path = Path(path)
     before, mark, behind = str(path).partition("#")
     if mark and not path.exists() and (Path(before).exists() or suffix_of(Path(before)) in BAG):
         if topic is not None:
@@ -61,27 +98,12 @@ def split(path: Path, topic: str | None) -> tuple[Path, list[str]]:
     topics = [each.strip() for each in (topic or "").split(",")]
     if topic is not None and not all(topics):
         raise LogError(f"{path}: topic '{topic}'; name one, such as {path}#/joint_states")
-    return path, [each for each in topics if each]
-
-
-def log_name(path: Path, topics: list[str]) -> str:
-    """Return the name of a log of this file."""
-    return (path.name or path.resolve().name) + (f"#{','.join(topics)}" if topics else "")
-
-
-def suffix_of(path: Path) -> str:
-    """Return the suffix that names the format, in lower case; a bag's folder has that of a bag."""
-    return BAG[0] if (path / "metadata.yaml").is_file() else path.suffix.lower()
-
-
-def check_kind(path: Path, topics: list[str]) -> None:
-    """Raise LogError, with what would be valid, for a path that cannot be a log."""
-    suffix = suffix_of(path)
-    if topics and suffix not in BAG:
+    suffix, valid = suffix_of(path), ", ".join(suffixes("log"))
+    if topic is not None and suffix not in BAG:
         raise LogError(f"{path}: is no ROS 2 bag, so it has no topic '{topics[0]}'")
     if path.is_dir() and suffix not in BAG:
         raise LogError(
-            f"{path}: a folder; name one file in it, with a suffix of {_valid()}, or a ROS 2 "
+            f"{path}: a folder; name one file in it, with a suffix of {valid}, or a ROS 2 "
             "bag, which has a metadata.yaml"
         )
     if suffix == ".bag":
@@ -93,13 +115,18 @@ def check_kind(path: Path, topics: list[str]) -> None:
         raise LogError(f"{path}: no such file; {_nearby(path)}")
     if reader_of("log", suffix) is None:
         raise LogError(
-            f"{path}: unknown suffix {path.suffix!r}; valid: {_valid()}, or the folder of a "
-            "ROS 2 bag"
+            f"{path}: unknown suffix {path.suffix!r}; valid: {valid}, or the folder of a ROS 2 bag"
         )
+    return LogFile(path, tuple(each for each in topics if each))
+
+
+def suffix_of(path: Path) -> str:
+    """Return the suffix that names the format, in lower case; a bag's folder has that of a bag."""
+    return BAG[0] if (path / "metadata.yaml").is_file() else path.suffix.lower()
 
 
 @contextlib.contextmanager
-def reading(path: Path) -> Iterator[None]:
+def file_errors(path: Path) -> Iterator[None]:
     """Raise errors of the file system as LogError."""
     try:
         yield
@@ -108,35 +135,6 @@ def reading(path: Path) -> Iterator[None]:
     except OSError as error:
         why = error.strerror or type(error).__name__
         raise LogError(f"{path}: cannot be read ({why}); name a file that you may read") from error
-
-
-def read_table(path: Path, topics: list[str]) -> RawTable:
-    """Read all columns of a file that `check_kind` accepts, under the file's own names."""
-    suffix = suffix_of(path)
-    reader = reader_of("log", suffix)
-    assert reader is not None
-    content = reader(path, topics) if suffix in BAG else reader(path)
-    if isinstance(content, RawTable):
-        return content
-    if is_frame(content):
-        return frame_table(str(path), content)
-    return table_of_arrays(str(path), content)
-
-
-def digest(path: Path) -> str:
-    """Return the SHA-256 of a file; of a bag's folder that of its data files, by name."""
-    whole = hashlib.sha256()
-    files = sorted(path.iterdir()) if path.is_dir() else [path]
-    for file in files:
-        if file == path or set(file.suffixes) & set(BAG):
-            with file.open("rb") as stream:
-                while block := stream.read(1 << 20):
-                    whole.update(block)
-    return whole.hexdigest()
-
-
-def _valid() -> str:
-    return ", ".join(suffixes("log"))
 
 
 def _is_log(path: Path) -> bool:
@@ -175,7 +173,8 @@ def logs_in(folder: str | os.PathLike[str]) -> list[Path]:
         ) from None
     logs = [path for path in paths if _is_log(path)]
     if not logs:
-        raise LogError(f"{folder}: holds no log; valid: files of {_valid()}, or ROS 2 bags")
+        valid = ", ".join(suffixes("log"))
+        raise LogError(f"{folder}: holds no log; valid: files of {valid}, or ROS 2 bags")
     return logs
 
 

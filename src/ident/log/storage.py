@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 
 from ident.errors import LogError
-from ident.files import whole
+from ident.files import atomic_write
 from ident.log.table import Array, RawTable, table_of, table_of_arrays
 
 
@@ -72,7 +72,7 @@ def write_table(path: Path, columns: Mapping[str, Array]) -> None:
     if writer is None:
         raise LogError(f"{path}: unknown suffix {path.suffix!r}; valid: {', '.join(WRITERS)}")
     try:
-        with whole(path) as stream:
+        with atomic_write(path) as stream:
             writer(stream, columns)
     except (OSError, pl.exceptions.PolarsError) as error:
         why = getattr(error, "strerror", None) or type(error).__name__

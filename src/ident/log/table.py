@@ -29,7 +29,7 @@ class RawTable:
     file: str  # as messages name it
     columns: Mapping[str, Array]  # (n_rows,) by name, NaN where a cell is empty
     # why a column is no measurement, by name
-    left_out: Mapping[str, str] = field(default_factory=dict)
+    ignored: Mapping[str, str] = field(default_factory=dict)
     repairs: tuple[str, ...] = ()  # what was changed, in words
     # (n_rows,) line of each row; None for a file without lines
     lines: NDArray[np.int64] | None = None
@@ -87,11 +87,11 @@ def renamed(table: RawTable, mapping: Mapping[str, Column]) -> RawTable:
     used = {source.column for source in mapping.values()}
     for name, source in mapping.items():
         wanted = f"{table.file}: column {source.column!r}, [log] {name!r} in mechanism.toml,"
-        if source.column in table.left_out:
-            raise LogError(f"{wanted} {table.left_out[source.column]}; numbers are needed")
+        if source.column in table.ignored:
+            raise LogError(f"{wanted} {table.ignored[source.column]}; numbers are needed")
         if source.column not in table.columns:
             raise LogError(f"{wanted} is not in the file; {one_of(source.column, table.columns)}")
-        if name not in used and (name in table.columns or name in table.left_out):
+        if name not in used and (name in table.columns or name in table.ignored):
             raise LogError(
                 f"{table.file}: {name!r} is ambiguous: [log] in mechanism.toml makes it from "
                 f"{source.column!r}, and the file has a column {name!r} too; "
@@ -131,43 +131,33 @@ def table_of(
     """
     table = RawTable(file, {}, {}, (), lines, first)
     columns: dict[str, Array] = {}
-    left_out: dict[str, str] = {}
+    ignored: dict[str, str] = {}
     notes = list(repairs)
     for position, one in enumerate(series, start=1):
         name = one.name.strip()
         if not name:  # a data frame's index, or a comma at the end of each line
             notes.append(f"column {position} has no name, left out")
             continue
-        if name in columns or name in left_out:
+        if name in columns or name in ignored:
             raise LogError(f"{file}: two columns are named {name!r}; each needs its own name")
         check_name(file, name)
-        try:
-            x = _floats(one, (since or {}).get(one.name))
-        except _BadCell as bad:
-            raise LogError(f"{file}: column {name!r}, {table.where(bad.row)}: {bad}") from None
+        x = _floats(one, table, (since or {}).get(one.name))
         if isinstance(x, str):
-            left_out[name] = x
+            ignored[name] = x
             notes.append(f"column {name!r} {x}, left out")
             continue
         columns[name] = x
         if _is_time(one):
             notes.append(f"column {name!r} held {one.dtype}, now seconds since its first value")
-    return replace(table, columns=columns, left_out=left_out, repairs=tuple(notes))
-
-
-class _BadCell(Exception):
-    """A cell that is no number in a column of numbers."""
-
-    def __init__(self, row: int, message: str) -> None:
-        super().__init__(message)
-        self.row = row
+    return replace(table, columns=columns, ignored=ignored, repairs=tuple(notes))
 
 
 def _is_time(column: pl.Series) -> bool:
     return isinstance(column.dtype, (pl.Datetime, pl.Duration, pl.Time))
 
 
-def _floats(column: pl.Series, since: int | None) -> Array | str:
+def _floats(column: pl.Series, table: RawTable, since: int | None) -> Array | str:
+    # or why it is no measurement
     dtype = column.dtype
     if _is_time(column):
         # subtract in integers: float64 has no room for nanoseconds since 1970
@@ -177,7 +167,7 @@ def _floats(column: pl.Series, since: int | None) -> Array | str:
     if dtype.is_numeric() or dtype in (pl.Boolean, pl.Null):
         return column.cast(pl.Float64).to_numpy()
     if dtype in (pl.String, pl.Categorical, pl.Enum):
-        return _parsed(column.cast(pl.String))
+        return _parsed(column.cast(pl.String), table)
     return f"holds {dtype}"
 
 
@@ -186,7 +176,8 @@ def first_tick(column: pl.Series) -> int:
     return int(column.drop_nulls().head(1).to_physical().cast(pl.Int64).sum() or 0)
 
 
-def _parsed(text: pl.Series) -> Array | str:
+def _parsed(text: pl.Series, table: RawTable) -> Array | str:
+    name = text.name.strip()
     numbers = text.cast(pl.Float64, strict=False)
     if numbers.null_count() == 0:
         return numbers.to_numpy()
@@ -201,14 +192,13 @@ def _parsed(text: pl.Series) -> Array | str:
         return np.where(filled.to_numpy(), (lower == "true").fill_null(False).to_numpy(), np.nan)
     row = int(bad.arg_max() or 0)
     cell = repr(text[row] if len(text[row]) <= 40 else text[row][:37] + "...")
-    if DECIMAL_COMMA.fullmatch(text[row]):
-        raise _BadCell(row, f"{cell} has a decimal comma; write a decimal point")
-    if bad.sum() == filled.sum():
-        return f"holds text ({cell})"
-    units = " (a row of units? delete it)" if row == 0 and bad.sum() == 1 else ""
-    raise _BadCell(
-        row, f"{cell} is not a number{units}; leave the cell empty where there is no value"
-    )
+    what = f"{cell} has a decimal comma; write a decimal point"
+    if not DECIMAL_COMMA.fullmatch(text[row]):
+        if bad.sum() == filled.sum():
+            return f"holds text ({cell})"
+        units = " (a row of units? delete it)" if row == 0 and bad.sum() == 1 else ""
+        what = f"{cell} is not a number{units}; leave the cell empty where there is no value"
+    raise LogError(f"{table.file}: column {name!r}, {table.where(row)}: {what}")
 
 
 def table_of_arrays(file: str, arrays: Mapping[str, Any]) -> RawTable:

@@ -8,7 +8,7 @@ J and J̇v are CasADi's derivatives of Φ; nothing is derived by hand.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import casadi as ca
@@ -75,6 +75,8 @@ class Kinematics:
     model: pin.Model
     closures: tuple[Closure, ...]
     coordinates: Mapping[str, int]
+    _newtons: dict[tuple[str, ...], ca.Function] = field(default_factory=dict, init=False)
+    _maps: dict[tuple[str, int], Mapped] = field(default_factory=dict, init=False)
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, ca.SX]:
@@ -159,10 +161,6 @@ class Kinematics:
         q, size, error = self._evaluate(self._newtons[names], q, y)
         return q[..., 0], size[:, 0, 0], error[:, 0, 0]
 
-    @cached_property
-    def _newtons(self) -> dict[tuple[str, ...], ca.Function]:
-        return {}
-
     def _newton(self, names: tuple[str, ...]) -> ca.Function:
         (q, _), y = self._symbols, ca.SX.sym("y", len(names))
         own = {joint.name: joint for joint in self.own}
@@ -197,10 +195,6 @@ class Kinematics:
         return (
             parts[0] if len(parts) == 1 else [np.concatenate(x) for x in zip(*parts, strict=True)]
         )
-
-    @cached_property
-    def _maps(self) -> dict[tuple[str, int], Mapped]:
-        return {}
 
     def assemble(self, q: np.ndarray) -> tuple[np.ndarray, float]:
         """Return the configuration nearest to q at which all closures hold, and its error."""

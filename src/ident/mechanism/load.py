@@ -11,11 +11,11 @@ import numpy as np
 import pinocchio as pin
 
 from ident.effects import KINDS, Effect, create, read_user_effect
-from ident.errors import MechanismError, not_there, one_of
+from ident.errors import MechanismError, missing_file, one_of
 from ident.log import Column
 from ident.mechanism.closures import Closure, Context, LinearClosure, read_closure
 from ident.mechanism.description import Description, read_description
-from ident.mechanism.mechanism import Joint, Mechanism, Multipliers, multipliers
+from ident.mechanism.mechanism import Joint, Mechanism, multipliers
 from ident.mechanism.parameters import Bodies, read_consistency
 from ident.mechanism.toml import TomlTable, read_toml
 from ident.mechanism.tree import Tree, build_tree, is_rotational
@@ -63,7 +63,8 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
     folder = (toml or urdf).parent
     context = Context(tree.model, {j.name: j.rotational for j in joints}, folder, allow_code)
     passive, start = _passive_and_start(top.table("joints"), tree, joints)
-    parameters = top.table("parameters")
+    basis, parameters = top.table("multipliers"), top.table("parameters")
+    basis.check("basis", "spacing")
     parameters.check("unknown", "bounds", "total_mass")
     auxiliary = (*tree.auxiliary, *source.auxiliary)
     asked = [link for link in bodies.links if link not in auxiliary]
@@ -78,7 +79,9 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
         passive=tuple(joint.name for joint in joints if joint.name in passive),
         start=start,
         unknown=bodies.select(asked, parameters.where),
-        multipliers=_multipliers(top.table("multipliers")),
+        multipliers=multipliers(
+            basis.text("basis", "free"), basis.number("spacing", 0.0), basis.where
+        ),
         columns=_columns(top.table("log")),
         urdf=urdf,
         toml=toml,
@@ -92,7 +95,13 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
             valid = one_of(joint, mechanism.joint_index)
             raise top.error(f"[log] \"{column}\": no joint '{joint}'; {valid}")
     for table in effects:
-        mechanism = _with_effect(mechanism, table, context)
+        try:
+            effect = _effect(table, context)
+            if effect.label in {own.label for own in mechanism.effects}:
+                raise MechanismError(f"has the effect '{effect.label}' already")
+            mechanism = mechanism + effect
+        except MechanismError as error:
+            raise (error if table.where in str(error) else table.error(str(error))) from None
     return mechanism
 
 
@@ -105,7 +114,7 @@ def _toml_of(path: Path) -> Path | None:
         return path / "mechanism.toml"
     if not path.exists():
         raise MechanismError(
-            f"{path}: {not_there(path)}; give a folder, a mechanism.toml or a .urdf"
+            f"{path}: {missing_file(path)}; give a folder, a mechanism.toml or a .urdf"
         )
     if path.suffix.lower() == ".toml":
         return path
@@ -143,16 +152,6 @@ def _closures(
             name, (mimic.joint, mimic.of), ratios, mimic.offset, rotational
         )
     return tuple(closures.values())
-
-
-def _with_effect(mechanism: Mechanism, table: TomlTable, context: Context) -> Mechanism:
-    try:
-        effect = _effect(table, context)
-        if effect.label in {own.label for own in mechanism.effects}:
-            raise MechanismError(f"has the effect '{effect.label}' already")
-        return mechanism + effect
-    except MechanismError as error:
-        raise (error if table.where in str(error) else table.error(str(error))) from None
 
 
 def _effect(table: TomlTable, context: Context) -> Effect:
@@ -220,11 +219,6 @@ def _remarks(mechanism: Mechanism) -> list[str]:
             "a model; leave out the joints whose torque is logged",
         )
     return remarks
-
-
-def _multipliers(table: TomlTable) -> Multipliers:
-    table.check("basis", "spacing")
-    return multipliers(table.text("basis", "free"), table.number("spacing", 0.0), table.where)
 
 
 def _columns(table: TomlTable) -> Mapping[str, Column]:

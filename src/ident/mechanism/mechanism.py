@@ -289,22 +289,17 @@ class Mechanism(Displayed):
 
     def _rotational(self, effect: Effect) -> bool:
         valid = getattr(self.sites, effect.sits, ())
+        of_joint = effect.site == "joint"
         for name in effect.joints:
-            if name in valid:
-                continue
-            if effect.site == "joint":
-                self.joint(name)  # says that there is none
+            what = f": no {effect.sits} '{name}'"
+            if of_joint:
+                self.joint(name)  # raises where there is none
+                what = f" is of a drive, and '{name}' has none"
+            if name not in valid:
                 raise MechanismError(
-                    f"{self.name}: effect '{effect.label}' is of a drive, and '{name}' has none; "
-                    f"{one_of(name, valid)}"
+                    f"{self.name}: effect '{effect.label}'{what}; {one_of(name, valid)}"
                 )
-            raise MechanismError(
-                f"{self.name}: effect '{effect.label}': no {effect.sits} '{name}'; "
-                f"{one_of(name, valid)}"
-            )
-        return (
-            effect.site != "joint" or not effect.joints or self.joint(effect.joints[0]).rotational
-        )
+        return not (of_joint and effect.joints) or self.joint(effect.joints[0]).rotational
 
     # --- changed --------------------------------------------------------------------------------
 

@@ -15,7 +15,7 @@ HUGE = 1e30  # numbers from which products overflow
 
 
 def is_number(value: object) -> bool:
-    """Whether a value is a finite number with whose products one can still count."""
+    """Return whether a value is a finite number with whose products one can still count."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < HUGE
 
 

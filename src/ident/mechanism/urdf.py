@@ -129,14 +129,14 @@ def _check_tree(robot: etree._Element, where: str) -> None:
             f"{where}: every joint's parent is another joint's child, so the links form a ring; "
             "one link must be the ground, and the loop closed by a [[closure]]"
         )
-    reached: set[str | None] = set(roots[:1])
-    while more := {child for child, parent in parent_of.items() if parent in reached} - reached:
-        reached |= more
-    lost = [name for name in links if name not in reached]
-    if lost:
+    connected: set[str | None] = set(roots[:1])
+    while more := {child for child, parent in parent_of.items() if parent in connected} - connected:
+        connected |= more
+    separate = [name for name in links if name not in connected]
+    if separate:
         raise MechanismError(
-            f"{where}: no joint leads from the root '{roots[0]}' to link '{lost[0]}'"
-            + (f" and {len(lost) - 1} more" if len(lost) > 1 else "")
+            f"{where}: no joint leads from the root '{roots[0]}' to link '{separate[0]}'"
+            + (f" and {len(separate) - 1} more" if len(separate) > 1 else "")
             + "; connect it by a joint (type fixed, if it does not move) or remove it"
         )
 

@@ -10,7 +10,7 @@ import cloudpickle
 
 from ident.errors import IdentError, line_of
 from ident.pool import local
-from ident.pool.local import Done, Function, tried
+from ident.pool.local import Done, Function, outcome
 
 __all__ = ["Done", "cores", "spread"]
 
@@ -63,7 +63,7 @@ def spread(
     most = len(tasks) if isinstance(tasks, Sized) else cores()
     jobs = min(cores() if jobs is None else jobs, max(most, 1))
     if jobs == 1:
-        return (Done(i, *tried(function, common, task)) for i, task in enumerate(tasks))
+        return (Done(i, *outcome(function, common, task)) for i, task in enumerate(tasks))
     return local.run(function, enumerate(tasks), _pickled(common), jobs)
 
 

@@ -15,14 +15,14 @@ import threading
 from collections.abc import Generator, Iterator
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from functools import cached_property
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any, cast
 
 from distributed import Client, Future, KilledWorker, Security, WorkerPlugin, get_worker, wait
 from distributed.comm import connect
 
+import ident
 from ident.errors import IdentError, line_of
-from ident.pool.local import Done, Function, tried
+from ident.pool.local import Done, Function, outcome
 
 ANSWER = 5  # [s] within which a scheduler answers
 EMPTY = 60  # [s] without any worker after which the run is given up
@@ -166,11 +166,7 @@ class Common(WorkerPlugin):
 
 def versions() -> dict[str, str]:
     """Return the versions that must be equal on all machines, by name."""
-    try:
-        own = version("ident")
-    except PackageNotFoundError:  # run from a checkout that is not installed
-        own = "0"
-    return {"ident": own, "Python": ".".join(platform.python_version_tuple()[:2])}
+    return {"ident": ident.__version__, "Python": ".".join(platform.python_version_tuple()[:2])}
 
 
 def call(name: str, function: Function, task: Any) -> tuple[Any, str | None]:
@@ -182,4 +178,4 @@ def call(name: str, function: Function, task: Any) -> tuple[Any, str | None]:
     except ImportError:  # it limits the threads of linear algebra
         threadpool_limits = lambda n: contextlib.nullcontext()  # noqa: E731
     with plugin.lock, threadpool_limits(1):
-        return tried(function, plugin.content, task)
+        return outcome(function, plugin.content, task)

@@ -35,7 +35,7 @@ class Done:
     error: str | None = None  # one line; None where it did not fail
 
 
-def tried(function: Function, common: Any, task: Any) -> tuple[Any, str | None]:
+def outcome(function: Function, common: Any, task: Any) -> tuple[Any, str | None]:
     """Return what the function returns, or the line of its exception."""
     try:
         return function(common, task), None
@@ -107,7 +107,7 @@ def _done(index: int, future: Future[tuple[Any, str | None]]) -> Done:
 
 
 def _call(file: str, function: Function, task: Any) -> tuple[Any, str | None]:
-    return tried(function, _common(file), task)
+    return outcome(function, _common(file), task)
 
 
 @lru_cache(maxsize=1)

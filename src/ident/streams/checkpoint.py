@@ -22,7 +22,7 @@ import pinocchio as pin
 import ident
 from ident.equations.unknowns import Point
 from ident.errors import IdentError
-from ident.files import whole
+from ident.files import atomic_write
 from ident.information.band import Freed, Stretch, StretchPart
 from ident.information.blocks import Block
 from ident.information.triangle import Triangle
@@ -102,7 +102,7 @@ class Checkpoint:
         text = json.dumps({"key": self.key, "progress": _packed(progress, numbers)})
         try:
             self.file.parent.mkdir(parents=True, exist_ok=True)
-            with whole(self.file) as stream:
+            with atomic_write(self.file) as stream:
                 np.savez(stream, allow_pickle=False, text=text, numbers=np.concatenate(numbers))
         except OSError as error:
             raise IdentError(
