@@ -52,17 +52,17 @@ class Signals:
 
     @property
     def torque(self) -> np.ndarray:
-        """(n, joints) [N m | N] that the present model predicts; zero where there is no model."""
+        """Torque (n, joints) [N m | N] that the present model predicts; zero without a model."""
         return self.predicted()[0] if self.predicted else np.zeros_like(self.q)
 
     @property
     def load(self) -> np.ndarray:
-        """(n, joints) [N m | N] that the joint transmits; zero where there is no model."""
+        """Torque (n, joints) [N m | N] that the joint transmits; zero without a model."""
         return self.predicted()[1] if self.predicted else np.zeros_like(self.q)
 
     @property
     def travel(self) -> np.ndarray:
-        """(joints, 2) lowest and highest coordinate."""
+        """Lowest and highest coordinates (joints, 2)."""
         return np.stack([self.q.min(axis=0), self.q.max(axis=0)], axis=1)
 
 

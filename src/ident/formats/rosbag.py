@@ -21,6 +21,7 @@ from ident.errors import LogError, one_of
 from ident.log.table import Array, RawTable, check_name
 
 JOINTS, WRENCH = "sensor_msgs/JointState", "geometry_msgs/WrenchStamped"
+AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 LARGEST = 20_000_000  # messages; at 1 kHz five hours
 GAP = 5.0  # median steps between two wrenches beyond which nothing is interpolated
 Groups = Mapping[tuple[str, tuple[str, ...]], pl.DataFrame]
@@ -130,7 +131,7 @@ def _content(message: Any, place: str) -> tuple[tuple[str, ...], Sequence[float]
                 f"{place}: a wrench whose header names no frame_id, so in whose axes is not known"
             )
         f, m = message.wrench.force, message.wrench.torque
-        return _wrench_columns(frame), [f.x, f.y, f.z, m.x, m.y, m.z]
+        return _columns((f"wrench.{frame}",), AXES), [f.x, f.y, f.z, m.x, m.y, m.z]
     arrays = {"q": message.position, "v": message.velocity, "tau": message.effort}
     filled = tuple(key for key, x in arrays.items() if len(x))
     for key in filled:
@@ -140,23 +141,15 @@ def _content(message: Any, place: str) -> tuple[tuple[str, ...], Sequence[float]
                 f"{place}: {len(message.name)} names and {len(arrays[key])} {what}; every array "
                 "has one value a name, or is empty"
             )
-    columns = _joint_columns(tuple(message.name), filled)
-    if columns is None:
+    if "" in message.name or len(set(message.name)) < len(message.name):
         names = ", ".join(map(repr, message.name))
         raise LogError(f"{place}: the names {names}; each joint needs its own")
-    return columns, [float(x) for key in filled for x in arrays[key]]
+    return _columns(filled, tuple(message.name)), [float(x) for key in filled for x in arrays[key]]
 
 
 @lru_cache(maxsize=256)
-def _wrench_columns(frame: str) -> tuple[str, ...]:
-    return tuple(f"wrench.{frame}.{part}" for part in ("fx", "fy", "fz", "mx", "my", "mz"))
-
-
-@lru_cache(maxsize=256)
-def _joint_columns(names: tuple[str, ...], filled: tuple[str, ...]) -> tuple[str, ...] | None:
-    if "" in names or len(set(names)) < len(names):
-        return None
-    return tuple(f"{key}.{name}" for key in filled for name in names)
+def _columns(prefixes: tuple[str, ...], names: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(f"{prefix}.{name}" for prefix in prefixes for name in names)
 
 
 def _merged(file: str, groups: Groups, notes: list[str]) -> RawTable:

@@ -25,9 +25,11 @@ from ident.mechanism.description import (
     Visual,
     align_z,
     effect_notes,
+    mimic_table,
     place_table,
 )
-from ident.mechanism.urdf import HUGE, parse_xml, refuse
+from ident.mechanism.toml import HUGE
+from ident.mechanism.urdf import parse_xml, refuse
 
 TREE = ("revolute", "continuous", "prismatic", "fixed")  # joints that a URDF has, too
 LOOP = {  # a joint that closes a loop, and the kind of closure
@@ -335,14 +337,7 @@ class _SdfModel:
             return None
         m = self._value(mimic, "multiplier", 1.0)
         offset = self._value(mimic, "offset", 0.0) - m * self._value(mimic, "reference", 0.0)
-        name = str(joint.get("name"))
-        return {
-            "name": f"mimic.{name}",
-            "kind": "linear",
-            "joints": [name, mimic.get("joint") or ""],
-            "ratios": [1.0, -m],
-            "offset": offset,
-        }
+        return mimic_table(str(joint.get("name")), mimic.get("joint") or "", m, offset)
 
     def _notes(self) -> list[str]:
         notes = [

@@ -98,12 +98,12 @@ def log_file(path: str | os.PathLike[str], topic: str | None) -> LogFile:
     topics = [each.strip() for each in (topic or "").split(",")]
     if topic is not None and not all(topics):
         raise LogError(f"{path}: topic '{topic}'; name one, such as {path}#/joint_states")
-    suffix, valid = suffix_of(path), ", ".join(suffixes("log"))
+    suffix = suffix_of(path)
     if topic is not None and suffix not in BAG:
         raise LogError(f"{path}: is no ROS 2 bag, so it has no topic '{topics[0]}'")
     if path.is_dir() and suffix not in BAG:
         raise LogError(
-            f"{path}: a folder; name one file in it, with a suffix of {valid}, or a ROS 2 "
+            f"{path}: a folder; name one file in it, with a suffix of {_valid()}, or a ROS 2 "
             "bag, which has a metadata.yaml"
         )
     if suffix == ".bag":
@@ -115,7 +115,7 @@ def log_file(path: str | os.PathLike[str], topic: str | None) -> LogFile:
         raise LogError(f"{path}: no such file; {_nearby(path)}")
     if reader_of("log", suffix) is None:
         raise LogError(
-            f"{path}: unknown suffix {path.suffix!r}; valid: {valid}, or the folder of a ROS 2 bag"
+            f"{path}: unknown suffix {path.suffix!r}; valid: {_valid()}, or a ROS 2 bag's folder"
         )
     return LogFile(path, tuple(each for each in topics if each))
 
@@ -135,6 +135,10 @@ def file_errors(path: Path) -> Iterator[None]:
     except OSError as error:
         why = error.strerror or type(error).__name__
         raise LogError(f"{path}: cannot be read ({why}); name a file that you may read") from error
+
+
+def _valid() -> str:
+    return ", ".join(suffixes("log"))
 
 
 def _is_log(path: Path) -> bool:
@@ -173,8 +177,7 @@ def logs_in(folder: str | os.PathLike[str]) -> list[Path]:
         ) from None
     logs = [path for path in paths if _is_log(path)]
     if not logs:
-        valid = ", ".join(suffixes("log"))
-        raise LogError(f"{folder}: holds no log; valid: files of {valid}, or ROS 2 bags")
+        raise LogError(f"{folder}: holds no log; valid: files of {_valid()}, or ROS 2 bags")
     return logs
 
 

@@ -182,6 +182,17 @@ def place_table(link: str, placement: pin.SE3) -> dict[str, Any]:
     return table | ({"rpy": rpy} if any(rpy) else {})
 
 
+def mimic_table(joint: str, other: str, multiplier: float, offset: float) -> dict[str, Any]:
+    """Return the table [[closure]] of q_joint = multiplier · q_other + offset."""
+    return {
+        "name": f"mimic.{joint}",
+        "kind": "linear",
+        "joints": [joint, other],
+        "ratios": [1.0, -multiplier],
+        "offset": offset,
+    }
+
+
 def effect_notes(having: Mapping[str, Sequence[str]], effects: Mapping[str, str]) -> list[str]:
     """Return notes about properties of joints that are effects here, and how to identify them.
 

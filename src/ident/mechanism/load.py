@@ -13,7 +13,7 @@ import pinocchio as pin
 from ident.effects import KINDS, Effect, create, read_user_effect
 from ident.errors import MechanismError, missing_file, one_of
 from ident.log import Column
-from ident.mechanism.closures import Closure, Context, LinearClosure, read_closure
+from ident.mechanism.closures import Closure, Context, read_closure
 from ident.mechanism.description import Description, read_description
 from ident.mechanism.mechanism import Joint, Mechanism, multipliers
 from ident.mechanism.parameters import Bodies, read_consistency
@@ -59,6 +59,7 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
     loops = (TomlTable(f"{urdf}: loop {i}", each) for i, each in enumerate(source.closures, 1))
     top = replace(top, data=stated(top.data, source))
     tree = build_tree(parse_urdf(source.urdf, str(urdf)), top.vector("gravity", 3), str(urdf))
+    mimics = (TomlTable(f"{urdf}: mimic {each['joints'][0]}", each) for each in tree.mimics)
     bodies, joints = Bodies(tree.links), _tree_joints(tree)
     folder = (toml or urdf).parent
     context = Context(tree.model, {j.name: j.rotational for j in joints}, folder, allow_code)
@@ -74,7 +75,7 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
         model=tree.model,
         bodies=bodies,
         joints=joints,
-        closures=_closures(top, [*loops, *closures], tree, context),
+        closures=_closures([*loops, *closures, *mimics], context, top),
         driven=tuple(joint.name for joint in joints if joint.name not in passive),
         passive=tuple(joint.name for joint in joints if joint.name in passive),
         start=start,
@@ -136,22 +137,12 @@ def stated(data: Mapping[str, Any], source: Description) -> dict[str, Any]:
     return {**data, "joints": joints, "gravity": gravity}
 
 
-def _closures(
-    top: TomlTable, tables: list[TomlTable], tree: Tree, context: Context
-) -> tuple[Closure, ...]:
-    closures: dict[str, Closure] = {}
-    for table in tables:
-        closure = read_closure(table, context)
-        if closure.name in closures:
-            raise top.error(f"two closures are named '{closure.name}'")
-        closures[closure.name] = closure
-    for mimic in tree.mimics:
-        name, ratios = f"mimic.{mimic.joint}", (1.0, -mimic.multiplier)
-        rotational = context.rotational[mimic.joint]
-        closures[name] = LinearClosure(
-            name, (mimic.joint, mimic.of), ratios, mimic.offset, rotational
-        )
-    return tuple(closures.values())
+def _closures(tables: list[TomlTable], context: Context, top: TomlTable) -> tuple[Closure, ...]:
+    closures = [read_closure(table, context) for table in tables]
+    names = [closure.name for closure in closures]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise top.error(f"two closures are named '{twice[0]}'")
+    return tuple(closures)
 
 
 def _effect(table: TomlTable, context: Context) -> Effect:
@@ -202,7 +193,7 @@ def _passive_and_start(
                 raise section.error(f"{key}: no joint '{name}'; {one_of(name, places)}")
     for name in table:
         q[places[name]] = start.number(name)
-    return {*passive, *(mimic.joint for mimic in tree.mimics)}, q
+    return {*passive, *(mimic["joints"][0] for mimic in tree.mimics)}, q
 
 
 def _remarks(mechanism: Mechanism) -> list[str]:

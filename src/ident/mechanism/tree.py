@@ -14,6 +14,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -21,20 +22,10 @@ import pinocchio as pin
 from lxml import etree
 
 from ident.errors import MechanismError, one_of
-from ident.mechanism.description import perpendicular
+from ident.mechanism.description import UNLIMITED, mimic_table, perpendicular
 from ident.mechanism.urdf import numbers
 
-UNLIMITED = ("-1e9", "1e9")
-
-
-@dataclass(frozen=True)
-class Mimic:
-    """q_joint = multiplier · q_of + offset."""
-
-    joint: str
-    of: str
-    multiplier: float
-    offset: float
+LOWEST, HIGHEST = f"-{UNLIMITED}", f"{UNLIMITED}"  # as a URDF has them
 
 
 @dataclass(frozen=True)
@@ -44,7 +35,7 @@ class Tree:
     model: pin.Model  # one scalar coordinate a joint, `model.nq == model.nv`
     # the URDF link that each joint moves, by Pinocchio's joint index from 1 on
     links: tuple[str, ...]
-    mimics: tuple[Mimic, ...]  # joints that follow another
+    mimics: tuple[dict[str, Any], ...]  # joints that follow another, as tables [[closure]]
     auxiliary: tuple[str, ...]  # links between the steps of a planar joint, massless and in no URDF
     notes: tuple[str, ...]  # interpretations that differ from the text of the URDF
 
@@ -72,16 +63,16 @@ def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> T
         if joint.get("type") == "continuous":
             joint.set("type", "revolute")
             if (limit := joint.find("limit")) is not None:
-                limit.attrib.update({"lower": UNLIMITED[0], "upper": UNLIMITED[1]})
+                limit.attrib.update({"lower": LOWEST, "upper": HIGHEST})
         if joint.get("type") == "planar":
             _split_planar(robot, joint, where)
     for joint in robot.findall("joint"):
         if joint.get("type") != "fixed":
             limit = joint.find("limit")
             if limit is None:
-                limit = etree.SubElement(joint, "limit", lower=UNLIMITED[0], upper=UNLIMITED[1])
+                limit = etree.SubElement(joint, "limit", lower=LOWEST, upper=HIGHEST)
             for key in ("effort", "velocity"):
-                limit.set(key, limit.get(key, UNLIMITED[1]))
+                limit.set(key, limit.get(key, HIGHEST))
     try:
         model = pin.buildModelFromXML(etree.tostring(robot).decode())
     except (RuntimeError, ValueError) as error:
@@ -97,7 +88,7 @@ def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> T
     return Tree(model, links, mimics, auxiliary, tuple(notes))
 
 
-def _take_mimics(robot: etree._Element, where: str) -> list[Mimic]:
+def _take_mimics(robot: etree._Element, where: str) -> list[dict[str, Any]]:
     scalar = [j for j in robot.findall("joint") if j.get("type") not in ("fixed", "planar")]
     moving = [joint.get("name") for joint in scalar]
     mimics = []
@@ -115,7 +106,7 @@ def _take_mimics(robot: etree._Element, where: str) -> list[Mimic]:
             numbers(mimic, key, default, 1, where)
             for key, default in (("multiplier", "1"), ("offset", "0"))
         )
-        mimics.append(Mimic(name, of, multiplier, offset))
+        mimics.append(mimic_table(name, of, multiplier, offset))
         joint.remove(mimic)
     return mimics
 

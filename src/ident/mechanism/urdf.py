@@ -18,6 +18,7 @@ from typing import NoReturn
 from lxml import etree
 
 from ident.errors import MechanismError, one_of
+from ident.mechanism.toml import HUGE
 
 TYPES = ("fixed", "revolute", "continuous", "prismatic", "planar")
 FLOATING = (
@@ -25,7 +26,6 @@ FLOATING = (
     "three revolute joints with massless links between them"
 )
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # as C++ reads it, too
-HUGE = 1e30  # beyond, products overflow; only limits may be as large
 PRODUCTS = ("ixy", "ixz", "iyz")
 
 
@@ -71,7 +71,7 @@ def numbers(element: etree._Element, key: str, default: str, count: int, where: 
     """Return the `count` finite numbers of an attribute; a MechanismError shows its text."""
     text = element.get(key, default)
     values = [float(word) for word in text.split() if NUMBER.fullmatch(word)]
-    most = HUGE if element.tag != "limit" else math.inf
+    most = HUGE if element.tag != "limit" else math.inf  # a limit may be as large
     good = len(values) == len(text.split()) and all(abs(value) < most for value in values)
     if len(values) != count or not good:
         need = "a finite number" if count == 1 else f"{count} finite numbers"
