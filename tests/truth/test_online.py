@@ -12,7 +12,7 @@ import ident
 from helpers import ROBOTS
 from ident import FitError, Log, LogError, Noise, Online
 from ident.equations.corrections import Scene
-from ident.equations.rows import Rows, raw_rows, reach
+from ident.equations.rows import Rows, largest_transmission, raw_rows
 from ident.equations.unknowns import Columns
 from ident.information.covariance import covariance
 from ident.streams.online import INTERVALS, Accumulator
@@ -152,7 +152,7 @@ def test_forgetting_is_weighted_least_squares(how):
     T = 0.8
     found = fed(Online(case.mechanism, like=motion, forget=T), given(case.log, how))
     columns, e = Columns.of(case.mechanism), motion.experiments[0]
-    rows = raw_rows(Scene.of(case.mechanism, columns, e), slice(0, len(e)), reach(e))
+    rows = raw_rows(Scene.of(case.mechanism, columns, e), slice(0, len(e)), largest_transmission(e))
     told = rows.informed[:, 0]
     w = np.exp((rows.t - rows.t[-1]) / (2 * T))[told]
     x = np.linalg.lstsq(rows.A[told, 0] * w[:, None], rows.b[told, 0] * w, rcond=None)[0]

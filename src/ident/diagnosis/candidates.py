@@ -10,7 +10,7 @@ from scipy.ndimage import maximum_filter1d
 
 from ident.diagnosis.curves import Curve, curves
 from ident.effects import Effect
-from ident.equations.rows import LEVER, ROUNDING, reach
+from ident.equations.rows import LEVER, ROUNDING, largest_transmission
 from ident.errors import IdentError
 from ident.fit import Fit
 from ident.fit.table import Table
@@ -78,7 +78,7 @@ def _away(table: Table, number: int, guard: float) -> np.ndarray:
     near = near[at].astype(bool)
     d = table.b.shape[1]
     found = np.ones((len(at), d), dtype=bool)
-    farthest = reach(e)
+    farthest = largest_transmission(e)
     for joint in mechanism.joints:
         j = mechanism.joint_index[joint.name]
         if farthest is None:

@@ -44,11 +44,11 @@ class Corrected:
 
 
 def corrected(
-    seen: Corrected, point: Point, cutoff: float | None, only: Effect | None = None
+    base: Corrected, point: Point, cutoff: float | None, only: Effect | None = None
 ) -> Corrected:
     """The mechanism and state as correcting effects (or `only` one) make them at a point."""
-    mechanism, e = seen.mechanism, seen.e
-    whole = Samples(mechanism, e, slice(None), point, seen.memo)
+    mechanism, e = base.mechanism, base.e
+    whole = Samples(mechanism, e, slice(None), point, base.memo)
     for effect in mechanism.effects:
         if not effect.corrects or (only and effect.label != only.label):
             continue
@@ -59,7 +59,7 @@ def corrected(
             continue
         what = effect.correction(replace(whole.signals(effect.joints), shape=shape))
         mechanism, e = _corrected(mechanism, e, what, whole, cutoff, effect.margin)
-    return seen if e is seen.e and mechanism is seen.mechanism else Corrected(mechanism, e)
+    return base if e is base.e and mechanism is base.mechanism else Corrected(mechanism, e)
 
 
 def _corrected(
@@ -134,7 +134,7 @@ Beside = tuple[int, float, float, Corrected, Corrected]
 class Scene:
     """One state with its corrections."""
 
-    seen: Corrected  # mechanism and state, corrected at the working point
+    corrected: Corrected  # mechanism and state at the working point
     columns: Columns  # the unknowns
     point: Point  # values of all parameters
     beside: tuple[Beside, ...] = ()  # for every unknown shape of a correcting effect
@@ -171,20 +171,20 @@ class Scene:
     @property
     def mechanism(self) -> Mechanism:
         """Corrected."""
-        return self.seen.mechanism
+        return self.corrected.mechanism
 
     @property
     def e(self) -> State:
         """Corrected."""
-        return self.seen.e
+        return self.corrected.e
 
     def samples(self, part: slice | np.ndarray) -> Samples:
         """Some samples in the independent coordinates."""
-        return reduced(self.mechanism, self.e, part, self.point, self.seen.memo)
+        return reduced(self.mechanism, self.e, part, self.point, self.corrected.memo)
 
     def generalised(self, part: slice | np.ndarray) -> Samples:
         """The same in generalised coordinates."""
-        return Samples(self.mechanism, self.e, part, self.point, self.seen.memo)
+        return Samples(self.mechanism, self.e, part, self.point, self.corrected.memo)
 
     def effects(self, s: Samples) -> Terms:
         """The equations of some samples without Γ, with the sensitivities S of corrections."""
@@ -225,9 +225,9 @@ def check_needs(mechanism: Mechanism, log: str, columns: Container[str]) -> None
                 )
 
 
-def step_of(effect: Effect, seen: Corrected, point: Point, name: str) -> float:
+def step_of(effect: Effect, base: Corrected, point: Point, name: str) -> float:
     """h [the shape's unit], a thousandth of what these data could tell."""
-    whole = Samples(seen.mechanism, seen.e, slice(None), point, seen.memo)
+    whole = Samples(base.mechanism, base.e, slice(None), point, base.memo)
     _, shape = point.of(effect)
     low, high = effect.bounds(replace(whole.signals(effect.joints), shape=shape))[name]
     return STEP * (high - low)

@@ -1,7 +1,7 @@
 """Zero-phase low-pass filtering and decimation of all columns alike.
 
 A symmetric finite impulse response has no phase and a finite reach: it can be evaluated only where
-samples are kept, in pieces, and what is lost at the ends of an experiment is known exactly.
+samples are wanted, in pieces, and what is lost at the ends of an experiment is known exactly.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from ident.information.splines import Basis
 
 RIPPLE = 60.0  # dB in the stop band
-OVERSAMPLING = 4.0  # samples kept a period of the cut-off
+OVERSAMPLING = 4.0  # filtered samples a period of the cut-off
 STICKING = 0.2  # share of a filtered row that may come from samples that do not inform it
 CHUNK = 4096  # samples that are in memory at once
 ROUNDING = 1e-6  # of a sample: parts of a log, whose rates differ by it, are decimated alike
@@ -25,7 +25,7 @@ class Decimator:
     """The filter's taps (2 · half + 1,), or None to keep every sample as it is."""
 
     taps: np.ndarray | None  # symmetric, of unit sum
-    factor: int  # one sample of `factor` is kept
+    factor: int  # one sample of `factor` remains
 
     @classmethod
     def of(cls, cutoff: float | None, rate: float) -> Decimator:
@@ -73,7 +73,7 @@ class Decimator:
                 yield sample, series
 
     def add(
-        self, sums: list[np.ndarray], flat: list[np.ndarray], part: slice, kept: np.ndarray
+        self, sums: list[np.ndarray], flat: list[np.ndarray], part: slice, centres: np.ndarray
     ) -> None:
         """Add to rows (columns, kept) what the samples of a part contribute, (columns, n)."""
         assert self.taps is not None
@@ -81,8 +81,10 @@ class Decimator:
         step = max(self.half // 2, 64)  # samples of one dense product, of which a half is zeros
         for start in range(part.start, part.stop, step):
             sample = np.arange(start, min(start + step, part.stop))
-            first, last = np.searchsorted(kept, (sample[0] - self.half, sample[-1] + self.half + 1))
-            place = sample - kept[first:last, None] + self.half + 1
+            first, last = np.searchsorted(
+                centres, (sample[0] - self.half, sample[-1] + self.half + 1)
+            )
+            place = sample - centres[first:last, None] + self.half + 1
             weights = padded[np.clip(place, 0, len(padded) - 1)].T
             inside = slice(sample[0] - part.start, sample[-1] + 1 - part.start)
             for total, x in zip(sums, flat, strict=True):
@@ -134,17 +136,17 @@ class FilterRun:
         self.end, half = part.stop, self._decimator.half
         if self._decimator.taps is None:
             return np.arange(part.start, part.stop), list(series)
-        kept = np.arange(self._next, part.stop + half, self._decimator.factor)
+        centres = np.arange(self._next, part.stop + half, self._decimator.factor)
         flat = [_flat(x) for x in series]
         before = self._sums or [np.empty((len(x), 0)) for x in flat]
-        more = len(kept) - before[0].shape[1]
+        more = len(centres) - before[0].shape[1]
         sums = [np.hstack([y, np.zeros((len(y), more))]) for y in before]
-        self._decimator.add(sums, flat, part, kept)
-        ready = int(np.searchsorted(kept, part.stop - half))
+        self._decimator.add(sums, flat, part, centres)
+        ready = int(np.searchsorted(centres, part.stop - half))
         self._sums = [y[:, ready:] for y in sums]
         self._next += ready * self._decimator.factor
         done = zip(sums, series, strict=True)
-        return kept[:ready], [_shaped(y[:, :ready], x, self._sticking) for y, x in done]
+        return centres[:ready], [_shaped(y[:, :ready], x, self._sticking) for y, x in done]
 
 
 def _flat(x: np.ndarray) -> np.ndarray:
@@ -170,7 +172,7 @@ def filtered_windows(
     """Filtered Σ_w values[:, w] c[first + w], linear in coefficients c of a time basis.
 
     From windows (N, w, …) of the basis functions that differ from zero at the times t (N,) [s]
-    follow (first (n,), wider windows (n, w', …)) at the samples (n,) that are kept.
+    follow (first (n,), wider windows (n, w', …)) at some samples (n,).
     """
     half, w = decimator.half, values.shape[1]
     if decimator.taps is None:

@@ -32,7 +32,7 @@ from scipy.sparse.linalg import splu
 
 from ident.equations.corrections import Corrected, Scene, corrected
 from ident.equations.filter import Decimator, filtered_windows
-from ident.equations.rows import informing, reach, rows
+from ident.equations.rows import informing, largest_transmission, rows
 from ident.equations.terms import informative_joints, reduced, unbalanced
 from ident.equations.unknowns import Columns, Point
 from ident.information.band import Elimination, eliminate
@@ -71,7 +71,7 @@ def gain(
         G[:, :, i, order] = (_residual(mechanism, beside, point, cutoff) - base) / step
     whole = reduced(mechanism, e, slice(None), point)
     informative = [x for effect in mechanism.effects for x in informative_joints(whole, effect)]
-    G[~informing(whole, informative, reach(e))] = 0.0
+    G[~informing(whole, informative, largest_transmission(e))] = 0.0
     return G
 
 
@@ -222,7 +222,7 @@ class Linear:
                 )
         return found
 
-    def left(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def residual_squares(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(d,) Σ |b − A x|² of the rows that inform, and their number."""
         squares, count = 0.0, 0.0
         for torques in self.torques:

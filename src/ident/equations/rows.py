@@ -47,10 +47,12 @@ def dof(mechanism: Mechanism, e: State) -> int:
 
 
 def raw_rows(scene: Scene, part: slice, farthest: np.ndarray | None = None) -> Rows:
-    """The rows of some samples as they are, unfiltered; `farthest` of `reach` if it is at hand."""
+    """The rows of some samples, unfiltered; `farthest` is `largest_transmission` of the state."""
     s, e = scene.samples(part), scene.e
     found = scene.terms(part)
-    informed = informing(s, found.informative, reach(e) if farthest is None else farthest)
+    informed = informing(
+        s, found.informative, largest_transmission(e) if farthest is None else farthest
+    )
     sample = np.arange(part.start, part.stop)
     return Rows(e.t[part], sample, found.A, found.b, found.tau, informed)
 
@@ -68,7 +70,7 @@ def informing(
     return informed
 
 
-def reach(e: State) -> np.ndarray | None:
+def largest_transmission(e: State) -> np.ndarray | None:
     """Largest transmission (J, d) of every joint over the state; None for a tree."""
     if e.leverage is None:
         return None
@@ -85,12 +87,12 @@ def rows(
     """All rows of a state in pieces, filtered at `cutoff` [Hz] and decimated.
 
     A row informs if less than the share `sticking` of it comes from samples that do not; `farthest`
-    is the result of `reach` for the whole log, if the state is a part of one. Filtered columns of Γ
-    are kept with the state, unless it is seen once (`keep`): they hang on no parameter, effect or
+    is `largest_transmission` of the whole log, if the state is a part of one. Filtered columns of Γ
+    are stored with the state, unless it is seen once (`keep`): they hang on no parameter, effect or
     torque.
     """
     e, model = scene.e, scene.mechanism.model
-    farthest = reach(e) if farthest is None else farthest
+    farthest = largest_transmission(e) if farthest is None else farthest
     key = "Γ", cutoff, e.leverage is not None
     stored = e.store.get(key, model)
     spans = _spans(scene.mechanism, e)

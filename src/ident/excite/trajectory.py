@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import null_space
 
 from ident.equations.corrections import Scene
-from ident.equations.rows import informing, reach
+from ident.equations.rows import informing, largest_transmission
 from ident.equations.unknowns import Columns, Point
 from ident.errors import MotionError
 from ident.excite.limits import LimitBox
@@ -170,7 +170,7 @@ class MotionModel:
         if any(effect.corrects for effect in self.mechanism.effects):  # these depend on torques
             scene = Scene.of(self.mechanism, self.columns, e, self.point)
             found = scene.terms(EVERY)
-        informed = informing(scene.samples(EVERY), found.informative, reach(scene.e))
+        informed = informing(scene.samples(EVERY), found.informative, largest_transmission(scene.e))
         return MotionRows(e, found.A, informed)
 
     def _drives(self, e: State, torque: np.ndarray) -> np.ndarray:
@@ -184,7 +184,7 @@ class MotionModel:
         return np.einsum("ndj,nd->nj", np.linalg.pinv(e.leverage[:, at], rcond=1e-6), torque)
 
     def neighbours(
-        self, here: MotionRows, series: Fourier
+        self, rows: MotionRows, series: Fourier
     ) -> Iterator[tuple[int, int, MotionRows, MotionRows, float]]:
         """Yield (channel, drive, rows above, rows below, width) of all differences by y, ẏ, ÿ.
 
@@ -192,7 +192,7 @@ class MotionModel:
         quadratic in ẏ, so that wide steps are exact there; in ẏ they also show how dry friction
         changes sign at a reversal, which narrow ones would miss.
         """
-        e = here.e
+        e = rows.e
         at = [self.mechanism.joint_index[name] for name in e.independent]
         states = np.stack([x[:, at] for x in (e.y, e.yd, e.ydd)])
         sizes = series.half, *np.abs(states[1:]).max(axis=1)
@@ -204,7 +204,7 @@ class MotionModel:
             high = self.follow(e, above)
             low = e if channel == 2 else self.follow(e, below)
             if high is not None and low is not None and h > 0:
-                other = here if channel == 2 else self.rows(low)
+                other = rows if channel == 2 else self.rows(low)
                 yield channel, u, self.rows(high), other, h if channel == 2 else 2 * h
 
 

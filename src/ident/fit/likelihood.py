@@ -277,7 +277,7 @@ class Linearization:
         """Return (d,), (d,) [N m | N] of the torques' rows: white noise of the sensors, which is
         the least that they can have, and what is left at x, which is the most.
         """
-        left = [part.left(self.x) for part in self.parts]
+        left = [part.residual_squares(self.x) for part in self.parts]
         squares, counts = (sum(each[i] for each in left) for i in (0, 1))
         largest = np.sqrt(np.maximum(squares, 1e-300) / np.maximum(counts, 1))
         mechanism = self.problem.mechanism

@@ -21,7 +21,7 @@ import numpy as np
 
 from ident.equations.corrections import Scene
 from ident.equations.filter import Decimator
-from ident.equations.rows import dof, informing, reach
+from ident.equations.rows import dof, informing, largest_transmission
 from ident.equations.terms import Samples, informative_joints
 from ident.equations.unknowns import NOTHING, Point
 from ident.information.blocks import Squares
@@ -172,7 +172,7 @@ def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Tr
     """Return the residual of one experiment at a working point."""
     scene = Scene.of(mechanism, NOTHING, e, point, motion.band.cutoff)
     mechanism, e = scene.mechanism, scene.e
-    decimator, farthest = Decimator.of(motion.band.cutoff, e.rate), reach(e)
+    decimator, farthest = Decimator.of(motion.band.cutoff, e.rate), largest_transmission(e)
     names = _names(mechanism, e)
     own = [*names, DRIVES, CLOSURES] if e.leverage is not None else []
     d, J = len(motion.independent), len(mechanism.joints)

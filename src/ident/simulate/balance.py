@@ -187,8 +187,8 @@ class _Instant:
         if r == len(held) or (np.abs(f) <= limit).all():
             return alpha, f, np.array((np.abs(f) <= limit).all())
         f, _ = box_programme(B @ B.T, B @ needed, limit)  # several share one load
-        left = np.abs(B.T @ f - needed).max()
-        return alpha, f, np.array(left <= MARGIN * np.abs(B.T).max() * F.max(initial=0.0))
+        rest = np.abs(B.T @ f - needed).max()
+        return alpha, f, np.array(rest <= MARGIN * np.abs(B.T).max() * F.max(initial=0.0))
 
     def predicted(self, x: np.ndarray) -> np.ndarray:
         """Return g(x): the model's predictions where effects take x for them."""
@@ -318,7 +318,7 @@ def _descent(
         return None
     inner = H[np.ix_(free, free)]
     step = np.linalg.lstsq(inner, part, rcond=SMALL)[0]
-    left = part - inner @ step
-    if np.abs(left).max() > 1e3 * SMALL * scale:
-        return left, False
+    rest = part - inner @ step
+    if np.abs(rest).max() > 1e3 * SMALL * scale:
+        return rest, False
     return (step, True) if np.abs(inner @ step).max() > SMALL * scale else None

@@ -109,7 +109,7 @@ def integrate(
         mechanism: with effects; an effect's unknowns need values, from `[[effect]]` or `values`.
         drive: `Torques(log)`, `PD(log)` or `ComputedTorque(log)`; None: no torque.
         duration: [s]; default: the log's, else 10 s.
-        rate: of the log that is made [Hz]; default: the log's, else 250 Hz.
+        rate: of the log that results [Hz]; default: the log's, else 250 Hz.
         start: `q.<joint>` or `v.<joint>` [rad | m | …/s] of some joints; others: as the log begins,
             else assembled near [joints] start and at rest.
         values: by full name: effects' unknowns and dynamic parameters, in place of the URDF's.
@@ -167,9 +167,9 @@ def integrate(
     )
     record = integration.run((q, v, np.zeros(len(plant.laws.states))), t, progress)
     run = _run_of(model, record, integration.names)
-    made = with_noise(_columns(run, point, columns, joints), noise, seed)
+    logged = with_noise(_columns(run, point, columns, joints), noise, seed)
     extra = {key: np.array([f(x) for x in t]) for key, f in around.extra.items()}
-    return replace(run, log=Log.from_arrays(name, t, {**made, **extra}))
+    return replace(run, log=Log.from_arrays(name, t, {**logged, **extra}))
 
 
 def _times(since: float, duration: float, rate: float) -> np.ndarray:
@@ -285,12 +285,12 @@ def _columns(
             for x, offset in zip(series.values(), (dq, dv, np.gradient(dv, run.t)), strict=True):
                 x[:, i] -= offset
     names = _logged(mechanism) if joints is None else tuple(joints)
-    made = joint_columns(mechanism, {c: series[c] for c in series if c in channels}, names)
+    logged = joint_columns(mechanism, {c: series[c] for c in series if c in channels}, names)
     if "tau" in channels:
         late_by = delays(mechanism, point)
         for i, name in enumerate(mechanism.driven):
-            made[f"tau.{name}"] = late(run.t, run.tau[:, i], late_by.get(name, 0.0))
-    return made
+            logged[f"tau.{name}"] = late(run.t, run.tau[:, i], late_by.get(name, 0.0))
+    return logged
 
 
 def _logged(mechanism: Mechanism) -> tuple[str, ...]:

@@ -89,21 +89,21 @@ def simulate(
     if joints is None:
         joints = [joint.name for joint in mechanism.joints if f"q.{joint.name}" in motion]
     series = {"q": e.y, "v": e.yd, "a": e.ydd}
-    made = joint_columns(mechanism, {c: series[c] for c in series if c in columns}, joints)
+    logged = joint_columns(mechanism, {c: series[c] for c in series if c in columns}, joints)
     if "tau" in columns:
         torque = prediction.predicted.copy()
         for name in mechanism.driven:  # a surplus drive does as the motion's log says, else nothing
             if name not in completed.independent:
                 assert e.leverage is not None
                 tau = e.tau[:, mechanism.driven.index(name)]
-                made[f"tau.{name}"] = tau
+                logged[f"tau.{name}"] = tau
                 torque -= e.leverage[:, mechanism.joint_index[name]] * tau[:, None]
-        made |= {f"tau.{name}": torque[:, i] for i, name in enumerate(completed.independent)}
+        logged |= {f"tau.{name}": torque[:, i] for i, name in enumerate(completed.independent)}
         for name, d in delays(mechanism, point).items():
-            made[f"tau.{name}"] = late(e.t, made[f"tau.{name}"], d)
+            logged[f"tau.{name}"] = late(e.t, logged[f"tau.{name}"], d)
     extra = {name: x for name, x in e.extra.items() if not name.startswith("tau.")}
-    made = with_noise(made, noise, seed)
-    log = Log.from_arrays(motion.name, e.t, {**made, **extra})
+    logged = with_noise(logged, noise, seed)
+    log = Log.from_arrays(motion.name, e.t, {**logged, **extra})
     return replace(log, repairs=(*log.repairs, *completed.notes)), prediction
 
 

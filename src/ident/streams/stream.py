@@ -24,7 +24,7 @@ import numpy as np
 
 from ident.equations.corrections import WIDER, Scene
 from ident.equations.filter import STICKING, Decimator, FilterRun
-from ident.equations.rows import CHUNK, Rows, raw_rows, reach
+from ident.equations.rows import CHUNK, Rows, largest_transmission, raw_rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, LogError, MotionError, one_of
 from ident.log import Column, Log
@@ -83,7 +83,7 @@ class Setting:
         at = [mechanism.joint_index[name] for name in e.logged]
         some = np.flatnonzero(e.usable)
         some = some[:: max(1, len(some) // PLACES)]
-        far = [x for x in map(reach, motion.experiments) if x is not None]
+        far = [x for x in map(largest_transmission, motion.experiments) if x is not None]
         channels = tuple(
             "".join(o for o in ORDERS if f"{o}.{name}" in log.columns) for name in e.logged
         )
