@@ -24,7 +24,7 @@ import numpy as np
 from ident.equations.corrections import Scene
 from ident.equations.filter import Decimator
 from ident.equations.multipliers import stack
-from ident.equations.rows import reach, row_supports, rows
+from ident.equations.rows import largest_transmission, row_supports, rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, MotionError, one_of
 from ident.fit.prediction import predict
@@ -252,7 +252,7 @@ def _extremes(plan: Plan, portion: Portion) -> Extremes | None:
     if e is None:
         return None
     e = replace(e, usable=e.usable & (e.t >= portion.since) & (e.t < portion.until))
-    return top_speeds(e), reach(e)
+    return top_speeds(e), largest_transmission(e)
 
 
 def motion_of(plan: Plan, portion: Portion) -> tuple[State | None, list[str]]:
