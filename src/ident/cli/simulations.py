@@ -454,17 +454,17 @@ def demo(
     A machine is simulated that has something its model lacks. Check, identify, compare, diagnose
     and add find out what, and say which command does each step.
     """
-    from ident.show.demo import make_puzzle, tell_puzzle, tell_story
+    from ident.show.demo import make_puzzle, show_puzzle, show_story
 
     seed = secrets.randbelow(1000) if seed is None else seed
     if puzzle:
         if out is None:
             raise IdentError("--puzzle: needs a folder to put it into; add --out DIR")
-        tell_puzzle(make_puzzle(out, seed=seed))
+        show_puzzle(make_puzzle(out, seed=seed))
         return
     if out is not None:
-        tell_story(make_puzzle(out, seed=seed), str(out), progress, keep=True)
+        show_story(make_puzzle(out, seed=seed), str(out), progress, keep=True)
         notes([f"wrote {out}; open {out / 'diagnosis' / 'report.html'}"])
         return
     with tempfile.TemporaryDirectory() as folder:
-        tell_story(make_puzzle(Path(folder) / UNNAMED, seed=seed), UNNAMED, progress, keep=False)
+        show_story(make_puzzle(Path(folder) / UNNAMED, seed=seed), UNNAMED, progress, keep=False)

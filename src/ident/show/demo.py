@@ -7,7 +7,7 @@ whose URDF is some percent off, and a noisy log of the two drives.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from importlib import resources
@@ -29,6 +29,7 @@ from ident.mechanism import Mechanism, load
 from ident.mechanism.write import add_effects
 from ident.motion import Motion, complete
 from ident.progress import Progress
+from ident.show.diagnosis import listed
 from ident.show.simulate import csv_text
 from ident.simulate import Noise, simulate
 from ident.text import percent
@@ -134,23 +135,23 @@ def _motion(rng: np.random.Generator) -> Log:
     return Log.from_arrays("run.csv", t, q)
 
 
-def tell_puzzle(made: Puzzle) -> None:
+def show_puzzle(made: Puzzle) -> None:
     """Write the answer into the folder, and say how to begin."""
-    tell, folder = Teller(), made.folder
-    _keep_answer(made)
-    _beginning(tell, made)
-    tell.words("The answer is in answer.txt of that folder. To find it yourself, begin with")
-    tell.command(f"ident check {folder} {made.log}")
-    tell.command(f"ident diagnose {folder} {made.log}")
+    folder = made.folder
+    _write_answer(made)
+    _beginning(made)
+    words("The answer is in answer.txt of that folder. To find it yourself, begin with")
+    command(f"ident check {folder} {made.log}")
+    command(f"ident diagnose {folder} {made.log}")
 
 
-def _keep_answer(made: Puzzle) -> None:
+def _write_answer(made: Puzzle) -> None:
     (made.folder / "answer.txt").write_text(f"{sought(made)}\n", encoding="utf-8")
 
 
-def _beginning(tell: Teller, made: Puzzle) -> None:
-    tell.title(f"A machine that keeps something to itself (seed {made.seed})")
-    tell.words(
+def _beginning(made: Puzzle) -> None:
+    title(f"A machine that keeps something to itself (seed {made.seed})")
+    words(
         "An upright five-bar: two drives on the ground, two arms, two rods that meet in a pin. The "
         "drives were moved; their positions and torques are logged. The model has all bodies, with "
         "inertias some percent off, and friction in both drives. The machine has one thing more, "
@@ -158,7 +159,7 @@ def _beginning(tell: Teller, made: Puzzle) -> None:
     )
 
 
-def tell_story(made: Puzzle, name: str, progress: Shower, *, keep: bool) -> None:
+def show_story(made: Puzzle, name: str, progress: Shower, *, keep: bool) -> None:
     """Identify, compare, diagnose and add, each step with the command that does it.
 
     Args:
@@ -167,145 +168,135 @@ def tell_story(made: Puzzle, name: str, progress: Shower, *, keep: bool) -> None
         progress: makes a context with a function that is called with (words, share done).
         keep: whether fits and reports go into the folder.
     """
-    tell, log = Teller(), f"{name}/run.csv"
-    _beginning(tell, made)
+    log = f"{name}/run.csv"
+    _beginning(made)
     mechanism = made.mechanism
     with progress() as on_progress:
         motion = complete(mechanism, read_log(made.log), progress=on_progress)
         before = identify(mechanism, motion, estimator="least-squares", progress=on_progress)
 
-    tell.step(1, "What is understood", f"ident check {name} {log}")
-    tell.words(understood(before))
+    step(1, "What is understood", f"ident check {name} {log}")
+    words(understood(before))
 
-    tell.step(2, "Identify what is known", f"ident identify {name} {log} --out {name}/before")
-    bars(tell, {"": before})
-    tell.words("So much of each drive's torque the model does not predict. Noise is 1 %, and most "
+    step(2, "Identify what is known", f"ident identify {name} {log} --out {name}/before")
+    bars({"": before})
+    words("So much of each drive's torque the model does not predict. Noise is 1 %, and most "
                "of that is filtered away: something is missing.")  # fmt: skip
 
-    tell.step(3, "Where does it fail?", f"ident compare {name} {log} --fit {name}/before/fit.json")
-    _where(tell, before)
+    step(3, "Where does it fail?", f"ident compare {name} {log} --fit {name}/before/fit.json")
+    _where(before)
 
-    tell.step(4, "What is missing?", f"ident diagnose {name} {log} --out {name}/diagnosis")
+    step(4, "What is missing?", f"ident diagnose {name} {log} --out {name}/diagnosis")
     with progress() as on_progress:
         found = diagnose(before, progress=on_progress)
-    _missing(tell, found)
+    _missing(found)
     after = None
     if found.best is not None:
-        after = _add(tell, found, motion, name, progress)
+        after = _add(found, motion, name, progress)
     if keep:
-        _write(made, before, found, after)
+        _write_answer(made)
+        before.write(made.folder / "before")
+        found.write(made.folder / "diagnosis")
+        if after is not None:
+            after.write(made.folder / "after")
 
-    tell.title("The answer")
-    tell.words(answered(made, found, after))
+    title("The answer")
+    words(answered(made, found, after))
     if keep:
         return
-    tell.words("To go on by hand, with the same machine, its log, fits and reports:")
-    tell.command(f"ident demo --seed {made.seed} --out {name}")
-    tell.words("Another machine, for you to find out:")
-    tell.command(f"ident demo --puzzle --out {name}")
+    words("To go on by hand, with the same machine, its log, fits and reports:")
+    command(f"ident demo --seed {made.seed} --out {name}")
+    words("Another machine, for you to find out:")
+    command(f"ident demo --puzzle --out {name}")
 
 
-def _where(tell: Teller, fit: Fit) -> None:
+def _where(fit: Fit) -> None:
     """Say on what the residual depends, joint by joint, the worst first."""
     (where,) = compare(fit).where.values()
     for failure in (each for each in where if each.share > LITTLE):
         seen = [f"{each.seen} against {each.signal}" for each in failure.depends_on[:2]]
-        said = "noise" if failure.white else listed(seen) or "no clear picture"
-        tell.fact(f"{failure.joint}: {percent(failure.relative)} off; {said}")
-    tell.words("The shape of a residual is a hint, no proof: many causes look alike.")
+        said = "noise" if failure.white else listed(seen) if seen else "no clear picture"
+        fact(f"{failure.joint}: {percent(failure.relative)} off; {said}")
+    words("The shape of a residual is a hint, no proof: many causes look alike.")
 
 
-def _missing(tell: Teller, found: Diagnosis) -> None:
+def _missing(found: Diagnosis) -> None:
     """List the candidates, and say the verdict."""
     tied = {each.label for each in found.rivals} | ({found.best.label} if found.best else set())
     for each in found.candidates[:5]:
         mark = "*" if each.effect.label in tied else " "
         change = f"{percent(each.error_before)} → {percent(each.error_after)}"
-        tell.fact(f"{mark} {each.effect.label:<24} {change}")
+        fact(f"{mark} {each.effect.label:<24} {change}")
     tried = len(found.choice.evidence)
     if found.best is None:
-        tell.words(f"Of {tried} effects tried at their places none earns a name (verdict: "
+        words(f"Of {tried} effects tried at their places none earns a name (verdict: "
                    f"{found.verdict}). That is said, rather than a guess.")  # fmt: skip
         return
-    tell.words(
+    words(
         f"Tried: {tried} effects at their places, each with all else refitted, judged on stretches "
         f"of time that were left out of the fit. Missing is {described_effect(found.best)}."
     )
     if found.rivals:
-        tell.words(
+        words(
             f"It could as well be {listed([r.label for r in found.rivals], 'or')}: this log "
             "cannot tell them apart, and a falling error is no proof."
         )
 
 
-def _add(tell: Teller, found: Diagnosis, motion: Motion, name: str, progress: Shower) -> Fit:
+def _add(found: Diagnosis, motion: Motion, name: str, progress: Shower) -> Fit:
     """Add the effect to the model, refit, and say what is left."""
     assert found.best is not None
-    tell.step(5, "Add it", f"ident add {name} {found.best.label}")
+    step(5, "Add it", f"ident add {name} {found.best.label}")
     model = found.fit.mechanism + found.best
     path = add_effects(found.fit.mechanism, [found.best])
-    tell.fact(f"{path.name}: added {found.best.label}")
+    fact(f"{path.name}: added {found.best.label}")
 
     log = f"{name}/run.csv"
-    tell.step(6, "See the error fall", f"ident identify {name} {log} --out {name}/after")
+    step(6, "See the error fall", f"ident identify {name} {log} --out {name}/after")
     with progress() as on_progress:
         after = identify(model, motion, estimator="least-squares", progress=on_progress)
         left = diagnose(after, progress=on_progress)
-    bars(tell, {"before": found.fit, "after": after})
+    bars({"before": found.fit, "after": after})
     for full in found.best.names:
-        tell.fact(valued(after[full]))
+        fact(valued(after[full]))
     if left.verdict == "nothing":
-        tell.words("Diagnosed again: what is left is noise.")
+        words("Diagnosed again: what is left is noise.")
     else:
         named = f": {left.best.label} comes first" if left.best else ""
-        tell.words(f"Diagnosed again: {left.verdict}{named}. `ident grow` goes on from here.")
+        words(f"Diagnosed again: {left.verdict}{named}. `ident grow` goes on from here.")
     return after
 
 
-def _write(made: Puzzle, before: Fit, found: Diagnosis, after: Fit | None) -> None:
-    """Write what the commands of the story would have written."""
-    _keep_answer(made)
-    before.write(made.folder / "before")
-    found.write(made.folder / "diagnosis")
-    if after is not None:
-        after.write(made.folder / "after")
+def title(text: str) -> None:
+    """Print a heading."""
+    line(f"\n{text}", "bold")
 
 
-class Teller:
-    """Titles, commands, facts and words, to standard output."""
-
-    def __init__(self) -> None:
-        self._console = Console(highlight=False, soft_wrap=True)
-
-    def title(self, text: str) -> None:
-        """A heading."""
-        self._line(f"\n{text}", "bold")
-
-    def step(self, number: int, text: str, command: str) -> None:
-        """A heading with its number, and the command that does it."""
-        self.title(f"{number}. {text}")
-        self.command(command)
-
-    def command(self, text: str) -> None:
-        """What one would type."""
-        self._line(f"   $ {text}", "cyan")
-
-    def fact(self, text: str, style: str = "") -> None:
-        """What was found."""
-        self._line(f"     {text}", style)
-
-    def words(self, text: str) -> None:
-        """A paragraph."""
-        for line in textwrap.wrap(text, WIDTH, break_on_hyphens=False, break_long_words=False):
-            self._line(line, "")
-
-    def _line(self, text: str, style: str) -> None:
-        self._console.print(Text(text, style))
+def step(number: int, text: str, shell: str) -> None:
+    """Print a numbered heading and the command that does this step."""
+    title(f"{number}. {text}")
+    command(shell)
 
 
-def listed(words: Sequence[str], last: str = "and") -> str:
-    """`a, b and c`."""
-    return f" {last} ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+def command(text: str) -> None:
+    """Print a command as it is typed."""
+    line(f"   $ {text}", "cyan")
+
+
+def fact(text: str) -> None:
+    """Print one line of a result."""
+    line(f"     {text}")
+
+
+def words(text: str) -> None:
+    """Print a paragraph."""
+    for each in textwrap.wrap(text, WIDTH, break_on_hyphens=False, break_long_words=False):
+        line(each)
+
+
+def line(text: str, style: str = "") -> None:
+    """Print a line to standard output."""
+    Console(highlight=False, soft_wrap=True).print(Text(text, style))
 
 
 def valued(value: Value | BaseValue) -> str:
@@ -315,8 +306,7 @@ def valued(value: Value | BaseValue) -> str:
 
 def described_effect(effect: Effect) -> str:
     """`coulomb:elbow (dry friction: constant against the direction of motion)`."""
-    what = effect.summary()
-    return f"{effect.label} ({what})"
+    return f"{effect.label} ({effect.summary()})"
 
 
 def understood(fit: Fit) -> str:
@@ -331,7 +321,7 @@ def understood(fit: Fit) -> str:
     )
 
 
-def bars(tell: Teller, fits: Mapping[str, Fit]) -> None:
+def bars(fits: Mapping[str, Fit]) -> None:
     """Held-out errors of the drives, a row a joint and fit."""
     errors = {
         (joint, name): fit.held_out[joint].relative or 0.0
@@ -341,7 +331,7 @@ def bars(tell: Teller, fits: Mapping[str, Fit]) -> None:
     longest = max(errors.values()) or 1.0
     for (joint, name), error in errors.items():
         bar = "█" * max(1, round(BAR * error / longest))
-        tell.fact(f"{joint:<6} {name:<6} {percent(error):>7} {bar}")
+        fact(f"{joint:<6} {name:<6} {percent(error):>7} {bar}")
 
 
 def sought(made: Puzzle) -> str:
