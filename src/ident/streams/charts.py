@@ -106,19 +106,19 @@ class Cutter:
 
     def __init__(self, seconds: float) -> None:
         self._seconds, self._usual = seconds, 0
-        self._waiting: list[WatchedRows] = []
+        self.waiting: list[WatchedRows] = []
 
     def cut(self, rows: WatchedRows) -> Iterator[WatchedRows]:
         """Yield the rows of every interval that these rows complete."""
-        rows = concatenated([*self._waiting, rows])
+        rows = concatenated([*self.waiting, rows])
         edges = np.flatnonzero(np.diff(np.floor(rows.t / self._seconds))) + 1
         *whole, last = (rows_at(rows, slice(*x)) for x in pairwise([0, *edges, len(rows.t)]))
-        self._waiting = [last]
+        self.waiting = [last]
         return filter(self._is_usual, whole)
 
     def flush(self) -> Iterator[WatchedRows]:
         """Yield the rows held, if they are about as many as usual."""
-        waiting, self._waiting = self._waiting, []
+        waiting, self.waiting = self.waiting, []
         return filter(self._is_usual, waiting)
 
     def _is_usual(self, rows: WatchedRows) -> bool:
