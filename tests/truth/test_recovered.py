@@ -4,6 +4,7 @@ Besides the effect, all that the robot's file calls unknown is unknown, and fric
 """
 
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from ident import Log, Noise
 from ident.effects import KINDS
 from identification import motion_log, plant, robot
 
-RATE, SECONDS = 100.0, 8.0
+RATE, SECONDS = 100.0, 8.0  # two periods of the motion; one is enough where there is no noise
 NOISE = [Noise("tau", 0.01, relative=True)]
 FRICTION = {
     "arm": {
@@ -117,9 +118,10 @@ CASES = [
 ]
 
 
-def warming(name: str) -> Log:
+@cache
+def warming(name: str, seconds: float) -> Log:
     """The robot's motion, with drives that get warm."""
-    log = motion_log(name, RATE, SECONDS)
+    log = motion_log(name, RATE, seconds)
     T = 25 + 20 * (1 - np.exp(-log.t / 4))
     warm = {f"temperature.{joint}": T for joint in ident.load(ROBOTS / name).driven}
     return Log.from_arrays(log.name, log.t, {**log.columns, **warm})
@@ -146,7 +148,8 @@ def sited(case: Case) -> str:
 
 def planted(case, model, true, noise=()):
     values = {**FRICTION[case.robot], **true}
-    return plant(model, warming(case.robot), values, seed=5, noise=noise, spread=0.1)
+    motion = warming(case.robot, SECONDS if noise else SECONDS / 2)
+    return plant(model, motion, values, seed=5, noise=noise, spread=0.1)
 
 
 def test_every_kind_is_here():

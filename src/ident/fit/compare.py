@@ -62,26 +62,15 @@ class Comparison(Displayed):
         return str(render(self, "summary"))
 
     def plot(self, experiment: int = 0, **options: Any) -> Any:
-        """Return a chart of measured and predicted torques, with residuals below, per joint.
-
-        Args:
-            experiment: its number, from 0.
-        """
+        """Return a chart of measured and predicted torques, with residuals below, per joint."""
         return render(self, "plot", experiment, **options)
 
     def plot_parts(self, experiment: int = 0) -> Any:
-        """Return a chart of rigid bodies, effects and residual over time, per joint and model.
-
-        Args:
-            experiment: its number, from 0.
-        """
+        """Return a chart of rigid bodies, effects and residual over time, per joint and model."""
         return render(self, "plot_parts", experiment)
 
     def plot_maps(self, joint: str | None = None) -> Any:
-        """Return a chart of a joint's residual against t, q, v, a and load.
-
-        Args:
-            joint: an independent one; by default the last model's worst joint.
+        """Return a chart of a joint's residual against t, q, v, a and load; default: the worst's.
 
         Raises:
             FitError: if the joint is not an independent one.
@@ -90,9 +79,6 @@ class Comparison(Displayed):
 
     def save(self, path: Path) -> None:
         """Save the plot of the first experiment as .png, .svg, .pdf or .html.
-
-        Args:
-            path: of the file, whose suffix decides.
 
         Raises:
             IdentError: for another suffix.
@@ -125,18 +111,17 @@ def compare(
         raise FitError("nothing to compare; give one fit or several")
     if motion is None and isinstance(models[0], Fit):
         motion = models[0].motion
-    residuals, fitted = {}, {}
+    residuals: dict[str, Residual] = {}
+    fitted: dict[str, Mapping[str, Mapping[str, Error]]] = {}
     for i, model in enumerate(models):
         name = f"fit {i + 1}" if isinstance(model, Fit) and len(models) > 1 else ""
         residual = residual_of(model, motion, name=name)
         residuals[residual.name] = residual
-        fitted[residual.name] = _fitted(model)
+        fitted[residual.name] = (
+            {"train": model.train, "held out": model.held_out, **model.validation}
+            if isinstance(model, Fit)
+            else dict(model.errors)
+        )
         if progress:
             progress(f"where {residual.name} fails", (i + 0.5) / len(models))
     return Comparison(residuals, fitted)
-
-
-def _fitted(model: Fit | Saved) -> dict[str, Mapping[str, Error]]:
-    if isinstance(model, Saved):
-        return dict(model.errors)
-    return {"train": model.train, "held out": model.held_out, **model.validation}

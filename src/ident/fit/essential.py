@@ -1,4 +1,4 @@
-"""Which base parameters a model can do without: backward elimination on the triangles.
+"""Essential base parameters of a model: backward elimination on the triangles.
 
 Base parameters are set to zero one after the other, the one with the largest relative standard
 error first (M. T. Pham, M. Gautier, Essential parameters of robots, IEEE CDC 1991), the others

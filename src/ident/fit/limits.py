@@ -1,4 +1,4 @@
-"""What a consistent fit must keep to, as limits on the unknowns x: G x + h ∈ K, scaled to 1.
+"""Limits of a consistent fit on the unknowns x: G x + h ∈ K, scaled to 1.
 
 Possible bodies: the pseudo-inertia, measured by a ball of the body's own mass and size.
 
@@ -12,7 +12,7 @@ J.-J. Slotine, IEEE Robot. Autom. Lett. 3(1), 2018). The eigenvalues of F⁻¹ P
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -87,51 +87,50 @@ def limits_of(
     Raises:
         FitError: for a bound on what is no unknown, or is no linear function of the unknowns.
     """
-    found = _bodies(mechanism, columns)
+    limits = _bodies(mechanism, columns)
     for effect, places in columns.effects:
         for name, unknown, at in zip(effect.names, effect.parameters, places, strict=True):
             if at >= 0 and unknown.nonnegative:
-                found.append(_least(f"{name} ≥ 0", _row(len(columns), at), 0.0, scale[at], name))
+                row = _row(len(columns), at, scale[at])
+                limits.append(Limit(f"{name} ≥ 0", "nonnegative", row, np.zeros(1), name))
     for at, (low, high) in shapes.items():
-        found += _between(columns.names[at], _row(len(columns), at), low, high, scale[at], "")
-    for name, (low, high) in asked.bounds.items():
-        row, constant, size, unit = _linear(mechanism, columns, name, scale)
-        found += _between(name, row, low - constant, high - constant, size, f" {unit}", constant)
+        limits += _between(columns.names[at], len(columns), at, (low, high), scale[at])
+    for name, bounds in asked.bounds.items():
+        at, constant = _linear(mechanism, columns, name)
+        unit = f" {columns.units[at]}"
+        limits += _between(name, len(columns), at, bounds, scale[at], unit, constant)
     if asked.total_mass is not None:
-        found.append(_total(mechanism, columns, asked.total_mass))
-    return found
+        limits.append(_total(mechanism, columns, asked.total_mass))
+    return limits
 
 
-def _row(k: int, at: int) -> np.ndarray:
-    row = np.zeros(k)
-    row[at] = 1.0
+def _row(k: int, at: int, scale: float) -> np.ndarray:
+    """Return G (1, k) of one unknown in units of its size."""
+    row = np.zeros((1, k))
+    row[0, at] = 1.0 / scale
     return row
-
-
-def _least(text: str, row: np.ndarray, low: float, scale: float, name: str) -> Limit:
-    return Limit(text, "nonnegative", row[None] / scale, np.array([-low / scale]), name)
 
 
 def _between(
     name: str,
-    row: np.ndarray,
-    low: float,
-    high: float,
+    k: int,
+    at: int,
+    bounds: tuple[float, float],
     scale: float,
-    unit: str,
+    unit: str = "",
     constant: float = 0.0,
 ) -> list[Limit]:
-    """Return low ≤ row·x ≤ high, a limit a side; the name's value is row·x + constant."""
-    text = f"{name} {{}} {{:.6g}}{unit}"
-    if low == high:
-        h = np.array([-low / scale])
-        return [Limit(text.format("=", low + constant), "zero", row[None] / scale, h, name)]
-    found = []
-    if np.isfinite(low):
-        found.append(_least(text.format("≥", low + constant), row, low, scale, name))
-    if np.isfinite(high):
-        found.append(_least(text.format("≤", high + constant), -row, -high, scale, name))
-    return found
+    """Return low ≤ x_at + constant ≤ high, a limit a side."""
+    row = _row(k, at, scale)
+    low, high = (np.array([(bound - constant) / scale]) for bound in bounds)
+    text = [f"{name} {sign} {bound:.6g}{unit}" for sign, bound in zip("≥≤", bounds, strict=True)]
+    if bounds[0] == bounds[1]:
+        return [Limit(text[0].replace("≥", "=", 1), "zero", row, -low, name)]
+    sides = [
+        Limit(text[0], "nonnegative", row, -low, name),
+        Limit(text[1], "nonnegative", -row, high, name),
+    ]
+    return [limit for limit, bound in zip(sides, bounds, strict=True) if np.isfinite(bound)]
 
 
 def _bodies(mechanism: Mechanism, columns: Columns) -> list[Limit]:
@@ -183,10 +182,8 @@ def _total(mechanism: Mechanism, columns: Columns, mass: float) -> Limit:
     return Limit(f"total mass = {mass:g} kg", "zero", row[None], np.array([known / mass - 1.0]))
 
 
-def _linear(
-    mechanism: Mechanism, columns: Columns, name: str, scale: np.ndarray
-) -> tuple[np.ndarray, float, float, str]:
-    """Return a named parameter as row·x + constant, its size, and its unit."""
+def _linear(mechanism: Mechanism, columns: Columns, name: str) -> tuple[int, float]:
+    """Return the unknown and the constant of which a named parameter is the sum."""
     link, _, word = name.rpartition(".")
     column, constant = name, 0.0
     if link in mechanism.bodies.links and word in CENTROID:
@@ -201,17 +198,10 @@ def _linear(
         column = f"{link}.{CENTROID[word]}"
         i, j = ("xyz".index(axis) for axis in word[1:])
         constant = -float(about_origin(*split(pi)[:2])[i, j])
-    if column not in columns.index:
-        _refuse(mechanism, columns, name)
-    at = columns.index[column]
-    return _row(len(columns), at), constant, float(scale[at]), columns.units[at]
-
-
-def _refuse(mechanism: Mechanism, columns: Columns, name: str) -> None:
-    known: Sequence[str] = [
-        *mechanism.bodies.names, *(n for effect, _ in columns.effects for n in effect.names)
-    ]  # fmt: skip
-    if name in known or name.rpartition(".")[2] in CENTROID:
+    if column in columns.index:
+        return columns.index[column], constant
+    known = [*mechanism.bodies.names, *(n for effect, _ in columns.effects for n in effect.names)]
+    if name in known or word in CENTROID:
         raise FitError(
             f"bounds of {name}: it is known, so nothing can move it; add it to [parameters] "
             "unknown, or leave the bound out"

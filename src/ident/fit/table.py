@@ -15,8 +15,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ident.effects import Correcting, Effect, Signals
-from ident.equations.corrections import Corrected as Seen
-from ident.equations.corrections import Scene, corrected, step_of
+from ident.equations.corrections import Corrected, Scene, corrected, step_of
 from ident.equations.filter import Decimator
 from ident.equations.rows import Rows, rows
 from ident.equations.terms import Samples, reduced, unbalanced
@@ -25,7 +24,6 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 
 MOST = 20_000  # rows; of more, one in so many is kept: they decide, they are not fitted
-WORDS = ("torque", "load")
 FINE = 16.0  # samples a period of the cut-off at which smooth sensitivities are evaluated
 
 
@@ -55,7 +53,7 @@ class Table:
 
     @classmethod
     def of(cls, mechanism: Mechanism, columns: Columns, motion: Motion, point: Point) -> Table:
-        """The rows of a model at a working point."""
+        """Return the rows of a model at a working point."""
         cutoff = motion.band.cutoff
         scenes = tuple(Scene.of(mechanism, columns, e, point, cutoff) for e in motion.experiments)
         expected = sum(len(s.e) // Decimator.of(cutoff, s.e.rate).factor for s in scenes)
@@ -67,41 +65,38 @@ class Table:
                 some = {name: getattr(piece, name)[::every] for name in Rows.__dataclass_fields__}
                 parts.append(Rows(**some))
                 number.append(np.full(len(parts[-1].t), i))
-        t, sample, A, b, tau, informed = (
-            np.concatenate([getattr(part, name) for part in parts])
+        arrays = {
+            name: np.concatenate([getattr(part, name) for part in parts])
             for name in ("t", "sample", "A", "b", "tau", "informed")
-        )
-        numbers = np.concatenate(number)
-        return cls(
-            mechanism, columns, motion, point, scenes, t, numbers, sample, A, b,
-            tau, informed,
-        )  # fmt: skip
+        }
+        experiment = np.concatenate(number)
+        return cls(mechanism, columns, motion, point, scenes, experiment=experiment, **arrays)
 
     def filtered(self, number: int, x: np.ndarray) -> np.ndarray:
-        """Series x (n, …) of one experiment at full rate, in its rows (N_e, …)."""
+        """Return a series x (n, …) of one experiment at full rate, in its rows (N_e, …)."""
         scene, cutoff = self.scenes[number], self.motion.band.cutoff
         at = self.sample[self.experiment == number]
         decimator = Decimator.of(cutoff, scene.e.rate)
         if decimator.taps is None:
             return x[at]
-        found = []
+        pieces = []
         for segment in scene.e.segments():
             mine = at[(at >= segment.start) & (at < segment.stop)]
             if len(mine):
-                found.append(decimator.apply(x[segment], segment, mine))
-        return np.concatenate(found)
+                pieces.append(decimator.apply(x[segment], segment, mine))
+        return np.concatenate(pieces)
 
     def felt(self, effect: Effect) -> np.ndarray:
-        """Coordinates (c,) in whose rows an effect can appear."""
+        """Return the coordinates (c,) in whose rows an effect can appear."""
         d = self.b.shape[1]
         if self.mechanism.closures or not effect.local:
             return np.arange(d)
         return np.array([self.mechanism.joint(name).index for name in effect.joints])
 
     def with_effect(self, effect: Effect, shapes: Sequence[Mapping[str, float]]) -> np.ndarray:
-        """Columns (N, c, unknowns · shapes) of an effect at several shapes, where it is `felt`."""
+        """Return columns (N, c, unknowns · shapes) of an effect at several shapes, where `felt`."""
         rows, u = self.felt(effect), len(effect.unknowns)
-        found = []
+        series = []
         for number in range(len(self.scenes)):
             s = self.samples(number)
             out = np.zeros((len(s), len(rows), len(shapes) * u))
@@ -111,81 +106,79 @@ class Table:
                     s.add_effect(mine, effect, np.eye(u), shape)
                 else:  # every joint has one row of its own
                     mine += s.columns(effect, shape)
-            found.append(self.filtered(number, out))
-        return np.concatenate(found)
+            series.append(self.filtered(number, out))
+        return np.concatenate(series)
 
     def sensitivity(self, effect: Effect, shape: Mapping[str, float], name: str) -> np.ndarray:
-        """S (N, d) of one shape of a correcting effect, at a shape, in the table's rows."""
+        """Return S (N, d) of one shape of a correcting effect, at a shape, in the table's rows."""
         assert isinstance(effect, Correcting)
         full = effect.names[[each.name for each in effect.shapes].index(name)]
         others = {f: shape[each.name] for f, each in zip(effect.names, effect.shapes, strict=True)}
-        found = []
+        series = []
         cutoff = self.motion.band.cutoff
         for number, scene in enumerate(self.scenes):
             thin = self.thin[number]
-            bare = Seen(scene.mechanism + effect, thin.e, thin.memo)
+            bare = Corrected(scene.mechanism + effect, thin.e, thin.memo)
             h = step_of(effect, bare, self.point, name)
             sides = []
             for sign in (1, -1):
-                value = {**others, full: others[full] + sign * h}
-                seen = corrected(bare, self.point.with_values(value), cutoff, only=effect)
-                s = reduced(seen.mechanism, seen.e, slice(None), self.point, seen.memo)
+                point = self.point.with_values({**others, full: others[full] + sign * h})
+                moved = corrected(bare, point, cutoff, only=effect)
+                s = reduced(moved.mechanism, moved.e, slice(None), self.point, moved.memo)
                 sides.append(unbalanced(s, self.point))
-            S = -(sides[0] - sides[1]) / (2 * h)
-            S = self.refined(number, S)
-            found.append(self.filtered(number, S))
-        return np.concatenate(found)
+            S = self.refined(number, (sides[1] - sides[0]) / (2 * h))
+            series.append(self.filtered(number, S))
+        return np.concatenate(series)
 
     @cached_property
-    def thin(self) -> tuple[Seen, ...]:
-        """The experiments thinned as far as what is smooth allows."""
+    def thin(self) -> tuple[Corrected, ...]:
+        """The experiments with as few samples as smooth series allow."""
         return tuple(
-            Seen(scene.mechanism, scene.e.thinned(self.every(number)))
+            Corrected(scene.mechanism, scene.e.thinned(self.every(number)))
             for number, scene in enumerate(self.scenes)
         )
 
     def every(self, number: int) -> int:
-        """Of how many samples one is enough for what is smooth, given the rows' filter."""
+        """Return of how many samples one is enough for a smooth series, given the rows' filter."""
         cutoff = self.motion.band.cutoff
         return max(1, int(self.scenes[number].e.rate / (FINE * cutoff))) if cutoff else 1
 
     def refined(self, number: int, x: np.ndarray) -> np.ndarray:
-        """A smooth series of thinned samples at the experiment's full rate."""
+        """Return a smooth series of thinned samples at the experiment's full rate."""
         t, every = self.scenes[number].e.t, self.every(number)
         return x if every == 1 else CubicSpline(t[::every], x)(t)
 
     def samples(self, number: int) -> Samples:
-        """All samples of one experiment."""
+        """Return all samples of one experiment."""
         return self.scenes[number].samples(slice(None))
 
     def starts(self, effect: Effect) -> list[Mapping[str, float]]:
-        """Shapes from which a search sets out, known ones at their values."""
+        """Return the shapes at which a search starts, known ones at their values."""
         signals = self.pooled(effect)
         known = {s.name: effect.values[s.name] for s in effect.shapes if s.name in effect.values}
         found = [{**start, **known} for start in effect.starts(signals)]
         return [dict(x) for x in dict.fromkeys(tuple(sorted(each.items())) for each in found)]
 
     def bounds(self, effect: Effect) -> dict[str, tuple[float, float]]:
-        """Of every shape, over all experiments."""
+        """Return the bounds of every shape, over all experiments."""
         shape = {each.name: 0.0 for each in effect.shapes}
         return dict(effect.bounds(replace(self.pooled(effect), shape=shape)))
 
     def pooled(self, effect: Effect) -> Signals:
-        """What the effect sees in all experiments joined: for ranges, not for time."""
+        """Return the effect's signals of all experiments joined: for ranges, not for time."""
         each = [self.samples(number).signals(effect.joints) for number in range(len(self.scenes))]
         if len(each) == 1:
             return each[0]
 
-        def predicted() -> tuple[np.ndarray, np.ndarray]:  # a place of the drawing has none
-            torque, load = (np.concatenate([getattr(s, x) for s in each]) for x in WORDS)
-            return torque, load
+        def joined(name: str) -> np.ndarray:
+            return np.concatenate([getattr(s, name) for s in each])
 
         return replace(
             each[0],
-            t=np.concatenate([s.t for s in each]),
-            q=np.concatenate([s.q for s in each]),
-            v=np.concatenate([s.v for s in each]),
-            a=np.concatenate([s.a for s in each]),
+            t=joined("t"),
+            q=joined("q"),
+            v=joined("v"),
+            a=joined("a"),
             still=np.min([s.still for s in each], axis=0),
-            predicted=predicted,
+            predicted=lambda: (joined("torque"), joined("load")),
         )

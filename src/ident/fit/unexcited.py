@@ -1,4 +1,4 @@
-"""What a motion does not determine, why, and which motion would.
+"""Unknowns that a motion does not determine, why, and a motion that would.
 
 A motion is compared with one made up in which everything moves (`excitation`). An unknown that
 leads a base parameter there and none here is lost to this motion. What would bring it back is
@@ -114,14 +114,11 @@ def _sines(
     frequency = rng.uniform(0.5, 1.5, (len(names), 3))
     phase = rng.uniform(0, 2 * np.pi, (len(names), 3))
     start = LoopSolver(mechanism, names).coordinates(mechanism.assembled[None]).value[0]
-    known = np.empty((3, len(t), len(names)))
-    for i in range(len(names)):
-        w = 2 * np.pi * frequency[i][:, None]
-        angle = w * t + phase[i][:, None]
-        offset = np.sin(phase[i][:, None])
-        known[0, :, i] = start[i] + amplitude / 3 * (np.sin(angle) - offset).sum(axis=0)
-        known[1, :, i] = amplitude / 3 * (w * np.cos(angle)).sum(axis=0)
-        known[2, :, i] = amplitude / 3 * (-(w**2) * np.sin(angle)).sum(axis=0)
+    w = 2 * np.pi * frequency
+    angle = w * t[:, None, None] + phase  # (n, d, 3)
+    series = (np.sin(angle) - np.sin(phase), w * np.cos(angle), -(w**2) * np.sin(angle))
+    known = amplitude / 3 * np.stack([x.sum(axis=2) for x in series])
+    known[0] += start
     return t, known
 
 
@@ -133,7 +130,9 @@ def unexcited(problem: Problem, found: Estimate) -> Unexcited:
     """
     mechanism, motion, columns = problem.mechanism, problem.motion, problem.columns
     base = found.base
-    able = _able(mechanism, columns)
+    totals = _totals(mechanism, columns, excitation(mechanism))
+    ones = np.ones(len(totals))  # unknowns that lead a base parameter if everything moves:
+    able = estimate(totals, columns.prior, ones, sigma=ones).base.independent
     lost = [int(i) for i in able if i not in base.independent]
     moved = {name: _moved(mechanism, motion, name) for name in motion.independent}
     if not lost:
@@ -163,13 +162,6 @@ def unexcited(problem: Problem, found: Estimate) -> Unexcited:
         name, unit = columns.names[i], columns.units[i]
         unknowns.append(Lost(name, unit, why, carried, tuple(tell), float(now[k]), float(best)))
     return Unexcited(tuple(unknowns), moved, swings)
-
-
-def _able(mechanism: Mechanism, columns: Columns) -> np.ndarray:
-    """Return unknowns that lead a base parameter if everything moves, ascending."""
-    totals = _totals(mechanism, columns, excitation(mechanism))
-    ones = np.ones(len(totals))
-    return estimate(totals, columns.prior, ones, sigma=ones).base.independent
 
 
 def _totals(mechanism: Mechanism, columns: Columns, motion: Motion) -> Sequence[Triangle]:

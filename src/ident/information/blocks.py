@@ -8,7 +8,7 @@ disagree) is computed from these small triangles; rows are seen once and never k
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -183,37 +183,6 @@ class Information:
     def of_log(self, log: int) -> Information:
         """Return the blocks of one log."""
         return self.where(lambda block: block.log == log)
-
-    def without(
-        self, logs: Collection[int] = (), times: Collection[tuple[int, int]] = ()
-    ) -> Information:
-        """Return all blocks but those of some logs and of some blocks of time (log, block)."""
-        return self.where(lambda b: b.log not in logs and (b.log, b.block) not in times)
-
-    def restricted(self, columns: Index, known: Array | None = None) -> Information:
-        """Return the equations in the unknowns `columns` alone; others are zero or `known` (k,)."""
-        place = np.full(self.k, -1)
-        place[columns] = np.arange(len(columns))
-
-        def smaller(block: Block) -> Block:
-            inside = np.flatnonzero(place[block.support] >= 0)
-            given = None if known is None else known[block.support]
-            both = [t.restricted(inside, given) for t in (block.triangle, block.rest)]
-            support = place[block.support[inside]]
-            return replace(block, triangle=both[0], rest=both[1], support=support)
-
-        return Information(
-            {key: smaller(b) for key, b in self.blocks.items()}, len(columns), self.d
-        )
-
-    def weighted(self, sigma: Array) -> Information:
-        """Divide the rows of each coordinate by its sigma (d,)."""
-        found = {key: b.scaled(1 / float(sigma[b.coordinate])) for key, b in self.blocks.items()}
-        return replace(self, blocks=found)
-
-    def scaled(self, w: float) -> Information:
-        """Multiply all rows by `w`, as forgetting does."""
-        return replace(self, blocks={key: b.scaled(w) for key, b in self.blocks.items()})
 
     @cached_property
     def totals(self) -> tuple[Triangle, ...]:

@@ -34,10 +34,9 @@ class Triangle:
     which in rho; `residual_norm` is the same, and `restricted` to independent columns is definite.
 
     Attributes:
-        R: (k, k), upper triangular with a diagonal ≥ 0, so that equal data give an equal R; or
-            (r, k), r < k rows as they are, which say the same with less work and memory.
-        d: (k,) or (r,), the right-hand side that some x attains.
-        rho: ≥ 0, the norm of what no x attains; 0 for rows as they are.
+        R: (k, k), upper triangular with a diagonal ≥ 0, so that equal data give an equal R.
+        d: (k,), the right-hand side that some x attains.
+        rho: ≥ 0, the norm of what no x attains.
         rows: number of equations absorbed (it feeds the degrees of freedom, rows − rank).
     """
 
@@ -52,12 +51,8 @@ class Triangle:
         return cls._of_square(np.zeros((k + 1, k + 1), order="F"), 0)
 
     @classmethod
-    def of(cls, A: ArrayLike, b: ArrayLike, compact: bool = False) -> Triangle:
+    def of(cls, A: ArrayLike, b: ArrayLike) -> Triangle:
         """Return the triangle of A (rows, k), b (rows,).
-
-        Args:
-            A, b: the equations.
-            compact: whether fewer rows than unknowns may stay as they are.
 
         Raises:
             FitError: if the shapes do not fit or a number is not finite.
@@ -65,13 +60,7 @@ class Triangle:
         A = np.asarray(A, dtype=float)
         if A.ndim != 2:
             raise FitError(f"A has shape {A.shape}; valid: two dimensions, (rows, unknowns)")
-        if not compact or len(A) >= A.shape[1]:
-            return cls.empty(A.shape[1]).updated(A, b)
-        stack = np.column_stack([A, b])
-        if not np.isfinite(stack).all():
-            raise FitError("an equation has a number that is not finite")
-        stack.flags.writeable = False
-        return cls(stack[:, :-1], stack[:, -1], 0.0, len(A))
+        return cls.empty(A.shape[1]).updated(A, b)
 
     @classmethod
     def merge(cls, triangles: Iterable[Triangle]) -> Triangle:
@@ -147,21 +136,15 @@ class Triangle:
         return Triangle._of_rows(stack[:, np.append(keep, self.k)], self.rows)
 
     def stack(self) -> Array:
-        """Return rows [A | b] (r, k + 1) that say the same as all equations: [R d; 0 ρ]."""
-        r, k = self.R.shape
-        stack = np.zeros((r + (r == k), k + 1))
-        stack[:r, :k], stack[:r, k] = self.R, self.d
-        if r == k:
-            stack[k, k] = self.rho
+        """Return rows [A | b] (k + 1, k + 1) that say the same as all equations: [R d; 0 ρ]."""
+        k = self.k
+        stack = np.zeros((k + 1, k + 1))
+        stack[:k, :k], stack[:k, k], stack[k, k] = self.R, self.d, self.rho
         return stack
 
     def residual_norm(self, x: ArrayLike) -> float:
         """Return |A x − b| = √(|R x − d|² + ρ²) at x (k,)."""
         return float(np.hypot(np.linalg.norm(self.R @ np.asarray(x) - self.d), self.rho))
-
-    def gradient(self, x: ArrayLike) -> Array:
-        """Return Aᵀ (b − A x) = Rᵀ (d − R x), (k,): the slope of −|A x − b|²/2 at x (k,)."""
-        return self.R.T @ (self.d - self.R @ np.asarray(x))
 
     def rhs_norm(self) -> float:
         """Return |b|."""
@@ -176,10 +159,7 @@ class Triangle:
 
     def _square(self) -> Array:
         """Return [R d; 0 ρ] (k + 1, k + 1) in Fortran's order, to be overwritten."""
-        if len(self.R) == self.k:
-            return np.asfortranarray(self.stack())
-        whole = Triangle._of_rows(self.stack(), self.rows)
-        return np.asfortranarray(whole.stack())
+        return np.asfortranarray(self.stack())
 
     @classmethod
     def _absorbed(cls, triangle: Array, rows: int, A: ArrayLike, b: ArrayLike) -> Triangle:
