@@ -47,19 +47,12 @@ Rows = tuple[Array, Array]  # X (n, r, c), Y (n, r, k + 1)
 
 @dataclass(frozen=True, eq=False)
 class Freed:
-    """Equations of k parameters alone, by the block of time in which they became free.
+    """Equations of k parameters alone, by the block of time in which they became free."""
 
-    Attributes:
-        begins: knots at which a new block begins, ascending.
-        k: parameters.
-        factors: triangle by number of the block, where there is any.
-        balance: (blocks,) equations less unknowns.
-    """
-
-    begins: Index
-    k: int
-    factors: Mapping[int, Triangle]
-    balance: Index
+    begins: Index  # knots at which a new block begins, ascending
+    k: int  # parameters
+    factors: Mapping[int, Triangle]  # by number of the block, where there is any
+    balance: Index  # (blocks,) equations less unknowns
 
     @classmethod
     def empty(cls, begins: Sequence[int] | Index, group: int, k: int) -> Freed:
@@ -118,38 +111,27 @@ class Freed:
 class EliminationLevel:
     """Knots eliminated together: R a_inside = d − P p − N [a_left; a_right], R regular.
 
-    Attributes:
-        left, inside, right: (n,), (n, i), (n,) numbers of knots, w = group m coefficients each.
-        X: (n, i w, (i + 2) w) = [R | N]; Y: (n, i w, k + 1) = [P | d]. In the rows of combinations
-            that no equation weighs, R has the tolerance and the rest is zero.
+    In the rows of combinations that no equation weighs, R has the tolerance and the rest is zero.
     """
 
-    left: Index
-    inside: Index
-    right: Index
-    X: Array
-    Y: Array
+    left: Index  # (n,) numbers of knots, w = group m coefficients each
+    inside: Index  # (n, i)
+    right: Index  # (n,)
+    X: Array  # (n, i w, (i + 2) w) = [R | N]
+    Y: Array  # (n, i w, k + 1) = [P | d]
 
 
 @dataclass(frozen=True, eq=False)
 class Elimination:
-    """What is left of the equations once the multipliers are eliminated, and the way back to them.
+    """The equations without the multipliers, and the way back to them."""
 
-    Attributes:
-        factors: the equations of p, one triangle a time block; their `rows` are what the
-            multipliers leave of the equations, and sum to rows − rank.
-        rows: number of equations; rank: number of multiplier coefficients that they determine.
-        count, m: basis functions and multipliers; group: functions to a knot.
-        levels: in the order of their elimination.
-    """
-
-    factors: tuple[Triangle, ...]
-    rows: int
-    rank: int
-    count: int
-    m: int
-    group: int
-    levels: tuple[EliminationLevel, ...]
+    factors: tuple[Triangle, ...]  # of p, one a time block; their `rows` sum to rows − rank
+    rows: int  # equations
+    rank: int  # multiplier coefficients that they determine
+    count: int  # basis functions
+    m: int  # multipliers
+    group: int  # functions to a knot
+    levels: tuple[EliminationLevel, ...]  # in the order of their elimination
 
     @property
     def border(self) -> Triangle:
@@ -176,12 +158,6 @@ class Elimination:
             a[level.inside] = solved.reshape(*level.inside.shape, w)
         return a.reshape(len(a) * self.group, self.m)[: self.count]
 
-    def __repr__(self) -> str:
-        return (
-            f"Elimination({self.rows} equations, {self.rank} of {self.count * self.m} multiplier "
-            f"coefficients determined, {len(self.factors)} time blocks)"
-        )
-
 
 def eliminate(
     chunks: Iterable[Chunk],
@@ -204,13 +180,20 @@ def eliminate(
     """
     if not 0 < tol < 1:
         raise FitError(f"tolerance {tol}; valid: above 0, small beside 1")
+    if isinstance(blocks, int | np.integer):
+        valid, begins = blocks >= 1, np.arange(1, blocks) * count // max(int(blocks), 1)
+    else:
+        begins = np.asarray(blocks, dtype=int)
+        valid = bool((np.diff(begins) >= 0).all())
+    if not valid:
+        raise FitError(f"blocks {blocks}; valid: a number >= 1, or ascending basis functions")
     compressed: list[Blocks] = []
     shape, rows, scale = None, 0, 0.0
     for chunk in chunks:
         if shape is None:
             shape = width, m, k = chunk.shape
             group = max(width - 1, 1)
-            freed = Freed.empty(_beginnings(blocks, count), group, k)
+            freed = Freed.empty(begins, group, k)
             alone = m > 0 and len(freed.balance) == 1  # nobody asks when rows become free
             by = max(SMALL // (group * m) + 1, 2) if alone else 2  # intervals made one of
             span = by if by > 2 else 1  # that the rows are reduced to at once
@@ -245,16 +228,6 @@ def eliminate(
     factors = freed.finished()
     rank = rows - sum(factor.rows for factor in factors)
     return Elimination(factors, rows, rank, count, m, group, (*levels, *more_levels))
-
-
-def _beginnings(blocks: int | Sequence[int], count: int) -> Index:
-    if isinstance(blocks, int | np.integer):
-        begins = np.arange(1, blocks) * count // max(int(blocks), 1)
-    else:
-        begins = np.asarray(blocks, dtype=int)
-    if (isinstance(blocks, int) and blocks < 1) or (np.diff(begins) < 0).any():
-        raise FitError(f"blocks {blocks}; valid: a number >= 1, or ascending basis functions")
-    return begins
 
 
 def _closed(
@@ -361,23 +334,18 @@ class StretchPart(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """The equations of some samples that follow each other, without any multipliers but the ends'.
+    """Equations of some samples that follow each other, without any multipliers but the ends'.
 
     Inside a stretch no multiplier is left. At its ends there may be, since a neighbour's rows may
     touch them: the first and the last interval are kept as they are, what is between them is one
     part. Neighbours add in any bracketing (not pieces with another one between them, whose knots
     would be missing).
-
-    Attributes:
-        parts: one interval, or the first, what is between, and the last.
-        freed: what is free of multipliers already, by block of time.
-        shape: width, m and k of the rows; scale: largest |L|.
     """
 
-    parts: tuple[StretchPart, ...]
-    freed: Freed
-    shape: tuple[int, int, int]
-    scale: float
+    parts: tuple[StretchPart, ...]  # one interval, or the first, what is between, and the last
+    freed: Freed  # what is free of multipliers already, by block of time
+    shape: tuple[int, int, int]  # width, m and k of the rows
+    scale: float  # largest |L|
 
     @classmethod
     def of(cls, chunk: Chunk, begins: Sequence[int] | Index = ()) -> Stretch:
@@ -417,8 +385,14 @@ class Stretch:
         before, after = [*first.parts], [*second.parts]
         free: list[Free] = []
         if before[-1].right == after[0].right:  # the same interval of knots
-            shared, free = _stacked(before.pop(), after.pop(0), TOLERANCE * scale)
-            before.append(shared)
+            one, same = before.pop(), after.pop(0)
+            X, Y = np.concatenate([one.X, same.X])[None], np.concatenate([one.Y, same.Y])[None]
+            R, Y = reflect(X, Y)
+            c, place = R.shape[-1], np.array([one.left])
+            own = Y[:, :c].copy()
+            released, rows = release(R, own, TOLERANCE * scale)
+            free = [Free(place, Y[:, c:]), Free(place[released], rows)]
+            before.append(StretchPart(one.left, one.right, R[0], own[0]))
         elif before[-1].right < after[0].left:  # knots between them that nothing weighs
             X, Y = np.zeros_like(after[0].X), np.zeros_like(after[0].Y)
             before.append(StretchPart(before[-1].right, after[0].left, X, Y))
@@ -456,14 +430,3 @@ def _arrays(parts: Sequence[StretchPart]) -> tuple[Index, Array, Array]:
     """Return knots (n + 1,), X (n, …) and Y (n, …) of parts that follow each other."""
     knots = np.array([parts[0].left, *(part.right for part in parts)])
     return knots, np.stack([part.X for part in parts]), np.stack([part.Y for part in parts])
-
-
-def _stacked(one: StretchPart, other: StretchPart, tol: float) -> tuple[StretchPart, list[Free]]:
-    """Return two parts between the same knots as one."""
-    X, Y = np.concatenate([one.X, other.X])[None], np.concatenate([one.Y, other.Y])[None]
-    R, Y = reflect(X, Y)
-    c, place = R.shape[-1], np.array([one.left])
-    own = Y[:, :c].copy()
-    released, rows = release(R, own, tol)
-    free = [Free(place, Y[:, c:]), Free(place[released], rows)]
-    return StretchPart(one.left, one.right, R[0], own[0]), free

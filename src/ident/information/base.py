@@ -24,23 +24,15 @@ _NULL = 1e-12  # of its reference magnitude: a column, or what is left of one, i
 
 @dataclass(frozen=True, eq=False)
 class Base:
-    """The unknowns that a triangle determines.
+    """The unknowns that a triangle determines."""
 
-    independent: (n_ind,) columns of the base, ascending.
-    dependent: (n_dep,) the others, ascending: A_D = A_I K.
-    K: (n_ind, n_dep); entries that rounding cannot tell from zero are exactly zero.
-    zero: columns that are null, part of `dependent`; their K is zero.
-    condition_number: of the independent columns, each scaled to unit norm; 1 for none.
-    singular_values: (n_ind,) of the same, descending.
-    distance: (k,) the part of each unit column that the base's before it cannot make, in [0, 1].
-    """
-
-    independent: NDArray[np.intp]
-    dependent: NDArray[np.intp]
-    K: Array
-    zero: NDArray[np.intp]
-    condition_number: float
-    singular_values: Array
+    independent: NDArray[np.intp]  # (n_ind,) columns of the base, ascending
+    dependent: NDArray[np.intp]  # (n_dep,) the others, ascending: A_D = A_I K
+    K: Array  # (n_ind, n_dep); entries that rounding cannot tell from zero are exactly zero
+    zero: NDArray[np.intp]  # columns that are null, part of `dependent`; their K is zero
+    condition_number: float  # of the independent columns, each of unit norm; 1 for none
+    singular_values: Array  # (n_ind,) of the same, descending
+    # (k,) part of each unit column that the base's before it cannot make, in [0, 1]
     distance: Array
 
     @property
@@ -57,16 +49,11 @@ class Base:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A least-squares solution.
+    """A least-squares solution."""
 
-    x: (k,) all unknowns; those without an own column of information keep their prior.
-    beta: (n_ind,) base parameters, x_I + K x_D.
-    C: (n_ind, n_ind) inverse of R_I^T R_I: the covariance of beta for equations of unit noise.
-    """
-
-    x: Array
-    beta: Array
-    C: Array
+    x: Array  # (k,) all unknowns; those without an own column of information keep their prior
+    beta: Array  # (n_ind,) base parameters, x_I + K x_D
+    C: Array  # (n_ind, n_ind) (R_Iᵀ R_I)⁻¹: the covariance of beta for equations of unit noise
 
 
 def rank_revealing(

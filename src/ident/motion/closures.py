@@ -50,10 +50,7 @@ def _times(M: np.ndarray, x: np.ndarray) -> np.ndarray:
 class LoopSolver:
     """Finds configurations at which Φ = 0 and the joints `names` have given coordinates.
 
-    Args:
-        mechanism: the mechanism.
-        names: joints that determine the motion, or more than are needed.
-        scale: (d,) by which their coordinates are divided, where there are more than needed.
+    Where they are more than needed, their coordinates are divided by `scale` (d,).
     """
 
     def __init__(
@@ -293,12 +290,8 @@ def _difference(model: pin.Model, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def independent_joints(mechanism: Mechanism, preferred: Iterable[str]) -> tuple[str, ...]:
     """The first of the preferred joints whose rates determine all others through the closures.
 
-    Args:
-        preferred: names, most wanted first.
-
-    Returns:
-        As many names as there are degrees of freedom, or fewer if these joints do not determine
-        the motion, in the mechanism's order.
+    As many names as there are degrees of freedom, or fewer if these joints do not determine the
+    motion, in the mechanism's order.
     """
     names = list(dict.fromkeys(preferred))
     in_order = [joint.name for joint in mechanism.joints]
@@ -323,13 +316,10 @@ def independent_joints(mechanism: Mechanism, preferred: Iterable[str]) -> tuple[
 
 
 def best_conditioned(mechanism: Mechanism, q: np.ndarray) -> tuple[str, ...]:
-    """The independent joints in which this motion is compared with measurements.
+    """The independent joints in which a motion q (n, nq) is compared with measurements.
 
     Driven joints before passive ones; among as many driven joints as are to be had, those in which
     the motion stays farthest from a singular position.
-
-    Args:
-        q: (n, nq) configurations of the motion.
     """
     d = mechanism.degrees_of_freedom
     q = q[:: max(1, len(q) // 200)]

@@ -203,15 +203,6 @@ def decide(
 
     Its speeds of standstill are those that noise imitates; top speeds are known after all parts
     (`recipe.thresholds`).
-
-    Args:
-        mechanism: the mechanism.
-        excerpts: stretches of the log.
-        clock: of the whole log.
-        logged, independent, band, smoothing: as the recipe has them.
-
-    Raises:
-        MotionError: where `complete` would raise one.
     """
     signals = [measure(mechanism, log) for log in excerpts]
     derived = [derive(each, logged, band, smoothing) for each in signals]
@@ -247,14 +238,8 @@ def decide(
 
 
 def part_of(mechanism: Mechanism, log: Log, recipe: Recipe) -> State | None:
-    """The state over a part of a log, as the whole log would have it; None if none is usable.
-
-    Args:
-        mechanism: the mechanism, assembled where the part begins.
-        log: the part, with margins; recipe: of the whole log.
-
-    Raises:
-        MotionError: where `complete` would raise one.
+    """The state over a part of a log with margins, as the whole log would have it; None if no
+    sample is usable. The mechanism is assembled where the part begins.
     """
     signals = measure(mechanism, log, recipe.clock)
     if not signals.usable.any():
@@ -269,13 +254,9 @@ def part_of(mechanism: Mechanism, log: Log, recipe: Recipe) -> State | None:
 def prescribed(
     mechanism: Mechanism, name: str, t: np.ndarray, joints: tuple[str, ...], known: np.ndarray
 ) -> Motion:
-    """A motion that is given, not measured: without torques, noise and filter.
+    """A given motion on a uniform clock t (n,) [s], without torques, noise and filter.
 
-    Args:
-        mechanism: the mechanism.
-        name: of the motion; t: (n,) [s], uniform.
-        joints: that determine the motion; known: (3, n, joints) their coordinates, rates and
-            accelerations.
+    `known` are coordinates, rates and accelerations (3, n, d) of joints that determine the motion.
 
     Raises:
         MechanismError: if its loops do not let the mechanism move.
@@ -369,11 +350,7 @@ def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) ->
 
 
 def _determining(mechanism: Mechanism, measured: list[LogSignals]) -> tuple[str, ...]:
-    """The joints of which all logs have positions.
-
-    Raises:
-        MotionError: if they do not determine the motion.
-    """
+    """The joints of which all logs have positions; refused if they do not determine the motion."""
     joints, dof = [joint.name for joint in mechanism.joints], mechanism.degrees_of_freedom
     logged = [name for name in joints if all(f"q.{name}" in each.columns for each in measured)]
     order = [name for name in logged if name in mechanism.driven] + logged
@@ -407,14 +384,9 @@ def state_of(
     smoothing: float | str | None,
     recipe: Recipe | None = None,
 ) -> tuple[State, list[str]]:
-    """The experiment of a log, and notes on what was derived or left out.
+    """The experiment of a log from the joints `names`, and notes on what was derived or left out.
 
-    Args:
-        mechanism: the mechanism; signals: the log.
-        names: joints from which the motion follows.
-        band: bandwidth and noise of the motion.
-        smoothing: spacing of the knots [s], "auto" or None.
-        recipe: of the whole log, if this is a part of one.
+    `recipe` is that of the whole log, if this is a part of one.
     """
     n, log, columns = len(signals.t), signals.log.name, signals.columns
     derived = derive(signals, names, band, smoothing, recipe)

@@ -53,37 +53,22 @@ class Band:
 
 @dataclass(frozen=True, eq=False)
 class Recipe:
-    """Everything that is decided once of a log, and that its parts have in common.
-
-    Attributes:
-        clock: of the log.
-        noisy: joints that are smoothed.
-        carriers: joints in which the splines are; others than those that are smoothed where more
-            are logged than needed.
-        knots: their distance [s]; one is at the clock's first instant.
-        noise: of the smoothed channels, by column.
-        ends: time [s] at the ends of a run where splines are not to be trusted.
-        logged: joints that determine the motion; independent: those in which errors are compared.
-        band: with the cut-off of the rows' filter.
-        smoothing: spacing of the knots [s] that was asked for, "auto" or None.
-        still: (J,) speed below which a joint stands still [rad/s | m/s].
-        farthest: (J, d) largest velocity transmission of every joint; None for a tree.
-        singular: ‖K⁺‖ from which on a sample is too near a singular position.
-    """
+    """Everything that is decided once of a log, and that its parts have in common."""
 
     clock: Clock
-    noisy: tuple[str, ...] = ()
+    noisy: tuple[str, ...] = ()  # joints that are smoothed
+    # joints of the splines; others than `noisy` where more are logged than needed
     carriers: tuple[str, ...] = ()
-    knots: float = 0.0
-    noise: Mapping[str, float] = field(default_factory=dict)
-    ends: float = 0.0
-    logged: tuple[str, ...] = ()
-    independent: tuple[str, ...] = ()
-    band: Band = Band(0.0, 0.0, None)
-    smoothing: float | str | None = AUTO
-    still: np.ndarray | None = None
-    farthest: np.ndarray | None = None
-    singular: float = HOPELESS
+    knots: float = 0.0  # their distance [s]; one is at the clock's first instant
+    noise: Mapping[str, float] = field(default_factory=dict)  # of the smoothed channels, by column
+    ends: float = 0.0  # time [s] at the ends of a run where splines are not to be trusted
+    logged: tuple[str, ...] = ()  # joints that determine the motion
+    independent: tuple[str, ...] = ()  # joints in which errors are compared
+    band: Band = Band(0.0, 0.0, None)  # with the cut-off of the rows' filter
+    smoothing: float | str | None = AUTO  # spacing of the knots [s] as asked for, "auto" or None
+    still: np.ndarray | None = None  # (J,) speed below which a joint stands still [rad/s | m/s]
+    farthest: np.ndarray | None = None  # (J, d) largest velocity transmission; None for a tree
+    singular: float = HOPELESS  # ‖K⁺‖ from which on a sample is too near a singular position
 
 
 def band_of(mechanism: Mechanism, logs: list[LogSignals], names: tuple[str, ...]) -> Band:

@@ -8,7 +8,7 @@ classical linear acceleration of the frame (gravity enters as −g at the root):
 
     f = m a + α × mc + ω × (ω × mc)          n = I α + ω × I ω + mc × a
 
-Pinocchio has the same matrix for one sample a call; here the recursion goes over many samples,
+Pinocchio has the same matrix for one sample a call; this recursion goes over many samples,
 and its matrices stand as the filter wants them. Vectors are (3, …, n): samples
 stand last, where NumPy's loops are long.
 """
@@ -55,12 +55,7 @@ def regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> 
 def rigid_forces(
     model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray, pi: np.ndarray
 ) -> np.ndarray:
-    """Γ π (n, nv) by the recursion of Newton and Euler, which needs no Γ.
-
-    Args:
-        model, q, v, a: as `regressor`.
-        pi: (10 · bodies,) dynamic parameters.
-    """
+    """Γ π (n, nv) of π (10 · bodies,) by the recursion of Newton and Euler, which needs no Γ."""
     if len(q) < FEW:
         return np.asarray(regressor(model, q, v, a) @ pi)
     torque, rigid = np.empty((model.nv, len(q))), pi.reshape(-1, COUNT)
@@ -182,7 +177,7 @@ def _motions(
 def _move(
     joint: _Joint,
     before: np.ndarray,
-    here: np.ndarray,
+    body: np.ndarray,
     q: np.ndarray,
     v: np.ndarray,
     a: np.ndarray,
@@ -190,15 +185,12 @@ def _move(
     """Set the motion of a body from its parent's; returns R (3, 3, n) and p (3, n) of its origin.
 
     Both are (3, 3 + 2 rows, n): ω, α, a of the body in its frame, then the linear and the angular
-    part of every axis that moves it, in turn; p is in its frame too. Axes may be left out.
-
-    Args:
-        joint: the body's; before: the parent's motion; here: the body's, which is set.
-        q, v, a: (nq, n), (nv, n), (nv, n) of the model.
+    part of every axis that moves it, in turn; p is in its frame too. Axes may be left out. q, v, a
+    are (nq, n), (nv, n), (nv, n).
     """
     R, p = joint.pose(q)
-    old = min(before.shape[1], here.shape[1])
-    moved = np.einsum("jin,jmn->imn", R, before[:, :old], out=here[:, :old])
+    old = min(before.shape[1], body.shape[1])
+    moved = np.einsum("jin,jmn->imn", R, before[:, :old], out=body[:, :old])
     p = np.einsum("jin,jn->in", R, p)
     # the same at the body's own origin
     moved[:, 2] += np.einsum("ijn,jn->in", _about_centre(moved), p)
@@ -214,18 +206,18 @@ def _move(
         moved[:, 1] += rise[3:]
         moved[:, 1] += np.einsum("ijn,jn->in", spin, rate[3:])
         moved[:, 0] += rate[3:]
-    if here.shape[1] > old:
-        here[:, old::2], here[:, old + 1 :: 2] = S[:3, :, None], S[3:, :, None]
+    if body.shape[1] > old:
+        body[:, old::2], body[:, old + 1 :: 2] = S[:3, :, None], S[3:, :, None]
     return R, p
 
 
-def _project(out: np.ndarray, here: np.ndarray) -> None:
+def _project(out: np.ndarray, body: np.ndarray) -> None:
     """Γ_ji = S_jᵀ Y_i (rows, 10, n) of one body and all joints that move it."""
-    linear, angular, acc, B = here[:, 3::2], here[:, 4::2], here[:, 2], _about_centre(here)
+    linear, angular, acc, B = body[:, 3::2], body[:, 4::2], body[:, 2], _about_centre(body)
     np.einsum("rmn,rn->mn", linear, acc, out=out[:, 0])
     np.einsum("rmn,rkn->mkn", linear, B, out=out[:, 1:4])
     out[:, 1:4] += np.einsum("rmn,rkn->mkn", angular, _skew(-acc))
-    np.einsum("rmn,rkn->mkn", angular, _about_inertia(here, B), out=out[:, 4:])
+    np.einsum("rmn,rkn->mkn", angular, _about_inertia(body, B), out=out[:, 4:])
 
 
 def _about_centre(state: np.ndarray) -> np.ndarray:

@@ -47,19 +47,13 @@ FACTORS = {
 
 @dataclass(frozen=True, eq=False)
 class Clock:
-    """The uniform clock of a whole log.
+    """The uniform clock of a whole log."""
 
-    Attributes:
-        t0: its first time [s]; step [s]; count: of its instants.
-        even: whether the log's own times are uniform, and taken as they are.
-        grid: instants from one at which a part may begin to the next, so that filtered rows of all
-            parts are kept at the same ones.
-    """
-
-    t0: float
-    step: float
-    count: int
-    even: bool
+    t0: float  # its first time [s]
+    step: float  # [s]
+    count: int  # of instants
+    even: bool  # whether the log's own times are uniform, and taken as they are
+    # instants between those at which parts may begin, so that all filter at the same ones
     grid: int = 1
 
     @property
@@ -106,19 +100,13 @@ def runs(usable: np.ndarray) -> list[slice]:
 
 @dataclass(frozen=True, eq=False)
 class LogSignals:
-    """One log on a uniform clock.
-
-    Attributes:
-        t: (n,) [s]; columns: by log name, each (n,), NaN nowhere; raw: (t, x) as logged.
-        usable: (n,), false inside gaps.
-        exact: whether the clock is the log's own.
-    """
+    """One log on a uniform clock."""
 
     log: Log
-    t: np.ndarray
-    columns: Mapping[str, np.ndarray]
-    usable: np.ndarray
-    exact: bool
+    t: np.ndarray  # (n,) [s]
+    columns: Mapping[str, np.ndarray]  # by log name, each (n,), NaN nowhere
+    usable: np.ndarray  # (n,), false inside gaps
+    exact: bool  # whether the clock is the log's own
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -140,10 +128,7 @@ class LogSignals:
 def measure(mechanism: Mechanism, log: Log, clock: Clock | None = None) -> LogSignals:
     """A log's columns on a uniform clock of its median step.
 
-    Args:
-        mechanism: the mechanism.
-        log: the log, or a part of one.
-        clock: of the whole log, if this is a part of one; the log has been checked then.
+    `clock` is that of the whole log, checked before, if this is a part of one.
 
     Raises:
         MotionError: if a column's unit or sign contradicts another column, or one that is needed
@@ -225,13 +210,7 @@ def is_signal(name: str) -> bool:
 def check_units(name: str, columns: Mapping[str, np.ndarray], dt: float, joint: Joint) -> None:
     """Refuse q, v, a of a joint that disagree by a factor of two, and q in degrees.
 
-    Args:
-        name: of the log, for the message.
-        columns: uniform, step dt [s].
-        joint: whose columns are compared, with its limits.
-
-    Raises:
-        MotionError: with the factor, what it may be, and the remedy.
+    The columns of the log `name` are uniform, of step dt [s].
     """
     for low, high in (("q", "v"), ("v", "a")):
         first, second = columns.get(f"{low}.{joint.name}"), columns.get(f"{high}.{joint.name}")
@@ -302,10 +281,8 @@ def motion_bandwidth(x: np.ndarray, dt: float, order: int = 0) -> float:
     """Frequency [Hz] below which 99.9 % of the power of the velocity lies.
 
     The noise's own share, measured in the upper half of the spectrum, is taken off first: what
-    does not stand out of it by VISIBLE cannot be told from it.
-
-    Args:
-        x: (n,) position, velocity or acceleration; dt: its step [s]; order: which, 0, 1 or 2.
+    does not stand out of it by VISIBLE cannot be told from it. x (n,) of step dt [s] is the
+    position (order 0), velocity (1) or acceleration (2).
     """
     x = np.diff(x) / dt if order == 0 else x
     n = len(x)
@@ -339,19 +316,14 @@ def acceleration_size(q: np.ndarray, dt: float, below: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """The logged samples of one derivative of one joint's coordinate.
-
-    Attributes:
-        joint: its name; order: 0 position, 1 velocity, 2 acceleration.
-        t, x: (n,) as logged; sigma: its noise; spread: its standard deviation.
-    """
+    """The logged samples of one derivative of one joint's coordinate."""
 
     joint: str
-    order: int
-    t: np.ndarray
-    x: np.ndarray
-    sigma: float
-    spread: float
+    order: int  # 0 position, 1 velocity, 2 acceleration
+    t: np.ndarray  # (n,) [s], as logged
+    x: np.ndarray  # (n,), as logged
+    sigma: float  # standard deviation of its noise
+    spread: float  # standard deviation of x
 
     @property
     def column(self) -> str:
@@ -372,20 +344,13 @@ class Channel:
 
 @dataclass(frozen=True)
 class Smoothed:
-    """The result of smoothing a channel.
+    """The result of smoothing a channel."""
 
-    Attributes:
-        column: of the log; how: in words.
-        noise: its estimated white noise; a channel that the others contradict weighs less.
-        residual: rms of measured minus smoothed; 0 where it was taken as logged.
-        spacing: of the knots [s]; 0 where there are none.
-    """
-
-    column: str
-    how: str
-    noise: float
-    residual: float
-    spacing: float = 0.0
+    column: str  # of the log
+    how: str  # in words
+    noise: float  # estimated, white; a channel that the others contradict weighs less
+    residual: float  # rms of measured minus smoothed; 0 where it was taken as logged
+    spacing: float = 0.0  # of the knots [s]; 0 where there are none
 
 
 def channels_of(signals: LogSignals, names: Sequence[str]) -> list[Channel]:

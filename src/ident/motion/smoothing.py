@@ -96,20 +96,12 @@ def _criterion(basis: Basis, channels: Sequence[Channel]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Derived:
-    """The motion of some joints on the clock of a log.
+    """The motion of some joints on the clock of a log."""
 
-    Attributes:
-        known: (3, n, d) coordinates, rates, accelerations of the joints, in their order.
-        ends: time [s] at either end of a run where accelerations are poor: a fitted spline has
-            data on one side only there.
-        smooth: the splines of the joints whose channels are noisy; None where none is.
-        table: what was done to each channel.
-    """
-
-    known: np.ndarray
-    ends: float
-    smooth: Smooth | None
-    table: list[Smoothed]
+    known: np.ndarray  # (3, n, d) coordinates, rates, accelerations of the joints, in their order
+    ends: float  # time [s] at the ends of a run where a spline has data on one side only
+    smooth: Smooth | None  # of the joints with noisy channels; None where there is none
+    table: list[Smoothed]  # one a channel
 
 
 def derive(
@@ -125,11 +117,8 @@ def derive(
     interpolated. The others are smoothed. Every run between gaps has splines of its own; inside
     gaps a coordinate goes straight from one side to the other, for the closures to be followed.
 
-    Args:
-        signals: the log; names: the joints.
-        band: bandwidth and noise of the motion.
-        spacing: of the knots [s]; "auto": from the data; None: as logged, nothing is smoothed.
-        recipe: of the whole log, if this is a part of one.
+    `spacing` is that of the knots [s]; "auto": from the data; None: as logged, nothing is smoothed.
+    `recipe` is that of the whole log, if this is a part of one.
     """
     channels, t = channels_of(signals, names), signals.t
     joints = {name: [each for each in channels if each.joint == name] for name in names}
@@ -279,10 +268,7 @@ def through_motion(mechanism: Mechanism, e: State, names: tuple[str, ...]) -> li
 def fused(mechanism: Mechanism, e: State, channels: Sequence[Channel]) -> Smooth:
     """The splines of an experiment's independent joints, fitted to channels of all joints.
 
-    Args:
-        mechanism: with closures.
-        e: on the splines from which the steps set out.
-        channels: of any joints.
+    The steps set out from the experiment's own splines.
     """
     assert e.smooth is not None
     smooth = e.smooth

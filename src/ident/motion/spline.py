@@ -30,28 +30,20 @@ INCONSISTENT = 1.3  # times its noise: a channel that misses the others by more 
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Linear observations of the coefficients: Σ_r Σ_i R[·, r, i] c[first + r, i] = x.
+    """Linear observations Σ_r Σ_i R[·, r, i] c[first + r, i] = x, divided by the noise."""
 
-    first: (n,); R: (n, WIDTH, d); x: (n,), all divided by the noise.
-    """
-
-    first: NDArray[np.intp]
-    R: np.ndarray
-    x: np.ndarray
+    first: NDArray[np.intp]  # (n,)
+    R: np.ndarray  # (n, WIDTH, d)
+    x: np.ndarray  # (n,)
 
 
 @dataclass(frozen=True, eq=False)
 class Spline:
-    """One run's motion in d coordinates, and how well its channels determine it.
+    """One run's motion in d coordinates, and how well its channels determine it."""
 
-    Attributes:
-        basis: quintic B-splines over the run.
-        c: (count, d) coefficients ĉ.
-        roots: U of each coordinate alone, (count, WIDTH, 1), or one of all, (count · d, WIDTH, d).
-    """
-
-    basis: Basis
-    c: np.ndarray
+    basis: Basis  # quintic B-splines over the run
+    c: np.ndarray  # (count, d) coefficients ĉ
+    # U of each coordinate alone, (count, WIDTH, 1), or one of all, (count · d, WIDTH, d)
     roots: tuple[np.ndarray, ...]
 
     def at(self, t: np.ndarray) -> np.ndarray:
@@ -176,10 +168,7 @@ def weighted(basis: Basis, channels: Sequence[Channel], names: Sequence[str]) ->
 
     Positions are believed. A velocity that a controller has filtered is smooth, but late: where
     positions are missed by more than their noise, rates and accelerations weigh less until they
-    are not.
-
-    Args:
-        basis: over one run; channels: their samples in it; names: the joints.
+    are not. The channels' samples are those in the one run of the basis.
     """
     result = []
     for name in names:
@@ -209,18 +198,12 @@ def reweighted(channels: Sequence[Channel], rms: Sequence[float]) -> list[Channe
 
 @dataclass(frozen=True, eq=False)
 class Smooth:
-    """The smooth motion of an experiment in its independent coordinates.
+    """The smooth motion of an experiment in its independent coordinates."""
 
-    Attributes:
-        names: the joints whose coordinates are splines; spacing: of their knots [s].
-        runs: the samples of each run, and its spline.
-        channels: what they were fitted to, of these joints and of others that depend on them.
-    """
-
-    names: tuple[str, ...]
-    spacing: float
-    runs: tuple[tuple[slice, Spline], ...]
-    channels: tuple[Channel, ...]
+    names: tuple[str, ...]  # the joints whose coordinates are splines
+    spacing: float  # of the knots [s]
+    runs: tuple[tuple[slice, Spline], ...]  # the samples of each run, and its spline
+    channels: tuple[Channel, ...]  # fitted to, of these joints and of others that depend on them
 
     @classmethod
     def of(

@@ -261,13 +261,8 @@ def joint_coordinates(
 def wrenches(
     mechanism: Mechanism, name: str, columns: Mapping[str, np.ndarray], q: np.ndarray
 ) -> np.ndarray | None:
-    """Generalised forces (n, nv) of `wrench.<link>.<fx…mz>`, in the link's own frame.
-
-    Args:
-        mechanism: the mechanism.
-        name: of the log, for messages.
-        columns: of the log, each (n,).
-        q: (n, nq) its configurations.
+    """Generalised forces (n, nv) at q (n, nq) of the columns `wrench.<link>.<fx…mz>` of a log, in
+    the link's own frame; None without any.
     """
     parts = ("fx", "fy", "fz", "mx", "my", "mz")
     known = [f.name for f in mechanism.model.frames if f.type == pin.FrameType.BODY]
