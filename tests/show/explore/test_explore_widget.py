@@ -34,7 +34,7 @@ def test_it_runs_and_is_displayed(tmp_path, monkeypatch):
     kinds = {kind for out in shown for kind in out.get("data", {})}
     assert "text/html" in kinds
     assert "application/vnd.holoviews_exec.v0+json" in kinds
-    assert "12.9 %" in clicked[0]["text"]
+    assert "12.5 %" in clicked[0]["text"]
     scripts = "".join(str(out) for out in made)
     assert "Bokeh" in scripts
     assert not [out for out in (*made, *shown, *clicked) if out.get("name") == "stderr"]
