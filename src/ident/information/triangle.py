@@ -146,6 +146,10 @@ class Triangle:
         """Return |A x − b| = √(|R x − d|² + ρ²) at x (k,)."""
         return float(np.hypot(np.linalg.norm(self.R @ np.asarray(x) - self.d), self.rho))
 
+    def gradient(self, x: ArrayLike) -> Array:
+        """Return Aᵀ (b − A x) = Rᵀ (d − R x), (k,): the slope of −|A x − b|²/2 at x (k,)."""
+        return self.R.T @ (self.d - self.R @ np.asarray(x))
+
     def rhs_norm(self) -> float:
         """Return |b|."""
         return float(np.hypot(np.linalg.norm(self.d), self.rho))
