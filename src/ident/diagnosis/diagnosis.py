@@ -243,24 +243,22 @@ def louder(contest: Contest, noise: NoiseDraws, last: Ranking, decision: Decisio
     return np.asarray((rms > LOUD * noise.ceiling) & (excess > decision.material * torque))
 
 
-def judge(
-    fit: Fit,
-    decision: Decision,
-    seed: int,
-    on_progress: OnProgress,
-    without: Collection[str] = (),
-    exchanging: bool = False,
-) -> Judged:
+def judge(fit: Fit, decision: Decision, seed: int, on_progress: OnProgress) -> Judged:
     """Weighs every effect of the library at every place, and the set that explains most."""
-    wanted = [e for e in possible(fit.mechanism, fit.motion) if e.label not in without]
-    why = {effect.label: absorbed(fit.mechanism, effect) for effect in wanted}
-    contest = Contest.of(fit, [e for e in wanted if not why[e.label]], on_progress)
+    wanted = [e for e in possible(fit.mechanism, fit.motion) if not absorbed(fit.mechanism, e)]
+    contest = Contest.of(fit, wanted, on_progress)
     on_progress("noise of the sensors", 0.4)
-    draws = noise(contest, seed)
-    selection = select(
-        contest, draws, decision, seed, exchanging=exchanging, on_progress=on_progress
-    )
-    hidden = tuple(Invisible(e, why[e.label]) for e in wanted if why[e.label])
+    return judged_on(contest, noise(contest, seed), decision, seed, on_progress)
+
+
+def judged_on(
+    contest: Contest, draws: NoiseDraws, decision: Decision, seed: int, on_progress: OnProgress
+) -> Judged:
+    """The same on rows that are made already."""
+    fit = contest.fit
+    selection = select(contest, draws, decision, seed, on_progress=on_progress)
+    why = [(e, absorbed(fit.mechanism, e)) for e in possible(fit.mechanism, fit.motion)]
+    hidden = tuple(Invisible(effect, reason) for effect, reason in why if reason)
     return Judged(fit, contest, draws, selection, hidden, decision, seed)
 
 

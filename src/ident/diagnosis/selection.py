@@ -126,12 +126,21 @@ class Ranking:
 def rank(
     contest: Contest, regression: PartialRegression, noise: NoiseDraws | None, decision: Decision,
     seed: int, without: Collection[str] = (), curved: bool = True,
+    limit: float | None = None, least: float = 0.0, joints: Collection[str] = (),
+    only: Collection[str] = (),
 ) -> Ranking:  # fmt: skip
-    """Weighs all candidates beside a model, `curved`: the curves as well as the laws."""
-    regression = judging(contest, regression, noise, seed)
+    """Weighs all candidates beside a model, `curved`: the curves as well as the laws.
+
+    With a `limit` no null distribution is made. Candidates below the share `least` of the largest
+    gain are not looked at in detail; `joints`: only candidates of one of these; `only`: these.
+    """
+    if limit is None:
+        regression = judging(contest, regression, noise, seed)
     mine = [
         each for each in contest.candidates
         if each.effect.label not in without and (curved or not each.curve)
+        and (not only or each.effect.label in only)
+        and (not joints or set(joints) & set(each.effect.joints) or not each.effect.joints)
     ]  # fmt: skip
     found = regression.gains([group for each in mine for group in each.groups])
     ends = np.cumsum([0, *(len(each.groups) for each in mine)])
@@ -141,18 +150,24 @@ def rank(
     total = max(float(regression.loss.sum()), 1e-300)
     null = found.null / np.maximum(regression.null_loss, total)
     law = np.repeat([not each.curve for each in mine], np.diff(ends))
-    limit, of_curves = (
-        max(
-            quantile(x[:, :SURROGATES], decision.alpha), quantile(x[:, SURROGATES:], decision.alpha)
+    if limit is None:
+        limit, of_curves = (
+            max(
+                quantile(x[:, :SURROGATES], decision.alpha),
+                quantile(x[:, SURROGATES:], decision.alpha),
+            )
+            for x in (null[law], null)
         )
-        for x in (null[law], null)
-    )
+    else:
+        of_curves = limit
     chance = null[law].max(axis=0, initial=-np.inf)
     weigh = Weigh(contest, regression, decision, total)
     evidence: list[Evidence] = []
     curves: list[tuple[Effect, float]] = []
     for i in np.argsort(-G):
         each, gain = mine[i], float(G[i]) / total
+        if least and evidence and gain < least * evidence[0].gain:
+            break
         needed = limit * (RARE if each.effect.rare else 1.0)
         if each.curve:
             if gain > of_curves:
@@ -195,11 +210,11 @@ class Weigh:
         by = np.maximum(refit.by, 0.0)
         mends = by >= MINE * max(by.sum(), 1e-300)
         size = float(np.sqrt(by / np.where(torque > 0, torque, np.inf))[mends].max(initial=0.0))
-        sensible = _sensible(self.contest, effect, refit.theta)
+        plausible = sensible(self.contest, effect, refit.theta)
         material = size > self.decision.material and refit.visible > HIDDEN
         return Evidence(
-            effect, shape, tuple(C), refit, refit.G / self.total, limit, p, size, sensible,
-            passed and sensible and material, tuple(int(u) for u in np.flatnonzero(mends)),
+            effect, shape, tuple(C), refit, refit.G / self.total, limit, p, size, plausible,
+            passed and plausible and material, tuple(int(u) for u in np.flatnonzero(mends)),
         )  # fmt: skip
 
     def _refined(self, candidate: CandidateColumns, start: int) -> dict[str, float]:
@@ -252,7 +267,7 @@ def torque_squares(contest: Contest, regression: PartialRegression) -> Array:
     ])  # fmt: skip
 
 
-def _sensible(contest: Contest, effect: Effect, theta: Array) -> bool:
+def sensible(contest: Contest, effect: Effect, theta: Array) -> bool:
     """Whether no value is negative or large that cannot be; what is known already is added."""
     names = effect.unknowns or effect.searched
     own = next((e.values for e in contest.fit.mechanism.effects if e.label == effect.label), {})
@@ -369,12 +384,9 @@ class Selection:
 
 def select(
     contest: Contest, noise: NoiseDraws | None, decision: Decision, seed: int,
-    without: Collection[str] = (), exchanging: bool = False,
-    on_progress: OnProgress = lambda *_: None,
+    without: Collection[str] = (), on_progress: OnProgress = lambda *_: None,
 ) -> Selection:  # fmt: skip
-    """Searches a set: forward, each addition followed by eliminations; then, if `exchanging`, each
-    effect is taken out and chosen anew beside the others.
-    """
+    """Searches a set: forward, each addition followed by eliminations."""
     regression = contest.regression
     first = last = rank(contest, regression, noise, decision, seed, without)
     members: list[Member] = []
@@ -393,27 +405,16 @@ def select(
                 regression = bare
                 members.remove(each)
                 barred.add(each.label)
-        regression = _reweighted(regression)
+        regression = reweighted(regression)
         present = barred | {each.label for each in members}
         last = rank(contest, regression, noise, decision, seed, present, curved=False)
-    for i, each in enumerate(members if exchanging and len(members) > 1 else []):
-        bare = regression.without(each.columns)
-        others = barred | {m.label for m in members if m is not each}
-        again = rank(contest, bare, noise, decision, seed, others, curved=False)
-        best = simplest(again, decision)
-        own = next((e for e in again.evidence if e.effect.label == each.label), None)
-        if best is None or own is None or best is own or behind(own, best) < decision.rival_se:
-            continue
-        contest, columns = replace(contest, regression=bare).added(best.C)
-        regression = _reweighted(contest.regression.extended(columns))
-        members[i] = Member(best, rivals(best, again, decision), columns)
     if members:
         present = barred | {each.label for each in members}
         last = rank(contest, regression, noise, decision, seed, present)
     return Selection(first, tuple(_formed(regression, members, last)), last)
 
 
-def _reweighted(regression: PartialRegression) -> PartialRegression:
+def reweighted(regression: PartialRegression) -> PartialRegression:
     """With weights by the left-out errors that the set leaves."""
     sigma = np.sqrt(regression.losses.sum(axis=0) / np.maximum(regression.rows, 1))
     return regression.weighted(regression.weight / np.where(sigma > 0, sigma, 1.0))

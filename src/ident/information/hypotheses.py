@@ -420,6 +420,15 @@ class PartialRegression:
         return replace(self, parts=tuple(replace(part, Y=y) for part, y in parts))
 
     @property
+    def solved(self) -> tuple[Array, Array]:
+        """θ (k,) of the model's columns and (XᵀX)⁻¹ (k, k), weighted; of the smallest norm."""
+        A = np.concatenate([_taken(p, self.model, self._factor(p)) for p in self.parts])
+        b = np.concatenate([p.Y[:, 0] * self.weight[p.coordinate] for p in self.parts])
+        inverse = np.linalg.pinv(A.T @ A, rcond=RANK, hermitian=True)
+        size = self.size[self.model]
+        return (inverse @ (A.T @ b)) / size, inverse / size[:, None] / size
+
+    @property
     def theta(self) -> Array:
         """(k,) coefficients of the model, of the smallest norm."""
         A = np.concatenate([_taken(p, self.model, self._factor(p)) for p in self.parts])

@@ -554,7 +554,7 @@ def rung(step: Step, joints: Sequence[str]) -> str:
     numbered = len(_row("", joints, "")) > WIDTH
     width = [0 if numbered else len(joint) for joint in joints]
     lines = [_row(changed(step), _cells(step.errors, joints), _fall(step), width)]
-    for log, errors in step.fit.validation.items():
+    for log, errors in step.fit.validation.items() if step.fit else ():
         name = log if len(log) <= NAME - 4 else f"…{log[-(NAME - 5) :]}"
         lines.append(_row(f"  on {name}", _cells(errors, joints), "", width))
     if step.rivals:
@@ -586,7 +586,8 @@ def changed(step: Step) -> str:
 
 
 def _fall(step: Step) -> str:
-    return "" if step.added is None else f"{100 * step.fall:.1f} %"
+    about = "" if step.fit else "≈ "  # announced by the search, not fitted
+    return "" if step.added is None else f"{about}{100 * step.fall:.1f} %"
 
 
 def _cells(errors: Mapping[str, Error], joints: Sequence[str]) -> list[str]:
