@@ -211,15 +211,18 @@ class ColumnStore:
         """The candidate that an effect is, its columns added."""
         if effect.corrects:
             zero = {each.name: effect.values.get(each.name, 0.0) for each in effect.shapes}
-            names = [each.name for each in effect.searched]
-            C = np.stack([self.table.sensitivity(effect, zero, n) for n in names], axis=-1)
             shapes: tuple[Shape, ...] = (zero,)
-            u = len(names)
-            felt = np.arange(self.d)
+            C, felt = columns_at(self.table, effect, zero)
+            u = C.shape[2]
         else:
             shapes = tuple(self.table.starts(effect))
             C, u = self.table.with_effect(effect, shapes), len(effect.unknowns)
             felt = self.table.felt(effect)
+        new = self.put(C, felt)
+        return CandidateColumns(effect, shapes, tuple(new.reshape(-1, u)))
+
+    def put(self, C: np.ndarray, felt: np.ndarray) -> np.ndarray:
+        """Adds columns C (N, c, u) of the coordinates `felt`; returns which they are."""
         new = np.arange(self.count, self.count + C.shape[2])
         for place, coordinate in enumerate(felt):
             mine = C[self.rows[coordinate], place]
@@ -227,7 +230,7 @@ class ColumnStore:
             self.blocks[coordinate].append(mine[:, some])
             self.index[coordinate].append(new[some])
         self.count += C.shape[2]
-        return CandidateColumns(effect, shapes, tuple(new.reshape(-1, u)))
+        return new
 
     def parts(self) -> tuple[Part, ...]:
         """One part a coordinate."""
@@ -239,6 +242,17 @@ class ColumnStore:
             X = np.concatenate(self.blocks[u], axis=1)
             found.append(Part(u, np.concatenate(self.index[u]), X, self.b[rows, u][:, None], edges))
         return tuple(found)
+
+
+def columns_at(table: Table, effect: Effect, shape: Shape) -> tuple[np.ndarray, np.ndarray]:
+    """Columns (N, c, u) of an effect at a shape, of a correction its sensitivities; and the c
+    coordinates whose rows they are in.
+    """
+    if not effect.corrects:
+        return table.with_effect(effect, [shape]), table.felt(effect)
+    names = [each.name for each in effect.searched]
+    S = [table.sensitivity(effect, shape, name) for name in names]
+    return np.stack(S, axis=-1), np.arange(table.b.shape[1])
 
 
 def _moving(table: Table) -> list[str]:

@@ -358,11 +358,12 @@ def _explanations(judged: Judged, best: Member | None) -> list[Explanation]:
     rest.sort(key=lambda each: not each.credible)
     wanted = [*first, *rest][: max(SHOWN, min(LISTED, len(first) + 1))]
     effects = [each.effect for each in first]
+    cheap = all(each.linear for each in judged.fit.mechanism.effects)  # no search of shapes
     found = []
     for each in wanted:
         rivals = tuple(e for e in effects if e.label != each.effect.label)
         rivals = rivals if each.effect.label in labels else ()
-        if (first and each is first[0]) or each.effect.linear:
+        if (first and each is first[0]) or (each.effect.linear and cheap):
             with suppress(IdentError):  # a correction too large for the loops to close, say
                 found.append(explain(judged.fit, each, rivals))
         else:

@@ -19,7 +19,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.diagnosis.candidates import Contest, OnProgress, absorbed, possible
+from ident.diagnosis.candidates import (
+    ColumnStore,
+    Contest,
+    OnProgress,
+    absorbed,
+    columns_at,
+    possible,
+)
 from ident.diagnosis.diagnosis import (
     Decision,
     Diagnosis,
@@ -155,14 +162,16 @@ def grow(
 
     def reached(rungs: Collection[Step]) -> None:
         steps.extend(rungs)
-        for each in rungs if step else ():
-            step(each)
+        if step:
+            for each in rungs:
+                step(each)
 
     if step:
         step(steps[0])
     visited: set[frozenset[str]] = set()
-    for _ in range(ROUNDS):
-        contest = Contest.of(fit, candidates_of(fit), on_progress)
+    for number in range(ROUNDS):
+        # curves judge what is left in the end, the search needs none
+        contest = Contest.of(fit, candidates_of(fit), on_progress, curved=number > 0)
         draws = noise(contest, seed)
         search = Search(contest, draws, decision, seed, given, on_progress, visited)
         found = search.run()
@@ -178,14 +187,14 @@ def grow(
         start = started(fit.point, fit, [each.evidence for each in new if each.evidence])
         for each in new:
             model = model + each.effect
-        again = identify(
-            model, motion, validate=validate, start=start, estimator="least-squares"
-        )
+        again = identify(model, motion, validate=validate, start=start, estimator="least-squares")
         if not better(errors_of(fit), errors_of(again)):
             break
         reached(ladder(search.start, found, removed, fit, again))
         fit = again
     else:
+        number = 0
+    if number == 0 or contest.fit is not fit:
         contest = Contest.of(fit, candidates_of(fit), on_progress)
         draws = noise(contest, seed)
     return History(
@@ -396,11 +405,18 @@ class Search:
             for other in ranking.credible[:3]:
                 if other is own or (own and behind(own, other) < self.decision.rival_se):
                     continue
+                if own and other.numbers > own.numbers and _fall(own, other) < self.limit:
+                    continue  # more numbers must bring more than chance does
                 equal = tuple(e.effect for e in rivals(other, ranking, self.decision))
                 new = bare.plus(other, equal)
                 if (found := self.accepted(now, new)) is not None:
                     return found
         return None
+
+
+def _fall(a: Evidence, b: Evidence) -> float:
+    """By how much the left-out squared error is smaller with b than with a, as a share."""
+    return float(a.refit.loss.sum() / b.refit.loss.sum()) - 1
 
 
 # --- the ladder --------------------------------------------------------------------------------
@@ -409,9 +425,24 @@ class Search:
 def ladder(
     start: EffectSet, found: EffectSet, removed: tuple[Effect, ...], before: Fit, after: Fit
 ) -> list[Step]:
-    """A rung an effect, the one that explains most of what is left first; the last one fitted."""
-    regression = replace(found.regression, model=start.regression.model)
-    regression = regression.weighted(start.regression.weight)
+    """A rung an effect, the one that explains most of what is left first; the last one fitted.
+
+    Errors between are announced by the same regression, of all rows.
+    """
+    table = start.contest.table
+    held = before.estimate.held
+    prior = table.columns.prior_at(table.point.values)
+    store = ColumnStore(table, table.informed, table.A, table.b - table.A[:, :, held] @ prior[held])
+    new = [each for each in found.members if each.evidence is not None]
+    columns = {}
+    for each in new:
+        assert each.evidence is not None
+        shape = each.evidence.shape
+        if each.effect.corrects:
+            shape = {p.name: each.effect.values.get(p.name, 0.0) for p in each.effect.shapes}
+        columns[each.effect.label] = store.put(*columns_at(table, each.effect, shape))
+    model, weight = start.contest.regression.model, start.contest.regression.weight
+    regression = PartialRegression(store.parts(), model, weight)
     first = regression.losses.sum(axis=0) / regression.weight**2
     errors, rungs = errors_of(before), list[Step]()
 
@@ -431,11 +462,10 @@ def ladder(
             if each.effect.label in gone:
                 regression = regression.without(each.columns)
         reached(None, removed, ())
-    left = [each for each in found.members if each.evidence is not None]
-    while left:
-        G = regression.gains([each.columns for each in left]).G
-        best = left.pop(int(G.argmax()))
-        regression = reweighted(regression.extended(best.columns))
+    while new:
+        G = regression.gains([columns[each.effect.label] for each in new]).G
+        best = new.pop(int(G.argmax()))
+        regression = reweighted(regression.extended(columns[best.effect.label]))
         reached(best.effect, (), best.rivals)
     last, fitted = rungs[-2].errors if len(rungs) > 1 else errors, errors_of(after)
     rungs[-1] = replace(rungs[-1], fit=after, fall=fall_of(last, fitted), errors=fitted)

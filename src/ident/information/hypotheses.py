@@ -295,14 +295,15 @@ class PartialRegression:
         return Gains(D, null, visible)
 
     def _gains(self, groups: Index) -> Gains:
-        """Of groups (n, u) of equal size."""
+        """Of groups (n, u) of equal size; of r_1 … r_B in single precision."""
         n, u = groups.shape
         flat = groups.ravel()
         G, M, q, _ = self._block
-        blocks, rank = self.blocks, self.rank
+        blocks, rank, B = self.blocks, self.rank, q.shape[2] - 1
         p = np.zeros((blocks, rank, n * u))
         cc = np.zeros((blocks, n, u, u))
-        cy = np.zeros((blocks, n * u, q.shape[2]))
+        cy = np.zeros((blocks, n * u, 1))
+        cn = np.zeros((blocks, n * u, B), dtype=np.float32)
         for part, Q, Y in zip(self.parts, self.Q, self.residual, strict=True):
             at = _places(part.columns, self.columns)[flat].reshape(n, u)
             mine = np.flatnonzero((at >= 0).any(axis=1))
@@ -310,48 +311,54 @@ class PartialRegression:
                 continue
             X = _columns(part.X, at[mine].ravel()) * self._factor(part)[groups[mine].ravel()]
             place = (mine[:, None] * u + np.arange(u)).ravel()
+            r = Y[:, 1:].astype(np.float32)
+            where = slice(None) if len(place) == n * u else place  # a view, where it can be
             for k in range(blocks):
                 rows = part.block(k)
                 x = X[rows]
-                p[k][:, place] += Q[rows].T @ x
-                cy[k][place] += x.T @ Y[rows]
+                p[k][:, where] += Q[rows].T @ x
+                cy[k][where] += x.T @ Y[rows, :1]
+                if B:
+                    cn[k][where] += x.astype(np.float32).T @ r[rows]
                 each = x.reshape(len(x), len(mine), u)
-                cc[k, mine] += np.einsum("mgi,mgj->gij", each, each, optimize=u > 1)
+                cc[k, mine] += _inner(each, each)
         P = p.sum(axis=0)
         whole = P.reshape(rank, n, u)
+        small, qn = P.astype(np.float32), q[:, :, 1:].astype(np.float32)
         for k in range(blocks):
-            before = p[k].reshape(rank, n, u)
-            cross = np.einsum("rgi,rgj->gij", before, whole, optimize=True)
-            p[k] -= G[k] @ P
+            cross = _inner(p[k].reshape(rank, n, u), whole)
+            GP = G[k] @ P
+            p[k] -= GP
             # x̃_kᵀx̃_k = xᵀx − pᵀP − Pᵀp + PᵀGP, p before the projection
-            GP = (G[k] @ P).reshape(rank, n, u)
-            cc[k] += np.einsum("rgi,rgj->gij", whole, GP, optimize=True)
+            cc[k] += _inner(whole, GP.reshape(rank, n, u))
             cc[k] -= cross + cross.transpose(0, 2, 1)
-            cy[k] -= P.T @ q[k]
-        S, s = cc.sum(axis=0), cy.sum(axis=0).reshape(n, u, -1)
-        values, V = np.linalg.eigh(S)
+            cy[k] -= P.T @ q[k, :, :1]
+            if B:
+                cn[k] -= small.T @ qn[k]
+        values, V = np.linalg.eigh(cc.sum(axis=0))
         new = values > VISIBLE**2
         V = V * (new / np.sqrt(np.where(new, values, 1.0)))[:, None, :]
-        s = V.transpose(0, 2, 1) @ s
+        # from here on columns x V, for which S = I
+        three = p.reshape(blocks, rank, n, u)
+        three = three * V[:, 0, 0][:, None] if u == 1 else np.einsum("krni,nij->krnj", three, V)
+        p = np.ascontiguousarray(three).reshape(blocks, rank, n * u)
+        cc = V.transpose(0, 2, 1) @ cc @ V
+        cy = _turned(V, cy.reshape(blocks, n, u, 1))
+        cn = _turned(V.astype(np.float32), cn.reshape(blocks, n, u, B))
+        s, sn = cy.sum(axis=0), cn.sum(axis=0)
         idle = np.eye(u) * ~new[:, None, :]
-        D = np.zeros((n, blocks))
-        null = np.zeros((n, q.shape[2] - 1))
+        D, null = np.zeros((n, blocks)), np.zeros((n, B))
         for k in range(blocks):
-            Mp, Wp = M[k] @ p[k], M[k] @ (M[k] @ p[k])
+            Mp = M[k] @ p[k]
+            Wp = M[k] @ Mp
             three = p[k].reshape(rank, n, u)
-            first, second = (
-                np.einsum("rgi,rgj->gij", three, z.reshape(rank, n, u), optimize=True)
-                for z in (Mp, Wp)
-            )
-            a1 = V.transpose(0, 2, 1) @ (cc[k] + first) @ V
-            a2 = V.transpose(0, 2, 1) @ (cc[k] + first + second) @ V
-            c1 = cy[k] + Mp.T @ q[k]
-            c2 = c1 + Wp.T @ q[k]
-            c1, c2 = (V.transpose(0, 2, 1) @ c.reshape(n, u, -1) for c in (c1, c2))
-            theta = _solved(np.eye(u) * new[:, None, :] - a1 + idle, s - c1)
-            fall = 2 * (theta * c2).sum(axis=1) - (theta * (a2 @ theta)).sum(axis=1)
-            D[:, k] = fall[:, 0]
-            null += fall[:, 1:]
+            a1 = cc[k] + _inner(three, Mp.reshape(rank, n, u))
+            a2 = a1 + _inner(three, Wp.reshape(rank, n, u))
+            inverse = _inverse(np.eye(u) * new[:, None, :] - a1 + idle)
+            D[:, k] = _fall(s, cy[k], Mp, Wp, q[k, :, :1], inverse, a2)[:, 0]
+            if B:
+                of_null = [x.astype(np.float32) for x in (Mp, Wp, inverse, a2)]
+                null += _fall(sn, cn[k], of_null[0], of_null[1], qn[k], of_null[2], of_null[3])
         return Gains(D, null, np.sqrt(np.clip(values.sum(axis=1), 0.0, None) / u))
 
     def refit(self, columns: Index) -> Refit:
@@ -387,7 +394,7 @@ class PartialRegression:
             together = list(zip(C, LC, self.left_out, rows, strict=True))
             H = np.eye(len(alpha)) - sum(c[i].T @ lc[i] for c, lc, _, i in together)
             g = alpha - sum(c[i].T @ e[i] for c, _, e, i in together)
-            theta = _solved(H[None], g[None, :, None])[0, :, 0]
+            theta = _inverse(H[None])[0] @ g
             for lc, e, i in zip(LC, errors, rows, strict=True):
                 e[i] -= lc[i] @ theta
         loss = self.by_coordinate([e**2 for e in errors])
@@ -458,12 +465,38 @@ def _taken(part: Part, columns: Index, factor: Array) -> Array:
     return _columns(part.X, at) * factor[columns]
 
 
-def _solved(H: Array, g: Array) -> Array:
-    """H⁻¹ g (n, u, R) in the directions that are determined, zero in the others."""
+def _inner(a: Array, b: Array) -> Array:
+    """aᵀb (n, u, u) of columns (m, n, u) of n groups."""
+    if a.shape[2] == 1:
+        return np.einsum("mn,mn->n", a[:, :, 0], b[:, :, 0])[:, None, None]
+    return np.asarray(a.transpose(1, 2, 0) @ b.transpose(1, 0, 2))
+
+
+def _turned(V: Array, c: Array) -> Array:
+    """Vᵀc (blocks, n, u, R)."""
+    return c * V[:, :, :1] if c.shape[2] == 1 else V.transpose(0, 2, 1) @ c
+
+
+def _fall(s: Array, c: Array, Mp: Array, Wp: Array, q: Array, inverse: Array, a2: Array) -> Array:
+    """Fall of a block's left-out squares (n, R); s, c (n, u, R): of all blocks, of this one."""
+    c1 = c + (Mp.T @ q).reshape(c.shape)
+    theta = _times(inverse, s - c1)
+    c2 = c1 + (Wp.T @ q).reshape(c.shape)
+    return np.asarray((theta * (2 * c2 - _times(a2, theta))).sum(axis=1))
+
+
+def _times(H: Array, x: Array) -> Array:
+    """H x (n, u, R)."""
+    return H * x if H.shape[1] == 1 else np.asarray(H @ x)
+
+
+def _inverse(H: Array) -> Array:
+    """H⁻¹ (n, u, u) in the directions that are determined, zero in the others."""
     values, vectors = np.linalg.eigh(H)
     good = values > UNDETERMINED
-    along = vectors.transpose(0, 2, 1) @ g
-    return vectors @ (along * (good / np.where(good, values, 1.0))[:, :, None])
+    return np.asarray(
+        (vectors * (good / np.where(good, values, 1.0))[:, None, :]) @ vectors.transpose(0, 2, 1)
+    )
 
 
 # --- the null distribution and comparisons ------------------------------------------------------
