@@ -231,7 +231,7 @@ class PartialRegression:
                 G[k] += Q[rows].T @ Q[rows]
                 q[k] += Q[rows].T @ Y[rows]
                 yy[k] += np.einsum("ij,ij->j", Y[rows], Y[rows])
-        M = np.linalg.pinv(np.eye(rank) - G, rcond=1e-10, hermitian=True)
+        M: Array = np.asarray(np.linalg.pinv(np.eye(rank) - G, rcond=1e-10, hermitian=True), float)
         loss = yy + np.einsum("kir,kir->kr", q, (M + M @ M - np.eye(rank)) @ q)
         return G, M, q, loss + np.einsum("kir,kir->kr", q, q)
 
@@ -465,29 +465,37 @@ def _taken(part: Part, columns: Index, factor: Array) -> Array:
     return _columns(part.X, at) * factor[columns]
 
 
-def _inner(a: Array, b: Array) -> Array:
+def _inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """aᵀb (n, u, u) of columns (m, n, u) of n groups."""
     if a.shape[2] == 1:
         return np.einsum("mn,mn->n", a[:, :, 0], b[:, :, 0])[:, None, None]
-    return np.asarray(a.transpose(1, 2, 0) @ b.transpose(1, 0, 2))
+    return a.transpose(1, 2, 0) @ b.transpose(1, 0, 2)
 
 
-def _turned(V: Array, c: Array) -> Array:
+def _turned(V: np.ndarray, c: np.ndarray) -> np.ndarray:
     """Vᵀc (blocks, n, u, R)."""
     return c * V[:, :, :1] if c.shape[2] == 1 else V.transpose(0, 2, 1) @ c
 
 
-def _fall(s: Array, c: Array, Mp: Array, Wp: Array, q: Array, inverse: Array, a2: Array) -> Array:
+def _fall(
+    s: np.ndarray,
+    c: np.ndarray,
+    Mp: np.ndarray,
+    Wp: np.ndarray,
+    q: np.ndarray,
+    inverse: np.ndarray,
+    a2: np.ndarray,
+) -> np.ndarray:
     """Fall of a block's left-out squares (n, R); s, c (n, u, R): of all blocks, of this one."""
     c1 = c + (Mp.T @ q).reshape(c.shape)
     theta = _times(inverse, s - c1)
     c2 = c1 + (Wp.T @ q).reshape(c.shape)
-    return np.asarray((theta * (2 * c2 - _times(a2, theta))).sum(axis=1))
+    return (theta * (2 * c2 - _times(a2, theta))).sum(axis=1)
 
 
-def _times(H: Array, x: Array) -> Array:
+def _times(H: np.ndarray, x: np.ndarray) -> np.ndarray:
     """H x (n, u, R)."""
-    return H * x if H.shape[1] == 1 else np.asarray(H @ x)
+    return H * x if H.shape[1] == 1 else (H @ x)
 
 
 def _inverse(H: Array) -> Array:
