@@ -15,6 +15,7 @@ import numpy as np
 
 from ident.errors import FitError, IdentError, LogError, one_of
 from ident.fit import Fit
+from ident.fit.values import BaseValue, Value
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.montecarlo.estimators import Estimator, with_free_multipliers
@@ -100,7 +101,7 @@ def truth_of(
     fit = with_free_multipliers(mechanism, log)
     # everything that the data determine
     effects = [v for e in fit.effects for v in e.parameters if v.name in fit.columns.names]
-    known = [v for v in (*fit.parameters, *effects) if v.identifiable]
+    known: list[Value | BaseValue] = [v for v in (*fit.parameters, *effects) if v.identifiable]
     known += [v for v in fit.base_parameters if " " in v.name]
     values, units = {v.name: v.value for v in known}, {v.name: v.unit for v in known}
     if not values:

@@ -62,7 +62,7 @@ def log_rows(x: LogComparison) -> list[list[str]]:
             rows.append([each.log, "–", "–", "–", "–", "left out"])
             continue
         odd = each.disagreement
-        p = odd and odd.p_value
+        p = None if odd is None else odd.p_value
         chance = "–" if p is None else f"< {TINY:.0e}" if p < TINY else f"{p:.2g}"
         what = _difference(odd) if odd is not None and odd.clear else ""
         errors = percent(each.error), percent(each.own)

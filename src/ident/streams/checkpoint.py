@@ -12,6 +12,7 @@ import time
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
+from functools import partial
 from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any
@@ -187,6 +188,8 @@ def _feed(result: Any, thing: Any) -> None:
             _feed(result, each)
     elif isinstance(thing, pin.SE3):
         _feed(result, thing.homogeneous)
+    elif isinstance(thing, partial):
+        _feed(result, [thing.func, thing.args, thing.keywords])
     elif isinstance(thing, FunctionType):
         cells = [cell.cell_contents for cell in thing.__closure__ or ()]
         _feed(result, [thing.__code__, thing.__defaults__, thing.__kwdefaults__, cells])

@@ -46,9 +46,7 @@ def test_a_recording_plays_without_a_network(five_bar, look, tmp_path):
             seen.near(colour) > 50
             and np.linalg.norm(
                 np.median(seen.like(colour), axis=0)
-                - pixel(
-                    view.camera, seen.drawing, tip + length * np.array([0.6 * sign, 0, 0])
-                )
+                - pixel(view.camera, seen.drawing, tip + length * np.array([0.6 * sign, 0, 0]))
             )
             < 25
             for colour, sign in zip(ENDS, (1, -1), strict=True)
