@@ -15,7 +15,7 @@ ORDER = (
     ("formats",),
     ("motion",),
     ("equations",),
-    ("fit", "residual"),
+    ("fit",),
     ("diagnosis",),
     ("simulate",),
     ("excite",),
