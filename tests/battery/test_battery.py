@@ -18,7 +18,7 @@ DECIDES = {  # by category, the score that a case must pass
     "visible": "visible on serial arms: named first, right joint",
     "loop": "closed loops: true effect in the set of rivals",
     "clean": "clean: verdict `nothing`",
-    "outside": "outside the library: `unexplained`",
+    "outside": "outside the library: no name, and not `nothing`",
     "parallelogram": "parallelogram: never one joint alone",
     "two": "two effects: both found",
     "invisible": "invisible or absorbed: said to be so",

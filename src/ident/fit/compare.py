@@ -62,11 +62,20 @@ class Comparison(Displayed):
         return str(render(self, "summary"))
 
     def plot(self, experiment: int = 0, **options: Any) -> Any:
-        """Return a chart of measured and predicted torques, with residuals below, per joint."""
+        """Return a chart of measured and predicted torques, with residuals below, per joint.
+
+        Args:
+            experiment: number of the log, from 0.
+            options: of the chart.
+        """
         return render(self, "plot", experiment, **options)
 
     def plot_parts(self, experiment: int = 0) -> Any:
-        """Return a chart of rigid bodies, effects and residual over time, per joint and model."""
+        """Return a chart of rigid bodies, effects and residual over time, per joint and model.
+
+        Args:
+            experiment: number of the log, from 0.
+        """
         return render(self, "plot_parts", experiment)
 
     def plot_maps(self, joint: str | None = None) -> Any:
@@ -78,7 +87,7 @@ class Comparison(Displayed):
         return render(self, "plot_maps", joint)
 
     def save(self, path: Path) -> None:
-        """Save the plot of the first experiment as .png, .svg, .pdf or .html.
+        """Save the plot of the first experiment in `path`: a .png, .svg, .pdf or .html file.
 
         Raises:
             IdentError: for another suffix.

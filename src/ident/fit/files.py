@@ -209,6 +209,7 @@ class Saved:
         point: values of all parameters.
         cutoff: of the filter that the fit was made with [Hz], None for none, "auto" if not stated.
         errors: of the fit by set (`train`, `held out`, a log it was validated on), then joint.
+        motion: always None, as of no fit that is read from a file.
     """
 
     name: str

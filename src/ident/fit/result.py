@@ -238,7 +238,11 @@ class Fit(Plotted):
         return render(self, "plot", experiment=experiment, **options)
 
     def plot_parts(self, experiment: int = 0) -> Any:
-        """Chart of the sum taken apart: rigid bodies, effects and what is left, per joint."""
+        """Return a chart of rigid bodies, effects and residual over time, per joint.
+
+        Args:
+            experiment: number of the log, from 0.
+        """
         return render(self, "plot_parts", experiment)
 
     def plot_maps(self, joint: str | None = None) -> Any:
@@ -258,7 +262,7 @@ class Fit(Plotted):
         return render(self, "view")
 
     def write(self, folder: str | Path) -> list[Path]:
-        """Write fit.json, multipliers.csv, identified.urdf, report.html and identified/."""
+        """Write fit.json, multipliers.csv, identified.urdf, report.html, … to a `folder`."""
         return list(render(self, "folder", folder))
 
     def write_urdf(self, path: str | Path) -> Path:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 
@@ -19,6 +20,7 @@ from ident.errors import MotionError
 from ident.mechanism.kinematics import Mapped
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT
+from ident.mechanism.tree import rates
 from ident.simulate.laws import ForwardLaws
 
 SINGULAR = 1e-7  # of the largest singular value of J: below, the closures lose a direction
@@ -152,10 +154,17 @@ class Plant:
         W[at, index] = 1.0
         return at, index, W
 
+    @cached_property
+    def _qdot(self) -> ca.Function | None:
+        model = self.mechanism.model
+        if model.nq == model.nv:
+            return None
+        q, v = ca.SX.sym("q", model.nq), ca.SX.sym("v", model.nv)
+        return ca.Function("qdot", [q, v], [rates(model, q) @ v])
+
     def qdot(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return q̇ (nq,): v itself where every joint has one coordinate."""
-        model = self.mechanism.model
-        return v if model.nq == model.nv else pin.integrateCoeffWiseJacobian(model, q) @ v
+        return v if self._qdot is None else self._qdot(q, v).full().ravel()
 
     def closures(self, q: np.ndarray, v: np.ndarray) -> Rows:
         """Return Φ (m,), J (m, nv), J̇v (m,)."""
