@@ -161,14 +161,15 @@ class Contest:
         prior = table.columns.prior_at(table.point.values)
         b = table.b - table.A[:, :, held] @ prior[held]
         store = ColumnStore(table, use, table.A, b)
-        every = list(effects)
         moving = _moving(table)
-        wanted = [*every, *(curves(tuple(moving), tuple(moving)) if curved else ())]
+        wanted = [*effects, *(curves(moving, moving) if curved else ())]
         found, failed = [], []
         for i, effect in enumerate(wanted):
             on_progress(f"columns of {effect.label}", i / len(wanted))
             try:
-                found.append(store.add(effect))
+                shapes = table.starts(effect)
+                groups = np.split(store.add(effect, shapes), len(shapes))
+                found.append(CandidateColumns(effect, tuple(shapes), tuple(groups)))
             except (IdentError, np.linalg.LinAlgError) as error:
                 failed.append((effect, str(error)))
         sigma = weights(fit, table)
@@ -177,15 +178,10 @@ class Contest:
 
     def columns(self, effect: Effect, shape: Shape) -> list[np.ndarray]:
         """The columns (m, u) of an effect at a shape in the rows of each part."""
-        C, felt = self.table.with_effect(effect, [shape]), self.table.felt(effect)
-        place = {int(u): i for i, u in enumerate(felt)}
-        found = []
-        for part in self.regression.parts:
-            rows = self.use[:, part.coordinate]
-            i = place.get(part.coordinate)
-            none = np.zeros((int(rows.sum()), C.shape[2]))
-            found.append(none if i is None else C[rows, i])
-        return found
+        C, felt = self.table.effect_columns(effect, [shape])
+        whole = np.zeros((*self.table.b.shape, C.shape[2]))
+        whole[:, felt] = C
+        return [whole[self.use[:, p.coordinate], p.coordinate] for p in self.regression.parts]
 
     def added(self, C: Sequence[np.ndarray]) -> tuple[Contest, np.ndarray]:
         """The contest with further columns C (m, u) of each part, and which they are."""
@@ -198,31 +194,18 @@ class Contest:
 
 
 class ColumnStore:
-    """ColumnStore of many effects in the rows that decide, by coordinate."""
+    """Columns of many effects in the rows that decide, by coordinate, beside A (N, d, k) and b."""
 
     def __init__(self, table: Table, use: np.ndarray, A: np.ndarray, b: np.ndarray) -> None:
-        self.table, self.d, self.b = table, use.shape[1], b
-        self.rows = [np.flatnonzero(use[:, u]) for u in range(self.d)]
+        self.table, self.b = table, b
+        self.rows = [np.flatnonzero(each) for each in use.T]
         self.blocks = [[A[rows, u]] for u, rows in enumerate(self.rows)]
-        self.index = [[np.arange(A.shape[2])] for _ in range(self.d)]
+        self.index = [[np.arange(A.shape[2])] for _ in self.rows]
         self.count = A.shape[2]
 
-    def add(self, effect: Effect) -> CandidateColumns:
-        """The candidate that an effect is, its columns added."""
-        if effect.corrects:
-            zero = {each.name: effect.values.get(each.name, 0.0) for each in effect.shapes}
-            shapes: tuple[Shape, ...] = (zero,)
-            C, felt = columns_at(self.table, effect, zero)
-            u = C.shape[2]
-        else:
-            shapes = tuple(self.table.starts(effect))
-            C, u = self.table.with_effect(effect, shapes), len(effect.unknowns)
-            felt = self.table.felt(effect)
-        new = self.put(C, felt)
-        return CandidateColumns(effect, shapes, tuple(new.reshape(-1, u)))
-
-    def put(self, C: np.ndarray, felt: np.ndarray) -> np.ndarray:
-        """Adds columns C (N, c, u) of the coordinates `felt`; returns which they are."""
+    def add(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
+        """Adds the columns of an effect at shapes; returns which they are."""
+        C, felt = self.table.effect_columns(effect, shapes)
         new = np.arange(self.count, self.count + C.shape[2])
         for place, coordinate in enumerate(felt):
             mine = C[self.rows[coordinate], place]
@@ -244,25 +227,14 @@ class ColumnStore:
         return tuple(found)
 
 
-def columns_at(table: Table, effect: Effect, shape: Shape) -> tuple[np.ndarray, np.ndarray]:
-    """Columns (N, c, u) of an effect at a shape, of a correction its sensitivities; and the c
-    coordinates whose rows they are in.
-    """
-    if not effect.corrects:
-        return table.with_effect(effect, [shape]), table.felt(effect)
-    names = [each.name for each in effect.searched]
-    S = [table.sensitivity(effect, shape, name) for name in names]
-    return np.stack(S, axis=-1), np.arange(table.b.shape[1])
-
-
-def _moving(table: Table) -> list[str]:
+def _moving(table: Table) -> tuple[str, ...]:
     """Joints that move in some log and are in the tree, or anywhere in a loop."""
-    found = []
-    for joint in table.mechanism.joints:
-        at = table.mechanism.joint_index[joint.name]
-        if any(np.quantile(np.abs(s.e.yd[:, at]), 0.98) > s.e.still[at] for s in table.scenes):
-            found.append(joint.name)
-    return found
+    index = table.mechanism.joint_index
+    return tuple(
+        name
+        for name, at in ((joint.name, index[joint.name]) for joint in table.mechanism.joints)
+        if any(np.quantile(np.abs(s.e.yd[:, at]), 0.98) > s.e.still[at] for s in table.scenes)
+    )
 
 
 def weights(fit: Fit, table: Table) -> np.ndarray:

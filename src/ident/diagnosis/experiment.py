@@ -81,16 +81,11 @@ class Probe:
     def columns(self, effect: Effect, shapes: Sequence[Mapping[str, float]]) -> list[np.ndarray]:
         """Weighted columns (M, unknowns) of an effect at shapes given and at its usual starts."""
         if effect.label not in self.memo:
-            if effect.corrects:
-                zero = {each.name: effect.values.get(each.name, 0.0) for each in effect.shapes}
-                names = [each.name for each in effect.searched]
-                x = np.stack([self.table.sensitivity(effect, zero, n) for n in names], axis=-1)
-                self.memo[effect.label] = [self.taken(x, np.arange(len(self.rows)))]
-            else:
-                tried = [*shapes, *(self.table.starts(effect) if effect.searched else [])] or [{}]
-                x = self.table.with_effect(effect, tried)
-                C, u = self.taken(x, self.table.felt(effect)), len(effect.unknowns)
-                self.memo[effect.label] = [C[:, i : i + u] for i in range(0, C.shape[1], u)]
+            tried = [] if effect.corrects else [*shapes]
+            if effect.searched or not tried:
+                tried += self.table.starts(effect)
+            C = self.taken(*self.table.effect_columns(effect, tried))
+            self.memo[effect.label] = np.split(C, len(tried), axis=1)
         return self.memo[effect.label]
 
     def separation(self, a: Evidence, b: Evidence) -> tuple[float, float]:

@@ -24,7 +24,6 @@ from ident.diagnosis.candidates import (
     Contest,
     OnProgress,
     absorbed,
-    columns_at,
     possible,
 )
 from ident.diagnosis.diagnosis import (
@@ -440,7 +439,7 @@ def ladder(
         shape = each.evidence.shape
         if each.effect.corrects:
             shape = {p.name: each.effect.values.get(p.name, 0.0) for p in each.effect.shapes}
-        columns[each.effect.label] = store.put(*columns_at(table, each.effect, shape))
+        columns[each.effect.label] = store.add(each.effect, [shape])
     model, weight = start.contest.regression.model, start.contest.regression.weight
     regression = PartialRegression(store.parts(), model, weight)
     first = regression.losses.sum(axis=0) / regression.weight**2

@@ -26,6 +26,7 @@ from ident.motion.spline import WIDTH, Spline, evaluated
 
 SURROGATES = 100  # of the residual: the 99 % quantile is the second largest of them
 DRAWS = 24  # of the sensors' noise
+CHUNK = 2048  # samples whose noise is in memory at once
 SAMPLES = 800  # of a log at which ∂r/∂motion is evaluated; between, it is interpolated
 
 
@@ -50,12 +51,13 @@ def noise(contest: Contest, seed: int) -> NoiseDraws:
     for number, scene in enumerate(table.scenes):
         r = _of_torques(table, scene.e, random)
         if scene.e.smooth is not None:
-            r += _of_motion(table, number, random)
+            _add_motion(r, table, number, random)
         found.append(table.filtered(number, r))
     rows = np.concatenate(found)
     regression = contest.regression
-    judged = regression.judging([rows[_at(contest, p.coordinate)][:, p.coordinate]
-                                 for p in regression.parts])  # fmt: skip
+    judged = regression.judging(
+        [rows[contest.use[:, p.coordinate], p.coordinate] for p in regression.parts]
+    )
     losses = np.zeros((DRAWS, regression.d))
     for part, x in zip(regression.parts, judged._left_out(judged.residual), strict=True):
         losses[:, part.coordinate] += (x**2).sum(axis=0)
@@ -63,44 +65,39 @@ def noise(contest: Contest, seed: int) -> NoiseDraws:
     return NoiseDraws(rows, np.median(rms, axis=0), rms.max(axis=0))
 
 
-def _of_torques(table: Table, e: State, random: np.random.Generator) -> Array:
-    """(n, d, DRAWS) of the torque channels' white noise."""
-    d = table.b.shape[1]
-    out = np.zeros((len(e), d, DRAWS))
+def _of_torques(table: Table, e: State, random: np.random.Generator) -> np.ndarray:
+    """(n, d, DRAWS) of the torque channels' white noise, in single precision."""
+    out = np.zeros((len(e), table.b.shape[1], DRAWS), dtype=np.float32)
     for name in table.mechanism.driven:
-        x = e.noise.get(f"tau.{name}", 0.0) * random.standard_normal((len(e), DRAWS))
+        sigma = np.float32(e.noise.get(f"tau.{name}", 0.0))
+        x = sigma * random.standard_normal((len(e), DRAWS), dtype=np.float32)
         if e.leverage is None:
             out[:, table.mechanism.joint(name).index] += x
         else:
-            W = e.leverage[:, table.mechanism.joint_index[name]]
+            W = e.leverage[:, table.mechanism.joint_index[name]].astype(np.float32)
             out += W[:, :, None] * x[:, None, :]
     return out
 
 
-def _of_motion(table: Table, number: int, random: np.random.Generator) -> Array:
-    """(n, d, DRAWS) of the smooth motion's noise, to first order."""
-    scene = table.scenes[number]
-    e = scene.e
+def _add_motion(out: np.ndarray, table: Table, number: int, random: np.random.Generator) -> None:
+    """Adds what the smooth motion's noise makes to draws (n, d, DRAWS), to first order."""
+    e = table.scenes[number].e
     assert e.smooth is not None
     chosen = np.unique(np.linspace(0, len(e) - 1, min(SAMPLES, len(e))).astype(int))
     G = gain(table.mechanism, e.at_samples(chosen), e.smooth.names, table.point,
              table.motion.band.cutoff)  # fmt: skip
-    after = np.clip(np.searchsorted(chosen, np.arange(len(e))), 1, len(chosen) - 1)
-    w = (np.arange(len(e)) - chosen[after - 1]) / (chosen[after] - chosen[after - 1])
-    out = np.zeros((len(e), G.shape[1], DRAWS))
+    G = G.transpose(0, 1, 3, 2).reshape(*G.shape[:2], -1).astype(np.float32)
     for run, spline in e.smooth.runs:
-        c = _coefficients(spline, random)
         count, J = spline.c.shape
-        du = evaluated(spline.basis, c.reshape(count, J * DRAWS), e.t[run])
-        du = du.reshape(3, -1, J, DRAWS)
-        for order in range(3):
-            for i in range(J):
-                g = G[:, :, i, order]
-                between = (
-                    g[after[run] - 1] * (1 - w[run])[:, None] + g[after[run]] * w[run][:, None]
-                )
-                out[run] += between[:, :, None] * du[order, :, i][:, None, :]
-    return out
+        c = _coefficients(spline, random).reshape(count, J * DRAWS)
+        for start in range(run.start, run.stop, CHUNK):
+            sample = np.arange(start, min(start + CHUNK, run.stop))
+            du = evaluated(spline.basis, c, e.t[sample]).astype(np.float32)
+            after = np.clip(np.searchsorted(chosen, sample), 1, len(chosen) - 1)
+            share = (sample - chosen[after - 1]) / (chosen[after] - chosen[after - 1])
+            share = share.astype(np.float32)[:, None, None]
+            between = G[after - 1] + share * (G[after] - G[after - 1])
+            out[sample] += between @ du.transpose(1, 0, 2).reshape(len(sample), 3 * J, DRAWS)
 
 
 def _coefficients(spline: Spline, random: np.random.Generator) -> Array:
@@ -111,10 +108,6 @@ def _coefficients(spline: Spline, random: np.random.Generator) -> Array:
     column = (spline.first[:, None] * d + np.arange(WIDTH * d)).ravel()
     U = sp.csc_matrix((spline.U.reshape(size, -1).ravel(), (row, column)), shape=(size, size))
     return splu(U).solve(random.standard_normal((size, DRAWS))).reshape(count, d, DRAWS)
-
-
-def _at(contest: Contest, coordinate: int) -> Array:
-    return contest.use[:, coordinate]
 
 
 def runs(table: Table) -> list[slice]:
@@ -130,16 +123,15 @@ def judging(
     contest: Contest, regression: PartialRegression, noise: NoiseDraws | None, seed: int
 ) -> PartialRegression:
     """The regression with surrogates of its residual, and draws of noise, as right-hand sides."""
-    table = contest.table
-    r = np.zeros(table.b.shape)
+    r = np.zeros(contest.table.b.shape)
     for part, y in zip(regression.parts, regression.residual, strict=True):
         u = part.coordinate
-        r[_at(contest, u), u] = y[:, 0] / regression.weight[u]
-    made = surrogates(r, runs(table), SURROGATES, np.random.default_rng(seed))
+        r[contest.use[:, u], u] = y[:, 0] / regression.weight[u]
+    made = surrogates(r, runs(contest.table), SURROGATES, np.random.default_rng(seed))
     Y = []
     for part in regression.parts:
         u = part.coordinate
-        rows = _at(contest, u)
+        rows = contest.use[:, u]
         rms = np.sqrt((r[rows, u] ** 2).mean())
         s = made[rows, u]
         more = [part.Y[:, :1], s * rms / _rms(s)]

@@ -135,7 +135,7 @@ def _columns(contest: Contest, joint: str, terms: list[Term]) -> list[Array]:
     """The terms as torques of the joint (m, terms) in the rows of each part."""
     table, found = contest.table, []
     for number in range(len(table.scenes)):
-        s = table.samples(number)
+        s = table.samples[number]
         out = np.zeros((*s.shape, len(terms)))
         s.add_torque(out, joint, np.stack([t.value(s.signals(t.joints)) for t in terms], axis=1))
         found.append(table.filtered(number, out))

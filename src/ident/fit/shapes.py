@@ -101,8 +101,9 @@ def _started(mechanism: Mechanism, motion: Motion, point: Point, effect: Effect)
     rest = replace(mechanism, effects=others)
     table = Table.of(rest, Columns.of(rest), motion, point)
     starts = table.starts(effect)
+    own, felt = table.effect_columns(effect, starts)
     C = np.zeros((*table.b.shape, len(starts) * u))
-    C[:, table.felt(effect)] = table.with_effect(effect, starts)
+    C[:, felt] = own
     sigma = np.sqrt((table.tau**2).mean(axis=0)) + 1e-300
     inside = table.informed
     A, b = (table.A / sigma[:, None])[inside], (table.b / sigma)[inside]

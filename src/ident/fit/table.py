@@ -8,10 +8,11 @@ For searching shapes and judging candidates, where many columns meet the same ro
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.interpolate import CubicSpline
 
 from ident.effects import Correcting, Effect, Signals
@@ -58,60 +59,67 @@ class Table:
         scenes = tuple(Scene.of(mechanism, columns, e, point, cutoff) for e in motion.experiments)
         expected = sum(len(s.e) // Decimator.of(cutoff, s.e.rate).factor for s in scenes)
         every = max(1, -(-expected // MOST))
-        parts: list[Rows] = []
+        parts: list[list[np.ndarray]] = []
         number: list[np.ndarray] = []
         for i, scene in enumerate(scenes):
             for piece in rows(scene, cutoff):
-                some = {name: getattr(piece, name)[::every] for name in Rows.__dataclass_fields__}
-                parts.append(Rows(**some))
-                number.append(np.full(len(parts[-1].t), i))
-        arrays = {
-            name: np.concatenate([getattr(part, name) for part in parts])
-            for name in ("t", "sample", "A", "b", "tau", "informed")
-        }
+                parts.append([getattr(piece, each.name)[::every] for each in fields(Rows)])
+                number.append(np.full(len(parts[-1][0]), i))
+        t, *arrays = (np.concatenate(same) for same in zip(*parts, strict=True))
         experiment = np.concatenate(number)
-        return cls(mechanism, columns, motion, point, scenes, experiment=experiment, **arrays)
+        return cls(mechanism, columns, motion, point, scenes, t, experiment, *arrays)
+
+    @cached_property
+    def _filters(self) -> tuple[sp.csr_array | None, ...]:
+        """The rows' filter (N_e, n) of every experiment; None: the rows are samples."""
+        found: list[sp.csr_array | None] = []
+        for number, scene in enumerate(self.scenes):
+            taps = Decimator.of(self.motion.band.cutoff, scene.e.rate).taps
+            if taps is None:
+                found.append(None)
+                continue
+            at = self.sample[self.experiment == number]
+            column = (at[:, None] + np.arange(len(taps)) - len(taps) // 2).astype(np.int32)
+            ends = np.arange(len(at) + 1, dtype=np.int32) * len(taps)
+            entries = np.tile(taps, len(at)), column.ravel(), ends
+            found.append(sp.csr_array(entries, shape=(len(at), len(scene.e))))
+        return tuple(found)
 
     def filtered(self, number: int, x: np.ndarray) -> np.ndarray:
         """Return a series x (n, …) of one experiment at full rate, in its rows (N_e, …)."""
-        scene, cutoff = self.scenes[number], self.motion.band.cutoff
-        at = self.sample[self.experiment == number]
-        decimator = Decimator.of(cutoff, scene.e.rate)
-        if decimator.taps is None:
-            return x[at]
-        pieces = []
-        for segment in scene.e.segments():
-            mine = at[(at >= segment.start) & (at < segment.stop)]
-            if len(mine):
-                pieces.append(decimator.apply(x[segment], segment, mine))
-        return np.concatenate(pieces)
+        filter_matrix = self._filters[number]
+        if filter_matrix is None:
+            return x[self.sample[self.experiment == number]]
+        return (filter_matrix @ x.reshape(len(x), -1)).reshape(-1, *x.shape[1:])
 
-    def felt(self, effect: Effect) -> np.ndarray:
-        """Return the coordinates (c,) in whose rows an effect can appear."""
+    def effect_columns(
+        self, effect: Effect, shapes: Sequence[Mapping[str, float]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return columns (N, c, numbers · shapes) of an effect at shapes, and the c coordinates in
+        whose rows they can be; those of a correction are its sensitivities.
+        """
         d = self.b.shape[1]
-        if self.mechanism.closures or not effect.local:
-            return np.arange(d)
-        return np.array([self.mechanism.joint(name).index for name in effect.joints])
-
-    def with_effect(self, effect: Effect, shapes: Sequence[Mapping[str, float]]) -> np.ndarray:
-        """Return columns (N, c, unknowns · shapes) of an effect at several shapes, where `felt`."""
-        rows, u = self.felt(effect), len(effect.unknowns)
+        if isinstance(effect, Correcting):
+            names = [each.name for each in effect.searched]
+            S = [self.sensitivity(effect, shape, name) for shape in shapes for name in names]
+            return np.stack(S, axis=-1), np.arange(d)
+        own_rows = effect.local and not self.mechanism.closures
+        joints = [self.mechanism.joint(name).index for name in effect.joints] if own_rows else ()
+        felt, u = np.array(joints) if own_rows else np.arange(d), len(effect.unknowns)
         series = []
-        for number in range(len(self.scenes)):
-            s = self.samples(number)
-            out = np.zeros((len(s), len(rows), len(shapes) * u))
+        for number, s in enumerate(self.samples):
+            out = np.zeros((len(s), len(felt), len(shapes) * u))
             for i, shape in enumerate(shapes):
                 mine = out[:, :, i * u : (i + 1) * u]
-                if self.mechanism.closures or not effect.local:
-                    s.add_effect(mine, effect, np.eye(u), shape)
-                else:  # every joint has one row of its own
+                if own_rows:
                     mine += s.columns(effect, shape)
+                else:
+                    s.add_effect(mine, effect, np.eye(u), shape)
             series.append(self.filtered(number, out))
-        return np.concatenate(series)
+        return np.concatenate(series), felt
 
     def sensitivity(self, effect: Effect, shape: Mapping[str, float], name: str) -> np.ndarray:
         """Return S (N, d) of one shape of a correcting effect, at a shape, in the table's rows."""
-        assert isinstance(effect, Correcting)
         full = effect.names[[each.name for each in effect.shapes].index(name)]
         others = {f: shape[each.name] for f, each in zip(effect.names, effect.shapes, strict=True)}
         series = []
@@ -126,37 +134,30 @@ class Table:
                 moved = corrected(bare, point, cutoff, only=effect)
                 s = reduced(moved.mechanism, moved.e, slice(None), self.point, moved.memo)
                 sides.append(unbalanced(s, self.point))
-            S = self.refined(number, (sides[1] - sides[0]) / (2 * h))
+            S, t = (sides[1] - sides[0]) / (2 * h), scene.e.t
+            S = S if len(S) == len(t) else CubicSpline(thin.e.t, S)(t)
             series.append(self.filtered(number, S))
         return np.concatenate(series)
 
     @cached_property
     def thin(self) -> tuple[Corrected, ...]:
-        """The experiments with as few samples as smooth series allow."""
-        return tuple(
-            Corrected(scene.mechanism, scene.e.thinned(self.every(number)))
-            for number, scene in enumerate(self.scenes)
-        )
+        """The experiments with as few samples as smooth series allow, given the rows' filter."""
+        cutoff, found = self.motion.band.cutoff, []
+        for scene in self.scenes:
+            every = max(1, int(scene.e.rate / (FINE * cutoff))) if cutoff else 1
+            found.append(Corrected(scene.mechanism, scene.e.thinned(every)))
+        return tuple(found)
 
-    def every(self, number: int) -> int:
-        """Return of how many samples one is enough for a smooth series, given the rows' filter."""
-        cutoff = self.motion.band.cutoff
-        return max(1, int(self.scenes[number].e.rate / (FINE * cutoff))) if cutoff else 1
-
-    def refined(self, number: int, x: np.ndarray) -> np.ndarray:
-        """Return a smooth series of thinned samples at the experiment's full rate."""
-        t, every = self.scenes[number].e.t, self.every(number)
-        return x if every == 1 else CubicSpline(t[::every], x)(t)
-
-    def samples(self, number: int) -> Samples:
-        """Return all samples of one experiment."""
-        return self.scenes[number].samples(slice(None))
+    @cached_property
+    def samples(self) -> tuple[Samples, ...]:
+        """All samples of every experiment."""
+        return tuple(scene.samples(slice(None)) for scene in self.scenes)
 
     def starts(self, effect: Effect) -> list[Mapping[str, float]]:
         """Return the shapes at which a search starts, known ones at their values."""
         signals = self.pooled(effect)
         known = {s.name: effect.values[s.name] for s in effect.shapes if s.name in effect.values}
-        found = [{**start, **known} for start in effect.starts(signals)]
+        found = ({**start, **known} for start in effect.starts(signals))
         return [dict(x) for x in dict.fromkeys(tuple(sorted(each.items())) for each in found)]
 
     def bounds(self, effect: Effect) -> dict[str, tuple[float, float]]:
@@ -166,7 +167,7 @@ class Table:
 
     def pooled(self, effect: Effect) -> Signals:
         """Return the effect's signals of all experiments joined: for ranges, not for time."""
-        each = [self.samples(number).signals(effect.joints) for number in range(len(self.scenes))]
+        each = [s.signals(effect.joints) for s in self.samples]
         if len(each) == 1:
             return each[0]
 

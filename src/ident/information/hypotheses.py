@@ -511,22 +511,21 @@ def _inverse(H: Array) -> Array:
 
 
 def surrogates(r: Array, runs: Sequence[slice], count: int, random: np.random.Generator) -> Array:
-    """Series (N, d, count) that have the spectra of r (N, d) and nothing else of it.
+    """Series (N, d, count) that have the spectra of r (N, d) and nothing else, in single precision.
 
     Each run of equal steps is mirrored at its end, so that its two ends meet, and its phases are
     turned at random, in all coordinates alike: what goes with what stays.
     """
-    found = np.zeros((*r.shape, count))
+    found = np.zeros((*r.shape, count), dtype=np.float32)
     for run in runs:
         x = r[run]
         n = len(x)
         if n < 2:
             continue
-        F = np.fft.rfft(np.concatenate([x, x[::-1]]), axis=0)
-        turn = np.exp(2j * np.pi * random.random((len(F), 1, count)))
+        F = np.fft.rfft(np.concatenate([x, x[::-1]]), axis=0).astype(np.complex64)
+        turn = np.exp(2j * np.pi * random.random((len(F), 1, count))).astype(np.complex64)
         turn[0] = np.sign(random.standard_normal((1, count)))
-        made = np.fft.irfft(F[:, :, None] * turn, 2 * n, axis=0)[:n]
-        found[run] = made
+        found[run] = np.fft.irfft(F[:, :, None] * turn, 2 * n, axis=0)[:n]
     return found
 
 
