@@ -27,8 +27,8 @@ from ident.information.blocks import Error
 from ident.mechanism.description import read_description
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import about_origin, pseudo_inertia, split
-from ident.mechanism.urdf import UrdfText
-from ident.mechanism.write import fixed_parameters, folder_files, set_inertial
+from ident.mechanism.urdf import fixed_parameters, parse_urdf, with_inertials
+from ident.mechanism.write import folder_files
 from ident.motion import Motion
 
 SCHEMA = "ident.fit/1"
@@ -363,9 +363,9 @@ def identified_urdf(fit: Fit) -> bytes:
     """
     mechanism = fit.mechanism
     pi = _with_masses(fit)
-    text = UrdfText(read_description(mechanism.urdf).urdf, str(mechanism.urdf))
-    robot = text.robot
-    links = {link.get("name"): link for link in robot.findall("link")}
+    text, where = read_description(mechanism.urdf).urdf, str(mechanism.urdf)
+    robot = parse_urdf(text, where)
+    inertials: dict[str, np.ndarray | None] = {}
     for link in bodies_with_unknowns(mechanism):
         body = pi[mechanism.bodies.columns(link)]
         fixed = fixed_parameters(robot, link)
@@ -373,11 +373,9 @@ def identified_urdf(fit: Fit) -> bytes:
             own = body - fixed
         else:  # nothing is left for the link itself: it takes the whole body
             own = body
-            for other in _fixed_links(robot, link):
-                for element in links[other].findall("inertial"):
-                    text.remove(element)
-        set_inertial(text, links[link], own)
-    return text.encoded()
+            inertials |= dict.fromkeys(_fixed_links(robot, link))
+        inertials[link] = own
+    return with_inertials(text, where, inertials)
 
 
 def _carries(body: np.ndarray, fixed: np.ndarray) -> bool:

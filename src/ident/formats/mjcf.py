@@ -27,9 +27,8 @@ from ident.mechanism.description import (
     Visual,
     effect_notes,
     place_table,
-    words,
 )
-from ident.mechanism.urdf import parse_xml
+from ident.mechanism.urdf import parse_xml, words
 
 if TYPE_CHECKING:
     import mujoco

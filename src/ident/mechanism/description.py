@@ -16,7 +16,7 @@ import pinocchio as pin
 from lxml import etree
 
 from ident.errors import MechanismError
-from ident.mechanism.urdf import parse_urdf, parse_xml
+from ident.mechanism.urdf import parse_urdf, parse_xml, words
 from ident.plugins import is_own, reader_of
 
 LARGEST = 50_000_000  # bytes of a file
@@ -204,11 +204,6 @@ def effect_notes(having: Mapping[str, Sequence[str]], effects: Mapping[str, str]
         for word, joints in having.items()
         if joints
     ]
-
-
-def words(values: Sequence[float] | np.ndarray) -> str:
-    """Return numbers as XML has them, none of them rounded."""
-    return " ".join(repr(float(x) + 0.0) for x in values)
 
 
 def perpendicular(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

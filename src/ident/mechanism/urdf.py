@@ -1,9 +1,8 @@
-"""A URDF's text parsed safely, checked with each fault named by its line, and changed in place.
+"""A URDF's text parsed safely, checked with each fault named by its line, and given new inertias.
 
 XML from strangers may carry entity bombs and references to other files, so a document type is
 refused before anything is expanded. A parser that writes a document again loses quotes, blanks
-within tags, the declaration and ends of lines; here lxml says what an element is, and spans where
-it is in the text.
+within tags, the declaration and ends of lines: only the text of `<inertial>` elements is replaced.
 """
 
 from __future__ import annotations
@@ -11,13 +10,17 @@ from __future__ import annotations
 import codecs
 import math
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
 from typing import NoReturn
+from xml.parsers import expat
 
+import numpy as np
+import pinocchio as pin
 from lxml import etree
 
 from ident.errors import MechanismError, one_of
+from ident.mechanism.parameters import COUNT, about_origin, join, split
 from ident.mechanism.toml import HUGE
 
 TYPES = ("fixed", "revolute", "continuous", "prismatic", "planar")
@@ -27,6 +30,16 @@ FLOATING = (
 )
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # as C++ reads it, too
 PRODUCTS = ("ixy", "ixz", "iyz")
+TERMS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+UPPER = np.triu_indices(3)
+EMPTY = b"""<inertial>
+  <origin xyz="0 0 0" rpy="0 0 0"/>
+  <mass value="0"/>
+  <inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>
+</inertial>"""
+WIDE = {  # decoded so that the mark, too, is written again
+    codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be",
+}  # fmt: skip
 
 
 def parse_xml(data: bytes, where: str) -> etree._Element:
@@ -185,139 +198,173 @@ def _check_inertial(link: etree._Element, where: str) -> None:
         if element is None:
             refuse(inertial, where, f"the <inertial> of link '{name}' has no <{tag}>")
     _check_origins(inertial, where)
-    for key in ("ixx", "iyy", "izz", *PRODUCTS):
+    for key in TERMS:
         numbers(inertia, key, "0" if key in PRODUCTS else "", 1, where)
     value = numbers(mass, "value", "", 1, where)[0]
     if value < 0:
         refuse(mass, where, f"link '{name}' has the mass {value:g} kg; it must be ≥ 0")
 
 
-# --- numbers changed in place --------------------------------------------------------------------
-
-TOKEN = re.compile(
-    r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>"
-    r"|<(?P<close>/?)(?P<name>[^\s/>\"']+)(?P<rest>(?:[^\"'>]+|\"[^\"]*\"|'[^']*')*+)>",
-    re.DOTALL,
-)
-ATTRIBUTE = re.compile(r"([^\s=/\"'<>]+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
-BLANK_LINE = re.compile(r"[ \t]*\r?\n")
-WIDE = {  # decoded so that the mark, too, is written again
-    codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be",
-}  # fmt: skip
+# --- inertias -------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Span:
-    """The place of one element in the text; a tag that closes itself has inside = outside = end."""
+def fixed_parameters(robot: etree._Element, link: str) -> np.ndarray:
+    """Return the ten dynamic parameters (10,) that links fixed to `link` add to its body."""
+    total = np.zeros(COUNT)
+    links = {element.get("name"): element for element in robot.findall("link")}
+    for joint in robot.findall("joint"):
+        if joint.get("type") != "fixed" or joint.find("parent").get("link") != link:
+            continue
+        child = joint.find("child").get("link")
+        pi = _own_parameters(links[child]) + fixed_parameters(robot, child)
+        if np.any(pi):
+            inertia = pin.Inertia.FromDynamicParameters(pi)
+            total += placement_of(joint).act(inertia).toDynamicParameters()
+    return total
 
-    start: int  # of its first tag
-    inside: int  # behind its first tag
-    outside: int  # of its last tag
-    end: int  # behind its last tag
+
+def _own_parameters(link: etree._Element) -> np.ndarray:
+    inertial = link.find("inertial")
+    if inertial is None:
+        return np.zeros(COUNT)
+    place = placement_of(inertial)
+    I = np.zeros((3, 3))  # noqa: E741
+    I[UPPER] = [numbers(inertial.find("inertia"), key, "0", 1, "")[0] for key in TERMS]
+    I = place.rotation @ (I + np.triu(I, 1).T) @ place.rotation.T  # noqa: E741
+    m = numbers(inertial.find("mass"), "value", "0", 1, "")[0]
+    moments = m * place.translation
+    # not by pin.Inertia, which refuses the tensors of impossible bodies; files have them
+    return join(m, moments, I + about_origin(m, moments))
 
 
-class UrdfText:
-    """A URDF in which attributes and elements change, and no other byte does.
+def placement_of(element: etree._Element, where: str = "") -> pin.SE3:
+    """Return the placement that an element's `<origin>` states."""
+    origin = element.find("origin")
+    if origin is None:
+        return pin.SE3.Identity()
+    rpy = numbers(origin, "rpy", "0 0 0", 3, where)
+    return pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(numbers(origin, "xyz", "0 0 0", 3, where)))
 
-    Attributes:
-        robot: the checked root element, by whose elements changes are asked for.
+
+def words(values: Sequence[float] | np.ndarray) -> str:
+    """Return numbers as XML has them, none of them rounded."""
+    return " ".join(repr(float(x) + 0.0) for x in values)
+
+
+def with_inertials(data: bytes, where: str, inertials: Mapping[str, np.ndarray | None]) -> bytes:
+    """Return a URDF's text with other `<inertial>` of some links; nothing else in it changes.
+
+    Args:
+        data: the text.
+        where: begins the message of an error.
+        inertials: by link, its ten dynamic parameters (10,) in its frame; None: no `<inertial>`.
 
     Raises:
         MechanismError: if it is no URDF, or in an encoding that cannot be written into.
     """
-
-    def __init__(self, data: bytes, where: str) -> None:
-        self.robot = parse_urdf(data, where)
-        encoding = self.robot.getroottree().docinfo.encoding or "utf-8"
-        self.encoding = next((WIDE[mark] for mark in WIDE if data.startswith(mark)), encoding)
-        elements = [each for each in self.robot.iter() if isinstance(each.tag, str)]
-        try:
-            self.text = data.decode(self.encoding)
-            spans = _spans(self.text) if self.text.encode(self.encoding) == data else []
-        except (LookupError, UnicodeError):
-            spans = []
-        if len(spans) != len(elements):
-            raise MechanismError(
-                f"{where}: its encoding cannot be written into; save it as UTF-8 and load it again"
-            )
-        self.spans = dict(zip(elements, spans, strict=True))
-        self.changes: list[tuple[int, int, str]] = []  # start, end, and what is there instead
-
-    def encoded(self) -> bytes:
-        """Return the text with every change made."""
-        pieces, at = [], 0
-        for start, end, new in sorted(self.changes, key=lambda change: change[0]):
-            pieces += [self.text[at:start], new]
-            at = end
-        return "".join([*pieces, self.text[at:]]).encode(self.encoding)
-
-    def set(self, element: etree._Element, values: Mapping[str, str]) -> None:
-        """Set attributes; new ones come behind the others."""
-        span, rest = self.spans[element], dict(values)
-        for match in ATTRIBUTE.finditer(self.text, span.start, span.inside):
-            if match[1] in rest:
-                self.changes.append(
-                    (*match.span(2 if match[2] is not None else 3), rest.pop(match[1]))
-                )
-        tag = self.text[span.start : span.inside - 1].removesuffix("/").rstrip()
-        at = span.start + len(tag)
-        if rest:
-            self.changes.append((at, at, "".join(f' {n}="{x}"' for n, x in rest.items())))
-
-    def insert(self, element: etree._Element, lines: list[str]) -> None:
-        """Insert an element's first child, indented as what is around it.
-
-        Args:
-            element: which may be one that closes itself.
-            lines: of XML, indented by two blanks a level; written on one line where the text is.
-        """
-        text, span = self.text, self.spans[element]
-        end = "\r\n" if "\r\n" in text else "\n"
-        outer = text[text.rfind("\n", 0, span.start) + 1 : span.start]
-        step = "\t" if outer.startswith("\t") else "  "
-        if span.inside < span.end:
-            content = text[span.inside : span.outside]
-            blank = content[: len(content) - len(content.lstrip())]
-            inner = blank.rpartition("\n")[2] if content.strip() else outer + step
-            added = _indented(lines, end + inner if "\n" in blank else "", step)
-            self.changes.append((span.inside, span.inside, added))
-            return
-        alone = not outer.strip() and "\n" in text[: span.start]
-        added = _indented(lines, end + outer + step if alone else "", step)
-        tag = text[span.start : span.end - 2].rstrip()
-        last = (end + outer if alone else "") + "</" + tag[1:].split(None, 1)[0] + ">"
-        self.changes.append((span.start + len(tag), span.end, ">" + added + last))
-
-    def remove(self, element: etree._Element) -> None:
-        """Remove an element, and the line that it had for itself."""
-        text, span = self.text, self.spans[element]
-        start = text.rfind("\n", 0, span.start)
-        if start >= 0 and not text[start : span.start].strip() and BLANK_LINE.match(text, span.end):
-            start -= text[start - 1 : start] == "\r"
-        else:
-            start = span.start
-        self.changes.append((start, span.end, ""))
-
-
-def _spans(text: str) -> list[Span]:
-    spans: dict[int, Span] = {}
-    opened: list[re.Match[str]] = []
-    for token in TOKEN.finditer(text):
-        if token["name"] is None:
+    encoding = parse_urdf(data, where).getroottree().docinfo.encoding or "utf-8"
+    encoding = next((WIDE[mark] for mark in WIDE if data.startswith(mark)), encoding)
+    try:
+        text = data.decode(encoding).encode()
+        readable = text.decode().encode(encoding) == data
+    except (LookupError, UnicodeError):
+        readable = False
+    if not readable:
+        raise MechanismError(
+            f"{where}: its encoding cannot be written into; save it as UTF-8 and load it again"
+        )
+    end = b"\r\n" if b"\r\n" in text else b"\n"
+    changes = []  # start, stop, and what is there instead
+    for link, ((start, inside), inertial) in _spots(text).items():
+        pi = inertials.get(link)
+        if link not in inertials:
             continue
-        if token["close"]:
-            if opened:
-                first = opened.pop()
-                spans[first.start()] = Span(first.start(), first.end(), token.start(), token.end())
-        elif token["rest"].endswith("/"):
-            spans[token.start()] = Span(token.start(), token.end(), token.end(), token.end())
+        if inertial is None:
+            if pi is None or not np.any(pi):
+                continue
+            before = text[text.rfind(b"\n", 0, start) + 1 : start]
+            new = _first_inertial(text[start:inside], before if b"\n" in text[:start] else b"<", pi)
+            changes.append((start, inside, new.replace(b"\n", end)))
+        elif pi is None:
+            changes.append((len(text[: inertial[0]].rstrip()), inertial[1], b""))
         else:
-            opened.append(token)
-    return [spans[start] for start in sorted(spans)]
+            new = _changed_inertial(text[slice(*inertial)], pi)
+            changes.append((*inertial, new.replace(b"\n", end)))
+    for start, stop, new in sorted(changes, reverse=True):
+        text = text[:start] + new + text[stop:]
+    return text.decode().encode(encoding)
 
 
-def _indented(lines: list[str], before: str, step: str) -> str:
-    if not before:
-        return "".join(line.lstrip() for line in lines)
-    levels = [(len(line) - len(line.lstrip())) // 2 for line in lines]
-    return "".join(before + n * step + x.lstrip() for n, x in zip(levels, lines, strict=True))
+def _spots(text: bytes) -> dict[str, tuple[tuple[int, int], tuple[int, int] | None]]:
+    """Return the places of every link's first tag and of its `<inertial>`, in UTF-8."""
+    path: list[str] = []
+    edges: list[int] = []
+    tags: dict[str, int] = {}
+    inertials: dict[str, list[int]] = {}
+    parser = expat.ParserCreate("utf-8")
+
+    def edge(*_: object) -> None:
+        edges.append(parser.CurrentByteIndex)
+
+    def start(name: str, attributes: Mapping[str, str]) -> None:
+        edge()
+        path.append(name)
+        if path == ["robot", "link"]:
+            tags[attributes["name"]] = edges[-1]
+        if path == ["robot", "link", "inertial"]:
+            inertials.setdefault([*tags][-1], []).append(edges[-1])
+
+    def end(_: str) -> None:
+        edge()
+        if path == ["robot", "link", "inertial"]:
+            inertials[[*tags][-1]].append(edges[-1])
+        path.pop()
+
+    parser.StartElementHandler, parser.EndElementHandler, parser.DefaultHandler = start, end, edge
+    parser.Parse(text, True)
+    edges.append(len(text))
+
+    def after(at: int) -> int:
+        return edges[bisect_right(edges, at)]
+
+    return {
+        link: (
+            (at, after(at)),
+            (inertials[link][0], after(inertials[link][1])) if link in inertials else None,
+        )
+        for link, at in tags.items()
+    }
+
+
+def _first_inertial(tag: bytes, before: bytes, pi: np.ndarray) -> bytes:
+    """Return a link's first tag with an `<inertial>` behind it, indented if the tag has a line."""
+    lines, outer = _changed_inertial(EMPTY, pi).decode().splitlines(), before.decode()
+    if tag.endswith(b"/>"):
+        tag = tag[:-2].rstrip() + b">"
+        lines.append("</link>")
+    if outer.strip():
+        return tag + "".join(line.strip() for line in lines).encode()
+    step = "\t" if outer.startswith("\t") else "  "
+    levels = [0 if line == "</link>" else 2 if line[0] == " " else 1 for line in lines]
+    new = (f"\n{outer}{n * step}{x.strip()}" for n, x in zip(levels, lines, strict=True))
+    return tag + "".join(new).encode()
+
+
+def _changed_inertial(text: bytes, pi: np.ndarray) -> bytes:
+    """Return an `<inertial>` with other numbers; those that stay keep their text."""
+    m, moments, L = split(pi)
+    centre = moments / m if m else np.zeros(3)
+    terms = (L - about_origin(m, moments))[UPPER]
+    inertial = etree.fromstring(text, etree.XMLParser(recover=True, encoding="utf-8"))
+    origin, mass, tensor = (inertial.find(tag) for tag in ("origin", "mass", "inertia"))
+    if origin is None and np.any(centre):
+        origin = etree.Element("origin")
+        inertial.insert(0, origin)
+    new = [(mass, "value", np.array([m]), "")]
+    new += [(tensor, key, x, "0") for key, x in zip(TERMS, terms[:, None], strict=True)]
+    if origin is not None:
+        new += [(origin, "xyz", centre, "0 0 0"), (origin, "rpy", np.zeros(3), "0 0 0")]
+    for element, key, values, default in new:
+        if numbers(element, key, default, len(values), "") != [float(x) for x in values]:
+            element.set(key, words(values))
+    return bytes(etree.tostring(inertial, encoding="utf-8", xml_declaration=False))

@@ -1,4 +1,4 @@
-"""Files written: mechanism.toml with further effects or known values, inertias of a URDF.
+"""mechanism.toml written, with further effects or known values.
 
 What the user wrote stays as it is, comments included: as little of the text is changed as will do.
 """
@@ -11,22 +11,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pinocchio as pin
 import tomlkit
-from lxml import etree
 
 from ident.effects import KINDS, Effect
 from ident.errors import MechanismError
 from ident.files import write_all
-from ident.mechanism.description import Description, description_of, read_description, words
+from ident.mechanism.description import Description, description_of, read_description
 from ident.mechanism.load import stated
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import COUNT, about_origin, join, split
-from ident.mechanism.urdf import PRODUCTS, UrdfText, numbers
-
-TERMS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-UPPER = np.triu_indices(3)
 
 
 def add_effects(mechanism: Mechanism, effects: Sequence[Effect]) -> Path:
@@ -153,81 +145,3 @@ def _copied(files: dict[str, bytes], file: Path, owner: str) -> str:
         name = f"{owner}_{name}"
     files[name] = content
     return name
-
-
-def fixed_parameters(robot: etree._Element, link: str) -> np.ndarray:
-    """Return the ten dynamic parameters (10,) that links fixed to `link` add to its body."""
-    total = np.zeros(COUNT)
-    links = {element.get("name"): element for element in robot.findall("link")}
-    for joint in robot.findall("joint"):
-        if joint.get("type") != "fixed" or joint.find("parent").get("link") != link:
-            continue
-        child = joint.find("child").get("link")
-        pi = _own_parameters(links[child]) + fixed_parameters(robot, child)
-        if np.any(pi):
-            inertia = pin.Inertia.FromDynamicParameters(pi)
-            total += _placement(joint.find("origin")).act(inertia).toDynamicParameters()
-    return total
-
-
-def _own_parameters(link: etree._Element) -> np.ndarray:
-    inertial = link.find("inertial")
-    if inertial is None:
-        return np.zeros(COUNT)
-    place = _placement(inertial.find("origin"))
-    I = np.zeros((3, 3))  # noqa: E741
-    I[UPPER] = [numbers(inertial.find("inertia"), key, "0", 1, "")[0] for key in TERMS]
-    I = place.rotation @ (I + np.triu(I, 1).T) @ place.rotation.T  # noqa: E741
-    m = numbers(inertial.find("mass"), "value", "0", 1, "")[0]
-    moments = m * place.translation
-    # not by pin.Inertia, which refuses the tensors of impossible bodies; files have them
-    return join(m, moments, I + about_origin(m, moments))
-
-
-def _placement(origin: etree._Element | None) -> pin.SE3:
-    if origin is None:
-        return pin.SE3.Identity()
-    rpy = numbers(origin, "rpy", "0 0 0", 3, "")
-    return pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(numbers(origin, "xyz", "0 0 0", 3, "")))
-
-
-def set_inertial(text: UrdfText, link: etree._Element, pi: np.ndarray) -> None:
-    """Give a link ten dynamic parameters (10,) in its frame, by as few changes as will do.
-
-    A link that has no `<inertial>` gets one.
-    """
-    m, moments, L = split(pi)
-    centre = moments / m if m else np.zeros(3)
-    terms = dict(zip(TERMS, (L - about_origin(m, moments))[UPPER], strict=True))
-    inertial = link.find("inertial")
-    if inertial is None:
-        lines = [
-            "<inertial>",
-            f'  <origin xyz="{words(centre)}" rpy="0 0 0"/>',
-            f'  <mass value="{words([m])}"/>',
-            "  <inertia " + " ".join(f'{key}="{words([x])}"' for key, x in terms.items()) + "/>",
-            "</inertial>",
-        ]
-        if np.any(pi):
-            text.insert(link, lines)
-        return
-    origin = inertial.find("origin")
-    if origin is not None:
-        new = _other(origin, "xyz", centre, "0 0 0") | _other(origin, "rpy", np.zeros(3), "0 0 0")
-        text.set(origin, new)
-    elif np.any(centre):
-        text.insert(inertial, [f'<origin xyz="{words(centre)}" rpy="0 0 0"/>'])
-    mass, tensor = inertial.find("mass"), inertial.find("inertia")
-    text.set(mass, _other(mass, "value", [m], ""))
-    new = {}
-    for key, value in terms.items():
-        new |= _other(tensor, key, [value], "0" if key in PRODUCTS else "")
-    text.set(tensor, new)
-
-
-def _other(
-    element: etree._Element, key: str, values: Sequence[float] | np.ndarray, default: str
-) -> dict[str, str]:
-    if numbers(element, key, default, len(values), "") == [float(x) for x in values]:
-        return {}
-    return {key: words(values)}
