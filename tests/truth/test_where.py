@@ -80,18 +80,14 @@ def test_without_noise_nothing_is_left():
 def test_periods_are_found_and_the_residual_repeats_with_what_is_missing():
     clean = left("arm", ["viscous", "coulomb"], [], seconds=8.0).periods
     assert clean.period["arm.csv"] == pytest.approx(4.0, abs=0.01)
-    assert clean.count == {"arm.csv": 2}
     assert max(clean.rho.values()) < clean.chance
     bare = left("arm", ["viscous", "coulomb:yaw"], ["coulomb:elbow"], seconds=8.0).periods
     assert bare.rho["elbow"] > 0.9
-    assert bare.floor["elbow"] == pytest.approx(clean.floor["elbow"], rel=0.5)
-    assert "the motion repeats (arm.csv: 2 × " in str(bare)
 
 
 def test_a_turning_crank_repeats_too():
     found = left("four_bar", ["viscous"], [], seconds=12.0).periods
     assert found.period["four_bar.csv"] == pytest.approx(4.0, abs=0.01)
-    assert found.count == {"four_bar.csv": 3}
 
 
 @pytest.mark.parametrize("name", ["arm", "four_bar", "slider_crank"])
@@ -107,7 +103,7 @@ def made(residual, t, q, v, load=None, **changes):
     n = len(t)
     load = np.zeros((n, 2)) if load is None else load
     trace = Trace(
-        "made.csv", t, np.zeros(n, int), load + residual, {"rigid bodies": load}, load, {}, q, v,
+        "made.csv", t, load + residual, {"rigid bodies": load}, np.zeros(n, int), load, {}, q, v,
         np.gradient(v, t, axis=0), np.clip(v / 0.01, -1, 1), np.ones((n, 2), bool),
         np.full(2, 0.01),
     )  # fmt: skip
@@ -193,8 +189,8 @@ def test_six_joints_and_ten_thousand_rows_take_seconds():
     q, v, a, load = slow
     names = tuple("abcdef")
     trace = Trace(
-        "made.csv", t, np.zeros(n, int), load + np.sign(v) + random.normal(size=(n, d)),
-        {"rigid bodies": load}, load, {}, q, v, a, np.sign(v), random.random((n, d)) > 0.05,
+        "made.csv", t, load + np.sign(v) + random.normal(size=(n, d)), {"rigid bodies": load},
+        np.zeros(n, int), load, {}, q, v, a, np.sign(v), random.random((n, d)) > 0.05,
         np.full(d, 0.01),
     )  # fmt: skip
     motion = ident.Motion((), names, ident.motion.Band(1.0, 0.0, None), 0.0)

@@ -35,31 +35,88 @@ DRIVES, CLOSURES = "other drives", "closure forces"
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
-    """Prediction of one experiment: n samples, d independent coordinates and m multipliers.
+class Torques:
+    """Measured torques of one experiment, and the parts of the predicted ones.
 
     Attributes:
-        t: (n,) [s]; joints: names of the independent coordinates.
-        measured, predicted: (n, d) torques [N m | N]; residual = measured − predicted.
-        parts: (n, d) by name: `rigid bodies`, each effect, `external wrenches`; they add up to
-            `predicted`.
-        multipliers: (n, m) λ.
-        usable: (n,) samples that take part.
+        name: the experiment's; t: (n,) [s].
+        measured: (n, d) torques of the independent coordinates [N m | N].
+        parts: (n, d) by name: `rigid bodies`, each effect, less the `external wrenches`; they add
+            up to `predicted`.
     """
 
     name: str
     t: np.ndarray
-    joints: tuple[str, ...]
     measured: np.ndarray
-    predicted: np.ndarray
-    parts: dict[str, np.ndarray]
-    multipliers: np.ndarray
-    usable: np.ndarray
+    parts: Mapping[str, np.ndarray]
+
+    @cached_property
+    def predicted(self) -> np.ndarray:
+        """Σ parts (n, d)."""
+        return sum(self.parts.values(), np.zeros_like(self.measured))
 
     @property
     def residual(self) -> np.ndarray:
         """measured − predicted (n, d)."""
         return self.measured - self.predicted
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction(Torques):
+    """Prediction of one experiment: n samples, d independent coordinates and m multipliers.
+
+    Attributes:
+        joints: names of the independent coordinates.
+        multipliers: (n, m) λ.
+        usable: (n,) samples that take part.
+    """
+
+    joints: tuple[str, ...]
+    multipliers: np.ndarray
+    usable: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Trace(Torques):
+    """The residual of one experiment: n rows, filtered and decimated as the regression had them.
+
+    With d independent coordinates and J named joints:
+
+    Attributes:
+        segment: (n,), rows of one number follow each other without a gap.
+        gravity: (n, d), what of the rigid bodies' part is there without motion.
+        own: (n, d) by name, in each joint's own row of the generalised forces: rigid bodies and
+            effects of that row, `other drives`, and `closure forces` (Jᵀλ); they add up to the
+            joint's own torque. Empty for a tree; NaN for a closure's own joint, which has no row.
+        q, v, a: (n, J) [rad | m], [.../s], [.../s²] of all named joints.
+        direction: (n, J), sign(v), v/still at standstill.
+        informed: (n, d), false where dry friction at standstill leaves the torque open.
+        still: (J,) speed below which a joint stands still.
+    """
+
+    segment: np.ndarray
+    gravity: np.ndarray
+    own: Mapping[str, np.ndarray]
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    direction: np.ndarray
+    informed: np.ndarray
+    still: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @cached_property
+    def load(self) -> np.ndarray:
+        """Torque (n, d) that the links ask of each joint: the prediction without the effects."""
+        known = [self.parts[name] for name in (RIGID, WRENCHES) if name in self.parts]
+        return sum(known, np.zeros_like(self.measured))
+
+    def runs(self) -> list[slice]:
+        """Return rows without a gap between them."""
+        edges = [0, *(np.flatnonzero(np.diff(self.segment)) + 1), len(self)]
+        return [slice(int(i), int(j)) for i, j in pairwise(edges) if j > i]
 
 
 def predict(mechanism: Mechanism, motion: Motion, point: Point) -> list[Prediction]:
@@ -77,25 +134,61 @@ def _predict(mechanism: Mechanism, motion: Motion, bare: State, point: Point) ->
     for start in range(0, n, CHUNK):
         part = slice(start, min(start + CHUNK, n))
         s, u = scene.generalised(part), scene.samples(part)
-        forces = generalised(s, point)
+        forces = _generalised(s, point)
         for name, force in zip(parts, forces, strict=True):
             parts[name][part] = u.reduce(force)
         measured[part] = u.measured(mechanism.driven)
         if e.pinv is not None:
             f = sum(forces) - s.measured(others)
             multipliers[part] = -np.einsum("nij,ni->nj", e.pinv[part][:, :, :m], f)
-    predicted = sum(parts.values(), np.zeros((n, d)))
-    joints = motion.independent
-    return Prediction(e.name, e.t, joints, measured, predicted, parts, multipliers, e.usable)
+    return Prediction(e.name, e.t, measured, parts, motion.independent, multipliers, e.usable)
+
+
+def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Trace:
+    """Return the residual of one experiment at a working point."""
+    scene = Scene.of(mechanism, NOTHING, e, point, motion.band.cutoff)
+    mechanism, e = scene.mechanism, scene.e
+    farthest, names = largest_transmission(e), _names(mechanism, e)
+    own = [*names, DRIVES, CLOSURES] if e.leverage is not None else []
+
+    def make(part: slice) -> list[np.ndarray]:
+        """Return measured torque, gravity, parts, parts in own rows, joint signals, informed."""
+        s, u = scene.generalised(part), scene.samples(part)
+        forces = _generalised(s, scene.point)
+        gravity = rigid_forces(mechanism.model, e.q[part], 0 * e.v[part], 0 * e.v[part], point.pi)
+        direction = np.clip(e.yd[part] / e.still, -1.0, 1.0)
+        informs = [each for effect in mechanism.effects for each in informative_joints(u, effect)]
+        rows = [u.measured(mechanism.driven), u.reduce(gravity), *map(u.reduce, forces)]
+        rows += _own_rows(s, u, motion, forces) if own else []
+        joints = np.stack([e.y[part], e.yd[part], e.ydd[part], direction], axis=1)
+        return [np.stack(rows, axis=1), joints, informing(u, informs, farthest)]
+
+    d, J = len(motion.independent), len(mechanism.joints)
+    counts = 2 + len(names) + len(own)
+    empty = np.zeros((0, counts, d)), np.zeros((0, 4, J)), np.ones((0, d), bool)
+    found: list[list[np.ndarray]] = [[np.zeros(0), np.zeros(0, int), *empty]]
+    for number, segment in enumerate(e.segments()):
+        decimator = Decimator.of(motion.band.cutoff, e.rate)
+        for sample, series in decimator.filtered(segment, make):
+            found.append([e.t[sample], np.full(len(sample), number), *series])
+    t, segments, torques, joints, informed = (np.concatenate(x) for x in zip(*found, strict=True))
+    measured, gravity, *parts = (torques[:, i] for i in range(counts))
+    q, v, a, direction = (joints[:, i] for i in range(4))
+    by_name = dict(zip(names, parts, strict=False))
+    in_rows = dict(zip(own, parts[len(names) :], strict=True))
+    return Trace(
+        e.name, t, measured, by_name, segments, gravity, in_rows,
+        q, v, a, direction, informed, e.still,
+    )  # fmt: skip
 
 
 def _names(mechanism: Mechanism, e: State) -> list[str]:
-    """Return the names of the parts, in the order of `generalised`."""
+    """Return the names of the parts, in the order of `_generalised`."""
     effects = [effect.label for effect in mechanism.effects if effect.unknowns]
     return [RIGID, *effects, *([WRENCHES] if e.wrench is not None else [])]
 
 
-def generalised(s: Samples, point: Point) -> list[np.ndarray]:
+def _generalised(s: Samples, point: Point) -> list[np.ndarray]:
     """Return generalised forces (n, nv) of rigid bodies, of each effect, and less the wrenches."""
     forces = [s.rigid(point.pi)]
     for effect in s.mechanism.effects:
@@ -107,134 +200,25 @@ def generalised(s: Samples, point: Point) -> list[np.ndarray]:
     return forces
 
 
-@dataclass(frozen=True, eq=False)
-class Trace:
-    """The residual of one experiment: n rows, filtered and decimated as the regression had them.
-
-    With d independent coordinates and J named joints:
-
-    Attributes:
-        name: the experiment's.
-        t: (n,) [s]; segment: (n,), rows of one number follow each other without a gap.
-        measured: (n, d) torques [N m | N].
-        parts: (n, d) by name: `rigid bodies`, each effect, less the `external wrenches`; they add
-            up to `predicted`.
-        gravity: (n, d), what of the rigid bodies' part is there without motion.
-        own: (n, d) by name, in each joint's own row of the generalised forces: rigid bodies and
-            effects of that row, `other drives`, and `closure forces` (Jᵀλ); they add up to the
-            joint's own torque. Empty for a tree; NaN for a closure's own joint, which has no row.
-        q, v, a: (n, J) [rad | m], [.../s], [.../s²] of all named joints.
-        direction: (n, J), sign(v), v/still at standstill.
-        informed: (n, d), false where dry friction at standstill leaves the torque open.
-        still: (J,) speed below which a joint stands still.
-    """
-
-    name: str
-    t: np.ndarray
-    segment: np.ndarray
-    measured: np.ndarray
-    parts: Mapping[str, np.ndarray]
-    gravity: np.ndarray
-    own: Mapping[str, np.ndarray]
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    direction: np.ndarray
-    informed: np.ndarray
-    still: np.ndarray = field(default_factory=lambda: np.zeros(0))
-
-    def __len__(self) -> int:
-        return len(self.t)
-
-    @cached_property
-    def predicted(self) -> np.ndarray:
-        """Σ parts (n, d)."""
-        return sum(self.parts.values(), np.zeros_like(self.measured))
-
-    @cached_property
-    def load(self) -> np.ndarray:
-        """Torque (n, d) that the links ask of each joint: the prediction without the effects."""
-        known = [self.parts[name] for name in (RIGID, WRENCHES) if name in self.parts]
-        return sum(known, np.zeros_like(self.measured))
-
-    @cached_property
-    def residual(self) -> np.ndarray:
-        """measured − predicted (n, d)."""
-        return self.measured - self.predicted
-
-    def runs(self) -> list[slice]:
-        """Return rows without a gap between them."""
-        edges = [0, *(np.flatnonzero(np.diff(self.segment)) + 1), len(self)]
-        return [slice(int(i), int(j)) for i, j in pairwise(edges) if j > i]
-
-
-def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Trace:
-    """Return the residual of one experiment at a working point."""
-    scene = Scene.of(mechanism, NOTHING, e, point, motion.band.cutoff)
-    mechanism, e = scene.mechanism, scene.e
-    decimator, farthest = Decimator.of(motion.band.cutoff, e.rate), largest_transmission(e)
-    names = _names(mechanism, e)
-    own = [*names, DRIVES, CLOSURES] if e.leverage is not None else []
-    d, J = len(motion.independent), len(mechanism.joints)
-    widths = [d] * (2 + len(names) + len(own)) + [J] * 4
-    none = [np.zeros(0), np.zeros(0, int), np.zeros((0, sum(widths))), np.ones((0, d), bool)]
-    found: list[list[np.ndarray]] = [none]
-    for number, segment in enumerate(e.segments()):
-        pieces = decimator.filtered(segment, lambda part: _series(scene, motion, part, farthest))
-        for sample, (series, informed) in pieces:
-            found.append([e.t[sample], np.full(len(sample), number), series, informed])
-    t, segments, series, informed = (np.concatenate(each) for each in zip(*found, strict=True))
-    blocks = np.split(series, np.cumsum(widths)[:-1], axis=1)
-    parts, rows = blocks[2 : 2 + len(names)], blocks[2 + len(names) : -4]
-    q, v, a, direction = blocks[-4:]
-    return Trace(
-        e.name, t, segments, blocks[0], dict(zip(names, parts, strict=True)), blocks[1],
-        dict(zip(own, rows, strict=True)), q, v, a, direction, informed, e.still,
-    )  # fmt: skip
-
-
-def _series(
-    scene: Scene, motion: Motion, part: slice, farthest: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return all series of some samples side by side (n, …), unfiltered, and `informed` (n, d)."""
-    mechanism, e = scene.mechanism, scene.e
-    s, u = scene.generalised(part), scene.samples(part)
-    forces = generalised(s, scene.point)
-    q, zero = e.q[part], np.zeros_like(e.v[part])
-    gravity = rigid_forces(mechanism.model, q, zero, zero, scene.point.pi)
-    series = [u.measured(mechanism.driven), u.reduce(gravity), *(u.reduce(f) for f in forces)]
-    if e.leverage is not None:
-        series += _own_rows(s, u, motion, forces)
-    direction = np.clip(e.yd[part] / e.still, -1.0, 1.0)
-    series += [e.y[part], e.yd[part], e.ydd[part], direction]
-    informative = [each for effect in mechanism.effects for each in informative_joints(u, effect)]
-    return np.hstack(series), informing(u, informative, farthest)
-
-
 def _own_rows(s: Samples, u: Samples, motion: Motion, forces: list[np.ndarray]) -> list[np.ndarray]:
     """Return each part (n, d) in the rows of the independent joints, then other drives, Jᵀλ.
 
     Jᵀ λ = W_uᵀ τ̂_u + W_oᵀ τ_o − f of the drives u that are predicted and the others o.
     """
     mechanism = s.mechanism
-    others = tuple(name for name in mechanism.driven if name not in motion.independent)
-    drives = s.measured(others)
+    drives = s.measured(name for name in mechanism.driven if name not in motion.independent)
     f = sum(forces, np.zeros(s.shape))
     tau = u.reduce(f - drives)
     for i, name in enumerate(motion.independent):
         s.add_torque(drives, name, tau[:, i])
-    closures = drives - f
     rows = [mechanism.joint(name) for name in motion.independent]
     at = [row.index if row.in_tree else 0 for row in rows]
     missing = np.where([row.in_tree for row in rows], 0.0, np.nan)
-    return [x[:, at] + missing for x in forces] + [
-        tau - drives[:, at] + missing,
-        closures[:, at] + missing,
-    ]
+    own = [*(x[:, at] for x in forces), tau - drives[:, at], (drives - f)[:, at]]
+    return [x + missing for x in own]
 
 
 def squares_of(residual: np.ndarray, measured: np.ndarray) -> Squares:
     """Return the sums of squares of a residual and the measured torques, both (n, d)."""
-    n, d = residual.shape
-    error, torque = (residual**2).sum(axis=0), (measured**2).sum(axis=0)
-    return Squares(error, torque, np.full(d, float(n)))
+    rows = np.full(measured.shape[1], float(len(measured)))
+    return Squares((residual**2).sum(axis=0), (measured**2).sum(axis=0), rows)

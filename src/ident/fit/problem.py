@@ -204,12 +204,16 @@ def information_of(
                 done = (number + parts[-1].sample[-1] / len(e)) / len(motion.experiments)
                 on_progress(f"equations of {e.name}", float(done))
     if not blocks:
-        lost = ", ".join(experiment.name for experiment in motion.experiments)
-        raise FitError(
-            f"{lost}: no stretch is long enough for the filter ({motion.band.cutoff:.3g} Hz); "
-            "give a longer log or a higher --cutoff"
-        )
+        raise too_short(motion)
     return Information.of(blocks, len(columns), dof(mechanism, motion.experiments[0]))
+
+
+def too_short(motion: Motion) -> FitError:
+    """Return the error of a motion of which the filter leaves no row."""
+    return FitError(
+        f"{', '.join(motion.names)}: no stretch is long enough for the filter "
+        f"({motion.band.cutoff:.3g} Hz); give a longer log or a higher --cutoff"
+    )
 
 
 def block_edges(cutoff: float | None, first: float, last: float, samples: int) -> np.ndarray:

@@ -6,10 +6,9 @@ Joints weigh by their measured torque, so that N m and N, strong joints and weak
 Where a log repeats its motion with a period T, the residual that repeats with it is no noise:
 
     likeness(T) = 1 − Var(q(t+T) − q(t)) / 2 Var(q)         of each independent joint that moves
-    ρ_rep = corr(r(t), r(t+T))        floor = rms(r(t+T) − r(t)) / √2
+    ρ_rep = corr(r(t), r(t+T))
 
-Near 1, physics is missing; near 0, none is. A floor above the noise of other joints is something
-missing that does not repeat, a drift perhaps.
+Near 1, physics is missing; near 0, none is.
 """
 
 from __future__ import annotations
@@ -22,11 +21,13 @@ from typing import Any, Protocol
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from ident.display import Displayed
 from ident.equations.unknowns import Point
 from ident.errors import FitError
 from ident.fit.prediction import Trace, squares_of, trace_of
+from ident.fit.problem import too_short
 from ident.fit.residual_maps import (
     ERRORS,
     MapStep,
@@ -59,12 +60,11 @@ LARGER = 1.5  # ratio of rms that stands out
 SURE = 3.0  # standard errors by which it must
 FULL = 2 * np.pi  # rad; a joint that turns further has no ends
 ALIKE = 0.98  # likeness of two periods of one motion
-SAME = 0.005  # likeness by which a shorter period may be worse than the best
 APART = 0.5  # likeness below which the motion has left where it was
-CHANCE = 0.4  # correlation between periods that noise of the best logs had been seen to have
+CHANCE = 0.4  # correlation between periods that the noise of good logs has
 MOVING = 0.05  # share of samples in which a joint moves, for it to count
 FINE = 16  # samples a period of the motion's bandwidth, from which periods are found
-FEWEST = 16  # samples, and pairs of rows, from which a period can be told
+FEWEST = 16  # samples, and pairs of rows, from which a period can be determined
 
 
 class Model(Protocol):
@@ -107,15 +107,12 @@ class Regime:
     Attributes:
         name: `reversal`, `standstill`, `high speed`, `lower end`, `upper end`,
             `high acceleration` or `high load`.
-        rms: in it [N m | N]; ratio: to the rms of all other rows.
-        share: of the rows.
+        ratio: of the rms in it to that of all other rows.
         stands_out: whether the ratio is above 1.5 by more than chance.
     """
 
     name: str
-    rms: float
     ratio: float
-    share: float
     stands_out: bool
 
     def __str__(self) -> str:
@@ -180,13 +177,9 @@ class Failure(Displayed):
     @property
     def json(self) -> dict[str, Any]:
         """As `where` of diagnosis.json has it, and the figures behind."""
+        same = ("joint", "rms", "relative", "unit", "share", "offset", "repeats", "white")
         return {
-            "joint": self.joint,
-            "rms": self.rms,
-            "relative": self.relative,
-            "unit": self.unit,
-            "share": self.share,
-            "offset": self.offset,
+            **{name: getattr(self, name) for name in same},
             "depends_on": [each.signal for each in self.depends_on],
             "r2": [each.r2 for each in self.depends_on],
             "seen": [each.seen for each in self.depends_on],
@@ -197,8 +190,6 @@ class Failure(Displayed):
             "stands_out": [each.name for each in self.stands_out],
             "autocorrelation": self.memory.value,
             "autocorrelation_threshold": self.memory.threshold,
-            "repeats": self.repeats,
-            "white": self.white,
         }
 
 
@@ -207,28 +198,14 @@ class Periods:
     """Repetition of the motion, and of the residual with it.
 
     Attributes:
-        period: [s] and count: of whole periods, by experiment that has any.
-        likeness: of the motion, the least of all joints and experiments.
+        period: [s], by experiment that has any.
         rho: correlation of the residual between periods, by joint.
-        floor: what does not repeat [N m | N], by joint: the noise floor.
         chance: correlation below which noise may repeat: 0.4, or four standard errors.
     """
 
     period: Mapping[str, float]
-    count: Mapping[str, int]
-    likeness: float
     rho: Mapping[str, float]
-    floor: Mapping[str, float]
     chance: float
-
-    def __str__(self) -> str:
-        logs = [f"{name}: {self.count[name]} × {T:.4g} s" for name, T in self.period.items()]
-        rho = ", ".join(f"{joint} {value:.2f}" for joint, value in self.rho.items())
-        floor = ", ".join(f"{joint} {value:.2g}" for joint, value in self.floor.items())
-        return (
-            f"the motion repeats ({'; '.join(logs)}); correlation of the residual between periods: "
-            f"{rho}; what does not repeat, rms: {floor}"
-        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -256,27 +233,28 @@ class Residual(Displayed):
     @cached_property
     def errors(self) -> dict[str, Error]:
         """rms and relative error by joint, over all rows, as `Fit.train` has them."""
-        total = Squares.zero(len(self.joints))
-        for trace in self.traces:
-            total = total + squares_of(trace.residual, trace.measured)
-        return total.errors(self.joints, self.units)
+        squares = (squares_of(trace.residual, trace.measured) for trace in self.traces)
+        return sum(squares, Squares.zero(len(self.joints))).errors(self.joints, self.units)
 
     @cached_property
     def parts(self) -> dict[str, np.ndarray]:
         """rms (d,) of `measured`, each part, `gravity` and `residual` over all rows."""
-        names = ("measured", "gravity", "residual")
-        whole = {name: _rms([getattr(trace, name) for trace in self.traces]) for name in names}
-        parts = {
-            name: _rms([trace.parts[name] for trace in self.traces])
-            for name in self.traces[0].parts
-        }
-        return {"measured": whole.pop("measured"), **parts, **whole}
+
+        def rms(name: str) -> np.ndarray:
+            return _rms([getattr(trace, name) for trace in self.traces])
+
+        parts = {name: self.rms_together("parts", [name]) for name in self.traces[0].parts}
+        ends = {"gravity": rms("gravity"), "residual": rms("residual")}
+        return {"measured": rms("measured"), **parts, **ends}
 
     @cached_property
     def own(self) -> dict[str, np.ndarray]:
         """rms (d,) of the parts of each joint's own row; empty for a tree."""
-        names = self.traces[0].own
-        return {name: _rms([trace.own[name] for trace in self.traces]) for name in names}
+        return {name: self.rms_together("own", [name]) for name in self.traces[0].own}
+
+    def rms_together(self, which: str, names: Sequence[str]) -> np.ndarray:
+        """Return the rms (d,) of the sum of some `parts`, or of some parts of the `own` rows."""
+        return _rms([sum(getattr(trace, which)[name] for name in names) for trace in self.traces])
 
     @cached_property
     def where(self) -> tuple[Failure, ...]:
@@ -300,8 +278,8 @@ class Residual(Displayed):
     @property
     def rate(self) -> float:
         """Rows a second [Hz]."""
-        longest = max(self.traces, key=len)
-        t = longest.t[max(longest.runs(), key=lambda each: each.stop - each.start)]
+        runs = [trace.t[run] for trace in self.traces for run in trace.runs()]
+        t = max(runs, key=len)
         return (len(t) - 1) / float(t[-1] - t[0]) if len(t) > 1 else 1.0
 
     def signal(self, name: str) -> tuple[list[np.ndarray], str]:
@@ -337,11 +315,7 @@ def residual_of(model: Model, motion: Motion | None = None, *, name: str = "") -
     mechanism = model.mechanism
     traces = [trace_of(mechanism, model.point, motion, e) for e in motion.experiments]
     if not any(len(trace) for trace in traces):
-        lost = ", ".join(trace.name for trace in traces)
-        raise FitError(
-            f"{lost}: no stretch is long enough for the filter ({motion.band.cutoff:.3g} Hz); "
-            "give a longer log or a higher --cutoff"
-        )
+        raise too_short(motion)
     return Residual(
         name=name or model.name,
         model=model,
@@ -360,8 +334,8 @@ def zero_of(t: np.ndarray) -> float:
 
 
 def _rms(pieces: list[np.ndarray]) -> np.ndarray:
-    total = sum(((x**2).sum(axis=0) for x in pieces), np.zeros(pieces[0].shape[1]))
-    return np.asarray(np.sqrt(total / max(sum(len(x) for x in pieces), 1)))
+    squares = sum((x**2).sum(axis=0) for x in pieces)
+    return np.asarray(np.sqrt(squares / max(sum(map(len, pieces)), 1)))
 
 
 # --- where a model fails -------------------------------------------------------------------------
@@ -373,20 +347,18 @@ def where(residual: Residual) -> tuple[Failure, ...]:
     strongest = float(torque.max(initial=0.0)) or 1.0  # stands in for a joint without torque
     rms = np.array([residual.errors[joint].rms for joint in residual.joints])
     squares = rms**2 / np.where(torque > 0, torque, strongest) ** 2
-    shares = squares / squares.sum() if squares.sum() > 0 else np.zeros(len(squares))
+    shares = squares / (squares.sum() or 1.0)
     maps = signal_maps(residual.signal, residual.signals, residual.joints)
     fold = folds([len(trace) for trace in residual.traces])
-    failures = [
-        _failure(residual, joint, float(share), maps, fold)
-        for joint, share in zip(residual.joints, shares, strict=True)
-    ]
+    failures = [_failure(residual, u, float(share), maps, fold) for u, share in enumerate(shares)]
     return tuple(sorted(failures, key=lambda each: -each.share))
 
 
 def _failure(
-    residual: Residual, joint: str, share: float, maps: Sequence[SignalMap], fold: np.ndarray
+    residual: Residual, u: int, share: float, maps: Sequence[SignalMap], fold: np.ndarray
 ) -> Failure:
-    u, error, again = residual.joints.index(joint), residual.errors[joint], residual.periods
+    joint, again = residual.joints[u], residual.periods
+    error = residual.errors[joint]
     pieces = [trace.residual[run, u] for trace in residual.traces for run in trace.runs()]
     memory = memory_of(pieces, residual.motion.band.cutoff, residual.rate)
     r = np.concatenate(pieces)
@@ -410,10 +382,9 @@ def _failure(
         share=share,
         offset=float(r.mean()),
         worst=() if nothing else _worst(residual, u, memory.effective),
-        regimes=() if nothing else _regimes(residual, joint, memory.effective),
+        regimes=() if nothing else _regimes(residual, u, memory.effective),
         depends_on=tuple(
-            Dependence(step.map.name, step.after - step.before, described(step, error.unit))
-            for step in steps
+            Dependence(step.map.name, step.r2, described(step, error.unit)) for step in steps
         ),
         memory=memory,
         threshold=threshold,
@@ -432,8 +403,7 @@ def _worst(residual: Residual, u: int, effective: float) -> tuple[Window, ...]:
         width = float(np.clip((trace.t[-1] - trace.t[0]) / PARTS, SHORTEST, LONGEST))
         for run in trace.runs():
             r, t = trace.residual[run, u], trace.t[run]
-            step = (t[-1] - t[0]) / max(len(t) - 1, 1) or width
-            size = int(np.clip(round(width / step), min(3, len(r)), len(r)))
+            size = int(np.clip(round(width * residual.rate), min(3, len(r)), len(r)))
             count = np.convolve(np.ones(len(r)), np.ones(size), "same")
             local = np.sqrt(np.convolve(r**2, np.ones(size), "same") / count)
             pieces.append((trace.name, t, r, local, size))
@@ -445,20 +415,17 @@ def _worst(residual: Residual, u: int, effective: float) -> tuple[Window, ...]:
     for name, t, r, local, _ in pieces:
         for run in runs(local > limit):
             if run.stop - run.start >= 2:
-                squares = float((r[run] ** 2).sum())
                 rms = float(np.sqrt(np.mean(r[run] ** 2)))
-                windows.append((squares, Window(name, float(t[run][0]), float(t[run][-1]), rms)))
-    windows.sort(key=lambda each: -each[0])
-    return tuple(window for _, window in windows[:MOST])
+                window = Window(name, float(t[run][0]), float(t[run][-1]), rms)
+                windows.append((-(rms**2) * len(r[run]), window))
+    return tuple(window for _, window in sorted(windows, key=lambda each: each[0])[:MOST])
 
 
-def _regimes(residual: Residual, joint: str, effective: float) -> tuple[Regime, ...]:
+def _regimes(residual: Residual, u: int, effective: float) -> tuple[Regime, ...]:
     """Return the regimes that occur, the most conspicuous first; `effective`: independent rows."""
-    u, i = residual.joints.index(joint), residual.signals.index(joint)
     r = np.concatenate([trace.residual[:, u] for trace in residual.traces])
-    endless = residual.coordinate_units[i] == "rad"
     regimes = []
-    for name, inside in _masks(residual.traces, u, i, endless):
+    for name, inside in _masks(residual, u):
         n, others = int(inside.sum()), int((~inside).sum())
         if min(n, others) < 5:
             continue
@@ -466,17 +433,17 @@ def _regimes(residual: Residual, joint: str, effective: float) -> tuple[Regime, 
         ratio = float(rms / rest) if rest > 0 else 1.0
         error = np.sqrt(0.5 * len(r) / effective * (1 / n + 1 / others))  # of ln(rms / rest)
         out = ratio > LARGER and np.log(ratio) > SURE * error
-        regimes.append(Regime(name, float(rms), ratio, n / len(r), bool(out)))
+        regimes.append(Regime(name, ratio, bool(out)))
     return tuple(sorted(regimes, key=lambda each: -each.ratio))
 
 
-def _masks(
-    traces: Sequence[Trace], u: int, i: int, endless: bool
-) -> Iterator[tuple[str, np.ndarray]]:
+def _masks(residual: Residual, u: int) -> Iterator[tuple[str, np.ndarray]]:
+    """Return the regimes of a joint with their rows (n,) of all traces."""
+    i, traces = residual.signals.index(residual.joints[u]), residual.traces
     q, v, a = (np.concatenate([getattr(trace, x)[:, i] for trace in traces]) for x in "qva")
     load = np.abs(np.concatenate([trace.load[:, u] for trace in traces]))
     still = np.concatenate([np.abs(trace.v[:, i]) < trace.still[i] for trace in traces])
-    turning = np.concatenate([_reversals(trace, i) for trace in traces])
+    turning = np.concatenate([_reversals(trace, i, residual.rate) for trace in traces])
     yield "reversal", turning
     yield "standstill", still & ~turning
     moving = ~still
@@ -484,67 +451,51 @@ def _masks(
         return
     yield "high speed", moving & (np.abs(v) >= np.quantile(np.abs(v[moving]), TOP))
     low, high = q.min(), q.max()
-    if high - low <= FULL or not endless:
+    if high - low <= FULL or residual.coordinate_units[i] != "rad":
         yield "lower end", q < low + END * (high - low)
         yield "upper end", q > high - END * (high - low)
     yield "high acceleration", np.abs(a) >= np.quantile(np.abs(a), TOP)
     yield "high load", load >= np.quantile(load, TOP)
 
 
-def _reversals(trace: Trace, i: int) -> np.ndarray:
-    """Return the rows (n,) within 60 ms of a change of the direction in which joint i moves."""
-    reversing = np.zeros(len(trace), dtype=bool)
-    v, still = trace.v[:, i], trace.still[i]
+def _reversals(trace: Trace, i: int, rate: float) -> np.ndarray:
+    """Return the slow rows (n,) within 60 ms of which joint i moves in both directions."""
+    v, still, size = trace.v[:, i], trace.still[i], 2 * round(NEAR * rate) + 1
+    both = np.zeros(len(trace), dtype=bool)
     for run in trace.runs():
-        t = trace.t[run]
-        moving = np.flatnonzero(np.abs(v[run]) >= still) + run.start
-        turned = np.sign(v[moving[1:]]) != np.sign(v[moving[:-1]])
-        before, after = trace.t[moving[:-1][turned]], trace.t[moving[1:][turned]]
-        quick = after - before < 2 * NEAR + 2 * (t[-1] - t[0]) / len(t)
-        middle = (before + after)[quick] / 2
-        if len(middle):
-            at = np.searchsorted(middle, t)
-            near = [np.abs(t - middle[np.clip(at - k, 0, len(middle) - 1)]) for k in (0, 1)]
-            reversing[run] = np.minimum(*near) <= NEAR
-    return reversing & (np.abs(v) < max(SLOW * np.abs(v).max(initial=0.0), still))
+        fastest, slowest = maximum_filter1d(v[run], size), minimum_filter1d(v[run], size)
+        both[run] = (fastest >= still) & (slowest <= -still)
+    return both & (np.abs(v) < max(SLOW * np.abs(v).max(initial=0.0), still))
 
 
 # --- repetition ----------------------------------------------------------------------------------
 
 
 def _periods(residual: Residual) -> Periods | None:
-    repeated: dict[str, tuple[Trace, float, int, float]] = {}
+    periods: dict[str, float] = {}
+    pairs = []
     traces = list(residual.traces)  # in the order of the experiments, of which some have no rows
     for e in residual.motion.experiments:
-        if not traces or (traces[0].name, traces[0].t[0] < e.t[0]) != (e.name, False):
+        if not traces or traces[0].name != e.name or traces[0].t[0] < e.t[0]:
             continue
         trace = traces.pop(0)
         if (period := _period(e, residual)) is not None:
-            name = e.name if e.name not in repeated else f"{e.name} ({len(repeated) + 1})"
-            repeated[name] = trace, *period
-    pairs = [_pairs(trace, T) for trace, T, _, _ in repeated.values()]
+            name = e.name if e.name not in periods else f"{e.name} ({len(periods) + 1})"
+            periods[name] = period
+            pairs.append(_pairs(trace, period))
     if sum(len(early) for early, _ in pairs) < FEWEST:
         return None
     first, second = (np.concatenate(each) for each in zip(*pairs, strict=True))
-    rho, floor = {}, {}
-    for u, joint in enumerate(residual.joints):
-        a, b = first[:, u] - first[:, u].mean(), second[:, u] - second[:, u].mean()
-        rho[joint] = float(a @ b / max(np.sqrt((a @ a) * (b @ b)), 1e-300))
-        floor[joint] = float(np.sqrt(np.mean((first[:, u] - second[:, u]) ** 2) / 2))
+    a, b = first - first.mean(axis=0), second - second.mean(axis=0)
+    rho = (a * b).sum(axis=0) / np.sqrt((a**2).sum(axis=0) * (b**2).sum(axis=0) + 1e-300)
     own = own_correlation(residual.motion.band.cutoff, residual.rate)
     independent = len(first) / float(1 + 2 * (own**2).sum())
-    return Periods(
-        period={name: T for name, (_, T, _, _) in repeated.items()},
-        count={name: n for name, (_, _, n, _) in repeated.items()},
-        likeness=min(like for _, _, _, like in repeated.values()),
-        rho=rho,
-        floor=floor,
-        chance=max(CHANCE, ERRORS / float(np.sqrt(max(independent, 1.0)))),
-    )
+    chance = max(CHANCE, ERRORS / float(np.sqrt(max(independent, 1.0))))
+    return Periods(periods, dict(zip(residual.joints, map(float, rho), strict=True)), chance)
 
 
-def _period(e: State, residual: Residual) -> tuple[float, int, float] | None:
-    """Return the period [s], number of periods and likeness of a motion, in its longest run."""
+def _period(e: State, residual: Residual) -> float | None:
+    """Return the period [s] of a motion, in its longest run."""
     run = max(e.segments(), key=lambda each: each.stop - each.start, default=slice(0, 0))
     stride = max(1, int(e.rate / (FINE * max(residual.motion.band.motion, 1e-9))))
     t, y, yd = (x[run][::stride] for x in (e.t, e.y, e.yd))
@@ -555,34 +506,31 @@ def _period(e: State, residual: Residual) -> tuple[float, int, float] | None:
     if not moves.any():
         return None
     likeness = np.min([_likeness(y[:, i]) for i in at[moves]], axis=0)
+    inner = likeness[1:-1]
+    peak = (inner >= likeness[:-2]) & (inner >= likeness[2:]) & (inner >= ALIKE)
     away = np.flatnonzero(likeness < APART)
-    if not len(away):
+    lags = 1 + np.flatnonzero(peak)
+    lags = lags[lags > away[0]] if len(away) else lags[:0]
+    if not len(lags):
         return None
-    inner = likeness[int(away[0]) :]
-    peaks = 1 + np.flatnonzero((inner[1:-1] >= inner[:-2]) & (inner[1:-1] >= inner[2:]))
-    if not len(peaks) or inner[peaks].max() < ALIKE:
-        return None
-    good = peaks[inner[peaks] >= max(ALIKE, inner[peaks].max() - SAME)]
-    lag = int(away[0] + good[0])
-    low, mid, high = likeness[lag - 1 : lag + 2]
+    low, mid, high = likeness[lags[0] - 1 : lags[0] + 2]
     bend = low - 2 * mid + high
-    exact = lag + (0.5 * (low - high) / bend if bend < 0 else 0.0)
-    step = float(t[-1] - t[0]) / (len(t) - 1)
-    return float(exact * step), int(len(t) / exact + 0.05), float(mid)
+    exact = lags[0] + (0.5 * (low - high) / bend if bend < 0 else 0.0)
+    return float(exact * (t[-1] - t[0]) / (len(t) - 1))
 
 
 def _likeness(q: np.ndarray) -> np.ndarray:
     """Return the likeness by lag (n // 2 + 3,); whole turns between periods do not count."""
     n = len(q)
-    x = q - q.mean()
+    x = q - np.linspace(q[0], q[-1], n)  # a joint that turns on and on varies about this
+    x -= x.mean()
     lags = np.arange(n // 2 + 3)
     product = np.fft.irfft(np.abs(np.fft.rfft(x, 2 * n)) ** 2)[: len(lags)]
     s, ss = (np.concatenate([[0.0], np.cumsum(y)]) for y in (x, x**2))
     pairs = n - lags
     mean = (s[n] - s[lags] - s[pairs]) / pairs
     difference = (ss[n] - ss[lags] + ss[pairs] - 2 * product) / pairs - mean**2
-    rise = np.linspace(q[0], q[-1], n)  # a joint that turns on and on varies about this
-    return np.asarray(1 - difference / (2 * max(float(np.var(q - rise)), 1e-300)))
+    return np.asarray(1 - difference / (2 * max(float(np.var(x)), 1e-300)))
 
 
 def _pairs(trace: Trace, T: float) -> tuple[np.ndarray, np.ndarray]:

@@ -12,31 +12,28 @@ noise with the spectrum of the present residual. All of it comes from ΦᵀΦ an
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from ident.equations.filter import Decimator
 
-KNOTS = 9  # of a map
-FINE = 41  # of the map of a joint's own position, for waves
-SLOW = 4  # of the map of time: fewer than folds, so that what is held out lies between
-MOST = 12  # joints whose signals are compared
-STIFF, STIFF_FINE = 1e-2, 1e-3  # weight of the map's bends, in shares of a knot's data
-LEAST = 0.03  # R² that is worth a mention, of the residual after the signals before it
-GAIN = 0.02  # and of the whole
-SURE = 0.6  # R² that is always believed, however short the log
+KNOTS, KNOTS_WAVE, KNOTS_TIME = 9, 41, 4  # of a map; of a joint's own position; of time
+JOINTS = 12  # whose signals are compared
+STIFF, STIFF_WAVE = 1e-2, 1e-3  # weight of the map's bends, in shares of a knot's data
+LEAST = 0.03  # share of the residual's variance that a signal must explain to be mentioned
 SIMPLER = 0.02  # R² that is given up for the simpler map, or for the joint's own signal
+SIGNALS = 4  # of one joint
 DRAWS = 60  # surrogates of noise
-LONGEST = 4  # signals of one joint
+FEWEST = 20  # rows of which signals can be told
 MEMORY = 0.15  # autocorrelation beyond the filter's length that is always taken for noise
 ERRORS = 4.0  # or so many of its standard errors
 FARTHEST = 400  # lags of the autocorrelation
 UNFILTERED = 2  # lags at which differentiated noise of encoders is correlated without any filter
-OVERSAMPLED = 40  # samples a period of the cut-off at which the filter's correlation is computed
+FINER = 10  # samples a row at which the filter's own correlation is computed
 ALIKE = 0.9  # share of a map's variation that a shape must explain to give it its name
-OUTER = 1 / 3  # of the range: where a kink is at an end
+ROUNDING = 1e-9  # of a signal: a smaller change is none
 PROMINENT = 0.3  # of a map's range: smaller bends are no wave
 
 Signal = Callable[[str], tuple[Sequence[np.ndarray], str]]
@@ -50,13 +47,12 @@ class Memory:
     """Largest autocorrelation of a series beyond the length of its filter.
 
     Attributes:
-        value: the autocorrelation; lag: where [s].
+        value: the autocorrelation.
         threshold: below which |value| is that of noise: 0.15, or four standard errors (Bartlett).
         effective: number of independent rows, n / Σ r² of the filter alone.
     """
 
     value: float
-    lag: float
     threshold: float
     effective: float
 
@@ -66,7 +62,7 @@ class Memory:
         return abs(self.value) <= self.threshold
 
 
-def autocorrelation(runs: Sequence[np.ndarray], lags: int) -> np.ndarray:
+def _autocorrelation(runs: Sequence[np.ndarray], lags: int) -> np.ndarray:
     """Return r (lags + 1,) of a series in runs without a gap, about their mean; r[0] = 1."""
     mean = np.concatenate(runs).mean()
     total, pairs = np.zeros(lags + 1), np.zeros(lags + 1)
@@ -84,14 +80,11 @@ def own_correlation(cutoff: float | None, rate: float) -> np.ndarray:
 
     Without a filter there are two lags of 0, over which differentiated noise of encoders extends.
     """
-    if cutoff is None:
+    taps = Decimator.of(cutoff, FINER * rate).taps
+    if taps is None:
         return np.zeros(UNFILTERED)
-    fine = Decimator.of(cutoff, OVERSAMPLED * cutoff)
-    assert fine.taps is not None
-    product = np.correlate(fine.taps, fine.taps, "full")[len(fine.taps) - 1 :]
-    each = OVERSAMPLED * cutoff / rate
-    at = each * np.arange(1, max(UNFILTERED, int(np.ceil(fine.half / each))) + 1)
-    return np.interp(at, np.arange(len(product)), product / product[0], right=0.0)
+    r = np.correlate(taps, taps, "full")[len(taps) - 1 :]
+    return r[FINER : max(len(taps) // 2, UNFILTERED * FINER) + FINER : FINER] / r[0]
 
 
 def memory_of(runs: Sequence[np.ndarray], cutoff: float | None, rate: float) -> Memory:
@@ -99,18 +92,18 @@ def memory_of(runs: Sequence[np.ndarray], cutoff: float | None, rate: float) -> 
     n, longest = sum(map(len, runs)), max(map(len, runs))
     own = own_correlation(cutoff, rate)
     first, last = len(own) + 1, min(longest // 3, FARTHEST)
-    r = autocorrelation(runs, max(last, first))
+    r = _autocorrelation(runs, max(last, first))
     effective = n / float(1 + 2 * ((own if cutoff else r[1:first]) ** 2).sum())
     if last <= first:
-        return Memory(0.0, 0.0, MEMORY, effective)
+        return Memory(0.0, MEMORY, effective)
     lags = np.arange(first, last + 1)
     pairs = sum(np.maximum(len(run) - lags, 0) for run in runs) * effective / n
     limit = np.maximum(MEMORY, ERRORS / np.sqrt(pairs))
     worst = int(np.argmax(np.abs(r[lags]) / limit))
-    return Memory(float(r[lags[worst]]), lags[worst] / rate, float(limit[worst]), effective)
+    return Memory(float(r[lags[worst]]), float(limit[worst]), effective)
 
 
-def surrogates(runs: Sequence[np.ndarray], count: int, seed: int = 0) -> np.ndarray:
+def _surrogates(runs: Sequence[np.ndarray], count: int, seed: int) -> np.ndarray:
     """Return (n, count) series with each run's spectrum and random phases.
 
     Source: Theiler et al., Physica D 58, 1992.
@@ -153,52 +146,49 @@ class SignalMap:
         return n / c * (1e-6 * np.eye(c) + self.stiff * bends.T @ bends)
 
 
-def hats(x: np.ndarray, knots: np.ndarray) -> np.ndarray:
-    """Return h_k(x) (n, c) of evenly spaced knots (c,); constant beyond the ends."""
-    at = np.clip((x - knots[0]) / max(knots[1] - knots[0], 1e-300), 0.0, len(knots) - 1.0)
-    first = np.minimum(at.astype(int), len(knots) - 2)
-    out = np.zeros((len(x), len(knots)))
-    rows = np.arange(len(x))
-    out[rows, first], out[rows, first + 1] = 1 - (at - first), at - first
-    return out
+def _hats(x: np.ndarray, name: str, kind: str, unit: str, count: int, stiff: float) -> SignalMap:
+    """Return the map of a signal (n,) by hat functions, constant beyond the ends."""
+    knots = np.linspace(x.min(), x.max(), count)
+    columns = np.stack([np.interp(x, knots, one) for one in np.eye(count)], axis=1)
+    return SignalMap(name, kind, unit, columns, knots, stiff)
 
 
-def signal_maps(signal: Signal, joints: Sequence[str], independent: Sequence[str]) -> list:
+def signal_maps(
+    signal: Signal, joints: Sequence[str], independent: Sequence[str]
+) -> list[SignalMap]:
     """Return the maps of time and of all joints' signals, on the rows of all experiments.
 
     `signal` gives the series of each experiment and the unit by name (`Residual.signal`).
     """
-    times, _ = signal("t")
-    t = np.concatenate([each - each[0] for each in times])
-    knots = np.linspace(0.0, max(float(t.max()), 1e-9), SLOW)
-    maps = [SignalMap("t", "t", "s", hats(t, knots), knots, STIFF)]
+    since = np.concatenate([t - t[0] for t in signal("t")[0]])
+    maps = [_hats(since, "t", "t", "s", KNOTS_TIME, STIFF)]
     others = [name for name in joints if name not in independent]
-    for joint in [*independent, *others[: max(0, MOST - len(independent))]]:
-        step = np.concatenate(signal(f"sign(v).{joint}")[0])[:, None]
-        maps.append(SignalMap(f"sign(v).{joint}", "sign(v)", "", step, np.zeros(0)))
-        for kind in ("v", "q", "a", *(["load"] if joint in independent else [])):
-            maps += _smooth(signal, kind, joint, KNOTS, STIFF)
+    for joint in [*independent, *others[: max(0, JOINTS - len(independent))]]:
+        direction = np.concatenate(signal(f"sign(v).{joint}")[0])[:, None]
+        maps.append(SignalMap(f"sign(v).{joint}", "sign(v)", "", direction, np.zeros(0)))
+        for kind in ("v", "q", "a", "load") if joint in independent else ("v", "q", "a"):
+            x, unit = _joined(signal, f"{kind}.{joint}")
+            if np.ptp(x) > ROUNDING * np.abs(x).max():
+                maps.append(_hats(x, f"{kind}.{joint}", kind, unit, KNOTS, STIFF))
         if joint in independent:
-            load, unit = signal(f"load.{joint}")
-            bands = np.abs(np.concatenate(load))[:, None] * step
-            columns = np.hstack([step, bands / max(float(np.abs(bands).max()), 1e-300)])
+            load, unit = _joined(signal, f"load.{joint}")
+            bands = np.abs(load)[:, None] / max(float(np.abs(load).max()), 1e-300)
+            columns = np.hstack([direction, bands * direction])
             maps.append(SignalMap(f"load.{joint}", "bands", unit, columns, np.zeros(0)))
-    return [each for each in maps if np.ptp(each.columns, axis=0).max() > 1e-9]
+    return [each for each in maps if np.ptp(each.columns, axis=0).max() > ROUNDING]
 
 
-def _smooth(signal: Signal, kind: str, joint: str, count: int, stiff: float) -> list[SignalMap]:
-    pieces, unit = signal(f"{kind}.{joint}")
-    x = np.concatenate(pieces)
-    if np.ptp(x) <= 1e-9 * max(float(np.abs(x).max()), 1e-9):
-        return []
-    knots = np.linspace(x.min(), x.max(), count)
-    return [SignalMap(f"{kind}.{joint}", kind, unit, hats(x, knots), knots, stiff)]
+def _joined(signal: Signal, name: str) -> tuple[np.ndarray, str]:
+    pieces, unit = signal(name)
+    return np.concatenate(pieces), unit
 
 
 def own_maps(signal: Signal, joint: str, maps: Sequence[SignalMap]) -> list[SignalMap]:
     """Return maps in one joint's order of preference, with a fine one of its position for waves."""
-    fine = _smooth(signal, "q", joint, FINE, STIFF_FINE)
-    every = [*maps, *(replace(each, kind="wave") for each in fine)]
+    every = list(maps)
+    if any(each.name == f"q.{joint}" for each in maps):
+        q, unit = _joined(signal, f"q.{joint}")
+        every.append(_hats(q, f"q.{joint}", "wave", unit, KNOTS_WAVE, STIFF_WAVE))
     return sorted(every, key=lambda each: each.name.partition(".")[2] != joint)
 
 
@@ -215,12 +205,11 @@ def folds(lengths: Sequence[int], count: int = 10) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class MapStep:
-    """One signal that was chosen: its map's values (c,), and R² without and with it."""
+    """One signal that was chosen: its map's values (c,), and the share R² that it adds."""
 
     map: SignalMap
     values: np.ndarray
-    before: float
-    after: float
+    r2: float
 
 
 class _FoldSums:
@@ -273,39 +262,31 @@ def depends_on(
     """
     steps: list[MapStep] = []
     scale = float(np.sqrt(np.mean(r**2)))
-    if len(r) < 20 or scale == 0:
+    if len(r) < FEWEST or scale == 0:
         return steps, 1.0
     r = r / scale
     sums = _FoldSums(maps, fold)
     moments = sums.moments(r[:, None])
     now = total = float(sums.held_out([], *moments)[0])
     chosen: list[int] = []
-    while total > 0:  # one stretch of time alone has nothing that can be held out
-        unexplained = r
-        if chosen:
-            unexplained = r - sums.Phi[:, sums.at(chosen)] @ sums.solve(chosen, moments[0])
-        noise = sums.moments(
-            surrogates([unexplained[run] for run in runs], DRAWS, seed=len(chosen))
-        )
+    while True:
+        unexplained = r - sums.Phi[:, sums.at(chosen)] @ sums.solve(chosen, moments[0])
+        series = _surrogates([unexplained[run] for run in runs], DRAWS, seed=len(chosen))
+        noise = sums.moments(series)
         without = sums.held_out(chosen, *noise)
         rest = [i for i in range(len(maps)) if i not in chosen]
         after = {i: float(sums.held_out([*chosen, i], *moments)[0]) for i in rest}
-        after = {i: error for i, error in after.items() if np.isfinite(error)}
-        if not after:
-            break
-        chance = max(float((1 - sums.held_out([*chosen, i], *noise) / without).max()) for i in rest)
-        threshold = float(np.clip(chance, LEAST, SURE))
-        least = min(after.values())
+        chance = [(1 - sums.held_out([*chosen, i], *noise) / without).max() for i in rest]
+        threshold = max(LEAST * total / now, float(max(chance, default=1.0)))
+        least = min(after.values(), default=now)
+        if 1 - least / now <= threshold or len(chosen) == SIGNALS:
+            return steps, threshold
         near = [i for i, error in after.items() if error <= least + SIMPLER * now]
         pick = min(near, key=lambda i: (maps[i].columns.shape[1], i))
-        enough = 1 - least / now > threshold and now - after[pick] > GAIN * total
-        if not enough or len(chosen) == LONGEST:
-            return steps, threshold
         chosen.append(pick)
         values = scale * sums.solve(chosen, moments[0])[-len(sums.columns[pick + 1]) :]
-        steps.append(MapStep(maps[pick], values, 1 - now / total, 1 - after[pick] / total))
+        steps.append(MapStep(maps[pick], values, (now - after[pick]) / total))
         now = after[pick]
-    return steps, 1.0
 
 
 # --- the shape of a map in words -----------------------------------------------------------------
@@ -313,56 +294,43 @@ def depends_on(
 
 def described(step: MapStep, unit: str) -> str:
     """Return the shape that a map of one signal has in a chart; `unit`: of the torque."""
+    from scipy.signal import find_peaks  # takes half a second to be imported
+
     own, f = step.map, step.values
     if own.kind == "sign(v)":
         return f"a step of {2 * abs(f[0]):.3g} {unit} at v = 0"
     if own.kind == "bands":
         return "two bands, one for each direction, that widen with the load"
     x, weight = own.knots, own.columns.sum(axis=0)
-    f = f - np.average(f, weights=weight)
-    size = float(np.average(f**2, weights=weight)) or 1e-300
 
     def explained(*shapes: np.ndarray) -> float:
-        """Return the share of f that a combination of shapes explains, beside a constant."""
-        A = np.stack([np.ones_like(f), *shapes], axis=1) * np.sqrt(weight)[:, None]
-        b = f * np.sqrt(weight)
-        error = b - A @ np.linalg.lstsq(A, b, rcond=None)[0]
-        return float((b @ b - error @ error) / weight.sum()) / size
+        """Return the share of the map that shapes explain, beside a constant."""
+        root = np.sqrt(weight)
+        A = np.stack([np.ones_like(f), *shapes], axis=1) * root[:, None]
+        error = root * f - A @ np.linalg.lstsq(A, root * f, rcond=None)[0]
+        size = (root * (f - np.average(f, weights=weight))) ** 2
+        return 1 - float(error @ error) / max(float(size.sum()), 1e-300)
 
-    if explained(x) > ALIKE:
-        slope = np.polyfit(x, f, 1, w=np.sqrt(weight))[0]
-        line = "drift" if own.kind == "t" else "straight line"
-        return f"a {line} of {slope:.3g} {unit} per {own.unit}"
-    jump = np.clip(x / (x[1] - x[0]), -1.0, 1.0)
-    if own.kind == "v" and explained(jump) > ALIKE:
-        return f"a step of about {np.ptp(f):.2g} {unit} at v = 0"
-    if own.kind == "v" and explained(jump, x) > ALIKE:
-        return "a step at v = 0 and a slope"
-    upper, lower = x[-1] - OUTER * np.ptp(x), x[0] + OUTER * np.ptp(x)
-    kinks = [(explained(np.maximum(0, x - at)), at, "upper") for at in x[:-1] if at >= upper]
-    kinks += [(explained(np.maximum(0, at - x)), at, "lower") for at in x[1:] if at <= lower]
-    if kinks and max(kinks)[0] > ALIKE:
-        _, at, end = max(kinks)
-        return f"level, then a kink at the {end} end, from {at:.3g} {own.unit}"
-    turns = _turns(f)
+    slope = np.polyfit(x, f, 1, w=np.sqrt(weight))[0]
+    line = "drift" if own.kind == "t" else "straight line"
+    shapes = [(f"a {line} of {slope:.3g} {unit} per {own.unit}", (x,))]
+    if own.kind == "v":
+        jump = np.clip(x / (x[1] - x[0]), -1.0, 1.0)
+        shapes.append((f"a step of about {np.ptp(f):.2g} {unit} at v = 0", (jump,)))
+        shapes.append(("a step at v = 0 and a slope", (jump, x)))
+    third = np.ptp(x) / 3
+    kinks = [("upper", at, np.maximum(0, x - at)) for at in x[:-1] if at >= x[-1] - third]
+    kinks += [("lower", at, np.maximum(0, at - x)) for at in x[1:] if at <= x[0] + third]
+    end, at, kink = max(kinks, key=lambda each: explained(each[2]))
+    text = f"level, then a kink at the {end} end, from {at:.3g} {own.unit}"
+    for words, columns in [*shapes, (text, (kink,))]:
+        if explained(*columns) > ALIKE:
+            return words
+    high = PROMINENT * np.ptp(f)
+    turns = sum(len(find_peaks(side, prominence=high)[0]) for side in (f, -f))
     if turns >= 3 and own.name.startswith("q."):
         return f"a wave of about {np.ptp(x) * 2 / (turns + 1):.2g} {own.unit}"
-    even = x - x[weight > 0].mean() if own.kind == "q" else x
-    if explained(even**2) > ALIKE or turns == 1:
+    middle = x[weight > 0].mean() if own.kind == "q" else 0.0
+    if turns == 1 or explained((x - middle) ** 2) > ALIKE:
         return "a bow, the same at both ends"
     return "a curve" if turns < 3 else f"a curve with {turns} bends"
-
-
-def _turns(f: np.ndarray) -> int:
-    """Return the number of extrema inside a map that stand out by more than 0.3 of its range."""
-    count, way, last = 0, 0, f[0]
-    least = PROMINENT * max(float(np.ptp(f)), 1e-300)
-    for value in f[1:]:
-        if (way >= 0 and value > last) or (way <= 0 and value < last):
-            if way == 0 and abs(value - last) < least:
-                continue
-            way = way or int(np.sign(value - last))
-            last = value
-        elif abs(value - last) > least:
-            way, last, count = -way, value, count + 1
-    return count

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -336,7 +336,7 @@ def parts_table(residual: Residual, indent: str = "  ") -> list[str]:
     rms = residual.parts
     columns = {"measured": rms["measured"]}
     for kind, names in kinds.items():
-        columns[kind] = _together(residual, "parts", names)
+        columns[kind] = residual.rms_together("parts", names)
         if kind == RIGID:
             columns["(gravity)"] = rms["gravity"]
     columns["residual"] = rms["residual"]
@@ -344,7 +344,7 @@ def parts_table(residual: Residual, indent: str = "  ") -> list[str]:
     lines += _by_joint(residual, columns, indent)
     if residual.own:
         columns = {
-            kind: _together(residual, "own", names)
+            kind: residual.rms_together("own", names)
             for kind, names in by_kind(residual.traces[0].own, residual).items()
         }
         columns = {k: x for k, x in columns.items() if k != DRIVES or np.nanmax(x) > 0}
@@ -354,16 +354,6 @@ def parts_table(residual: Residual, indent: str = "  ") -> list[str]:
         ]
         lines += _by_joint(residual, columns, indent)
     return lines
-
-
-def _together(residual: Residual, which: str, names: Iterable[str]) -> np.ndarray:
-    """Return the rms (d,) of the sum of some parts."""
-    squares, rows = np.zeros(len(residual.joints)), 0
-    for trace in residual.traces:
-        parts = getattr(trace, which)
-        squares = squares + (sum(parts[name] for name in names) ** 2).sum(axis=0)
-        rows += len(trace)
-    return np.asarray(np.sqrt(squares / max(rows, 1)))
 
 
 def _by_joint(residual: Residual, columns: Mapping[str, np.ndarray], indent: str) -> list[str]:
