@@ -93,13 +93,13 @@ def test_what_is_left_is_ended_with_the_iterator(started):
 
 
 def test_a_scheduler_without_workers_says_so(tmp_path, monkeypatch):
-    monkeypatch.setattr("ident.pool.cluster.ANSWER", 1)
+    monkeypatch.setattr("ident.pool.ANSWER", 1)
     with cluster(tmp_path) as found, pytest.raises(IdentError, match="has no workers; start some"):
         list(spread(plus_square, range(3), common=0, scheduler=found.address))
 
 
 def test_an_address_where_nobody_answers(monkeypatch):
-    monkeypatch.setattr("ident.pool.cluster.ANSWER", 1)
+    monkeypatch.setattr("ident.pool.ANSWER", 1)
     with socket.socket() as taken:  # and does not listen
         taken.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
@@ -111,7 +111,7 @@ def test_an_address_where_nobody_answers(monkeypatch):
 
 def test_a_worker_with_another_version_is_refused(started, monkeypatch):
     other = {"ident": "7.7", "Python": "3.11"}
-    monkeypatch.setattr("ident.pool.cluster.versions", lambda: other)
+    monkeypatch.setattr("ident.pool.versions", lambda: other)
     with pytest.raises(IdentError, match=r"has ident .*, here it is 7\.7; install the same"):
         list(spread(plus_square, range(3), scheduler=started.address))
     monkeypatch.undo()

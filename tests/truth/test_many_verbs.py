@@ -14,6 +14,7 @@ from helpers import ROBOTS
 from ident.cli.app import main
 from ident.errors import FitError, IdentError
 from ident.montecarlo import monte_carlo
+from ident.streams.diagnose_each import Verdict
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +60,14 @@ def test_together_they_say_it_and_who_says_otherwise(verdicts):
     (vote,) = [each for each in verdicts.votes if each.startswith("coulomb:elbow:")]
     assert vote == "coulomb:elbow: named by 2 of 3 logs; not missing in run_2.csv"
     assert "run_1b.csv: left out" in " ".join(verdicts.notes)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "about"),
+    [("nothing", "no"), ("undecided", "open"), ("unexplained", "open"), ("missing", "open")],
+)
+def test_only_a_log_without_anything_missing_excludes_an_effect(verdict, about):
+    assert Verdict("run.csv", 500, verdict).about("coulomb:elbow") == about
 
 
 def test_a_logs_verdict_is_that_of_the_log_alone(without_elbow, folder, verdicts):

@@ -77,32 +77,23 @@ def paper(spacing: float | None = None) -> Estimator:
     return Estimator("paper", partial(_paper, spacing=spacing), words)
 
 
-ESTIMATORS: Mapping[str, Estimator] = {
-    each.name: each
-    for each in (
-        paper(),
-        Estimator(
-            "default",
-            with_free_multipliers,
-            "smoothing and filter; noise of the motion in one step of the likelihood where it "
-            "matters",
-        ),
-        Estimator(
-            "least-squares",
-            partial(with_free_multipliers, estimator="least-squares"),
-            "smoothing and filter, least squares",
-        ),
-        Estimator(
-            "likelihood",
-            partial(with_free_multipliers, estimator="likelihood"),
-            "torques and motion weighed together until nothing changes (--refine)",
-        ),
-        Estimator(
-            "consistent",
-            partial(with_free_multipliers, consistent=True),
-            "default, bodies and friction possible",
-        ),
-    )
+_OWN: tuple[tuple[str, dict[str, Any], str], ...] = (
+    (
+        "default",
+        {},
+        "smoothing and filter; noise of the motion in one step of the likelihood where it matters",
+    ),
+    ("least-squares", {"estimator": "least-squares"}, "smoothing and filter, least squares"),
+    (
+        "likelihood",
+        {"estimator": "likelihood"},
+        "torques and motion weighed together until nothing changes (--refine)",
+    ),
+    ("consistent", {"consistent": True}, "default, bodies and friction possible"),
+)
+ESTIMATORS: Mapping[str, Estimator] = {"paper": paper()} | {
+    name: Estimator(name, partial(with_free_multipliers, **options), words)
+    for name, options, words in _OWN
 }
 """The project's own estimators by name."""
 
@@ -114,27 +105,23 @@ def estimators_of(given: Sequence[str | Estimator | Estimate]) -> tuple[Estimato
     """
     if isinstance(given, str | Estimator) or callable(given):
         given = [given]
-    estimators = tuple(_estimator(each) for each in given)
-    names = [each.name for each in estimators]
+    estimators: dict[str, Estimator] = {}
+    for each in given:
+        if isinstance(each, str):
+            if each not in ESTIMATORS:
+                raise FitError(f"estimator '{each}'; {one_of(each, ESTIMATORS)}")
+            each = ESTIMATORS[each]
+        elif not isinstance(each, Estimator):
+            if not callable(each):
+                raise FitError(
+                    f"estimator {each!r}: cannot be called; valid: {', '.join(ESTIMATORS)}, an "
+                    "Estimator, or a function (mechanism, log) -> Fit"
+                )
+            words = (each.__doc__ or "").strip().partition("\n")[0]
+            each = Estimator(getattr(each, "__name__", type(each).__name__), each, words)
+        if each.name in estimators:
+            raise FitError(f"estimator '{each.name}' is given twice; give each a name of its own")
+        estimators[each.name] = each
     if not estimators:
         raise FitError(f"no estimator given; valid: {', '.join(ESTIMATORS)}, or one of your own")
-    for name in names:
-        if names.count(name) > 1:
-            raise FitError(f"estimator '{name}' is given twice; give each a name of its own")
-    return estimators
-
-
-def _estimator(given: str | Estimator | Estimate) -> Estimator:
-    if isinstance(given, Estimator):
-        return given
-    if isinstance(given, str):
-        if given not in ESTIMATORS:
-            raise FitError(f"estimator '{given}'; {one_of(given, ESTIMATORS)}")
-        return ESTIMATORS[given]
-    if not callable(given):
-        raise FitError(
-            f"estimator {given!r}: cannot be called; valid: {', '.join(ESTIMATORS)}, an Estimator, "
-            "or a function (mechanism, log) -> Fit"
-        )
-    words = (getattr(given, "__doc__", None) or "").strip().partition("\n")[0]
-    return Estimator(getattr(given, "__name__", type(given).__name__), given, words)
+    return tuple(estimators.values())

@@ -1,9 +1,10 @@
-"""Results of Monte Carlo studies: all runs beside the truth, and their statistics."""
+"""The verbs `monte_carlo` and `monte_carlo_each`, and their results: all runs beside the truth."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,14 +16,28 @@ from ident.display import Displayed, render
 from ident.errors import FitError, one_of
 from ident.files import write_all
 from ident.fit import Fit
-from ident.montecarlo.trial import TrialOutcome, TrialPlan, rms_of
+from ident.log import Log, read_log
+from ident.log.read import names_of
+from ident.mechanism.mechanism import Mechanism
+from ident.montecarlo.estimators import Estimate, Estimator, estimators_of
+from ident.montecarlo.trial import (
+    SUMS,
+    USUAL,
+    TrialPlan,
+    TrialRows,
+    noisy_columns,
+    rms_of,
+    truth_of,
+)
+from ident.pool import Workers
+from ident.progress import Progress
 
 Z95 = 1.96  # standard errors: the central 95 % of a normal distribution
-SUMS = {"force": "N", "moment": "N m"}  # root sums of squares over all multipliers of a unit
 RUN = {"estimator": pl.String, "snr": pl.Float64, "run": pl.Int64}
 PARAMETER = {"parameter": pl.String, "value": pl.Float64, "stderr": pl.Float64,
              "truth": pl.Float64, "unit": pl.String}  # fmt: skip
 MULTIPLIER = {"multiplier": pl.String, "rms": pl.Float64, "unit": pl.String}
+AnyLog = Log | str | os.PathLike[str]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,31 +61,6 @@ class MonteCarlo(Displayed):
     samples: pl.DataFrame
     errors: pl.DataFrame
     failures: pl.DataFrame
-
-    @classmethod
-    def of(
-        cls, plan: TrialPlan, snr: tuple[float, ...], runs: int, outcomes: Sequence[TrialOutcome]
-    ) -> MonteCarlo:
-        """Make the frames of a `plan` from `outcomes` at all ratios `snr` [dB], `runs` of each."""
-        truth = plan.truth
-        samples, errors, failures = [], [], []
-        for o in outcomes:
-            run = (o.estimator, o.snr, o.run)
-            if o.failure:
-                failures.append((*run, o.failure))
-                continue
-            for name, value, stderr in zip(truth.values, o.values, o.stderrs, strict=True):
-                samples.append((*run, name, value, stderr, truth.values[name], truth.units[name]))
-            every = list(zip(truth.multipliers, o.errors, truth.multiplier_units, strict=True))
-            errors += [(*run, *each) for each in every]
-            for name, unit in SUMS.items():
-                same = [rms for _, rms, its in every if its == unit and np.isfinite(rms)]
-                if same:
-                    errors.append((*run, name, float(np.linalg.norm(same)), unit))
-        return cls(
-            plan, snr, runs, _frame(samples, RUN | PARAMETER), _frame(errors, RUN | MULTIPLIER),
-            _frame(failures, RUN | {"error": pl.String}),
-        )  # fmt: skip
 
     @cached_property
     def table(self) -> pl.DataFrame:
@@ -134,18 +124,15 @@ class MonteCarlo(Displayed):
     @property
     def notes(self) -> tuple[str, ...]:
         """Runs that failed or did not determine a parameter."""
-        notes = []
-        failed = self.failures.group_by("estimator", "snr", maintain_order=True).agg(
-            pl.len().alias("count"), pl.col("error").first()
-        )
-        lost = {(r["estimator"], r["snr"]): r["count"] for r in failed.iter_rows(named=True)}
-        for r in failed.iter_rows(named=True):
+        key, notes, failed = ("estimator", "snr"), [], {}
+        for own, frame in self.failures.group_by(*key, maintain_order=True):
+            failed[own] = frame.height
             notes.append(
-                f"{r['estimator']} at {r['snr']:g} dB: {r['count']} of {self.runs} runs failed; "
-                f"the first: {r['error']}"
+                f"{own[0]} at {own[1]:g} dB: {frame.height} of {self.runs} runs failed; the first: "
+                f"{frame['error'][0]}"
             )
         for r in self.table.iter_rows(named=True):
-            less = self.runs - lost.get((r["estimator"], r["snr"]), 0) - r["runs"]
+            less = self.runs - failed.get((r["estimator"], r["snr"]), 0) - r["runs"]
             if less > 0:
                 notes.append(
                     f"{r['estimator']} at {r['snr']:g} dB: {less} of {self.runs} runs do not "
@@ -283,6 +270,159 @@ class Studies(Displayed):
         return write_all(Path(folder), files)
 
 
-def _frame(rows: Sequence[tuple[Any, ...]], schema: Mapping[str, Any]) -> pl.DataFrame:
-    """Return rows as columns of these types, null where there is no number."""
-    return pl.DataFrame(rows, schema=schema, orient="row").fill_nan(None)
+def monte_carlo(
+    mechanism: Mechanism,
+    log: AnyLog,
+    *,
+    snr: float | Sequence[float] = (60, 50, 40, 30),
+    runs: int = 100,
+    estimators: Sequence[str | Estimator | Estimate] = ("paper", "default"),
+    truth: Mapping[str, float] | None = None,
+    reactions: AnyLog | None = None,
+    channels: Sequence[str] = USUAL,
+    seed: int = 0,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+) -> MonteCarlo:
+    """Identify the same log with ever new white noise (the paper's Figs. 4, 7, 8).
+
+    Args:
+        mechanism: with what is unknown.
+        log: without noise, best of a simulation.
+        snr: signal-to-noise ratios [dB] of every channel, power of the mean included.
+        runs: draws of the noise at each.
+        estimators: names (`ident.montecarlo.ESTIMATORS`), an `Estimator`, or functions
+            (mechanism, log) -> Fit; all meet the same noise.
+        truth: true values by name; others are those of the log as it is.
+        reactions: a log of the true multipliers, columns named as they are; else those of the log
+            as it is.
+        channels: which get noise: `q`, `v`, `a`, `tau`, `wrench`.
+        seed: of all noise; the same seed, the same runs, in whatever number of processes.
+        jobs: processes; None: one a core; 1: this one alone.
+        scheduler: address of a Dask scheduler whose workers make the runs, in place of processes.
+        progress: called with (what is being done, share done).
+
+    Returns:
+        Every run's values, standard errors and errors of the multipliers, and their statistics.
+        Runs that end in an error are kept, with it, in `failures`.
+
+    Raises:
+        FitError: for an SNR, a number or an estimator that is none, or an unknown truth.
+        LogError: if the log cannot be read or has no channel that gets noise.
+    """
+    ratios, applied = _checked(snr, runs, seed), estimators_of(estimators)
+    plan = _plan((mechanism, applied, truth, reactions, channels, int(seed)), log)
+    (study,) = _studies([plan], ratios, runs, Workers(jobs, scheduler, False, progress))
+    return study
+
+
+def monte_carlo_each(
+    mechanism: Mechanism,
+    logs: Sequence[str | os.PathLike[str]],
+    *,
+    snr: float | Sequence[float] = (60, 50, 40, 30),
+    runs: int = 100,
+    estimators: Sequence[str | Estimator | Estimate] = ("paper", "default"),
+    truth: Mapping[str, float] | None = None,
+    channels: Sequence[str] = USUAL,
+    seed: int = 0,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+) -> Studies:
+    """Make the study of `monte_carlo` for each of many logs; a broken log is left out.
+
+    Args:
+        mechanism: with what is unknown.
+        logs: their paths.
+        snr, runs, estimators, channels, seed, jobs, scheduler: as `monte_carlo` takes them.
+        truth: true values by name, of all logs; others are those of each log as it is.
+        progress: called with (what is being done, share done).
+
+    Returns:
+        One study a log.
+
+    Raises:
+        FitError: for an SNR, a number or an estimator that is none, or if no log can be used.
+    """
+    ratios, applied = _checked(snr, runs, seed), estimators_of(estimators)
+    paths = [Path(log).absolute() if scheduler else Path(log) for log in logs]
+    names, workers = names_of(paths), Workers(jobs, scheduler, False, progress)
+    common = mechanism, applied, truth, None, tuple(channels), int(seed)
+    made = workers.over(_plan, paths, common, names, "truth of each log")
+    # one mechanism for all, so that its functions are compiled once a process
+    plans = {
+        name: replace(plan, mechanism=mechanism)
+        for name, (_, plan) in zip(names, made, strict=True)
+        if plan is not None
+    }
+    if not plans:
+        first = "; ".join(f"{log}: {why}" for log, why in list(workers.broken.items())[:1])
+        raise FitError(f"none of {len(paths)} logs can be used: {first or 'none was given'}")
+    runners = Workers(jobs, scheduler, False, progress)
+    studies = _studies(list(plans.values()), ratios, runs, runners)
+    left_out = {name: workers.broken[name] for name in names if name in workers.broken}
+    return Studies(dict(zip(plans, studies, strict=True)), left_out)
+
+
+def _checked(snr: float | Sequence[float], runs: int, seed: int) -> tuple[float, ...]:
+    """Return signal-to-noise ratios, each once, highest first; refuse an invalid argument."""
+    for name, number, least in (("runs", runs, 1), ("seed", seed, 0)):
+        whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
+        if not whole or number < least:
+            raise FitError(f"{name} {number!r}; valid: a whole number, {least} or more")
+    valid = "valid: numbers of dB, as snr=(60, 40, 30)"
+    given = np.atleast_1d(np.asarray(snr, dtype=object))
+    ratios = []
+    for each in given:
+        number = isinstance(each, int | float | np.number)
+        if not (number and np.isfinite(each)):
+            raise FitError(f"SNR {each!r}; {valid}")
+        ratios.append(float(each))
+    if not ratios:
+        raise FitError(f"no SNR given; {valid}")
+    return tuple(sorted(set(ratios), reverse=True))
+
+
+def _plan(common: tuple[Any, ...], log: AnyLog) -> TrialPlan:
+    """Read a log and identify its truth."""
+    mechanism, estimators, truth, reactions, channels, seed = common
+    log = log if isinstance(log, Log) else read_log(log, mechanism.columns)
+    columns = noisy_columns(log, channels)
+    if reactions is not None and not isinstance(reactions, Log):
+        reactions = read_log(reactions)
+    known = truth_of(mechanism, log, truth, reactions)
+    return TrialPlan(mechanism, log, estimators, known, columns, seed)
+
+
+def _studies(
+    plans: Sequence[TrialPlan], ratios: tuple[float, ...], runs: int, workers: Workers
+) -> list[MonteCarlo]:
+    """Make the runs of all plans in one pool."""
+    tasks = [(i, snr, run) for i in range(len(plans)) for snr in ratios for run in range(runs)]
+    names = [f"run {run} of log {i} at {snr:g} dB" for i, snr, run in tasks]
+    rows: list[TrialRows] = [([], [], []) for _ in plans]
+    done = workers.over(_trial, tasks, tuple(plans), names, "runs")
+    for name, ((i, snr, run), each) in zip(names, done, strict=True):
+        if each is None:  # the process died
+            every = plans[i].estimators
+            each = [], [], [(one.name, snr, run, workers.broken[name]) for one in every]
+        for mine, new in zip(rows[i], each, strict=True):
+            mine += new
+    types = (RUN | PARAMETER, RUN | MULTIPLIER, RUN | {"error": pl.String})
+    return [
+        MonteCarlo(
+            plan, ratios, runs,
+            *(
+                pl.DataFrame(frame, schema=kinds, orient="row").fill_nan(None)
+                for frame, kinds in zip(mine, types, strict=True)
+            ),
+        )
+        for plan, mine in zip(plans, rows, strict=True)
+    ]  # fmt: skip
+
+
+def _trial(plans: Sequence[TrialPlan], task: tuple[int, float, int]) -> TrialRows:
+    number, snr, run = task
+    return plans[number].rows(snr, run)

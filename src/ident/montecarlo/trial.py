@@ -8,12 +8,13 @@ ratios without a definition.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from ident.errors import FitError, IdentError, LogError, one_of
+from ident.errors import FitError, LogError, line_of, one_of
 from ident.fit import Fit
 from ident.fit.values import BaseValue, Value
 from ident.log import Log
@@ -22,7 +23,11 @@ from ident.montecarlo.estimators import Estimator, with_free_multipliers
 
 CHANNELS = ("q", "v", "a", "tau", "wrench")
 USUAL = CHANNELS[:4]
+SUMS = {"force": "N", "moment": "N m"}  # root sums of squares over all multipliers of a unit
 ENDS = 0.02  # share of the log at either end where errors of the multipliers do not count
+
+TrialRows = tuple[list[tuple[Any, ...]], list[tuple[Any, ...]], list[tuple[Any, ...]]]
+"""Rows of `MonteCarlo.samples`, `errors` and `failures`."""
 
 
 def level(x: np.ndarray, snr: float) -> float:
@@ -151,20 +156,30 @@ class TrialPlan:
         """Return the noisy log of a run."""
         return noisy(self.log, snr, self.columns, random_of(self.seed, snr, run))
 
-    def outcomes(self, snr: float, run: int) -> Iterator[TrialOutcome]:
-        """Yield the outcome of every estimator on one draw of the noise."""
-        log = self.log_of(snr, run)
+    def rows(self, snr: float, run: int) -> TrialRows:
+        """Apply every estimator to one draw of the noise."""
+        log, truth = self.log_of(snr, run), self.truth
+        samples, errors, failures = [], [], []
         for estimator in self.estimators:
+            key = (estimator.name, snr, run)
             try:
                 fit = estimator.find(self.mechanism, log)
-                pairs = [_value_and_stderr(fit, name) for name in self.truth.values]
-                values, stderrs = zip(*pairs, strict=True)
-                errors = self.truth.errors(fit)
-            except (IdentError, np.linalg.LinAlgError) as error:
-                failure = str(error) or type(error).__name__
-                yield TrialOutcome(estimator.name, snr, run, failure=failure)
+                values = [
+                    (*key, name, *_value_and_stderr(fit, name), true, truth.units[name])
+                    for name, true in truth.values.items()
+                ]
+                every = list(
+                    zip(truth.multipliers, truth.errors(fit), truth.multiplier_units, strict=True)
+                )
+            except Exception as error:  # of whatever estimator
+                failures.append((*key, line_of(error)))
                 continue
-            yield TrialOutcome(estimator.name, snr, run, values, stderrs, errors)
+            samples += values
+            errors += [(*key, *each) for each in every]
+            for name, unit in SUMS.items():
+                same = [rms for _, rms, its in every if its == unit and np.isfinite(rms)]
+                errors += [(*key, name, float(np.linalg.norm(same)), unit)] if same else []
+        return samples, errors, failures
 
 
 def _value_and_stderr(fit: Fit, name: str) -> tuple[float, float]:
@@ -176,17 +191,3 @@ def _value_and_stderr(fit: Fit, name: str) -> tuple[float, float]:
     if not getattr(one, "identifiable", True):
         return np.nan, np.nan
     return float(one.value), np.nan if one.stderr is None else float(one.stderr)
-
-
-@dataclass(frozen=True)
-class TrialOutcome:
-    """The result of one estimator in one run."""
-
-    estimator: str  # its name
-    snr: float  # [dB]
-    run: int  # its number
-    # values, stderrs: in the order of the truth's; NaN where the run does not determine one
-    values: tuple[float, ...] = ()
-    stderrs: tuple[float, ...] = ()
-    errors: tuple[float, ...] = ()  # of the multipliers, root mean squares; NaN where none is known
-    failure: str = ""  # the error in which the run ended; empty where there is a fit

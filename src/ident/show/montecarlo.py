@@ -13,7 +13,8 @@ from markupsafe import Markup
 
 from ident.display import renders
 from ident.errors import FitError
-from ident.montecarlo.montecarlo import SUMS, MonteCarlo, Studies
+from ident.montecarlo.montecarlo import MonteCarlo, Studies
+from ident.montecarlo.trial import SUMS
 from ident.motion import complete
 from ident.show.charts import MEASURED, PRIOR, Boxes, Chart, Level, Line, Mark, Panel, image
 from ident.show.html import Block, Page, Section, in_frame, items, strong

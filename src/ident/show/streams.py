@@ -29,6 +29,7 @@ OTHERWISE = {
     "likely": "likely, but not first, in",
     "no": "not missing in",
     "hidden": "not to be seen in",
+    "open": "neither named nor excluded in",
 }
 
 

@@ -18,8 +18,9 @@ from ident.log.read import names_of
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.motion.recipe import AUTO
+from ident.pool import Workers
 from ident.progress import Progress
-from ident.streams.logs import Given, Workers, excerpt, log_paths, summarise
+from ident.streams.logs import Given, excerpt, log_paths, summarise
 
 TOGETHER = 300_000  # samples of all logs, from which stretches stand for them
 EACH = 0.8  # of the work is done when each log has been diagnosed
@@ -69,9 +70,13 @@ class Verdict:
         )
 
     def about(self, label: str) -> str:
-        """Return what the log says about an effect: `named`, `likely`, `hidden` or `no`."""
+        """Return what the log says about an effect: `named`, `likely`, `hidden`, `no` or `open`.
+
+        Only a log in which nothing is missing excludes an effect.
+        """
         kinds = {"named": self.named, "likely": self.likely, "hidden": self.hidden}
-        return next((kind for kind, labels in kinds.items() if label in labels), "no")
+        other = "no" if self.verdict == "nothing" else "open"
+        return next((kind for kind, labels in kinds.items() if label in labels), other)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -104,7 +109,7 @@ class Verdicts(Displayed):
     def table(self) -> pl.DataFrame:
         """One row a log: `log`, `samples`, `verdict`, `named`, `joint`, `error_before`,
         `error_after` (held out, as a share), `left_out` (why), and for each of `asked` a column
-        with `named`, `likely`, `hidden` or `no`.
+        with `named`, `likely`, `hidden`, `no` or `open`.
         """
         rows = [
             {

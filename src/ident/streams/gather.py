@@ -33,8 +33,9 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Consistency
 from ident.motion.closures import check_freedom
 from ident.motion.recipe import AUTO
+from ident.pool import Workers
 from ident.streams.checkpoint import Checkpoint, Progress, SearchStep
-from ident.streams.logs import Excerpt, Given, Workers, excerpt, log_paths
+from ident.streams.logs import Excerpt, Given, excerpt, log_paths
 from ident.streams.many_logs import LogComparison, compare_logs
 from ident.streams.portions import (
     Plan,

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Container, Iterator, Sequence
-from contextlib import closing
-from dataclasses import dataclass, field, replace
+from collections.abc import Container, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,8 +18,6 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.motion.recipe import Recipe
 from ident.motion.signals import UNEVEN, Clock, is_signal
-from ident.pool import spread
-from ident.progress import Progress
 
 LOOK = 64 * STRIDE  # rows that are read together
 STEPS = 1_000_000  # time steps from which their median is taken
@@ -30,45 +26,6 @@ SAMPLES = STRETCHES * LONGEST  # of all logs together in an excerpt
 LOGS = 12  # from which stretches are taken
 NUMBER = re.compile(r"\d+")
 Given = str | os.PathLike[str]
-
-
-@dataclass(frozen=True, eq=False)
-class Workers:
-    """Processes that do the work, and the logs that turned out to be broken."""
-
-    jobs: int | None = 1
-    scheduler: str | None = None  # jobs, scheduler: as `pool.spread` takes them
-    alone: bool = True  # whether there is one log only, so that what is wrong with it is an error
-    on_progress: Progress | None = None  # called with (what is being done, share done)
-    broken: dict[str, str] = field(default_factory=dict)  # by name of a log, why it is left out
-
-    def over(
-        self,
-        function: Callable[[Any, Any], Any],
-        tasks: Sequence[Any],
-        common: Any,
-        names: Sequence[str],
-        what: str,
-    ) -> Iterator[tuple[Any, Any]]:
-        """Yield (task, value) in the order of the tasks, None for one that failed.
-
-        The order in which they end is not that of the tasks, and floating-point sums depend on it.
-        """
-        done = spread(function, tasks, common=common, jobs=self.jobs, scheduler=self.scheduler)
-        early: dict[int, Any] = {}
-        at = 0
-        with closing(done):
-            for count, each in enumerate(done, start=1):
-                if self.on_progress:
-                    self.on_progress(what, count / len(tasks))
-                if each.error is not None:
-                    if self.alone:
-                        raise IdentError(each.error)
-                    self.broken.setdefault(names[each.index], each.error)
-                early[each.index] = each.value
-                while at in early:
-                    yield tasks[at], early.pop(at)
-                    at += 1
 
 
 @dataclass(frozen=True, eq=False)

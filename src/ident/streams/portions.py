@@ -40,7 +40,8 @@ from ident.motion.motion import decide, left_out, part_of, state_of
 from ident.motion.recipe import Band, standstill, thresholds, top_speeds
 from ident.motion.signals import measure
 from ident.motion.state import State
-from ident.streams.logs import LogOnDisk, Workers, summarise
+from ident.pool import Workers
+from ident.streams.logs import LogOnDisk, summarise
 from ident.streams.stream import margin_of, rows_at
 
 KNOTS = 40  # from a sample to another whose noise moves a spline there by 1e-7 of itself

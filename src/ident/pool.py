@@ -1,0 +1,351 @@
+"""One function applied to many tasks: in this process, in local processes or on a Dask cluster.
+
+joblib's `Parallel` ends with the first process that dies and sends what all tasks share with each
+of them, so its executor (loky) and Dask's are used directly: both return futures.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import platform
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence, Sized
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import cloudpickle
+
+import ident
+from ident.errors import IdentError, line_of
+from ident.progress import Progress
+
+TRIES = 3  # of a task whose process dies
+IDLE = 300  # [s] after which a process that has nothing to do ends
+HANDED_OUT = 5  # [s] within which a submitted task reaches its process
+ANSWER = 5  # [s] within which a scheduler answers and has workers
+EMPTY = 60  # [s] without any worker after which the run is given up
+LOOK = 1  # [s] between looks at whether there are workers
+LIBRARIES = ("OMP", "OPENBLAS", "MKL", "BLIS", "VECLIB_MAXIMUM", "NUMEXPR")
+# two processes with two threads of linear algebra each are slower on two cores than with one each
+ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in LIBRARIES}
+
+Function = Callable[[Any, Any], Any]
+Tasks = Iterator[tuple[int, Any]]
+one_at_a_time = threading.Lock()  # Pinocchio's and CasADi's objects belong to one thread
+
+
+@dataclass(frozen=True)
+class Done:
+    """How a task ended."""
+
+    index: int  # number of the task, from 0, in the order given
+    value: Any = None  # what the function returned; None where it failed
+    error: str | None = None  # one line; None where it did not fail
+
+
+class UnfitWorker(IdentError):
+    """A worker whose versions differ, so that it might give other results than this process."""
+
+
+def spread(
+    function: Function,
+    tasks: Iterable[Any],
+    *,
+    common: Any = None,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+) -> Generator[Done, None, None]:
+    """Call `function(common, task)` for every task, in processes that may die.
+
+    A task whose process dies is tried again, alone, so that it is not blamed for the fault of
+    another. Linear algebra has one thread in each process. Closing the generator ends what still
+    runs; without that it may outlive an exception.
+
+    Args:
+        function: of a module, called with `common` and one task; what it returns can be pickled.
+        tasks: taken one by one, as processes become free.
+        common: sent to each process once.
+        jobs: local processes; None: one a core that this process may use; 1: this process alone.
+        scheduler: address of a Dask scheduler whose workers take the tasks; then `jobs` must be
+            None.
+
+    Yields:
+        One `Done` a task, in the order in which they end. An exception in a task is its `error`.
+
+    Raises:
+        IdentError: for an invalid number of jobs, if function or common cannot be sent to other
+            processes, or if the scheduler does not answer or has no workers.
+    """
+    if scheduler is not None and jobs is not None:
+        raise IdentError(
+            f"jobs {jobs} and scheduler {scheduler}: its workers are the processes; give one of "
+            "the two"
+        )
+    if jobs is not None and (isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1):
+        raise IdentError(f"jobs {jobs!r}; valid: a whole number, 1 or more")
+    most = len(tasks) if isinstance(tasks, Sized) else cores()
+    jobs = min(cores() if jobs is None else jobs, max(most, 1))
+    if scheduler is None and jobs == 1:
+        return (Done(i, *_outcome(function, common, task)) for i, task in enumerate(tasks))
+    try:
+        pickled = cloudpickle.dumps(common)
+    except Exception as error:
+        raise IdentError(
+            f"what all tasks share cannot be sent to other processes ({line_of(error)}); use this "
+            "process alone: jobs=1"
+        ) from None
+    if scheduler is not None:
+        return _on_cluster(function, enumerate(tasks), pickled, scheduler)
+    return _in_processes(function, enumerate(tasks), pickled, jobs)
+
+
+@dataclass(frozen=True, eq=False)
+class Workers:
+    """Processes that do the work, and the logs that turned out to be broken."""
+
+    jobs: int | None = 1
+    scheduler: str | None = None  # jobs, scheduler: as `spread` takes them
+    alone: bool = True  # whether there is one log only, so that what is wrong with it is an error
+    on_progress: Progress | None = None  # called with (what is being done, share done)
+    broken: dict[str, str] = field(default_factory=dict)  # by name of a log, why it is left out
+
+    def over(
+        self,
+        function: Callable[[Any, Any], Any],
+        tasks: Sequence[Any],
+        common: Any,
+        names: Sequence[str],
+        what: str,
+    ) -> Iterator[tuple[Any, Any]]:
+        """Yield (task, value) in the order of the tasks, None for one that failed.
+
+        The order in which they end is not that of the tasks, and floating-point sums depend on it.
+        """
+        done = spread(function, tasks, common=common, jobs=self.jobs, scheduler=self.scheduler)
+        early: dict[int, Any] = {}
+        at = 0
+        with contextlib.closing(done):
+            for count, each in enumerate(done, start=1):
+                if self.on_progress:
+                    self.on_progress(what, count / len(tasks))
+                if each.error is not None:
+                    if self.alone:
+                        raise IdentError(each.error)
+                    self.broken.setdefault(names[each.index], each.error)
+                early[each.index] = each.value
+                while at in early:
+                    yield tasks[at], early.pop(at)
+                    at += 1
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:  # not on macOS and Windows
+        return os.cpu_count() or 1
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that must be equal on all machines, by name."""
+    return {"ident": ident.__version__, "Python": ".".join(platform.python_version_tuple()[:2])}
+
+
+def _outcome(function: Function, common: Any, task: Any) -> tuple[Any, str | None]:
+    """Return what the function returns, or the line of its exception."""
+    try:
+        return function(common, task), None
+    except Exception as error:
+        return None, line_of(error)
+
+
+@lru_cache(maxsize=1)  # so that functions of a mechanism are compiled once a process
+def _common(shared: str | bytes) -> Any:
+    return pickle.loads(Path(shared).read_bytes() if isinstance(shared, str) else shared)
+
+
+def _call(shared: str | bytes, function: Function, task: Any) -> tuple[Any, str | None]:
+    return _outcome(function, _common(shared), task)
+
+
+def _killed(times: int) -> str:
+    return f"its process died each of the {times} times it was tried"
+
+
+def _died(future: Future[Any]) -> bool:
+    return isinstance(future.exception(), BrokenProcessPool)
+
+
+def _in_processes(
+    function: Function, tasks: Tasks, common: bytes, jobs: int
+) -> Generator[Done, None, None]:
+    """Yield how each task ended in one of `jobs` processes, which read what is common in a file.
+
+    When a process dies, loky ends the others too: each of their tasks is tried again, alone.
+    """
+    from joblib.externals.loky import get_reusable_executor
+
+    executor = partial(get_reusable_executor, jobs, timeout=IDLE, env=ONE_THREAD)
+    with tempfile.TemporaryDirectory(prefix="ident-") as folder:
+        file = Path(folder) / "common"
+        file.write_bytes(common)
+        running: dict[Future[tuple[Any, str | None]], tuple[int, Any]] = {}
+        ended: list[Done] = []
+        try:
+            while True:
+                while len(running) < jobs and (numbered := next(tasks, None)) is not None:
+                    try:
+                        future = executor().submit(_call, str(file), function, numbered[1])
+                        running[future] = numbered
+                    except BrokenProcessPool:
+                        tasks = chain([numbered], tasks)
+                        if running:  # what runs is about to end so too
+                            break
+                yield from ended  # while others work
+                if not running:
+                    return
+                futures = wait(running, return_when=FIRST_COMPLETED).done
+                if any(map(_died, futures)):
+                    futures = wait(running).done
+                ended = []
+                for future, (index, task) in [(each, running.pop(each)) for each in futures]:
+                    for _ in range(TRIES - 1):
+                        if _died(future):
+                            future = executor().submit(_call, str(file), function, task)
+                            wait([future])
+                    if (error := future.exception()) is None:
+                        ended.append(Done(index, *future.result()))
+                    else:  # else the task or its result cannot be pickled
+                        why = _killed(TRIES) if _died(future) else line_of(error)
+                        ended.append(Done(index, error=why))
+        except BaseException:  # Ctrl-C, or nobody wants the rest
+            until = time.monotonic() + HANDED_OUT
+            # loky's thread fails on what it has not handed out yet
+            while time.monotonic() < until and not all(f.running() or f.done() for f in running):
+                time.sleep(0.001)
+            executor().shutdown(kill_workers=True)
+            raise
+
+
+# --- Dask ----------------------------------------------------------------------------------------
+
+
+def _on_cluster(
+    function: Function, tasks: Tasks, common: bytes, scheduler: str
+) -> Generator[Done, None, None]:
+    """Yield how each task ended on some worker; no more are sent than there are workers."""
+    with _client(scheduler) as client:
+        from distributed import wait
+
+        # a task of its own is made again if the worker that holds its result dies
+        shared = client.submit(bytes, common, pure=False)
+        call = partial(_call_on_worker, versions())
+        running: dict[Any, int] = {}
+        ended: list[Done] = []
+        without = 0
+        try:
+            while True:
+                workers = len(client.scheduler_info(n_workers=-1)["workers"])
+                while len(running) < max(workers, 1) and (task := next(tasks, None)) is not None:
+                    running[client.submit(call, shared, function, task[1], pure=False)] = task[0]
+                yield from ended  # while others work
+                if not running:
+                    return
+                ended = []
+                with contextlib.suppress(TimeoutError), client.as_current():
+                    for future in wait(list(running), LOOK, return_when="FIRST_COMPLETED").done:
+                        ended.append(_done_on_worker(running.pop(future), future))
+                without = 0 if workers else without + LOOK
+                if without >= EMPTY:
+                    raise IdentError(
+                        f"scheduler {scheduler}: has had no workers for {EMPTY} s; start some "
+                        f"(dask worker {scheduler}) and run this again"
+                    )
+        except CancelledError:
+            raise IdentError(
+                f"scheduler {scheduler}: stopped answering; start it and its workers anew and run "
+                "this again"
+            ) from None
+        finally:
+            with contextlib.suppress(Exception):
+                client.cancel(list(running), force=True)
+
+
+def _done_on_worker(index: int, future: Any) -> Done:
+    from distributed import KilledWorker
+
+    try:
+        return Done(index, *future.result())
+    except (UnfitWorker, CancelledError):  # an unfit worker would fail all tasks: it is always free
+        raise
+    except KilledWorker as error:
+        return Done(index, error=_killed(error.allowed_failures + 1))
+    except Exception as error:
+        return Done(index, error=line_of(error))
+
+
+@contextlib.contextmanager
+def _client(scheduler: str) -> Iterator[Any]:
+    """Connect, and check that there are workers and that ident is installed on them."""
+    try:
+        from distributed import Client  # Dask is an extra, and slow to import
+    except ImportError:
+        raise IdentError(
+            'a scheduler needs Dask, which is not installed; pip install "ident[cluster]", on '
+            "the workers too, or leave it out for processes on this machine"
+        ) from None
+    try:
+        client = Client(scheduler, set_as_default=False, timeout=ANSWER)
+    except (OSError, ValueError) as error:
+        raise IdentError(
+            f"scheduler {scheduler}: does not answer ({line_of(error)}); valid: an address as "
+            "tcp://host:8786, which 'dask scheduler' prints; it needs workers: dask worker "
+            f"{scheduler}"
+        ) from None
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=ANSWER)
+        except TimeoutError:
+            raise IdentError(
+                f"scheduler {scheduler}: has no workers; start some: dask worker {scheduler} "
+                "--nworkers 4 --nthreads 1"
+            ) from None
+        try:
+            client.run(_check_worker, versions())
+        except UnfitWorker:
+            raise
+        except Exception as error:
+            raise IdentError(
+                f"scheduler {scheduler}: a worker cannot be used ({line_of(error)}); install ident "
+                "there"
+            ) from None
+        yield client
+
+
+def _check_worker(ours: dict[str, str]) -> None:
+    """Raise UnfitWorker on a worker that has other versions."""
+    for package, theirs in versions().items():
+        if theirs != ours[package]:
+            raise UnfitWorker(
+                f"worker on {platform.node()}: has {package} {theirs}, here it is "
+                f"{ours[package]}; install the same on both"
+            )
+
+
+def _call_on_worker(
+    ours: dict[str, str], shared: bytes, function: Function, task: Any
+) -> tuple[Any, str | None]:
+    from threadpoolctl import threadpool_limits  # of the extra, as Dask
+
+    _check_worker(ours)  # a worker may have joined since
+    with one_at_a_time, threadpool_limits(1):
+        return _call(shared, function, task)
