@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ident.equations.filter import Decimator
+from ident.equations.filter import Decimator, FilterRun
 
 CASES = [(5.0, 200.0), (20.0, 1000.0), (40.0, 5000.0), (30.0, 100.0)]
 
@@ -13,15 +13,13 @@ def response(decimator, rate, f):
     return decimator.taps @ np.cos(2 * np.pi * f / rate * k)  # symmetric: real, no phase
 
 
-def through(decimator, x, segment=None, chunk=10**9):
+def through(decimator, x, segment=None, chunk=10**6):
     """(kept samples, filtered) of an experiment."""
     segment = segment or slice(0, len(x))
-    samples, values = [], []
-    for inside, part in decimator.pieces(segment, chunk):
-        at = decimator.centres(part, segment)
-        samples.append(at)
-        values.append(decimator.apply(x[inside], inside, at))
-    return np.concatenate(samples), np.concatenate(values)
+    run = FilterRun(decimator, segment.start)
+    starts = range(segment.start, segment.stop, chunk)
+    parts = [run.push([x[i : min(i + chunk, segment.stop)]]) for i in starts]
+    return np.concatenate([at for at, _ in parts]), np.concatenate([y for _, (y,) in parts])
 
 
 @pytest.mark.parametrize(("cutoff", "rate"), CASES)
@@ -78,21 +76,24 @@ def test_pieces_give_the_same_as_one_pass(cutoff, rate, chunk):
 
 def test_a_segment_shorter_than_the_filter_gives_nothing():
     decimator = Decimator.of(5.0, 200.0)
-    assert not list(decimator.pieces(slice(10, 10 + 2 * decimator.half), 100))
-    assert len(through(decimator, np.ones((2 * decimator.half + 1, 1)))[0]) == 1
+    x = np.ones((2 * decimator.half + 1, 1))
+    assert not list(decimator.filtered(slice(0, len(x) - 1), lambda part: [x[part]]))
+    assert len(through(decimator, x)[0]) == 1
 
 
 def test_without_a_cutoff_every_sample_stays():
     decimator = Decimator.of(None, 200.0)
     assert (decimator.half, decimator.factor) == (0, 1)
-    pieces = list(decimator.pieces(slice(3, 25), 10))
-    assert [(p.start, p.stop) for _, p in pieces] == [(3, 13), (13, 23), (23, 25)]
-    assert all(inside == part for inside, part in pieces)
+    x = np.random.default_rng(0).normal(size=(30, 2))
+    samples, found = through(decimator, x, slice(3, 25), 10)
+    np.testing.assert_array_equal(samples, np.arange(3, 25))
+    np.testing.assert_array_equal(found, x[3:25])
 
 
 def test_the_share_of_open_samples_counts_both_signs():
     decimator = Decimator.of(20.0, 1000.0)
-    segment = slice(0, 2 * decimator.half + 1)
-    at = np.array([decimator.half])
-    found = decimator.apply(np.zeros((segment.stop, 1), dtype=bool), segment, at)
-    assert found[0, 0] == pytest.approx(np.abs(decimator.taps).sum())
+    open_ = np.zeros((2 * decimator.half + 1, 1), dtype=bool)
+    share = np.abs(decimator.taps).sum()
+    for sticking, informed in ((share - 1e-9, False), (share + 1e-9, True)):
+        _, (found,) = FilterRun(decimator, 0, sticking).push([open_])
+        assert found.tolist() == [[informed]]

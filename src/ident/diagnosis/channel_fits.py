@@ -78,7 +78,6 @@ def _solve(A: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:
 
 
 MOST = 6000  # rows a coordinate; a share that is to be told to 10 % needs no more
-CHUNK = 1024  # samples at a time
 STICKING = 0.2  # share of a filtered row that may come from samples at standstill
 USUAL = 5  # v, sign(v), 1, q, a
 LONGEST = 0.1  # s; a longer delay is a wrong clock
@@ -129,35 +128,20 @@ def gather(
         scene = Scene.of(fit.mechanism, fit.columns, bare, fit.point, cutoff)
         e, decimator = scene.e, Decimator.of(cutoff, bare.rate)
         every = max(1, -(-total // decimator.factor // most))
-        for inside, sample in _pieces(decimator, e, every):
-            X, B, told = _columns(fit, scene, inside, lags)
-            if decimator.taps is not None:
-                part = slice(int(inside[0]), int(inside[-1]) + 1)
-                X, B = (decimator.apply(x, part, sample) for x in (X, B))
-                told = decimator.apply(told, part, sample) < STICKING
-            found.append((X, B, told, e.t[sample], np.full(len(sample), number)))
+        decimator = replace(decimator, factor=decimator.factor * every)
+
+        def make(part: slice, scene: Scene = scene) -> tuple[np.ndarray, ...]:
+            return _columns(fit, scene, part, lags)
+
+        for segment in e.segments():
+            for sample, (X, B, told) in decimator.filtered(segment, make, STICKING):
+                found.append((X, B, told, e.t[sample], np.full(len(sample), number)))
     X, B, informed, t, experiment = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return ChannelRows(X, B, informed, t, experiment, lags * dt, dt)
 
 
-def _pieces(decimator: Decimator, e: State, every: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Samples that are needed, and those whose rows are kept, piece by piece."""
-    if decimator.taps is None:
-        kept = np.flatnonzero(e.usable)[::every]
-        for start in range(0, len(kept), CHUNK):
-            yield kept[start : start + CHUNK], kept[start : start + CHUNK]
-        return
-    for segment in e.segments():
-        for inside, part in decimator.pieces(segment, CHUNK):
-            sample = decimator.centres(part, segment)
-            first = (sample - segment.start - decimator.half) // decimator.factor
-            kept = sample[first % every == 0]
-            if len(kept):
-                yield np.arange(inside.start, inside.stop), kept
-
-
 def _columns(
-    fit: Fit, scene: Scene, part: np.ndarray, lags: np.ndarray
+    fit: Fit, scene: Scene, part: slice, lags: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """X, B and informed of some samples, unfiltered."""
     e, s = scene.e, scene.samples(part)
@@ -183,7 +167,7 @@ def _columns(
         W = W[:, :, None]
         X[:, rows, k + USUAL * j : k + USUAL * (j + 1)] = W * usual[:, None]
         B[:, rows, 1 + J * j : 1 + J * (j + 1)] = W * tau[:, None]
-        shifted = e.tau[np.clip(part[:, None] + lags, 0, len(e) - 1), j]
+        shifted = e.tau[np.clip(np.arange(len(e))[part, None] + lags, 0, len(e) - 1), j]
         B[:, rows, 1 + J * J + L * j : 1 + J * J + L * (j + 1)] = W * shifted[:, None]
         informed[:, rows] &= (np.abs(v) >= x.still)[:, None]
     return X, B, informed

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -28,6 +29,7 @@ class Decimator:
     factor: int  # one sample of `factor` remains
 
     @classmethod
+    @lru_cache(64)
     def of(cls, cutoff: float | None, rate: float) -> Decimator:
         """A Kaiser-windowed low-pass of −6 dB at `cutoff` [Hz] for samples at `rate` [Hz]."""
         if cutoff is None:
@@ -72,51 +74,6 @@ class Decimator:
             if len(sample):
                 yield sample, series
 
-    def add(
-        self, sums: list[np.ndarray], flat: list[np.ndarray], part: slice, centres: np.ndarray
-    ) -> None:
-        """Add to rows (columns, kept) what the samples of a part contribute, (columns, n)."""
-        assert self.taps is not None
-        padded = np.concatenate([[0.0], self.taps, [0.0]])
-        step = max(self.half // 2, 64)  # samples of one dense product, of which a half is zeros
-        for start in range(part.start, part.stop, step):
-            sample = np.arange(start, min(start + step, part.stop))
-            first, last = np.searchsorted(
-                centres, (sample[0] - self.half, sample[-1] + self.half + 1)
-            )
-            place = sample - centres[first:last, None] + self.half + 1
-            weights = padded[np.clip(place, 0, len(padded) - 1)].T
-            inside = slice(sample[0] - part.start, sample[-1] + 1 - part.start)
-            for total, x in zip(sums, flat, strict=True):
-                w = np.abs(weights) if x.dtype == bool else weights
-                total[:, first:last] += x[:, inside] @ w
-
-    def pieces(self, segment: slice, chunk: int) -> Iterator[tuple[slice, slice]]:
-        """(samples needed, samples answered for) of each piece of a segment."""
-        if segment.stop - segment.start <= 2 * self.half:
-            return
-        chunk = max(chunk, 4 * self.half)
-        first, last = segment.start + self.half, segment.stop - self.half
-        for start in range(first, last, chunk):
-            stop = min(start + chunk, last)
-            yield slice(start - self.half, stop + self.half), slice(start, stop)
-
-    def centres(self, part: slice, segment: slice) -> np.ndarray:
-        """Samples of a piece at which filtered rows are kept, on one grid for the segment."""
-        first = segment.start + self.half
-        skip = -(part.start - first) % self.factor
-        return np.arange(part.start + skip, part.stop, self.factor)
-
-    def apply(self, x: np.ndarray, inside: slice, sample: np.ndarray) -> np.ndarray:
-        """Filtered x (n, …) of the samples `inside`, at the kept samples: (kept, …).
-
-        Of booleans it is the share of each row, by |taps|, that is false.
-        """
-        flat = _flat(x)
-        out = np.zeros((len(flat), len(sample)))
-        self.add([out], [flat], inside, sample)
-        return np.moveaxis(out.reshape(*x.shape[1:], len(sample)), -1, 0)
-
 
 class FilterRun:
     """A run of samples on its way through a filter: rows leave it half its length later.
@@ -128,37 +85,43 @@ class FilterRun:
     def __init__(self, decimator: Decimator, first: int, sticking: float = STICKING) -> None:
         self.end, self._decimator, self._sticking = first, decimator, sticking
         self._next = first + decimator.half  # first row that has not left
-        self._sums: list[np.ndarray] = []  # of rows that samples have entered, from that on
+        self._sums: list[np.ndarray] = []  # (columns, rows) that samples have entered, from that on
 
     def push(self, series: Sequence[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
         """Return samples kept (n,) and series (n, …) that are complete with further samples."""
-        part = slice(self.end, self.end + len(series[0]))
-        self.end, half = part.stop, self._decimator.half
-        if self._decimator.taps is None:
-            return np.arange(part.start, part.stop), list(series)
-        centres = np.arange(self._next, part.stop + half, self._decimator.factor)
-        flat = [_flat(x) for x in series]
+        start, stop = self.end, self.end + len(series[0])
+        self.end, taps, half = stop, self._decimator.taps, self._decimator.half
+        if taps is None:
+            return np.arange(start, stop), list(series)
+        centres = np.arange(self._next, stop + half, self._decimator.factor)
+        # columns of all series (columns, n); of booleans, where they are false
+        flat = [
+            np.moveaxis(~x if x.dtype == bool else x, 0, -1).reshape(-1, len(x)) for x in series
+        ]
         before = self._sums or [np.empty((len(x), 0)) for x in flat]
         more = len(centres) - before[0].shape[1]
         sums = [np.hstack([y, np.zeros((len(y), more))]) for y in before]
-        self._decimator.add(sums, flat, part, centres)
-        ready = int(np.searchsorted(centres, part.stop - half))
+        padded = np.concatenate([[0.0], taps, [0.0]])
+        step = max(half // 2, 64)  # samples of one dense product, of which a half is zeros
+        for first in range(start, stop, step):
+            sample = np.arange(first, min(first + step, stop))
+            rows = slice(*np.searchsorted(centres, (sample[0] - half, sample[-1] + half + 1)))
+            place = sample[:, None] - centres[rows] + half + 1
+            weights = padded[np.clip(place, 0, len(padded) - 1)]
+            inside = slice(first - start, first - start + len(sample))
+            for total, x in zip(sums, flat, strict=True):
+                total[:, rows] += x[:, inside] @ (np.abs(weights) if x.dtype == bool else weights)
+        ready = int(np.searchsorted(centres, stop - half))
         self._sums = [y[:, ready:] for y in sums]
         self._next += ready * self._decimator.factor
-        done = zip(sums, series, strict=True)
-        return centres[:ready], [_shaped(y[:, :ready], x, self._sticking) for y, x in done]
-
-
-def _flat(x: np.ndarray) -> np.ndarray:
-    """Series (n, …) as (columns, n); of booleans, where they are false."""
-    flat = np.moveaxis(x, 0, -1).reshape(int(np.prod(x.shape[1:])), len(x))
-    return ~flat if x.dtype == bool else flat
-
-
-def _shaped(found: np.ndarray, like: np.ndarray, sticking: float) -> np.ndarray:
-    """Filtered columns (columns, kept) as a series (kept, …)."""
-    series = np.moveaxis(found.reshape(*like.shape[1:], found.shape[1]), -1, 0)
-    return series < sticking if like.dtype == bool else series
+        done = [
+            np.moveaxis(y[:, :ready].reshape(*x.shape[1:], ready), -1, 0)
+            for y, x in zip(sums, series, strict=True)
+        ]
+        informed = [
+            y < self._sticking if x.dtype == bool else y for y, x in zip(done, series, strict=True)
+        ]
+        return centres[:ready], informed
 
 
 def filtered_windows(
