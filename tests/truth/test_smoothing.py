@@ -203,3 +203,14 @@ def test_what_moving_the_spline_costs():
     moved = step[spline.first[:, None] + np.arange(6)]
     cost = (np.einsum("nwi,nwi->n", spline.U, moved) ** 2).sum()
     assert squares(spline.c + step) - squares(spline.c) == pytest.approx(cost, rel=1e-6)
+
+
+def test_clean_rates_beside_noisy_positions(robots):
+    """The mean of the position is known from noisy samples alone, its rates nearly exactly."""
+    mechanism = ident.load(robots / "slider_crank")
+    given = ident.read_log(robots / "slider_crank" / "run.csv")
+    noise = [ident.Noise(channel, 0.02, relative=True) for channel in ("q", "tau")]
+    log, _ = ident.simulate(mechanism, given, noise=noise, seed=1)
+    fit = ident.identify(mechanism, ident.complete(mechanism, log))
+    for name, value in {"rod.Ixx": 0.0052, "rod.Izz": 0.0052}.items():
+        assert fit[name].value == pytest.approx(value, rel=0.02)

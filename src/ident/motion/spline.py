@@ -25,6 +25,7 @@ DEGREE = 5
 WIDTH = DEGREE + 1  # functions that are nonzero at a time
 BRIDGE = 1e-12  # weight of smoothness, which decides only where a few samples are missing
 DOUBLINGS = 12
+HEAVIEST = 1e6  # rows of one channel over those of another, whose squares rounding can add
 INCONSISTENT = 1.3  # times its noise: a channel that misses the others by more weighs less
 
 
@@ -138,15 +139,20 @@ def interpolate(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def fitted(basis: Basis, channels: Sequence[Channel], names: Sequence[str]) -> Spline:
-    """The spline of the joints `names`, each from its own channels."""
+    """The spline of the joints `names`, each from its own channels.
+
+    A channel without noise beside a noisy one weighs no more than rounding allows.
+    """
     parts = []
     for name in names:
+        own = [each for each in channels if each.joint == name]
+        windows = [basis.window(np.clip(c.t, basis.t0, basis.t_end), c.order) for c in own]
+        largest = [float(np.abs(B).max(initial=1e-300)) for _, B in windows]
+        most = HEAVIEST * min(size / c.sigma for size, c in zip(largest, own, strict=True))
         rows = []
-        for channel in (each for each in channels if each.joint == name):
-            t = np.clip(channel.t, basis.t0, basis.t_end)
-            first, B = basis.window(t, channel.order)
-            R, x = B[:, :, None] / channel.sigma, channel.x / channel.sigma
-            rows.append(Observations(first, R, x))
+        for channel, (first, B), size in zip(own, windows, largest, strict=True):
+            weight = min(1 / channel.sigma, most / size)
+            rows.append(Observations(first, weight * B[:, :, None], weight * channel.x))
         parts.append(solved(basis, rows, 1))
     c = np.concatenate([part.c for part in parts], axis=1)
     return Spline(basis, c, tuple(part.roots[0] for part in parts))
