@@ -204,6 +204,14 @@ def test_small_motion_hides_in_noise(small):
     assert all(each.joints for each in hidden)
 
 
+def test_standard_errors_hold_the_priors_of_what_is_held(small):
+    """Base parameters are off by the wrong priors of the held unknowns, 300 times the noise."""
+    fit = small.fit(cutoff="auto")
+    assert fit.estimate.held.any()
+    off = fit.estimate.solution.beta - small.base(fit)
+    assert (np.abs(off) < 3 * np.sqrt(np.diag(fit.covariance))).all()
+
+
 def test_the_command_shows_both(small, capsys, monkeypatch, tmp_path):
     told = {c: x for c, x in small.log.columns.items() if c[0] in "qt"}
     Log.from_arrays("s", small.log.t, told).write(tmp_path / "s.csv")

@@ -22,7 +22,7 @@ from ident.fit.result import Fit
 from ident.fit.shapes import beyond_bounds, working_point
 from ident.fit.values import effect_values
 from ident.information.blocks import Error
-from ident.information.covariance import covariance
+from ident.information.covariance import covariance, prior_covariance
 from ident.information.estimate import Estimate
 from ident.information.held_out import held_out
 from ident.information.triangle import Array
@@ -83,12 +83,14 @@ def identify(
     cov = covariance(problem.fitting, estimate)
     if likelihood is not None:
         cov = likelihood.covariance(cov, estimate)
+    cov += prior_covariance(estimate, problem.plausible)
     possible = None
     limits = limits_asked(mechanism, consistent)
     if limits is not None:
         possible = nearest_possible(problem, estimate, limits, progress)
         if possible.problem is not problem:  # made anew where columns depend on the solution
             cov = covariance(possible.problem.fitting, possible.free)
+            cov += prior_covariance(possible.free, possible.problem.plausible)
     elif mechanism.consistency != Consistency():
         text = "bounds and total_mass of [parameters] hold in a consistent fit only: --consistent"
         findings.append(Finding("limits ignored", (), None, None, text))

@@ -59,6 +59,18 @@ def covariance(information: Information, estimate: Estimate) -> Array:
     return np.asarray(result + np.diag(np.maximum(least - np.diag(result), 0.0)))
 
 
+def prior_covariance(estimate: Estimate, plausible: Array) -> Array:
+    """Return what the priors of held unknowns add to the covariance (n_ind, n_ind).
+
+    An unknown δ that is held may be off its prior by its plausible (k,) distance, and then moves
+    the base parameters by −(A_IᵀA_I)⁻¹ A_Iᵀ A_held δ.
+    """
+    R, held = estimate.triangle.R, estimate.held
+    moved = np.linalg.lstsq(R[:, estimate.base.independent], R[:, held], rcond=None)[0]
+    moved = moved * plausible[held]
+    return np.asarray(moved @ moved.T)
+
+
 def scores(
     information: Information, estimate: Estimate, norm: Array
 ) -> tuple[list[tuple[int, int]], Array, Array, Array]:

@@ -27,7 +27,7 @@ from ident.fit.multipliers import Reactions, identifiable_multipliers
 from ident.fit.problem import Problem, bands_of
 from ident.fit.shapes import shape_bounds, stepped, working_point
 from ident.information.blocks import Error, Information
-from ident.information.covariance import covariance
+from ident.information.covariance import covariance, prior_covariance
 from ident.information.estimate import Estimate, estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Consistency
@@ -357,7 +357,7 @@ def _fit_of(
     """Make the fit of the last pass' triangles, whose pictures are those of the excerpt."""
     assert isinstance(r.motion, Excerpt)
     r = replace(r, motion=r.motion.without(workers.broken))
-    cov = covariance(r.fitting, fitted)
+    cov = covariance(r.fitting, fitted) + prior_covariance(fitted, r.plausible)
     notes = [note for note in notes if note not in r.motion.notes]
     share = float(share_of_motion(r, fitted).max(initial=0.0)) if len(r.columns) else 0.0
     if share >= MATTERS:

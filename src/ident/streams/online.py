@@ -34,7 +34,7 @@ from ident.fit.problem import LENGTH, blocks_of, plausible_of
 from ident.fit.shapes import working_point
 from ident.fit.values import BaseValue, Value, base_values, effect_values, rigid_values
 from ident.information.blocks import Block, Error, Information, Squares
-from ident.information.covariance import covariance
+from ident.information.covariance import covariance, prior_covariance
 from ident.information.estimate import Estimate, estimate
 from ident.log import Log
 from ident.mechanism import Mechanism, Multipliers
@@ -498,7 +498,7 @@ class _Recursion:
         prior = old.estimate.x if old is not None and self._T else columns.prior
         sensible = plausible_of(self._mechanism, columns, total)
         fitted = estimate(total.totals, prior, total.rms_torque, sensible)
-        cov = covariance(total, fitted)
+        cov = covariance(total, fitted) + prior_covariance(fitted, sensible)
         after = self._point.at(self._mechanism, columns, fitted.x)
         values = [*rigid_values(self._mechanism, columns, fitted, cov)]
         for each in effect_values(columns, fitted, cov, after):
