@@ -23,8 +23,7 @@ def judged(mechanism, run):
     moves = (np.abs(e.yd) > e.still).all(axis=1) & said.usable
     for effect in mechanism.effects:
         if effect.kind == "coupling":  # its own speed is the sum of two
-            moves &= effect.informed(Samples(mechanism, e, slice(None)).signals(effect.joints))[
-                :, 0
-            ]
+            s = Samples(mechanism, e, slice(None), point).signals(effect.joints)
+            moves &= effect.informed(s)[:, 0]
     assert moves.mean() > 0.5
     return np.abs(said.residual[moves]).max() / np.abs(said.measured).max()

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from scipy.linalg import lstsq
 
-from ident.equations.corrections import Corrected, Scene
+from ident.equations.corrections import Scene
 from ident.equations.filter import Decimator
-from ident.equations.terms import Terms
+from ident.equations.terms import Samples, Terms
 from ident.fit import Fit
 from ident.motion import State
 
@@ -236,7 +236,7 @@ def _inertia(fit: Fit, width: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _terms(fit: Fit, e: State) -> Terms:
     """Of samples that are no course of time, so without what corrects the data."""
-    scene = Scene(Corrected(fit.mechanism, e), fit.columns, fit.point)
+    scene = Scene(Samples(fit.mechanism, e, slice(None), fit.point), fit.columns)
     return scene.terms(slice(0, len(e)))
 
 

@@ -13,8 +13,7 @@ from ident.diagnosis.diagnosis import Diagnosis
 from ident.diagnosis.selection import Evidence
 from ident.diagnosis.trials import Move, Trial, allowed, present, trials
 from ident.effects import Effect
-from ident.equations.terms import reduced as in_independent
-from ident.equations.terms import unbalanced
+from ident.equations.terms import Samples, unbalanced
 from ident.errors import IdentError
 from ident.fit.table import Table
 from ident.information.hypotheses import RANK
@@ -138,7 +137,7 @@ def _loaded(d: Diagnosis, e: State) -> State:
         worst = max(float(_size(each).max()) for each in d.fit.motion.experiments)
         if left_out(bare, e) or float(_size(e).max()) > WORSE * worst:
             raise ValueError("near a singular position")
-    needed = -unbalanced(in_independent(mechanism, e, slice(None), d.fit.point), d.fit.point)
+    needed = -unbalanced(Samples(mechanism, e, slice(None), d.fit.point).reduced(slice(None)))
     if e.leverage is None:
         return replace(e, tau=needed[:, [mechanism.joint(n).index for n in mechanism.driven]])
     L = e.leverage[:, [mechanism.joint_index[name] for name in mechanism.driven]]

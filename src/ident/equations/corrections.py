@@ -3,28 +3,20 @@
     y → y + δy     τ(t) → τ(t + d)     g → Rᵀ g     placements + Δ     q → q + K⁺ [C λ; 0]
 
 A corrected state is one like any other; no equation needs to know of it. The columns of a
-correction's shapes are S = −∂(b − A x)/∂s, by central differences over corrections at s ± h.
+correction's shapes are S = −∂r/∂s, r = b − A x, by differences over corrections at s and s + h.
 """
 
 from __future__ import annotations
 
 from collections.abc import Container
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ident.effects import Correction, Effect
 from ident.equations.filter import Decimator
-from ident.equations.terms import (
-    STEP,
-    Samples,
-    Terms,
-    effect_terms,
-    reduced,
-    unbalanced,
-    with_bodies,
-)
+from ident.equations.terms import Samples, Terms, effect_terms, unbalanced, with_bodies
 from ident.equations.unknowns import Columns, Point
 from ident.errors import MotionError
 from ident.mechanism.mechanism import Mechanism
@@ -32,34 +24,46 @@ from ident.motion.closures import integrate
 from ident.motion.state import State
 
 WIDER = 3.0  # times the rows' cut-off: a filter that passes all that the rows' filter passes
+STEP = 1e-5  # of the range of a shape parameter: corrections are smooth in their shapes
+CHUNK = 4096  # samples whose residual is made at once
 
 
-@dataclass(frozen=True, eq=False)
-class Corrected:
-    """A mechanism and one of its states, corrected; `memo` keeps what is slow to make."""
-
-    mechanism: Mechanism
-    e: State
-    memo: dict[object, np.ndarray] = field(default_factory=dict)
-
-
-def corrected(
-    base: Corrected, point: Point, cutoff: float | None, only: Effect | None = None
-) -> Corrected:
-    """The mechanism and state as correcting effects (or `only` one) make them at a point."""
+def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -> Samples:
+    """A whole state as correcting effects (or `only` one) make it at the point of `base`."""
     mechanism, e = base.mechanism, base.e
-    whole = Samples(mechanism, e, slice(None), point, base.memo)
     for effect in mechanism.effects:
         if not effect.corrects or (only and effect.label != only.label):
             continue
-        _, shape = point.of(effect)
+        _, shape = base.point.of(effect)
         if len(shape) < len(effect.shapes):
             continue
         if not any(shape.values()) and not effect.margin:
             continue
-        what = effect.correction(replace(whole.signals(effect.joints), shape=shape))
-        mechanism, e = _corrected(mechanism, e, what, whole, cutoff, effect.margin)
-    return base if e is base.e and mechanism is base.mechanism else Corrected(mechanism, e)
+        what = effect.correction(replace(base.signals(effect.joints), shape=shape))
+        mechanism, e = _corrected(mechanism, e, what, base, cutoff, effect.margin)
+    same = e is base.e and mechanism is base.mechanism
+    return base if same else Samples(mechanism, e, slice(None), base.point)
+
+
+def beside(
+    base: Samples, effect: Effect, name: str, cutoff: float | None, only: Effect | None = None
+) -> tuple[float, Samples]:
+    """h [the shape's unit] and the state corrected with one shape of an effect at s + h."""
+    _, shape = base.point.of(effect)
+    low, high = effect.bounds(replace(base.signals(effect.joints), shape=shape))[name]
+    full = effect.names[[each.name for each in effect.parameters].index(name)]
+    h = STEP * (high - low)
+    point = base.point.with_values({full: shape.get(name, 0.0) + h})
+    return h, corrected(replace(base, point=point), cutoff, only)
+
+
+def residual(at: Samples) -> np.ndarray:
+    """r = b − A x (n, d) of a whole state, in the independent coordinates."""
+    key = ("residual",)
+    if key not in at.memo:
+        parts = (slice(start, start + CHUNK) for start in range(0, len(at.e), CHUNK))
+        at.memo[key] = np.concatenate([unbalanced(at.reduced(part)) for part in parts])
+    return at.memo[key]
 
 
 def _corrected(
@@ -100,13 +104,9 @@ def _rates(e: State, dq: np.ndarray | float, cutoff: float | None) -> np.ndarray
     if np.ndim(dq) == 0:
         return np.stack([np.full(n, float(dq)), np.zeros(n), np.zeros(n)])
     wide = WIDER * cutoff if cutoff and WIDER * cutoff < 0.5 * e.rate else None
-    taps = Decimator.of(wide, e.rate).taps
-    x = np.asarray(dq, dtype=float)
-    if taps is not None:
-        half = len(taps) // 2
-        from scipy.signal import oaconvolve  # takes half a second to import
-
-        x = oaconvolve(np.pad(x, half, mode="edge"), taps, mode="valid")
+    decimator, x = Decimator.of(wide, e.rate), np.asarray(dq, dtype=float)
+    if decimator.taps is not None:
+        x = np.convolve(np.pad(x, decimator.half, mode="edge"), decimator.taps, mode="valid")
     rate = np.gradient(x, 1 / e.rate)
     return np.stack([x, rate, np.gradient(rate, 1 / e.rate)])
 
@@ -126,18 +126,15 @@ def _opened(
     return e.at(mechanism, motion=(q, e.v + rates[1], e.a + rates[2]))
 
 
-# the place in x of an unknown shape, its value s, h, and the scenes at s + h and s − h
-Beside = tuple[int, float, float, Corrected, Corrected]
-
-
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """One state with its corrections."""
+    """One state with its corrections at the working point."""
 
-    corrected: Corrected  # mechanism and state at the working point
+    whole: Samples  # corrected mechanism and state, and values of all parameters
     columns: Columns  # the unknowns
-    point: Point  # values of all parameters
-    beside: tuple[Beside, ...] = ()  # for every unknown shape of a correcting effect
+    # for every unknown shape of a correcting effect: its place in x, its value s, h, and the
+    # state at s + h
+    beside: tuple[tuple[int, float, float, Samples], ...] = ()
 
     @classmethod
     def of(
@@ -150,51 +147,45 @@ class Scene:
     ) -> Scene:
         """The scene of a state; `cutoff` [Hz] is that of the rows' filter."""
         check_needs(mechanism, e.name, e.extra)
-        point = point or Point.prior(mechanism)
-        bare = Corrected(mechanism, e)
-        beside = []
-        for effect, places in columns.effects:
-            if not effect.corrects:
-                continue
-            _, shape = point.of(effect)
-            for each, full, place in zip(effect.shapes, effect.names, places, strict=True):
-                if place < 0:
-                    continue
-                value, h = shape.get(each.name, 0.0), step_of(effect, bare, point, each.name)
-                above, below = (
-                    corrected(bare, point.with_values({full: value + sign * h}), cutoff)
-                    for sign in (1, -1)
-                )
-                beside.append((int(place), value, h, above, below))
-        return cls(corrected(bare, point, cutoff), columns, point, tuple(beside))
+        bare = Samples(mechanism, e, slice(None), point or Point.prior(mechanism))
+        found = [
+            (int(place), bare.point.of(effect)[1].get(each.name, 0.0),
+             *beside(bare, effect, each.name, cutoff))
+            for effect, places in columns.effects if effect.corrects
+            for each, place in zip(effect.shapes, places, strict=True) if place >= 0
+        ]  # fmt: skip
+        return cls(corrected(bare, cutoff), columns, tuple(found))
 
     @property
     def mechanism(self) -> Mechanism:
         """Corrected."""
-        return self.corrected.mechanism
+        return self.whole.mechanism
 
     @property
     def e(self) -> State:
         """Corrected."""
-        return self.corrected.e
+        return self.whole.e
+
+    @property
+    def point(self) -> Point:
+        """The working point."""
+        return self.whole.point
 
     def samples(self, part: slice | np.ndarray) -> Samples:
         """Some samples in the independent coordinates."""
-        return reduced(self.mechanism, self.e, part, self.point, self.corrected.memo)
+        return self.whole.reduced(part)
 
     def generalised(self, part: slice | np.ndarray) -> Samples:
         """The same in generalised coordinates."""
-        return Samples(self.mechanism, self.e, part, self.point, self.corrected.memo)
+        return self.whole.generalised(part)
 
     def effects(self, s: Samples) -> Terms:
         """The equations of some samples without Γ, with the sensitivities S of corrections."""
         found = []
-        for place, value, h, *sides in self.beside:
-            above, below = (
-                unbalanced(replace(s, mechanism=x.mechanism, e=x.e, memo=x.memo), self.point)
-                for x in sides
-            )
-            found.append((place, value, -(above - below) / (2 * h)))
+        r = unbalanced(s) if self.beside else np.empty(0)
+        for place, value, h, moved in self.beside:
+            there = replace(s, mechanism=moved.mechanism, e=moved.e, memo=moved.memo)
+            found.append((place, value, (r - unbalanced(there)) / h))
         return effect_terms(s, self.columns, found)
 
     def terms(self, part: slice | np.ndarray, *, full: bool = False) -> Terms:
@@ -223,11 +214,3 @@ def check_needs(mechanism: Mechanism, log: str, columns: Container[str]) -> None
                     f"{log}: has no column '{name}', which effect '{effect.label}' needs; log "
                     f"it, map it in [log], or leave out {effect.label}"
                 )
-
-
-def step_of(effect: Effect, base: Corrected, point: Point, name: str) -> float:
-    """h [the shape's unit], a thousandth of what these data could tell."""
-    whole = Samples(base.mechanism, base.e, slice(None), point, base.memo)
-    _, shape = point.of(effect)
-    low, high = effect.bounds(replace(whole.signals(effect.joints), shape=shape))[name]
-    return STEP * (high - low)

@@ -30,10 +30,10 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from ident.equations.corrections import Corrected, Scene, corrected
+from ident.equations.corrections import Scene, corrected, residual
 from ident.equations.filter import Decimator, filtered_windows
 from ident.equations.rows import informing, largest_transmission, rows
-from ident.equations.terms import informative_joints, reduced, unbalanced
+from ident.equations.terms import Samples, informative_joints
 from ident.equations.unknowns import Columns, Point
 from ident.information.band import Elimination, eliminate
 from ident.information.reduction import Chunk
@@ -44,7 +44,6 @@ from ident.motion.spline import WIDTH, Smooth, Spline, fitted
 from ident.motion.state import State
 
 STEP = 1e-6  # of the spread of a coordinate or its derivative
-CHUNK = 4096
 LOOKED_AT = 60  # samples of a log whose motion's noise is looked at
 LONGEST = 2000  # functions of a run that are looked at
 BLOCKS = 40
@@ -65,11 +64,15 @@ def gain(
 
     The joints `names` are moved, others of `e.logged` stay; `cutoff` [Hz] is that of the rows.
     """
-    base = _residual(mechanism, e, point, cutoff)
+
+    def at(e: State) -> Samples:
+        return corrected(Samples(mechanism, e, slice(None), point), cutoff)
+
+    base = residual(at(e))
     G = np.empty((*base.shape, len(names), 3))
     for i, order, step, beside in _beside(mechanism, e, names):
-        G[:, :, i, order] = (_residual(mechanism, beside, point, cutoff) - base) / step
-    whole = reduced(mechanism, e, slice(None), point)
+        G[:, :, i, order] = (residual(at(beside)) - base) / step
+    whole = Samples(mechanism, e, slice(None), point).reduced(slice(None))
     informative = [x for effect in mechanism.effects for x in informative_joints(whole, effect)]
     G[~informing(whole, informative, largest_transmission(e))] = 0.0
     return G
@@ -89,18 +92,6 @@ def _beside(
             step = STEP * (float(np.std(series)) or 1.0)
             series += step
             yield i, order, step, e.at(mechanism, moved, given, start="same" if order else "near")
-
-
-def _residual(mechanism: Mechanism, e: State, point: Point, cutoff: float | None) -> np.ndarray:
-    """r = b − A x (n, d) at full rate."""
-    found = corrected(Corrected(mechanism, e), point, cutoff)
-    parts = (slice(start, start + CHUNK) for start in range(0, len(e), CHUNK))
-    return np.concatenate(
-        [
-            unbalanced(reduced(found.mechanism, found.e, part, point, found.memo), point)
-            for part in parts
-        ]
-    )
 
 
 def motion_noise(mechanism: Mechanism, e: State, point: Point, cutoff: float | None) -> np.ndarray:

@@ -45,7 +45,7 @@ class Samples:
     mechanism: Mechanism
     e: State
     part: slice | np.ndarray
-    point: Point | None = None
+    point: Point
     memo: dict[object, np.ndarray] = field(default_factory=dict)
     independent: bool = False
 
@@ -117,8 +117,8 @@ class Samples:
                 a=e.ydd[part][:, at],
                 still=e.still[at],
                 extra={name: x[part] for name, x in e.extra.items()},
-                present=self.point.values if self.point else {},
-                predicted=(lambda: bare.predicted(joints)) if self.point else None,
+                present=self.point.values,
+                predicted=lambda: bare.predicted(joints),
             )
         return self._signals[joints]
 
@@ -182,6 +182,11 @@ class Samples:
         """Other samples of the same state, in generalised coordinates."""
         return Samples(self.mechanism, self.e, part, self.point, self.memo)
 
+    def reduced(self, part: slice | np.ndarray) -> Samples:
+        """Other samples of the same state, in the independent coordinates."""
+        loop = self.e.leverage is not None
+        return Samples(self.mechanism, self.e, part, self.point, self.memo, loop)
+
     def lever(self, name: str) -> tuple[slice, np.ndarray]:
         """The rows in which a joint's torque works, and W (n | 1, rows) there."""
         if self.independent:
@@ -214,7 +219,6 @@ class Samples:
         key = ("forces",)
         if key not in self.memo:
             n, nv = len(self.e), self.mechanism.model.nv
-            assert self.point is not None
             found = np.zeros((2, n, nv))
             for start in range(0, n, CHUNK):
                 part = slice(start, min(start + CHUNK, n))
@@ -278,17 +282,6 @@ def closure_forces(mechanism: Mechanism, joint: str) -> list[int]:
     ]
 
 
-def reduced(
-    mechanism: Mechanism,
-    e: State,
-    part: slice | np.ndarray,
-    point: Point | None = None,
-    memo: dict[object, np.ndarray] | None = None,
-) -> Samples:
-    """Samples in the independent coordinates."""
-    return Samples(mechanism, e, part, point, {} if memo is None else memo, e.leverage is not None)
-
-
 @dataclass(frozen=True, eq=False)
 class Terms:
     """The equations of n samples, r rows each."""
@@ -308,7 +301,6 @@ def effect_terms(
 
     `sensitivities` are those of corrections' shapes: place in x, value s₀, S (n, r).
     """
-    assert s.point is not None
     tau = s.measured(s.mechanism.driven)
     b = tau.copy() if s.wrench is None else tau + s.wrench
     n, r = s.shape
@@ -381,13 +373,13 @@ def informative_joints(s: Samples, effect: Effect) -> list[tuple[str, np.ndarray
     ]
 
 
-def unbalanced(s: Samples, point: Point) -> np.ndarray:
+def unbalanced(s: Samples) -> np.ndarray:
     """b − A x (n, r) at the working point."""
-    f = s.measured(s.mechanism.driven) - s.rigid(point.pi)
+    f = s.measured(s.mechanism.driven) - s.rigid(s.point.pi)
     if s.wrench is not None:
         f += s.wrench
     for effect in s.mechanism.effects:
-        c, shape = point.of(effect)
+        c, shape = s.point.of(effect)
         if effect.unknowns and len(shape) == len(effect.shapes):
             s.add_effect(f, effect, -c, shape)
     return f

@@ -16,10 +16,10 @@ import scipy.sparse as sp
 from scipy.interpolate import CubicSpline
 
 from ident.effects import Correcting, Effect, Signals
-from ident.equations.corrections import Corrected, Scene, corrected, step_of
+from ident.equations.corrections import Scene, beside, corrected, residual
 from ident.equations.filter import Decimator
 from ident.equations.rows import Rows, rows
-from ident.equations.terms import Samples, reduced, unbalanced
+from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
@@ -120,32 +120,25 @@ class Table:
 
     def sensitivity(self, effect: Effect, shape: Mapping[str, float], name: str) -> np.ndarray:
         """Return S (N, d) of one shape of a correcting effect, at a shape, in the table's rows."""
-        full = effect.names[[each.name for each in effect.shapes].index(name)]
         others = {f: shape[each.name] for f, each in zip(effect.names, effect.shapes, strict=True)}
         series = []
         cutoff = self.motion.band.cutoff
         for number, scene in enumerate(self.scenes):
-            thin = self.thin[number]
-            bare = Corrected(scene.mechanism + effect, thin.e, thin.memo)
-            h = step_of(effect, bare, self.point, name)
-            sides = []
-            for sign in (1, -1):
-                point = self.point.with_values({**others, full: others[full] + sign * h})
-                moved = corrected(bare, point, cutoff, only=effect)
-                s = reduced(moved.mechanism, moved.e, slice(None), self.point, moved.memo)
-                sides.append(unbalanced(s, self.point))
-            S, t = (sides[1] - sides[0]) / (2 * h), scene.e.t
-            S = S if len(S) == len(t) else CubicSpline(thin.e.t, S)(t)
+            grown, point = scene.mechanism + effect, self.point.with_values(others)
+            bare = replace(self.thin[number], mechanism=grown, point=point)
+            h, moved = beside(bare, effect, name, cutoff, effect)
+            S, t = (residual(corrected(bare, cutoff, effect)) - residual(moved)) / h, scene.e.t
+            S = S if len(S) == len(t) else CubicSpline(bare.e.t, S)(t)
             series.append(self.filtered(number, S))
         return np.concatenate(series)
 
     @cached_property
-    def thin(self) -> tuple[Corrected, ...]:
+    def thin(self) -> tuple[Samples, ...]:
         """The experiments with as few samples as smooth series allow, given the rows' filter."""
         cutoff, found = self.motion.band.cutoff, []
         for scene in self.scenes:
             every = max(1, int(scene.e.rate / (FINE * cutoff))) if cutoff else 1
-            found.append(Corrected(scene.mechanism, scene.e.thinned(every)))
+            found.append(replace(scene.whole, e=scene.e.thinned(every), memo={}))
         return tuple(found)
 
     @cached_property
