@@ -1,7 +1,5 @@
 """The public names, each from where it is defined; `ident` has them all."""
 
-# ruff: noqa: F401
-
 from ident.diagnosis import Diagnosis, Health, History, diagnose, grow, health
 from ident.effects import KINDS as effects
 from ident.effects import Effect, read_user_effect, user_effect
@@ -34,4 +32,67 @@ from ident.streams.gather import Gathered, gather
 from ident.streams.monitor import Alarm, Monitor
 from ident.streams.online import Online, Snapshot
 
-__all__ = [name for name in dir() if not name.startswith("_")]
+__all__ = [
+    "PD",
+    "Alarm",
+    "Column",
+    "Comparison",
+    "ComputedTorque",
+    "Consistency",
+    "Diagnosis",
+    "Effect",
+    "Excitation",
+    "Exploration",
+    "Fit",
+    "FitError",
+    "Gathered",
+    "Health",
+    "History",
+    "IdentError",
+    "Limits",
+    "Log",
+    "LogError",
+    "Mechanism",
+    "MechanismError",
+    "Monitor",
+    "MonteCarlo",
+    "Motion",
+    "MotionError",
+    "Multipliers",
+    "Noise",
+    "Online",
+    "Replay",
+    "Residual",
+    "Run",
+    "Saved",
+    "Snapshot",
+    "Studies",
+    "Torques",
+    "Verdicts",
+    "absolute",
+    "compare",
+    "complete",
+    "diagnose",
+    "diagnose_each",
+    "effect",
+    "effects",
+    "excite",
+    "explore",
+    "gather",
+    "grow",
+    "health",
+    "identify",
+    "integrate",
+    "load",
+    "monte_carlo",
+    "monte_carlo_each",
+    "read_fit",
+    "read_log",
+    "read_user_effect",
+    "replay",
+    "residual_of",
+    "simulate",
+    "user_effect",
+    "where",
+    "write_fit",
+]
