@@ -1,15 +1,15 @@
 """The fit nearest to the data among those that are physically possible, and the cost of limits.
 
-    x = argmin ‖A (x − x_u)‖² + ‖A_0 (x − x_0)‖² + ρ² ‖W (x − a)‖²    such that limits(x)
+    x = argmin ‖A (x − x_u)‖² + ‖A_0 x − b_0‖² + ρ² ‖W (x − a)‖²    such that limits(x)
 
 x_u is least squares without limits, A the rows that it rests on, in units of their noise. The
 anchor a is the prior, or the nearest possible to it. It counts as if every body was known to
 1/ρ = 100 times its own mass and size: that decides what the data leave open, unknowns in no base
 parameter and those that were held at the prior, and moves a base parameter that the data know to
-σ body sizes by (σ/100)² of its distance from the prior, which is nothing. A_0 are the rows at
+σ body sizes by (σ/100)² of its distance from the prior, which is nothing. A_0, b_0 are the rows at
 standstill, where dry friction is open: they do not inform, but a choice is not made at their
-expense. Those of a coordinate count as a tenth of one row, in units of the error there of x_0, the
-better one of x_u and a.
+expense. Those of a coordinate count as a tenth of one row, in units of the least error there of x_u
+and a.
 
 W measures a body's change by its own pseudo-inertia, ‖S^-½ (P − P_a) S^-½‖: the second-order part
 of the affine-invariant distance of bodies (T. Lee, P. Wensing, F. Park, IEEE T-RO 36(1), 2020).
@@ -27,7 +27,7 @@ from ident.display import Displayed
 from ident.equations.unknowns import Columns
 from ident.errors import FitError
 from ident.fit.findings import Finding, bodies_with_unknowns
-from ident.fit.limits import limits_of, pseudo_inertia_basis, smallest_eigenvalue, unit_ball
+from ident.fit.limits import limits_of, pseudo_inertia_basis, smallest_eigenvalues, unit_balls
 from ident.fit.problem import Problem
 from ident.fit.shapes import shape_bounds
 from ident.information.blocks import Squares
@@ -44,12 +44,13 @@ from ident.information.cone import (
 )
 from ident.information.estimate import FLOOR, Estimate
 from ident.information.held_out import held_out, rise
+from ident.information.triangle import Triangle
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, Consistency
 from ident.progress import Progress
 
-PULL = 0.01  # ρ: bodies' own sizes in which the prior counts as one standard deviation
 STILL = 0.1  # rows that all rows of a coordinate at standstill count as
+PULL = 0.01  # ρ: bodies' own sizes in which the prior counts as one standard deviation
 BALL = 0.05  # of the prior's ball in S, so that a flat prior can become a little less flat
 EFFECT = 1e-4  # of a plausible size: an effect that bodies can replace gives way to them
 UNFELT = 1e9  # plausible size of an unknown that no data feel
@@ -69,7 +70,8 @@ class Binding(Displayed):
         edge: links whose body is at the edge of what is possible.
         at_bound: parameters that are at a bound, by name.
         active: all limits that hold the fit back, as a person reads them.
-        repaired: links whose prior is no possible body.
+        repaired: links whose prior is no possible body; impossible: links that are known, and
+            that of none: nothing that is identified repairs them.
         eigenvalues: by link with unknowns, the smallest one of its pseudo-inertia in units of the
             prior's ball (`fit.limits`), computed from the result.
         rise: of the error over that of the fit without limits, as a share: root of the mean over
@@ -81,6 +83,7 @@ class Binding(Displayed):
     at_bound: frozenset[str]
     active: tuple[str, ...]
     repaired: tuple[str, ...]
+    impossible: tuple[str, ...]
     eigenvalues: Mapping[str, float]
     rise: float
     held_out_rise: float | None = None
@@ -89,6 +92,14 @@ class Binding(Displayed):
     def findings(self) -> list[Finding]:
         """What a person should know of it."""
         found = []
+        if self.impossible:
+            text = (
+                f"{', '.join(self.impossible)} is known, and that of no possible body (its "
+                "pseudo-inertia has a negative eigenvalue): a simulator may refuse it"
+            )
+            remedy = "correct the URDF, or make it unknown"
+            where = self.impossible
+            found.append(Finding("impossible known body", where, None, IMPOSSIBLE, text, remedy))
         if self.repaired:
             text = (
                 f"the prior of {', '.join(self.repaired)} is that of no possible body; the nearest "
@@ -128,7 +139,6 @@ class Constrained:
         free: without limits, at the same point.
         outside: held-out errors, each stretch of time predicted by a consistent fit to the others.
         binding: which limits hold it back, and what they cost.
-        findings: what to know of it.
     """
 
     problem: Problem
@@ -136,7 +146,6 @@ class Constrained:
     free: Estimate
     outside: Squares | None
     binding: Binding
-    findings: Sequence[Finding]
 
 
 def nearest_possible(
@@ -144,49 +153,35 @@ def nearest_possible(
 ) -> Constrained:
     """Return the consistent estimate that is nearest to the data; weights are those of `found`.
 
+    Where columns depend on the solution, the rows are made anew there until it rests; rows in which
+    the motion has moved stay as they are.
+
     Raises:
         FitError: for limits that contradict each other, or a solution that does not hold.
     """
     if on_progress:
         on_progress("physical consistency", 0.8)
-    unlimited = problem.squares(found.x)
+    unlimited = problem.information.squares(found.x)
     before = held_out(problem.fitting, problem.information, found, problem.prior)
-    program = Program.of(problem, asked, found.x)
-    problem, found, program, point = _converged(problem, found, program)
+    program = Program.of(problem, asked)
+    point = program.solve(found)
+    nonlinear = any(not effect.linear for effect in problem.mechanism.effects)
+    for _ in range(PASSES if nonlinear and not problem.runs else 0):
+        at, last = problem.point.at(problem.mechanism, problem.columns, point.x), point
+        problem = Problem.of(problem.mechanism, problem.motion, at)
+        found = problem.estimate(sigma=found.sigma, held=found.held)
+        program = Program.of(problem, asked)
+        point = program.solve(found)
+        if np.abs((point.x - last.x) / problem.plausible).max(initial=0.0) < CONVERGED:
+            break
     outside = held_out(
         problem.fitting, problem.information, found, problem.prior,
         lambda other: program.solve(other).x,
     )  # fmt: skip
     worse = None if outside is None or before is None else rise(outside, before)
-    rises = rise(problem.squares(point.x), unlimited), worse
-    pi = problem.columns.dynamic_parameters(problem.mechanism, point.x)
-    binding = _binding(problem.mechanism, asked, program, point, pi, rises)
-    findings = [*_impossible_known(problem.mechanism), *binding.findings]
-    return Constrained(problem, found.at(point.x), found, outside, binding, findings)
-
-
-def _converged(
-    problem: Problem, found: Estimate, program: Program
-) -> tuple[Problem, Estimate, Program, NearestPoint]:
-    """Solve; where columns depend on the solution, the rows are made anew there until it rests.
-
-    Rows in which the motion has moved stay as they are.
-    """
-    point = program.solve(found)
-    nonlinear = any(not effect.linear for effect in problem.mechanism.effects)
-    for _ in range(PASSES if nonlinear and not problem.runs else 0):
-        at = problem.point.at(problem.mechanism, problem.columns, point.x)
-        problem = Problem.of(problem.mechanism, problem.motion, at)
-        found = problem.estimate_fixed(found)
-        shapes = np.isin(
-            np.arange(len(point.x)), problem.columns.shapes
-        )  # stay if no data move them
-        anchor = np.where(shapes, problem.prior, program.anchor)
-        program, before = replace(program, prior=problem.prior, anchor=anchor), point
-        point = program.solve(found)
-        if np.abs((point.x - before.x) / problem.plausible).max(initial=0.0) < CONVERGED:
-            break
-    return problem, found, program, point
+    rises = rise(problem.information.squares(point.x), unlimited), worse
+    binding = _binding(problem, asked, program.limits, point, rises)
+    return Constrained(problem, found.at(point.x), found, outside, binding)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,24 +191,20 @@ class Program:
     Attributes:
         columns: the unknowns.
         limits: what must hold.
-        prior: (k,); anchor: (k,) the nearest to it within the limits; scale: (k,) plausible sizes.
+        anchor: (k,) the nearest to the prior within the limits.
         W: (rows, k) the metric; ‖W (x − a)‖ is the distance from the anchor.
-        still: (d, k, k) triangles of the rows at standstill, in units of the error there.
-        trusted: (d,) whether that is the error of least squares, else of the anchor.
+        rest: the rows at standstill, and least error of each coordinate [N m | N].
     """
 
     columns: Columns
     limits: Sequence[Limit]
-    prior: np.ndarray
     anchor: np.ndarray
-    scale: np.ndarray
     W: np.ndarray
-    still: np.ndarray
-    trusted: np.ndarray
+    rest: Sequence[tuple[Triangle, float]]
 
     @classmethod
-    def of(cls, problem: Problem, asked: Consistency, x: np.ndarray) -> Program:
-        """Return the limits of a mechanism, and the prior within them; x (k,): without limits.
+    def of(cls, problem: Problem, asked: Consistency) -> Program:
+        """Return the limits of a mechanism, and the prior within them.
 
         Raises:
             FitError: for limits that contradict each other, naming a smallest set of them.
@@ -231,7 +222,9 @@ class Program:
             near = restricted(limits, np.where(free, 0.0, prior), free)
             anchor[free] = nearest_within(W, W @ prior[free], near, W, None).x
         W = _metric(mechanism, columns, scale, BALL, anchor)
-        return cls(columns, limits, prior, anchor, scale, W, *_still(problem, x, anchor))
+        least = FLOOR * problem.torque + 1e-300
+        rest = list(zip(problem.information.at_rest, least, strict=True))
+        return cls(columns, limits, anchor, W, rest)
 
     def solve(self, found: Estimate) -> NearestPoint:
         """Return the nearest x within the limits, and by how much each of them pushes.
@@ -239,31 +232,33 @@ class Program:
         Raises:
             FitError: if no x is found that holds when checked without the solver.
         """
-        data, x_u = _data(found), found.x
-        stiff = np.ones(len(x_u))  # for effects that are in no base parameter
-        stiff[found.base.dependent[found.base.dependent >= len(self.columns.rigid)]] = 1 / EFFECT
+        data, base, rigid = _data(found), found.base, len(self.columns.rigid)
+        stiff = np.ones(len(found.x))  # for effects that are in no base parameter
+        stiff[base.dependent[base.dependent >= rigid]] = 1 / EFFECT
         W = self.W * stiff
-        at_rest = np.where(self.trusted[:, None], x_u, self.anchor)  # x_0, by coordinate
-        still = np.einsum("uij,uj->ui", self.still, at_rest)
-        A = np.vstack([data, *self.still, PULL * W])
-        b = np.concatenate([data @ x_u, *still, PULL * (W @ self.anchor)])
-        free = self._felt(found)
+        A, b = [data, PULL * W], [data @ found.x, PULL * (W @ self.anchor)]
+        for total, least in self.rest:
+            rows = max(total.rows, 1)
+            errors = [total.residual_norm(y) / np.sqrt(rows) for y in (found.x, self.anchor)]
+            weight = np.sqrt(STILL / rows) / max(min(errors), least)
+            A.append(weight * total.R)
+            b.append(weight * total.d)
+        free = ~found.held  # effects that no data feel or that are held stay where they are
+        free[base.dependent[~base.K.any(axis=0)]] = False
+        free[:rigid] = True
+        for limit in self.limits:
+            if limit.kind == "psd":
+                free |= limit.G.any(axis=0)
         fixed = np.where(free, 0.0, self.anchor)
         limits = restricted(self.limits, fixed, free)
-        part = nearest_within(A[:, free], b - A @ fixed, limits, W[:, free], self.anchor[free])
+        whole = np.vstack(A)
+        part = nearest_within(
+            whole[:, free], np.concatenate(b) - whole @ fixed, limits, W[:, free],
+            self.anchor[free],
+        )  # fmt: skip
         x = self.anchor.copy()
         x[free] = part.x
         return replace(part, x=x)
-
-    def _felt(self, found: Estimate) -> np.ndarray:
-        """Return (k,) all but effects that no data feel or that are held: those stay put."""
-        felt = ~found.held
-        felt[found.base.dependent[~found.base.K.any(axis=0)]] = False
-        felt[: len(self.columns.rigid)] = True
-        for limit in self.limits:
-            if limit.kind == "psd":
-                felt |= limit.G.any(axis=0)
-        return felt
 
 
 def _data(found: Estimate) -> np.ndarray:
@@ -275,18 +270,6 @@ def _data(found: Estimate) -> np.ndarray:
     B[np.arange(base.rank, len(B)), held] = 1.0
     own = found.triangle.restricted(np.concatenate([base.independent, held]).astype(int))
     return np.asarray(own.R @ B / _noise(found))
-
-
-def _still(problem: Problem, x: np.ndarray, anchor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return A_0 (d, k, k), a triangle a coordinate, and whether x is better than the anchor."""
-    d, k = problem.d, len(x)
-    rows, trusted = np.zeros((d, k, k)), np.ones(d, dtype=bool)
-    for u, total in enumerate(problem.information.at_rest):
-        left = [total.residual_norm(y) / np.sqrt(max(total.rows, 1)) for y in (x, anchor)]
-        unit = max(min(left), FLOOR * problem.torque[u], 1e-300)
-        rows[u] = np.sqrt(STILL / max(total.rows, 1)) * total.R / unit
-        trusted[u] = left[0] <= left[1]
-    return rows, trusted
 
 
 def _noise(found: Estimate) -> float:
@@ -302,14 +285,14 @@ def _metric(
     mechanism: Mechanism, columns: Columns, scale: np.ndarray, ball: float, at: np.ndarray | None
 ) -> np.ndarray:
     """Return W: a body's change by S = P(at) + ball · B (or the ball alone), an effect by size."""
-    rows = []
+    rows, balls = [], unit_balls(mechanism)
     pi = None if at is None else columns.dynamic_parameters(mechanism, at)
     for number in range(len(mechanism.bodies.links)):
         mine = slice(COUNT * number, COUNT * (number + 1))
         places = np.flatnonzero((columns.rigid >= mine.start) & (columns.rigid < mine.stop))
         if not len(places):
             continue
-        P = pseudo_inertia_basis(unit_ball(mechanism, number))
+        P = pseudo_inertia_basis(balls[number])
         S = ball * np.eye(4) + (0.0 if pi is None else smat(P @ pi[mine]))
         eigenvalues, V = np.linalg.eigh(S)
         root = V @ np.diag(eigenvalues**-0.5) @ V.T
@@ -323,11 +306,10 @@ def _metric(
 
 
 def _binding(
-    mechanism: Mechanism,
+    problem: Problem,
     asked: Consistency,
-    program: Program,
+    limits: Sequence[Limit],
     point: NearestPoint,
-    pi: np.ndarray,
     rises: tuple[float, float | None],
 ) -> Binding:
     """Return the effect of the limits, with the eigenvalues of all bodies computed anew.
@@ -335,49 +317,28 @@ def _binding(
     Raises:
         FitError: if a body that could move is no possible one after all.
     """
-    links = bodies_with_unknowns(mechanism)
-    after, before = (_eigenvalues(mechanism, each) for each in (pi, mechanism.prior))
-    eigenvalues = {link: after[link] for link in links}
-    least = SLACK["psd"] - 1e-9
-    if broken := [link for link, smallest in eigenvalues.items() if not smallest >= least]:
+    mechanism = problem.mechanism
+    pi = problem.columns.dynamic_parameters(mechanism, point.x)
+    unknown = bodies_with_unknowns(mechanism)
+    after, before = (smallest_eigenvalues(mechanism, each) for each in (pi, mechanism.prior))
+    if broken := [link for link in unknown if not after[link] >= SLACK["psd"] - 1e-9]:
         raise FitError(f"no consistent fit was found: {', '.join(broken)} is no possible body")
-    pushing = [
-        limit for limit, push in zip(program.limits, point.push, strict=True) if push > PUSHED
-    ]
+    pushing = [limit for limit, push in zip(limits, point.push, strict=True) if push > PUSHED]
     edge = tuple(dict.fromkeys(limit.of for limit in pushing if limit.kind == "psd"))
     bounds = [limit for limit in pushing if limit.kind != "psd"]
     possible = [f"possible bodies ({', '.join(edge)})"] if edge else []
+    impossible = [link for link, value in before.items() if value < IMPOSSIBLE]
     return Binding(
         asked=asked,
         edge=edge,
         at_bound=frozenset(limit.of for limit in bounds if limit.of),
         active=(*possible, *(limit.name for limit in bounds)),
-        repaired=tuple(link for link in links if before[link] < IMPOSSIBLE),
-        eigenvalues=eigenvalues,
+        repaired=tuple(link for link in impossible if link in unknown),
+        impossible=tuple(link for link in impossible if link not in unknown),
+        eigenvalues={link: after[link] for link in unknown},
         rise=rises[0],
         held_out_rise=rises[1],
     )
-
-
-def _eigenvalues(mechanism: Mechanism, pi: np.ndarray) -> dict[str, float]:
-    """Return by link the smallest eigenvalue of its pseudo-inertia, in units of its ball."""
-    return {
-        link: smallest_eigenvalue(mechanism, i, pi[COUNT * i : COUNT * (i + 1)])
-        for i, link in enumerate(mechanism.bodies.links)
-    }
-
-
-def _impossible_known(mechanism: Mechanism) -> list[Finding]:
-    """Report bodies that are known, and impossible: nothing that is identified repairs them."""
-    smallest = _eigenvalues(mechanism, mechanism.prior)
-    known = smallest.keys() - bodies_with_unknowns(mechanism)
-    links = tuple(link for link, value in smallest.items() if link in known and value < IMPOSSIBLE)
-    text = (
-        f"{', '.join(links)} is known, and that of no possible body (its pseudo-inertia has a "
-        "negative eigenvalue): a simulator may refuse it"
-    )
-    remedy = "correct the URDF, or make it unknown"
-    return [Finding("impossible known body", links, None, IMPOSSIBLE, text, remedy)] * bool(links)
 
 
 def _contradiction(names: Sequence[str]) -> str:

@@ -160,7 +160,7 @@ def assembled(
         outside = held_out(problem.fitting, problem.information, estimate, problem.prior)
     else:
         problem, estimate, outside = possible.problem, possible.estimate, possible.outside
-        findings = [*findings, *possible.findings]
+        findings = [*findings, *possible.binding.findings]
     names, units = problem.motion.independent, problem.units
     train = problem.squares(estimate.x).errors(names, units)
     point = problem.point.at(problem.mechanism, problem.columns, estimate.x)

@@ -37,23 +37,25 @@ SMALL = 1e-3  # of a mean link, the least size that is believed
 CENTROID = {centroidal: about for about, centroidal in CENTROIDAL.items()}
 
 
-def unit_ball(mechanism: Mechanism, link: int) -> np.ndarray:
-    """Return F⁻¹ (4, 4) of a body, by its number.
+def unit_balls(mechanism: Mechanism) -> list[np.ndarray]:
+    """Return F⁻¹ (4, 4) of every body.
 
     Where the URDF gives no mass or no size, those of a mean link stand in.
     """
-    mean_m, mean_l = (scale[link] for scale in body_scales(mechanism))
-    m, moments, L = split(mechanism.prior[COUNT * link : COUNT * (link + 1)])
-    known = m > 0
-    m = m if known else mean_m
-    c = moments / m if known else np.zeros(3)
-    r = np.sqrt(max(np.trace(L) / (2 * m) - c @ c, 0.0))
-    if r < SMALL * mean_l:
-        r = 0.1 * mean_l
-    inverse = np.eye(4)
-    inverse[:3, :3] /= r
-    inverse[:3, 3] = -c / r
-    return inverse / np.sqrt(m)
+    found = []
+    priors = mechanism.prior.reshape(-1, COUNT)
+    for prior, mean_m, mean_l in zip(priors, *body_scales(mechanism), strict=True):
+        m, moments, L = split(prior)
+        c = moments / m if m > 0 else np.zeros(3)
+        m = m if m > 0 else mean_m
+        r = np.sqrt(max(np.trace(L) / (2 * m) - c @ c, 0.0))
+        if r < SMALL * mean_l:
+            r = 0.1 * mean_l
+        inverse = np.eye(4)
+        inverse[:3, :3] /= r
+        inverse[:3, 3] = -c / r
+        found.append(inverse / np.sqrt(m))
+    return found
 
 
 def pseudo_inertia_basis(inverse: np.ndarray) -> np.ndarray:
@@ -63,10 +65,13 @@ def pseudo_inertia_basis(inverse: np.ndarray) -> np.ndarray:
     )
 
 
-def smallest_eigenvalue(mechanism: Mechanism, link: int, pi: np.ndarray) -> float:
-    """Return that of F⁻¹ P F⁻ᵀ for ten parameters: below zero for an impossible body."""
-    inverse = unit_ball(mechanism, link)
-    return float(np.linalg.eigvalsh(inverse @ pseudo_inertia(pi) @ inverse.T)[0])
+def smallest_eigenvalues(mechanism: Mechanism, pi: np.ndarray) -> dict[str, float]:
+    """Return that of F⁻¹ P F⁻ᵀ by link: below zero for an impossible body."""
+    bodies = zip(mechanism.bodies.links, unit_balls(mechanism), pi.reshape(-1, COUNT), strict=True)
+    return {
+        link: float(np.linalg.eigvalsh(inverse @ pseudo_inertia(body) @ inverse.T)[0])
+        for link, inverse, body in bodies
+    }
 
 
 def limits_of(
@@ -141,9 +146,9 @@ def _bodies(mechanism: Mechanism, columns: Columns) -> list[Limit]:
         for effect, places in columns.effects
         if isinstance(effect, Payload)
     }
-    found = []
+    found, balls = [], unit_balls(mechanism)
     for number, link in enumerate(mechanism.bodies.links):
-        S = pseudo_inertia_basis(unit_ball(mechanism, number))
+        S = pseudo_inertia_basis(balls[number])
         G, h = np.zeros((COUNT, len(columns))), -MARGIN * svec(np.eye(4))
         for j in range(COUNT):
             column = COUNT * number + j
