@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -217,3 +219,52 @@ def test_closure_functions_come_along(where, slider):
     files = folder_files(model, b"<robot/>", [], [])
     assert set(files) == {"slider_crank.urdf", "mechanism.toml", "phi.py"}
     assert tomllib.loads(files["mechanism.toml"].decode())["closure"][0]["file"] == "phi.py"
+
+
+INPUTS = {
+    "the log": ("simulate {folder} {folder}/run.csv --out {folder}/run.csv", "run.csv"),
+    "multipliers": ("identify {folder} {out}/multipliers.csv --out {out}", "multipliers.csv"),
+    "its folder of logs": ("identify {folder} {out} --out {out}", "multipliers.csv"),
+    "the mechanism": ("identify {out}/identified {folder}/run.csv --out {out}", "identified"),
+}
+
+
+@pytest.mark.parametrize(("text", "name"), INPUTS.values(), ids=INPUTS)
+def test_an_output_that_is_an_input(text, name, slider, tmp_path, refused):
+    out = tmp_path / "out"
+    (out / "identified").mkdir(parents=True)
+    for file in ("slider_crank.urdf", "mechanism.toml"):
+        shutil.copy(slider / file, out / "identified")
+    shutil.copy(slider / "run.csv", out / "multipliers.csv")
+    before = snapshot(tmp_path)
+    refused((name, "input", "another name"), *text.format(folder=slider, out=out).split())
+    assert snapshot(tmp_path) == before
+
+
+def test_files_are_complete_where_nobody_reads(slider, tmp_path):
+    out = tmp_path / "out"
+    words = ["identify", slider, slider / "run.csv", "--out", out]
+    run = subprocess.Popen(
+        [sys.executable, "-m", "ident", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    run.stdout.close()  # before anything is printed
+    errors = run.stderr.read().decode()
+    run.stderr.close()
+    assert run.wait() in (0, 141)
+    assert all(line.startswith("note: ") for line in errors.splitlines())
+    assert (out / "report.html").read_text().rstrip().endswith("</html>")
+    assert (out / "fit.json").exists()
+
+
+def test_ctrl_c_is_one_line(slider, tmp_path, monkeypatch, ident):
+    def interrupted(*args, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ident.motion.complete", interrupted)
+    outcome = ident("identify", slider, slider / "run.csv", "--out", tmp_path / "out")
+    assert outcome.status == 130
+    assert outcome.out == ""
+    (line,) = outcome.err.splitlines()
+    assert line.startswith("interrupted")
+    assert line.endswith("no file was written")
+    assert not (tmp_path / "out").exists()

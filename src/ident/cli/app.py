@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import inspect
 import io
 import os
 import shlex
 import sys
 import traceback
+from collections.abc import Callable
+from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from importlib import import_module
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
 import ident
-from ident.cli.console import fail
+from ident.cli.console import ended_quietly, fail
 from ident.errors import IdentError
 from ident.progress import running
 
@@ -48,8 +51,42 @@ def command_of(name: str) -> Any:
         rich_markup_mode=None,
         context_settings=HELP,
     )
-    alone.command(name)(function)
+    alone.command(name)(flat(function))
     return typer.main.get_command(alone)
+
+
+def flat(function: Callable[..., None]) -> Callable[..., None]:
+    """Return a command whose options are those of a function and of its groups of options.
+
+    A parameter that is annotated with a dataclass is a group: its fields become parameters.
+    """
+    hints = get_type_hints(function, include_extras=True)
+    groups: dict[str, Any] = {name: hint for name, hint in hints.items() if is_dataclass(hint)}
+    parameters = []
+    for own in inspect.signature(function).parameters.values():
+        group = groups.get(own.name)
+        inner = [(own.name, own.default, hints[own.name])]
+        if group is not None:
+            annotations = get_type_hints(group, include_extras=True)
+            defaults = {
+                f.name: own.empty if f.default is MISSING else f.default for f in fields(group)
+            }
+            inner = [(name, default, annotations[name]) for name, default in defaults.items()]
+        parameters += [
+            inspect.Parameter(name, own.KEYWORD_ONLY, default=default, annotation=hint)
+            for name, default, hint in inner
+        ]
+
+    def command(**values: Any) -> None:
+        for name, group in groups.items():
+            values[name] = group(**{each.name: values.pop(each.name) for each in fields(group)})
+        with ended_quietly():
+            function(**values)
+
+    command.__doc__ = function.__doc__
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    command.__annotations__ = {each.name: each.annotation for each in parameters}
+    return command
 
 
 class Late(TyperCommand):
@@ -105,9 +142,6 @@ def main() -> None:
         app()
     except IdentError as error:
         fail(error)
-    except BrokenPipeError:  # the reader, `head` perhaps, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
     except OSError as error:
         fail(f"{error.filename or 'the system'}: {error.strerror or error}; check this path")
     except Exception as error:

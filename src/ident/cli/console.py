@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import NoReturn
 
 from rich.console import Console
@@ -16,12 +18,19 @@ from ident.progress import Progress
 
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
 NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.])")
+_steps: list[str] = []  # the present step of the command, for the line that Ctrl-C gets
+_written: list[Path] = []  # files that the command has written
 
 
 def result(text: object) -> None:
     """Write a result to standard output, as it is, at once."""
     sys.stdout.write(f"{text}\n")
     sys.stdout.flush()
+
+
+def close_pipe() -> None:
+    """Let standard output lead nowhere, since its reader, `head` perhaps, has closed it."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def notes(lines: Iterable[str]) -> None:
@@ -56,9 +65,10 @@ def _one(kind: list[tuple[str, str]]) -> str:
     return f"{logs[0]}: {text}" if logs[0] else text
 
 
-def wrote(paths: Iterable[object]) -> None:
+def wrote(paths: Iterable[Path]) -> None:
     """Note the files that were written."""
     for path in paths:
+        _written.append(path)
         errors.print(f"note: wrote {path}", markup=False, emoji=False)
 
 
@@ -66,6 +76,12 @@ def fail(why: object) -> NoReturn:
     """Write the one line that bad input gets, and end the command with status 1."""
     errors.print(f"error: {' '.join(str(why).split())}", markup=False, emoji=False)
     sys.exit(1)
+
+
+def interrupted() -> str:
+    """Return one line for Ctrl-C: which step was left, and which files are complete."""
+    files = f"complete: {', '.join(map(str, _written))}" if _written else "no file was written"
+    return f"interrupted{''.join(f' while {step}' for step in _steps)}; {files}"
 
 
 @contextmanager
@@ -90,11 +106,34 @@ def progress_and_results() -> Iterator[tuple[Progress, Callable[[object], None]]
         task = bar.add_task("", total=1.0)
 
         def on_progress(what: str, share: float) -> None:
+            _steps[:] = [what]
             bar.update(task, description=what, completed=share)
 
         def shown(text: object) -> None:
             bar.stop()
-            result(text)
+            try:
+                result(text)
+            except BrokenPipeError:  # nobody reads it; the files are wanted still
+                close_pipe()
             bar.start()
 
         yield on_progress, shown
+    _steps.clear()
+
+
+@contextmanager
+def ended_quietly() -> Iterator[None]:
+    """End a command with one line after Ctrl-C (status 130), without one where nobody reads (141).
+
+    These are the statuses that a shell reports of a program that ends by the signal.
+    """
+    _steps.clear()
+    _written.clear()
+    try:
+        yield
+    except KeyboardInterrupt:
+        errors.print(interrupted(), markup=False, emoji=False)
+        sys.exit(130)
+    except BrokenPipeError:
+        close_pipe()
+        sys.exit(141)

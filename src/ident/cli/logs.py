@@ -8,31 +8,33 @@ from typing import TYPE_CHECKING, Annotated
 from ident.cli.console import notes, progress, progress_and_results, result, wrote
 from ident.cli.options import (
     CHARTS,
+    DIAGNOSIS_FILES,
+    FIT_FILES,
     Absolute,
     AllowCode,
-    Basis,
     Cutoff,
+    FitOptions,
     Jobs,
     LogPaths,
     MechanismPath,
-    Out,
     Paths,
     Plot,
     Scheduler,
     Smoothing,
-    Spacing,
     Texts,
-    With,
     argument,
     cutoff_of,
+    flag,
     interval,
     knots_of,
     many,
     mechanism_of,
     motion_of,
+    named,
     option,
     output_file,
     output_folder,
+    setting,
 )
 from ident.errors import IdentError
 
@@ -51,13 +53,8 @@ CleanSeed = Annotated[
 
 
 def check(
-    mechanism: MechanismPath,
-    logs: Annotated[Paths, argument("What these logs would let you identify.", "LOG")] = None,
-    with_: With = None,
-    cutoff: Cutoff = "auto",
-    smoothing: Smoothing = "auto",
-    absolute: Absolute = False,
-    allow_code: AllowCode = False,
+    model: FitOptions,
+    logs: Paths = argument("What these logs would let you identify.", "LOG", default=None),
 ) -> None:
     """What was understood, and what could be identified.
 
@@ -66,69 +63,43 @@ def check(
     """
     from ident.show.fit import channels, describe, structure
 
-    model = mechanism_of(mechanism, with_, allow_code=allow_code, absolute=absolute)
+    mechanism = model.load()
     motion = seen = None
     with progress() as on_progress:
         if logs:
-            motion = motion_of(model, logs, cutoff_of(cutoff), on_progress, False, smoothing)
-            seen = channels(model, motion)
-        parts = [describe(model, motion), motion, seen, structure(model, motion)]
+            motion = model.motion(mechanism, logs, on_progress, torques=False)
+            seen = channels(mechanism, motion)
+        parts = [describe(mechanism, motion), motion, seen, structure(mechanism, motion)]
     result("\n\n".join(str(part) for part in parts if part is not None))
 
 
 def identify(
-    mechanism: MechanismPath,
+    model: FitOptions,
     logs: LogPaths,
-    with_: With = None,
-    validate: Annotated[
-        Paths, option("Report errors on this log; nothing is fitted to it.", "LOG")
-    ] = None,
-    basis: Basis = None,
-    spacing: Spacing = None,
-    cutoff: Cutoff = "auto",
-    smoothing: Smoothing = "auto",
-    absolute: Absolute = False,
-    allow_code: AllowCode = False,
-    reactions: Annotated[
-        Path | None, option("Known reactions to compare the multipliers with.", "LOG")
-    ] = None,
-    consistent: Annotated[
-        bool,
-        option(
-            "Possible bodies, no negative friction or stiffness, bounds of [parameters].",
-            None, "--consistent",
-        ),
-    ] = False,
-    bound: Annotated[
-        Texts,
-        option(
-            "Keep a parameter between two values, either of which may be left out; "
-            "implies --consistent.",
-            "NAME=LOW:HIGH",
-        ),
-    ] = None,
-    total_mass: Annotated[
-        float | None, option("Mass of all moving bodies; implies --consistent.", "KG")
-    ] = None,
-    refine: Annotated[
-        bool,
-        option(
-            "Let the motion move within its noise until torques and channels agree best.",
-            None, "--refine",
-        ),
-    ] = False,
-    stream: Annotated[
-        bool,
-        option(
-            "Read the logs in portions, never all at once; so are logs of more than a million "
-            "samples anyway. With --out, a run that was interrupted goes on where it was.",
-            None, "--stream",
-        ),
-    ] = False,
+    validate: Paths = setting("Report errors on this log; nothing is fitted to it.", "LOG"),
+    reactions: Path | None = setting("Known reactions to compare the multipliers with.", "LOG"),
+    consistent: bool = flag(
+        "Possible bodies, no negative friction or stiffness, bounds of [parameters].",
+        "--consistent",
+    ),
+    bound: Texts = setting(
+        "Keep a parameter between two values, either of which may be left out; implies "
+        "--consistent.",
+        "NAME=LOW:HIGH",
+    ),
+    total_mass: float | None = setting("Mass of all moving bodies; implies --consistent.", "KG"),
+    refine: bool = flag(
+        "Let the motion move within its noise until torques and channels agree best.", "--refine"
+    ),
+    stream: bool = flag(
+        "Read the logs in portions, never all at once; so are logs of more than a million "
+        "samples anyway. With --out, a run that was interrupted goes on where it was.",
+        "--stream",
+    ),
     jobs: Jobs = None,
     scheduler: Scheduler = None,
-    out: Out = None,
-) -> None:  # fmt: skip
+    out: Path | None = setting("Write fit, report and identified model into this folder.", "DIR"),
+) -> None:
     """Parameters, effects and multipliers from logs.
 
     Values come with their standard errors, and with the error of the torque that they predict. Of a
@@ -138,16 +109,16 @@ def identify(
     from ident.log.read import expanded
     from ident.mechanism import Consistency
 
-    model = mechanism_of(
-        mechanism, with_, allow_code=allow_code, basis=basis, spacing=spacing, absolute=absolute
-    )
+    mechanism = model.load()
     remedy = (
         "is no bound; write NAME=LOW:HIGH, such as rod.m=0.4:0.6, or one of the two, rod.m=0.4:"
     )
-    bounds = dict(interval(text, "--bound", remedy) for text in bound or ())
+    bounds = named(bound, "--bound", remedy, interval)
     limits = Consistency(bounds, total_mass) if bound or total_mass is not None else consistent
-    output_folder(out)
+    inputs = [model.mechanism, *logs, *(validate or ()), reactions]
+    output_folder(out, [*FIT_FILES, "logs.csv"], inputs)
     long = sum(map(likely_rows, logs)) > MOST_IN_MEMORY
+    gathered: Gathered | None = None
     if stream or long or many(logs, jobs, scheduler):
         from ident.streams.gather import gather
 
@@ -160,80 +131,76 @@ def identify(
             notes([f"more than {MOST_IN_MEMORY} samples: read in portions (--stream)"])
         with progress() as on_progress:
             gathered = gather(
-                model, logs, cutoff=cutoff_of(cutoff), smoothing=knots_of(smoothing),
-                validate=validate or (), consistent=limits, checkpoint=out, scheduler=scheduler,
+                mechanism,
+                logs,
+                cutoff=cutoff_of(model.cutoff),
+                smoothing=knots_of(model.smoothing),
+                validate=validate or (),
+                consistent=limits,
+                checkpoint=out,
+                scheduler=scheduler,
                 jobs=1 if jobs is None and len(expanded(logs)) == 1 else jobs,
                 progress=on_progress,
-            )  # fmt: skip
-        _show(gathered.fit, gathered, reactions, out)
-        return
-    from ident.fit.identify import identify as identify_
+            )
+        fit = gathered.fit
+    else:
+        from ident.fit.identify import identify as identify_
 
-    with progress() as on_progress:
-        motion = motion_of(model, logs, cutoff_of(cutoff), on_progress, smoothing=smoothing)
-        other = validate and motion_of(
-            model, validate, motion.band.cutoff, on_progress, smoothing=smoothing
-        )
-        fit = identify_(
-            model, motion, validate=other or None, consistent=limits,
-            estimator="likelihood" if refine else "auto", progress=on_progress,
-        )  # fmt: skip
-    _show(fit, None, reactions, out)
+        with progress() as on_progress:
+            motion = model.motion(mechanism, logs, on_progress)
+            fit = identify_(
+                mechanism,
+                motion,
+                consistent=limits,
+                validate=model.motion(mechanism, validate, on_progress, like=motion)
+                if validate
+                else None,
+                estimator="likelihood" if refine else "auto",
+                progress=on_progress,
+            )
+    _show(fit, gathered, reactions, out)
 
 
 def _show(fit: Fit, gathered: Gathered | None, reactions: Path | None, out: Path | None) -> None:
-    """Write a fit to the terminal and into files."""
+    """Write a fit into files and to the terminal."""
+    from ident.fit.files import write_fit
+    from ident.log import read_log
     from ident.show.fit import summary
 
+    known = None if reactions is None else fit.compare_multipliers(read_log(reactions))
+    if out is not None:
+        wrote(gathered.write(out, known) if gathered else write_fit(fit, out, known))
     result(gathered.summary if gathered else summary(fit))
-    known = None
-    if reactions is not None:
-        from ident.log import read_log
-
-        known = fit.compare_multipliers(read_log(reactions))
+    if known is not None:
         result(f"\n{known}")
     notes(gathered.notes if gathered else fit.warnings)
-    notes(_advice(fit))
-    if out is not None:
-        from ident.fit.files import write_fit
-
-        wrote(gathered.write(out, known) if gathered else write_fit(fit, out, known))
-
-
-def _advice(fit: Fit) -> list[str]:
-    """Return which motions would determine what this one does not."""
     try:
         advice = list(fit.unexcited.advice)
     except IdentError:
-        return []
+        return
     more = [f"and {len(advice) - ADVICE} more such: fit.unexcited"] if len(advice) > ADVICE else []
-    return advice[:ADVICE] + more
+    notes(advice[:ADVICE] + more)
 
 
 def compare(
     mechanism: MechanismPath,
     logs: LogPaths,
-    fit: Annotated[list[Path], option("A fit; give several to compare them.", "FIT.json")],
+    fit: list[Path] = setting("A fit; give several to compare them.", "FIT.json", default=...),
     cutoff: Cutoff = "fit",
     smoothing: Smoothing = "auto",
     absolute: Absolute = False,
     allow_code: AllowCode = False,
     plot: Plot = None,
-    out: Annotated[
-        Path | None, option("Write report.html and compare.json into this folder.", "DIR")
-    ] = None,
-    simulated: Annotated[
-        bool,
-        option(
-            "Integrate the motion too, against the measured one; --plot draws that, --out "
-            "adds replay.html and replay.json.",
-            None, "--simulate",
-        ),
-    ] = False,
-    window: Annotated[
-        float | None, option("Of --simulate, from one restart to the next. Default: 0.5", "S")
-    ] = None,
-) -> None:  # fmt: skip
+    out: Path | None = setting("Write report.html and compare.json into this folder.", "DIR"),
+    simulated: bool = flag(
+        "Integrate the motion too, against the measured one; --plot draws that, --out adds "
+        "replay.html and replay.json.",
+        "--simulate",
+    ),
+    window: float | None = setting(
+        "Of --simulate, from one restart to the next. Default: 0.5", "S"
+    ),
+) -> None:
     """Models against measurement, joint by joint.
 
     Errors, the parts of the sum, and where each model fails: in which joint, when, in which regime
@@ -246,55 +213,48 @@ def compare(
     if window is not None and not simulated:
         raise IdentError("--window: is of --simulate; add that")
     saved = [read_fit(path, model) for path in fit]
-    output_file(plot, CHARTS)
-    output_folder(out)
+    inputs = [*logs, *fit]
+    output_file(plot, CHARTS, inputs)
+    output_folder(
+        out, ("report.html", "compare.json", *(("replay.html", "replay.json") * simulated)), inputs
+    )
+    replayed = None
     with progress() as on_progress:
         band = saved[0].cutoff if cutoff == "fit" else cutoff_of(cutoff)
         motion = motion_of(model, logs, band, on_progress, smoothing=smoothing)
         comparison = compare_(*saved, motion=motion, progress=on_progress)
         text = str(comparison)
-    result(text)
-    notes(motion.notes)
-    again = None
-    if simulated:
-        from ident.simulate.replay import WINDOW, replay
+        if simulated:
+            from ident.simulate.replay import WINDOW, replay
 
-        with progress() as on_progress:
-            again = replay(
+            replayed = replay(
                 *saved,
                 motion=motion,
                 window=WINDOW if window is None else window,
                 progress=on_progress,
             )
-        result(f"\n{again}")
     if plot is not None:
-        (again or comparison).save(plot)
+        (replayed or comparison).save(plot)
         wrote([plot])
     if out is not None:
-        wrote(comparison.write(out) + (again.write(out) if again else []))
+        wrote(comparison.write(out) + (replayed.write(out) if replayed else []))
+    result(text)
+    notes(motion.notes)
+    if replayed:
+        result(f"\n{replayed}")
 
 
 def diagnose(
-    mechanism: MechanismPath,
+    model: FitOptions,
     logs: LogPaths,
-    with_: With = None,
-    basis: Basis = None,
-    spacing: Spacing = None,
-    cutoff: Cutoff = "auto",
-    smoothing: Smoothing = "auto",
-    absolute: Absolute = False,
-    allow_code: AllowCode = False,
     seed: CleanSeed = 0,
     jobs: Jobs = None,
     scheduler: Scheduler = None,
-    out: Annotated[
-        Path | None,
-        option(
-            "Write diagnosis.json and report.html into this folder, and suggestion.py where "
-            "an expression is suggested.",
-            "DIR",
-        ),
-    ] = None,
+    out: Path | None = setting(
+        "Write diagnosis.json and report.html into this folder, and suggestion.py where an "
+        "expression is suggested.",
+        "DIR",
+    ),
 ) -> None:
     """Where the model fails, and which effect is missing.
 
@@ -302,56 +262,48 @@ def diagnose(
     missing, nothing or unexplained; the exit status is 0 for each of them. Of a folder, each log is
     diagnosed by itself too, on many processes or machines.
     """
-    model = mechanism_of(
-        mechanism, with_, allow_code=allow_code, basis=basis, spacing=spacing, absolute=absolute
-    )
-    output_folder(out)
+    mechanism = model.load()
+    output_folder(out, [*DIAGNOSIS_FILES, "logs.csv"], logs)
     found: Diagnosis | Verdicts
     with progress() as on_progress:
         if many(logs, jobs, scheduler):
             from ident.streams.diagnose_each import diagnose_each
 
             found = diagnose_each(
-                model, logs, cutoff=cutoff_of(cutoff), smoothing=knots_of(smoothing), seed=seed,
-                jobs=jobs, scheduler=scheduler, progress=on_progress,
-            )  # fmt: skip
+                mechanism,
+                logs,
+                cutoff=cutoff_of(model.cutoff),
+                smoothing=knots_of(model.smoothing),
+                seed=seed,
+                jobs=jobs,
+                scheduler=scheduler,
+                progress=on_progress,
+            )
             remarks = found.notes
         else:
             from ident.diagnosis import diagnose as diagnose_
             from ident.fit import identify
 
-            motion = motion_of(model, logs, cutoff_of(cutoff), on_progress, smoothing=smoothing)
-            fit = identify(model, motion, estimator="least-squares", progress=on_progress)
+            motion = model.motion(mechanism, logs, on_progress)
+            fit = identify(mechanism, motion, estimator="least-squares", progress=on_progress)
             found, remarks = diagnose_(fit, seed=seed, progress=on_progress), fit.warnings
         text = str(found)
-    result(text)
-    notes(remarks)
     if out is not None:
         wrote(found.write(out))
+    result(text)
+    notes(remarks)
 
 
 def grow(
-    mechanism: MechanismPath,
+    model: FitOptions,
     logs: LogPaths,
-    with_: With = None,
-    validate: Annotated[
-        Paths, option("Show errors on this log too; nothing is fitted to it.", "LOG")
-    ] = None,
-    basis: Basis = None,
-    spacing: Spacing = None,
-    cutoff: Cutoff = "auto",
-    smoothing: Smoothing = "auto",
-    absolute: Absolute = False,
-    allow_code: AllowCode = False,
+    validate: Paths = setting("Show errors on this log too; nothing is fitted to it.", "LOG"),
     seed: CleanSeed = 0,
-    out: Annotated[
-        Path | None,
-        option(
-            "Write the grown mechanism into this folder, with the last fit, diagnosis and "
-            "report. Refused for the mechanism's own folder.",
-            "DIR",
-        ),
-    ] = None,
+    out: Path | None = setting(
+        "Write the grown mechanism into this folder, with the last fit, diagnosis and report. "
+        "Refused for the mechanism's own folder.",
+        "DIR",
+    ),
 ) -> None:
     """Add the best effect, refit, and repeat until none is missing.
 
@@ -361,17 +313,12 @@ def grow(
     from ident.show.diagnosis import head, rung
     from ident.show.diagnosis_report import refuse_own
 
-    model = mechanism_of(
-        mechanism, with_, allow_code=allow_code, basis=basis, spacing=spacing, absolute=absolute
-    )
+    mechanism = model.load()
     if out is not None:
-        refuse_own(model, out)
-    output_folder(out)
+        refuse_own(mechanism, out)
+    output_folder(out, [*FIT_FILES, *DIAGNOSIS_FILES], [*logs, *(validate or ())])
     with progress_and_results() as (on_progress, shown):
-        motion = motion_of(model, logs, cutoff_of(cutoff), on_progress, smoothing=smoothing)
-        other = validate and motion_of(
-            model, validate, motion.band.cutoff, on_progress, smoothing=smoothing
-        )
+        motion = model.motion(mechanism, logs, on_progress)
 
         def reached(step: Step) -> None:
             if step.added is None and not step.removed:
@@ -379,32 +326,28 @@ def grow(
             shown(rung(step, motion.independent))
 
         history = grow_(
-            model, motion, validate=other or None, seed=seed, progress=on_progress, step=reached
+            mechanism,
+            motion,
+            seed=seed,
+            progress=on_progress,
+            step=reached,
+            validate=model.motion(mechanism, validate, on_progress, like=motion)
+            if validate
+            else None,
         )
         text = str(history.diagnosis)
-    result(f"\n{text}")
-    notes(history.fit.warnings)
     if out is not None:
         wrote(history.write(out))
+    result(f"\n{text}")
+    notes(history.fit.warnings)
 
 
 def explore(
-    mechanism: MechanismPath,
+    model: FitOptions,
     logs: LogPaths,
-    with_: With = None,
-    basis: Basis = None,
-    spacing: Spacing = None,
-    cutoff: Cutoff = "auto",
-    smoothing: Smoothing = "auto",
-    absolute: Absolute = False,
-    allow_code: AllowCode = False,
-    port: Annotated[int, option("Port of the page; 0 is a free one.", "N", min=0, max=65535)] = 0,
-    no_browser: Annotated[
-        bool, option("Say the address, and open no browser.", None, "--no-browser")
-    ] = False,
-    out: Annotated[
-        Path | None, option("The folder that the page proposes for saving.", "DIR")
-    ] = None,
+    port: int = setting("Port of the page; 0 is a free one.", "N", default=0, min=0, max=65535),
+    no_browser: bool = flag("Say the address, and open no browser.", "--no-browser"),
+    out: Path | None = setting("The folder that the page proposes for saving.", "DIR"),
 ) -> None:
     """Add effects by hand, in a browser; watch the error fall.
 
@@ -416,16 +359,14 @@ def explore(
 
     check_panel()
     port = free_port(port)
-    model = mechanism_of(
-        mechanism, with_, allow_code=allow_code, basis=basis, spacing=spacing, absolute=absolute
-    )
+    mechanism = model.load()
     with progress() as on_progress:
-        motion = motion_of(model, logs, cutoff_of(cutoff), on_progress, smoothing=smoothing)
-        found = Exploration.of(model, motion, on_progress).screened(on_progress)
+        motion = model.motion(mechanism, logs, on_progress)
+        found = Exploration.of(mechanism, motion, on_progress).screened(on_progress)
     notes(found.fit.warnings)
 
     def ready(address: str) -> None:
-        result(f"{model.name}: {address}")
+        result(f"{mechanism.name}: {address}")
         notes(["the page lives until Ctrl-C"])
 
     serve(found, port=port, browser=not no_browser, folder=out, ready=ready)

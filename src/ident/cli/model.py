@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from ident.cli.console import notes, progress, result
 from ident.cli.options import (
@@ -17,8 +17,8 @@ from ident.cli.options import (
     kinds_beginning,
     mechanism_of,
     motion_of,
-    option,
     output_file,
+    setting,
     with_effect,
 )
 from ident.errors import IdentError
@@ -26,14 +26,12 @@ from ident.errors import IdentError
 
 def add(
     mechanism: MechanismPath,
-    effect: Annotated[
-        str,
-        argument(
-            "As viscous:elbow, viscous for all driven joints, or file.py:function:elbow.",
-            "EFFECT",
-            autocompletion=kinds_beginning,
-        ),
-    ],
+    effect: str = argument(
+        "As viscous:elbow, viscous for all driven joints, or file.py:function:elbow.",
+        "EFFECT",
+        default=...,
+        autocompletion=kinds_beginning,
+    ),
     allow_code: AllowCode = False,
 ) -> None:
     """Write an effect into mechanism.toml.
@@ -50,10 +48,9 @@ def add(
 
 
 def effects(
-    kind: Annotated[
-        str | None,
-        argument("One of them, as viscous; else all.", "KIND", autocompletion=kinds_beginning),
-    ] = None,
+    kind: str | None = argument(
+        "One of them, as viscous; else all.", "KIND", default=None, autocompletion=kinds_beginning
+    ),
 ) -> None:
     """The library of effects.
 
@@ -69,16 +66,12 @@ def effects(
 
 def view(
     mechanism: MechanismPath,
-    logs: Annotated[
-        Paths, argument("Experiments to watch; without one it stands still.", "LOG")
-    ] = None,
-    fit: Annotated[
-        Path | None, option("Whose reactions and residuals are shown.", "FIT.json")
-    ] = None,
-    port: Annotated[int, option("Port of the page, on 127.0.0.1; 0: a free one.", "N")] = 0,
-    out: Annotated[
-        Path | None, option("Write a page that plays by itself, and no server.", "FILE.html")
-    ] = None,
+    logs: Paths = argument(
+        "Experiments to watch; without one it stands still.", "LOG", default=None
+    ),
+    fit: Path | None = setting("Whose reactions and residuals are shown.", "FIT.json"),
+    port: int = setting("Port of the page, on 127.0.0.1; 0: a free one.", "N", default=0),
+    out: Path | None = setting("Write a page that plays by itself, and no server.", "FILE.html"),
     smoothing: Smoothing = "auto",
     absolute: Absolute = False,
     allow_code: AllowCode = False,
@@ -93,7 +86,7 @@ def view(
     from ident.fit.prediction import predict
     from ident.show.view3d.page import SUFFIXES
 
-    output_file(out, SUFFIXES)
+    output_file(out, SUFFIXES, logs or ())
     if fit is not None and not logs:
         raise IdentError(f"--fit {fit}: a fit says nothing without a motion; give a LOG too")
     model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute)
@@ -109,10 +102,10 @@ def view(
             if saved is not None:
                 predictions = predict(model, motion, saved.point)
         shown = render(model, "view", experiments, predictions)
-        notes(shown.notes)
         if out is not None:
             on_progress(f"recording {out.name}", 0.5)
             shown.write(out)
+    notes(shown.notes)
     if out is not None:
         count = shown.moments
         result(f"{out}: {count} moment{'s' * (count != 1)}; open it in a browser")

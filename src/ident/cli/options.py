@@ -1,10 +1,10 @@
-"""Arguments and options that several commands share, and what they mean."""
+"""Arguments and options that several commands share, their values, and the files they name."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,18 +14,29 @@ from ident.errors import IdentError
 from ident.files import check_writable
 
 if TYPE_CHECKING:
-    from ident.log import Log
     from ident.mechanism import Mechanism
     from ident.motion import Motion
     from ident.progress import Progress
 
 LOGS = (".csv", ".parquet", ".npz")  # suffixes of logs that can be written
 CHARTS = (".png", ".svg", ".pdf", ".html")  # suffixes of charts
+FIT_FILES = ("fit.json", "multipliers.csv", "identified.urdf", "report.html", "identified")
+DIAGNOSIS_FILES = ("diagnosis.json", "report.html", "suggestion.py")
 
 
 def option(text: str, metavar: str | None = None, *names: str, **more: Any) -> Any:
     """Return an option with its help, the word for its value, and its names if not its own."""
     return typer.Option(*names, metavar=metavar, help=text, **more)
+
+
+def setting(text: str, metavar: str, *names: str, default: object = None, **more: Any) -> Any:
+    """Return an option of one command alone, as the default value of its parameter."""
+    return typer.Option(default, *names, metavar=metavar, help=text, **more)
+
+
+def flag(text: str, name: str) -> Any:
+    """Return an option without a value, as the default value of its parameter."""
+    return typer.Option(False, name, help=text)
 
 
 def argument(text: str, metavar: str, **more: Any) -> Any:
@@ -69,9 +80,11 @@ With = Annotated[
     option(
         "Add an effect, as viscous:elbow, viscous for all driven joints, or one of your own, "
         "file.py:function:elbow.",
-        "EFFECT", "--with", autocompletion=kinds_beginning,
+        "EFFECT",
+        "--with",
+        autocompletion=kinds_beginning,
     ),
-]  # fmt: skip
+]
 AllowCode = Annotated[
     bool,
     option("Run the Python files that mechanism.toml or --with names.", None, "--allow-code"),
@@ -95,9 +108,6 @@ Basis = Annotated[
 ]
 Spacing = Annotated[float | None, option("Distance of the basis' knots in seconds.", "S")]
 Absolute = Annotated[bool, option("Work in absolute coordinates, six a body.", None, "--absolute")]
-Out = Annotated[
-    Path | None, option("Write fit, report and identified model into this folder.", "DIR")
-]
 Plot = Annotated[Path | None, option("Draw it into this .png, .svg, .pdf or .html.", "FILE")]
 Seed = Annotated[int, option("Seed of the noise.", "N", min=0)]
 Jobs = Annotated[int | None, option("Processes on this machine. Default: one a core.", "N")]
@@ -110,36 +120,70 @@ Scheduler = Annotated[
 ]
 
 
+# Groups of options: a command has a parameter of the class, the command line all of its fields.
+@dataclass(frozen=True)
+class ModelOptions:
+    """The mechanism with further effects."""
+
+    mechanism: MechanismPath
+    with_: With = None
+    allow_code: AllowCode = False
+
+    def load(self) -> Mechanism:
+        """Return the mechanism that the options describe."""
+        return mechanism_of(self.mechanism, self.with_, allow_code=self.allow_code)
+
+
+@dataclass(frozen=True)
+class FitOptions(ModelOptions):
+    """The mechanism, its multipliers, and the treatment of logs."""
+
+    basis: Basis = None
+    spacing: Spacing = None
+    cutoff: Cutoff = "auto"
+    smoothing: Smoothing = "auto"
+    absolute: Absolute = False
+
+    def load(self) -> Mechanism:
+        """Return the mechanism that the options describe."""
+        mechanism = with_basis(super().load(), self.basis, self.spacing)
+        return in_absolute(mechanism) if self.absolute else mechanism
+
+    def motion(
+        self,
+        mechanism: Mechanism,
+        logs: Sequence[Path],
+        on_progress: Progress | None = None,
+        *,
+        like: Motion | None = None,
+        torques: bool = True,
+    ) -> Motion:
+        """Return the completed motion of logs, with the cut-off of the motion `like` if given."""
+        cutoff = cutoff_of(self.cutoff) if like is None else like.band.cutoff
+        return motion_of(mechanism, logs, cutoff, on_progress, torques, self.smoothing)
+
+
 def mechanism_of(
     path: Path,
     effects: Sequence[str] | None = None,
     *,
     allow_code: bool = False,
-    basis: str | None = None,
-    spacing: float | None = None,
     absolute: bool = False,
 ) -> Mechanism:
-    """Return the mechanism that the arguments describe."""
-    from ident.mechanism import load, multipliers
-    from ident.mechanism.absolute import absolute as in_absolute
+    """Return the mechanism of a path with further effects."""
+    from ident.mechanism import load
 
     mechanism = load(path, allow_code=allow_code)
     for effect in effects or ():
         mechanism = with_effect(mechanism, effect, allow_code=allow_code)
-    if basis is not None or spacing is not None:
-        now = mechanism.multipliers
-        basis = basis or now.basis
-        if basis == "free" and spacing is not None:
-            raise IdentError(
-                f"--spacing {spacing:g}: the basis is free, which has no knots; "
-                "add --basis linear, cubic or quintic"
-            )
-        if spacing is None:
-            spacing = 0.0 if basis == "free" else now.spacing
-        mechanism = replace(
-            mechanism, multipliers=multipliers(basis, spacing, "--basis, --spacing")
-        )
     return in_absolute(mechanism) if absolute else mechanism
+
+
+def in_absolute(mechanism: Mechanism) -> Mechanism:
+    """Return the mechanism in absolute coordinates."""
+    from ident.mechanism.absolute import absolute
+
+    return absolute(mechanism)
 
 
 def with_effect(mechanism: Mechanism, text: str, *, allow_code: bool) -> Mechanism:
@@ -153,23 +197,21 @@ def with_effect(mechanism: Mechanism, text: str, *, allow_code: bool) -> Mechani
     return mechanism + read_user_effect(file, name, allow_code=allow_code)(joints)
 
 
-def output_folder(out: Path | None) -> None:
-    """Refuse --out before the long work, where nothing could be written into it."""
-    if out is not None:
-        check_writable(out)
+def with_basis(mechanism: Mechanism, basis: str | None, spacing: float | None) -> Mechanism:
+    """Return the mechanism with another time basis of its multipliers, if one is given."""
+    from ident.mechanism import multipliers
 
-
-def output_file(path: Path | None, suffixes: Sequence[str]) -> None:
-    """Refuse a file to be written, before the long work, by its suffix and folder."""
-    if path is None:
-        return
-    if path.suffix.lower() not in suffixes:
-        raise IdentError(f"{path}: unknown suffix '{path.suffix}'; valid: {', '.join(suffixes)}")
-    if path.is_dir():
-        raise IdentError(f"{path}: is a folder; give the name of a file")
-    if not path.parent.is_dir():
-        raise IdentError(f"{path}: there is no folder {path.parent}; make it, or name another one")
-    check_writable(path.parent)
+    if basis is None and spacing is None:
+        return mechanism
+    basis = basis or mechanism.multipliers.basis
+    if basis == "free" and spacing is not None:
+        raise IdentError(
+            f"--spacing {spacing:g}: the basis is free, which has no knots; "
+            "add --basis linear, cubic or quintic"
+        )
+    if spacing is None:
+        spacing = 0.0 if basis == "free" else mechanism.multipliers.spacing
+    return replace(mechanism, multipliers=multipliers(basis, spacing, "--basis, --spacing"))
 
 
 def motion_of(
@@ -185,11 +227,14 @@ def motion_of(
     from ident.log.read import expanded
     from ident.motion import complete
 
-    logs: list[Log] = [read_log(path, mechanism.columns) for path in expanded(paths)]
     return complete(
-        mechanism, logs, cutoff=cutoff, torques=torques, smoothing=knots_of(smoothing),
+        mechanism,
+        [read_log(path, mechanism.columns) for path in expanded(paths)],
+        cutoff=cutoff,
+        torques=torques,
+        smoothing=knots_of(smoothing),
         progress=on_progress,
-    )  # fmt: skip
+    )
 
 
 def many(paths: Sequence[Path], jobs: int | None, scheduler: str | None) -> bool:
@@ -202,7 +247,54 @@ def many(paths: Sequence[Path], jobs: int | None, scheduler: str | None) -> bool
 
     if jobs is not None and scheduler is not None:
         raise IdentError(f"--jobs {jobs}: is of this machine, not of {scheduler}; give one of them")
-    return not (jobs is scheduler is None) or any(map(is_folder_of_logs, paths))
+    return jobs is not None or scheduler is not None or any(map(is_folder_of_logs, paths))
+
+
+# --- files that are written ----------------------------------------------------------------------
+
+
+def output_folder(
+    out: Path | None, names: Sequence[str] = (), inputs: Iterable[Path | None] = ()
+) -> None:
+    """Refuse --out, before the long work, where files `names` cannot be written or are inputs."""
+    if out is not None:
+        check_writable(out)
+        for name in names:
+            _refuse_input(out / name, inputs)
+
+
+def output_file(
+    path: Path | None, suffixes: Sequence[str], inputs: Iterable[Path | None] = ()
+) -> None:
+    """Refuse a file to be written, before the long work, by its suffix, folder, or as an input."""
+    if path is None:
+        return
+    if path.suffix.lower() not in suffixes:
+        raise IdentError(f"{path}: unknown suffix '{path.suffix}'; valid: {', '.join(suffixes)}")
+    if path.is_dir():
+        raise IdentError(f"{path}: is a folder; give the name of a file")
+    if not path.parent.is_dir():
+        raise IdentError(f"{path}: there is no folder {path.parent}; make it, or name another one")
+    check_writable(path.parent)
+    _refuse_input(path, inputs)
+
+
+def _refuse_input(target: Path, inputs: Iterable[Path | None]) -> None:
+    """Refuse a file or folder to be written that is an input, contains one, or would become one."""
+    end = target.resolve()
+    for path in inputs:
+        given = path.resolve() if path is not None else None
+        if given is None or (end != given and end not in given.parents):
+            among_logs = path is not None and path.is_dir() and end.suffix in LOGS
+            if not among_logs or end.parent != given:
+                continue
+        raise IdentError(
+            f"{target}: would be overwritten or read as a log, since {path} is an input of this "
+            "command; give another name for the output"
+        )
+
+
+# --- values of options ---------------------------------------------------------------------------
 
 
 def knots_of(text: str) -> str | None:
@@ -211,61 +303,74 @@ def knots_of(text: str) -> str | None:
 
 
 def cutoff_of(text: str) -> float | str | None:
-    """Return `auto`, None for `none`, or a frequency [Hz].
-
-    Raises:
-        IdentError: for anything else.
-    """
+    """Return `auto`, None for `none`, or a frequency [Hz]."""
     if text in ("auto", "none"):
         return text if text == "auto" else None
-    return number(text, "--cutoff", "is no frequency; valid: a number of Hz, auto or none")
+    return value(text, "--cutoff", "is no frequency; valid: a number of Hz, auto or none")
 
 
-def number(text: str, given: str, remedy: str) -> float:
-    """Return a text as a number.
+def value(text: str, given: str, remedy: str, read: Callable[[str], Any] = float) -> Any:
+    """Return what `read` makes of an option's text.
 
     Raises:
-        IdentError: if it is none, with the option, what was given for it, and the remedy.
+        IdentError: with the option, its text and the remedy where `read` raises a ValueError.
     """
     try:
-        return float(text)
+        return read(text)
     except ValueError:
         raise IdentError(f"{given} {text}: {remedy}") from None
 
 
-def named(text: str, given: str, example: str) -> tuple[str, float]:
-    """Return NAME=NUMBER as a name and a finite number.
-
-    Raises:
-        IdentError: for anything else, with an example of what is valid.
-    """
-    name, _, value = text.rpartition("=")
-    try:
-        found = float(value)
-        if not name.strip() or not math.isfinite(found):
-            raise ValueError
-    except ValueError:
-        raise IdentError(f"{given} {text}: write NAME=NUMBER, as {example}") from None
-    return name.strip(), found
-
-
-def interval(
-    text: str, given: str, remedy: str, *, ends: bool = False
-) -> tuple[str, tuple[float, float]]:
-    """Return NAME=LOW:HIGH as a name and two values.
+def named(
+    texts: Texts, given: str, remedy: str, read: Callable[[str], Any], *, bare: str = ""
+) -> dict[str, Any]:
+    """Return values by name from texts NAME=VALUE of one option.
 
     Args:
-        text, given, remedy: of the option, for the error.
-        ends: whether both values are needed; else one that is left out is infinite.
+        texts: of the option; given: its name; remedy: what to write, for errors.
+        read: makes a value of its text, or raises a ValueError.
+        bare: the word for a single VALUE without a name, for all joints, where that is valid; its
+            name is "".
 
     Raises:
-        IdentError: for anything else, with the remedy.
+        IdentError: for a text that is no such pair.
     """
-    name, _, pair = text.partition("=")
-    low, colon, high = pair.partition(":")
-    try:
-        if not name.strip() or not colon or not (low and high if ends else low or high):
+
+    def pair(text: str) -> tuple[str, Any]:
+        name, equals, content = (part.strip() for part in text.rpartition("="))
+        if not name and not (bare and not equals):
             raise ValueError
-        return name.strip(), (float(low or "-inf"), float(high or "inf"))
-    except ValueError:
-        raise IdentError(f"{given} {text}: {remedy}") from None
+        return name, read(content)
+
+    found = dict(value(text, given, remedy, pair) for text in texts or ())
+    if "" in found and len(texts or ()) > 1:
+        raise IdentError(
+            f"{given} {' '.join(texts or ())}: give one {bare} for all drives, or JOINT={bare} for "
+            "each"
+        )
+    return found
+
+
+def finite(text: str) -> float:
+    """Return a finite number."""
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError
+    return number
+
+
+def interval(text: str) -> tuple[float, float]:
+    """Return the two values of LOW:HIGH; one that is left out is infinite."""
+    low, colon, high = text.partition(":")
+    if not colon or not (low or high):
+        raise ValueError
+    return float(low or "-inf"), float(high or "inf")
+
+
+def share(text: str) -> tuple[float, bool]:
+    """Return a number from 0, 20% as 0.2, and whether it was in percent."""
+    number = finite(text.removesuffix("%"))
+    if number < 0:
+        raise ValueError
+    percent = text.endswith("%")
+    return number / 100 if percent else number, percent

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import secrets
 import tempfile
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -15,29 +13,28 @@ from ident.cli.console import notes, progress, result, wrote
 from ident.cli.options import (
     CHARTS,
     LOGS,
-    AllowCode,
     Jobs,
-    MechanismPath,
+    ModelOptions,
     Plot,
     Scheduler,
     Seed,
     Texts,
-    With,
     argument,
+    finite,
+    flag,
     interval,
-    mechanism_of,
     named,
-    number,
-    option,
     output_file,
     output_folder,
+    setting,
+    share,
+    value,
 )
 from ident.errors import IdentError, one_of
 
 if TYPE_CHECKING:
     from ident.mechanism import Mechanism
-    from ident.montecarlo import Estimator, MonteCarlo, Studies
-    from ident.simulate import Noise
+    from ident.montecarlo import MonteCarlo, Studies
     from ident.simulate.drives import Drive
 
 CONTROLS = ("none", "torque", "pd", "computed-torque")
@@ -46,79 +43,46 @@ UNNAMED = "picker"  # the folder in the commands of a demo whose files are not t
 
 
 def simulate(
-    mechanism: MechanismPath,
-    motion: Annotated[
-        Path | None,
-        argument(
-            "A log whose positions are the motion; with --forward, whose torques drive it.",
-            "MOTION",
-        ),
-    ] = None,
-    forward: Annotated[
-        bool,
-        option(
-            "Integrate the motion that forces make; then MOTION may be left out.", None, "--forward"
-        ),
-    ] = False,
-    fit: Annotated[Path | None, option("Parameters and effects of a fit.", "FIT.json")] = None,
-    with_: With = None,
-    set_: Annotated[
-        Texts,
-        option(
-            "Give a parameter its value: rod.Izz=0.2, viscous.elbow.Fv=0.4.", "NAME=VALUE", "--set"
-        ),
-    ] = None,
-    control: Annotated[
-        str | None,
-        option(
-            "What drives it forward: none (default without MOTION), torque (default: MOTION's "
-            "torques), or pd or computed-torque, which follow MOTION's positions.",
-            "NAME",
-        ),
-    ] = None,
-    gains: Annotated[
-        Texts,
-        option(
-            "Of the controller, for all drives or as JOINT=KP,KD for one. Default: 5 Hz.", "KP,KD"
-        ),
-    ] = None,
-    start: Annotated[
-        Texts,
-        option(
-            "Where it begins: q.crank=0.3, v.crank=2. Default: as MOTION, else at rest.",
-            "NAME=VALUE",
-        ),
-    ] = None,
-    duration: Annotated[float | None, option("Default: MOTION's, else 10 s.", "S")] = None,
-    rate: Annotated[
-        float | None,
-        option("Of the log's samples. Default: MOTION's, else 250 Hz.", "HZ"),
-    ] = None,
-    tolerance: Annotated[
-        float | None, option("Relative error a step. Default: 1e-10.", "SIZE")
-    ] = None,
-    noise: Annotated[
-        Texts,
-        option(
-            "White noise, its standard deviation: q=1e-5 in SI units, tau=2% of the column's.",
-            "CHANNEL=LEVEL",
-        ),
-    ] = None,
+    model: ModelOptions,
+    motion: Path | None = argument(
+        "A log whose positions are the motion; with --forward, whose torques drive it.",
+        "MOTION",
+        default=None,
+    ),
+    forward: bool = flag(
+        "Integrate the motion that forces make; then MOTION may be left out.", "--forward"
+    ),
+    fit: Path | None = setting("Parameters and effects of a fit.", "FIT.json"),
+    set_: Texts = setting(
+        "Give a parameter its value: rod.Izz=0.2, viscous.elbow.Fv=0.4.", "NAME=VALUE", "--set"
+    ),
+    control: str | None = setting(
+        "What drives it forward: none (default without MOTION), torque (default: MOTION's "
+        "torques), or pd or computed-torque, which follow MOTION's positions.",
+        "NAME",
+    ),
+    gains: Texts = setting(
+        "Of the controller, for all drives or as JOINT=KP,KD for one. Default: 5 Hz.", "KP,KD"
+    ),
+    start: Texts = setting(
+        "Where it begins: q.crank=0.3, v.crank=2. Default: as MOTION, else at rest.", "NAME=VALUE"
+    ),
+    duration: float | None = setting("Default: MOTION's, else 10 s.", "S"),
+    rate: float | None = setting("Of the log's samples. Default: MOTION's, else 250 Hz.", "HZ"),
+    tolerance: float | None = setting("Relative error a step. Default: 1e-10.", "SIZE"),
+    noise: Texts = setting(
+        "White noise, its standard deviation: q=1e-5 in SI units, tau=2% of the column's.",
+        "CHANNEL=LEVEL",
+    ),
     seed: Seed = 0,
-    columns: Annotated[str, option("Which channels the log gets.", "LIST")] = "q,v,a,tau",
-    joints: Annotated[
-        str | None,
-        option("Whose q, v and a it gets. Default: those in MOTION; forward, the drives.", "LIST"),
-    ] = None,
-    multipliers: Annotated[
-        Path | None,
-        option("Write the true multipliers here, a .csv, .parquet or .npz.", "FILE"),
-    ] = None,
-    allow_code: AllowCode = False,
-    out: Annotated[
-        Path | None,
-        option("Write a .csv, .parquet or .npz; else CSV to the screen.", "FILE"),
-    ] = None,
+    columns: str = setting("Which channels the log gets.", "LIST", default="q,v,a,tau"),
+    joints: str | None = setting(
+        "Whose q, v and a it gets. Default: those in MOTION; forward, the drives.", "LIST"
+    ),
+    multipliers: Path | None = setting(
+        "Write the true multipliers here, a .csv, .parquet or .npz.", "FILE"
+    ),
+    out: Path | None = setting("Write a .csv, .parquet or .npz; else CSV to the screen.", "FILE"),
 ) -> None:
     """A log of the model itself.
 
@@ -128,67 +92,78 @@ def simulate(
     from ident.fit.files import read_fit
     from ident.log import Log, read_log
     from ident.show.simulate import csv_text
-    from ident.simulate import integrate
+    from ident.simulate import Noise, integrate
     from ident.simulate import simulate as simulate_
 
-    own = {"--control": control, "--gains": gains, "--start": start, "--duration": duration}
-    own |= {"--rate": rate, "--tolerance": tolerance}
     if not forward:
-        for option, value in own.items():
-            if value:
+        own = {"--control": control, "--gains": gains, "--start": start, "--duration": duration}
+        for option, given in {**own, "--rate": rate, "--tolerance": tolerance}.items():
+            if given:
                 raise IdentError(f"{option}: is of an integration; add --forward")
         if motion is None:
             raise typer.BadParameter(
                 "Missing argument 'MOTION', whose torques are computed; or add --forward."
             )
-    model = mechanism_of(mechanism, with_, allow_code=allow_code)
-    output_file(out, LOGS)
-    output_file(multipliers, LOGS)
-    values = dict(named(text, "--set", "viscous.elbow.Fv=0.4") for text in set_ or ())
+    mechanism = model.load()
+    output_file(out, LOGS, [motion])
+    output_file(multipliers, LOGS, [motion, out])
+    values = named(set_, "--set", "write NAME=NUMBER, as viscous.elbow.Fv=0.4", finite)
     pi = None
     if fit is not None:
-        saved = read_fit(fit, model)
-        model, pi = saved.mechanism, saved.dynamic_parameters
+        saved = read_fit(fit, mechanism)
+        mechanism, pi = saved.mechanism, saved.dynamic_parameters
         values = {**saved.point.values, **values}
-    noises = [_noise(text) for text in noise or ()]
-    channels = [part.strip() for part in columns.split(",")]
-    names = None if joints is None else [part.strip() for part in joints.split(",")]
+    levels = named(noise, "--noise", "write CHANNEL=LEVEL, as tau=2% or q=1e-5", share)
+    common: dict[str, Any] = {
+        "values": values,
+        "pi": pi,
+        "noise": [Noise(channel, *level) for channel, level in levels.items()],
+        "seed": seed,
+        "columns": _list(columns),
+        "joints": None if joints is None else _list(joints),
+    }
     if forward:
-        drive = _drive(model, motion, control, gains)
-        begin = dict(named(text, "--start", "q.crank=0.3") for text in start or ())
+        if tolerance is not None:
+            common["tolerance"] = tolerance
+        begin = named(start, "--start", "write NAME=NUMBER, as q.crank=0.3", finite)
+        drive = _drive(mechanism, motion, control, gains)
         with progress() as on_progress:
             run = integrate(
-                model, drive, duration=duration, rate=rate, start=begin, values=values, pi=pi,
-                noise=noises, seed=seed, columns=channels, joints=names, progress=on_progress,
-                **({} if tolerance is None else {"tolerance": tolerance}),
-            )  # fmt: skip
+                mechanism,
+                drive,
+                duration=duration,
+                rate=rate,
+                start=begin,
+                progress=on_progress,
+                **common,
+            )
         log, t, forces = run.log, run.t, run.multipliers
-        if out is None:
-            notes(run.summary.splitlines())
-        else:
-            result(run)
     else:
         assert motion is not None
-        given = read_log(motion, model.columns)
-        log, prediction = simulate_(
-            model, given, values=values, pi=pi, noise=noises, seed=seed, columns=channels,
-            joints=names,
-        )  # fmt: skip
+        log, prediction = simulate_(mechanism, read_log(motion, mechanism.columns), **common)
         t, forces = prediction.t, prediction.multipliers
-    notes(log.repairs)
-    if out is None:
-        result(csv_text(log).rstrip("\n"))
-    else:
+    if out is not None:
         log.write(out)
         wrote([out])
     if multipliers is not None:
-        series = {name: forces[:, i] for i, name in enumerate(model.kinematics.multipliers)}
+        series = {name: forces[:, i] for i, name in enumerate(mechanism.kinematics.multipliers)}
         Log.from_arrays(multipliers.name, t, series).write(multipliers)
         wrote([multipliers])
+    if forward and out is None:
+        notes(run.summary.splitlines())
+    notes(log.repairs)
+    if out is None:
+        result(csv_text(log).rstrip("\n"))
+    elif forward:
+        result(run)
+
+
+def _list(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",")]
 
 
 def _drive(
-    model: Mechanism, motion: Path | None, control: str | None, gains: Texts
+    mechanism: Mechanism, motion: Path | None, control: str | None, gains: Texts
 ) -> Drive | None:
     """Return what drives the mechanism forward.
 
@@ -209,80 +184,44 @@ def _drive(
         return None
     if motion is None:
         raise IdentError(f"--control {control}: needs a MOTION, the log that it plays or follows")
-    log = read_log(motion, model.columns)
+    log = read_log(motion, mechanism.columns)
     if control == "torque":
         return Torques(log)
-    return (PD if control == "pd" else ComputedTorque)(log, _gains(gains))
+    remedy = "write KP,KD or JOINT=KP,KD, as 400,30"
+    pairs = named(gains, "--gains", remedy, _pair, bare="pair")
+    return (PD if control == "pd" else ComputedTorque)(log, pairs.get("", pairs) or None)
 
 
-def _gains(
-    texts: Texts,
-) -> tuple[float, float] | Mapping[str, tuple[float, float]] | None:
-    found: dict[str, tuple[float, float]] = {}
-    for text in texts or ():
-        joint, equals, pair = text.rpartition("=")
-        try:
-            Kp, Kd = (float(x) for x in pair.split(","))
-        except ValueError:
-            raise IdentError(f"--gains {text}: write KP,KD or JOINT=KP,KD, as 400,30") from None
-        found[joint if equals else ""] = (Kp, Kd)
-    if "" in found and len(found) > 1:
-        raise IdentError("--gains: give one pair for all drives, or JOINT=KP,KD for each")
-    return found.get("", found) or None
-
-
-def _noise(text: str) -> Noise:
-    from ident.simulate import Noise
-
-    channel, equals, level = text.partition("=")
-    try:
-        if not equals or not channel:
-            raise ValueError
-        value = float(level.removesuffix("%"))
-        if not 0 <= value < math.inf:
-            raise ValueError
-    except ValueError:
-        raise IdentError(f"--noise {text}: write CHANNEL=LEVEL, as tau=2% or q=1e-5") from None
-    relative = level.endswith("%")
-    return Noise(channel.strip(), value / 100 if relative else value, relative)
+def _pair(text: str) -> tuple[float, float]:
+    Kp, Kd = (float(x) for x in text.split(","))
+    return Kp, Kd
 
 
 def excite(
-    mechanism: MechanismPath,
-    with_: With = None,
-    separate: Annotated[
-        tuple[str, str] | None,
-        option("Tell these two best apart, as coulomb:crank coulomb:rocker.", "EFFECT EFFECT"),
-    ] = None,
-    duration: Annotated[float, option("Length of the whole log.", "S")] = 30.0,
-    periods: Annotated[int, option("How often the motion is repeated.", "N")] = 3,
-    rate: Annotated[float, option("Samples a second.", "HZ")] = 100.0,
-    harmonics: Annotated[int, option("Harmonics of the Fourier series.", "N")] = 5,
-    range_: Annotated[
-        Texts, option("Range in place of the URDF's.", "JOINT=LOWER:UPPER", "--range")
-    ] = None,
-    speed: Annotated[Texts, option("Largest speed of all drives or of one joint.", BOUND)] = None,
-    acceleration: Annotated[
-        Texts, option("Largest acceleration; a URDF has no such limit.", BOUND)
-    ] = None,
-    torque: Annotated[Texts, option("Largest torque of a drive.", BOUND)] = None,
-    reserve: Annotated[
-        str, option("Share of the torque left to what is not modelled.", "SHARE")
-    ] = "20%",
-    singular: Annotated[
-        float, option("Times its value at the start that ‖K⁺‖ may reach.", "X")
-    ] = 3.0,
-    noise: Annotated[
-        Texts, option("Expected noise of a torque. Default: 1 % of its limit.", "JOINT=VALUE")
-    ] = None,
-    balance: Annotated[float, option("Weight of the condition number beside log det.", "W")] = 0.5,
-    tries: Annotated[int, option("Searches; the best one counts.", "N")] = 4,
-    seed: Annotated[int, option("Seed of the searches.", "N", min=0)] = 0,
-    allow_code: AllowCode = False,
+    model: ModelOptions,
+    separate: tuple[str, str] | None = setting(
+        "Tell these two best apart, as coulomb:crank coulomb:rocker.", "EFFECT EFFECT"
+    ),
+    duration: float = setting("Length of the whole log.", "S", default=30.0),
+    periods: int = setting("How often the motion is repeated.", "N", default=3),
+    rate: float = setting("Samples a second.", "HZ", default=100.0),
+    harmonics: int = setting("Harmonics of the Fourier series.", "N", default=5),
+    range_: Texts = setting("Range in place of the URDF's.", "JOINT=LOWER:UPPER", "--range"),
+    speed: Texts = setting("Largest speed of all drives or of one joint.", BOUND),
+    acceleration: Texts = setting("Largest acceleration; a URDF has no such limit.", BOUND),
+    torque: Texts = setting("Largest torque of a drive.", BOUND),
+    reserve: str = setting(
+        "Share of the torque left to what is not modelled.", "SHARE", default="20%"
+    ),
+    singular: float = setting(
+        "Times its value at the start that ‖K⁺‖ may reach.", "X", default=3.0
+    ),
+    noise: Texts = setting("Expected noise of a torque. Default: 1 % of its limit.", "JOINT=VALUE"),
+    balance: float = setting("Weight of the condition number beside log det.", "W", default=0.5),
+    tries: int = setting("Searches; the best one counts.", "N", default=4),
+    seed: int = setting("Seed of the searches.", "N", default=0, min=0),
     plot: Plot = None,
-    out: Annotated[
-        Path | None, option("Write the motion, a .csv, .parquet or .npz.", "FILE")
-    ] = None,
+    out: Path | None = setting("Write the motion, a .csv, .parquet or .npz.", "FILE"),
 ) -> None:
     """A periodic motion that tells most, inside all limits.
 
@@ -291,89 +230,75 @@ def excite(
     from ident.excite import Limits
     from ident.excite import excite as excite_
 
-    model = mechanism_of(mechanism, with_, allow_code=allow_code)
+    mechanism = model.load()
     output_file(out, LOGS)
     output_file(plot, CHARTS)
-    remedy = "write JOINT=LOWER:UPPER, as elbow=-1:1.5"
     limits = Limits(
-        range=dict(interval(text, "--range", remedy, ends=True) for text in range_ or ()),
+        range=named(range_, "--range", "write JOINT=LOWER:UPPER, as elbow=-1:1.5", interval),
         speed=_limit("--speed", speed),
         acceleration=_limit("--acceleration", acceleration),
         torque=_limit("--torque", torque),
-        reserve=number(reserve.removesuffix("%"), "--reserve", "write a share, as 20% or 0.2")
-        / (100 if reserve.endswith("%") else 1),
+        reserve=value(reserve, "--reserve", "write a share, as 20% or 0.2", share)[0],
         singular=singular,
     )
     with progress() as on_progress:
         found = excite_(
-            model, duration=duration, periods=periods, rate=rate, harmonics=harmonics,
-            limits=limits, separate=separate,
-            noise=dict(named(text, "--noise", "elbow=1.5") for text in noise or ()),
-            balance=balance, tries=tries, seed=seed, progress=on_progress,
-        )  # fmt: skip
-    result(found)
+            mechanism,
+            duration=duration,
+            periods=periods,
+            rate=rate,
+            harmonics=harmonics,
+            limits=limits,
+            separate=separate,
+            noise=named(noise, "--noise", "write NAME=NUMBER, as elbow=1.5", finite),
+            balance=balance,
+            tries=tries,
+            seed=seed,
+            progress=on_progress,
+        )
     if out is not None:
         found.write(out)
         wrote([out])
     if plot is not None:
         found.plot().save(plot)
         wrote([plot])
+    result(found)
 
 
 def _limit(given: str, texts: Texts) -> float | dict[str, float] | None:
     """Return one number for all drives, or numbers by joint."""
-    bare = [text for text in texts or () if "=" not in text]
-    if not texts:
-        return None
-    if bare and len(texts) > 1:
-        raise IdentError(
-            f"{given} {' '.join(texts)}: give one number for all drives, or JOINT=NUMBER for each"
-        )
-    if bare:
-        return number(bare[0], given, "is no number; write 1.5 or elbow=1.5")
-    return dict(named(text, given, "elbow=1.5") for text in texts)
+    found = named(texts, given, "is no number; write 1.5 or elbow=1.5", finite, bare="number")
+    return found.get("", found or None)
 
 
 def montecarlo(
-    mechanism: MechanismPath,
-    log: Annotated[
-        Path,
-        argument("Without noise, best of a simulation; or a folder of such logs.", "LOG"),
-    ],
-    snr: Annotated[
-        str, option("Signal-to-noise ratios of every channel, in dB.", "LIST")
-    ] = "60,50,40,30",
-    runs: Annotated[int, option("Draws of the noise at each.", "N")] = 100,
-    estimator: Annotated[
-        Texts,
-        option(
-            "paper, default, least-squares, likelihood or consistent; may be repeated. "
-            "Default: paper and default.",
-            "NAME",
-        ),
-    ] = None,
-    spacing: Annotated[
-        float | None,
-        option("Of the paper's hats. Default: the mechanism's time basis, else 5 samples.", "S"),
-    ] = None,
-    truth: Annotated[
-        Texts,
-        option("A true value, as rod.Ixx=0.004. Default: that of the log as it is.", "NAME=VALUE"),
-    ] = None,
-    reactions: Annotated[
-        Path | None,
-        option("The true multipliers. Default: those of the log as it is.", "LOG"),
-    ] = None,
-    wrench: Annotated[bool, option("Noise on external wrenches too.", None, "--wrench")] = False,
+    model: ModelOptions,
+    log: Path = argument(
+        "Without noise, best of a simulation; or a folder of such logs.", "LOG", default=...
+    ),
+    snr: str = setting(
+        "Signal-to-noise ratios of every channel, in dB.", "LIST", default="60,50,40,30"
+    ),
+    runs: int = setting("Draws of the noise at each.", "N", default=100),
+    estimator: Texts = setting(
+        "paper, default, least-squares, likelihood or consistent; may be repeated. Default: paper "
+        "and default.",
+        "NAME",
+    ),
+    spacing: float | None = setting(
+        "Of the paper's hats. Default: the mechanism's time basis, else 5 samples.", "S"
+    ),
+    truth: Texts = setting(
+        "A true value, as rod.Ixx=0.004. Default: that of the log as it is.", "NAME=VALUE"
+    ),
+    reactions: Path | None = setting(
+        "The true multipliers. Default: those of the log as it is.", "LOG"
+    ),
+    wrench: bool = flag("Noise on external wrenches too.", "--wrench"),
     seed: Seed = 0,
     jobs: Jobs = None,
     scheduler: Scheduler = None,
-    with_: With = None,
-    allow_code: AllowCode = False,
-    out: Annotated[
-        Path | None,
-        option("Write table, all runs, picture and report there.", "DIR"),
-    ] = None,
+    out: Path | None = setting("Write table, all runs, picture and report there.", "DIR"),
 ) -> None:
     """What noise makes of the estimates: bias and spread.
 
@@ -381,33 +306,43 @@ def montecarlo(
     Estimators meet the same noise and stand side by side, the paper's method among them.
     """
     from ident.log.read import is_folder_of_logs, logs_in
-    from ident.montecarlo import Studies, monte_carlo, monte_carlo_each
+    from ident.montecarlo import Studies, monte_carlo, monte_carlo_each, paper
     from ident.montecarlo.trial import USUAL
 
-    output_folder(out)
-    model = mechanism_of(mechanism, with_, allow_code=allow_code)
-    ratios, tried = _ratios(snr), _estimators(estimator or ["paper", "default"], spacing)
-    known = dict(named(text, "--truth", "rod.Ixx=0.004") for text in truth or ())
-    channels = (*USUAL, "wrench") if wrench else USUAL
+    names = estimator or ["paper", "default"]
+    if spacing is not None and "paper" not in names:
+        raise IdentError(
+            f"--spacing {spacing:g}: is of the paper's hats; add --estimator paper, or leave it out"
+        )
+    output_folder(out, ("runs.csv", "multiplier_errors.csv", "logs.csv"), [log, reactions])
+    mechanism = model.load()
+    common: dict[str, Any] = {
+        "snr": value(
+            snr,
+            "--snr",
+            "write numbers of dB with commas, as 60,40,30",
+            lambda text: [float(part) for part in text.split(",")],
+        ),
+        "runs": runs,
+        "estimators": [paper(spacing) if name == "paper" else name for name in names],
+        "truth": named(truth, "--truth", "write NAME=NUMBER, as rod.Ixx=0.004", finite),
+        "channels": (*USUAL, "wrench") if wrench else USUAL,
+        "seed": seed,
+        "jobs": jobs,
+        "scheduler": scheduler,
+    }
     found: MonteCarlo | Studies
     with progress() as on_progress:
-        if is_folder_of_logs(log):
-            if reactions is not None:
-                raise IdentError(f"--reactions {reactions}: are of one log, and {log} is a folder")
-            found = monte_carlo_each(
-                model, logs_in(log), snr=ratios, runs=runs, estimators=tried, truth=known,
-                channels=channels, seed=seed, jobs=jobs, scheduler=scheduler, progress=on_progress,
-            )  # fmt: skip
-            notes(found.notes)
+        if not is_folder_of_logs(log):
+            found = monte_carlo(mechanism, log, reactions=reactions, progress=on_progress, **common)
+        elif reactions is None:
+            found = monte_carlo_each(mechanism, logs_in(log), progress=on_progress, **common)
         else:
-            found = monte_carlo(
-                model, log, snr=ratios, runs=runs, estimators=tried, truth=known,
-                reactions=reactions, channels=channels, seed=seed, jobs=jobs, scheduler=scheduler,
-                progress=on_progress,
-            )  # fmt: skip
-    result(found)
+            raise IdentError(f"--reactions {reactions}: are of one log, and {log} is a folder")
     if out is not None:
         wrote(found.write(out))
+    notes(found.notes if isinstance(found, Studies) else ())
+    result(found)
     for study in found.studies.values() if isinstance(found, Studies) else (found,):
         if study.samples.is_empty():
             raise IdentError(
@@ -415,39 +350,12 @@ def montecarlo(
             )
 
 
-def _ratios(text: str) -> list[float]:
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise IdentError(f"--snr {text}: write numbers of dB with commas, as 60,40,30") from None
-
-
-def _estimators(names: list[str], spacing: float | None) -> list[str | Estimator]:
-    """Return estimators by name, the paper's with its spacing."""
-    from ident.montecarlo import paper
-
-    if spacing is not None and "paper" not in names:
-        raise IdentError(
-            f"--spacing {spacing:g}: is of the paper's hats; add --estimator paper, or leave it out"
-        )
-    return [paper(spacing) if name == "paper" else name for name in names]
-
-
 def demo(
-    seed: Annotated[
-        int | None,
-        option("Which machine; a new one each time by default.", "N", min=0),
-    ] = None,
-    puzzle: Annotated[
-        bool,
-        option(
-            "Only make the machine and its log in --out, for you to find out.", None, "--puzzle"
-        ),
-    ] = False,
-    out: Annotated[
-        Path | None,
-        option("Keep mechanism, log, fits and reports in this new folder.", "DIR"),
-    ] = None,
+    seed: int | None = setting("Which machine; a new one each time by default.", "N", min=0),
+    puzzle: bool = flag(
+        "Only make the machine and its log in --out, for you to find out.", "--puzzle"
+    ),
+    out: Path | None = setting("Keep mechanism, log, fits and reports in this new folder.", "DIR"),
 ) -> None:
     """A hidden effect found, step by step, in half a minute.
 
