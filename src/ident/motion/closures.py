@@ -146,17 +146,15 @@ class LoopSolver:
         Raises:
             MotionError: where the closures cannot follow, with time and joints.
         """
-        n = len(target)
-        q = np.empty((n, self.mechanism.model.nq))
         assembled = self.mechanism.assembled
         y = self.coordinates(assembled[None]).value[0]
         first = int(np.abs(target - y).max(axis=1).argmin())  # the branch is surest there
-        q[first] = self._travel(assembled, y, target[first], t[first], FARTHEST)
-        anchors = [[*range(first, n - 1, STRIDE), n - 1], [*range(first, 0, -STRIDE), 0]]
-        for stops in anchors:
-            self._march(q, target, t, stops)
-        self._between(q, target, t, sorted({*anchors[0], *anchors[1]}))
-        return q
+        q = self._travel(assembled, y, target[first], t[first], FARTHEST)
+        after, before = (
+            self.onward(q, target[first], target[side], t[side])
+            for side in (slice(first + 1, None), slice(first - 1, None, -1) if first else slice(0))
+        )
+        return np.concatenate([before[::-1], q[None], after])
 
     def onward(self, q: np.ndarray, y: np.ndarray, target: np.ndarray, t: np.ndarray) -> np.ndarray:
         """Configurations (n, nq) along the targets (n, d), which come after q (nq,) at y (d,).
@@ -164,32 +162,29 @@ class LoopSolver:
         Raises:
             MotionError: where the closures cannot follow, with time and joints.
         """
-        n = len(target)
-        near, gap = self.newton(np.tile(q, (n, 1)), target)
-        path, target = np.concatenate([q[None], near]), np.concatenate([y[None], target])
-        if gap.max() < OPEN and self._straight(path, np.diff(target, axis=0)).all():
-            return near
+        n, model = len(target), self.mechanism.model
+        path, target = np.tile(q, (n + 1, 1)), np.concatenate([y[None], target])
+        if 0 < n < STRIDE:
+            path[1:], gap = self.newton(path[1:], target[1:])
+            if gap.max(initial=0.0) < OPEN and self._straight(path, np.diff(target, axis=0)).all():
+                return path[1:]
+            path[1:] = q
         t = np.concatenate([t[:1], t])
-        anchors = [*range(0, n, STRIDE), n]
-        self._march(path, target, t, anchors)
-        self._between(path, target, t, anchors)
-        return path[1:]
-
-    def _between(
-        self, q: np.ndarray, target: np.ndarray, t: np.ndarray, anchors: list[int]
-    ) -> None:
-        """Set q between the anchors at which it is known, of which the last is the last of q."""
-        known, n, model = np.array(anchors), len(q), self.mechanism.model
-        while len(known) < n:  # halve the distances; each level is one call for all samples
+        known = np.array([*range(0, n, STRIDE), n])
+        self._march(path, target, t, list(known))
+        while len(known) <= n:  # halve the distances; each level is one call for all samples
             left, right = known[:-1], known[1:]
             wide = right - left > 1
             left, right = left[wide], right[wide]
             middle = (left + right) // 2
-            guess = integrate(model, q[left], 0.5 * _difference(model, q[left], q[right]))
-            q[middle], gap = self.newton(guess, target[middle])
+            step = _difference(model, path[left], path[right])
+            path[middle], gap = self.newton(
+                integrate(model, path[left], 0.5 * step), target[middle]
+            )
             for bad in np.flatnonzero(gap > OPEN):
-                self._bridge(q, target, t, int(left[bad]), int(middle[bad]))
+                self._bridge(path, target, t, int(left[bad]), int(middle[bad]))
             known = np.union1d(known, middle)
+        return path[1:]
 
     def _march(self, q: np.ndarray, target: np.ndarray, t: np.ndarray, stops: list[int]) -> None:
         """Set q at the stops, from each to the next; it is known at the first.

@@ -17,7 +17,6 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion.signals import (
     Clock,
     LogSignals,
-    acceleration_noise_share,
     acceleration_size,
     motion_bandwidth,
     noise_level,
@@ -88,12 +87,7 @@ def band_of(mechanism: Mechanism, logs: list[LogSignals], names: tuple[str, ...]
             present = [k for k in range(3) if f"{'qva'[k]}.{name}" in signals.columns]
             series = {k: signals.even(f"{'qva'[k]}.{name}") for k in present}
             motion = max(motion, *(motion_bandwidth(*series[k], k) for k in present))
-            if 2 in series:
-                noise = max(noise, noise_share(series[2][0]))
-            elif 1 in series:
-                noise = max(noise, noise_share(np.diff(series[1][0])))
-            else:
-                noise = max(noise, acceleration_noise_share(*series[0]))
+            noise = max(noise, noise_share(series[present[-1]][0], 2 - present[-1]))
         for name in mechanism.driven:
             if f"tau.{name}" in signals.columns:
                 noise = max(noise, noise_share(signals.even(f"tau.{name}")[0]))
@@ -133,11 +127,7 @@ def _calm_cutoff(signals: LogSignals, name: str, motion: float) -> float:
 def standstill(
     mechanism: Mechanism, signals: LogSignals, e: State, names: tuple[str, ...]
 ) -> np.ndarray:
-    """(J,) speeds below which joints stand still; one that moves by noise alone never moves.
-
-    The noise of a logged joint's speed reaches the others through the closures, by how fast they
-    move for a unit of its rate.
-    """
+    """(J,) speeds below which joints stand still; one that moves by noise alone never moves."""
     return thresholds(top_speeds(e), noise_of_speeds(mechanism, signals, e, names))
 
 
@@ -149,7 +139,9 @@ def top_speeds(e: State) -> np.ndarray:
 def noise_of_speeds(
     mechanism: Mechanism, signals: LogSignals, e: State, names: tuple[str, ...]
 ) -> np.ndarray:
-    """(J,) speeds that noise of the logged joints can feign."""
+    """(J,) speeds that noise of the logged joints can feign; it reaches the others through the
+    closures, by how fast they move for a unit of its rate.
+    """
     at = [mechanism.joint_index[name] for name in names]
     noise = np.array([NOISE * _speed_noise(signals, e, name) for name in names])
     if e.leverage is None:

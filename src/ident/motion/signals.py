@@ -7,7 +7,8 @@ that contradict each other are refused.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from math import comb
 
 import numpy as np
 
@@ -40,9 +41,6 @@ FACTORS = {
     1 / (2 * np.pi): "the first in revolutions",
     2 * np.pi: "the second in revolutions",
 }
-
-
-# --- the clock -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +105,7 @@ class LogSignals:
     columns: Mapping[str, np.ndarray]  # by log name, each (n,), NaN nowhere
     usable: np.ndarray  # (n,), false inside gaps
     exact: bool  # whether the clock is the log's own
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
 
     @property
     def dt(self) -> float:
@@ -139,23 +137,19 @@ def measure(mechanism: Mechanism, log: Log, clock: Clock | None = None) -> LogSi
         if name != "t" and name not in own and source.column in own:
             own[name] = source.scale * own[source.column] + source.offset
     log = replace(log, columns=own)
-    notes = [f"{log.name}: {repair}" for repair in log.repairs]
+    notes = list(log.repairs)
     names = [joint.name for joint in mechanism.joints]
     for column in own:
         prefix, _, rest = column.partition(".")
         if prefix in ("q", "v", "a", "tau") and rest and rest not in names:
-            notes.append(
-                f"{log.name}: column '{column}' names no joint and is not used; "
-                f"{one_of(rest, names)}"
-            )
+            notes.append(f"column '{column}' names no joint and is not used; {one_of(rest, names)}")
     t, even = (clock.within(log), clock.even) if clock else uniform_clock(log)
     n, dt = len(t), float(np.median(np.diff(log.t)))
     if not even:
         largest, rms = log.jitter
         notes.append(
-            f"{log.name}: time stamps are uneven (step {1e3 * dt:.4g} ms ± {1e3 * rms:.2g} ms rms, "
-            f"largest {1e3 * largest:.3g} ms); everything is evaluated on a uniform clock of "
-            f"{n} samples"
+            f"time stamps are uneven (step {1e3 * dt:.4g} ms ± {1e3 * rms:.2g} ms rms, largest "
+            f"{1e3 * largest:.3g} ms); everything is evaluated on a uniform clock of {n} samples"
         )
     usable = np.ones(n, dtype=bool)
     columns, steps = {}, [dt]
@@ -176,26 +170,28 @@ def measure(mechanism: Mechanism, log: Log, clock: Clock | None = None) -> LogSi
         steps.append(float(np.median(np.diff(at))))
         if (count := int((empty & usable).sum())) > 0:
             notes.append(
-                f"{log.name}: {name} has no sample near {count} of {n} instants "
-                f"(first at t = {t[np.argmax(empty)]:.4g} s); they are left out"
+                f"{name} has no sample near {count} of {n} instants (first at t = "
+                f"{t[np.argmax(empty)]:.4g} s); they are left out"
             )
         usable &= ~empty
         if len(x) < len(log.t):
             notes.append(
-                f"{log.name}: {name} is empty in {len(log.t) - len(x)} of {len(log.t)} rows; "
-                "values between are interpolated"
+                f"{name} is empty in {len(log.t) - len(x)} of {len(log.t)} rows; values between "
+                "are interpolated"
             )
     shortest = round(SHORTEST * max(steps) / (t[1] - t[0]))
     short = [run for run in runs(usable) if run.stop - run.start < min(shortest, n)]
-    if (count := sum(run.stop - run.start for run in short)) > 0:
-        notes.append(f"{log.name}: {count} samples in short runs between gaps are left out")
     for run in short:
         usable[run] = False
+    if short:
+        count = sum(run.stop - run.start for run in short)
+        notes.append(f"{count} samples in short runs between gaps are left out")
     if not usable.any() and clock is None:
         raise MotionError(
             f"{log.name}: no run of {shortest} instants at which all columns have samples; log "
             "all joints together, or remove columns that are mostly empty"
         )
+    notes = [f"{log.name}: {note}" for note in notes]
     signals = LogSignals(log, t, columns, usable, even, tuple(notes))
     for joint in mechanism.joints if clock is None else ():
         check_units(log.name, columns, signals.dt, joint)
@@ -214,7 +210,7 @@ def check_units(name: str, columns: Mapping[str, np.ndarray], dt: float, joint: 
     """
     for low, high in (("q", "v"), ("v", "a")):
         first, second = columns.get(f"{low}.{joint.name}"), columns.get(f"{high}.{joint.name}")
-        if first is None or second is None or np.std(second) == 0 or np.std(first) == 0:
+        if first is None or second is None:
             continue
         smooth = min(max(1, round(WINDOW / dt)), len(first) - 1)
         rise = first[smooth:] - first[:-smooth]
@@ -229,17 +225,17 @@ def check_units(name: str, columns: Mapping[str, np.ndarray], dt: float, joint: 
         if match < -0.5:
             raise MotionError(f"{where}: one has the wrong sign; give it scale = -1 in [log]")
         if match > 0.8 and not 0.5 < ratio < 2.0:
-            near = min(FACTORS, key=lambda factor: abs(np.log(abs(ratio) / factor)))
-            guess = f" ({FACTORS[near]}?)" if abs(np.log(abs(ratio) / near)) < 0.1 else ""
+            near = min(FACTORS, key=lambda factor: abs(np.log(ratio / factor)))
+            guess = f" ({FACTORS[near]}?)" if abs(np.log(ratio / near)) < 0.1 else ""
             raise MotionError(
                 f"{where} by a factor of {ratio:.4g}{guess}; logs are in rad, m and s: give the "
                 "wrong one a scale in [log] of mechanism.toml"
             )
-    q = columns.get(f"q.{joint.name}")
-    if q is None or not joint.rotational or not np.isfinite(joint.upper - joint.lower):
+    q, limit = columns.get(f"q.{joint.name}"), max(abs(joint.lower), abs(joint.upper))
+    if q is None or not joint.rotational or not np.isfinite(limit):
         return
-    most, limit = float(np.abs(q).max()), max(abs(joint.lower), abs(joint.upper))
-    if most > 3.0 * limit and most * np.pi / 180 <= 1.2 * limit:
+    most = float(np.abs(q).max())
+    if most > 3.0 * limit and np.deg2rad(most) <= 1.2 * limit:
         raise MotionError(
             f"{name}: q.{joint.name} reaches {most:.4g}, beyond the joint's limit of "
             f"{limit:.4g} rad, and looks like degrees; logs are in rad: give it "
@@ -264,17 +260,13 @@ def noise_level(x: np.ndarray) -> float:
     return float(np.quantile(np.abs(difference), 0.8) / 1.2816 / gain)
 
 
-def noise_share(x: np.ndarray) -> float:
-    """Noise over the signal's standard deviation; 0 for a constant."""
-    spread = float(np.std(x))
-    return noise_level(x) / spread if spread > 0 else 0.0
-
-
-def acceleration_noise_share(q: np.ndarray, dt: float) -> float:
-    """Noise over signal of the second difference of q (n,), as it would be without smoothing."""
-    a = np.diff(q, 2) / dt**2
-    spread = float(np.std(a))
-    return float(np.sqrt(6.0)) * noise_level(q) / dt**2 / spread if spread > 0 else 0.0
+def noise_share(x: np.ndarray, differences: int = 0) -> float:
+    """Noise over signal in differences of x (n,), as they would be without smoothing; 0 for a
+    constant.
+    """
+    spread = float(np.std(np.diff(x, differences)))
+    gain = np.sqrt(float(comb(2 * differences, differences)))
+    return gain * noise_level(x) / spread if spread > 0 else 0.0
 
 
 def motion_bandwidth(x: np.ndarray, dt: float, order: int = 0) -> float:
@@ -286,9 +278,8 @@ def motion_bandwidth(x: np.ndarray, dt: float, order: int = 0) -> float:
     """
     x = np.diff(x) / dt if order == 0 else x
     n = len(x)
-    window = np.hanning(n)
     f = np.fft.rfftfreq(n, dt)
-    power = np.abs(np.fft.rfft((x - x.mean()) * window)) ** 2
+    power = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(n))) ** 2
     # of white noise in the channel: differenced, as it is, or integrated
     shape = (2 * np.sin(np.pi * f * dt)) ** 2 if order == 0 else np.ones(len(f))
     noise = np.median(power[n // 4 :] / shape[n // 4 :]) / np.log(2) * shape
@@ -303,8 +294,7 @@ def motion_bandwidth(x: np.ndarray, dt: float, order: int = 0) -> float:
 
 def acceleration_size(q: np.ndarray, dt: float, below: float) -> float:
     """rms of the second derivative of q (n,) below a frequency [Hz]."""
-    n = len(q)
-    window = np.hanning(n)
+    n, window = len(q), np.hanning(len(q))
     x = (q - np.polyval(np.polyfit(np.arange(n), q, 1), np.arange(n))) * window
     f = np.fft.rfftfreq(n, dt)
     power = 2 * np.abs(np.fft.rfft(x)) ** 2 * (2 * np.pi * f) ** 4
@@ -375,17 +365,9 @@ def grain(x: np.ndarray) -> float:
     """The step of a signal (n,) that only takes multiples of one; 0 for others."""
     steps = np.abs(np.diff(x))
     steps = steps[steps > 0]
-    if len(steps) < GRAINS:
+    if len(steps) < GRAINS or steps.min() * MOST < steps.max():
         return 0.0
-    least = float(steps.min())
-    if least * MOST < float(steps.max()):
-        return 0.0
-    off = steps / least
+    off = steps / steps.min()
     whole = np.round(off)
     multiples = (np.abs(off - whole) < 0.01 * off).all()
-    return least if multiples and np.ptp(whole) > 0 else 0.0  # a ramp has one step only
-
-
-def periods(channels: Sequence[Channel]) -> float:
-    """The shortest median step among the channels [s]."""
-    return min(float(np.median(np.diff(channel.t))) for channel in channels)
+    return float(steps.min()) if multiples and np.ptp(whole) > 0 else 0.0  # a ramp has one step

@@ -26,7 +26,7 @@ import numpy as np
 from ident.information.splines import Basis
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.recipe import AUTO, CLEAN, Band, Recipe
-from ident.motion.signals import Channel, LogSignals, Smoothed, channels_of, periods, runs
+from ident.motion.signals import Channel, LogSignals, Smoothed, channels_of, runs
 from ident.motion.spline import (
     WIDTH,
     Observations,
@@ -59,7 +59,8 @@ CONVERGED = 1e-7  # of a joint's motion: a smaller step changes nothing
 def finest(band: Band, channels: Sequence[Channel]) -> float:
     """Knots [s] that resolve ten times the bandwidth, and no finer than the samples allow."""
     several = any(channel.order > 0 for channel in channels)
-    samples = (1.0 if several else 2.0) * periods(channels)
+    period = min(float(np.median(np.diff(channel.t))) for channel in channels)
+    samples = (1.0 if several else 2.0) * period
     if band.noise <= CLEAN or band.motion <= 0:
         return samples
     return max(1 / (2.0 * SMOOTH_OVER_MOTION * band.motion), samples)
@@ -114,11 +115,9 @@ def derive(
     """Coordinates, rates and accelerations of logged joints.
 
     Clean channels, as simulations have them, are taken as they are; what is missing beside them is
-    interpolated. The others are smoothed. Every run between gaps has splines of its own; inside
-    gaps a coordinate goes straight from one side to the other, for the closures to be followed.
-
-    `spacing` is that of the knots [s]; "auto": from the data; None: as logged, nothing is smoothed.
-    `recipe` is that of the whole log, if this is a part of one.
+    interpolated. The others are smoothed, by knots every `spacing` [s], "auto" or None as asked
+    for. Every run between gaps has splines of its own; inside gaps a coordinate goes straight from
+    one side to the other, for the closures to be followed. `recipe`: of the whole log, for a part.
     """
     channels, t = channels_of(signals, names), signals.t
     joints = {name: [each for each in channels if each.joint == name] for name in names}
@@ -166,8 +165,7 @@ def smoothed(
         noise = {each.column: each.sigma for each in channels} | dict(recipe.noise)
     else:
         t, origin = max((t for _, t in spans), key=len), None
-        automatic = spacing == AUTO or spacing is None
-        h = resolution(channels, t, band) if automatic else float(spacing or 0.0)
+        h = resolution(channels, t, band) if spacing in (AUTO, None) else float(spacing or 0.0)
         inside = [channel.within(t) for channel in channels]
         agreeing = weighted(basis_over(t[0], t[-1], h), inside, names)
         noise = {channel.column: channel.sigma for channel in agreeing}
