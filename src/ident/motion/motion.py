@@ -153,9 +153,8 @@ def complete(
     read = _distinct([_log(mechanism, each) for each in given])
     measured = [measure(mechanism, log) for log in read]
     notes = [note for signals in measured for note in signals.notes]
-    notes += [
-        note for signals in measured for note in _missing_torques(mechanism, signals, torques)
-    ]
+    for signals in measured:
+        notes += _missing_torques(mechanism, signals, torques)
     names = _determining(mechanism, measured)
     smoothing = _spacing(smoothing, measured)
     band = band_of(mechanism, measured, names)
@@ -185,8 +184,10 @@ def complete(
     for i, signals in enumerate(measured):
         still = standstill(mechanism, signals, experiments[i], names)
         experiments[i] = replace(experiments[i], still=still)
-    unique = tuple(dict.fromkeys(notes))
-    return Motion(tuple(experiments), independent, band, worst, unique, tuple(read), mechanism)
+    found = tuple(experiments)
+    return Motion(
+        found, independent, band, worst, tuple(dict.fromkeys(notes)), tuple(read), mechanism
+    )
 
 
 def decide(
@@ -225,15 +226,16 @@ def decide(
     surplus = len(logged) > mechanism.degrees_of_freedom
     spacing = min(each.spacing for each in smooth)  # at rest coarser ones would do
     length = clock.t_end - clock.t0
-    sigma: dict[str, list[float]] = {}
-    for channel in (c for each in smooth for c in each.channels):
-        sigma.setdefault(channel.column, []).append(channel.sigma)
+    channels = [channel for each in smooth for channel in each.channels]
     return replace(
         recipe,
         noisy=tuple(name for name in logged if name in noisy or surplus),
         carriers=smooth[0].names,
         knots=length / np.ceil(length / spacing - 1e-9),
-        noise={name: float(np.median(each)) for name, each in sigma.items()},
+        noise={
+            name: float(np.median([c.sigma for c in channels if c.column == name]))
+            for name in dict.fromkeys(channel.column for channel in channels)
+        },
     )
 
 
