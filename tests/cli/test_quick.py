@@ -9,7 +9,7 @@ import pytest
 import ident
 from ident.cli.app import COMMANDS, app, command_of
 
-HEAVY = ("casadi", "pinocchio", "scipy", "matplotlib", "polars", "bokeh", "panel", "viser")
+HEAVY = ("casadi", "pinocchio", "scipy", "matplotlib", "polars", "bokeh", "viser")
 
 
 @pytest.mark.parametrize("words", [("--version",), ("--help",)])

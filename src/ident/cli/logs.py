@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import webbrowser
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -37,6 +39,7 @@ from ident.cli.options import (
     setting,
 )
 from ident.errors import IdentError
+from ident.progress import Progress
 
 if TYPE_CHECKING:
     from ident.diagnosis import Diagnosis
@@ -347,26 +350,29 @@ def explore(
     logs: LogPaths,
     port: int = setting("Port of the page; 0 is a free one.", "N", default=0, min=0, max=65535),
     no_browser: bool = flag("Say the address, and open no browser.", "--no-browser"),
-    out: Path | None = setting("The folder that the page proposes for saving.", "DIR"),
+    out: Path | None = setting("The page saves here and below, nowhere else.", "DIR"),
 ) -> None:
     """Add effects by hand, in a browser; watch the error fall.
 
-    Serves a page on 127.0.0.1 until Ctrl-C. It lists every effect of the library with the fall of
-    the held-out error that it would bring; a click adds it and refits everything.
+    Serves a page on 127.0.0.1 until Ctrl-C, at the address that is printed. It lists every effect
+    of the library with the fall of the held-out error that it would bring; a click adds it and
+    refits everything.
     """
-    from ident.show.explore import Exploration, check_panel, serve
-    from ident.show.port import free_port
+    from ident.show.explore import Board, Exploration
+    from ident.show.local import wait
 
-    check_panel()
-    port = free_port(port)
     mechanism = model.load()
-    with progress() as on_progress:
-        motion = model.motion(mechanism, logs, on_progress)
-        found = Exploration.of(mechanism, motion, on_progress).screened(on_progress)
-    notes(found.fit.warnings)
-
-    def ready(address: str) -> None:
+    board = Board(mechanism.name, out or f"{mechanism.name}_explored")
+    with suppress(KeyboardInterrupt), board.serve(port) as address:
         result(f"{mechanism.name}: {address}")
-        notes(["the page lives until Ctrl-C"])
+        if not no_browser:
+            webbrowser.open(address)
+        with progress() as on_progress:
 
-    serve(found, port=port, browser=not no_browser, folder=out, ready=ready)
+            def first(page: Progress) -> Exploration:
+                return Exploration.of(mechanism, model.motion(mechanism, logs, page), page)
+
+            board.begin(first, on_progress)
+        assert board.exploration is not None
+        notes([*board.exploration.fit.warnings, "the page lives until Ctrl-C"])
+        wait()

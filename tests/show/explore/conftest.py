@@ -54,7 +54,7 @@ def serve(tmp_path) -> Iterator[Serve]:
         )  # fmt: skip
         assert process.stdout is not None
         said = process.stdout.readline()
-        found = re.search(r"http://127\.0\.0\.1:\d+/", said)
+        found = re.search(r"http://127\.0\.0\.1:\d+/\S+/", said)
         if not found:
             process.kill()
             pytest.fail(f"{said}\n{process.communicate()[1]}")

@@ -9,9 +9,9 @@ import pytest
 from explored import grown, screened
 
 import ident
+from ident.show.explore.contents import beside_verdict, effect_rows
 from ident.show.explore.exploration import Exploration
 from ident.show.explore.predicted import PredictedGain, rows_of
-from ident.show.explore.views import beside_verdict, effect_list
 
 ARM = ["viscous:elbow", "coulomb:wrist", "spring:shoulder", "coupling:shoulder,wrist"]
 
@@ -115,10 +115,10 @@ def test_better_is_said_only_where_falls_differ_by_more_than_they_are_known():
 
 
 def test_what_would_raise_the_error_lowers_none():
-    rows = {row["label"]: row for row in effect_list(screened().candidates)}
+    rows = {row["label"]: row for row in effect_rows(screened().candidates)}
     falls = {x.label: x.fall for x in screened().candidates if x.fall is not None}
     for label, fall in falls.items():
-        assert ("lowers the error" in rows[label]["words"]) == (fall > 0)
+        assert ("lowers the error" in rows[label]["about"]) == (fall > 0)
 
 
 @pytest.mark.parametrize(("verdict", "said"), [("missing", False), ("nothing", True)])

@@ -1,11 +1,9 @@
-"""The widget without a browser: stages, clicks during work, errors in words."""
+"""The board without a browser: what a click does to its state, clicks during work, errors."""
 
 from __future__ import annotations
 
-import asyncio
 import sys
-import time
-from concurrent.futures import ThreadPoolExecutor
+import threading
 
 import pytest
 from explored import given, screened
@@ -13,159 +11,160 @@ from explored import given, screened
 import ident
 from helpers import ROBOTS
 from ident import FitError, MechanismError
+from ident.show.explore import Board
+from ident.show.explore.contents import VIEWS
 
-pytest.importorskip("panel")
-
-from ident.show.explore.page import Board
-from ident.show.explore.views import VIEWS
-
-
-def run(work):
-    """Run a coroutine beside the loop that a browser of other tests keeps in this thread."""
-    with ThreadPoolExecutor() as threads:
-        return threads.submit(asyncio.run, work).result()
+EXPLORATION = "ident.show.explore.exploration"
+ELBOW = {"label": "viscous:elbow"}
 
 
-def labels(board: Board, present: bool) -> list[str]:
-    return [row["label"] for row in board.controls.candidates.rows if row["present"] is present]
+@pytest.fixture
+def board(tmp_path) -> Board:
+    made = Board("arm", tmp_path / "out")
+    made.begin(lambda progress: screened(), lambda what, share: None)
+    return made
 
 
-def test_a_click_adds_and_another_removes():
-    board = Board(screened())
-    assert board.controls.undo.disabled
-    run(board.toggle("viscous:elbow", False))
-    c = board.controls
-    assert labels(board, True) == ["viscous:elbow"]
-    assert c.candidates.stale is False
-    assert c.candidates.locked is False
-    assert c.joint.value == "elbow"
-    assert [row[0] for row in c.ladder.rows] == ["model", "as given", "+ viscous:elbow"]
-    assert "25.3\xa0%" in c.errors.object
-    assert not c.undo.disabled
-    run(board.toggle("viscous:elbow", True))
-    assert labels(board, True) == []
-    run(board.back(0))
+def present(board: Board) -> list[str]:
+    return [row["label"] for row in board.state["effects"] if row["present"]]
+
+
+def test_a_click_adds_and_another_removes(board):
+    assert not board.state["undo"]
+    board.act({"do": "add", **ELBOW})
+    state = board.state
+    assert present(board) == ["viscous:elbow"]
+    assert (state["stale"], state["busy"], state["undo"]) == (False, False, True)
+    assert state["joint"] == "elbow"
+    assert [row[0] for row in state["ladder"]] == ["model", "as given", "+ viscous:elbow"]
+    assert "25.3\xa0%" in state["errors"]
+    board.act({"do": "remove", **ELBOW})
+    assert present(board) == []
+    board.act({"do": "back", "rung": 0})
     assert len(board.exploration.rungs) == 1
-    run(board.undone())
+    board.act({"do": "undo"})
     assert len(board.exploration.rungs) == 3
 
 
-def test_clicks_during_work_do_nothing():
-    board = Board(screened())
+def test_clicks_during_work_do_nothing_but_looks_do(board, monkeypatch):
+    module, begun, go_on = sys.modules[EXPLORATION], threading.Event(), threading.Event()
+    real = module.identify
 
-    async def hurried() -> None:
-        first = asyncio.ensure_future(board.toggle("viscous:elbow", False))
-        await asyncio.sleep(0)
-        assert board.controls.candidates.locked
-        await asyncio.gather(board.toggle("coulomb:yaw", False), board.undone(), board.back(0))
-        await first
+    def slow(*args, **options):
+        begun.set()
+        assert go_on.wait(60)
+        return real(*args, **options)
 
-    run(hurried())
+    monkeypatch.setattr(module, "identify", slow)
+    first = threading.Thread(target=board.act, args=({"do": "add", **ELBOW},))
+    first.start()
+    assert begun.wait(60)
+    board.act({"do": "add", "label": "coulomb:yaw"})
+    board.act({"do": "back", "rung": 0})
+    board.act({"do": "look", "view": "Numbers", "joint": "yaw"})
+    assert board.state["view"] == "Numbers"
+    assert board.state["busy"]
+    go_on.set()
+    first.join()
     assert [rung.name for rung in board.exploration.rungs] == ["as given", "+ viscous:elbow"]
 
 
-def test_a_change_while_falls_are_announced_wins():
-    board = Board(screened())
+def test_a_change_while_falls_are_announced_wins(board, monkeypatch):
+    module, begun = sys.modules[EXPLORATION], threading.Event()
+    real = module.predicted_gains
 
-    async def impatient() -> None:
-        first = asyncio.ensure_future(board.toggle("viscous:elbow", False))
-        while board._busy or len(board.exploration.rungs) == 1:
-            await asyncio.sleep(0.01)
-        assert board.controls.candidates.stale
-        await board.toggle("coulomb:elbow", False)
-        await first
+    def announced(fit, progress):
+        if begun.is_set():
+            return real(fit, progress)
+        begun.set()
+        while True:
+            progress("announcing", 0.0)
 
-    run(impatient())
-    assert [x.label for x in board.exploration.mechanism.effects] == [
-        "viscous:elbow",
-        "coulomb:elbow",
-    ]
+    monkeypatch.setattr(module, "predicted_gains", announced)
+    first = threading.Thread(target=board.act, args=({"do": "add", **ELBOW},))
+    first.start()
+    assert begun.wait(60)
+    while board.state["busy"]:
+        pass
+    assert board.state["stale"]
+    board.act({"do": "add", "label": "coulomb:elbow"})
+    first.join()
+    assert set(present(board)) == {"viscous:elbow", "coulomb:elbow"}
+    assert len(board.exploration.mechanism.effects) == 2
     assert board.exploration.candidates
-    assert set(labels(board, True)) == {"viscous:elbow", "coulomb:elbow"}
-    assert board.controls.status.kind == "done"
+    assert board.state["status"]["kind"] == "done"
 
 
-def test_the_loop_stays_alive_during_work():
-    board, ticks = Board(screened()), []
-
-    async def watched() -> None:
-        task = asyncio.ensure_future(board.toggle("viscous:yaw", False))
-        while not task.done():
-            ticks.append(time.perf_counter())
-            await asyncio.sleep(0.02)
-
-    run(watched())
-    assert len(ticks) > 5
-
-
-def test_what_goes_wrong_is_one_line_and_changes_nothing():
-    board = Board(screened())
-    run(board.toggle("viscous:nowhere", False))
-    assert board.controls.status.kind == "bad"
-    assert board.controls.status.said.startswith("error: ")
-    assert "\n" not in board.controls.status.said
+def test_what_goes_wrong_is_one_line_and_changes_nothing(board):
+    board.act({"do": "add", "label": "viscous:nowhere"})
+    status = board.state["status"]
+    assert status["kind"] == "bad"
+    assert status["text"].startswith("error: ")
+    assert "\n" not in status["text"]
     assert board.exploration is screened()
-    assert not board.controls.candidates.locked
+    assert not board.state["busy"]
 
 
-def test_a_fault_is_said_and_the_page_lives_on(monkeypatch):
-    board = Board(screened())
-
-    def broken(*args: object) -> None:
+def test_a_fault_is_said_and_the_page_lives_on(board, monkeypatch):
+    def broken(*args: object, **options: object) -> None:
         raise ZeroDivisionError("by\nnought")
 
-    monkeypatch.setattr(sys.modules["ident.show.explore.exploration"], "identify", broken)
-    run(board.toggle("viscous:elbow", False))
-    assert board.controls.status.said.startswith("error: a fault of ident, not of yours: ")
+    monkeypatch.setattr(sys.modules[EXPLORATION], "identify", broken)
+    board.act({"do": "add", **ELBOW})
+    assert board.state["status"]["text"].startswith("error: a fault of ident, not of yours: ")
     monkeypatch.undo()
-    run(board.toggle("viscous:elbow", False))
+    board.act({"do": "add", **ELBOW})
     assert len(board.exploration.rungs) == 2
 
 
 @pytest.mark.parametrize(
-    ("folder", "kind", "words"),
+    ("name", "kind", "words"),
     [
-        ("", "bad", "no folder"),
-        (str(ROBOTS / "arm"), "bad", "name another folder"),
-        ("/proc/nothing/here", "bad", "error: "),
+        ("", "done", "saved into"),
         ("made", "done", "saved into"),
+        ("../elsewhere", "bad", "is outside of"),
+        (str(ROBOTS / "arm"), "bad", "is outside of"),
+        ("\0", "bad", "error: "),
     ],
 )
-def test_saving_says_what_came_of_it(folder, kind, words, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    board = Board(screened(), folder or "x")
-    board.controls.folder.value = board.controls.folder.value_input = folder
-    run(board.saved())
-    assert board.controls.status.kind == kind
-    assert words in board.controls.status.said
-    assert (tmp_path / "made" / "fit.json").exists() is (folder == "made")
+def test_saving_is_below_the_folder_given_and_nowhere_else(board, name, kind, words):
+    board.act({"do": "save", "name": name})
+    assert board.state["status"]["kind"] == kind
+    assert words in board.state["status"]["text"]
+    assert (board.folder / name / "fit.json").exists() if kind == "done" else True
+    assert not (board.folder.parent / "elsewhere").exists()
+
+
+def test_the_mechanisms_own_folder_is_refused():
+    board = Board("arm", ROBOTS / "arm")
+    board.begin(lambda progress: screened(), lambda what, share: None)
+    board.act({"do": "save", "name": ""})
+    assert "name another folder" in board.state["status"]["text"]
 
 
 @pytest.mark.parametrize("view", VIEWS)
-def test_every_view_can_be_looked_at(view):
-    board = Board(screened())
-
-    async def looked() -> None:
-        board.controls.view.value = view
-        while board._drawn[1] != view:
-            await asyncio.sleep(0.01)
-
-    run(asyncio.wait_for(looked(), 60))
-    assert len(board.controls.shown) >= 1
+def test_every_view_can_be_looked_at(board, view):
+    board.state["shown"] = []
+    board.act({"do": "look", "view": view, "joint": "elbow"})
+    assert board.state["shown"]
 
 
-def test_judged_it_says_the_verdict():
-    board = Board(screened())
+def test_judged_it_says_the_verdict(board):
+    board.act({"do": "judge"})
+    assert board.state["view"] == "Verdict"
+    assert any("missing" in piece["html"] for piece in board.state["shown"])
+    assert "judged to be missing" in [row["mark"] for row in board.state["effects"]]
 
-    async def judged() -> None:
-        await board.judged()
-        while board._drawn[1] != "Verdict":
-            await asyncio.sleep(0.01)
 
-    run(asyncio.wait_for(judged(), 120))
-    assert "missing" in board.controls.shown[0].object
-    marked = [row["mark"] for row in board.controls.candidates.rows if row["mark"]]
-    assert "judged to be missing" in marked
+def test_what_cannot_be_begun_is_shown_and_raised(tmp_path):
+    board = Board("arm", tmp_path)
+
+    def make(progress):
+        raise FitError("no equations")
+
+    with pytest.raises(FitError):
+        board.begin(make, lambda what, share: None)
+    assert board.state["status"] == {"kind": "bad", "text": "error: no equations", "share": 0.0}
 
 
 def test_explore_takes_logs_files_and_motions():
@@ -174,12 +173,6 @@ def test_explore_takes_logs_files_and_motions():
         assert ident.explore(mechanism, log).exploration.candidates
     with pytest.raises(MechanismError, match="explore needs a mechanism, given: str"):
         ident.explore("arm", file)
-
-
-def test_without_panel_it_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "panel", None)
-    with pytest.raises(ident.IdentError, match="pip install"):
-        ident.explore(ident.load(ROBOTS / "arm"), ROBOTS / "arm" / "run.csv")
 
 
 def test_a_motion_that_cannot_be_fitted_is_refused():

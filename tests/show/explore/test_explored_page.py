@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import shutil
 import socket
-
-import pytest
+import time
+import urllib.request
 
 from helpers import ROBOTS
 from ident import load, read_fit
@@ -68,15 +68,16 @@ def test_the_error_falls_by_hand(serve, visit, tmp_path):
     page.get_by_text("− coulomb:elbow", exact=True).wait_for()
     settled(page)
 
-    page.get_by_label("Folder to save into").fill(str(tmp_path / "mine"))
+    page.get_by_label("Save below").fill("mine")
     page.get_by_role("button", name="Save").click()
     page.get_by_text("saved into").wait_for()
-    mechanism = load(tmp_path / "mine")
+    saved = tmp_path / "arm_explored" / "mine"
+    mechanism = load(saved)
     assert [effect.label for effect in mechanism.effects] == ["viscous:elbow"]
-    assert read_fit(tmp_path / "mine" / "fit.json", mechanism)
-    page.get_by_label("Folder to save into").fill(str(ARM))
+    assert read_fit(saved / "fit.json", mechanism)
+    page.get_by_label("Save below").fill("../../elsewhere")
     page.get_by_role("button", name="Save").click()
-    page.get_by_text("name another folder").wait_for()
+    page.get_by_text("is outside of").wait_for()
     assert page.locator(".status.bad").count() == 1
 
     assert seen.faults == []
@@ -95,19 +96,15 @@ def test_keys_are_enough(serve, visit):
     page.keyboard.press("Enter")
     page.get_by_role("button", name="remove viscous:elbow", exact=True).wait_for()
     settled(page)
-    held = page.evaluate(
-        "() => { let e = document.activeElement; while (e?.shadowRoot?.activeElement) "
-        "e = e.shadowRoot.activeElement; return e?.getAttribute('aria-label'); }"
-    )
+    held = page.evaluate("() => document.activeElement.getAttribute('aria-label')")
     assert held == "remove viscous:elbow"
     reached = set()
     for _ in range(40):
         page.keyboard.press("Tab")
         reached.add(
             page.evaluate(
-                "() => { let e = document.activeElement; while (e?.shadowRoot?.activeElement) "
-                "e = e.shadowRoot.activeElement; "
-                "return e?.getAttribute('aria-label') || e?.innerText || e?.tagName; }"
+                "() => { const e = document.activeElement; "
+                "return e.getAttribute('aria-label') || e.innerText || e.tagName; }"
             )
         )
     assert {"Joint", "Ladder", "Verdict"} & reached
@@ -147,19 +144,13 @@ def test_names_of_joints_are_text(serve, visit, tmp_path):
     assert seen.faults == []
 
 
-@pytest.mark.parametrize("origin", ["http://example.org", "http://127.0.0.1:1"])
-def test_no_other_site_gets_at_it(serve, origin):
-    address = serve(ARM, ARM / "run.csv").address
-    host = address.removeprefix("http://").removesuffix("/")
-    name, port = host.split(":")
-    request = (
-        f"GET /ws HTTP/1.1\r\nHost: {host}\r\nOrigin: {origin}\r\nUpgrade: websocket\r\n"
-        "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
-        "Sec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n\r\n"
-    )
-    with socket.create_connection((name, int(port)), timeout=20) as wire:
-        wire.sendall(request.encode())
-        assert b" 403 " in wire.recv(4096).splitlines()[0]
+def test_it_prints_its_address_before_it_computes(serve):
+    began = time.monotonic()
+    served = serve(ARM, ARM / "run.csv")
+    spent = time.monotonic() - began
+    with urllib.request.urlopen(served.address, timeout=20) as answer:
+        assert b"ident" in answer.read()
+    assert spent < 10  # 3 s on a machine that does nothing else
 
 
 def test_a_port_that_is_taken_is_one_line(spoken):

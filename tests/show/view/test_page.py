@@ -147,18 +147,6 @@ def test_it_is_served_on_this_machine_alone(five_bar):
     assert "ended" in repr(page)
 
 
-def test_a_port_that_is_taken_is_refused(five_bar):
-    view = five_bar[1].view()
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        port = other.getsockname()[1]
-        with pytest.raises(ident.IdentError, match=rf"port {port}: is taken .*; give another"):
-            view.serve(port)
-    with pytest.raises(ident.IdentError, match="valid: 1 to 65535"):
-        view.serve(99999)
-
-
 def test_a_notebook_gets_a_frame_with_the_recording(five_bar):
     shown = five_bar[0].view()._repr_html_()
     assert shown.startswith("<iframe srcdoc=")

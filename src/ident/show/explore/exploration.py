@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,7 +23,7 @@ from ident.show.explore.predicted import PredictedGain, delivered, predicted_gai
 from ident.text import percent, table
 
 START = "as given"
-GROWN = 1.05  # times, from which a joint's error has grown
+GROWN = 1.05  # ratio of a joint's rms errors above which it is said to have grown: chance does 5 %
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,28 +63,20 @@ class ModelStep:
 
     def risen(self, before: ModelStep) -> list[str]:
         """Return a sentence for each joint whose error has grown though another's has fallen."""
+        why = (
+            "a refit weights the joints anew, by what remains in each"
+            if self.removed is None
+            else f"what {self.removed.label} explained remains"
+        )
         sentences = []
         for joint, error in self.errors.items():
             old = before.errors.get(joint)
             if old is not None and error.rms > GROWN * old.rms:
                 sentences.append(
                     f"{self.name}: the held-out error of {joint} has grown from {old.rms:.3g} to "
-                    f"{error.rms:.3g} {error.unit}; {self._why_risen(joint)}"
+                    f"{error.rms:.3g} {error.unit}; {why}"
                 )
         return sentences
-
-    def _why_risen(self, joint: str) -> str:
-        """Return the reason; weights are one only where several joints share them."""
-        alone, removed = len(self.errors) == 1, self.removed
-        if removed is not None and (alone or joint in removed.joints or not removed.joints):
-            return f"what {removed.label} explained is left now"
-        if removed is not None:
-            return "what it explained may be left there, or joints weigh otherwise than before"
-        if alone:
-            return "what the effect follows in some stretches of time does not hold in the others"
-        return (
-            "every joint weighs by what is left in it, so those that fit better now count for more"
-        )
 
     @property
     def step(self) -> Step:
@@ -95,17 +86,14 @@ class ModelStep:
 
 
 def share(value: float | None) -> str:
-    """A fall of error as a percentage; what rises has a minus.
+    """A fall of error as a percentage; what rises has a minus, or is so many times as large.
 
     >>> share(0.1234)
     '12.3 %'
     """
     if value is None:
         return "–"
-    if value < -1:  # a rise by so many times
-        return f"×{1 - value:.3g}"
-    digits = 2 if abs(value) >= 0.9995 else 1  # 99.97 % is not 100 %
-    return f"{100 * value:.{digits}f} %".replace("-", "−")
+    return f"×{1 - value:.3g}" if value < -1 else f"{100 * value:.1f} %".replace("-", "−")
 
 
 def error_text(error: Error | None) -> str:
@@ -113,16 +101,6 @@ def error_text(error: Error | None) -> str:
     if error is None:
         return "–"
     return f"{error.rms:.3g} {error.unit}" if error.relative is None else percent(error.relative)
-
-
-def ladder_rows(rungs: Sequence[ModelStep]) -> list[list[str]]:
-    """What was changed, the fall announced and delivered, every joint's held-out error."""
-    joints = rungs[0].fit.motion.independent
-    rows = [["model", "announced", "delivered", *joints]]
-    for i, rung in enumerate(rungs):
-        falls = ["", ""] if i == 0 else [share(rung.announced), share(rung.delivered)]
-        rows.append([rung.name, *falls, *(error_text(rung.errors.get(j)) for j in joints)])
-    return rows
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -274,8 +252,13 @@ class Exploration(Displayed):
         return write_all(folder, model_files(now.fit))
 
     def table(self) -> list[list[str]]:
-        """The ladder as cells, the head first."""
-        return ladder_rows(self.rungs)
+        """The ladder: the change, its fall announced and delivered, every joint's error."""
+        joints = self.rungs[0].fit.motion.independent
+        rows = [["model", "announced", "delivered", *joints]]
+        for i, rung in enumerate(self.rungs):
+            falls = [share(rung.announced), share(rung.delivered)] if i else ["", ""]
+            rows.append([rung.name, *falls, *(error_text(rung.errors.get(j)) for j in joints)])
+        return rows
 
     def _announced(self, label: str, *, present: bool) -> PredictedGain | None:
         found = (x for x in self.candidates if x.label == label and x.present == present)

@@ -22,13 +22,13 @@ from rich import get_console
 
 from ident.errors import IdentError
 from ident.files import write_all
-from ident.show.port import HOST, free_port, refused
+from ident.show.local import Place
 from ident.show.view3d import Film, frames, nearest
 from ident.show.view3d.draw import ENDS, MOMENTS, SEE_THROUGH, FilmedStage, aim, css, css_ramp, draw
 
 
-def open_page(title: str, port: int = 0) -> Any:
-    """Return a viser server on this machine alone; port 0 takes a free one."""
+def open_page(title: str, place: Place) -> Any:
+    """Return a viser server at a place of this machine."""
     try:
         import viser
     except ImportError:
@@ -40,17 +40,8 @@ def open_page(title: str, port: int = 0) -> Any:
         def request_share_url(self, verbose: bool = True) -> str | None:
             return None  # it would open a tunnel to the outside
 
-    port = free_port(port)
-    # it announces itself on standard output, where only results belong; and a port of the
-    # environment would take the place of the one asked for
-    override = os.environ.pop("_VISER_PORT_OVERRIDE", None)
-    with _quiet():
-        page = LocalServer(host=HOST, port=port, label=title, verbose=False)
-    if override is not None:
-        os.environ["_VISER_PORT_OVERRIDE"] = override
-    if page.get_port() != port:  # it takes the next one when somebody was faster
-        close_page(page)
-        raise refused(port)
+    with _quiet(), place.of_viser():  # it announces itself on standard output
+        page = LocalServer(label=title, verbose=False)
     page.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
     return page
 
@@ -143,7 +134,7 @@ PAUSE = 0.5  # s between two films, in which the last picture stays
 def recording(view: View) -> str:
     """Return the page (HTML) that plays all films of a view, one after the other."""
     films, title = recorded(view.films), view.stage.name
-    page = open_page(title)
+    page = open_page(title, Place())
     try:
         aim(page, view)
         drawn = draw(page.scene, view)
@@ -273,9 +264,9 @@ class Served:
 
     def __init__(self, view: View, port: int = 0) -> None:
         self._view = view
-        self._page = open_page(view.stage.name, port)
-        self.port: int = self._page.get_port()
-        self.address = f"http://{HOST}:{self.port}"
+        place = Place(port)
+        self.port, self.address = place.port, place.address
+        self._page = open_page(view.stage.name, place)
         self._end = threading.Event()
         self._film, self._time, self._speed = view.films[0], float(view.films[0].t[0]), 1.0
         self._playing = len(self._film) > 1

@@ -1,0 +1,136 @@
+"""Pages for browsers on this machine alone: `explore` by its own server, `view` by that of viser.
+
+Any web site in the same browser can send requests to a port of this machine, and by a name of its
+own that resolves to 127.0.0.1 even read the answers. So a page is below a random path, which only
+readers of the printed address know, and `Host` and `Origin` of every request and of every web
+socket must be those of the page.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import secrets
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from http import HTTPStatus
+from typing import Any
+from unittest import mock
+
+from ident.errors import IdentError
+
+HOST = "127.0.0.1"
+TOKEN = 16  # random bytes of the path: 128 bits, which nobody guesses
+
+
+def wait() -> None:
+    """Wait for Ctrl-C, by sleeps: polars' handler of it restarts waits without an end."""
+    while True:
+        time.sleep(3600.0)
+
+
+class Place:
+    """A port that is taken, and the random path below which its page is.
+
+    Attributes:
+        port: on 127.0.0.1.
+        address: of the page, with its token.
+    """
+
+    def __init__(self, port: int = 0) -> None:
+        """Take the port; 0 takes a free one.
+
+        Raises:
+            IdentError: if it cannot be had.
+        """
+        if not 0 <= port <= 65535:
+            raise IdentError(f"port {port}: there is none; valid: 1 to 65535, or 0 for a free one")
+        self.socket = socket.socket()
+        if os.name == "posix":  # elsewhere it would let two programs share a port
+            self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            self.socket.bind((HOST, port))
+            self.socket.listen()
+        except OSError as error:
+            self.socket.close()
+            why = "is taken" if error.errno == errno.EADDRINUSE else f"cannot be had: {error}"
+            raise IdentError(
+                f"port {port}: {why} on {HOST}; give another one, or none for a free one"
+            ) from None
+        self.port: int = self.socket.getsockname()[1]
+        self._token = secrets.token_urlsafe(TOKEN)
+        self.address = f"http://{HOST}:{self.port}/{self._token}/"
+
+    def path_of(self, request: Any) -> str | None:
+        """Return the path of a request below the token; None for one that is not of the page."""
+        hosts = {f"{HOST}:{self.port}", f"localhost:{self.port}"}
+        origins = request.headers.get_all("Origin")
+        if set(request.headers.get_all("Host")) - hosts or not request.headers.get_all("Host"):
+            return None
+        if set(origins) - {f"http://{host}" for host in hosts}:
+            return None
+        if request.headers.get_all("Upgrade") and not origins:
+            return None  # browsers name the origin of every web socket
+        token, _, path = request.path.removeprefix("/").partition("/")
+        same = secrets.compare_digest(token.encode(), self._token.encode())
+        return f"/{path}" if same else None
+
+    def guarded(self, answer: Callable[..., Any] | None) -> Callable[..., Any]:
+        """Return a `process_request` of websockets that answers only requests of the page."""
+
+        def checked(connection: Any, request: Any) -> Any:
+            path = self.path_of(request)
+            if path is None:
+                return connection.respond(HTTPStatus.FORBIDDEN, "Open the printed address.\n")
+            request.path = path
+            return None if answer is None else answer(connection, request)
+
+        return checked
+
+    @contextlib.contextmanager
+    def of_viser(self) -> Iterator[None]:
+        """Let a viser server that is made inside listen here, guarded.
+
+        Raises:
+            IdentError: if it has not come to this, so that no page is ever served unguarded.
+        """
+        import websockets.asyncio.server as server
+
+        serve, used = server.serve, threading.Event()
+
+        def here(handler: Any, host: str, port: int, *, process_request: Any, **more: Any) -> Any:
+            used.set()
+            guard = self.guarded(process_request)
+            return serve(handler, sock=self.socket, process_request=guard, **more)
+
+        with mock.patch.object(server, "serve", here):
+            yield
+        if not used.is_set():
+            raise IdentError("this version of viser cannot be guarded; pip install 'viser>=1.1,<2'")
+
+    def serve(self, page: str, talk: Callable[[Any], None]) -> Callable[[], None]:
+        """Serve one page and its web sockets in threads, until the function returned is called.
+
+        Args:
+            page: HTML.
+            talk: called with each web socket, in a thread of its own.
+        """
+        from websockets.sync.server import serve  # loaded only where something is served
+
+        def answer(connection: Any, request: Any) -> Any:
+            if request.headers.get_all("Upgrade"):
+                return None
+            if request.path.partition("?")[0] != "/":
+                return connection.respond(HTTPStatus.NOT_FOUND, "There is one page only.\n")
+            response = connection.respond(HTTPStatus.OK, page)
+            del response.headers["Content-Type"]
+            response.headers["Content-Type"] = "text/html; charset=utf-8"
+            return response
+
+        guard = self.guarded(answer)
+        server = serve(talk, sock=self.socket, process_request=guard, close_timeout=1)
+        threading.Thread(target=server.serve_forever, name="ident page", daemon=True).start()
+        return server.shutdown

@@ -1,0 +1,83 @@
+"""Pages of this machine answer nobody but the page itself: `explore` and `view` alike."""
+
+from __future__ import annotations
+
+import base64
+import os
+import socket
+from collections.abc import Iterator
+from urllib.parse import urlsplit
+
+import pytest
+
+import ident
+from helpers import ROBOTS
+from ident.show.explore import Board
+from ident.show.local import Place
+
+
+@pytest.fixture(scope="module", params=["explore", "view"])
+def address(request, tmp_path_factory) -> Iterator[str]:
+    if request.param == "explore":
+        with Board("arm", tmp_path_factory.mktemp("out")).serve() as found:
+            yield found
+    else:
+        with ident.load(ROBOTS / "arm").view().serve() as page:
+            yield page.address
+
+
+def status(address: str, path: str | None = None, websocket: bool = False, **headers: str) -> int:
+    """Return the status that a request gets; a header of "" is not sent."""
+    place = urlsplit(address)
+    every = {"Host": place.netloc, "Origin": f"http://{place.netloc}"} | headers
+    if websocket:
+        every |= {
+            "Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13",
+            "Sec-WebSocket-Key": base64.b64encode(os.urandom(16)).decode(),
+        }  # fmt: skip
+    lines = [f"GET {place.path if path is None else path} HTTP/1.1"]
+    lines += [f"{name}: {value}" for name, value in every.items() if value]
+    with socket.create_connection((place.hostname, place.port), timeout=20) as wire:
+        wire.sendall(("\r\n".join(lines) + "\r\n\r\n").encode())
+        return int(wire.recv(100).split()[1])
+
+
+def test_the_page_itself_is_answered(address):
+    assert status(address) == status(address, Origin="") == 200
+    assert status(address, websocket=True) == 101
+    assert status(address.replace("127.0.0.1", "localhost")) == 200
+
+
+@pytest.mark.parametrize("websocket", [False, True])
+def test_nobody_else_is(address, websocket):
+    port = urlsplit(address).port
+    for path in ("/", "/x/", "//", urlsplit(address).path[:-3]):
+        assert status(address, path, websocket) == 403
+    for host in ("example.org", f"example.org:{port}", "127.0.0.1:1", "127.0.0.1"):
+        assert status(address, None, websocket, Host=host) == 403
+    for origin in ("http://example.org", "http://127.0.0.1:1", "null"):
+        assert status(address, None, websocket, Origin=origin) == 403
+
+
+def test_a_web_socket_names_its_origin(address):
+    assert status(address, websocket=True, Origin="") == 403
+
+
+def test_every_address_has_its_own_token():
+    tokens = set()
+    for _ in range(3):
+        place = Place()
+        tokens.add(urlsplit(place.address).path)
+        place.socket.close()
+    assert len(tokens) == 3
+
+
+def test_a_port_that_is_taken_is_refused():
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        with pytest.raises(ident.IdentError, match=rf"port {port}: is taken .*; give another"):
+            Place(port)
+    with pytest.raises(ident.IdentError, match="valid: 1 to 65535"):
+        Place(99999)
