@@ -363,7 +363,7 @@ def explore(
 
     mechanism = model.load()
     board = Board(mechanism.name, out or f"{mechanism.name}_explored")
-    with suppress(KeyboardInterrupt), board.serve(port) as address:
+    with board.serve(port) as address:
         result(f"{mechanism.name}: {address}")
         if not no_browser:
             webbrowser.open(address)
@@ -375,4 +375,5 @@ def explore(
             board.begin(first, on_progress)
         assert board.exploration is not None
         notes([*board.exploration.fit.warnings, "the page lives until Ctrl-C"])
-        wait()
+        with suppress(KeyboardInterrupt):
+            wait()
