@@ -30,5 +30,5 @@ def test_it_runs_and_is_displayed(tmp_path, monkeypatch):
     made, shown, clicked = (cell.outputs for cell in notebook.cells)
     (html,) = [out["data"]["text/html"] for out in shown if "text/html" in out.get("data", {})]
     assert '<iframe src="http://127.0.0.1:' in html
-    assert "12.5 %" in clicked[0]["text"]
+    assert "+ viscous:elbow" in clicked[0]["text"]
     assert not [out for out in (*made, *shown, *clicked) if out.get("name") == "stderr"]
