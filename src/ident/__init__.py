@@ -57,8 +57,8 @@ def _version() -> str:
         return "0"
 
 
-def _load_renderers(name: str, form: str) -> None:
-    import_module("ident.show").load(name, form)
+def _load_renderers(name: str) -> None:
+    import_module("ident.show").load(name)
 
 
 set_loader(_load_renderers)

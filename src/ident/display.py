@@ -12,7 +12,7 @@ from typing import Any
 
 Renderer = Callable[..., Any]
 _renderers: dict[tuple[type, str], Renderer] = {}
-_load: Callable[[str, str], object] = lambda name, form: None  # noqa: E731
+_load: Callable[[str], object] = lambda name: None  # noqa: E731
 
 
 def renders(noun: type, form: str) -> Callable[[Renderer], Renderer]:
@@ -25,19 +25,26 @@ def renders(noun: type, form: str) -> Callable[[Renderer], Renderer]:
     return register
 
 
-def set_loader(load: Callable[[str, str], object]) -> None:
-    """Set the function that imports the renderer of a class by its name, in a form."""
+def set_loader(load: Callable[[str], object]) -> None:
+    """Set the function that imports the renderers of a class by its name."""
     global _load
     _load = load
 
 
-def render(noun: object, form: str, *args: Any, **options: Any) -> Any:
-    """Return a noun in a form, by the renderer of its class or of the nearest base class."""
+def renderer(noun: object, form: str) -> Renderer | None:
+    """Return the renderer of a noun's class in a form, or that of the nearest base class."""
     for kind in type(noun).__mro__:
         if (kind, form) not in _renderers:
-            _load(kind.__name__, form)
-        if renderer := _renderers.get((kind, form)):
-            return renderer(noun, *args, **options)
+            _load(kind.__name__)
+        if known := _renderers.get((kind, form)):
+            return known
+    return None
+
+
+def render(noun: object, form: str, *args: Any, **options: Any) -> Any:
+    """Return a noun in a form."""
+    if known := renderer(noun, form):
+        return known(noun, *args, **options)
     raise TypeError(f"{type(noun).__name__} has no form '{form}'")
 
 

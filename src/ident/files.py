@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import json
+import math
 import os
 import secrets
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
-from typing import BinaryIO
+from typing import Any, BinaryIO
+
+import numpy as np
 
 from ident.errors import IdentError
 
@@ -26,6 +30,25 @@ def atomic_write(path: Path) -> Iterator[BinaryIO]:
         os.replace(part, path)
     finally:
         _quietly(part.unlink)
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON can hold it: numbers of Python, None for what is not finite."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(each) for each in value]
+    if isinstance(value, np.generic | np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value
+
+
+def json_bytes(content: Mapping[str, Any]) -> bytes:
+    """Return the content of a JSON file; numbers that are not finite are null."""
+    text = json.dumps(plain(content), indent=1, ensure_ascii=False, allow_nan=False)
+    return text.encode() + b"\n"
 
 
 def write_all(folder: Path, contents: Mapping[str, bytes | Path]) -> list[Path]:

@@ -1,8 +1,13 @@
-"""Numbers and tables as text."""
+"""Numbers, lists of names and tables as text."""
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Iterable, Sequence
+
 import numpy as np
+
+WIDTH = 100  # characters of a line in a terminal
 
 
 def rounded(value: float, stderr: float | None) -> str:
@@ -17,7 +22,7 @@ def rounded(value: float, stderr: float | None) -> str:
     return f"{value:.{int(np.clip(digits, 2, 12))}g} ± {stderr:.2g}"
 
 
-def table(rows: list[list[str]], indent: str = "  ") -> list[str]:
+def table(rows: Sequence[Sequence[str]], indent: str = "  ") -> list[str]:
     """Return rows of cells as lines, the first column aligned left and the others right."""
     width = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
@@ -28,6 +33,34 @@ def table(rows: list[list[str]], indent: str = "  ") -> list[str]:
         ).rstrip()
         for row in rows
     ]
+
+
+def wrapped(text: str, indent: str = "") -> list[str]:
+    """Return lines of at most 100 characters, all but the first indented."""
+    return textwrap.wrap(
+        text, WIDTH, subsequent_indent=indent, break_on_hyphens=False, break_long_words=False
+    )
+
+
+def listed(names: Iterable[str], word: str = "and") -> str:
+    """Return names as an enumeration.
+
+    >>> listed(["a", "b", "c"])
+    'a, b and c'
+    """
+    *first, last = list(names) or ["none"]
+    return f"{', '.join(first)} {word} {last}" if first else last
+
+
+def some(names: Sequence[str], most: int = 4) -> str:
+    """Return the first few names and the number of the others.
+
+    >>> some(["a", "b", "c"], 2)
+    'a, b and 1 more'
+    """
+    if len(names) <= most:
+        return listed(names)
+    return f"{', '.join(names[:most])} and {len(names) - most} more"
 
 
 def percent(relative: float | None) -> str:

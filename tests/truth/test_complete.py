@@ -11,7 +11,7 @@ from ident.log import Log
 from ident.mechanism import load
 from ident.mechanism.absolute import absolute
 from ident.motion import complete
-from ident.show.fit import structure
+from ident.show.motion import structure
 
 NAMES = ("slider_crank", "pendulum", "four_bar", "five_bar", "arm")
 

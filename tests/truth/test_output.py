@@ -14,7 +14,7 @@ from diagnosed import SUGGESTION, clean, grown, lacking, loop, planted
 import ident
 from helpers import ROBOTS
 from ident import Diagnosis, IdentError
-from ident.show.diagnosis import plain
+from ident.files import plain
 from pages import charts, read_page, reading, titles
 
 NUMBER, NUMBER_OR_NONE = (int, float), (int, float, type(None))

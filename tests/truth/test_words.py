@@ -11,8 +11,10 @@ import ident
 from ident import Health
 from ident.diagnosis.data_checks import Check
 from ident.diagnosis.diagnosis import Invisible, Unsupported
-from ident.show.diagnosis import WIDTH, head, listed, rung, some, sure
+from ident.show.diagnosis import sure
 from ident.show.diagnosis import words as text_of
+from ident.show.ladder import head, rung
+from ident.text import WIDTH, listed, some
 
 
 def bad(name: str, channel: str) -> Check:
@@ -29,7 +31,7 @@ def test_what_is_missing_is_named_with_its_joint_value_and_certainty():
         "fails in elbow",
         f"{d.best.label} (",
         best.effect.signature,
-        f"ident add MECHANISM {d.best.label}",
+        f"arm {d.best.label}`",
         "That something is missing here: ",
         f"falls by {100 * best.evidence.gain:.1f} %",
         "N m",
@@ -42,8 +44,23 @@ def test_what_is_missing_is_named_with_its_joint_value_and_certainty():
 
 
 def test_it_says_where_nothing_but_noise_is_left():
-    assert "nothing but noise is left" in lacking().text
-    assert "the residual" in lacking().text
+    d = lacking()
+    *_, quiet = d.text.partition(" nothing but noise is left")[0].rpartition(" In ")
+    errors = d.fit.held_out
+    for joint, floor in d.floor.items():
+        assert (joint in quiet) == (errors[joint].rms < 1.25 * floor)
+
+
+@pytest.mark.parametrize("make", [clean, lacking, loop], ids=lambda f: f.__name__)
+def test_the_first_lines_are_few_and_have_the_verdict_the_errors_and_the_command(make):
+    d = make()
+    lines = d.short.splitlines()
+    assert len(lines) <= 20
+    assert max(map(len, lines)) <= WIDTH
+    assert d.verdict in lines[0]
+    for joint in d.fit.motion.independent:
+        assert joint in d.short
+    assert ("ident add " in d.short) == (d.best is not None)
 
 
 def test_a_clean_log_gets_no_name():

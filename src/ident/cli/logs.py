@@ -50,6 +50,10 @@ if TYPE_CHECKING:
 
 MOST_IN_MEMORY = 1_000_000  # samples of all logs that are read at once
 ADVICE = 4  # sentences on motions that would determine more
+Verbose = Annotated[
+    bool,
+    option("All candidates, what the log cannot show, and the reasons.", None, "--verbose"),
+]
 CleanSeed = Annotated[
     int, option("Seed of the noise in the clean logs to compare with.", "N", min=0)
 ]
@@ -64,7 +68,7 @@ def check(
     Joints, closures, degrees of freedom; of logs their columns, gaps and noise, and what smoothing
     left of each channel; base parameters.
     """
-    from ident.show.fit import channels, describe, structure
+    from ident.show.motion import channels, describe, structure
 
     mechanism = model.load()
     motion = seen = None
@@ -253,6 +257,7 @@ def diagnose(
     seed: CleanSeed = 0,
     jobs: Jobs = None,
     scheduler: Scheduler = None,
+    verbose: Verbose = False,
     out: Path | None = setting(
         "Write diagnosis.json and report.html into this folder, and suggestion.py where an "
         "expression is suggested.",
@@ -290,7 +295,7 @@ def diagnose(
             motion = model.motion(mechanism, logs, on_progress)
             fit = identify(mechanism, motion, estimator="least-squares", progress=on_progress)
             found, remarks = diagnose_(fit, seed=seed, progress=on_progress), fit.warnings
-        text = str(found)
+        text = str(found) if verbose else found.short
     if out is not None:
         wrote(found.write(out))
     result(text)
@@ -302,6 +307,7 @@ def grow(
     logs: LogPaths,
     validate: Paths = setting("Show errors on this log too; nothing is fitted to it.", "LOG"),
     seed: CleanSeed = 0,
+    verbose: Verbose = False,
     out: Path | None = setting(
         "Write the grown mechanism into this folder, with the last fit, diagnosis and report. "
         "Refused for the mechanism's own folder.",
@@ -313,8 +319,7 @@ def grow(
     Prints the ladder of held-out errors while it runs, then the diagnosis of the last model.
     """
     from ident.diagnosis import grow as grow_
-    from ident.show.diagnosis import head, rung
-    from ident.show.diagnosis_report import refuse_own
+    from ident.show.ladder import head, refuse_own, rung
 
     mechanism = model.load()
     if out is not None:
@@ -338,7 +343,7 @@ def grow(
             if validate
             else None,
         )
-        text = str(history.diagnosis)
+        text = str(history.diagnosis) if verbose else history.diagnosis.short
     if out is not None:
         wrote(history.write(out))
     result(f"\n{text}")

@@ -200,6 +200,11 @@ class Diagnosis(Plotted):
         """All of it in plain words."""
         return str(render(self, "words"))
 
+    @property
+    def short(self) -> str:
+        """What to read first: the verdict, how sure it is, errors by joint, and what to do."""
+        return str(render(self, "short"))
+
     def json(self) -> dict[str, Any]:
         """The content of diagnosis.json."""
         found: dict[str, Any] = render(self, "json")

@@ -2,20 +2,23 @@
 
 from importlib import import_module
 
-from ident.display import Displayed, renders
+from ident.display import Displayed, render, renderer, renders
 
 MODULES = {
-    "diagnosis": ("Health", "Step"),
-    "diagnosis_report": ("Diagnosis", "History"),
+    "diagnosis": ("Diagnosis", "Health"),
+    "diagnosis_report": ("Diagnosis",),
+    "experiment": ("Diagnosis",),
     "excite": ("Excitation",),
     "fit": (
-        "Binding", "Comparison", "Correlation", "Essential", "Failure", "Finding", "Fit",
-        "Likelihood", "Reactions", "Residual", "Unexcited",
+        "Binding", "Correlation", "Essential", "Finding", "Fit", "Likelihood", "Reactions",
+        "Unexcited",
     ),
+    "ladder": ("History", "Step"),
     "log": ("Log",),
     "mechanism": ("Mechanism",),
     "montecarlo": ("MonteCarlo", "Studies"),
     "motion": ("Motion",),
+    "residual": ("Comparison", "Failure", "Fit", "Residual"),
     "simulate": ("Replay", "Run"),
     "streams": (
         "Alarm", "Cause", "Forces", "Gathered", "LogComparison", "Monitor", "ParameterChange",
@@ -23,21 +26,26 @@ MODULES = {
     ),
 }  # fmt: skip
 """The classes that each module of this package renders."""
-TEXTS = ("text", "summary", "line", "advice", "where")  # forms that need neither charts nor HTML
 
 
-def load(name: str, form: str) -> None:
-    """Import the module that registers the renderer of a class in a form, if there is one."""
+def load(name: str) -> None:
+    """Import the module that registers the renderers of a class, if there is one."""
     for module, names in MODULES.items():
         if name in names:
             import_module(f"ident.show.{module}")
-            if module == "fit" and form not in TEXTS:
-                import_module("ident.show.fit_pages")
+
+
+@renders(Displayed, "text")
+def text(noun: Displayed) -> str:
+    """Return the text of a noun that is described by a sheet."""
+    return str(render(noun, "sheet").text())
 
 
 @renders(Displayed, "html")
-def preformatted(noun: Displayed) -> str:
-    """Return the text of a noun as preformatted HTML, for nouns without tables of their own."""
+def html(noun: Displayed) -> str:
+    """Return the tables of a noun that is described by a sheet, of another one its text."""
     from html import escape
 
+    if renderer(noun, "sheet"):
+        return str(render(noun, "sheet").html())
     return f"<pre>{escape(str(noun))}</pre>"

@@ -29,10 +29,9 @@ from ident.mechanism import Mechanism, load
 from ident.mechanism.write import add_effects
 from ident.motion import Motion, complete
 from ident.progress import Progress
-from ident.show.diagnosis import listed
 from ident.show.simulate import csv_text
 from ident.simulate import Noise, simulate
-from ident.text import percent
+from ident.text import listed, percent
 
 Shower = Callable[[], AbstractContextManager[Progress]]
 WIDTH, BAR = 96, 40  # characters

@@ -22,7 +22,7 @@ from ident.diagnosis.trials import Move, Trial, present, trials
 from ident.display import renders
 from ident.effects import Effect
 from ident.effects.library import separating
-from ident.show.diagnosis import some
+from ident.text import some
 
 # --- describe ------------------------------------------------------------------------------------
 # A trial motion in words: which joint, which range, which speed.

@@ -6,42 +6,41 @@ import numpy as np
 
 from ident.display import renders
 from ident.log import Log
-from ident.show.html import definitions, in_frame, strong, table
+from ident.show.sheet import Sheet
 
 
-def _facts(log: Log) -> dict[str, str]:
+def _sheet(log: Log) -> Sheet:
     largest, rms = log.jitter
     gaps = log.gaps()
     known = {name: int(np.isfinite(x).sum()) for name, x in log.columns.items()}
     # below a nanosecond it is the rounding of t
     jitter = f"{1e3 * largest:.3g} ms max, {1e3 * rms:.3g} ms rms" if largest > 1e-9 else "none"
+    columns = (name if n == log.t.size else f"{name} ({n} samples)" for name, n in known.items())
+    start, end = max(gaps, key=lambda gap: gap[1] - gap[0], default=(0.0, 0.0))
+    longest = f"{len(gaps)}, longest {end - start:.3g} s at t = {start:.6g} s"
     facts = {
         "samples": f"{log.t.size} in {log.duration:.6g} s",
         "rate": f"{log.rate:.6g} Hz, jitter {jitter}",
-        "columns": ", ".join(
-            name if n == log.t.size else f"{name} ({n} samples)" for name, n in known.items()
-        ),
+        "columns": ", ".join(columns),
+        "gaps": longest if gaps else "",
+        "repairs": "; ".join(log.repairs) or "none",
     }
-    if gaps:
-        start, end = max(gaps, key=lambda gap: gap[1] - gap[0])
-        facts["gaps"] = f"{len(gaps)}, longest {end - start:.3g} s at t = {start:.6g} s"
-    return facts | {"repairs": "; ".join(log.repairs) or "none"}
+    return Sheet(f"Log {log.name!r}", facts=facts)
 
 
 @renders(Log, "text")
 def text(log: Log) -> str:
     """Return samples, rate, columns, gaps and repairs."""
-    rows = [f"  {key:<8} {value}" for key, value in _facts(log).items()]
-    return "\n".join([f"Log {log.name!r}", *rows])
+    return _sheet(log).text()
 
 
 @renders(Log, "html")
 def html(log: Log) -> str:
     """Return the same with a table of the columns' ranges."""
-    facts = {key: value for key, value in _facts(log).items() if key != "columns"}
     rows = [["column", "samples", "from", "to", "rms"]]
     for name in log.columns:
         _, x = log.series(name)
         size = (x.min(), x.max(), np.sqrt(np.mean(x**2))) if len(x) else ()
         rows.append([name, str(len(x)), *([f"{each:.4g}" for each in size] or ["–"] * 3)])
-    return in_frame([strong(f"Log {log.name}"), definitions(facts), table(rows, "Columns")])
+    facts = {**_sheet(log).facts, "columns": ""}
+    return Sheet(f"Log {log.name}", facts=facts, tables={"Columns": rows}).html()

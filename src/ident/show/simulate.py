@@ -11,8 +11,7 @@ import polars as pl
 from ident.display import renders
 from ident.log import Log
 from ident.show.charts import MEASURED, Chart, Level, Line, Panel
-from ident.show.fit_pages import by_log
-from ident.show.html import Page, Section, items, paragraph
+from ident.show.html import Page, Section, by_log, items, paragraph
 from ident.show.html import table as html_table
 from ident.simulate.integrate import Run
 from ident.simulate.replay import Replay, ReplayedLog

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 
 import numpy as np
 from markupsafe import Markup
 
+from ident.diagnosis import Diagnosis
 from ident.display import renders
-from ident.show.diagnosis import listed
 from ident.show.fit import summary
 from ident.show.html import Section, definitions, in_frame, items, strong
 from ident.show.html import table as html_table
@@ -17,7 +18,7 @@ from ident.streams.gather import Gathered
 from ident.streams.many_logs import RATE, Disagreement, LogComparison
 from ident.streams.monitor import Alarm, Cause, Monitor, ParameterChange
 from ident.streams.online import Forces, Snapshot
-from ident.text import percent, rounded, table
+from ident.text import listed, percent, rounded, table
 
 NAMED = 6  # logs in a sentence; more are counted
 SHOWN = 6  # parameters in one line
@@ -149,10 +150,16 @@ def verdict_rows(x: Verdicts) -> list[list[str]]:
 
 
 @renders(Verdicts, "text")
-def verdicts_text(x: Verdicts) -> str:
+def verdicts_text(x: Verdicts, together: Callable[[Diagnosis], str] = str) -> str:
     """Return each log's verdict, the votes, and the diagnosis of all logs together."""
     lines = ["each log by itself", *table(verdict_rows(x)), *votes(x), "", "all logs together"]
-    return "\n".join([*lines, str(x.together)])
+    return "\n".join([*lines, together(x.together)])
+
+
+@renders(Verdicts, "short")
+def verdicts_short(x: Verdicts) -> str:
+    """Return the same with what to read first of all logs together."""
+    return verdicts_text(x, lambda d: d.short)
 
 
 @renders(Verdicts, "section")

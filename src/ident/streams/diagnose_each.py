@@ -136,6 +136,11 @@ class Verdicts(Displayed):
         """For each of `asked`, how many logs name it, and which say otherwise."""
         return tuple(render(self, "votes"))
 
+    @property
+    def short(self) -> str:
+        """Verdicts and votes, and what to read first of the diagnosis of all logs together."""
+        return str(render(self, "short"))
+
     def write(self, folder: str | Path) -> list[Path]:
         """Write diagnosis.json and report.html of all logs together, and logs.csv.
 

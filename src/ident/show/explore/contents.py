@@ -12,13 +12,13 @@ from markupsafe import Markup
 from ident.diagnosis import Diagnosis
 from ident.fit import Fit
 from ident.show.charts import Chart
-from ident.show.diagnosis import listed, some
-from ident.show.diagnosis_report import plot_rungs
 from ident.show.explore.exploration import Exploration, error_text, share
 from ident.show.explore.predicted import PredictedGain
 from ident.show.fit import value_tables
-from ident.show.fit_pages import plot_maps, plot_predictions
 from ident.show.html import code, items, paragraph, table
+from ident.show.ladder import plot_rungs
+from ident.show.residual import plot_maps, plot_predictions
+from ident.text import listed, some
 
 POINTS = 1500  # of a line on the page
 NAMED = 5  # rivals that are listed, the others counted

@@ -18,8 +18,9 @@ from ident.information.blocks import Error
 from ident.mechanism import Mechanism
 from ident.motion import Motion
 from ident.progress import Progress
-from ident.show.diagnosis_report import model_files, refuse_own, write_history
 from ident.show.explore.predicted import PredictedGain, delivered, predicted_gains
+from ident.show.ladder import model_files, refuse_own
+from ident.show.ladder import write as write_history
 from ident.text import percent, table
 
 START = "as given"

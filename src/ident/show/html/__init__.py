@@ -6,7 +6,7 @@ import base64
 import hashlib
 import platform
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -17,11 +17,14 @@ from typing import Any
 from markupsafe import Markup, escape
 
 from ident.progress import running
+from ident.show.card import Card
 from ident.show.charts import Chart, scripts
 
 CODE = re.compile(r"`([^`]*)`")
 SHORT = 32  # characters of a cell that stays on one line
 PACKAGES = ("ident", "pin", "casadi", "numpy", "scipy", "clarabel", "bokeh")
+ROWS = 4  # of panels in one chart: what a window shows
+LOGS = 12  # whose curves are in a report
 LONG = 30  # rows of a table, beyond which it is folded
 
 
@@ -143,10 +146,10 @@ class Section:
 
 @dataclass(frozen=True, eq=False)
 class Page:
-    """A report: a title, one line that says the most important thing, and sections."""
+    """A report: a title, what is most important in one line or more, and sections."""
 
     title: str
-    line: str
+    top: Card | str
     sections: tuple[Section, ...]
 
     def html(self) -> bytes:
@@ -156,6 +159,17 @@ class Page:
             self, charts, text_of("style.css"), text_of("script.js"), lambda: Markup(scripts())
         )
         return str(page).encode()
+
+
+def by_log(names: Sequence[str], draw: Callable[[int], Chart]) -> tuple[Block, ...]:
+    """Return a chart, or of several logs a choice between theirs."""
+    if len(names) == 1:
+        return draw(0).pieces(ROWS)
+    options = tuple(Option(name, draw(i).pieces(ROWS)) for i, name in enumerate(names[:LOGS]))
+    choice = Choice("Which log", options)
+    if len(names) <= LOGS:
+        return (choice,)
+    return paragraph(f"The first {LOGS} of {len(names)} logs are drawn."), choice
 
 
 def origin(files: Sequence[Path], logs: Sequence[tuple[str, str]]) -> Section:

@@ -1,0 +1,85 @@
+"""The top of a result: what it is, how sure, the error of every joint, and what to do next."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+
+from ident.information.blocks import Error
+from ident.mechanism.mechanism import Mechanism
+from ident.text import percent, wrapped
+
+STRIP = 32  # characters of the longest bar in a terminal
+BARS = 8  # joints that a terminal shows
+
+
+@dataclass(frozen=True)
+class Bar:
+    """The error of one joint: before, after, and what noise alone would leave [N m | N]."""
+
+    joint: str
+    before: Error
+    after: Error | None = None
+    noise: float | None = None
+
+    @property
+    def sizes(self) -> tuple[float, float, float | None]:
+        """Before, after and noise as shares of the measured torque; 0 where there is none."""
+        error = self.before
+        if not error.relative or not error.rms:
+            return 0.0, 0.0, None
+        torque = error.rms / error.relative
+        after = error if self.after is None else self.after
+        noise = None if self.noise is None else self.noise / torque
+        return error.relative, after.rms / torque, noise
+
+    @property
+    def words(self) -> str:
+        """The error in numbers."""
+        both = [self.before, *([self.after] if self.after else [])]
+        if self.before.relative is None:
+            return " → ".join(f"{error.rms:.3g} {error.unit}" for error in both)
+        noise = self.sizes[2]
+        beside = "" if noise is None else f", noise {percent(noise)}"
+        return " → ".join(percent(error.relative) for error in both) + beside
+
+
+@dataclass(frozen=True)
+class Card:
+    """The first lines of a result: what it is, how sure, the error by joint, what to do next."""
+
+    line: str
+    sure: str = ""
+    bars: tuple[Bar, ...] = ()
+    command: str = ""
+
+    def shares(self, bar: Bar) -> tuple[float, float, float | None]:
+        """Return before, after and noise of a bar over the longest of all bars."""
+        longest = max(size or 0.0 for each in self.bars for size in each.sizes) or 1.0
+        before, after, noise = bar.sizes
+        return before / longest, after / longest, None if noise is None else noise / longest
+
+    def text(self) -> list[str]:
+        """Return the lines for a terminal: █ stays, ░ goes, | is the noise."""
+        lines = [*wrapped(self.line, "  "), *wrapped(self.sure, "  ")]
+        rows = [[bar.joint, self._strip(bar), bar.words] for bar in self.bars[:BARS]]
+        if rows:
+            lines += ["", "error: █ stays, ░ goes, | noise"]
+            width = max(len(row[0]) for row in rows)
+            lines += [f"  {joint:<{width}}  {strip}  {words}" for joint, strip, words in rows]
+        if len(self.bars) > BARS:
+            lines.append(f"  and {len(self.bars) - BARS} joints more")
+        return [*lines, *(["", f"  {self.command}"] if self.command else [])]
+
+    def _strip(self, bar: Bar) -> str:
+        before, after, noise = self.shares(bar)
+        cells = ("█" * round(STRIP * after)).ljust(round(STRIP * before), "░").ljust(STRIP + 1)
+        at = STRIP + 1 if noise is None else round(STRIP * noise)
+        return f"{cells[:at]}|{cells[at + 1 :]}" if at <= STRIP else cells
+
+
+def add_command(mechanism: Mechanism, label: str) -> str:
+    """Return the command that adds an effect to a mechanism, ready to be copied."""
+    place = mechanism.toml.parent if mechanism.toml else mechanism.urdf
+    return f"ident add {shlex.quote(str(place)) if place != Path() else 'MECHANISM'} {label}"

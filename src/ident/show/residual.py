@@ -1,0 +1,537 @@
+"""Residuals and comparisons of models: the sum taken apart, and where a model fails."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.display import renders
+from ident.errors import FitError, one_of
+from ident.files import json_bytes
+from ident.fit.compare import Comparison
+from ident.fit.multipliers import identifiable_multipliers
+from ident.fit.prediction import DRIVES, RIGID, Prediction
+from ident.fit.residual import Failure, Residual, zero_of
+from ident.fit.result import Fit
+from ident.information.blocks import Error
+from ident.show.card import Bar, Card
+from ident.show.charts import MEASURED, RESIDUAL, Chart, Colour, Level, Line, Panel, Points
+from ident.show.html import Block, Choice, Option, Page, Section, by_log, items, paragraph
+from ident.show.html import table as html_table
+from ident.show.motion import made_of, understood
+from ident.show.sheet import Sheet
+from ident.text import percent, table, wrapped
+
+SCHEMA = "ident.compare/1"
+ROUNDING = 1e-12  # of the measured torque: below, a part is nil
+MOST = 3  # windows and regimes that are shown; all are in compare.json
+LABEL = 28  # characters of a model's name in a chart or table
+BINS = 30  # of the mean that is drawn through a cloud
+OWN = ("q", "v", "a", "load")  # of a joint, against which its residual is drawn
+SUM = "the sum taken apart, rms: rigid bodies + effects = predicted"
+OWN_ROW = "the joint's own row, rms: rigid bodies + effects + closure forces = its torque"
+MAPS = (
+    "Each dot is a row of the fit; the dark line is the mean. A model that lacks nothing leaves a "
+    "flat band. What the residual depends on most is framed."
+)
+Models = Mapping[str, Residual]
+
+
+# --- text -----------------------------------------------------------------------------------------
+
+
+def error_rows(named: Mapping[str, Mapping[str, Error]]) -> list[list[str]]:
+    """Return one row a joint, two columns (rms, relative) for each set of errors."""
+    titles = [title for title in named if named[title]]
+    joints = dict.fromkeys(joint for title in titles for joint in named[title])
+    rows = [["joint", *(cell for title in titles for cell in (title, ""))]]
+    for joint in joints:
+        errors = (named[title].get(joint) for title in titles)
+        cells = ((f"{e.rms:.3g} {e.unit}", percent(e.relative)) if e else ("", "") for e in errors)
+        rows.append([joint, *(cell for pair in cells for cell in pair)])
+    return rows
+
+
+def parts_rows(residual: Residual, own: bool = False) -> list[list[str]]:
+    """Return one row a part, its rms by joint; effects of one kind act as one.
+
+    With `own`, the parts of each joint's own row of the generalised forces.
+    """
+    which = "own" if own else "parts"
+    kinds: dict[str, list[str]] = {}
+    for name in getattr(residual.traces[0], which):
+        kinds.setdefault(name.split(":")[0], []).append(name)
+    columns = {kind: residual.rms_together(which, names) for kind, names in kinds.items()}
+    measured, total = residual.parts["measured"], dict(columns)
+    if not own:
+        gravity = {"(gravity)": residual.parts["gravity"]}
+        total = {"measured": measured, RIGID: total.pop(RIGID), **gravity, **total}
+        total["residual"] = residual.parts["residual"]
+    elif DRIVES in total and not np.nanmax(total[DRIVES]) > 0:
+        del total[DRIVES]
+    units = zip(residual.joints, residual.units, strict=True)
+    rows = [["", *(f"{joint} [{unit}]" for joint, unit in units)]]
+    for name, values in total.items():
+        nil = values < ROUNDING * measured
+        cells = ("–" if np.isnan(x) else f"{x:.3g}" for x in np.where(nil, 0.0, values))
+        rows.append([name, *cells])
+    return rows
+
+
+def parts_tables(residual: Residual) -> dict[str, list[list[str]]]:
+    """Return the parts of the sum and, with closures, those of each joint's own row."""
+    tables = {SUM: parts_rows(residual)}
+    return tables | {OWN_ROW: parts_rows(residual, own=True)} if residual.own else tables
+
+
+def details(failure: Failure, several: bool) -> dict[str, str]:
+    """Return on what one joint's residual depends, in which regimes it is larger, and when."""
+    found = {"depends on": "; ".join(str(each) for each in failure.depends_on)}
+    if not failure.depends_on and not failure.white:
+        found["depends on"] = "no single signal that was tried; but it is correlated in time"
+    found["larger at"] = ", ".join(str(regime) for regime in failure.stands_out[:MOST])
+    if not failure.white:
+        windows = (f"{x} of {x.experiment}" if several else str(x) for x in failure.worst[:MOST])
+        found["worst in"] = ", ".join(windows)
+    return {key: words for key, words in found.items() if words}
+
+
+def failure_lines(failure: Failure, several: bool) -> list[str]:
+    """Return how much one joint fails, and the details, a sentence a line."""
+    white = "indistinguishable from noise" if failure.white else "has structure"
+    first = (
+        f"{failure.joint}: {failure.rms:.3g} {failure.unit} ({percent(failure.relative)}), "
+        f"{100 * failure.share:.0f} % of the misfit; {white}"
+    )
+    return [first, *(f"{key}  {words}" for key, words in details(failure, several).items())]
+
+
+@renders(Failure, "text")
+def failure_text(failure: Failure, several: bool = True) -> str:
+    """Return how a model fails in one joint."""
+    first, *rest = failure_lines(failure, several)
+    indented = (wrapped(f"   {line}", " " * 15) for line in rest)
+    return "\n".join([first, *(line for lines in indented for line in lines)])
+
+
+def where_text(residual: Residual) -> list[str]:
+    """Return where the model fails, joint by joint, and before it the parts of the sum."""
+    lines = []
+    for caption, rows in parts_tables(residual).items():
+        lines += ["", caption, *table(rows)]
+    several = len(residual.traces) > 1
+    failures = "\n".join(failure_text(failure, several) for failure in residual.where)
+    return [*lines, "", "where it fails", *(f"  {line}" for line in failures.splitlines())]
+
+
+@renders(Residual, "text")
+def residual_text(residual: Residual) -> str:
+    """Return the parts of the sum and where the model fails."""
+    logs = ", ".join(trace.name for trace in residual.traces)
+    head = f"residual of {residual.name} on {logs}{_below(residual)}: {residual.rows} rows"
+    return "\n".join([*wrapped(head, "  "), *where_text(residual)])
+
+
+@renders(Residual, "sheet")
+def residual_sheet(residual: Residual) -> Sheet:
+    """Return the same as tables and sentences."""
+    lines = [line for failure in residual.where for line in failure_lines(failure, True)]
+    return Sheet(f"Residual of {residual.name}", tables=parts_tables(residual), lines=lines)
+
+
+def _below(residual: Residual) -> str:
+    cut = residual.motion.band.cutoff
+    return f" below {cut:.3g} Hz" if cut else ""
+
+
+# --- charts ---------------------------------------------------------------------------------------
+
+
+def time_label(zero: float) -> str:
+    """Return the label of an axis of time that is counted from `zero` [s]."""
+    return f"t − {zero:.3f} [s]" if zero else "t [s]"
+
+
+def short(name: str) -> str:
+    """Return the end of a path, or the beginning of a list of effects."""
+    if len(name) <= LABEL:
+        return name
+    return f"…{name[-LABEL:]}" if "/" in name else f"{name[:LABEL]}…"
+
+
+def plot_predictions(
+    predictions: Mapping[str, list[Prediction]], units: Sequence[str], experiment: int = 0
+) -> Chart:
+    """Draw measured torque and every model's prediction, with residuals below, per joint."""
+    models = {name: each[experiment] for name, each in predictions.items()}
+    one = next(iter(models.values()))
+    zero = zero_of(one.t)
+    t, clock = one.t - zero, time_label(zero)
+    rows = []
+    for u, joint in enumerate(one.joints):
+        measured = np.where(one.usable, one.measured[:, u], np.nan)
+        above, below = [Line(t, measured, "measured", MEASURED, 2.2)], []
+        for i, (name, p) in enumerate(models.items()):
+            alone = len(models) == 1
+            label, rest = ("predicted", "difference") if alone else (short(name), "")
+            predicted, off = (
+                np.where(p.usable, x[:, u], np.nan) for x in (p.predicted, p.residual)
+            )
+            above.append(Line(t, predicted, label, i, 1.1))
+            below.append(Line(t, off, rest, RESIDUAL if alone else i, 0.8))
+        rows.append((Panel(tuple(above), clock, f"{joint} [{units[u]}]"),))
+        rows.append((Panel((Level(), *below), clock, "difference", height=1.5),))
+    words = f"Measured and predicted torque of every joint over time, {one.name}"
+    return Chart(words, tuple(rows), shared_x=True, clock=one.name)
+
+
+def plot_parts(residuals: Models, experiment: int = 0, own: bool = False) -> Chart:
+    """Draw measured torque and the parts of the predicted one: a row a joint, a column a model.
+
+    With `own`, each joint's own row of the generalised forces: rigid bodies, effects and closure
+    forces add up to the joint's torque.
+    """
+    first = next(iter(residuals.values()))
+    last = min(experiment, len(first.traces) - 1)
+    colours: dict[str, int] = {}
+    rows = []
+    for u, joint in enumerate(first.joints):
+        row: list[Panel] = []
+        for name, residual in residuals.items():
+            trace = residual.traces[last]
+            zero, gaps = residual.zero(trace), np.diff(trace.segment, prepend=trace.segment[0]) > 0
+            parts = {key: x[:, u] for key, x in (trace.own if own else trace.parts).items()}
+            whole = np.sum(list(parts.values()), axis=0)
+            total = whole if own else trace.measured[:, u]
+            series: dict[str, tuple[np.ndarray, Colour, float]] = {}
+            series["torque of the joint" if own else "measured"] = (total, MEASURED, 2.2)
+            for key, x in parts.items():
+                if key == RIGID or np.abs(x).max() > 0:
+                    kind = key.split(":")[0]
+                    series[key] = (x, colours.setdefault(kind, len(colours)), 1.2)
+            if not own:
+                series["residual"] = (total - whole, RESIDUAL, 0.8)
+            lines = tuple(
+                Line(trace.t - zero, np.where(gaps, np.nan, x), key.split(":")[0], colour, width)
+                for key, (x, colour, width) in series.items()
+            )
+            title = f"{short(name)}, {short(trace.name)}" if u == 0 and len(residuals) > 1 else ""
+            label = "" if row else f"{joint} [{first.units[u]}]"
+            row.append(Panel(lines, time_label(zero), label, title))
+        rows.append(tuple(row))
+    words = "The sum taken apart: rigid bodies, effects and what is left, over time"
+    if own:
+        words = "Each joint by itself: rigid bodies, closure forces"
+    log, width = first.traces[last].name, max(9.0, 6.0 * len(residuals))
+    return Chart(
+        f"{words}, {log}", tuple(rows), shared_x=True, shared_y=True, width=width, clock=log
+    )
+
+
+def plot_maps(residuals: Models, joint: str) -> Chart:
+    """Draw a joint's residual and its mean against t, q, v, a and load, a row a model.
+
+    If it depends most on a signal of another joint, against that too; the most important is framed.
+    """
+    models = list(residuals.values())
+    scores = [_scores(residual, joint) for residual in models]
+    names = ["t", *(f"{kind}.{joint}" for kind in OWN)]
+    foreign = [(r2, name) for each in scores for name, r2 in each.items() if name not in names]
+    names += [max(foreign)[1]] if foreign else []
+    marked, rows = [], []
+    for title, residual, score in zip(residuals, models, scores, strict=True):
+        most = next((name for name in score if name in names), "")
+        marked += [most] if most else []
+        row = [_map(residual, joint, name, score.get(name, 0.0), name == most) for name in names]
+        unit = f"{joint} [{residual.units[residual.joints.index(joint)]}]"
+        label = unit if len(residuals) == 1 else f"{short(title)}\n{unit}"
+        rows.append((replace(row[0], y=label), *row[1:]))
+    words = f"Residual of {joint} against time, its position, speed, acceleration and load"
+    if marked:
+        words += f"; framed: {', '.join(dict.fromkeys(marked))}, on which it depends most"
+    return Chart(words, tuple(rows), shared_y=True, width=2.6 * len(names))
+
+
+def _scores(residual: Residual, joint: str) -> dict[str, float]:
+    """Return R² by the signal in whose map it is drawn (sign(v) in v's), the largest first."""
+    failure = next(each for each in residual.where if each.joint == joint)
+    found: dict[str, float] = {}
+    for each in failure.depends_on:
+        found.setdefault(each.signal.replace("sign(v)", "v"), each.r2)
+    return found
+
+
+def _map(residual: Residual, joint: str, name: str, r2: float, marked: bool) -> Panel:
+    """Draw points, one colour an experiment, and their mean in bins."""
+    u = residual.joints.index(joint)
+    x, unit = residual.signal(name)
+    if name == "t":
+        x = [each - residual.zero(trace) for each, trace in zip(x, residual.traces, strict=True)]
+    r = [trace.residual[:, u] for trace in residual.traces]
+    clouds = [Points(xs, rs, colour=i) for i, (xs, rs) in enumerate(zip(x, r, strict=True))]
+    whole, rests = np.concatenate(x), np.concatenate(r)
+    edges = np.linspace(whole.min(), whole.max(), BINS + 1)
+    at = np.digitize(whole, edges[1:-1])
+    count, total = (np.bincount(at, weights, BINS) for weights in (None, rests))
+    known = count >= 3
+    middle = (edges[1:] + edges[:-1])[known] / 2
+    mean = Line(middle, total[known] / count[known], "mean", "mean", 1.8)
+    own = name.removesuffix(f".{joint}")
+    return Panel(
+        (Level(), *clouds, mean),
+        f"{own} [{unit}]" if unit else own,
+        title=f"R² {r2:.2f}" if r2 else "",
+        marked=marked,
+        height=2.4,
+    )
+
+
+def _models(x: Fit | Comparison) -> Models:
+    return x.residuals if isinstance(x, Comparison) else {x.name: x.residual}
+
+
+@renders(Fit, "plot")
+@renders(Comparison, "plot")
+def plot(x: Fit | Comparison, experiment: int = 0) -> Chart:
+    """Draw measured torque and every model's prediction, with residuals below, per joint."""
+    if isinstance(x, Comparison):
+        return plot_predictions(x.predictions, x.units, experiment)
+    return plot_predictions({x.name: x.predictions}, x.problem.units, experiment)
+
+
+@renders(Fit, "plot_parts")
+@renders(Comparison, "plot_parts")
+def plot_parts_of(x: Fit | Comparison, experiment: int = 0) -> Chart:
+    """Draw the sum taken apart: rigid bodies, effects and what is left, per joint."""
+    return plot_parts(_models(x), experiment)
+
+
+@renders(Fit, "plot_maps")
+@renders(Comparison, "plot_maps")
+def plot_maps_of(x: Fit | Comparison, joint: str | None = None) -> Chart:
+    """Draw a joint's residual against its signals; by default where the last model fails most.
+
+    Raises:
+        FitError: if the joint is not an independent one.
+    """
+    last = list(_models(x).values())[-1]
+    joint = last.where[0].joint if joint is None else joint
+    if joint not in last.joints:
+        raise FitError(f"no residual of joint '{joint}'; {one_of(joint, last.joints)}")
+    return plot_maps(_models(x), joint)
+
+
+# --- sections of reports --------------------------------------------------------------------------
+
+
+def errors_section(rows: Sequence[Sequence[str]], *more: Block) -> Section:
+    """Return the error of the predicted torque, by joint."""
+    caption = "Error of the predicted torque: rms, and relative to the measured torque"
+    return Section("Error of the predicted torque", (html_table(rows, caption), *more))
+
+
+def residual_sections(
+    predictions: Mapping[str, list[Prediction]], residuals: Models
+) -> tuple[Section, ...]:
+    """Return measured against predicted, where the last model fails, and the sum taken apart."""
+    last = list(residuals.values())[-1]
+    logs = [trace.name for trace in last.traces]
+    options = []
+    for failure in last.where:
+        said = items(failure_lines(failure, len(logs) > 1))
+        options.append(Option(failure.joint, (said, plot_maps(residuals, failure.joint))))
+    parts: list[Block] = []
+    for name, residual in residuals.items():
+        for caption, rows in parts_tables(residual).items():
+            title = caption[:1].upper() + caption[1:]
+            parts.append(html_table(rows, title if len(residuals) == 1 else f"{name}: {caption}"))
+    parts += by_log(logs, lambda i: plot_parts(residuals, i))
+    if last.own:
+        parts += by_log(logs, lambda i: plot_parts(residuals, i, own=True))
+    torques = by_log(logs, lambda i: plot_predictions(predictions, last.units, i))
+    return (
+        Section("Measured against predicted", torques),
+        Section("Residual maps", (paragraph(MAPS), Choice("Of which joint", tuple(options)))),
+        Section("The sum taken apart", tuple(parts)),
+    )
+
+
+# --- comparisons ----------------------------------------------------------------------------------
+
+
+@renders(Comparison, "text")
+def comparison_text(c: Comparison) -> str:
+    """Return errors, the parts of the sum, and where each model fails."""
+    lines = [c.summary]
+    for name, residual in c.residuals.items():
+        lines += ["", name] if len(c.residuals) > 1 else []
+        lines += where_text(residual)
+    return "\n".join(lines)
+
+
+@renders(Comparison, "summary")
+def comparison_summary(c: Comparison) -> str:
+    """Return how far the error falls, errors on this motion, and those of the fits."""
+    first = next(iter(c.residuals.values()))
+    tables = {}
+    names = list(c.residuals)
+    for i in range(0, len(names), 2):
+        pair = {short(name): c.errors[name] for name in names[i : i + 2]}
+        title = f"error of the predicted torque{_below(first)}"
+        tables[title if i == 0 else ", ".join(pair)] = error_rows(pair)
+    for name, errors in c.fitted.items():
+        if any(errors.values()):
+            tables[f"errors of {name} as it was fitted"] = error_rows(errors)
+    return "\n".join([*comparison_card(c).text(), Sheet("", tables=tables).summary()])
+
+
+def comparison_card(c: Comparison) -> Card:
+    """Return the models, and how far the error falls from the first to the last."""
+    first, last = (list(c.residuals.values())[i] for i in (0, -1))
+    logs = ", ".join(trace.name for trace in first.traces)
+    if first is last:
+        return Card(f"{first.name} on {logs}")
+    falls = [
+        f"{joint} {100 * (1 - last.errors[joint].rms / error.rms):.3g} %"
+        for joint, error in first.errors.items()
+        if error.rms > 0
+    ]
+    bars = tuple(Bar(joint, error, last.errors[joint]) for joint, error in first.errors.items())
+    names = f"error falls from {short(first.name)} to {short(last.name)} on {logs}"
+    return Card(f"{names}: {', '.join(falls)}", bars=bars)
+
+
+@renders(Comparison, "sheet")
+def comparison_sheet(c: Comparison) -> Sheet:
+    """Return the change of the error, a table of errors, and where each model fails."""
+    lines = [
+        f"{name}: {'; '.join(failure_lines(failure, True))}"
+        for name, each in c.residuals.items() for failure in each.where
+    ]  # fmt: skip
+    tables = {"Error of the predicted torque": error_rows(c.errors)}
+    return Sheet(comparison_card(c).line, tables=tables, lines=lines)
+
+
+@renders(Comparison, "files")
+def comparison_files(c: Comparison) -> dict[str, bytes]:
+    """Return report.html and compare.json."""
+    residuals = c.residuals
+    first = next(iter(residuals.values()))
+    mechanism, motion = first.model.mechanism, first.motion
+    fitted = [
+        html_table(error_rows(errors), f"{name} as it was fitted")
+        for name, errors in c.fitted.items()
+        if any(errors.values())
+    ]
+    sections = (
+        errors_section(error_rows(c.errors), *fitted),
+        *residual_sections(c.predictions, residuals),
+        Section("Parameters", _parameters(residuals)),
+        Section("Multipliers", _multipliers(c)),
+        understood(mechanism, motion),
+        made_of(mechanism, motion, [Path(name) for name in residuals if Path(name).is_file()]),
+    )
+    title = f"{mechanism.name}: model against measurement"
+    report = Page(title, comparison_card(c), sections).html()
+    return {"report.html": report, "compare.json": json_bytes(_json(c))}
+
+
+def _parameters(residuals: Models) -> tuple[Block, ...]:
+    """Return values of the effects and of the bodies' unknowns, model beside model."""
+    models = [residual.model for residual in residuals.values()]
+    values = [dict(model.point.values) for model in models]
+    effects = [["effect", *residuals]]
+    for name in dict.fromkeys(name for own in values for name in own):
+        effects.append([name, *(f"{own[name]:.5g}" if name in own else "–" for own in values)])
+    mechanism = models[0].mechanism
+    bodies = [["parameter about the joint", "prior", *residuals]]
+    for i, name in enumerate(mechanism.bodies.names):
+        if name in mechanism.unknown:
+            found = (mechanism.prior[i], *(model.point.pi[i] for model in models))
+            bodies.append([name, *(f"{value:.5g}" for value in found)])
+    tables = {
+        "Effects": effects,
+        "Unknown parameters of the bodies; fit.json has standard errors": bodies,
+    }
+    return tuple(html_table(rows, title) for title, rows in tables.items() if len(rows) > 1)
+
+
+def _multipliers(c: Comparison) -> tuple[Block, ...]:
+    """Draw λ of every model, log by log."""
+    first = next(iter(c.residuals.values()))
+    kinematics = first.model.mechanism.kinematics
+    known = identifiable_multipliers(first.model.mechanism, first.motion)
+
+    def draw(i: int) -> Chart:
+        models = {}
+        for name, predictions in c.predictions.items():
+            p = predictions[i]
+            values = np.where(p.usable[:, None], p.multipliers, np.nan)
+            models[short(name)] = (p.t, values[:, known])
+        names, units = (np.array(x)[known] for x in (kinematics.multipliers, kinematics.units))
+        return plot_forces(names, units, models, first.motion.experiments[i].name)
+
+    names = [experiment.name for experiment in first.motion.experiments]
+    return by_log(names, draw) if np.any(known) else ()
+
+
+def plot_forces(
+    names: Sequence[str],
+    units: Sequence[str],
+    series: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    log: str = "",
+) -> Chart:
+    """Draw λ(t) of a log, a panel a multiplier.
+
+    Args:
+        names, units: of the multipliers.
+        series: times (n,) [s] and values (n, m) [N | N m] by label; `known` is drawn in grey.
+        log: the name of the log.
+    """
+    zero = zero_of(list(series.values())[-1][0])
+    rows = []
+    for i, (name, unit) in enumerate(zip(names, units, strict=True)):
+        lines: list[Line] = []
+        for label, (t, values) in series.items():
+            y, known = values[:, i], label == "known"
+            colour, width = MEASURED if known else len(lines), 2.4 if known else 1.2
+            lines.append(Line(t - zero, y, label, colour, width))
+        if np.isfinite(lines[-1].y).any():
+            label = f"{name} [{unit}]"
+            rows.append((Panel(tuple(lines), time_label(zero), label, height=1.8),))
+    if not rows:
+        rows = [(Panel((), "t [s]", title="this motion determines none of them"),)]
+    words = "Multipliers λ over time, the reaction forces of the closures"
+    return Chart(words, tuple(rows), shared_x=True, clock=log)
+
+
+def _json(c: Comparison) -> dict[str, Any]:
+    def errors(named: Mapping[str, Error]) -> dict[str, Any]:
+        return {joint: asdict(error) for joint, error in named.items()}
+
+    def parts(residual: Residual, named: Mapping[str, np.ndarray]) -> dict[str, Any]:
+        joints = residual.joints
+        return {name: dict(zip(joints, values, strict=True)) for name, values in named.items()}
+
+    first = next(iter(c.residuals.values()))
+    models = {
+        name: {
+            "error": errors(residual.errors),
+            "fitted": {key: errors(each) for key, each in c.fitted[name].items()},
+            "parts": parts(residual, residual.parts),
+            "own_row": parts(residual, residual.own),
+            "where": [failure.json for failure in residual.where],
+        }
+        for name, residual in c.residuals.items()
+    }
+    return {
+        "schema": SCHEMA,
+        "logs": [trace.name for trace in first.traces],
+        "cutoff": first.motion.band.cutoff,
+        "rows": first.rows,
+        "models": models,
+    }

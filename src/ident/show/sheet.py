@@ -1,0 +1,52 @@
+"""What is shown of a noun, as data: one description for terminals, Jupyter and reports."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from markupsafe import Markup
+
+from ident.show.html import definitions, folded, in_frame, items, strong
+from ident.show.html import table as html_table
+from ident.text import table, wrapped
+
+Rows = Sequence[Sequence[str]]
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """A title, a sentence, words with meanings, tables by caption, sentences, and remarks."""
+
+    title: str
+    line: str = ""
+    facts: Mapping[str, str] = field(default_factory=dict)
+    tables: Mapping[str, Rows] = field(default_factory=dict)
+    lines: Sequence[str] = ()
+    notes: Sequence[str] = ()
+
+    def summary(self) -> str:
+        """Return all but the remarks for a terminal."""
+        width = max(map(len, self.facts), default=0)
+        lines = [*wrapped(self.title, "  "), *wrapped(self.line, "  ")]
+        lines += [f"  {key:<{width}}  {value}" for key, value in self.facts.items() if value]
+        for caption, rows in self.tables.items():
+            lines += ["", *wrapped(caption, "  "), *table(rows)]
+        separator = [""] if self.tables and self.lines else []
+        return "\n".join([*lines, *separator, *self.lines])
+
+    def text(self) -> str:
+        """Return the description for a terminal."""
+        return "\n".join([self.summary(), *(f"note: {note}" for note in self.notes)])
+
+    def blocks(self) -> tuple[Markup, ...]:
+        """Return all but title and remarks as HTML."""
+        tables = (html_table(rows, caption) for caption, rows in self.tables.items())
+        facts = definitions(self.facts) if self.facts else Markup("")
+        return (facts, *tables, items(self.lines) if self.lines else Markup(""))
+
+    def html(self) -> str:
+        """Return the description for Jupyter."""
+        title, count = strong(self.line or self.title), len(self.notes)
+        notes = [folded(f"Notes: {count}", items(self.notes))] if count else []
+        return in_frame([title, *self.blocks(), *notes])
