@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import json
 import math
 import os
+import runpy
 import secrets
 import shutil
 from collections.abc import Callable, Iterator, Mapping
+from inspect import isfunction
 from pathlib import Path
-from types import ModuleType
 from typing import Any, BinaryIO
 
 import numpy as np
 
-from ident.errors import IdentError
+from ident.errors import IdentError, MechanismError, line_of, one_of
 
 
 @contextlib.contextmanager
@@ -92,14 +92,22 @@ def write_all(folder: Path, contents: Mapping[str, bytes | Path]) -> list[Path]:
     return paths
 
 
-def module_of(file: Path) -> ModuleType:
-    """Run a Python file of the user and return its module; whatever it raises passes through."""
-    spec = importlib.util.spec_from_file_location(f"user_{file.stem}", file)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def function_of(file: Path, name: str, *, allow_code: bool) -> Callable[..., Any]:
+    """Run a Python file of the user and return its function `name`."""
+    if not allow_code:
+        raise MechanismError(
+            f"would run {file}; pass --allow-code (allow_code=True) if you trust it"
+        )
+    if not file.is_file():
+        raise MechanismError(f"no such file: {file}; check the path")
+    try:
+        members = runpy.run_path(str(file), run_name=f"user_{file.stem}")
+    except (Exception, SystemExit) as error:  # it is the user's code
+        raise MechanismError(f"{file} fails: {line_of(error)}; mend it") from None
+    if not callable(members.get(name)):
+        functions = [key for key, each in members.items() if isfunction(each)]
+        raise MechanismError(f"{file} has no function '{name}'; {one_of(name, functions)}")
+    return members[name]
 
 
 def check_writable(folder: Path) -> None:

@@ -85,7 +85,7 @@ def test_in_a_loop_a_row_feels_all_joints_that_move_with_it():
     case = plant(robot("four_bar"), ident.Log.from_arrays("to and fro", t, columns), noise=NOISE)
     table = contest_of(case).table
     told, e = away_from_reversals(table), table.scenes[0].e
-    assert e.leverage is not None
+    assert e.loop is not None
     felt = 0
     for name in ("crank", "coupler", "rocker"):
         j = table.mechanism.joint_index[name]
@@ -254,6 +254,6 @@ def test_of_many_rows_one_in_so_many_decides(monkeypatch):
     shared = np.isin(whole.sample, some.sample)
     np.testing.assert_array_equal(some.A, whole.A[shared])
     effect = ident.effect("coulomb", "elbow")
-    columns = [table.with_effect(effect, [{}]) for table in (some, whole)]
+    columns = [table.effect_columns(effect, [{}])[0] for table in (some, whole)]
     np.testing.assert_allclose(columns[0], columns[1][shared], atol=1e-12)
     assert ident.diagnose(fit).best.label == "coulomb:elbow"

@@ -85,7 +85,6 @@ def _away(table: Table, number: int, guard: float) -> np.ndarray:
             if joint.index < d:
                 found[:, joint.index] &= ~near[:, j]
             continue
-        assert e.leverage is not None
         most = farthest[j]
         feels = (most > ROUNDING * most.max()) & (np.abs(e.leverage[at, j]) > LEVER * most)
         found &= ~(near[:, j][:, None] & feels)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.linalg import lstsq
@@ -157,7 +156,7 @@ def _columns(
     B[:, :, 0] = known
     informed = np.ones((n, d), dtype=bool)
     for _, told in found.informative:
-        informed &= told[:, None] | (e.leverage is None)
+        informed &= told[:, None] | (e.loop is None)
     tau = e.tau[part]
     for j, name in enumerate(driven):
         rows, W = s.lever(name)
@@ -209,18 +208,13 @@ def _inertia(fit: Fit, width: int) -> tuple[np.ndarray, np.ndarray]:
     total, offset, count = np.zeros((d, width)), np.zeros(d), 0
     for e in fit.motion.experiments:
         share = LOOKED_AT // len(fit.motion.experiments)
-        some = at_samples(
-            e, np.flatnonzero(e.usable)[:: max(1, int(e.usable.sum()) // max(share, 4))]
+        some = e.at_samples(
+            np.flatnonzero(e.usable)[:: max(1, int(e.usable.sum()) // max(share, 4))]
         )
         still = replace(some, v=0 * some.v, yd=0 * some.yd, a=0 * some.a, ydd=0 * some.ydd)
         rest = _terms(fit, still)
         for u in range(d):
-            if some.leverage is None or some.pinv is None:
-                a, ydd = np.zeros_like(some.a), np.zeros_like(some.ydd)
-                a[:, u] = 1.0
-                ydd[:, [j.index for j in mechanism.joints].index(u)] = 1.0
-            else:
-                a, ydd = some.pinv[:, :, -d + u], some.leverage[:, :, u]
+            a, ydd = some.pinv[:, :, -d + u], some.leverage[:, :, u]
             moved = _terms(fit, replace(still, a=a, ydd=ydd))
             total[u, :k] += (moved.A - rest.A)[:, u].sum(axis=0)
             offset[u] -= float((moved.b - rest.b)[:, u].sum())
@@ -238,16 +232,6 @@ def _terms(fit: Fit, e: State) -> Terms:
     """Of samples that are no course of time, so without what corrects the data."""
     scene = Scene(Samples(fit.mechanism, e, slice(None), fit.point), fit.columns)
     return scene.terms(slice(0, len(e)))
-
-
-def at_samples(e: State, index: np.ndarray) -> State:
-    """An experiment of some of its samples alone, all of them usable."""
-    own: dict[str, Any] = {
-        field.name: value[index]
-        for field in fields(e)
-        if field.name != "still" and isinstance(value := getattr(e, field.name), np.ndarray)
-    }
-    return replace(e, **own, extra={name: x[index] for name, x in e.extra.items()})
 
 
 # --- trial ---------------------------------------------------------------------------------------

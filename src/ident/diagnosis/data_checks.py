@@ -15,7 +15,6 @@ from ident.diagnosis.channel_fits import (
     USUAL,
     Change,
     ChannelTrial,
-    at_samples,
     changes,
     least,
 )
@@ -797,7 +796,7 @@ def _maps(count: int) -> Iterator[Map]:
 
 def _thinned(e: State, most: int) -> State:
     index = np.flatnonzero(e.usable)
-    return at_samples(e, index[:: max(1, len(index) // most)])
+    return e.at_samples(index[:: max(1, len(index) // most)])
 
 
 # --- prior ---------------------------------------------------------------------------------------

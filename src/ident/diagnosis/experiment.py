@@ -138,14 +138,11 @@ def _loaded(d: Diagnosis, e: State) -> State:
         if left_out(bare, e) or float(_size(e).max()) > WORSE * worst:
             raise ValueError("near a singular position")
     needed = -unbalanced(Samples(mechanism, e, slice(None), d.fit.point).reduced(slice(None)))
-    if e.leverage is None:
-        return replace(e, tau=needed[:, [mechanism.joint(n).index for n in mechanism.driven]])
     L = e.leverage[:, [mechanism.joint_index[name] for name in mechanism.driven]]
     return replace(e, tau=np.einsum("ndj,nd->nj", np.linalg.pinv(L, rcond=1e-6), needed))
 
 
 def _size(e: State) -> np.ndarray:
-    assert e.pinv is not None
     return np.linalg.norm(e.pinv[e.usable], axis=(1, 2))
 
 

@@ -71,7 +71,7 @@ def _of_torques(table: Table, e: State, random: np.random.Generator) -> np.ndarr
     for name in table.mechanism.driven:
         sigma = np.float32(e.noise.get(f"tau.{name}", 0.0))
         x = sigma * random.standard_normal((len(e), DRAWS), dtype=np.float32)
-        if e.leverage is None:
+        if e.loop is None:
             out[:, table.mechanism.joint(name).index] += x
         else:
             W = e.leverage[:, table.mechanism.joint_index[name]].astype(np.float32)

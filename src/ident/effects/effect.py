@@ -1,18 +1,8 @@
 """The base class of all effects: columns E(q, v, a, …; s) whose unknowns c add E c to the torques.
 
 A new kind is one class and one line in `library.py`. The class states everything about the kind,
-and no other file asks for a kind by its name or class:
-
-identity    kind, arity, sits, tried, unknowns, shapes, settings, needs, reads()
-text        equation, signature, confused_with, source, remedy, separated_by
-columns     columns(s), informed(s), bounds(s), starts(s), implicit, memory, fades
-correction  corrects, correction(s), margin, whole_log: data or geometry instead of a torque
-body        loaded_link: the link whose ten columns of Γ are those of the effect
-forward     Unknown.acts, asks, state_rate(…), not_integrable: the law in a simulation
-diagnosis   nested_in, common, rare, slow, companions, Unknown.nonnegative, Unknown.largest
-monitor     watched
-
-Names, known values, search of shapes, files, commands and candidates follow from these.
+and no other file asks for a kind by its name or class. Names, known values, search of shapes,
+files, commands and candidates follow from what it states.
 """
 
 from __future__ import annotations
@@ -133,6 +123,7 @@ class Effect(ABC):
         rotational: whether the first joint is rotational (it decides the units).
     """
 
+    # identity and site
     kind: ClassVar[str]
     arity: ClassVar[int] = 1
     sits: ClassVar[str] = "joint"  # a field of `Sites`, or `mechanism` for the whole of it
@@ -142,6 +133,7 @@ class Effect(ABC):
     settings: ClassVar[Mapping[str, float]] = {}  # further keys of `values`, with defaults
     needs: ClassVar[tuple[str, ...]] = ()  # kinds that must be at the same joints
 
+    # text
     equation: ClassVar[str]
     signature: ClassVar[str]
     confused_with: ClassVar[tuple[str, ...]] = ()
@@ -149,22 +141,21 @@ class Effect(ABC):
     remedy: ClassVar[str] = ""  # how to observe it where no motion shows it
     separated_by: ClassVar[Mapping[str, str]] = {}  # by rival kind: the experiment that separates
 
+    # columns, or corrections of data and geometry instead
     implicit: ClassVar[bool] = False  # its columns depend on the present model
     memory: ClassVar[bool] = False  # its columns depend on the past, not on the sample alone
     fades: ClassVar[bool] = False  # its memory of the distant past fades: portions can start anew
-
     corrects: ClassVar[bool] = False  # it has a correction instead of columns
     margin: ClassVar[float] = 0.0  # [s] at both ends of a log that its correction cannot use
     whole_log: ClassVar[bool] = False  # its correction depends on statistics of the whole log
-
     asks: ClassVar[tuple[str, ...]] = ()  # of `a`, `torque`, `load`: predictions in its columns
 
+    # diagnosis and monitor
     nested_in: ClassVar[tuple[str, ...]] = ()  # kinds that contain this one as a special case
     common: ClassVar[bool] = False  # every machine has it, to some extent
     rare: ClassVar[bool] = False  # few have it, and noise resembles it: more evidence is required
     slow: ClassVar[bool] = False  # it shows at low speed
     companions: ClassVar[tuple[str, ...]] = ()  # kinds that act and change with it at a joint
-
     watched: ClassVar[str] = "never"  # by a monitor: `always`, on `request`, `never`
 
     file: ClassVar[Path | None] = None  # of a user's own kind: the Python file that defines it
@@ -348,10 +339,6 @@ class Correcting(Effect):
 
     def columns(self, s: Signals) -> np.ndarray:
         return np.zeros((*s.q.shape, 0))
-
-    @abstractmethod
-    def correction(self, s: Signals) -> Correction:
-        """The corrections at the shape `s.shape`."""
 
     def starts(self, s: Signals) -> list[Shape]:
         # no correction at all

@@ -71,8 +71,7 @@ def create(
 def parse(text: str) -> tuple[str, tuple[str, ...]]:
     """Return (kind, joints) of `kind:joint[,joint]`, or of `kind` alone with no joints."""
     kind, colon, joints = text.partition(":")
-    if kind not in KINDS:
-        raise MechanismError(f"effect '{text}': there is no '{kind}'; {one_of(kind, KINDS)}")
+    kind_of(kind, f"effect '{text}': ")
     names = tuple(part.strip() for part in joints.split(",")) if colon else ()
     if colon and not all(names):
         raise MechanismError(f"effect '{text}': a joint's name is missing; write {kind}:joint")

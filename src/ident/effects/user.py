@@ -22,8 +22,8 @@ import numpy as np
 
 from ident.effects.effect import Effect, Shape, Signals, Unknown
 from ident.effects.library import KINDS
-from ident.errors import MechanismError, line_of, one_of
-from ident.files import module_of
+from ident.errors import MechanismError, line_of
+from ident.files import function_of
 
 SIGNALS = {
     "q": "coordinate [rad | m]",
@@ -252,22 +252,7 @@ def read_user_effect(
         MechanismError: if it may not or cannot be run, or has no such function.
     """
     before = f"{where}: " if where else ""
-    if not allow_code:
-        raise MechanismError(
-            f"{before}effect '{name}' would run {file}; pass --allow-code (allow_code=True) if you "
-            "trust it"
-        )
-    if not file.is_file():
-        raise MechanismError(f"{before}effect '{name}': no such file: {file}; check the path")
     try:
-        module = module_of(file)
-    except (Exception, SystemExit) as error:  # it is the user's code
-        raise MechanismError(f"{before}{file} fails: {line_of(error)}; mend it") from None
-    functions = {
-        key: each
-        for key, each in vars(module).items()
-        if inspect.isfunction(each) and each.__module__ == module.__name__
-    }
-    if name not in functions:
-        raise MechanismError(f"{before}{file} has no function '{name}'; {one_of(name, functions)}")
-    return user_effect(name, functions[name], file)
+        return user_effect(name, function_of(file, name, allow_code=allow_code), file)
+    except MechanismError as error:
+        raise MechanismError(f"{before}effect '{name}': {error}") from None

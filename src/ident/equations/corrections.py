@@ -115,7 +115,6 @@ def _opened(
     mechanism: Mechanism, e: State, name: str, C: float, whole: Samples, cutoff: float | None
 ) -> State:
     """q + K⁺ [C λ; 0], with the rates that come with it; exact to first order in C."""
-    assert e.pinv is not None
     known = zip(mechanism.kinematics.multipliers, mechanism.kinematics.units, strict=True)
     forces = [each if unit == "N" else "" for each, unit in known]
     mine = [i for i, each in enumerate(forces) if each.startswith(f"{name}.")]
@@ -201,8 +200,7 @@ def check_needs(mechanism: Mechanism, log: str, columns: Container[str]) -> None
     """Refuse an effect without the other effect, or the column of the log, that it needs."""
     present = {effect.label for effect in mechanism.effects}
     for effect in mechanism.effects:
-        for kind in effect.needs:
-            other = f"{kind}:{','.join(effect.joints)}"
+        for other in effect.required:
             if other not in present:
                 raise MotionError(
                     f"{mechanism.name}: effect '{effect.label}' changes '{other}', which is not "

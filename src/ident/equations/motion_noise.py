@@ -119,12 +119,11 @@ def torque_noise(mechanism: Mechanism, e: State, cutoff: float | None) -> np.nda
     taps = Decimator.of(cutoff, e.rate).taps
     passed = 1.0 if taps is None else float(np.sqrt(taps @ taps))
     sigma = np.array([e.noise.get(f"tau.{name}", 0.0) for name in mechanism.driven])
-    if e.leverage is None:
-        found = np.zeros(mechanism.model.nv)
-        found[[mechanism.joint(name).index for name in mechanism.driven]] = sigma
-        return passed * found
-    W = e.leverage[e.usable][:, [mechanism.joint_index[name] for name in mechanism.driven]]
-    return passed * np.asarray(np.sqrt(np.einsum("nju,j->u", W**2, sigma**2) / max(len(W), 1)))
+    squares = np.zeros(e.leverage.shape[2])
+    for name, level in zip(mechanism.driven, sigma, strict=True):
+        W = e.leverage[e.usable, mechanism.joint_index[name]]
+        squares += level**2 * (W**2).sum(axis=0)
+    return passed * np.asarray(np.sqrt(squares / max(int(e.usable.sum()), 1)))
 
 
 def _spread(spline: Spline, t: np.ndarray) -> np.ndarray:

@@ -43,7 +43,7 @@ class Rows:
 
 def dof(mechanism: Mechanism, e: State) -> int:
     """Independent coordinates."""
-    return mechanism.model.nv if e.leverage is None else e.leverage.shape[2]
+    return e.leverage.shape[2]
 
 
 def raw_rows(scene: Scene, part: slice, farthest: np.ndarray | None = None) -> Rows:
@@ -72,7 +72,7 @@ def informing(
 
 def largest_transmission(e: State) -> np.ndarray | None:
     """Largest transmission (J, d) of every joint over the state; None for a tree."""
-    if e.leverage is None:
+    if e.loop is None:
         return None
     return np.abs(e.leverage[e.usable]).max(axis=0, initial=0.0)
 
@@ -93,7 +93,7 @@ def rows(
     """
     e, model = scene.e, scene.mechanism.model
     farthest = largest_transmission(e) if farthest is None else farthest
-    key = "Γ", cutoff, e.leverage is not None
+    key = "Γ", cutoff, e.loop is not None
     stored = e.store.get(key, model)
     spans = _spans(scene.mechanism, e)
     supports = row_supports(scene.mechanism, scene.columns, e)
@@ -137,7 +137,7 @@ def rows(
 
 def _spans(mechanism: Mechanism, e: State) -> list[slice]:
     """For each independent coordinate the stretch of Γ's columns that can differ from zero."""
-    if e.leverage is not None:
+    if e.loop is not None:
         return [slice(0, len(mechanism.prior))] * dof(mechanism, e)
     found = supports(mechanism.model)
     return [slice(int(mine[0]), int(mine[-1]) + 1) if len(mine) else slice(0, 0) for mine in found]
@@ -146,7 +146,7 @@ def _spans(mechanism: Mechanism, e: State) -> list[slice]:
 def row_supports(mechanism: Mechanism, columns: Columns, e: State) -> list[np.ndarray]:
     """For each independent coordinate the unknowns that can appear in its rows."""
     k = len(columns)
-    if e.leverage is not None:
+    if e.loop is not None:
         return [np.arange(k)] * dof(mechanism, e)
     found = []
     for row, bodies in enumerate(supports(mechanism.model)):

@@ -60,8 +60,6 @@ class Samples:
     @cached_property
     def _Z(self) -> np.ndarray:
         """The part (n, nv, d) of K⁺ = [J; W_u]⁺ that belongs to u."""
-        assert self.e.pinv is not None
-        assert self.e.leverage is not None
         return self.e.pinv[self.part][:, :, -self.e.leverage.shape[2] :]
 
     def reduce(self, f: np.ndarray) -> np.ndarray:
@@ -184,13 +182,12 @@ class Samples:
 
     def reduced(self, part: slice | np.ndarray) -> Samples:
         """Other samples of the same state, in the independent coordinates."""
-        loop = self.e.leverage is not None
+        loop = self.e.loop is not None
         return Samples(self.mechanism, self.e, part, self.point, self.memo, loop)
 
     def lever(self, name: str) -> tuple[slice, np.ndarray]:
         """The rows in which a joint's torque works, and W (n | 1, rows) there."""
         if self.independent:
-            assert self.e.leverage is not None
             return slice(None), self.e.leverage[self.part, self.mechanism.joint_index[name]]
         joint = self.mechanism.joint(name)
         if joint.in_tree:
@@ -237,7 +234,6 @@ class Samples:
     def multipliers(self) -> np.ndarray:
         """λ = −(K⁺ᵀ f)_λ (n, m) [N | N m], f less the torques of drives that are not in u."""
         e, m = self.e, len(self.mechanism.kinematics.multipliers)
-        assert e.pinv is not None
         others = (name for name in self.mechanism.driven if name not in e.independent)
         f = sum(self.forces()) - self.generalised(self.part).measured(others)
         return -np.einsum("nij,ni->nj", e.pinv[self.part][:, :, :m], f)
@@ -253,7 +249,7 @@ class Samples:
         torque, load = np.zeros((2, len(self), len(joints)))
         for i, name in enumerate(joints):
             joint = mechanism.joint(name)
-            if e.pinv is None:
+            if e.loop is None:
                 load[:, i] = rigid[:, joint.index]
                 torque[:, i] = load[:, i] + others[:, joint.index]
             elif name in e.independent:

@@ -204,11 +204,11 @@ class DesignProblem:
         # one wide band of standstill for all motions, so that the criterion is a smooth function
         # of x where otherwise it has a step for each sample and reversal
         top = series.top_speed
-        reached = top if rest.leverage is None else np.abs(rest.leverage[0]) @ top
+        reached = np.abs(rest.leverage[0]) @ top
         rest = replace(rest, still=np.maximum(SOFT * reached, 1e-9))
         motion = Motion((rest,), names, Band(0.0, 0.0, None), 0.0)
         model = MotionModel(mechanism, columns, initial(mechanism, motion))
-        pinv = 1.0 if rest.pinv is None else float(np.linalg.norm(rest.pinv[0]))
+        pinv = 1.0 if rest.loop is None else float(np.linalg.norm(rest.pinv[0]))
         exact = LimitBox.of(mechanism, limits, all_joints, acceleration, pinv)
         z = exact.z(model.rows(rest.at_samples(slice(0, 1))).e)
         if (quantity := exact.broken(z)) is not None:
@@ -359,7 +359,7 @@ class DesignProblem:
             harmonics=series.harmonics,
             series=dict(zip(self.names, series.coefficients(x), strict=True)),
             uses=uses,
-            home=0.0 if e.pinv is None else float(high[-1]) / self.pinv,
+            home=0.0 if e.loop is None else float(high[-1]) / self.pinv,
             unknowns=len(model.columns),
             base=result.expected(model),
             condition_number=result.base.condition_number,

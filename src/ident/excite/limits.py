@@ -168,7 +168,7 @@ class LimitBox:
     def z(self, e: State) -> np.ndarray:
         """Return z (n, Z) of an experiment that has its predicted torques."""
         parts = [e.y, e.yd, e.ydd, e.tau]
-        if e.pinv is not None:
+        if e.loop is not None:
             parts.append(np.linalg.norm(e.pinv, axis=(1, 2))[:, None])
         return np.hstack(parts)
 

@@ -154,7 +154,7 @@ class MotionModel:
             return None
         if not e.usable.all():
             return None
-        if near.pinv is not None:
+        if near.loop is not None:
             size = np.linalg.norm(near.pinv, axis=(1, 2)) * np.linalg.norm(step[0], axis=1)
             if (np.abs(e.q - near.q).max(axis=1) > SLIP + GAIN * size).any():
                 return None
@@ -176,8 +176,6 @@ class MotionModel:
     def _drives(self, e: State, torque: np.ndarray) -> np.ndarray:
         """Return (n, driven) from torques in independent coordinates; surplus drives share them."""
         driven = self.mechanism.driven
-        if e.leverage is None:
-            return torque[:, [self.mechanism.joint(name).index for name in driven]]
         if tuple(driven) == e.independent:
             return torque
         at = [self.mechanism.joint_index[name] for name in driven]

@@ -16,7 +16,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ident.effects.payload import Payload
 from ident.equations.unknowns import Columns
 from ident.errors import FitError, one_of
 from ident.fit.problem import body_scales
@@ -144,7 +143,7 @@ def _bodies(mechanism: Mechanism, columns: Columns) -> list[Limit]:
     payloads = {
         effect.joints[0]: (effect, places)
         for effect, places in columns.effects
-        if isinstance(effect, Payload)
+        if effect.loaded_link
     }
     found, balls = [], unit_balls(mechanism)
     for number, link in enumerate(mechanism.bodies.links):

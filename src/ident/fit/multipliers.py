@@ -57,7 +57,6 @@ def resting_on_priors(problem: Problem, estimate: Estimate) -> dict[str, list[st
     for e in motion.experiments:
         at = np.flatnonzero(e.usable)[:: max(1, len(e) // SAMPLES)]
         found = Scene.of(mechanism, columns, e, point, motion.band.cutoff).terms(at, full=True)
-        assert e.pinv is not None
         extract = -e.pinv[at][:, :, :m].transpose(0, 2, 1)
         A, unbalanced = found.A, found.A @ columns.prior - found.b
         change = extract @ (A[:, :, base.dependent] - A[:, :, base.independent] @ base.K)

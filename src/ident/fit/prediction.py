@@ -138,7 +138,7 @@ def _predict(mechanism: Mechanism, motion: Motion, bare: State, point: Point) ->
         for name, force in zip(parts, forces, strict=True):
             parts[name][part] = u.reduce(force)
         measured[part] = u.measured(mechanism.driven)
-        if e.pinv is not None:
+        if e.loop is not None:
             f = sum(forces) - s.measured(others)
             multipliers[part] = -np.einsum("nij,ni->nj", e.pinv[part][:, :, :m], f)
     return Prediction(e.name, e.t, measured, parts, motion.independent, multipliers, e.usable)
@@ -149,7 +149,7 @@ def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Tr
     scene = Scene.of(mechanism, NOTHING, e, point, motion.band.cutoff)
     mechanism, e = scene.mechanism, scene.e
     farthest, names = largest_transmission(e), _names(mechanism, e)
-    own = [*names, DRIVES, CLOSURES] if e.leverage is not None else []
+    own = [*names, DRIVES, CLOSURES] if e.loop is not None else []
 
     def make(part: slice) -> list[np.ndarray]:
         """Return measured torque, gravity, parts, parts in own rows, joint signals, informed."""

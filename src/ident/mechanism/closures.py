@@ -22,7 +22,7 @@ import numpy as np
 import pinocchio as pin
 
 from ident.errors import MechanismError, line_of, one_of
-from ident.files import module_of
+from ident.files import function_of
 from ident.mechanism.toml import TomlTable
 from ident.mechanism.tree import Placement
 
@@ -350,19 +350,10 @@ class FunctionClosure(Closure):
     @classmethod
     def read(cls, name: str, table: TomlTable, context: Context) -> FunctionClosure:
         file, function = context.folder / table.text("file"), table.text("function")
-        if not context.allow_code:
-            raise table.error(
-                f"would run {file}; pass --allow-code (allow_code=True) if you trust it"
-            )
-        if not file.is_file():
-            raise table.error(f"file = '{table.data['file']}': no such file in {context.folder}")
         try:
-            module = module_of(file)
-        except (Exception, SystemExit) as error:  # it is the user's code
-            raise table.error(f"{file} fails: {line_of(error)}") from None
-        if not callable(getattr(module, function, None)):
-            raise table.error(f"{file} has no function '{function}'")
-        return cls(name, getattr(module, function))
+            return cls(name, function_of(file, function, allow_code=context.allow_code))
+        except MechanismError as error:
+            raise table.error(str(error)) from None
 
     def constraint(self, placements: Sequence[Placement], joints: Coordinates) -> Constraint:
         try:

@@ -154,10 +154,8 @@ def _effect(table: TomlTable, context: Context) -> Effect:
         read = read_user_effect(file, kind, allow_code=context.allow_code, where=table.where)
         return read(joints, values)
     if kind not in KINDS:
-        raise table.error(
-            f"there is no effect '{kind}'; {one_of(kind, KINDS)}; one of your own needs "
-            'file = "….py"'
-        )
+        own = 'one of your own needs file = "….py"'
+        raise table.error(f"there is no effect '{kind}'; {one_of(kind, KINDS)}; {own}")
     alone = KINDS[kind].arity == 0 and "joint" not in table
     return create(kind, "" if alone else table.text("joint"), values)
 

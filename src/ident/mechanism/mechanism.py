@@ -197,11 +197,11 @@ class Mechanism(Displayed):
     @cached_property
     def sites(self) -> Sites:
         """Everything on which an effect can sit; `logged` are all joints, as no log is known."""
-        names = tuple(joint.name for joint in self.joints)
+        names = tuple(self.joint_index)
         own = tuple(joint.name for joint in self.joints if not joint.in_tree)
         places: dict[str, float] = {}
         for joint in self.joints:
-            if joint.in_tree and self.model.existJointName(joint.name):
+            if joint.in_tree:
                 index = self.model.getJointId(joint.name)
                 at = self.model.jointPlacements[index].translation
                 inside = self.model.parents[index] > 0  # torques do not depend on the first one's
@@ -251,13 +251,12 @@ class Mechanism(Displayed):
         everywhere = {"link": self.bodies.links, "closure": self.sites.closure}
         present = {effect.label for effect in self.effects}
         every = [create(kind, name, values) for name in everywhere.get(cls.sits, self.driven)]
-        missing = [effect for effect in every if effect.label not in present]
-        if not missing:
+        grown = self
+        for effect in every:
+            grown = grown if effect.label in present else grown + effect
+        if grown is self:
             what = "link" if cls.sits == "link" else "driven joint"
             raise MechanismError(f"{self.name}: every {what} has '{kind}' already")
-        grown = self
-        for effect in missing:
-            grown = grown + effect
         return grown
 
     def without(self, label: str) -> Mechanism:

@@ -29,8 +29,15 @@ FLOATING = (
     "three revolute joints with massless links between them"
 )
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # as C++ reads it, too
-PRODUCTS = ("ixy", "ixz", "iyz")
 TERMS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+NUMBERS = {  # attributes that are numbers, by element, with their defaults
+    "origin": {"xyz": "0 0 0", "rpy": "0 0 0"},
+    "axis": {"xyz": "1 0 0"},
+    "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), "0"),
+    "mimic": {"multiplier": "1", "offset": "0"},
+    "mass": {"value": ""},
+    "inertia": {key: "" if key[1] == key[2] else "0" for key in TERMS},
+}
 UPPER = np.triu_indices(3)
 EMPTY = b"""<inertial>
   <origin xyz="0 0 0" rpy="0 0 0"/>
@@ -65,10 +72,8 @@ def parse_urdf(data: bytes, where: str) -> etree._Element:
     """Return the checked `<robot>` element of a URDF's text, comments included."""
     robot = parse_xml(data, where)
     if robot.tag != "robot":
-        refuse(
-            robot, where, f"the root element is <{robot.tag}>; a URDF's is <robot> (a MuJoCo model "
-            "is named .xml, an SDF .sdf)",
-        )  # fmt: skip
+        valid = "a URDF's is <robot> (a MuJoCo model is named .xml, an SDF .sdf)"
+        refuse(robot, where, f"the root element is <{robot.tag}>; {valid}")
     if not robot.get("name"):
         robot.set("name", "robot")
     _check_names(robot, where)
@@ -105,10 +110,8 @@ def _check_names(robot: etree._Element, where: str) -> None:
             if not name:
                 refuse(element, where, f'a <{tag}> has no name; write name="…"')
             if name in first:
-                refuse(
-                    element, where, f"a second {tag} is named '{name}', the first is in line "
-                    f"{first[name]}; names must differ",
-                )  # fmt: skip
+                at = f"the first is in line {first[name]}; names must differ"
+                refuse(element, where, f"a second {tag} is named '{name}', {at}")
             first[name] = element.sourceline
     if robot.find("link") is None:
         raise MechanismError(f"{where}: has no <link>; a mechanism needs at least two and a joint")
@@ -125,30 +128,29 @@ def _check_tree(robot: etree._Element, where: str) -> None:
             if not link:
                 refuse(joint, where, f"joint '{name}' has no <{end} link=…>")
             if link not in links and not (end == "parent" and link == "world"):
-                refuse(
-                    joint, where, f"joint '{name}' has the {end} '{link}', which is no link; "
-                    f"{one_of(link, links)}",
-                )  # fmt: skip
+                what = f"joint '{name}' has the {end} '{link}', which is no link"
+                refuse(joint, where, f"{what}; {one_of(link, links)}")
             ends[end] = link
         if ends["child"] in parent_of:
-            refuse(
-                joint, where, f"link '{ends['child']}' is the child of two joints; a URDF is a "
-                "tree: close the loop by a [[closure]] in mechanism.toml",
-            )  # fmt: skip
+            how = "a URDF is a tree: close the loop by a [[closure]] in mechanism.toml"
+            refuse(joint, where, f"link '{ends['child']}' is the child of two joints; {how}")
         parent_of[ends["child"]] = ends["parent"]
-    roots = [name for name in dict.fromkeys([*parent_of.values(), *links]) if name not in parent_of]
-    if parent_of and not set(roots) & set(parent_of.values()):
-        raise MechanismError(
-            f"{where}: every joint's parent is another joint's child, so the links form a ring; "
-            "one link must be the ground, and the loop closed by a [[closure]]"
-        )
-    connected: set[str | None] = set(roots[:1])
-    while more := {child for child, parent in parent_of.items() if parent in connected} - connected:
-        connected |= more
-    separate = [name for name in links if name not in connected]
+    roots = {}
+    for name in [*parent_of.values(), *links]:
+        path = [name]
+        while (above := parent_of.get(path[-1])) and above not in path:
+            path.append(above)
+        if above:
+            raise MechanismError(
+                f"{where}: the links {', '.join(path)} form a ring; one link must be the ground, "
+                "and the loop closed by a [[closure]]"
+            )
+        roots[name] = path[-1]
+    root = next(iter(roots.values()))
+    separate = [name for name in links if roots[name] != root]
     if separate:
         raise MechanismError(
-            f"{where}: no joint leads from the root '{roots[0]}' to link '{separate[0]}'"
+            f"{where}: no joint leads from the root '{root}' to link '{separate[0]}'"
             + (f" and {len(separate) - 1} more" if len(separate) > 1 else "")
             + "; connect it by a joint (type fixed, if it does not move) or remove it"
         )
@@ -160,49 +162,38 @@ def _check_joint(joint: etree._Element, where: str) -> None:
         refuse(joint, where, f"joint '{name}' is of type floating: {FLOATING}")
     if kind not in TYPES:
         refuse(joint, where, f"joint '{name}' is of type '{kind}'; {one_of(kind, TYPES)}")
-    _check_origins(joint, where)
-    axis = joint.find("axis")
-    xyz = [1.0] if kind == "fixed" or axis is None else numbers(axis, "xyz", "1 0 0", 3, where)
-    if math.hypot(*xyz) < 1e-9:
+    for element in joint:
+        _check_numbers(element, where)
+    # of fixed joints exporters write an axis of zeros
+    axis, limit = None if kind == "fixed" else joint.find("axis"), joint.find("limit")
+    if axis is not None and math.hypot(*numbers(axis, "xyz", "1 0 0", 3, where)) < 1e-9:
         refuse(axis, where, f"joint '{name}' has the axis 0 0 0; give a direction")
-    limit = joint.find("limit")
     if limit is not None:
-        lower, upper, *_ = (
-            numbers(limit, key, "0", 1, where)[0]
-            for key in ("lower", "upper", "effort", "velocity")
-        )
+        lower, upper = (numbers(limit, key, "0", 1, where)[0] for key in ("lower", "upper"))
         if lower > upper:
-            refuse(
-                limit, where, f"joint '{name}' has lower {lower:g} above upper {upper:g}; swap them"
-            )
-    mimic = joint.find("mimic")
-    if mimic is not None:
-        numbers(mimic, "multiplier", "1", 1, where)
-        numbers(mimic, "offset", "0", 1, where)
-        if kind not in ("revolute", "continuous", "prismatic"):
-            refuse(joint, where, f"joint '{name}' of type {kind} cannot mimic")
+            why = f"lower {lower:g} above upper {upper:g}; swap them"
+            refuse(limit, where, f"joint '{name}' has {why}")
+    if joint.find("mimic") is not None and kind not in ("revolute", "continuous", "prismatic"):
+        refuse(joint, where, f"joint '{name}' of type {kind} cannot mimic")
 
 
-def _check_origins(element: etree._Element, where: str) -> None:
-    for origin in element.findall("origin"):
-        numbers(origin, "xyz", "0 0 0", 3, where)
-        numbers(origin, "rpy", "0 0 0", 3, where)
+def _check_numbers(element: etree._Element, where: str) -> None:
+    for key, default in NUMBERS.get(element.tag, {}).items():
+        numbers(element, key, default, len(default.split()) or 1, where)
 
 
 def _check_inertial(link: etree._Element, where: str) -> None:
     inertial = link.find("inertial")
     if inertial is None:
         return
-    name, mass, inertia = link.get("name"), inertial.find("mass"), inertial.find("inertia")
-    for element, tag in ((mass, "mass"), (inertia, "inertia")):
-        if element is None:
-            refuse(inertial, where, f"the <inertial> of link '{name}' has no <{tag}>")
-    _check_origins(inertial, where)
-    for key in TERMS:
-        numbers(inertia, key, "0" if key in PRODUCTS else "", 1, where)
-    value = numbers(mass, "value", "", 1, where)[0]
-    if value < 0:
-        refuse(mass, where, f"link '{name}' has the mass {value:g} kg; it must be ≥ 0")
+    for tag in ("mass", "inertia"):
+        if inertial.find(tag) is None:
+            refuse(inertial, where, f"the <inertial> of link '{link.get('name')}' has no <{tag}>")
+    for element in inertial:
+        _check_numbers(element, where)
+    mass = inertial.find("mass")
+    if (value := numbers(mass, "value", "", 1, where)[0]) < 0:
+        refuse(mass, where, f"link '{link.get('name')}' has the mass {value:g} kg; it must be ≥ 0")
 
 
 # --- inertias -------------------------------------------------------------------------------------

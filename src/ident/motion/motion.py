@@ -270,7 +270,7 @@ def prescribed(
     none = np.empty(0)
     e = State(
         name=name, t=t, q=none, v=none, a=none, y=none, yd=none, ydd=none,
-        tau=np.zeros((len(t), len(mechanism.driven))), wrench=None, pinv=None, leverage=None,
+        tau=np.zeros((len(t), len(mechanism.driven))), wrench=None,
         usable=np.ones(len(t), dtype=bool), still=none, logged=joints, independent=joints,
     ).at(mechanism, known, joints, start="follow")  # fmt: skip
     if mechanism.closures:
@@ -404,7 +404,7 @@ def state_of(
     noisy = [f"{channel}.{name}" for name in names for channel in "qva"] + driven
     base = State(
         name=log, t=signals.t, q=np.empty(0), v=np.empty(0), a=np.empty(0), y=np.empty(0),
-        yd=np.empty(0), ydd=np.empty(0), tau=tau, wrench=None, pinv=None, leverage=None,
+        yd=np.empty(0), ydd=np.empty(0), tau=tau, wrench=None,
         usable=usable, still=np.empty(0), logged=names,
         independent=names,
         extra={k: x for k, x in columns.items() if not k.startswith(("q.", "v.", "a."))},

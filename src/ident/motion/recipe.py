@@ -144,11 +144,7 @@ def noise_of_speeds(
     """
     at = [mechanism.joint_index[name] for name in names]
     noise = np.array([NOISE * _speed_noise(signals, e, name) for name in names])
-    if e.leverage is None:
-        speeds = np.zeros(e.yd.shape[1])
-        speeds[at] = noise
-        return speeds
-    some = e.leverage[e.usable][:: max(1, len(e) // LOOKED_AT)]
+    some = e.leverage[np.flatnonzero(e.usable)[:: max(1, len(e) // LOOKED_AT)]]
     gain = some @ np.linalg.pinv(some[:, at])
     return np.asarray(np.sqrt((gain**2).mean(axis=0) @ noise**2))
 

@@ -273,7 +273,6 @@ def fused(mechanism: Mechanism, e: State, channels: Sequence[Channel]) -> Smooth
     for _ in range(STEPS):
         e = e.transmitted(mechanism, smooth.names)
         L = e.leverage
-        assert L is not None
         rates = [L, np.zeros_like(L), np.zeros_like(L)]
         splines, step = [], 0.0
         for run, before in smooth.runs:

@@ -72,9 +72,6 @@ class State:
         y, yd, ydd: (n, J) coordinate, rate and acceleration of the mechanism's joints.
         tau: (n, driven) measured torques, in the order of `mechanism.driven`.
         wrench: (n, nv) generalised forces of measured external wrenches, or None.
-        pinv: (n, nv, m + d), the pseudo-inverse of [J; W_u]; None for a tree.
-        leverage: (n, J, d), velocity transmission: ẏ_j for unit rate of each independent
-            coordinate; None for a tree.
         usable: (n,), false where a sample takes no part, with the reason in `Motion.notes`.
         still: (J,) speed below which a joint counts as standing still [rad/s | m/s].
         extra: the log's other columns on this clock.
@@ -83,6 +80,7 @@ class State:
         noise: standard deviation of white noise in the logged channels, by column.
         smooth: the splines behind the motion; None where the log was taken as it is.
         channels: how each channel of the motion was smoothed.
+        loop: `pinv` and `leverage`; None for a tree, in which both are the identity.
         store: what is slow to make from these, for all that need it.
     """
 
@@ -96,8 +94,6 @@ class State:
     ydd: np.ndarray
     tau: np.ndarray
     wrench: np.ndarray | None
-    pinv: np.ndarray | None
-    leverage: np.ndarray | None
     usable: np.ndarray
     still: np.ndarray
     extra: Mapping[str, np.ndarray] = field(default_factory=dict)
@@ -106,10 +102,26 @@ class State:
     noise: Mapping[str, float] = field(default_factory=dict)
     smooth: Smooth | None = None
     channels: tuple[Smoothed, ...] = ()
+    loop: tuple[np.ndarray, np.ndarray] | None = None
     store: Store = field(default_factory=Store, init=False)
 
     def __len__(self) -> int:
         return len(self.t)
+
+    @property
+    def pinv(self) -> np.ndarray:
+        """K⁺ (n, nv, m + d), the pseudo-inverse of [J; W_u]."""
+        return self._identity if self.loop is None else self.loop[0]
+
+    @property
+    def leverage(self) -> np.ndarray:
+        """Velocity transmission (n, J, d): ẏ_j for unit rate of each independent coordinate."""
+        return self._identity if self.loop is None else self.loop[1]
+
+    @property
+    def _identity(self) -> np.ndarray:
+        n, nv = self.v.shape
+        return np.broadcast_to(np.eye(nv), (n, nv, nv))  # takes no memory
 
     @property
     def rate(self) -> float:
@@ -129,7 +141,9 @@ class State:
             and isinstance(value := getattr(self, each.name), np.ndarray)
             and len(value) == len(self)  # not yet completed ones are empty
         }
-        return replace(self, **cut, extra={name: x[index] for name, x in self.extra.items()})
+        cut["extra"] = {name: x[index] for name, x in self.extra.items()}
+        loop = None if self.loop is None else (self.loop[0][index], self.loop[1][index])
+        return replace(self, **cut, loop=loop)
 
     def segments(self) -> Iterator[slice]:
         """Runs of usable samples; nothing is filtered or differentiated across their ends."""
@@ -190,7 +204,7 @@ class State:
         y, yd, ydd = joint_coordinates(mechanism, *motion, turns or {})
         q, v, a = motion
         e = replace(self, q=q, v=v, a=a, y=y, yd=yd, ydd=ydd, usable=usable)
-        if self.pinv is None or start == "same":
+        if self.loop is None or start == "same":
             return e
         return e.transmitted(mechanism, self.independent)
 
@@ -212,7 +226,7 @@ class State:
         W = every[:, [mechanism.joint_index[name] for name in independent]]
         Kp = pseudo_inverse(np.concatenate([J, W], axis=1))
         leverage = every @ Kp[:, :, J.shape[1] :]
-        e = replace(self, pinv=Kp, leverage=leverage, independent=independent)
+        e = replace(self, loop=(Kp, leverage), independent=independent)
         size = nearness(e)
         limit = largest_nearness(size) if largest is None else largest
         usable = self.usable if limit == np.inf else self.usable & (size < limit)
@@ -226,7 +240,6 @@ class State:
 
 def nearness(e: State) -> np.ndarray:
     """‖K⁺‖ (n,) of every sample: it grows towards a singular position."""
-    assert e.pinv is not None
     return np.asarray(np.linalg.norm(e.pinv, axis=(1, 2)))
 
 

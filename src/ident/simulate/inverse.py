@@ -94,7 +94,6 @@ def simulate(
         torque = prediction.predicted.copy()
         for name in mechanism.driven:  # a surplus drive does as the motion's log says, else nothing
             if name not in completed.independent:
-                assert e.leverage is not None
                 tau = e.tau[:, mechanism.driven.index(name)]
                 logged[f"tau.{name}"] = tau
                 torque -= e.leverage[:, mechanism.joint_index[name]] * tau[:, None]

@@ -536,7 +536,6 @@ class _Recursion:
             around, part = window.e, window.inside
             scene = Scene.of(mechanism, self._columns, around, self._point, self._setting.cutoff)
             e, equations, s = scene.e, scene.terms(part, full=True), scene.generalised(part)
-            assert e.pinv is not None
             K_T = e.pinv[part, :, :m].transpose(0, 2, 1)
             b = equations.b - s.measured(e.independent)
             values = np.einsum("nmi,ni->nm", K_T, b - equations.A @ x)

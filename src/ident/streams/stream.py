@@ -106,7 +106,7 @@ class Setting:
             still=np.max([each.still for each in motion.experiments], axis=0),
             farthest=np.max(far, axis=0) if far else None,
             scale=np.maximum(e.y[:, at].std(axis=0), 1e-9),
-            singular=np.inf if e.pinv is None else largest_nearness(nearness(e)),
+            singular=np.inf if e.loop is None else largest_nearness(nearness(e)),
             y=e.y[some][:, at],
             q=e.q[some],
         )
@@ -541,7 +541,7 @@ class Stream:
         empty, setting = np.empty(0), self.setting
         base = State(
             name=self.mechanism.name, t=X[:, 0], q=empty, v=empty, a=empty, y=empty, yd=empty,
-            ydd=empty, tau=X[:, self._torques], wrench=None, pinv=None, leverage=None,
+            ydd=empty, tau=X[:, self._torques], wrench=None,
             usable=np.ones(len(X), dtype=bool), still=setting.still,
             extra={name: X[:, at] for name, at in self._others.items()},
             logged=setting.logged, independent=setting.independent,

@@ -182,7 +182,6 @@ class Watched:
         for e in motion.experiments if m else ():
             at = np.flatnonzero(e.usable)[:: max(1, len(e) // THINNED)]
             scene = self.scene(e.at_samples(at))
-            assert scene.e.pinv is not None
             A = scene.terms(slice(None), full=True).A
             slope = -scene.e.pinv[:, :, :m].transpose(0, 2, 1) @ A
             triangles = [f.updated(slope[:, j], np.zeros(len(at))) for j, f in enumerate(triangles)]
