@@ -316,9 +316,9 @@ def test_parse(text, kind, joints):
     [
         ("viscus:hip", "did you mean 'viscous'"),
         ("viscous:", "name is missing"),
-        ("", "there is no ''"),
+        ("", "there is no effect ''"),
         ("viscous:a,", "name is missing"),
-        (":hip", "there is no ''"),
+        (":hip", "there is no effect ''"),
     ],
 )
 def test_parse_refuses(text, says):

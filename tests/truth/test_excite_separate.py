@@ -98,7 +98,7 @@ WRONG = {
     "duration": ({"duration": 0.0}, "numbers above 0"),
     "same rival": ({"separate": ("coulomb:yaw", "coulomb:yaw")}, "two different effects"),
     "no joint": ({"separate": ("coulomb", "viscous:yaw")}, "write coulomb:JOINT"),
-    "no effect": ({"separate": ("coulom:yaw", "viscous:yaw")}, "there is no 'coulom'"),
+    "no effect": ({"separate": ("coulom:yaw", "viscous:yaw")}, "there is no effect 'coulom'"),
     "noise": ({"noise": {"yaww": 1.0}}, "no drive 'yaww'"),
     "no noise": ({"noise": {"yaw": 0.0}}, "a number above 0"),
     "balance": ({"balance": -1.0}, "a number from 0"),
