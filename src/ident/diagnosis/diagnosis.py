@@ -14,16 +14,8 @@ import numpy as np
 from ident.diagnosis.candidates import Contest, OnProgress, absorbed, possible
 from ident.diagnosis.data_checks import Health, health
 from ident.diagnosis.null import NoiseDraws, noise
-from ident.diagnosis.selection import (
-    HIDDEN,
-    Decision,
-    Evidence,
-    Member,
-    Ranking,
-    Selection,
-    select,
-    torque_squares,
-)
+from ident.diagnosis.search import Member, Selection, select
+from ident.diagnosis.selection import HIDDEN, Decision, Evidence, Ranking, torque_squares
 from ident.diagnosis.suggestion import Suggestion, suggest
 from ident.display import Plotted, render
 from ident.effects import Effect
@@ -261,7 +253,7 @@ def judged_on(
 ) -> Judged:
     """The same on rows that are made already."""
     fit = contest.fit
-    selection = select(contest, draws, decision, seed, on_progress=on_progress)
+    selection = select(contest, draws, decision, seed, on_progress)
     why = [(e, absorbed(fit.mechanism, e)) for e in possible(fit.mechanism, fit.motion)]
     hidden = tuple(Invisible(effect, reason) for effect, reason in why if reason)
     return Judged(fit, contest, draws, selection, hidden, decision, seed)
@@ -357,7 +349,7 @@ def _verdict(judged: Judged, best: Member | None, again: Periods | None) -> str:
 
 def _explanations(judged: Judged, best: Member | None) -> list[Explanation]:
     """The best refitted, its rivals and what else is promising, best first."""
-    first: list[Evidence] = [] if best is None else [best.evidence, *best.rivals]
+    first = [best.evidence, *best.rivals] if best is not None and best.evidence else []
     labels = {each.effect.label for each in first}
     rest = [e for e in judged.selection.first.evidence if e.effect.label not in labels]
     rest.sort(key=lambda each: not each.credible)

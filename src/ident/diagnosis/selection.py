@@ -1,15 +1,20 @@
-"""The rule of evidence: which candidates are credible, which is named, which sets go together.
+"""The rule of evidence: which candidates are credible, which one is preferred, which are rivals.
 
-A candidate is credible if its gain G exceeds the (1 − alpha) quantile of the largest gain over all
-candidates on residuals in which nothing is missing, and its torque the share `material` of its
-joint's. Of candidates within PARSIMONY of the best gain the one with the fewest numbers is chosen.
-A law has the right form if no curve of its signals gains as much beside it.
+A candidate is credible if
+
+* its gain G exceeds the (1 − alpha) quantile of the largest gain over all candidates on residuals
+  in which nothing is missing, and still does without the block of time that gains most;
+* its torque exceeds the share `material` of its joint's;
+* its values are such as this kind of effect can have.
+
+Of candidates that explain the same part within PARSIMONY of the best gain, and whose error is not
+larger than the best one's beyond chance, the one with the fewest numbers is chosen.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -18,7 +23,7 @@ from scipy.optimize import minimize_scalar
 from ident.diagnosis.candidates import CandidateColumns, Contest, Shape
 from ident.diagnosis.null import SURROGATES, NoiseDraws, judging
 from ident.effects import Effect
-from ident.information.hypotheses import Array, Index, PartialRegression, Refit, quantile, zscore
+from ident.information.hypotheses import Array, PartialRegression, Refit, quantile, zscore
 
 PARSIMONY = 0.10  # share of the best gain within which fewer numbers are preferred
 ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same part
@@ -76,11 +81,6 @@ class Evidence:
     sensible: bool
     credible: bool
     mends: tuple[int, ...]
-
-    @property
-    def candidate(self) -> Evidence:
-        """Itself; for those who ask for the candidate behind the evidence."""
-        return self
 
     @property
     def numbers(self) -> int:
@@ -212,9 +212,13 @@ class Weigh:
         size = float(np.sqrt(by / np.where(torque > 0, torque, np.inf))[mends].max(initial=0.0))
         plausible = sensible(self.contest, effect, refit.theta)
         material = size > self.decision.material and refit.visible > HIDDEN
+        most = int(refit.D.argmax())
+        rest = float(self.regression.loss.sum() - self.regression.loss[most])
+        steady = refit.G - float(refit.D[most]) > limit * rest
         return Evidence(
             effect, shape, tuple(C), refit, refit.G / self.total, limit, p, size, plausible,
-            passed and plausible and material, tuple(int(u) for u in np.flatnonzero(mends)),
+            passed and plausible and material and steady,
+            tuple(int(u) for u in np.flatnonzero(mends)),
         )  # fmt: skip
 
     def _refined(self, candidate: CandidateColumns, start: int) -> dict[str, float]:
@@ -298,7 +302,12 @@ def behind(a: Evidence, b: Evidence) -> float:
     return max(zscore(one - other), zscore(np.log((one + tiny) / (other + tiny))))
 
 
-def simplest(ranking: Ranking, decision: Decision) -> Evidence | None:
+def excess(a: Evidence, b: Evidence) -> float:
+    """By how much the left-out squared error is larger with a than with b, as a share."""
+    return float(a.refit.loss.sum() / max(float(b.refit.loss.sum()), 1e-300)) - 1
+
+
+def simplest(ranking: Ranking) -> Evidence | None:
     """The credible candidate with the fewest numbers among those as good as the best."""
     if not ranking.credible:
         return None
@@ -308,7 +317,7 @@ def simplest(ranking: Ranking, decision: Decision) -> Evidence | None:
         if each is first or (
             alike(each, first)
             and each.gain >= (1 - PARSIMONY) * first.gain
-            and behind(each, first) < decision.rival_se
+            and excess(each, first) < ranking.limit
         )
     ]  # fmt: skip
     return min(equal, key=lambda each: (each.effect.rare, each.numbers, -each.gain))
@@ -337,104 +346,3 @@ def _beyond(large: Evidence, small: Evidence) -> float:
     X = X / np.maximum(np.linalg.norm(X, axis=0), 1e-300)
     Q = np.linalg.qr(Y)[0]
     return float(np.linalg.norm(X - Q @ (Q.T @ X)) / np.sqrt(X.shape[1]))
-
-
-@dataclass(frozen=True, eq=False)
-class Member:
-    """An effect of a set.
-
-    Attributes:
-        evidence: when it was chosen; rivals: then.
-        columns: where its columns are.
-        gain: fall of the left-out squared error that it brings to the whole set, as a share.
-        curve: a curve of its signals that explains much beside it, so that its form is wrong.
-    """
-
-    evidence: Evidence
-    rivals: tuple[Evidence, ...]
-    columns: Index
-    gain: float = np.nan
-    curve: Effect | None = None
-
-    @property
-    def label(self) -> str:
-        """Of its effect."""
-        return self.evidence.effect.label
-
-
-@dataclass(frozen=True, eq=False)
-class Selection:
-    """The set of effects that explains most.
-
-    Attributes:
-        first: all candidates on the model as it is.
-        members: in the order in which they were chosen.
-        last: all candidates beside the set.
-    """
-
-    first: Ranking
-    members: tuple[Member, ...]
-    last: Ranking
-
-    @property
-    def named(self) -> tuple[Member, ...]:
-        """Members whose form no curve rejects."""
-        return tuple(each for each in self.members if each.curve is None)
-
-
-def select(
-    contest: Contest, noise: NoiseDraws | None, decision: Decision, seed: int,
-    without: Collection[str] = (), on_progress: OnProgress = lambda *_: None,
-) -> Selection:  # fmt: skip
-    """Searches a set: forward, each addition followed by eliminations."""
-    regression = contest.regression
-    first = last = rank(contest, regression, noise, decision, seed, without)
-    members: list[Member] = []
-    barred = set(without)
-    while len(members) < MOST:
-        best = simplest(last, decision)
-        if best is None:
-            break
-        on_progress(f"adding {best.effect.label}", len(members) / MOST)
-        contest, columns = replace(contest, regression=regression).added(best.C)
-        regression = contest.regression.extended(columns)
-        members.append(Member(best, rivals(best, last, decision), columns))
-        for each in list(members[:-1]):
-            bare = regression.without(each.columns)
-            if float(bare.loss.sum() / regression.loss.sum()) - 1 < last.limit:
-                regression = bare
-                members.remove(each)
-                barred.add(each.label)
-        regression = reweighted(regression)
-        present = barred | {each.label for each in members}
-        last = rank(contest, regression, noise, decision, seed, present, curved=False)
-    if members:
-        present = barred | {each.label for each in members}
-        last = rank(contest, regression, noise, decision, seed, present)
-    return Selection(first, tuple(_formed(regression, members, last)), last)
-
-
-def reweighted(regression: PartialRegression) -> PartialRegression:
-    """With weights by the left-out errors that the set leaves."""
-    sigma = np.sqrt(regression.losses.sum(axis=0) / np.maximum(regression.rows, 1))
-    return regression.weighted(regression.weight / np.where(sigma > 0, sigma, 1.0))
-
-
-def _formed(
-    regression: PartialRegression, members: Sequence[Member], last: Ranking
-) -> list[Member]:
-    """Members with what each brings to the set, and the curve that rejects its form, if any."""
-    found = []
-    for each in members:
-        effect = each.evidence.effect
-        gain = float(regression.without(each.columns).loss.sum() / regression.loss.sum()) - 1
-        curve = next(
-            (
-                curve for curve, more in last.curves
-                if set(curve.joints[:1]) & set(effect.joints)
-                and more > PARSIMONY * (gain + more)
-            ),
-            None,
-        )  # fmt: skip
-        found.append(replace(each, gain=gain, curve=curve))
-    return found

@@ -378,6 +378,12 @@ def _unexplained(d: Diagnosis) -> list[str]:
         "its form is wrong here"
         for m in d.selection.members if m.curve is not None
     ]  # fmt: skip
+    rejected += [
+        f"{m.label} explains a part, but a {m.impossible.label} with a value that no machine has "
+        "explains more of the same joint, so the cause is something else"
+        for m in d.selection.members
+        if m.curve is None and m.impossible is not None
+    ]
     first = (
         "Something is missing, and nothing in the library explains it, so no name is given. "
         f"{_tried(d)} effects were tried at their places, each with everything refitted."

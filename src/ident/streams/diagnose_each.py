@@ -62,7 +62,7 @@ class Verdict:
             samples,
             d.verdict,
             named,
-            tuple(e.candidate.effect.label for e in d.choice.evidence if e.credible),
+            tuple(e.effect.label for e in d.choice.evidence if e.credible),
             tuple(each.effect.label for each in d.invisible),
             first.joint if first else "",
             first.error_before if first else None,

@@ -1,0 +1,378 @@
+"""The set of effects that explains most, searched on the rows of one fit.
+
+No model is refitted between the moves of the search:
+
+    L = −½ Σ_u n_u log(|e_u|²/n_u)        e_u: errors of left-out blocks in coordinate u
+
+must rise with every effect that is added or exchanged, and no set is visited twice. What every
+machine has enters together where that explains more than any single effect. An addition is
+followed by eliminations of what brings less than chance does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from ident.diagnosis.candidates import CandidateColumns, Contest
+from ident.diagnosis.null import NoiseDraws
+from ident.diagnosis.selection import (
+    HIDDEN,
+    PARSIMONY,
+    Decision,
+    Evidence,
+    OnProgress,
+    Ranking,
+    behind,
+    excess,
+    rank,
+    rivals,
+    sensible,
+    simplest,
+)
+from ident.effects import Effect
+from ident.information.hypotheses import Index, PartialRegression, zscore
+
+MOST = 60  # moves of one search
+CLEAR = 3.0  # times the last quantile, from which a gain needs no new null distribution
+TOGETHER = 1.5  # times the largest single gain, from which what every machine has enters at once
+NEAR = 0.8  # share of the largest gain below which a candidate is not looked at in detail
+TRIED = 3  # of the best candidates, until one makes a better set
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """An effect of a set.
+
+    Attributes:
+        columns: its columns in the regression.
+        evidence: when it was chosen, None of an effect of the fit; rivals: then.
+        gain: fall of the left-out squared error that it brings to the whole set, as a share.
+        curve: a curve of its signals that explains much beside it: the law has the wrong form.
+        impossible: a law that explains more of the same joint than it does, with values that no
+            machine has: the cause is something else.
+    """
+
+    effect: Effect
+    columns: Index
+    evidence: Evidence | None = None
+    rivals: tuple[Evidence, ...] = ()
+    gain: float = np.nan
+    curve: Effect | None = None
+    impossible: Effect | None = None
+
+    @property
+    def label(self) -> str:
+        """The effect's label."""
+        return self.effect.label
+
+
+@dataclass(frozen=True, eq=False)
+class EffectSet:
+    """The model with a set of effects added, on the rows of one fit."""
+
+    contest: Contest
+    regression: PartialRegression
+    members: tuple[Member, ...] = ()
+
+    @property
+    def labels(self) -> frozenset[str]:
+        """Labels of its effects."""
+        return frozenset(each.label for each in self.members)
+
+    @property
+    def loss(self) -> float:
+        """Weighted squared error of left-out blocks."""
+        return float(self.regression.loss.sum())
+
+    @property
+    def density(self) -> float:
+        """Log density L of left-out blocks."""
+        n = np.maximum(self.regression.rows, 1)
+        squares = self.regression.losses.sum(axis=0) / self.regression.weight**2
+        return float(-0.5 * (n * np.log(squares / n + 1e-300)).sum())
+
+    def plus(self, found: Evidence, equal: tuple[Evidence, ...] = ()) -> EffectSet:
+        """The set with a further effect and its rivals."""
+        contest, columns = replace(self.contest, regression=self.regression).added(found.C)
+        regression = contest.regression.extended(columns)
+        member = Member(found.effect, columns, found, equal)
+        return EffectSet(contest, regression, (*self.members, member))
+
+    def minus(self, member: Member) -> EffectSet:
+        """The set without one of its effects."""
+        left = tuple(each for each in self.members if each is not member)
+        return replace(self, regression=self.regression.without(member.columns), members=left)
+
+    def reweighted(self) -> EffectSet:
+        """The set with weights by the left-out errors that it leaves."""
+        return replace(self, regression=reweighted(self.regression))
+
+    @cached_property
+    def shares(self) -> dict[str, float]:
+        """By label, the in-sample rise of the squared error without each effect, as a share.
+
+        It is larger than the left-out one; −1 of an effect whose values cannot be.
+
+            θ_gᵀ ((XᵀX)⁻¹)_gg⁻¹ θ_g / |e|²
+        """
+        theta, inverse = self.regression.solved
+        place = {int(column): i for i, column in enumerate(self.regression.model)}
+        found = {}
+        for each in self.members:
+            at = np.array([place[int(column)] for column in each.columns])
+            t = theta[at]
+            rise = float(t @ np.linalg.pinv(inverse[np.ix_(at, at)], hermitian=True) @ t)
+            possible = each.evidence is None or sensible(self.contest, each.effect, t)
+            found[each.label] = rise / self.loss if possible else -1.0
+        return found
+
+
+def reweighted(regression: PartialRegression) -> PartialRegression:
+    """The regression with weights by the left-out errors of its model."""
+    sigma = np.sqrt(regression.losses.sum(axis=0) / np.maximum(regression.rows, 1))
+    return regression.weighted(regression.weight / np.where(sigma > 0, sigma, 1.0))
+
+
+@dataclass(eq=False)
+class Search:
+    """Adds effects with eliminations, then exchanges, until neither makes a better set.
+
+    Args:
+        contest, noise, decision, seed: rows, candidates and rule of evidence.
+        given: labels of effects of the model that stay.
+        visited: sets that were searched before.
+    """
+
+    contest: Contest
+    noise: NoiseDraws
+    decision: Decision
+    seed: int
+    given: Collection[str]
+    on_progress: OnProgress
+    visited: set[frozenset[str]] = field(default_factory=set)
+    limit: float = field(default=np.inf, init=False)
+    null_of: frozenset[str] = field(default=frozenset(), init=False)  # the set of the last null
+
+    @cached_property
+    def start(self) -> EffectSet:
+        """The fitted model; its effects that are not given may be eliminated."""
+        fit, members = self.contest.fit, []
+        for effect, places in fit.columns.effects:
+            mine = np.array([p for p in places if p >= 0 and not fit.estimate.held[p]], dtype=int)
+            if effect.label not in self.given and len(mine):
+                members.append(Member(effect, mine))
+        return EffectSet(self.contest, self.contest.regression, tuple(members))
+
+    def run(self, first: Ranking | None = None) -> EffectSet:
+        """The best set; `first`: all candidates beside the start, with their null distribution."""
+        now = self.start
+        self.visited.add(now.labels)
+        if first is None:
+            first = self.ranked(now, fresh=True)
+        self.limit, self.null_of = first.limit, now.labels
+        now = self.grouped(now)
+        for number in range(MOST):
+            self.on_progress(f"set of {len(now.members)} effects", 0.4 + 0.3 * number / MOST)
+            ranking = first if now is self.start else self.ranked(now, fresh=False)
+            following = self.forward(now, ranking) or self.exchanged(now)
+            if following is None:
+                break
+            now = following
+        return now
+
+    def ranked(self, now: EffectSet, fresh: bool) -> Ranking:
+        """All laws beside a set; `fresh`: with a null distribution of its residual."""
+        found = rank(
+            now.contest,
+            now.regression,
+            self.noise,
+            self.decision,
+            self.seed,
+            now.labels,
+            curved=False,
+            limit=None if fresh else self.limit,
+            least=NEAR,
+        )
+        if fresh:
+            self.limit, self.null_of = found.limit, now.labels
+        return found
+
+    def accepted(self, now: EffectSet, new: EffectSet) -> EffectSet | None:
+        """The set without what it made superfluous, if it is a new one and a better one."""
+        if new.density <= now.density:
+            return None
+        new = self.lean(new.reweighted())
+        if new.labels in self.visited:
+            return None
+        self.visited.add(new.labels)
+        return new
+
+    def lean(self, now: EffectSet) -> EffectSet:
+        """The set without what brings no more than chance does, the least first."""
+        while True:
+            doubtful = [e for e in now.members if now.shares[e.label] < 2 * self.limit]
+            for each in sorted(doubtful, key=lambda e: now.shares[e.label]):
+                bare = now.minus(each)
+                if now.shares[each.label] < 0 or self.superfluous(now, bare, each):
+                    now = bare
+                    break
+            else:
+                return now
+
+    def superfluous(self, now: EffectSet, bare: EffectSet, member: Member) -> bool:
+        """Whether a set is no worse without a member than chance makes it.
+
+        What every machine has needs no evidence that it is there, only that it is not noise.
+        """
+        if member.effect.common:
+            D = (bare.regression.losses - now.regression.losses).sum(axis=1)
+            return zscore(D) < self.decision.rival_se
+        return bare.loss / now.loss - 1 < self.limit
+
+    def grouped(self, now: EffectSet) -> EffectSet:
+        """The set with all effects that every machine has, where they explain more together."""
+        common = [each for each in self.contest.candidates if each.effect.common]
+        seen = now.regression.gains([each.groups[0] for each in common]).visible > HIDDEN
+        common = [each for each, visible in zip(common, seen, strict=True) if visible]
+        if len(common) < 2:
+            return now
+        columns = np.concatenate([each.groups[0] for each in common])
+        G = now.regression.gains([columns, *(each.groups[0] for each in common)]).G
+        if G[0] < self.limit * now.loss or G[0] < TOGETHER * G[1:].max():
+            return now
+        together = self.with_columns(now, common, columns)
+        self.ranked(together, fresh=True)
+        return self.accepted(now, together) or now
+
+    def with_columns(
+        self, now: EffectSet, several: list[CandidateColumns], columns: Index
+    ) -> EffectSet:
+        """The set with several candidates, credible or not."""
+        regression = now.regression.extended(columns)
+        ranking = rank(
+            now.contest,
+            regression,
+            None,
+            self.decision,
+            self.seed,
+            limit=-np.inf,
+            curved=False,
+            only={each.effect.label for each in several},
+        )
+        evidence = {each.effect.label: each for each in ranking.evidence}
+        members = [Member(e.effect, e.groups[0], evidence[e.effect.label]) for e in several]
+        return EffectSet(now.contest, regression, (*now.members, *members)).reweighted()
+
+    def forward(self, now: EffectSet, ranking: Ranking) -> EffectSet | None:
+        """The set with the simplest of the best effects."""
+        largest = ranking.evidence[0].gain if ranking.evidence else 0.0
+        if largest < CLEAR * self.limit and self.null_of != now.labels:
+            ranking = self.ranked(now, fresh=True)
+        best = simplest(ranking)
+        rest = [each for each in ranking.credible if each is not best]
+        for each in [best, *rest][:TRIED] if best is not None else []:
+            new = now.plus(each, rivals(each, ranking, self.decision))
+            if (found := self.accepted(now, new)) is not None:
+                return found
+        return None
+
+    def exchanged(self, now: EffectSet) -> EffectSet | None:
+        """The set with one effect exchanged for a better one of its joints, beyond chance."""
+        for each in now.members:
+            if each.evidence is None:
+                continue
+            bare = now.minus(each)
+            ranking = rank(
+                bare.contest,
+                bare.regression,
+                None,
+                self.decision,
+                self.seed,
+                bare.labels,
+                curved=False,
+                limit=self.limit,
+                least=NEAR,
+                joints=each.effect.joints,
+            )
+            own = next((e for e in ranking.evidence if e.effect.label == each.label), None)
+            for other in ranking.credible[:TRIED]:
+                if other is own or (own and behind(own, other) < self.decision.rival_se):
+                    continue
+                if own and other.numbers > own.numbers and excess(own, other) < self.limit:
+                    continue  # more numbers must bring more than chance does
+                new = bare.plus(other, rivals(other, ranking, self.decision))
+                if (found := self.accepted(now, new)) is not None:
+                    return found
+        return None
+
+
+# --- the set of a diagnosis ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """The set of effects that explains most.
+
+    Attributes:
+        first: all candidates on the model as it is.
+        members: by what they explain on the model as it is, the most first.
+        last: all candidates beside the set.
+    """
+
+    first: Ranking
+    members: tuple[Member, ...]
+    last: Ranking
+
+    @property
+    def named(self) -> tuple[Member, ...]:
+        """Members that neither a curve nor a law with impossible values rejects."""
+        return tuple(m for m in self.members if m.curve is None and m.impossible is None)
+
+
+def select(
+    contest: Contest, noise: NoiseDraws, decision: Decision, seed: int, on_progress: OnProgress
+) -> Selection:
+    """Searches the set that explains most beside a fitted model, and judges its members."""
+    first = rank(contest, contest.regression, noise, decision, seed)
+    given = [effect.label for effect in contest.fit.mechanism.effects]
+    found = Search(contest, noise, decision, seed, given, on_progress).run(first)
+    if not found.members:
+        return Selection(first, (), first)
+    last = rank(found.contest, found.regression, noise, decision, seed, found.labels)
+    members = [_judged(each, found, first, last, decision) for each in found.members]
+    members.sort(key=lambda each: -first.gains[each.label][0])
+    return Selection(first, tuple(members), last)
+
+
+def _judged(
+    member: Member, found: EffectSet, first: Ranking, last: Ranking, decision: Decision
+) -> Member:
+    """A member with its gain and with what speaks against it."""
+    gain = found.minus(member).loss / found.loss - 1
+    joints = set(member.effect.joints)
+    curve = next(
+        (
+            curve
+            for curve, more in last.curves
+            if joints & set(curve.joints[:1]) and more > PARSIMONY * (gain + more)
+        ),
+        None,
+    )
+    assert member.evidence is not None
+    mended = set(member.evidence.mends)
+    impossible = next(
+        (
+            each.effect
+            for each in last.evidence
+            if not each.sensible and each.gain > max(each.limit, gain) and mended & set(each.mends)
+        ),
+        None,
+    )
+    on_first = next((e for e in first.credible if e.effect.label == member.label), None)
+    if on_first is not None:
+        member = replace(member, evidence=on_first, rivals=rivals(on_first, first, decision))
+    return replace(member, gain=gain, curve=curve, impossible=impossible)
