@@ -51,6 +51,12 @@ def absorbed(mechanism: Mechanism, effect: Effect) -> str:
     return f"absorbed: same columns as {link}'s own parameters, all unknown"
 
 
+def candidates_of(fit: Fit) -> list[Effect]:
+    """Effects that could be missing, without those whose columns a link has already."""
+    every = possible(fit.mechanism, fit.motion)
+    return [each for each in every if not absorbed(fit.mechanism, each)]
+
+
 # --- rows --------------------------------------------------------------------------------------
 
 

@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from ident.diagnosis.candidates import Contest, OnProgress, absorbed, possible
+from ident.diagnosis.candidates import Contest, OnProgress, candidates_of
 from ident.diagnosis.data_checks import Health, health
 from ident.diagnosis.null import NoiseDraws, noise
 from ident.diagnosis.search import Member, Selection, select
-from ident.diagnosis.selection import HIDDEN, Decision, Evidence, Ranking, torque_squares
+from ident.diagnosis.selection import Decision, Evidence, Ranking, torque_squares
 from ident.diagnosis.suggestion import Suggestion, suggest
+from ident.diagnosis.unobservable import Invisible, Unsupported, invisible, name_of, unsupported
 from ident.display import Plotted, render
 from ident.effects import Effect
 from ident.equations.unknowns import Point
@@ -25,21 +26,11 @@ from ident.fit import Fit, identify
 from ident.fit.residual import Failure, Periods, residual_of
 from ident.fit.values import Value
 from ident.information.blocks import Error
-from ident.information.hypotheses import PartialRegression, zscore
 
 SHOWN = 3  # candidates that are listed though nothing speaks for them
 LISTED = 8  # at most
 LOUD = 1.25  # times the largest of the noise's draws, from which a residual is more than noise
-CERTAIN = 3.0  # standard errors below zero
-SHARE = 0.05  # of a column, from which an unknown is named as one that carries it
-NAMED = 4  # of them
-STILL = 1e-9  # of other effects' columns: below, the motion does not feel this one at all
 AGAIN = 0.6  # correlation of a residual between periods that noise does not have
-
-
-def name_of(effect: Effect) -> dict[str, Any]:
-    """`{"effect": …, "joints": […]}`."""
-    return {"effect": effect.kind, "joints": list(effect.joints)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,31 +92,6 @@ class Explanation:
                 for v in self.parameters
             ],
         }
-
-
-@dataclass(frozen=True, eq=False)
-class Invisible:
-    """An effect whose columns the model has already, or the motion does not feel."""
-
-    effect: Effect
-    why: str
-
-    def json(self) -> dict[str, Any]:
-        """As in diagnosis.json."""
-        return {**name_of(self.effect), "why": self.why}
-
-
-@dataclass(frozen=True, eq=False)
-class Unsupported:
-    """An effect in the model that had better be removed, or looked at."""
-
-    effect: Effect
-    why: str
-    absurd: bool
-
-    def json(self) -> dict[str, Any]:
-        """As in diagnosis.json."""
-        return {**name_of(self.effect), "why": self.why, "absurd": self.absurd}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -212,53 +178,6 @@ class Diagnosis(Plotted):
         return paths
 
 
-@dataclass(frozen=True, eq=False)
-class Judged:
-    """All candidates weighed on one fit: what a diagnosis and a growing model rest on."""
-
-    fit: Fit
-    contest: Contest
-    noise: NoiseDraws
-    selection: Selection
-    absorbed: tuple[Invisible, ...]
-    decision: Decision
-    seed: int
-
-    @property
-    def loud(self) -> np.ndarray:
-        """(d,) whether more than the sensors' noise is left beside the set, and matters."""
-        return louder(self.contest, self.noise, self.selection.last, self.decision)
-
-
-def louder(contest: Contest, noise: NoiseDraws, last: Ranking, decision: Decision) -> np.ndarray:
-    """(d,) whether more than the sensors' noise is left, and matters."""
-    regression = last.regression
-    rows = np.maximum(regression.rows, 1)
-    rms = np.sqrt(regression.losses.sum(axis=0) / rows) / regression.weight
-    torque = np.sqrt(torque_squares(contest, regression) / rows) / regression.weight
-    excess = np.sqrt(np.maximum(rms**2 - noise.floor**2, 0.0))
-    return np.asarray((rms > LOUD * noise.ceiling) & (excess > decision.material * torque))
-
-
-def judge(fit: Fit, decision: Decision, seed: int, on_progress: OnProgress) -> Judged:
-    """Weighs every effect of the library at every place, and the set that explains most."""
-    wanted = [e for e in possible(fit.mechanism, fit.motion) if not absorbed(fit.mechanism, e)]
-    contest = Contest.of(fit, wanted, on_progress)
-    on_progress("noise of the sensors", 0.4)
-    return judged_on(contest, noise(contest, seed), decision, seed, on_progress)
-
-
-def judged_on(
-    contest: Contest, draws: NoiseDraws, decision: Decision, seed: int, on_progress: OnProgress
-) -> Judged:
-    """The same on rows that are made already."""
-    fit = contest.fit
-    selection = select(contest, draws, decision, seed, on_progress)
-    why = [(e, absorbed(fit.mechanism, e)) for e in possible(fit.mechanism, fit.motion)]
-    hidden = tuple(Invisible(effect, reason) for effect, reason in why if reason)
-    return Judged(fit, contest, draws, selection, hidden, decision, seed)
-
-
 def diagnose(
     fit: Fit,
     *,
@@ -295,51 +214,64 @@ def diagnose(
         )
     on_progress = progress or (lambda what, share: None)
     decision = Decision(alpha, material, rival_se)
-    return concluded(judge(fit, decision, seed, on_progress), on_progress)
+    contest = Contest.of(fit, candidates_of(fit), on_progress)
+    on_progress("noise of the sensors", 0.4)
+    return concluded(contest, noise(contest, seed), decision, seed, on_progress)
 
 
-def concluded(judged: Judged, on_progress: OnProgress) -> Diagnosis:
-    """The diagnosis of a fit on which all candidates are weighed."""
-    fit, selection, contest = judged.fit, judged.selection, judged.contest
+def concluded(
+    contest: Contest, draws: NoiseDraws, decision: Decision, seed: int, on_progress: OnProgress
+) -> Diagnosis:
+    """The diagnosis of a fit from the rows of all candidates and draws of the sensors' noise."""
+    fit = contest.fit
+    selection = select(contest, draws, decision, seed, on_progress)
     on_progress("refitting", 0.8)
     best = selection.named[0] if selection.named else None
-    candidates = _explanations(judged, best)
+    candidates = _explanations(fit, selection, best)
     if best is not None and (not candidates or candidates[0].effect.label != best.label):
         best = None  # what cannot be refitted is no name
     residual = residual_of(fit)
-    again = residual.periods
-    loud = judged.loud
-    verdict = _verdict(judged, best, again)
+    loud = louder(contest, draws, selection.last, decision)
+    verdict = _verdict(selection, best, bool(loud.any()), residual.periods)
     suggestion = None
     if verdict == "unexplained":
         on_progress("looking for an expression", 0.85)
-        suggestion = suggest(contest, selection.last, judged.noise, judged.decision, judged.seed)
+        suggestion = suggest(contest, selection.last, draws, decision, seed)
     on_progress("where it fails", 0.9)
     names = fit.motion.independent
     return Diagnosis(
         fit=fit,
         verdict=verdict,
-        decision=judged.decision,
+        decision=decision,
         health=health(fit, fit.motion.logs),
         where=residual.where,
-        periods=again,
+        periods=residual.periods,
         candidates=tuple(candidates),
         selection=selection,
-        invisible=(*invisible(fit, contest), *judged.absorbed),
-        unsupported=unsupported(fit, contest, judged.decision),
+        invisible=invisible(fit, contest),
+        unsupported=unsupported(fit, contest, decision),
         suggestion=suggestion,
-        floor=dict(zip(names, map(float, judged.noise.floor), strict=True)),
+        floor=dict(zip(names, map(float, draws.floor), strict=True)),
         loud=tuple(name for name, each in zip(names, loud, strict=True) if each),
     )
 
 
-def _verdict(judged: Judged, best: Member | None, again: Periods | None) -> str:
+def louder(contest: Contest, noise: NoiseDraws, last: Ranking, decision: Decision) -> np.ndarray:
+    """(d,) whether more than the sensors' noise is left, and matters."""
+    regression = last.regression
+    rows = np.maximum(regression.rows, 1)
+    rms = np.sqrt(regression.losses.sum(axis=0) / rows) / regression.weight
+    torque = np.sqrt(torque_squares(contest, regression) / rows) / regression.weight
+    excess = np.sqrt(np.maximum(rms**2 - noise.floor**2, 0.0))
+    return np.asarray((rms > LOUD * noise.ceiling) & (excess > decision.material * torque))
+
+
+def _verdict(selection: Selection, best: Member | None, loud: bool, periods: Periods | None) -> str:
     if best is not None:
         return "missing"
-    loud = judged.loud.any()
-    if judged.selection.members or (loud and judged.selection.last.curves):
+    if selection.members or (loud and selection.last.curves):
         return "unexplained"
-    if loud and again is not None and max(again.rho.values()) > max(AGAIN, again.chance):
+    if loud and periods is not None and max(periods.rho.values()) > max(AGAIN, periods.chance):
         return "unexplained"
     return "undecided" if loud else "nothing"
 
@@ -347,24 +279,24 @@ def _verdict(judged: Judged, best: Member | None, again: Periods | None) -> str:
 # --- candidates, refitted ----------------------------------------------------------------------
 
 
-def _explanations(judged: Judged, best: Member | None) -> list[Explanation]:
+def _explanations(fit: Fit, selection: Selection, best: Member | None) -> list[Explanation]:
     """The best refitted, its rivals and what else is promising, best first."""
     first = [best.evidence, *best.rivals] if best is not None and best.evidence else []
     labels = {each.effect.label for each in first}
-    rest = [e for e in judged.selection.first.evidence if e.effect.label not in labels]
+    rest = [e for e in selection.first.evidence if e.effect.label not in labels]
     rest.sort(key=lambda each: not each.credible)
     wanted = [*first, *rest][: max(SHOWN, min(LISTED, len(first) + 1))]
     effects = [each.effect for each in first]
-    cheap = all(each.linear for each in judged.fit.mechanism.effects)  # no search of shapes
+    cheap = all(each.linear for each in fit.mechanism.effects)  # no search of shapes
     found = []
     for each in wanted:
         rivals = tuple(e for e in effects if e.label != each.effect.label)
         rivals = rivals if each.effect.label in labels else ()
         if (first and each is first[0]) or (each.effect.linear and cheap):
             with suppress(IdentError):  # a correction too large for the loops to close, say
-                found.append(explain(judged.fit, each, rivals))
+                found.append(explain(fit, each, rivals))
         else:
-            found.append(_announced(judged, each, rivals))
+            found.append(_announced(fit, selection, each, rivals))
     return found
 
 
@@ -393,9 +325,11 @@ def started(point: Point, fit: Fit, found: Collection[Evidence]) -> Point:
     return Point(point.pi, {**point.values, **shapes})
 
 
-def _announced(judged: Judged, found: Evidence, rivals: tuple[Effect, ...]) -> Explanation:
+def _announced(
+    fit: Fit, selection: Selection, found: Evidence, rivals: tuple[Effect, ...]
+) -> Explanation:
     """What the rows that decide announce of a candidate, without a refit."""
-    fit, before = judged.fit, judged.selection.first.regression.losses.sum(axis=0)
+    before = selection.first.regression.losses.sum(axis=0)
     share = np.sqrt(found.refit.loss.sum(axis=0) / np.where(before > 0, before, 1.0))
     after = {
         name: replace(e, rms=e.rms * s, relative=None if e.relative is None else e.relative * s)
@@ -451,95 +385,3 @@ def fall_of(before: Mapping[str, Error], after: Mapping[str, Error]) -> float:
     old = sum((weight[name] * before[name].rms) ** 2 for name in names)
     new = sum((weight[name] * after[name].rms) ** 2 for name in names)
     return float(1 - new / old) if old > 0 else 0.0
-
-
-# --- what cannot be seen, and what should go ---------------------------------------------------
-
-
-def invisible(fit: Fit, contest: Contest) -> list[Invisible]:
-    """Candidates of which the model leaves nothing to see, or that could not be judged."""
-    regression, found = contest.regression, []
-    squares = regression.squares @ regression.weight**2
-    still = STILL**2 * max(regression.rank, 1)
-    laws = [each for each in contest.candidates if not each.curve]
-    groups = [group for each in laws for group in each.groups]
-    visible = iter(regression.gains(groups).visible)
-    for each in laws:
-        most = max(next(visible) for _ in each.groups)
-        if all(squares[group].sum() <= still for group in each.groups):
-            found.append(Invisible(each.effect, _motionless(fit, each.effect)))
-        elif most < HIDDEN:
-            found.append(Invisible(each.effect, _why(fit, regression, each.groups[0])))
-    return [*found, *(Invisible(e, f"could not be judged: {why}") for e, why in contest.failed)]
-
-
-def hidden_of(fit: Fit, contest: Contest) -> dict[str, str]:
-    """By label, why an effect that could be missing cannot be seen in this data."""
-    wanted = possible(fit.mechanism, fit.motion)
-    given = {e.label: why for e in wanted if (why := absorbed(fit.mechanism, e))}
-    return given | {each.effect.label: each.why for each in invisible(fit, contest)}
-
-
-def _motionless(fit: Fit, effect: Effect) -> str:
-    if effect.corrects:
-        return "no torque changes with it: gravity does not feel it in this motion"
-    if fit.mechanism.closures:
-        return f"the closures hide it: {effect.joints[0]} does not move with any drive"
-    return f"{', '.join(effect.joints)} does not move in this motion"
-
-
-def _why(fit: Fit, regression: PartialRegression, group: np.ndarray) -> str:
-    """What absorbs it: C ≈ A_I K, the unknowns that carry most of it named."""
-    own = fit.estimate.base.independent
-    A, C = (
-        np.concatenate([
-            part.taken(columns) * regression.weight[part.coordinate] for part in regression.parts
-        ])
-        for columns in (own, group)
-    )  # fmt: skip
-    norms = np.linalg.norm(A, axis=0)
-    A = A / np.where(norms > 0, norms, 1.0)
-    carriers: dict[str, float] = {}
-    for c in C.T:
-        K = np.linalg.lstsq(A, c, rcond=1e-10)[0] / max(float(np.linalg.norm(c)), 1e-300)
-        for i in np.flatnonzero(np.abs(K) > SHARE):
-            name = fit.columns.names[own[i]]
-            carriers[name] = max(carriers.get(name, 0.0), abs(float(K[i])))
-    names = sorted(carriers, key=lambda name: -carriers[name])
-    if not names:
-        return "absorbed by the model's own parameters"
-    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    exact = regression.refit(group).visible < 1e-6
-    same = "same columns as" if exact else "nearly the same columns as"
-    return f"absorbed: {same} {', '.join(names[:NAMED])}{more}"
-
-
-def unsupported(fit: Fit, contest: Contest, decision: Decision) -> tuple[Unsupported, ...]:
-    """Effects of the model without which the left-out error is no larger, and absurd ones."""
-    found = []
-    regression = contest.regression
-    values = {each.effect.label: each.parameters for each in fit.effects}
-    torque = max(float(torque_squares(contest, regression).sum()), 1e-300)
-    for effect, places in fit.columns.effects:
-        mine = np.array([p for p in places if p >= 0 and not fit.estimate.held[p]], dtype=int)
-        absurd = [
-            v.name
-            for v, parameter in zip(values[effect.label], effect.parameters, strict=True)
-            if parameter.nonnegative and v.stderr is not None and v.value < -CERTAIN * v.stderr
-        ]
-        if absurd:
-            why = (
-                f"{', '.join(absurd)} is negative beyond its error, which no such effect can be: "
-                "something else is missing, or a sign is wrong"
-            )
-            found.append(Unsupported(effect, why, True))
-        elif len(mine):
-            D = (regression.without(mine).losses - regression.losses).sum(axis=1)
-            size = float(np.sqrt(max(D.sum(), 0.0) / torque))
-            if zscore(D) < decision.rival_se or D.sum() <= 0:
-                why = f"without it the held-out error is no larger (z = {zscore(D):.1f})"
-                found.append(Unsupported(effect, why, False))
-            elif size < decision.material / 10:
-                why = f"it explains {100 * size:.2g} % of the torque only"
-                found.append(Unsupported(effect, why, False))
-    return tuple(found)

@@ -16,18 +16,9 @@ from ident.diagnosis.candidates import (
     ColumnStore,
     Contest,
     OnProgress,
-    absorbed,
-    possible,
+    candidates_of,
 )
-from ident.diagnosis.diagnosis import (
-    Decision,
-    Diagnosis,
-    concluded,
-    errors_of,
-    fall_of,
-    judged_on,
-    started,
-)
+from ident.diagnosis.diagnosis import Decision, Diagnosis, concluded, errors_of, fall_of, started
 from ident.diagnosis.null import noise
 from ident.diagnosis.search import EffectSet, Search, reweighted
 from ident.display import Displayed, Plotted, render
@@ -175,15 +166,7 @@ def grow(
     if number == 0 or contest.fit is not fit:
         contest = Contest.of(fit, candidates_of(fit), on_progress)
         draws = noise(contest, seed)
-    return History(
-        tuple(steps), concluded(judged_on(contest, draws, decision, seed, on_progress), on_progress)
-    )
-
-
-def candidates_of(fit: Fit) -> list[Effect]:
-    """Effects that could be missing, without those whose columns a link has already."""
-    wanted = possible(fit.mechanism, fit.motion)
-    return [each for each in wanted if not absorbed(fit.mechanism, each)]
+    return History(tuple(steps), concluded(contest, draws, decision, seed, on_progress))
 
 
 def better(before: Mapping[str, Error], after: Mapping[str, Error]) -> bool:

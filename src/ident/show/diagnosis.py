@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from ident.diagnosis.data_checks import Health
-from ident.diagnosis.diagnosis import LOUD, Diagnosis, Invisible
+from ident.diagnosis.diagnosis import LOUD, Diagnosis
+from ident.diagnosis.unobservable import Invisible
 from ident.display import renders
 from ident.effects import Effect
 from ident.fit.residual import Failure

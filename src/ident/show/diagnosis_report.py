@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ident.diagnosis.diagnosis import Diagnosis, Explanation, name_of
+from ident.diagnosis.diagnosis import Diagnosis, Explanation
+from ident.diagnosis.unobservable import name_of
 from ident.display import renders
 from ident.files import json_bytes, plain, write_all
 from ident.fit.residual import Residual, residual_of
@@ -278,10 +279,11 @@ def diagnosis_json(d: Diagnosis) -> dict[str, Any]:
     }
     together = [
         {
-            **name_of(m.evidence.effect),
+            **name_of(m.effect),
             "gain": m.gain,
             "quantile": last.limit,
             "curve": m.curve.label if m.curve else None,
+            "impossible": m.impossible.label if m.impossible else None,
         }
         for m in d.selection.members
     ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ident.diagnosis.diagnosis import Diagnosis, Invisible
+from ident.diagnosis.diagnosis import Diagnosis
 from ident.diagnosis.experiment import (
     Attempt,
     Pair,
@@ -19,6 +19,7 @@ from ident.diagnosis.experiment import (
 )
 from ident.diagnosis.selection import Evidence
 from ident.diagnosis.trials import Move, Trial, present, trials
+from ident.diagnosis.unobservable import Invisible
 from ident.display import renders
 from ident.effects import Effect
 from ident.effects.library import separating

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ident.diagnosis.candidates import Contest, absorbed, possible
-from ident.diagnosis.diagnosis import hidden_of, unsupported
 from ident.diagnosis.selection import Decision, Evidence, Weigh, alike, torque_squares
+from ident.diagnosis.unobservable import invisible, unsupported
 from ident.effects import Effect
 from ident.fit import Fit
 from ident.information.hypotheses import zscore
@@ -109,7 +109,7 @@ def predicted_gains(fit: Fit, progress: Progress | None = None) -> tuple[Predict
     contest = rows_of(fit, [e for e in every if not absorbed(fit.mechanism, e)], progress)
     w, regression = _weight(contest), contest.regression
     now = regression.losses @ w
-    hidden = hidden_of(fit, contest)
+    hidden = {each.effect.label: each.why for each in invisible(fit, contest)}
     found = _weighed(contest, hidden)
     after = [each.refit.loss @ w for each in found]
     open_ = []
