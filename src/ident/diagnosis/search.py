@@ -358,7 +358,9 @@ def _judged(
         (
             curve
             for curve, more in last.curves
-            if joints & set(curve.joints[:1]) and more > PARSIMONY * (gain + more)
+            if joints & set(curve.joints[:1])
+            and more > PARSIMONY * (gain + more)
+            and _remains(curve, last, PARSIMONY * gain)
         ),
         None,
     )
@@ -376,3 +378,25 @@ def _judged(
     if on_first is not None:
         member = replace(member, evidence=on_first, rivals=rivals(on_first, first, decision))
     return replace(member, gain=gain, curve=curve, impossible=impossible)
+
+
+def _remains(curve: Effect, last: Ranking, least: float) -> bool:
+    """Whether a curve is still credible beside the law of its joint that explains most.
+
+    A law that chance could bring as well is not named, but what it explains speaks against no
+    other law's form.
+    """
+    laws = [
+        each
+        for each in last.contest.candidates
+        if not each.curve and set(curve.joints[:1]) & set(each.effect.joints)
+        if each.effect.label in last.gains
+    ]
+    if not laws:
+        return True
+    best = max(laws, key=lambda each: last.gains[each.effect.label][0])
+    start = int(last.regression.gains(best.groups).G.argmax())
+    richer = last.regression.extended(best.groups[start])
+    own = next(each for each in last.contest.candidates if each.effect == curve)
+    more = float(richer.gains(own.groups).G.max()) / max(float(richer.loss.sum()), 1e-300)
+    return more > max(last.limit, least)

@@ -3,7 +3,8 @@
 A candidate is credible if
 
 * its gain G exceeds the (1 − alpha) quantile of the largest gain over all candidates on residuals
-  in which nothing is missing, and still does without the block of time that gains most;
+  in which nothing is missing, and no single block of time makes most of it: what happens once
+  has many explanations;
 * its torque exceeds the share `material` of its joint's;
 * its values are such as this kind of effect can have.
 
@@ -27,6 +28,7 @@ from ident.information.hypotheses import Array, PartialRegression, Refit, quanti
 
 PARSIMONY = 0.10  # share of the best gain within which fewer numbers are preferred
 ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same part
+ONE_BLOCK = 2 / 3  # share of a gain that one block of time may make
 RARE = 2.0  # times the quantile for effects that few machines have and noise of positions resembles
 HIDDEN = 0.02  # visible share below which the data cannot speak of an effect
 CLOSEST = 12  # candidates that are looked at in detail though they are not credible
@@ -212,9 +214,7 @@ class Weigh:
         size = float(np.sqrt(by / np.where(torque > 0, torque, np.inf))[mends].max(initial=0.0))
         plausible = sensible(self.contest, effect, refit.theta)
         material = size > self.decision.material and refit.visible > HIDDEN
-        most = int(refit.D.argmax())
-        rest = float(self.regression.loss.sum() - self.regression.loss[most])
-        steady = refit.G - float(refit.D[most]) > limit * rest
+        steady = float(refit.D.max()) < ONE_BLOCK * refit.G
         return Evidence(
             effect, shape, tuple(C), refit, refit.G / self.total, limit, p, size, plausible,
             passed and plausible and material and steady,
