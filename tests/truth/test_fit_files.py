@@ -15,6 +15,7 @@ from lxml import etree
 import ident
 from helpers import J, tree_urdf, write_mechanism
 from ident import IdentError, Log, Noise
+from ident.fit.findings import note
 from ident.motion.regressor import regressor
 from identification import motion_log, plant, robot
 from pages import charts, read_page, reading, titles
@@ -303,7 +304,7 @@ def test_a_failed_write_leaves_the_old_files(tmp_path, monkeypatch):
             raise OSError(28, "No space left on device", str(target))
         real(source, target)
 
-    changed = replace(fit, warnings=("another",))
+    changed = replace(fit, findings=(note("another"),))
     monkeypatch.setattr(os, "replace", failing)
     with pytest.raises(IdentError, match="No space left"):
         changed.write(tmp_path)
@@ -373,7 +374,7 @@ def test_the_report_escapes_what_it_is_given(tmp_path):
     log = Log.from_arrays(nasty, case.log.t, dict(case.log.columns))
     mechanism = replace(fit.mechanism, name=nasty)
     named = ident.identify(mechanism, ident.complete(mechanism, log, cutoff=None))
-    named = replace(named, warnings=(nasty,))
+    named = replace(named, findings=(note(nasty),))
     named.write(tmp_path)
     page = read_page(tmp_path / "report.html")
     assert reading(page).count(nasty) >= 3

@@ -109,7 +109,8 @@ def hostile(d: Diagnosis) -> Diagnosis:
     experiments = [replace(e, name=f"{name}.csv") for e in fit.motion.experiments]
     motion = replace(fit.motion, experiments=tuple(experiments))
     mechanism = replace(fit.mechanism, name=name)
-    found = replace(d, fit=replace(fit, mechanism=mechanism, motion=motion))
+    problem = replace(fit.problem, mechanism=mechanism, motion=motion)
+    found = replace(d, fit=replace(fit, problem=problem))
     found.__dict__["text"] = f"{d.text}\n\n{name}"
     return found
 

@@ -739,7 +739,8 @@ def moved(fit: Fit, trial: ChannelTrial) -> list[Check]:
     if mechanism.closures or max(trial.now.relative) < DOUBTFUL or not trial.square:
         return []
     thin = [_thinned(e, FEW // len(motion.experiments)) for e in motion.experiments]
-    plain = replace(fit, motion=replace(motion, band=replace(motion.band, cutoff=None)))
+    unfiltered = replace(motion, band=replace(motion.band, cutoff=None))
+    plain = replace(fit, problem=replace(fit.problem, motion=unfiltered))
     before = ChannelTrial.of(plain, thin).now
     names = [joint.name for joint in mechanism.joints]
     tried = []

@@ -98,20 +98,19 @@ class Binding(Displayed):
                 "pseudo-inertia has a negative eigenvalue): a simulator may refuse it"
             )
             remedy = "correct the URDF, or make it unknown"
-            where = self.impossible
-            found.append(Finding("impossible known body", where, None, IMPOSSIBLE, text, remedy))
+            found.append(Finding("impossible known body", text, remedy, self.impossible))
         if self.repaired:
             text = (
                 f"the prior of {', '.join(self.repaired)} is that of no possible body; the nearest "
                 "possible one stands in for it"
             )
-            found.append(Finding("prior repaired", self.repaired, None, IMPOSSIBLE, text))
+            found.append(Finding("prior repaired", text, where=self.repaired))
         if (cost := max(self.rise, self.held_out_rise or 0.0)) > COSTS:
             text = (
                 "these data contradict what is physically possible: something is missing from the "
                 "model, or a sign, unit or bound is wrong"
             )
-            found.append(Finding("contradiction", (), cost, COSTS, text, "see ident diagnose"))
+            found.append(Finding("contradiction", text, "see ident diagnose", (), cost, COSTS))
         return found
 
     def json(self) -> dict[str, Any]:
@@ -167,7 +166,7 @@ def nearest_possible(
     point = program.solve(found)
     nonlinear = any(not effect.linear for effect in problem.mechanism.effects)
     for _ in range(PASSES if nonlinear and not problem.runs else 0):
-        at, last = problem.point.at(problem.mechanism, problem.columns, point.x), point
+        at, last = problem.point_at(point.x), point
         problem = Problem.of(problem.mechanism, problem.motion, at)
         found = problem.estimate(sigma=found.sigma, held=found.held)
         program = Program.of(problem, asked)

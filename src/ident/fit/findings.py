@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.display import Displayed
 from ident.equations.filter import Decimator
 from ident.equations.unknowns import Columns
 from ident.fit.multipliers import identifiable_multipliers, resting_on_priors
@@ -27,28 +26,31 @@ LEAST_MASS = 1e-9  # kg below which a body with first moments cannot be written 
 POSSIBLE = -1e-6  # of a body's largest eigenvalue: what rounding may leave below zero
 
 
-@dataclass(frozen=True, repr=False)
-class Finding(Displayed):
+@dataclass(frozen=True)
+class Finding:
     """One thing that a person should know.
 
     Attributes:
         code: of its kind, such as `negative`.
+        meaning: a sentence; remedy: what to do about it.
         where: joints, bodies, parameters or logs that it is about.
         number, threshold: what was measured and from which value on it is mentioned, if it is that.
-        meaning: a sentence; remedy: what to do about it.
     """
 
     code: str
-    where: tuple[str, ...]
-    number: float | None
-    threshold: float | None
     meaning: str
     remedy: str = ""
+    where: tuple[str, ...] = ()
+    number: float | None = None
+    threshold: float | None = None
+
+    def __str__(self) -> str:
+        return f"{self.meaning}; {self.remedy}" if self.remedy else self.meaning
 
 
 def note(text: str) -> Finding:
     """Return a finding of words alone."""
-    return Finding("note", (), None, None, text)
+    return Finding("note", text)
 
 
 def findings_of(
@@ -56,8 +58,7 @@ def findings_of(
     estimate: Estimate,
     errors: Mapping[str, Error],
     effects: Sequence[EffectValues],
-    pi: np.ndarray,
-    more: Iterable[str | Finding] = (),
+    more: Iterable[Finding] = (),
 ) -> tuple[Finding, ...]:
     """Return the findings of a fit, in the order in which a person should read them.
 
@@ -65,43 +66,42 @@ def findings_of(
         problem: the equations; estimate: their solution.
         errors: in the data that were fitted, by joint.
         effects: with their values.
-        pi: dynamic parameters (10 · bodies,) of all bodies.
         more: findings of the way in which the estimate was made.
     """
-    mechanism, motion, columns = problem.mechanism, problem.motion, problem.columns
-    of_data = [
+    pi = problem.point_at(estimate.x).pi
+    found = [
         *_equations(problem, estimate),
-        *_held(columns, estimate),
-        *_filter(motion),
-        *_partly_known(mechanism),
-        *_absorbed(columns, estimate),
+        *_held(problem.columns, estimate),
+        *_short_runs(problem.motion),
+        *_partly_known(problem.mechanism),
+        *_absorbed(problem.columns, estimate),
+        *_multipliers(problem, estimate),
+        *more,
+        *_implausible(problem.mechanism, errors, effects, pi),
     ]
-    if (condition := estimate.base.condition_number) > POOR:
-        text = f"condition number {condition:.3g}: this motion excites some base parameters poorly"
-        remedy = "see their standard errors, and move more joints, faster or farther"
-        of_data.append(Finding("excitation", (), condition, POOR, text, remedy))
-    of_data += _multipliers(problem, estimate)
-    made = [each if isinstance(each, Finding) else note(each) for each in more]
-    return (*dict.fromkeys(of_data), *made, *_implausible(mechanism, errors, effects, pi))
+    return tuple(dict.fromkeys(found))
 
 
 def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
-    """Report equations that are few, at standstill, or without unknowns; and the data's notes."""
+    """Report equations that are few, poor, at standstill, or without unknowns; the data's notes."""
     rows, rank = estimate.triangle.rows, estimate.base.rank
     if rank and rows < FEW * rank:
         text = f"only {rows} equations for {rank} parameters: these values and errors mean nothing"
         remedy = "give a longer log, or make less unknown ([parameters] unknown)"
-        yield Finding("few equations", (), rows / rank, FEW, text, remedy)
+        yield Finding("few equations", text, remedy, (), rows / rank, FEW)
     yield from map(note, (*problem.mechanism.notes, *problem.motion.notes))
     if rest := sum(block.rest.rows for block in problem.information):
         share = rest / problem.information.rows
         text = f"{100 * share:.3g} % of the equations are at standstill, where dry friction is open"
-        remedy = "they count in the errors but not in the fit"
-        yield Finding("standstill", (), share, 0.0, text, remedy)
+        yield Finding("standstill", text, "they count in the errors but not in the fit")
     if not len(problem.columns):
         text = "nothing is unknown: these are the errors of the model as it is"
         remedy = "to identify, give [parameters] unknown in mechanism.toml or add an effect"
-        yield Finding("nothing unknown", (), None, None, text, remedy)
+        yield Finding("nothing unknown", text, remedy)
+    if (condition := estimate.base.condition_number) > POOR:
+        text = f"condition number {condition:.3g}: this motion excites some base parameters poorly"
+        remedy = "see their standard errors, and move more joints, faster or farther"
+        yield Finding("excitation", text, remedy, (), condition, POOR)
 
 
 def _held(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
@@ -118,7 +118,7 @@ def _held(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
                 f"with a residual of this size this motion cannot tell {_some(names, 8)}: {where}"
             )
             remedy = "move more joints, faster or farther, or see what is missing"
-            yield Finding("held", names, None, None, text, remedy)
+            yield Finding("held", text, remedy, names)
 
 
 def _absorbed(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
@@ -129,31 +129,20 @@ def _absorbed(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
             if at >= 0 and name in absorbed and not estimate.held[at]:
                 carrier = absorbed[name]
                 why = f"same columns as {carrier}" if carrier else "nothing in this motion feels it"
-                text = f"{name} cannot be identified: {why}"
-                yield Finding("absorbed", (name,), None, None, text)
+                yield Finding("absorbed", f"{name} cannot be identified: {why}", where=(name,))
 
 
-def _filter(motion: Motion) -> Iterator[Finding]:
-    """Report samples that the filter needs on either side, and runs too short to give a row."""
+def _short_runs(motion: Motion) -> Iterator[Finding]:
+    """Report runs between gaps that are too short for the filter to give a row."""
     for e in motion.experiments:
         half = Decimator.of(motion.band.cutoff, e.rate).half
-        if not half:
-            continue
-        runs = [segment.stop - segment.start for segment in e.segments()]
-        short = [length for length in runs if length <= 2 * half]
-        if short:
+        runs = (segment.stop - segment.start for segment in e.segments())
+        if half and (short := [length for length in runs if length <= 2 * half]):
             text = (
                 f"{e.name}: {sum(short)} samples in {len(short)} runs between gaps are left "
                 f"out: shorter than the filter ({(2 * half + 1) / e.rate:.3g} s)"
             )
-            remedy = "a higher cut-off keeps them"
-            yield Finding("short runs", (e.name,), sum(short), None, text, remedy)
-        if len(runs) > len(short):
-            text = (
-                f"{e.name}: the filter takes {1e3 * half / e.rate:.3g} ms at both ends of "
-                f"{len(runs) - len(short)} run(s)"
-            )
-            yield Finding("filter ends", (e.name,), half / e.rate, None, text)
+            yield Finding("short runs", text, "a higher cut-off keeps them", (e.name,))
 
 
 def _partly_known(mechanism: Mechanism) -> Iterator[Finding]:
@@ -167,21 +156,23 @@ def _partly_known(mechanism: Mechanism) -> Iterator[Finding]:
                 "moments and moments about the joint frame, so that its centre of mass and inertia "
                 "about it move"
             )
-            yield Finding("partly known", (link,), None, None, text)
+            yield Finding("partly known", text, where=(link,))
 
 
 def _multipliers(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
     """Report multipliers that are not determined, or rest on priors."""
     mechanism = problem.mechanism
-    determined = identifiable_multipliers(mechanism, problem.motion)
     names = mechanism.kinematics.multipliers
+    if not names:
+        return
+    determined = identifiable_multipliers(mechanism, problem.motion)
     open_ = tuple(name for name, good in zip(names, determined, strict=True) if not good)
     if open_:
         text = (
             f"multipliers {', '.join(open_)} are not determined: closure equations are redundant "
             f"({len(determined)} of rank {mechanism.rank}), which is normal for planar loops"
         )
-        yield Finding("redundant", open_, mechanism.rank, len(determined), text)
+        yield Finding("redundant", text, where=open_)
     resting = resting_on_priors(problem, estimate)
     resting = {name: on for name, on in resting.items() if name not in open_}
     if resting:
@@ -190,14 +181,14 @@ def _multipliers(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
             f"multipliers {', '.join(resting)} rest on the priors of {_some(on, 6)}"
             ", which no torque determines: a wrong prior moves them, however well torques fit"
         )
-        yield Finding("rest on priors", tuple(resting), None, None, text)
+        yield Finding("rest on priors", text, where=tuple(resting))
 
 
 def basis_bias(problem: Problem, estimate: Estimate) -> list[Finding]:
     """Report what a time basis does to the parameters: its misfit of λ(t) is no noise, not in ±."""
     if not problem.stacked:
         return []
-    free = problem.free_estimate()
+    free = problem.estimate(free=True)
     if not np.array_equal(estimate.base.independent, free.base.independent):
         return []
     cov = np.zeros((estimate.base.rank,) * 2)
@@ -212,8 +203,7 @@ def basis_bias(problem: Problem, estimate: Estimate) -> list[Finding]:
         f"the {basis.basis} basis with knots of {1e3 * basis.spacing:.4g} ms moves parameters from "
         f"where free multipliers put them: {_some(moved, 6)}"
     )
-    remedy = "standard errors do not hold this bias"
-    return [Finding("basis", (), None, BIASED, text, remedy)] if moved else []
+    return [Finding("basis", text, "standard errors do not hold this bias")] if moved else []
 
 
 def _implausible(
@@ -229,7 +219,7 @@ def _implausible(
             f"the prediction for {', '.join(useless)} is no better than zero torque: check sign, "
             "unit and column of its torque and position, and that the torque is a measurement"
         )
-        yield Finding("no prediction", useless, None, 1.0, text)
+        yield Finding("no prediction", text, where=useless)
     negative = tuple(
         value.name
         for each in effects
@@ -241,7 +231,7 @@ def _implausible(
             f"{', '.join(negative)} came out negative, which no such effect can be: check the sign "
             "of the torque, or whether another effect is missing"
         )
-        yield Finding("negative", negative, None, -CERTAIN, text)
+        yield Finding("negative", text, where=negative)
     bodies = {link: pi[mechanism.bodies.columns(link)] for link in mechanism.bodies.links}
     massless = tuple(
         link for link, body in bodies.items() if abs(body[0]) <= LEAST_MASS and np.any(body[1:])
@@ -251,9 +241,12 @@ def _implausible(
             f"{', '.join(massless)} has moments but a mass that no torque determines: "
             "identified.urdf gives it 1 kg, shifted along what no torque feels"
         )
-        yield Finding("massless", massless, None, LEAST_MASS, text)
-    unknown_bodies = bodies_with_unknowns(mechanism)
-    impossible = tuple(link for link in unknown_bodies if _impossible(bodies[link]))
+        yield Finding("massless", text, where=massless)
+    impossible = []
+    for link in bodies_with_unknowns(mechanism):
+        eigenvalues = np.linalg.eigvalsh(pseudo_inertia(bodies[link]))
+        if eigenvalues[0] < POSSIBLE * max(eigenvalues[-1], 1e-300):
+            impossible.append(link)
     if impossible:
         text = (
             f"the identified inertia of {', '.join(impossible)} is that of no possible body (its "
@@ -261,22 +254,13 @@ def _implausible(
             "that, but a simulator may refuse identified.urdf"
         )
         remedy = "--consistent finds the nearest bodies that are possible"
-        yield Finding("impossible body", impossible, None, POSSIBLE, text, remedy)
+        yield Finding("impossible body", text, remedy, tuple(impossible))
 
 
 def bodies_with_unknowns(mechanism: Mechanism) -> list[str]:
     """Return the links of bodies with an unknown parameter, in Γ's order."""
     unknown = {name.rpartition(".")[0] for name in mechanism.unknown}
     return [link for link in mechanism.bodies.links if link in unknown]
-
-
-def _impossible(body: np.ndarray) -> bool:
-    """Return whether a body's pseudo-inertia is not positive semidefinite.
-
-    Source: Wensing, Kim, Slotine, IEEE Robot. Autom. Lett. 3(1), 2018.
-    """
-    eigenvalues = np.linalg.eigvalsh(pseudo_inertia(body))
-    return bool(eigenvalues[0] < POSSIBLE * max(eigenvalues[-1], 1e-300))
 
 
 def _some(names: Sequence[str], most: int) -> str:

@@ -93,7 +93,7 @@ def identify(
             cov += prior_covariance(possible.free, possible.problem.plausible)
     elif mechanism.consistency != Consistency():
         text = "bounds and total_mass of [parameters] hold in a consistent fit only: --consistent"
-        findings.append(Finding("limits ignored", (), None, None, text))
+        findings.append(Finding("limits ignored", text))
     return assembled(problem, estimate, cov, findings, likelihood, validate, progress, possible)
 
 
@@ -137,7 +137,7 @@ def assembled(
     problem: Problem,
     estimate: Estimate,
     cov: Array,
-    findings: Iterable[str | Finding] = (),
+    findings: Iterable[Finding] = (),
     likelihood: Likelihood | None = None,
     validate: Motion | None = None,
     on_progress: Progress | None = None,
@@ -162,8 +162,8 @@ def assembled(
         problem, estimate, outside = possible.problem, possible.estimate, possible.outside
         findings = [*findings, *possible.binding.findings]
     names, units = problem.motion.independent, problem.units
-    train = problem.squares(estimate.x).errors(names, units)
-    point = problem.point.at(problem.mechanism, problem.columns, estimate.x)
+    train = problem.information.squares(estimate.x).errors(names, units)
+    point = problem.point_at(estimate.x)
     effects = effect_values(problem.columns, estimate, cov, point)
     validation: dict[str, dict[str, Error]] = {}
     if validate is not None:
@@ -175,22 +175,15 @@ def assembled(
             .errors(joints, [model.joint(name).force_unit for name in joints])
             for number, e in enumerate(validate.experiments)
         }
-    every = findings_of(problem, estimate, train, effects, point.pi, findings)
+    every = findings_of(problem, estimate, train, effects, findings)
     return Fit(
-        mechanism=problem.mechanism,
-        motion=problem.motion,
-        columns=problem.columns,
-        information=problem.information,
+        problem=problem,
         estimate=estimate,
         covariance=cov,
         train=train,
         held_out={} if outside is None else outside.errors(names, units),
         validation=validation,
-        warnings=tuple(map(str, every)),
         findings=every,
-        bands=problem.bands,
-        stacked_information=problem.stacked_information,
-        point=point,
         binding=None if possible is None else possible.binding,
         likelihood=likelihood,
     )

@@ -93,14 +93,14 @@ class Likelihood(Displayed):
                 "sensors' to explain the residual: the model lacks something that the motion was "
                 "bent to hide, and standard errors do not know of it (ident diagnose)"
             )
-            found.append(Finding("noise raised", (), self.raised, RAISED, text))
+            found.append(Finding("noise raised", text, number=self.raised, threshold=RAISED))
         if self.steps > 1 and not self.settled:
             text = (
                 f"the refined fit stopped after {self.steps} steps before it converged: the last "
                 "one moved some parameter by more than a twentieth of its standard error, and "
                 f"{'no step lowers the loss' if self.steps < STEPS else 'more are not made'}"
             )
-            found.append(Finding("not converged", (), self.steps, STEPS, text))
+            found.append(Finding("not converged", text, number=self.steps))
         return found
 
     def covariance(self, cov: np.ndarray, now: Estimate) -> np.ndarray:
@@ -145,10 +145,10 @@ def share_of_motion(problem: Problem, found: Estimate) -> np.ndarray:
     """Return the part (d,) of each squared residual that noise of the motion can make."""
     if not can_move(problem.motion):
         return np.zeros(problem.d)
-    point = problem.point.at(problem.mechanism, problem.columns, found.x)
+    point = problem.point_at(found.x)
     cutoff = problem.motion.band.cutoff
     noise = [motion_noise(problem.mechanism, e, point, cutoff) for e in problem.motion.experiments]
-    squares = problem.squares(found.x)
+    squares = problem.information.squares(found.x)
     left = squares.error / np.maximum(squares.rows, 1)
     return np.asarray(np.mean(noise, axis=0) / np.where(left > 0, left, np.inf))
 
@@ -161,7 +161,7 @@ def unexplained(share: np.ndarray) -> Finding:
         "residual, but noise does not explain all of it, so the motion was taken as it is "
         "and parameters may be shrunk; something is missing (ident diagnose), or --refine"
     )
-    return Finding("motion noise", (), largest, MATTERS, text)
+    return Finding("motion noise", text, number=largest, threshold=MATTERS)
 
 
 def one_step(
@@ -264,7 +264,7 @@ class Linearization:
         like: Sequence[Linear] | None = None,
     ) -> Linearization:
         """Make rows and gains at parameters and motions; rows inform or not as those of `like`."""
-        point = problem.point.at(problem.mechanism, problem.columns, x)
+        point = problem.point_at(x)
         parts: list[Linear] = []
         for number, (e, smooth) in enumerate(zip(experiments, fine, strict=True)):
             if on_progress:

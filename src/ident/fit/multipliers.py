@@ -52,7 +52,7 @@ def resting_on_priors(problem: Problem, estimate: Estimate) -> dict[str, list[st
     names, m = mechanism.kinematics.multipliers, len(mechanism.kinematics.multipliers)
     if not m or not len(base.dependent):
         return {}
-    point = problem.point.at(mechanism, columns, estimate.x)
+    point = problem.point_at(estimate.x)
     moved, size = np.zeros((m, len(base.dependent))), np.zeros(m)
     for e in motion.experiments:
         at = np.flatnonzero(e.usable)[:: max(1, len(e) // SAMPLES)]

@@ -60,6 +60,11 @@ class Torques:
         """measured − predicted (n, d)."""
         return self.measured - self.predicted
 
+    @property
+    def squares(self) -> Squares:
+        """Sums of squares of the residual and of the measured torques."""
+        return _squares(self.residual, self.measured)
+
 
 @dataclass(frozen=True, eq=False)
 class Prediction(Torques):
@@ -74,6 +79,11 @@ class Prediction(Torques):
     joints: tuple[str, ...]
     multipliers: np.ndarray
     usable: np.ndarray
+
+    @property
+    def squares(self) -> Squares:
+        """The same, of usable samples."""
+        return _squares(self.residual[self.usable], self.measured[self.usable])
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +127,11 @@ class Trace(Torques):
         """Return rows without a gap between them."""
         edges = [0, *(np.flatnonzero(np.diff(self.segment)) + 1), len(self)]
         return [slice(int(i), int(j)) for i, j in pairwise(edges) if j > i]
+
+
+def _squares(residual: np.ndarray, measured: np.ndarray) -> Squares:
+    rows = np.full(measured.shape[1], float(len(measured)))
+    return Squares((residual**2).sum(axis=0), (measured**2).sum(axis=0), rows)
 
 
 def predict(mechanism: Mechanism, motion: Motion, point: Point) -> list[Prediction]:
@@ -216,9 +231,3 @@ def _own_rows(s: Samples, u: Samples, motion: Motion, forces: list[np.ndarray]) 
     missing = np.where([row.in_tree for row in rows], 0.0, np.nan)
     own = [*(x[:, at] for x in forces), tau - drives[:, at], (drives - f)[:, at]]
     return [x + missing for x in own]
-
-
-def squares_of(residual: np.ndarray, measured: np.ndarray) -> Squares:
-    """Return the sums of squares of a residual and the measured torques, both (n, d)."""
-    rows = np.full(measured.shape[1], float(len(measured)))
-    return Squares((residual**2).sum(axis=0), (measured**2).sum(axis=0), rows)

@@ -23,7 +23,7 @@ from ident.equations.rows import Rows, dof, row_supports, rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError
 from ident.information.band import Elimination, eliminate
-from ident.information.blocks import Block, Information, Squares
+from ident.information.blocks import Block, Information
 from ident.information.estimate import FLOOR, Estimate, estimate
 from ident.information.splines import Basis
 from ident.information.triangle import Triangle
@@ -140,32 +140,28 @@ class Problem:
         """(k,) largest plausible distance of each unknown from its prior."""
         return plausible_of(self.mechanism, self.columns, self.information)
 
-    def squares(self, x: np.ndarray) -> Squares:
-        """Return what x (k,) leaves in all rows."""
-        return self.information.squares(x)
+    def point_at(self, x: np.ndarray) -> Point:
+        """Return the values of all parameters with unknowns x (k,)."""
+        return self.point.at(self.mechanism, self.columns, x)
 
-    def estimate(self, **fixed: np.ndarray) -> Estimate:
-        """Solve least squares on the rows; `fixed`: weights `sigma` or unknowns `held`."""
-        if self.stacked:  # the paper's: all rows weigh alike, and the basis' misfit is in x
+    def estimate(self, *, free: bool = False, **fixed: np.ndarray) -> Estimate:
+        """Solve least squares on the rows.
+
+        Args:
+            free: on the reduced rows, which multipliers of any kind leave, whatever their basis.
+            fixed: weights `sigma` or unknowns `held`.
+        """
+        if self.stacked and not free:  # the paper's: all rows weigh alike, misfit of the basis too
             return estimate(self.fitting.totals, self.prior, np.ones(1), self.plausible, **fixed)
-        return self.free_estimate(**fixed)
-
-    def free_estimate(self, **fixed: np.ndarray) -> Estimate:
-        """Solve least squares on the reduced rows, which multipliers of any kind leave."""
         totals = self.information.totals
         return estimate(totals, self.prior, self.torque, self.plausible, **fixed)
 
-    def estimate_fixed(self, like: Estimate) -> Estimate:
-        """Solve with the weights and the held unknowns of another estimate."""
-        totals = self.fitting.totals
-        return estimate(totals, self.prior, self.torque, sigma=like.sigma, held=like.held)
-
     def row_scale(self, found: Estimate) -> np.ndarray:
         """Return what one row of each coordinate is weighed by in comparisons (d,) [N m | N]."""
-        if len(found.sigma) == self.d and not self.stacked:
+        if not self.stacked:
             return found.sigma
-        left = self.squares(found.x)
-        rms = np.sqrt(left.error / np.maximum(left.rows, 1))
+        squares = self.information.squares(found.x)
+        rms = np.sqrt(squares.error / np.maximum(squares.rows, 1))
         return np.maximum(rms, FLOOR * self.torque) + 1e-300
 
     def check(self) -> None:

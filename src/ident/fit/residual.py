@@ -26,7 +26,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from ident.display import Displayed
 from ident.equations.unknowns import Point
 from ident.errors import FitError
-from ident.fit.prediction import Trace, squares_of, trace_of
+from ident.fit.prediction import Trace, trace_of
 from ident.fit.problem import too_short
 from ident.fit.residual_maps import (
     ERRORS,
@@ -233,8 +233,8 @@ class Residual(Displayed):
     @cached_property
     def errors(self) -> dict[str, Error]:
         """rms and relative error by joint, over all rows, as `Fit.train` has them."""
-        squares = (squares_of(trace.residual, trace.measured) for trace in self.traces)
-        return sum(squares, Squares.zero(len(self.joints))).errors(self.joints, self.units)
+        total = sum((trace.squares for trace in self.traces), Squares.zero(len(self.joints)))
+        return total.errors(self.joints, self.units)
 
     @cached_property
     def parts(self) -> dict[str, np.ndarray]:

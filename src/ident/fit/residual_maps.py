@@ -313,7 +313,9 @@ def described(step: MapStep, unit: str) -> str:
 
     slope = np.polyfit(x, f, 1, w=np.sqrt(weight))[0]
     line = "drift" if own.kind == "t" else "straight line"
-    shapes = [(f"a {line} of {slope:.3g} {unit} per {own.unit}", (x,))]
+    shapes: list[tuple[str, tuple[np.ndarray, ...]]] = [
+        (f"a {line} of {slope:.3g} {unit} per {own.unit}", (x,))
+    ]
     if own.kind == "v":
         jump = np.clip(x / (x[1] - x[0]), -1.0, 1.0)
         shapes.append((f"a step of about {np.ptp(f):.2g} {unit} at v = 0", (jump,)))

@@ -19,7 +19,7 @@ from ident.fit.essential import Essential, essential
 from ident.fit.findings import Finding
 from ident.fit.likelihood import Likelihood
 from ident.fit.multipliers import Reactions, identifiable_multipliers
-from ident.fit.prediction import Prediction, predict, squares_of
+from ident.fit.prediction import Prediction, predict
 from ident.fit.problem import EliminatedBand, Problem, band_multipliers
 from ident.fit.residual import Residual, residual_of
 from ident.fit.unexcited import Unexcited, unexcited
@@ -46,36 +46,58 @@ class Fit(Plotted):
     """The result of an identification, and what it rests on. Made by `ident.identify`.
 
     Attributes:
-        mechanism, motion: what was fitted to what.
-        columns: the unknowns.
-        information: all rows as triangles, for statistics and further models.
+        problem: the equations: mechanism, motion, unknowns, all rows as triangles.
         estimate: solution, base, weights; covariance: (n_ind, n_ind) of the base parameters.
         train, held_out, validation: errors by joint; validation by log, then joint.
-        warnings: what a person should know before trusting the numbers; findings: the same with
-            codes and numbers.
-        bands: where the multipliers have a time basis, the way back to them.
-        stacked_information: where the motion is an excerpt, the stack of all samples.
-        point: values of all parameters, known ones and shapes included.
+        findings: what a person should know before trusting the numbers; `warnings` as text.
         binding: of a consistent fit, where it touches its limits and what that costs.
         likelihood: where the noise of the motion counts, how it was weighed.
     """
 
-    mechanism: Mechanism
-    motion: Motion
-    columns: Columns
-    information: Information
+    problem: Problem
     estimate: Estimate
     covariance: np.ndarray
     train: Mapping[str, Error]
     held_out: Mapping[str, Error]
     validation: Mapping[str, Mapping[str, Error]] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
-    bands: Sequence[EliminatedBand] = ()
-    point: Point = field(kw_only=True)
     binding: Binding | None = None
     likelihood: Likelihood | None = None
-    stacked_information: Information | None = None
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """What was fitted, with its effects."""
+        return self.problem.mechanism
+
+    @property
+    def motion(self) -> Motion:
+        """The data."""
+        return self.problem.motion
+
+    @property
+    def columns(self) -> Columns:
+        """The unknowns."""
+        return self.problem.columns
+
+    @property
+    def information(self) -> Information:
+        """All rows as triangles, for statistics and further models."""
+        return self.problem.information
+
+    @property
+    def bands(self) -> Sequence[EliminatedBand]:
+        """Where the multipliers have a time basis, the way back to them."""
+        return self.problem.bands
+
+    @cached_property
+    def point(self) -> Point:
+        """Values of all parameters, known ones and shapes included."""
+        return self.problem.point_at(self.estimate.x)
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What a person should know before trusting the numbers."""
+        return tuple(map(str, self.findings))
 
     @cached_property
     def parameters(self) -> tuple[Value, ...]:
@@ -100,19 +122,6 @@ class Fit(Plotted):
         """Return a value with what bounds do to it."""
         bound = self.binding is not None and value.name in self.binding.at_bound
         return replace(value, at_bound=True) if bound else value
-
-    @cached_property
-    def problem(self) -> Problem:
-        """The equations in which errors are counted."""
-        return Problem(
-            self.mechanism, self.motion, self.point, self.columns, self.information, self.bands,
-            stacked_information=self.stacked_information,
-        )  # fmt: skip
-
-    @cached_property
-    def row_scale(self) -> np.ndarray:
-        """(d,) what one row of each coordinate is weighed by in comparisons [N m | N]."""
-        return self.problem.row_scale(self.estimate)
 
     @cached_property
     def correlation(self) -> Correlation:
@@ -211,9 +220,8 @@ class Fit(Plotted):
     @cached_property
     def unfiltered(self) -> dict[str, Error]:
         """Errors at full rate, with all that the filter keeps out of the fit: noise, vibration."""
-        total = Squares.zero(len(self.motion.independent))
-        for p in self.predictions:
-            total = total + squares_of(p.residual[p.usable], p.measured[p.usable])
+        zero = Squares.zero(len(self.motion.independent))
+        total = sum((p.squares for p in self.predictions), zero)
         return total.errors(self.motion.independent, self.problem.units)
 
     @property

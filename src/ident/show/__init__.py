@@ -10,7 +10,7 @@ MODULES = {
     "experiment": ("Diagnosis",),
     "excite": ("Excitation",),
     "fit": (
-        "Binding", "Correlation", "Essential", "Finding", "Fit", "Likelihood", "Reactions",
+        "Binding", "Correlation", "Essential", "Fit", "Likelihood", "Reactions",
         "Unexcited",
     ),
     "ladder": ("History", "Step"),

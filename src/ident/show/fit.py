@@ -13,7 +13,6 @@ from ident.errors import FitError
 from ident.fit.consistency import Binding
 from ident.fit.essential import Essential
 from ident.fit.files import write_fit, write_urdf
-from ident.fit.findings import Finding
 from ident.fit.likelihood import Likelihood
 from ident.fit.multipliers import Reactions
 from ident.fit.result import Fit
@@ -43,12 +42,6 @@ Rows = list[list[str]]
 
 
 # --- what belongs to a fit ------------------------------------------------------------------------
-
-
-@renders(Finding, "text")
-def finding(x: Finding) -> str:
-    """Return the meaning and the remedy of a finding."""
-    return f"{x.meaning}; {x.remedy}" if x.remedy else x.meaning
 
 
 @renders(Likelihood, "text")

@@ -20,7 +20,7 @@ from ident.files import check_writable
 from ident.fit import Fit
 from ident.fit.consistency import nearest_possible
 from ident.fit.files import multipliers_rows, write_fit
-from ident.fit.findings import basis_bias
+from ident.fit.findings import basis_bias, note
 from ident.fit.identify import assembled, estimate_of, limits_asked
 from ident.fit.likelihood import MATTERS, share_of_motion
 from ident.fit.multipliers import Reactions, identifiable_multipliers
@@ -124,7 +124,7 @@ class Gathered(Displayed):
             sections = [render(self.each, "section")]
             if self.each.odd:  # first, since other notes may follow from it
                 sentence = f"{render(self.each, 'sentence')}: see Log by log"
-                fit = replace(fit, warnings=(sentence, *fit.warnings))
+                fit = replace(fit, findings=(note(sentence), *fit.findings))
         with self._multipliers(folder) as multipliers:
             paths = write_fit(fit, folder, reactions, multipliers, more, sections)
         if self.checkpoint is not None:
@@ -366,7 +366,6 @@ def _fit_of(
             "portions the motion is taken as it is, so that parameters may be shrunk: identify "
             "from a shorter log to see how much"
         )
-    notes += map(str, basis_bias(r, fitted))
     shown = sum(len(e) for e in r.motion.experiments)
     if shown < r.motion.samples:
         notes.append(
@@ -375,17 +374,12 @@ def _fit_of(
         )
     limits, on_progress = limits_asked(r.mechanism, consistent), workers.on_progress
     possible = None if limits is None else nearest_possible(r, fitted, limits, on_progress)
-    fit = assembled(r, fitted, cov, notes, on_progress=on_progress, possible=possible)
-    # the ends of an excerpt's stretches are not those of the log
-    cut = {log for e in r.motion.experiments if (log := e.name.partition(", ")[0]) != e.name}
-    warnings = tuple(
-        each
-        for each in fit.warnings
-        if not (": the filter takes" in each and each.partition(", ")[0] in cut)
-    )
-    stacked = r.stacked_information is not None
-    bands = bands_of(r.mechanism, r.columns, r.motion, r.point) if stacked else ()
-    return replace(fit, warnings=warnings, bands=tuple(bands))  # λ of the excerpt
+    findings = [*map(note, notes), *basis_bias(r, fitted)]
+    fit = assembled(r, fitted, cov, findings, on_progress=on_progress, possible=possible)
+    if r.stacked_information is None:
+        return fit
+    bands = bands_of(r.mechanism, r.columns, r.motion, r.point)  # λ of the excerpt
+    return replace(fit, problem=replace(fit.problem, bands=tuple(bands)))
 
 
 def _validation(
