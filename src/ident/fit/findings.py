@@ -186,7 +186,7 @@ def _multipliers(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
 
 def basis_bias(problem: Problem, estimate: Estimate) -> list[Finding]:
     """Report what a time basis does to the parameters: its misfit of λ(t) is no noise, not in ±."""
-    if not problem.stacked:
+    if not problem.stacked or problem.runs:
         return []
     free = problem.estimate(free=True)
     if not np.array_equal(estimate.base.independent, free.base.independent):

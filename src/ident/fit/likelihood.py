@@ -153,15 +153,35 @@ def share_of_motion(problem: Problem, found: Estimate) -> np.ndarray:
     return np.asarray(np.mean(noise, axis=0) / np.where(left > 0, left, np.inf))
 
 
-def unexplained(share: np.ndarray) -> Finding:
-    """Report that the motion's noise was left as it is."""
-    largest = min(float(share.max()), 1.0)
+def weighed(
+    problem: Problem, found: Estimate, estimator: str, on_progress: Progress | None = None
+) -> tuple[Problem, Estimate, Likelihood | None, list[Finding]]:
+    """Weigh torques and motion together where that is asked for, or where the noise matters.
+
+    Args:
+        problem: the equations; found: their least squares.
+        estimator: `likelihood`: steps until nothing changes; `auto`: one step where noise of the
+            motion matters; `least-squares`: none.
+        on_progress: called with (what is being done, share done).
+    """
+    if estimator == "likelihood":
+        check_refinable(problem)
+        share = share_of_motion(problem, found)
+        problem, found, likelihood = refined(problem, found, share, on_progress)
+        return problem, found, likelihood, likelihood.findings
+    if estimator != "auto" or problem.bands or not len(problem.columns):
+        return problem, found, None, []
+    share = share_of_motion(problem, found)
+    if (largest := min(float(share.max(initial=0.0)), 1.0)) < MATTERS:
+        return problem, found, None, []
+    if (better := one_step(problem, found, share, on_progress)) is not None:
+        return *better, better[2].findings
     text = (
         f"noise of the motion makes up to {100 * largest:.3g} % of the "
         "residual, but noise does not explain all of it, so the motion was taken as it is "
         "and parameters may be shrunk; something is missing (ident diagnose), or --refine"
     )
-    return Finding("motion noise", text, number=largest, threshold=MATTERS)
+    return problem, found, None, [Finding("motion noise", text, "", (), largest, MATTERS)]
 
 
 def one_step(

@@ -86,7 +86,8 @@ class Problem:
         """Make all rows at a point.
 
         Raises:
-            FitError: if there are no rows, or no more than coefficients of multipliers.
+            FitError: if there are no rows, or no more than coefficients of multipliers, or all
+                right sides are zero.
         """
         columns = Columns.of(mechanism)
         information = information_of(mechanism, columns, motion, point, on_progress)
@@ -99,6 +100,12 @@ class Problem:
                 f"{mechanism.name}: {f'filtered at {cut:.3g} Hz, ' if cut else ''}there are no "
                 "more rows than coefficients of the multipliers in their time basis; give --basis "
                 "free, a larger --spacing or a higher --cutoff"
+            )
+        totals = [total for total in information.totals if total.rows]
+        if len(columns) and totals and all(total.rhs_norm() == 0 for total in totals):
+            raise FitError(
+                "every torque is zero and no body is known, so parameters are free up to a common "
+                "factor; log a motion that is driven, or give what is known ([parameters] unknown)"
             )
         return cls(mechanism, motion, point, columns, information, tuple(bands))
 
@@ -163,19 +170,6 @@ class Problem:
         squares = self.information.squares(found.x)
         rms = np.sqrt(squares.error / np.maximum(squares.rows, 1))
         return np.maximum(rms, FLOOR * self.torque) + 1e-300
-
-    def check(self) -> None:
-        """Refuse equations of which all right sides are zero.
-
-        Raises:
-            FitError: with the reason and the remedy.
-        """
-        totals = [t for t in self.information.totals if t.rows]
-        if len(self.columns) and totals and all(t.rhs_norm() == 0 for t in totals):
-            raise FitError(
-                "every torque is zero and no body is known, so parameters are free up to a common "
-                "factor; log a motion that is driven, or give what is known ([parameters] unknown)"
-            )
 
 
 def information_of(

@@ -31,12 +31,10 @@ from ident.motion import Motion
 from ident.progress import Progress
 
 STEPS = 15
-FEWEST = 3
 HALVES = 5
 PASSES = 2  # over what depends on the model's own prediction
 LONGEST = 0.3  # of a shape's range, the longest step
-CONVERGED = 1e-7  # of the sum of squares: a smaller fall is the last, if values are at rest as well
-RESTING = 1e-6  # of a value: a smaller change is none
+RESTING, SETTLED = 1e-6, 1e-3  # of a value, and of its standard error: a smaller step is the last
 SAME = 1e-12  # of the sum of squares of all terms, within which two errors are the same
 
 
@@ -126,56 +124,46 @@ def variable_projection(
     shapes = np.isin(np.arange(len(columns)), columns.shapes)
     passes = PASSES if any(effect.implicit for effect in mechanism.effects) else 1
 
-    def rows_at(point: Point) -> Information:
-        return information_of(mechanism, columns, motion, point)
-
-    def solved(point: Point, first: Estimate, held: np.ndarray, rows: Information) -> Estimate:
+    def solved(point: Point, first: Estimate, held: np.ndarray) -> Estimate:
+        rows = information_of(mechanism, columns, motion, point)
         prior, zeros = columns.prior_at(point.values), np.zeros(rows.d)
         return estimate(rows.totals, prior, zeros, sigma=first.sigma, held=held)
 
-    def trial(
-        point: Point, first: Estimate, rows: Information | None = None
-    ) -> tuple[Point, float]:
+    def trial(point: Point, first: Estimate) -> tuple[Point, float]:
         """Return the point of least error with the shapes where they are, and that error."""
-        for number in range(passes):
-            if rows is None or number:
-                rows = rows_at(point)
-            found = solved(point, first, first.held | shapes, rows)
+        for _ in range(passes):
+            found = solved(point, first, first.held | shapes)
             point = point.at(mechanism, columns, found.x)
         return point, found.triangle.residual_norm(found.x) ** 2
 
-    before = rows_at(point)
     bounds = shape_bounds(mechanism, columns, motion, point)
-    point, _ = trial(point, _estimate(mechanism, columns, before), before)
-    before = rows_at(point)  # a shape without size had no slope
-    first = _estimate(mechanism, columns, before)
+    first = _estimate(mechanism, columns, information_of(mechanism, columns, motion, point))
+    point, _ = trial(point, first)  # a shape without size has no slope
+    first = _estimate(mechanism, columns, information_of(mechanism, columns, motion, point))
     same = SAME * float(np.sum((first.triangle.column_norms() * first.x) ** 2))
-    point, loss = trial(point, first, before)
+    loss = np.inf
     for step in range(STEPS):
         if on_progress:
             on_progress("searching shapes", step / STEPS)
-        x, share = solved(point, first, first.held, rows_at(point)).x, 1.0
-        for _ in range(HALVES):
-            at = point.at(mechanism, columns, stepped(columns, point, x, bounds, share))
-            after, error = trial(at, first)
-            if error <= loss + same:
+        now, before = solved(point, first, first.held), point.unknowns(columns)
+        if shapes.any():
+            loss = trial(point, first)[1] if np.isinf(loss) else loss
+            for half in range(HALVES):
+                x = stepped(columns, point, now.x, bounds, 0.5**half)
+                after, error = trial(point.at(mechanism, columns, x), first)
+                if error <= loss + same:
+                    break
+            else:
                 break
-            share *= 0.5
-        else:
-            break
-        fell, at_rest = loss - error, _at_rest(point, after)
-        point, loss = after, error
-        if step >= FEWEST and fell <= CONVERGED * loss + same and at_rest:
+            point, loss = after, error
+        else:  # the columns depend on the prediction alone
+            point = point.at(mechanism, columns, now.x)
+        x = point.unknowns(columns)
+        stderr = np.zeros(len(x))
+        stderr[now.base.independent] = np.sqrt(np.diag(now.solution.C))
+        if (np.abs(x - before) <= RESTING * np.abs(x) + SETTLED * stderr).all():
             break
     return point
-
-
-def _at_rest(before: Point, after: Point) -> bool:
-    """Return whether no effect's parameter changes any more."""
-    return all(
-        abs(value - before.values.get(name, np.inf)) <= RESTING * abs(value)
-        for name, value in after.values.items()
-    )
 
 
 def _estimate(mechanism: Mechanism, columns: Columns, information: Information) -> Estimate:

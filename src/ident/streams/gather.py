@@ -18,16 +18,14 @@ from ident.equations.unknowns import Point
 from ident.errors import FitError
 from ident.files import check_writable
 from ident.fit import Fit
-from ident.fit.consistency import nearest_possible
 from ident.fit.files import multipliers_rows, write_fit
-from ident.fit.findings import basis_bias, note
-from ident.fit.identify import assembled, estimate_of, limits_asked
+from ident.fit.findings import note
+from ident.fit.identify import estimate_of, fit_of
 from ident.fit.likelihood import MATTERS, share_of_motion
 from ident.fit.multipliers import Reactions, identifiable_multipliers
 from ident.fit.problem import Problem, bands_of
 from ident.fit.shapes import shape_bounds, stepped, working_point
 from ident.information.blocks import Error, Information
-from ident.information.covariance import covariance, prior_covariance
 from ident.information.estimate import Estimate, estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Consistency
@@ -357,7 +355,6 @@ def _fit_of(
     """Make the fit of the last pass' triangles, whose pictures are those of the excerpt."""
     assert isinstance(r.motion, Excerpt)
     r = replace(r, motion=r.motion.without(workers.broken))
-    cov = covariance(r.fitting, fitted) + prior_covariance(fitted, r.plausible)
     notes = [note for note in notes if note not in r.motion.notes]
     share = float(share_of_motion(r, fitted).max(initial=0.0)) if len(r.columns) else 0.0
     if share >= MATTERS:
@@ -372,10 +369,7 @@ def _fit_of(
             f"{r.motion.samples} samples were read in portions; pictures, unfiltered errors and "
             f"the table of multipliers show {shown} of them"
         )
-    limits, on_progress = limits_asked(r.mechanism, consistent), workers.on_progress
-    possible = None if limits is None else nearest_possible(r, fitted, limits, on_progress)
-    findings = [*map(note, notes), *basis_bias(r, fitted)]
-    fit = assembled(r, fitted, cov, findings, on_progress=on_progress, possible=possible)
+    fit = fit_of(r, fitted, consistent, [*map(note, notes)], on_progress=workers.on_progress)
     if r.stacked_information is None:
         return fit
     bands = bands_of(r.mechanism, r.columns, r.motion, r.point)  # λ of the excerpt
