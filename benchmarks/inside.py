@@ -159,7 +159,9 @@ def functions() -> str:
         finally:
             sys.setprofile(None)
     real = {(file, name) for file, name in seen if "<module>" not in name and "<" not in name[:1]}
-    return f"{len(real)} functions in {len({file for file, _ in real})} files"
+    named = [name for _, name in real if not name.endswith(">")]  # others: comprehensions, lambdas
+    files = len({file for file, _ in real})
+    return f"{len(named)} functions in {files} files, {len(real) - len(named)} comprehensions"
 
 
 class quiet:

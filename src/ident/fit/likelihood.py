@@ -31,7 +31,6 @@ from ident.fit.problem import Problem, stacks_information
 from ident.information.estimate import Estimate, estimate
 from ident.motion import Motion, State
 from ident.motion.smoothing import along, finer
-from ident.motion.spline import Smooth
 from ident.progress import Progress
 
 MATTERS = 0.05  # share of a coordinate's squared residual that is the motion's noise
@@ -46,6 +45,7 @@ ROUNDING = 1e-6
 CONVERGED = 0.05  # of a standard error: a smaller step is the last
 
 Weighed = tuple[Problem, Estimate, "Likelihood"]
+Runs = Sequence[Sequence[EliminatedRun]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -114,11 +114,6 @@ class Likelihood(Displayed):
         return 0.5 * (cov + max(1.0, _squares_per_row(now)) * now.solution.C)
 
 
-def can_move(motion: Motion) -> bool:
-    """Return whether all experiments' motions are splines; those of clean logs are as logged."""
-    return all(e.smooth is not None for e in motion.experiments)
-
-
 def check_refinable(problem: Problem) -> None:
     """Refuse a refined fit where there is no likelihood.
 
@@ -133,8 +128,7 @@ def check_refinable(problem: Problem) -> None:
     if not len(problem.columns):
         name = problem.mechanism.name
         raise FitError(f"{name}: nothing is unknown, so there is nothing to refine")
-    if not can_move(problem.motion):
-        clean = ", ".join(e.name for e in problem.motion.experiments if e.smooth is None)
+    if clean := ", ".join(e.name for e in problem.motion.experiments if e.smooth is None):
         raise FitError(
             f"{clean}: taken as logged, so there is no noise in the motion to refine the fit by; "
             "leave out --refine, or --smoothing none"
@@ -143,11 +137,11 @@ def check_refinable(problem: Problem) -> None:
 
 def share_of_motion(problem: Problem, found: Estimate) -> np.ndarray:
     """Return the part (d,) of each squared residual that noise of the motion can make."""
-    if not can_move(problem.motion):
+    experiments = problem.motion.experiments
+    if any(e.smooth is None for e in experiments):  # those of clean logs are as logged
         return np.zeros(problem.d)
-    point = problem.point_at(found.x)
-    cutoff = problem.motion.band.cutoff
-    noise = [motion_noise(problem.mechanism, e, point, cutoff) for e in problem.motion.experiments]
+    point, cutoff = problem.point_at(found.x), problem.motion.band.cutoff
+    noise = [motion_noise(problem.mechanism, e, point, cutoff) for e in experiments]
     squares = problem.information.squares(found.x)
     left = squares.error / np.maximum(squares.rows, 1)
     return np.asarray(np.mean(noise, axis=0) / np.where(left > 0, left, np.inf))
@@ -191,13 +185,12 @@ def one_step(
 
     Then the model lacks something, and a motion bent until torques fit would hide it.
     """
-    fine = _fine(problem)
-    at = Linearization.at(problem, found.x, problem.motion.experiments, fine, on_progress)
+    at = Linearization.at(problem, found.x, problem.motion.experiments, None, on_progress)
     sigma = at.noise()[0]
     runs, now = at.whitened(found, sigma)
     if _squares_per_row(now) > EXPLAINED:
         return None
-    return _weighed(at, runs, now, share, sigma, 1, False)
+    return at.weighed(runs, now, Likelihood(share, sigma, 1, False, 1.0, at.motion(runs, now.x)))
 
 
 def refined(
@@ -208,60 +201,33 @@ def refined(
     The steps begin at the problem's motion; unknowns that `found` holds at the prior, and how it
     regroups, stay. The problem that is returned has rows whitened by noise of torques and motion.
     """
-    fine = _fine(problem)
-    now_at = Linearization.at(problem, found.x, problem.motion.experiments, fine, on_progress)
-    sigma, runs, now = now_at.weighed(found)
+    at = Linearization.at(problem, found.x, problem.motion.experiments, None, on_progress)
+    sigma, runs, now = at.balanced(found)
     step, converged = 1, False
     while step < STEPS and not converged:
-        moved = now_at.moved(runs, now.x)
-        after = Linearization.at(problem, now.x, moved, fine, on_progress, now_at.parts)
+        after = Linearization.at(problem, now.x, at.moved(runs, now.x), at.parts, on_progress)
         for _ in range(HALVES):
-            if after.loss(sigma) <= (1 + ROUNDING) * now_at.loss(sigma):
+            if after.loss(sigma) <= (1 + ROUNDING) * at.loss(sigma):
                 break
-            after = now_at.halfway(after, fine, on_progress)
+            after = at.halfway(after, on_progress)
         else:
             break  # no step lowers the loss: friction that jumps, or rounding
         if step == 1:  # the first motion was not yet one that the torques agree with
-            sigma, runs, now = after.weighed(found)
+            sigma, runs, now = after.balanced(found)
         else:
             runs, now = after.whitened(found, sigma)
-        converged, step, now_at = _at_rest(now, after.x), step + 1, after
-    return _weighed(now_at, runs, now, share, sigma, step, converged)
-
-
-def _fine(problem: Problem) -> tuple[Smooth, ...]:
-    return tuple(finer(problem.mechanism, e, FINER) for e in problem.motion.experiments)
+        moved = np.abs(now.solution.beta - now.at(after.x).solution.beta)
+        converged = bool((moved <= CONVERGED * np.sqrt(np.diag(now.solution.C))).all())
+        step, at = step + 1, after
+    raised = float((sigma / at.noise()[0]).max())
+    motion = at.motion(runs, now.x)
+    return at.weighed(runs, now, Likelihood(share, sigma, step, converged, raised, motion))
 
 
 def _squares_per_row(now: Estimate) -> float:
     """Return the squared residual over the degrees of freedom."""
     rows = max(now.triangle.rows - now.base.rank, 1)
     return now.triangle.residual_norm(now.x) ** 2 / rows
-
-
-def _at_rest(now: Estimate, before: np.ndarray) -> bool:
-    """Return whether no base parameter moved by more than a fraction of its standard error."""
-    moved = np.abs(now.solution.beta - now.at(before).solution.beta)
-    return bool((moved <= CONVERGED * np.sqrt(np.diag(now.solution.C))).all())
-
-
-def _weighed(
-    at: Linearization,
-    runs: Sequence[Sequence[EliminatedRun]],
-    now: Estimate,
-    share: np.ndarray,
-    sigma: np.ndarray,
-    steps: int,
-    converged: bool,
-) -> Weighed:
-    """Return the problem with whitened rows, the estimate and the report of the last step."""
-    problem = replace(at.problem, runs=tuple(run for mine in runs for run in mine))
-    raised = float((sigma / at.noise()[0]).max())
-
-    def make_motion() -> Motion:
-        return replace(problem.motion, experiments=at.moved(runs, now.x))
-
-    return problem, now, Likelihood(share, sigma, steps, converged, raised, make_motion)
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,19 +245,24 @@ class Linearization:
         problem: Problem,
         x: np.ndarray,
         experiments: tuple[State, ...],
-        fine: Sequence[Smooth],
+        like: Sequence[Linear] | None,
         on_progress: Progress | None,
-        like: Sequence[Linear] | None = None,
     ) -> Linearization:
         """Make rows and gains at parameters and motions; rows inform or not as those of `like`."""
         point = problem.point_at(x)
         parts: list[Linear] = []
-        for number, (e, smooth) in enumerate(zip(experiments, fine, strict=True)):
+        for number, e in enumerate(experiments):
             if on_progress:
-                on_progress("weighing torques and motion together", number / len(fine))
+                on_progress("weighing torques and motion together", number / len(experiments))
             before = like[number] if like else None
-            parts.append(linear(problem.mechanism, problem.columns, e, smooth, point, before))
+            fine = before.fine if before else finer(problem.mechanism, e, FINER)
+            parts.append(linear(problem.mechanism, problem.columns, e, fine, point, before))
         return cls(replace(problem, point=point), x, experiments, tuple(parts))
+
+    def weighed(self, runs: Runs, now: Estimate, likelihood: Likelihood) -> Weighed:
+        """Return the problem with whitened rows, its estimate, and the report."""
+        flat = tuple(run for mine in runs for run in mine)
+        return replace(self.problem, runs=flat), now, likelihood
 
     def noise(self) -> tuple[np.ndarray, np.ndarray]:
         """Return (d,), (d,) [N m | N] of the torques' rows: white noise of the sensors, which is
@@ -312,25 +283,27 @@ class Linearization:
         """Return the loss of all experiments."""
         return sum(part.loss(self.x, sigma) for part in self.parts)
 
-    def moved(self, runs: Sequence[Sequence[EliminatedRun]], x: np.ndarray) -> tuple[State, ...]:
+    def moved(self, runs: Runs, x: np.ndarray) -> tuple[State, ...]:
         """Return the experiments on the motions that go with parameters x."""
         return tuple(
             along(self.problem.mechanism, e, part.moved(mine, x))
             for e, part, mine in zip(self.experiments, self.parts, runs, strict=True)
         )
 
-    def halfway(
-        self, other: Linearization, fine: Sequence[Smooth], on_progress: Progress | None
-    ) -> Linearization:
+    def motion(self, runs: Runs, x: np.ndarray) -> Callable[[], Motion]:
+        """Return the function that makes the motion that goes with parameters x."""
+        return lambda: replace(self.problem.motion, experiments=self.moved(runs, x))
+
+    def halfway(self, other: Linearization, on_progress: Progress | None) -> Linearization:
         """Return the linearization between this one and another."""
         experiments = tuple(
             along(self.problem.mechanism, e, mine.between(theirs))
             for e, mine, theirs in zip(self.experiments, self.parts, other.parts, strict=True)
         )
         x = 0.5 * (self.x + other.x)
-        return Linearization.at(self.problem, x, experiments, fine, on_progress, self.parts)
+        return Linearization.at(self.problem, x, experiments, self.parts, on_progress)
 
-    def weighed(self, found: Estimate) -> tuple[np.ndarray, list[list[EliminatedRun]], Estimate]:
+    def balanced(self, found: Estimate) -> tuple[np.ndarray, Runs, Estimate]:
         """Return the torques' noise at which residuals are as large as noise, and its estimate.
 
         σ = least^(1−θ) largest^θ with the smallest θ in [0, 1] at which |residual|² ≤ AGREED rows:
@@ -350,12 +323,9 @@ class Linearization:
             theta = 0.5 * (low + high)
         return best
 
-    def whitened(
-        self, found: Estimate, sigma: np.ndarray
-    ) -> tuple[list[list[EliminatedRun]], Estimate]:
+    def whitened(self, found: Estimate, sigma: np.ndarray) -> tuple[Runs, Estimate]:
         """Return runs by experiment, and the estimate from them."""
         problem, one = self.problem, np.ones(1)
         runs = [part.eliminated(i, sigma) for i, part in enumerate(self.parts)]
         information = stacks_information([run for mine in runs for run in mine], problem.motion)
-        totals = information.totals
-        return runs, estimate(totals, problem.prior, one, sigma=one, held=found.held)
+        return runs, estimate(information.totals, problem.prior, one, sigma=one, held=found.held)
