@@ -232,7 +232,8 @@ def test_the_fit_is_one_like_any_other_and_counts_all_samples(arm, run, tmp_path
     told = json.loads((tmp_path / "out" / "fit.json").read_text())
     assert (told["samples"], told["logs"], told["rows"]) == (ROWS, ["run.parquet"], ROWS)
     assert any("pictures" in note and "1500 of them" in note for note in told["warnings"])
-    assert ident.read_fit(tmp_path / "out", arm).x == pytest.approx(fit.estimate.solution.x)
+    saved = ident.read_fit(tmp_path / "out", arm)
+    assert saved.point.unknowns(fit.columns) == pytest.approx(fit.estimate.solution.x)
     assert f"{ROWS} rows of {ROWS} samples" in str(found)
     assert found.plan.parts[0].file.sha256[:12] in (tmp_path / "out" / "report.html").read_text()
 

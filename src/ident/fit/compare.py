@@ -6,14 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
-from ident.display import Displayed, render
+from ident.display import render
 from ident.errors import FitError
 from ident.files import write_all
 from ident.fit.files import Saved
 from ident.fit.prediction import Prediction, predict
-from ident.fit.residual import Failure, Residual, residual_of
+from ident.fit.residual import Charted, Failure, Residual, residual_of
 from ident.fit.result import Fit
 from ident.information.blocks import Error
 from ident.motion import Motion
@@ -21,7 +20,7 @@ from ident.progress import Progress
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Comparison(Displayed):
+class Comparison(Charted):
     """One or several models on the same motion. Made by `ident.compare`.
 
     Attributes:
@@ -60,31 +59,6 @@ class Comparison(Displayed):
     def summary(self) -> str:
         """Errors on this motion, those of the fits, and how far the error falls."""
         return str(render(self, "summary"))
-
-    def plot(self, experiment: int = 0, **options: Any) -> Any:
-        """Return a chart of measured and predicted torques, with residuals below, per joint.
-
-        Args:
-            experiment: number of the log, from 0.
-            options: of the chart.
-        """
-        return render(self, "plot", experiment, **options)
-
-    def plot_parts(self, experiment: int = 0) -> Any:
-        """Return a chart of rigid bodies, effects and residual over time, per joint and model.
-
-        Args:
-            experiment: number of the log, from 0.
-        """
-        return render(self, "plot_parts", experiment)
-
-    def plot_maps(self, joint: str | None = None) -> Any:
-        """Return a chart of a joint's residual against t, q, v, a and load; default: the worst's.
-
-        Raises:
-            FitError: if the joint is not an independent one.
-        """
-        return render(self, "plot_maps", joint)
 
     def save(self, path: Path) -> None:
         """Save the plot of the first experiment in `path`: a .png, .svg, .pdf or .html file.
@@ -126,11 +100,7 @@ def compare(
         name = f"fit {i + 1}" if isinstance(model, Fit) and len(models) > 1 else ""
         residual = residual_of(model, motion, name=name)
         residuals[residual.name] = residual
-        fitted[residual.name] = (
-            {"train": model.train, "held out": model.held_out, **model.validation}
-            if isinstance(model, Fit)
-            else dict(model.errors)
-        )
+        fitted[residual.name] = model.errors
         if progress:
             progress(f"where {residual.name} fails", (i + 0.5) / len(models))
     return Comparison(residuals, fitted)

@@ -200,12 +200,11 @@ def _errors(errors: Mapping[str, Error]) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Saved:
-    """A fit.json read back: a mechanism with its effects and the values of all unknowns.
+    """A fit.json read back: a mechanism with its effects and the values of all parameters.
 
     Attributes:
         name: the file's.
         mechanism: with the effects of the fit.
-        columns, x: unknowns and their values (k,).
         point: values of all parameters.
         cutoff: of the filter that the fit was made with [Hz], None for none, "auto" if not stated.
         errors: of the fit by set (`train`, `held out`, a log it was validated on), then joint.
@@ -214,8 +213,6 @@ class Saved:
 
     name: str
     mechanism: Mechanism
-    columns: Columns
-    x: np.ndarray
     point: Point
     cutoff: float | str | None = "auto"
     errors: Mapping[str, Mapping[str, Error]] = field(default_factory=dict)
@@ -311,9 +308,7 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism) -> Saved:
             shift = about_origin(*split(pi[grown.bodies.columns(link)])[:2])
             x[at] = value + shift["xyz".index(word[1]), "xyz".index(word[2])]
     point = Point.prior(grown).with_values(given)
-    return Saved(
-        str(path), grown, columns, x, point.at(grown, columns, x), _cutoff(data), _read_errors(data)
-    )
+    return Saved(str(path), grown, point.at(grown, columns, x), _cutoff(data), _read_errors(data))
 
 
 def _freed(mechanism: Mechanism, own: Effect, entries: list[dict[str, Any]]) -> Mechanism:

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from ident.display import Displayed
+from ident.display import Displayed, Plotted, render
 from ident.equations.unknowns import Point
 from ident.errors import FitError
 from ident.fit.prediction import Trace, trace_of
@@ -87,14 +87,42 @@ class Model(Protocol):
         """Data of the fit; None if it was read from a file."""
 
 
+class Charted(Plotted):
+    """A noun with charts of torques and residuals: a fit, or a comparison."""
+
+    def plot(self, experiment: int = 0, **options: Any) -> Any:
+        """Return a chart of measured and predicted torques, with residuals below, per joint.
+
+        Args:
+            experiment: number of the log, from 0.
+            options: of the chart.
+        """
+        return render(self, "plot", experiment, **options)
+
+    def plot_parts(self, experiment: int = 0) -> Any:
+        """Return a chart of rigid bodies, effects and residual over time, per joint and model.
+
+        Args:
+            experiment: number of the log, from 0.
+        """
+        return render(self, "plot_parts", experiment)
+
+    def plot_maps(self, joint: str | None = None) -> Any:
+        """Return a chart of a joint's residual against t, q, v, a and load; default: the worst's.
+
+        Raises:
+            FitError: if the joint is not an independent one.
+        """
+        return render(self, "plot_maps", joint)
+
+
 @dataclass(frozen=True)
 class Window:
-    """A stretch of time [s] in which the local rms [N m | N] stands out."""
+    """A stretch of time [s] in which the local rms stands out."""
 
     experiment: str
     start: float
     stop: float
-    rms: float
 
     def __str__(self) -> str:
         return f"{self.start:.4g}–{self.stop:.4g} s"
@@ -415,9 +443,8 @@ def _worst(residual: Residual, u: int, effective: float) -> tuple[Window, ...]:
     for name, t, r, local, _ in pieces:
         for run in runs(local > limit):
             if run.stop - run.start >= 2:
-                rms = float(np.sqrt(np.mean(r[run] ** 2)))
-                window = Window(name, float(t[run][0]), float(t[run][-1]), rms)
-                windows.append((-(rms**2) * len(r[run]), window))
+                window = Window(name, float(t[run][0]), float(t[run][-1]))
+                windows.append((-float((r[run] ** 2).sum()), window))
     return tuple(window for _, window in sorted(windows, key=lambda each: each[0])[:MOST])
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.display import Plotted, render
+from ident.display import render
 from ident.effects import Effect
 from ident.equations.unknowns import Columns, Point
 from ident.errors import one_of
@@ -21,7 +21,7 @@ from ident.fit.likelihood import Likelihood
 from ident.fit.multipliers import Reactions, identifiable_multipliers
 from ident.fit.prediction import Prediction, predict
 from ident.fit.problem import EliminatedBand, Problem, band_multipliers
-from ident.fit.residual import Residual, residual_of
+from ident.fit.residual import Charted, Residual, residual_of
 from ident.fit.unexcited import Unexcited, unexcited
 from ident.fit.values import (
     BaseValue,
@@ -42,7 +42,7 @@ LONG = 40  # characters of a name that tells where each effect is
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Fit(Plotted):
+class Fit(Charted):
     """The result of an identification, and what it rests on. Made by `ident.identify`.
 
     Attributes:
@@ -93,6 +93,11 @@ class Fit(Plotted):
     def point(self) -> Point:
         """Values of all parameters, known ones and shapes included."""
         return self.problem.point_at(self.estimate.x)
+
+    @property
+    def errors(self) -> Mapping[str, Mapping[str, Error]]:
+        """`train`, `held out`, and those of each validation log; by joint."""
+        return {"train": self.train, "held out": self.held_out, **self.validation}
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
@@ -240,22 +245,6 @@ class Fit(Plotted):
         """
         log = self.motion.experiments[0].name
         return Reactions.of(self.mechanism, log, self.multipliers[0], reactions)
-
-    def plot(self, experiment: int = 0, **options: Any) -> Any:
-        """Chart of measured and predicted torques, and what is left, of one experiment."""
-        return render(self, "plot", experiment=experiment, **options)
-
-    def plot_parts(self, experiment: int = 0) -> Any:
-        """Return a chart of rigid bodies, effects and residual over time, per joint.
-
-        Args:
-            experiment: number of the log, from 0.
-        """
-        return render(self, "plot_parts", experiment)
-
-    def plot_maps(self, joint: str | None = None) -> Any:
-        """Chart of a joint's residual against t, q, v, a and load; default: the worst joint's."""
-        return render(self, "plot_maps", joint)
 
     def plot_parameters(self) -> Any:
         """Chart of identified parameters and effects with 95 % intervals, beside the prior."""

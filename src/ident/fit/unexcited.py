@@ -129,38 +129,36 @@ def unexcited(problem: Problem, found: Estimate) -> Unexcited:
         MotionError: if no motion can be made up for the mechanism.
     """
     mechanism, motion, columns = problem.mechanism, problem.motion, problem.columns
-    base = found.base
     totals = _totals(mechanism, columns, excitation(mechanism))
     ones = np.ones(len(totals))  # unknowns that lead a base parameter if everything moves:
     able = estimate(totals, columns.prior, ones, sigma=ones).base.independent
-    lost = [int(i) for i in able if i not in base.independent]
+    lost = [int(i) for i in able if i not in found.base.independent]
     moved = {name: _moved(mechanism, motion, name) for name in motion.independent}
     if not lost:
         return Unexcited((), moved, {})
-    plausible, sigma = problem.plausible, problem.row_scale(found)
-    prior = np.diag(1 / plausible[able] ** 2)
+    sigma, prior = problem.row_scale(found), np.diag(1 / problem.plausible[able] ** 2)
     at = np.searchsorted(able, lost)
     now = _spread(_information(problem.information.totals, sigma, able) + prior)[at]
     swings, after = {}, {}
     for joint in motion.independent:
-        trial = _swing(mechanism, motion, joint)
-        if trial is None:
+        if (trial := _swing(mechanism, motion, joint)) is None:
             continue
         swing, size = trial
         share = problem.information.rows // problem.d / swing.samples
-        totals = _totals(mechanism, columns, swing)
-        after[joint] = _spread(share * _information(totals, sigma, able) + prior)[at]
+        rows = _information(_totals(mechanism, columns, swing), sigma, able)
+        after[joint] = _spread(share * rows + prior)[at]
         swings[joint] = (size, _moved(mechanism, swing, joint)[1])
     unknowns = []
-    carriers = absorbed_by(columns, base)
+    carriers = absorbed_by(columns, found.base)
     for k, i in enumerate(lost):
-        best = min((x[k] for x in after.values()), default=np.inf)
-        tell = [j for j, x in after.items() if x[k] < min(ALIKE * best, TELLS * now[k])]
-        tell = sorted(tell, key=lambda j: after[j][k])[:2]
-        carried = tuple(filter(None, carriers.get(columns.names[i], "").split(", ")))
+        name, left = columns.names[i], {joint: float(x[k]) for joint, x in after.items()}
+        best = min(left.values(), default=np.inf)
+        enough = min(ALIKE * best, TELLS * float(now[k]))
+        joints = sorted((joint for joint in left if left[joint] < enough), key=left.__getitem__)
+        carried = tuple(filter(None, carriers.get(name, "").split(", ")))
         why = "noise" if found.held[i] else "same columns" if carried else "unfelt"
-        name, unit = columns.names[i], columns.units[i]
-        unknowns.append(Lost(name, unit, why, carried, tuple(tell), float(now[k]), float(best)))
+        before = float(now[k])
+        unknowns.append(Lost(name, columns.units[i], why, carried, tuple(joints[:2]), before, best))
     return Unexcited(tuple(unknowns), moved, swings)
 
 

@@ -172,7 +172,7 @@ def plot_reactions(x: Reactions) -> Chart:
 
 def error_table(fit: Fit) -> tuple[str, Rows]:
     """Return a caption, and the errors in training, held out, on other logs and unfiltered."""
-    errors = {"train": fit.train, "held out": fit.held_out, **fit.validation}
+    errors = dict(fit.errors)
     cut = fit.motion.band.cutoff
     if cut:
         errors["unfiltered"] = fit.unfiltered
