@@ -50,6 +50,10 @@ def mesh(name: str, scale: str = "1 1 1") -> str:
     )
 
 
+def bodies(view) -> list:
+    return [x for x in view.parts.geometry.geometryObjects if x.name.startswith("body")]
+
+
 @pytest.mark.parametrize(
     "name", ["meshes/part.stl", "package://robot_description/meshes/part.stl", "file://HERE"]
 )
@@ -62,11 +66,12 @@ def test_meshes_are_found_scaled_placed_and_coloured(tmp_path, name):
     name = name.replace("HERE", str(package / "meshes" / "part.stl"))
     view = arm(package / "urdf", mesh(name, "0.1 0.2 0.3")).view()
     assert view.notes == ()
-    (shape,) = view.stage.bodies[1].shapes
-    assert shape.colour == (204, 153, 51)
+    (shape,) = bodies(view)
+    np.testing.assert_allclose(shape.meshColor[:3], [0.8, 0.6, 0.2], atol=1e-12)
     # (x, y, z) of the file is scaled, turned by 90° about z and lifted
-    np.testing.assert_allclose(shape.vertices.min(axis=0), [-0.4, 0, 0.5], atol=1e-12)
-    np.testing.assert_allclose(shape.vertices.max(axis=0), [0, 0.2, 1.1], atol=1e-12)
+    vertices = shape.geometry.vertices() @ shape.placement.rotation.T + shape.placement.translation
+    np.testing.assert_allclose(vertices.min(axis=0), [-0.4, 0, 0.5], atol=1e-12)
+    np.testing.assert_allclose(vertices.max(axis=0), [0, 0.2, 1.1], atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +95,7 @@ def test_what_cannot_be_shown_is_a_note(tmp_path, visual, word):
     (note,) = view.notes
     assert "link 'arm'" in note
     assert word in note
-    assert view.stage.bodies[1].shapes  # its inertia stands in
+    assert bodies(view)  # its inertia stands in
 
 
 def test_a_mesh_that_is_none_is_a_note(tmp_path):
@@ -108,7 +113,7 @@ def test_names_are_never_markup(robots, tmp_path):
     toml = toml.replace('"rocker_link"', f"'../{evil}'")
     (tmp_path / "mechanism.toml").write_text(toml)
     view = ident.load(tmp_path).view()
-    assert evil in view.stage.ties[0].b
+    assert evil in view.mechanism.closures[0].b.link
     assert "onerror=" in view.html
     assert "<img" not in view.html.split("</head>")[-1]
     assert "&lt;img" in view.html

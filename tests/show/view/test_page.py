@@ -16,8 +16,9 @@ import pinocchio as pin
 import pytest
 
 import ident
-from ident.show.mechanism import ShownMotion, view_of
-from ident.show.view3d.draw import BODIES, ENDS
+from ident.show.mechanism import view_of
+from ident.show.view3d.bodies import BODIES, ENDS
+from ident.show.view3d.film import ShownMotion
 
 
 @pytest.fixture(scope="module")

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from scipy.spatial.transform import Rotation
 
 import ident
 from helpers import J, tree_urdf, write_mechanism
-from ident.show.mechanism import ShownMotion, loads_of, view_of
-from ident.show.view3d import rotations
+from ident.show.mechanism import view_of
+from ident.show.view3d.bodies import pivots_of, points_of
+from ident.show.view3d.film import ShownMotion, frame_poses, loads_of
 from ident.show.view3d.page import legend
 
 KINDS = ("point", "revolute", "prismatic", "cylindrical", "universal", "planar", "fixed")
@@ -53,14 +53,12 @@ def test_reactions_do_the_work_of_the_multipliers(tmp_path, kind):
     multipliers = np.random.default_rng(1).normal(size=(1, rows.rate.shape[1]))
     data = model.createData()
     pin.computeJointJacobians(model, data, q)
-    R = np.array([[each.rotation for each in data.oMi]])
-    p = np.array([[each.translation for each in data.oMi]])
-    loads = loads_of(mechanism, (R, p), multipliers)
+    loads = loads_of(mechanism, q[None], multipliers)
     assert loads.names == ("tie on u5_link", "tie on v5_link")
     work = np.zeros(model.nv)
     for k, joint in enumerate((mechanism.closures[0].a.joint, mechanism.closures[0].b.joint)):
         jacobian = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-        arm = loads.at[0, k] - p[0, joint]
+        arm = loads.at[0, k] - data.oMi[joint].translation
         wrench = np.concatenate(
             [loads.force[0, k], loads.moment[0, k] + np.cross(arm, loads.force[0, k])]
         )
@@ -68,26 +66,25 @@ def test_reactions_do_the_work_of_the_multipliers(tmp_path, kind):
     np.testing.assert_allclose(work, -rows.rate[0].T @ multipliers[0], atol=1e-9)
 
 
+def poses(mechanism: ident.Mechanism, q: np.ndarray) -> list[pin.SE3]:
+    """Return the poses of all joints at q, as they are drawn."""
+    data = mechanism.model.createData()
+    pin.forwardKinematics(mechanism.model, data, q)
+    return [pin.SE3(each) for each in data.oMi]
+
+
 def test_bodies_are_where_pinocchio_puts_them(slider):
     mechanism, motion = slider
-    view = motion.view()
-    (film,) = view.films
+    (film,) = motion.view().films
     raw = pin.buildModelFromUrdf(str(mechanism.urdf))
     data = raw.createData()
     for k in (0, 700, len(film) - 1):
         at = int(np.argmin(np.abs(motion.experiments[0].t - film.t[k])))
         pin.framesForwardKinematics(raw, data, motion.experiments[0].q[at])
-        for i, body in enumerate(view.stage.bodies[1:], start=1):
-            frame = data.oMf[raw.getFrameId(body.name)]
-            np.testing.assert_allclose(film.position[k, i], frame.translation, atol=1e-12)
-            np.testing.assert_allclose(rotations(film.wxyz[k, i]), frame.rotation, atol=1e-12)
-
-
-def test_quaternions_are_those_of_scipy(slider):
-    film = slider[1].view().films[0]
-    xyzw = np.roll(film.wxyz[:50].reshape(-1, 4), -1, axis=1)
-    expected = Rotation.from_quat(xyzw).as_matrix()
-    np.testing.assert_allclose(rotations(film.wxyz[:50]).reshape(-1, 3, 3), expected, atol=1e-12)
+        drawn = poses(mechanism, film.q[k])
+        for i, link in enumerate(mechanism.bodies.links, start=1):
+            frame = data.oMf[raw.getFrameId(link)]
+            np.testing.assert_allclose(drawn[i].homogeneous, frame.homogeneous, atol=1e-12)
 
 
 def test_the_rod_rests_on_the_crank_with_half_its_weight(slider, robots):
@@ -105,7 +102,8 @@ def test_the_rod_rests_on_the_crank_with_half_its_weight(slider, robots):
     angle = e.q[0, mechanism.joint("theta").index]
     pin_ = [0.0, 0.1 - 0.08 * np.sin(angle), 0.12 + 0.08 * np.cos(angle)]
     np.testing.assert_allclose(film.loads.at[0], [pin_, pin_], atol=1e-9)
-    np.testing.assert_allclose(film.ends[0, 0], [pin_, pin_], atol=1e-9)
+    ends = [p[0] for _, p in frame_poses(mechanism, film.q[:1])]
+    np.testing.assert_allclose(ends, [pin_, pin_], atol=1e-9)
     largest = np.linalg.norm(forces, axis=1).max()
     assert view.scales.force == pytest.approx(largest, rel=1e-2)
 
@@ -116,35 +114,42 @@ def test_a_fit_colours_joints_and_moves_no_body(robots):
     fit = ident.identify(mechanism, motion)
     (e,), (p,) = motion.experiments, fit.predict()
     film = view_of(mechanism, [ShownMotion.of(e, p)]).films[0]
-    at = {pivot.name: i for i, pivot in enumerate(view_of(mechanism).stage.pivots)}
     usable = np.flatnonzero(p.usable)
     k = len(film) // 2
     sample = int(np.argmin(np.abs(e.t - film.t[k])))
     near = usable[np.abs(e.t[usable] - e.t[sample]) <= 0.05 + 1e-9]
     for i, joint in enumerate(p.joints):
         share = np.sqrt(np.mean(p.residual[near, i] ** 2) / np.mean(p.measured[:, i] ** 2))
-        assert film.misfit[k, at[joint]] == pytest.approx(share, rel=1e-6)
-    assert np.isnan(film.misfit[:, at["left_elbow"]]).all()
-    np.testing.assert_array_equal(film.position, motion.view().films[0].position)
+        assert film.misfit[joint][k] == pytest.approx(share, rel=1e-6)
+    assert "left_elbow" not in film.misfit
+    np.testing.assert_array_equal(film.q, motion.view().films[0].q)
 
 
 def test_absolute_coordinates_show_the_same(slider, robots):
     mechanism, motion = slider
     free = ident.absolute(mechanism)
     other = ident.complete(free, robots / "slider_crank" / "run.csv").view()
-    here = motion.view()
-    assert {pivot.name for pivot in other.stage.pivots} == {
-        pivot.name for pivot in here.stage.pivots
-    }
-    np.testing.assert_allclose(other.films[0].position, here.films[0].position, atol=1e-7)
-    for a, b in zip(here.stage.bodies, other.stage.bodies, strict=True):
-        assert [len(s.vertices) for s in a.shapes] == [len(s.vertices) for s in b.shapes]
-    for pivot in here.stage.pivots:
-        (same,) = [each for each in other.stage.pivots if each.name == pivot.name]
-        axes = []
-        for view, each in ((here, pivot), (other, same)):
-            axes.append(rotations(view.films[0].wxyz[9, each.body]) @ each.R[:, 2])
-        np.testing.assert_allclose(axes[0], axes[1], atol=1e-7)
+    view = motion.view()
+    assert set(other.parts.pivots) == set(view.parts.pivots)
+    places = [
+        (view, poses(mechanism, view.films[0].q[9])),
+        (other, poses(free, other.films[0].q[9])),
+    ]
+    clouds, axes = [], []
+    for each, drawn in places:
+        corners = points_of(each.parts.geometry)
+        objects = each.parts.geometry.geometryObjects
+        cloud = [
+            points @ drawn[i].rotation.T + drawn[i].translation
+            for (i, points), shape in zip(corners, objects, strict=True)
+            if shape.name.startswith("body")
+        ]
+        clouds.append(np.concatenate(cloud))
+        marks = pivots_of(each.mechanism)
+        axes.append({n: drawn[i].rotation @ M.rotation[:, 2] for n, _, i, M in marks})
+    np.testing.assert_allclose(clouds[0], clouds[1], atol=1e-7)
+    for name, axis in axes[0].items():
+        np.testing.assert_allclose(axis, axes[1][name], atol=1e-7)
 
 
 def test_without_shapes_rods_join_the_joints(tmp_path):
@@ -154,13 +159,16 @@ def test_without_shapes_rods_join_the_joints(tmp_path):
     )
     joints = [J("a"), J("b", parent="a"), J("c", parent="b")]
     mechanism = ident.load(write_mechanism(tmp_path, tree_urdf(joints), toml))
-    stage = view_of(mechanism).stage
-    body = next(each for each in stage.bodies if each.name == "b_link")
-    ends = np.concatenate([shape.vertices for shape in body.shapes])
+    parts = view_of(mechanism).parts
+    own = [x for x in parts.geometry.geometryObjects if x.name.endswith(" b_link")]
+    assert len(own) == 3  # two rods and the inertia
+    ends = []
+    for rod in own[:2]:
+        along = rod.placement.rotation[:, 2] * rod.geometry.halfLength
+        ends += [rod.placement.translation + along, rod.placement.translation - along]
     to_c = mechanism.model.jointPlacements[3].translation
     for place in (np.zeros(3), np.array([0.0, 0.7, 0.0]), to_c):
-        assert np.linalg.norm(ends - place, axis=1).min() < 0.02 * stage.size
-    assert len(body.shapes) == 3  # two rods and the inertia
+        assert np.linalg.norm(np.array(ends) - place, axis=1).min() < 1e-9
 
 
 def test_loops_that_do_not_close_are_shown_open(robots, tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.show.view3d import frames, running_rms
+from ident.show.view3d.film import frames, running_rms
 
 
 @pytest.mark.parametrize(("n", "most", "expected"), [(5000, 600, 301), (5000, 100, 100)])
@@ -34,12 +34,11 @@ def test_gaps_in_time_repeat_no_sample():
 def test_running_rms_is_the_rms_around_each_sample():
     random = np.random.default_rng(0)
     t = np.sort(random.uniform(0, 3, 200))
-    x = random.normal(size=(200, 2))
-    x[20:80, 0] = np.nan
+    x = random.normal(size=200)
+    x[20:80] = np.nan
     found = running_rms(t, x, 0.3)
     for k in range(0, 200, 7):
         near = x[np.abs(t - t[k]) <= 0.15]
-        for i in range(2):
-            known = near[np.isfinite(near[:, i]), i]
-            expected = np.sqrt(np.mean(known**2)) if len(known) else np.nan
-            np.testing.assert_allclose(found[k, i], expected, rtol=1e-9)
+        known = near[np.isfinite(near)]
+        expected = np.sqrt(np.mean(known**2)) if len(known) else np.nan
+        np.testing.assert_allclose(found[k], expected, rtol=1e-9)

@@ -1,0 +1,309 @@
+"""Bodies, joints and closures of a mechanism as one geometry model of Pinocchio.
+
+Shapes are no part of the mechanism: what cannot be shown is left out with a note.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from urllib.parse import ParseResult, unquote, urlparse
+
+import coal
+import numpy as np
+import pinocchio as pin
+from lxml import etree
+
+from ident.errors import MechanismError
+from ident.mechanism import Mechanism
+from ident.mechanism.closures import FrameClosure
+from ident.mechanism.description import align_z, read_urdf
+from ident.mechanism.tree import joint_axis
+from ident.mechanism.urdf import numbers
+
+Colour = tuple[int, int, int]
+BODIES: tuple[Colour, ...] = (
+    (98, 132, 168),
+    (143, 163, 104),
+    (196, 154, 108),
+    (126, 111, 156),
+    (92, 152, 149),
+    (178, 125, 134),
+)
+GROUND: Colour = (150, 150, 150)
+ENDS: tuple[Colour, Colour] = ((200, 30, 60), (30, 80, 200))  # of a closure's a and b
+UNKNOWN: Colour = (90, 90, 96)  # a joint of which no residual is known
+OPACITY = 0.7  # of bodies, in which joints and closures would be hidden
+MESHES = (".stl", ".obj", ".ply", ".dae", ".glb", ".gltf", ".off")
+SIZES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": {"radius": 1}}
+LARGEST = 100_000_000  # bytes of a mesh; a larger one would stutter in a browser
+ROD, DISC, BAR, BALL = 0.012, 0.022, 0.15, 0.012  # sizes of marks over the mechanism's size
+WIDEST, THINNEST = 0.05, 0.015  # half edges of an inertia's box over the size
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """What moves with the bodies; names of objects begin with `body`, `joint` or `closure`.
+
+    Attributes:
+        geometry: all shapes, each in the frame of a joint of the mechanism's model.
+        pivots: names of the joints that have marks, in the order of the objects.
+        size: diagonal of the mechanism [m].
+    """
+
+    geometry: pin.GeometryModel
+    pivots: tuple[str, ...]
+    size: float
+
+
+def parts_of(mechanism: Mechanism, q: np.ndarray) -> tuple[Parts, list[str]]:
+    """Return the shapes of a mechanism, marks sized by the configuration q (nq,); and notes."""
+    model, geometry = mechanism.model, pin.GeometryModel()
+    names = ("ground", *mechanism.bodies.links)
+    colours = (GROUND, *(BODIES[i % len(BODIES)] for i in range(len(names) - 1)))
+
+    def add(kind: str, name: str, joint: int, place: pin.SE3, shape: Shape, opacity: float) -> None:
+        label = f"{kind} {len(geometry.geometryObjects)} {plain(name)}"
+        colour = np.array([*(shape.colour or colours[joint]), 255 * opacity]) / 255
+        body, path, scale = shape.geometry, shape.path, shape.scale
+        geometry.addGeometryObject(
+            pin.GeometryObject(label, joint, place, body, path, scale, True, colour)
+        )
+
+    shapes, notes = urdf_shapes(mechanism.urdf)
+    shown = set()
+    for link, own in shapes.items():
+        joint, place = 0, pin.SE3.Identity()
+        if model.existBodyName(link):
+            frame = model.frames[model.getBodyId(link)]
+            joint, place = frame.parentJoint, frame.placement
+        elif link in mechanism.bodies.links:
+            joint = 1 + mechanism.bodies.links.index(link)
+        shown.add(joint)
+        for shape in own:
+            add("body", link, joint, place * shape.place, shape, OPACITY)
+    points = sites(mechanism)
+    size = _size(mechanism, q, [*points_of(geometry), *enumerate(points)])
+    for joint in set(range(1, model.njoints)) - shown:
+        for shape in simple_body(model.inertias[joint], points[joint], size):
+            add("body", names[joint], joint, shape.place, shape, OPACITY)
+    pivots = pivots_of(mechanism)
+    disc = coal.Cylinder(DISC * size, 1.6 * DISC * size)
+    bar = coal.Box(0.5 * DISC * size, 0.5 * DISC * size, BAR * size)
+    for name, rotational, joint, place in pivots:
+        add("joint", name, joint, place, Shape(disc if rotational else bar, colour=UNKNOWN), 1.0)
+    for closure in tied(mechanism):
+        for frame, colour in zip(closure.frames, ENDS, strict=True):
+            ball = Shape(coal.Sphere(BALL * size), colour=colour)
+            add("closure", closure.name, frame.joint, frame.placement, ball, 1.0)
+    return Parts(geometry, tuple(name for name, *_ in pivots), size), notes
+
+
+def plain(name: str) -> str:
+    """Return a name in which the scene's tree sees no branch."""
+    return re.sub(r"[^\w .+\-]", "_", name)[:60]
+
+
+def tied(mechanism: Mechanism) -> list[FrameClosure]:
+    """Return the closures that hold two frames together."""
+    return [closure for closure in mechanism.closures if isinstance(closure, FrameClosure)]
+
+
+def pivots_of(mechanism: Mechanism) -> list[tuple[str, bool, int, pin.SE3]]:
+    """Return the mark of each joint: name, whether it turns, joint of the model, place, z its axis.
+
+    Joints of the tree, and those that closures leave free under a name of their own.
+    """
+    model, marks = mechanism.model, []
+    tree = {joint.name for joint in mechanism.joints if joint.in_tree}
+    for index in range(1, model.njoints):
+        name = model.names[index]
+        if name in tree:
+            place = pin.SE3(align_z(joint_axis(model, index)), np.zeros(3))
+            marks.append((name, mechanism.joint(name).rotational, index, place))
+    for closure in tied(mechanism):
+        if closure.free:
+            name = closure.own_joint(closure.free[-1])
+            marks.append((name, "rz" in closure.free, closure.a.joint, closure.a.placement))
+    return marks
+
+
+def points_of(geometry: pin.GeometryModel) -> list[tuple[int, np.ndarray]]:
+    """Return joint and corners (8, 3) [m] of the box around each shape, in the joint's frame."""
+    grid = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T
+    found = []
+    for each in geometry.geometryObjects:
+        each.geometry.computeLocalAABB()
+        box = each.geometry.aabb_local
+        R, p = each.placement.rotation, each.placement.translation
+        corners = box.min_ + grid * (box.max_ - box.min_)
+        found.append((each.parentJoint, corners @ R.T + p))
+    return found
+
+
+def _size(mechanism: Mechanism, q: np.ndarray, points: Sequence[tuple[int, np.ndarray]]) -> float:
+    """Return the diagonal [m] of the box around joints, closures, masses and shapes at q."""
+    model, data = mechanism.model, mechanism.model.createData()
+    pin.forwardKinematics(model, data, q)
+    bodies = list(enumerate(model.inertias))[1:]
+    masses = [(i, inertia.lever[None]) for i, inertia in bodies if inertia.mass > 0]
+    poses = [(data.oMi[i], p) for i, p in (*points, *masses)]
+    cloud = np.concatenate([p @ M.rotation.T + M.translation for M, p in poses])
+    diagonal = float(np.linalg.norm(np.ptp(cloud, axis=0)))
+    return diagonal if diagonal > 1e-6 else 1.0
+
+
+def sites(mechanism: Mechanism) -> list[np.ndarray]:
+    """Return points (k, 3) [m] on each body, the ground first: joints and closures' frames."""
+    model = mechanism.model
+    points: list[list[np.ndarray]] = [[] for _ in range(model.njoints)]
+    for index in range(1, model.njoints):
+        points[model.parents[index]].append(np.array(model.jointPlacements[index].translation))
+        points[index].append(np.zeros(3))
+    for closure in mechanism.closures:
+        for frame in closure.frames:
+            points[frame.joint].append(np.array(frame.placement.translation))
+    return [np.array(own).reshape(-1, 3) for own in points]
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A shape of Pinocchio's at a place of its link or joint; a mesh has the path of its file."""
+
+    geometry: coal.CollisionGeometry
+    place: pin.SE3 = field(default_factory=pin.SE3.Identity)
+    path: str = ""
+    scale: np.ndarray = field(default_factory=lambda: np.ones(3))
+    colour: Colour | None = None  # that of the body
+
+
+def simple_body(inertia: pin.Inertia, points: np.ndarray, size: float) -> list[Shape]:
+    """Return rods from a body's joint to its other points, and the box of its inertia.
+
+    Args:
+        inertia: of the body.
+        points: (k, 3) [m], the joint first.
+        size: of the mechanism [m].
+    """
+    shapes = []
+    for point in points[1:]:
+        rod = point - points[0]
+        if (length := float(np.linalg.norm(rod))) > 1e-6 * size:
+            place = pin.SE3(align_z(rod), (points[0] + point) / 2)
+            shapes.append(Shape(coal.Cylinder(ROD * size, length), place))
+    if inertia.mass > 0:
+        # of even density, I_x = m (b² + c²) / 3 with half edges a, b, c; smaller where it would
+        # hide the mechanism
+        moments, axes = np.linalg.eigh(inertia.inertia)
+        half = np.sqrt(np.maximum(1.5 * (moments.sum() - 2 * moments) / inertia.mass, 0.0))
+        half *= min(1.0, WIDEST * size / max(half.max(), 1e-300))
+        axes = axes * [1, 1, np.sign(np.linalg.det(axes))]
+        edges = 2 * np.maximum(half, THINNEST * size)
+        shapes.append(Shape(coal.Box(*edges), pin.SE3(axes, inertia.lever)))
+    return shapes
+
+
+def urdf_shapes(urdf: Path) -> tuple[dict[str, list[Shape]], list[str]]:
+    """Return shapes in their link's axes, by link, and notes of those left out."""
+    try:
+        robot = read_urdf(urdf)
+    except MechanismError:
+        return {}, [f"{urdf.name}: is no URDF, so simple bodies are shown"]
+    colours = _colours(robot.findall("material"))
+    shapes: dict[str, list[Shape]] = {}
+    notes: list[str] = []
+    for link in robot.findall("link"):
+        for visual in link.findall("visual"):
+            own = visual.findall("material")
+            known = [*_colours(own).values(), *(colours.get(each.get("name")) for each in own)]
+            try:
+                shape = _shape(visual, urdf)
+            except MechanismError as error:
+                notes.append(f"link '{link.get('name')}': a shape is left out: {error}")
+            else:
+                shape = replace(shape, colour=next(filter(None, known), None))
+                shapes.setdefault(link.get("name"), []).append(shape)
+    return shapes, notes
+
+
+def _shape(visual: etree._Element, urdf: Path) -> Shape:
+    geometry, origin, where = visual.find("geometry"), visual.find("origin"), urdf.name
+    place = pin.SE3.Identity()
+    if origin is not None:
+        rpy, xyz = (numbers(origin, name, "0 0 0", 3, where) for name in ("rpy", "xyz"))
+        place = pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz))
+    for element in [] if geometry is None else geometry:
+        if element.tag in SIZES:
+            sizes = [_positive(element, key, n, where) for key, n in SIZES[element.tag].items()]
+            kind = getattr(coal, element.tag.capitalize())
+            return Shape(kind(*(x for own in sizes for x in own)), place)
+        if element.tag == "mesh":
+            scale = np.array(numbers(element, "scale", "1 1 1", 3, where))
+            path = _mesh_file(element.get("filename") or "", urdf)
+            try:
+                mesh = coal.MeshLoader().load(str(path), scale)
+            except ValueError:
+                raise MechanismError(f"mesh '{path.name}' cannot be read") from None
+            return Shape(mesh, place, str(path), scale)
+    raise MechanismError(f"{where}:{visual.sourceline}: no box, cylinder, sphere or mesh")
+
+
+def _positive(element: etree._Element, key: str, count: int, where: str) -> list[float]:
+    values = numbers(element, key, "", count, where)
+    if min(values) <= 0:
+        raise MechanismError(f"{where}:{element.sourceline}: {key} must be above 0")
+    return values
+
+
+def _mesh_file(name: str, urdf: Path) -> Path:
+    """Return the file that a URDF calls `name`, by the ways in use; nothing is fetched."""
+    try:
+        url = urlparse(name)
+        path = next((path for path in _candidates(name, url, urdf) if path.is_file()), None)
+    except (OSError, ValueError):  # a name too long, or with a zero in it
+        path = None
+    if path is None:
+        raise MechanismError(f"there is no mesh {name!r} on this machine")
+    if path.suffix.lower() not in MESHES:
+        raise MechanismError(f"mesh {name!r}: valid: {', '.join(MESHES)}")
+    if path.stat().st_size > LARGEST:
+        raise MechanismError(f"mesh {name!r} has more than {LARGEST // 1_000_000} MB")
+    return path
+
+
+def _candidates(name: str, url: ParseResult, urdf: Path) -> list[Path]:
+    above = list(urdf.resolve().parents)
+    if url.scheme in ("http", "https"):
+        return []
+    if url.scheme == "file":
+        return [Path(unquote(url.path))]
+    if url.scheme not in ("package", "model"):
+        return [urdf.parent / name]
+    package, path = unquote(url.netloc), unquote(url.path).strip("/")
+    places = [place for folder in above for place in (folder, folder / "share")]
+    for variable, inside in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
+        listed = os.environ.get(variable, "").split(os.pathsep)
+        places += [Path(place) / inside for place in listed if place]
+    files = [place / package / path for place in places]
+    files += [folder / path for folder in above if folder.name == package]
+    return files + [folder / path for folder in above[:3]]  # a package that was renamed
+
+
+def _colours(materials: list[etree._Element]) -> Mapping[str, tuple[int, int, int]]:
+    """Colours by material's name, of the materials that state one."""
+    colours = {}
+    for material in materials:
+        colour = material.find("color")
+        words = [] if colour is None else (colour.get("rgba") or "").split()
+        try:
+            rgb = [float(word) for word in words[:3]]
+        except ValueError:
+            continue
+        if len(rgb) == 3 and all(math.isfinite(part) for part in rgb):
+            r, g, b = (round(255 * min(max(part, 0.0), 1.0)) for part in rgb)
+            colours[material.get("name") or ""] = (r, g, b)
+    return colours
