@@ -19,7 +19,7 @@ import numpy as np
 
 import ident
 from ident import Excitation, Limits, Mechanism, Noise
-from ident.excite.excite import DesignProblem
+from ident.excite.design import DesignProblem
 
 ROBOTS = Path(__file__).resolve().parent.parent / "robots"
 DURATION, PERIODS, RATE, HARMONICS, SEED = 30.0, 3, 100.0, 5, 0

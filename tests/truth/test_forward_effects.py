@@ -80,7 +80,7 @@ def test_what_a_motor_sees_through_a_soft_drive(kind):
     elbow = mechanism.joint_index["elbow"]
     lead = run.log.columns["q.elbow"] - run.y[:, elbow]
     load = Rigid.of(mechanism.model, mechanism.prior)
-    torque = np.array([load.torque(*s)[2] for s in zip(run.q, run.v, run.a, strict=True)])
+    torque = np.array([load(pin.rnea, *s)[2] for s in zip(run.q, run.v, run.a, strict=True)])
     if "compliance" in values:
         np.testing.assert_allclose(lead, 2e-4 * torque, atol=1e-9)
     else:
@@ -135,8 +135,10 @@ def test_bodies_that_cannot_exist_are_integrated_where_the_motion_is_determined(
     )
     q, v, a = rng.normal(size=(3, 3))
     truth = pin.computeJointTorqueRegressor(model, data, q, v, a) @ pi
-    np.testing.assert_allclose(rigid.mass(q) @ a + rigid.bias(q, v), truth, atol=1e-12)
-    np.testing.assert_allclose(rigid.torque(q, v, a), truth, atol=1e-12)
+    np.testing.assert_allclose(
+        rigid(pin.crba, q) @ a + rigid(pin.nonLinearEffects, q, v), truth, atol=1e-12
+    )
+    np.testing.assert_allclose(rigid(pin.rnea, q, v, a), truth, atol=1e-12)
     heavy = mechanism.prior.copy()
     heavy[10] = -0.01  # a little negative, and still M is positive definite
     run = ident.integrate(mechanism, pi=heavy, duration=0.5)

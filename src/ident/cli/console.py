@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
@@ -19,13 +19,19 @@ from ident.progress import Progress
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
 NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.])")
 _steps: list[str] = []  # the present step of the command, for the line that Ctrl-C gets
+_bars: list[Bar] = []  # the bar of progress that is shown
 _written: list[Path] = []  # files that the command has written
 
 
 def result(text: object) -> None:
-    """Write a result to standard output, as it is, at once."""
+    """Write a result to standard output, as it is, at once, and without a bar of progress in it."""
+    bar = _bars[-1] if _bars else None
+    if bar is not None:
+        bar.stop()
     sys.stdout.write(f"{text}\n")
     sys.stdout.flush()
+    if bar is not None:
+        bar.start()
 
 
 def close_pipe() -> None:
@@ -87,13 +93,6 @@ def interrupted() -> str:
 @contextmanager
 def progress() -> Iterator[Progress]:
     """Show a bar on standard error while something long runs; nothing where that is no terminal."""
-    with progress_and_results() as (on_progress, _):
-        yield on_progress
-
-
-@contextmanager
-def progress_and_results() -> Iterator[tuple[Progress, Callable[[object], None]]]:
-    """Show the bar; the second function writes a result before all is done, without the bar."""
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Bar(
         *columns,
@@ -109,16 +108,10 @@ def progress_and_results() -> Iterator[tuple[Progress, Callable[[object], None]]
             _steps[:] = [what]
             bar.update(task, description=what, completed=share)
 
-        def shown(text: object) -> None:
-            bar.stop()
-            try:
-                result(text)
-            except BrokenPipeError:  # nobody reads it; the files are wanted still
-                close_pipe()
-            bar.start()
-
-        yield on_progress, shown
+        _bars[:] = [bar]
+        yield on_progress
     _steps.clear()
+    _bars.clear()
 
 
 @contextmanager
@@ -127,8 +120,8 @@ def ended_quietly() -> Iterator[None]:
 
     These are the statuses that a shell reports of a program that ends by the signal.
     """
-    _steps.clear()
-    _written.clear()
+    for state in (_steps, _bars, _written):
+        state.clear()
     try:
         yield
     except KeyboardInterrupt:

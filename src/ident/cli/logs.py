@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from ident.cli.console import notes, progress, progress_and_results, result, wrote
+from ident.cli.console import close_pipe, notes, progress, result, wrote
 from ident.cli.options import (
     CHARTS,
     DIAGNOSIS_FILES,
@@ -325,13 +325,16 @@ def grow(
     if out is not None:
         refuse_own(mechanism, out)
     output_folder(out, [*FIT_FILES, *DIAGNOSIS_FILES], [*logs, *(validate or ())])
-    with progress_and_results() as (on_progress, shown):
+    with progress() as on_progress:
         motion = model.motion(mechanism, logs, on_progress)
 
         def reached(step: Step) -> None:
-            if step.added is None and not step.removed:
-                shown(head(motion.independent))
-            shown(rung(step, motion.independent))
+            first = step.added is None and not step.removed
+            lines = [head(motion.independent)] if first else []
+            try:
+                result("\n".join([*lines, rung(step, motion.independent)]))
+            except BrokenPipeError:  # nobody reads it; the files are wanted still
+                close_pipe()
 
         history = grow_(
             mechanism,

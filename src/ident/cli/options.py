@@ -146,8 +146,10 @@ class FitOptions(ModelOptions):
 
     def load(self) -> Mechanism:
         """Return the mechanism that the options describe."""
-        mechanism = with_basis(super().load(), self.basis, self.spacing)
-        return in_absolute(mechanism) if self.absolute else mechanism
+        mechanism = mechanism_of(
+            self.mechanism, self.with_, allow_code=self.allow_code, absolute=self.absolute
+        )
+        return with_basis(mechanism, self.basis, self.spacing)
 
     def motion(
         self,
@@ -170,20 +172,14 @@ def mechanism_of(
     allow_code: bool = False,
     absolute: bool = False,
 ) -> Mechanism:
-    """Return the mechanism of a path with further effects."""
+    """Return the mechanism of a path with further effects, in absolute coordinates if wanted."""
     from ident.mechanism import load
+    from ident.mechanism.absolute import absolute as in_absolute
 
     mechanism = load(path, allow_code=allow_code)
     for effect in effects or ():
         mechanism = with_effect(mechanism, effect, allow_code=allow_code)
     return in_absolute(mechanism) if absolute else mechanism
-
-
-def in_absolute(mechanism: Mechanism) -> Mechanism:
-    """Return the mechanism in absolute coordinates."""
-    from ident.mechanism.absolute import absolute
-
-    return absolute(mechanism)
 
 
 def with_effect(mechanism: Mechanism, text: str, *, allow_code: bool) -> Mechanism:
@@ -282,16 +278,14 @@ def output_file(
 def _refuse_input(target: Path, inputs: Iterable[Path | None]) -> None:
     """Refuse a file or folder to be written that is an input, contains one, or would become one."""
     end = target.resolve()
-    for path in inputs:
-        given = path.resolve() if path is not None else None
-        if given is None or (end != given and end not in given.parents):
-            among_logs = path is not None and path.is_dir() and end.suffix in LOGS
-            if not among_logs or end.parent != given:
-                continue
-        raise IdentError(
-            f"{target}: would be overwritten or read as a log, since {path} is an input of this "
-            "command; give another name for the output"
-        )
+    for path in filter(None, inputs):
+        given = path.resolve()
+        joins = given.is_dir() and end.parent == given and end.suffix in LOGS
+        if joins or end in (given, *given.parents):
+            raise IdentError(
+                f"{target}: would be overwritten or read as a log, since {path} is an input of "
+                "this command; give another name for the output"
+            )
 
 
 # --- values of options ---------------------------------------------------------------------------

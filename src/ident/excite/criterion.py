@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import solve_triangular, subspace_angles
 
 TINY = 1e-13  # of R's diagonal: below, the columns do not determine some unknown
 
@@ -75,21 +75,18 @@ def cosine_and_shares(
 ) -> tuple[float, tuple[float, float]]:
     """Return (cosine, shares) of the columns a and b of W (N, r) beside the others."""
     rest = np.setdiff1d(np.arange(W.shape[1]), [*a, *b])
-    Ca, Cb = (_projected(W[:, rest], W[:, list(each)]) for each in (a, b))
-    Qa, Qb = (np.linalg.qr(each)[0] for each in (Ca, Cb))
-    cosine = float(np.linalg.svd(Qa.T @ Qb, compute_uv=False).max())
+    angles = subspace_angles(*(_beside(W[:, rest], W[:, list(own)]) for own in (a, b)))
     shares = [
-        float(np.linalg.norm(C - Q @ (Q.T @ C)) / np.linalg.norm(W[:, list(own)]))
-        for C, Q, own in ((Ca, Qb, a), (Cb, Qa, b))
+        float(np.linalg.norm(_beside(W[:, [*rest, *other]], C)) / np.linalg.norm(C))
+        for C, other in ((W[:, list(a)], b), (W[:, list(b)], a))
     ]
-    return min(cosine, 1.0), (shares[0], shares[1])
+    return float(np.cos(angles.min())), (shares[0], shares[1])
 
 
-def _projected(A: np.ndarray, C: np.ndarray) -> np.ndarray:
+def _beside(A: np.ndarray, C: np.ndarray) -> np.ndarray:
     """Return the part of C orthogonal to the columns of A, which may depend on each other."""
     size = np.linalg.norm(A, axis=0)
-    U, s, _ = np.linalg.svd(A / np.where(size > 0, size, 1.0), full_matrices=False)
-    Q = U[:, s > 1e-10 * s.max(initial=1e-300)]
+    A = A / np.where(size > 0, size, 1.0)
     for _ in range(2):  # twice is enough against rounding
-        C = C - Q @ (Q.T @ C)
+        C = C - A @ np.linalg.lstsq(A, C, rcond=1e-10)[0]
     return C

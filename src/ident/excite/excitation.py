@@ -9,7 +9,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.display import Plotted
+from ident.effects import KINDS, parse
+from ident.equations.unknowns import Columns, Point
+from ident.errors import MechanismError
+from ident.excite.criterion import cosine_and_shares
+from ident.excite.trajectory import MotionRows, motion_rows
+from ident.fit.shapes import initial
+from ident.fit.values import base_names
+from ident.information.base import Base, rank_revealing, solve
+from ident.information.estimate import TOLERANCE
+from ident.information.triangle import Triangle
 from ident.log import Log
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Motion
 
 
 @dataclass(frozen=True)
@@ -117,3 +129,94 @@ class Excitation(Plotted):
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the log to `path`, a .csv, .parquet or .npz, whole or not at all."""
         self.log.write(path)
+
+
+@dataclass(frozen=True, eq=False)
+class Determined:
+    """The base parameters that the rows of a motion determine."""
+
+    W: np.ndarray  # (N, k) informing rows over the noise
+    base: Base  # the independent columns
+    C: np.ndarray  # covariance of the base parameters
+    log_det: float  # of its inverse
+
+    @classmethod
+    def of(cls, columns: Columns, rows: MotionRows, sigma: np.ndarray) -> Determined:
+        """Factorise the rows of a motion over the noise (d,) of the torques."""
+        W = (rows.A * rows.informed[:, :, None] / sigma[:, None]).reshape(-1, len(columns))
+        factor = Triangle.of(W, np.zeros(len(W)))
+        base = rank_revealing(factor, TOLERANCE)
+        R = factor.restricted(base.independent).R
+        log_det = 2 * float(np.log(np.abs(R.diagonal())).sum())
+        return cls(W, base, solve(factor, base).C, log_det)
+
+    @property
+    def stderr(self) -> np.ndarray:
+        """Standard errors of the base parameters (r,)."""
+        return np.sqrt(self.C.diagonal())
+
+    def expected(self, columns: Columns, point: Point) -> tuple[ExpectedValue, ...]:
+        """Return prior and standard error of every base parameter."""
+        base, x = self.base, columns.prior_at(point.values)
+        prior = x[base.independent] + base.K @ x[base.dependent]
+        units = [columns.units[i] for i in base.independent]
+        named = zip(base_names(columns, base), prior, self.stderr, units, strict=True)
+        return tuple(ExpectedValue(name, float(p), float(s), unit) for name, p, s, unit in named)
+
+    def separation(self, columns: Columns, pair: tuple[str, str]) -> Separation:
+        """Return how well two effects are distinguished."""
+        independent = list(self.base.independent)
+        a, b = (places_of(columns, label) for label in pair)
+        cosine, share = cosine_and_shares(self.W, a, b)
+        errors = [
+            float(self.stderr[independent.index(own[0])]) if own[0] in independent else np.inf
+            for own in (a, b)
+        ]
+        units = columns.units[a[0]], columns.units[b[0]]
+        return Separation(*pair, cosine, share, (errors[0], errors[1]), units)
+
+
+def separation(
+    mechanism: Mechanism, pair: tuple[str, str], motion: Motion, noise: float = 1.0
+) -> Separation:
+    """Return how well a motion distinguishes two effects, whatever moves.
+
+    Args:
+        mechanism: the model; the effects are added where it lacks them.
+        pair: labels of the two.
+        motion: completed; of several experiments the first.
+        noise: of all torques [N m | N], for the standard errors.
+
+    Raises:
+        MechanismError: for labels that are no pair of effects of this mechanism.
+    """
+    mechanism = with_rivals(mechanism, pair)
+    columns = Columns.of(mechanism)
+    rows = motion_rows(mechanism, columns, initial(mechanism, motion), motion.experiments[0])
+    sigma = np.full(rows.A.shape[1], noise)
+    return Determined.of(columns, rows, sigma).separation(columns, pair)
+
+
+def places_of(columns: Columns, label: str) -> list[int]:
+    """Return the indices of an effect's unknowns; of a correction, which has none, its shapes.
+
+    The sensitivity of another effect's shape is zero as long as its unknowns are.
+    """
+    effect, places = next((e, at) for e, at in columns.effects if e.label == label)
+    own = places[: len(effect.unknowns)] if effect.unknowns else places
+    return [int(i) for i in own if i >= 0]
+
+
+def with_rivals(mechanism: Mechanism, pair: tuple[str, str]) -> Mechanism:
+    """Return the mechanism with two different effects, their parameters unknown."""
+    if len(set(pair)) != 2:
+        raise MechanismError(f"separate {' '.join(pair)}: two different effects are expected")
+    for label in pair:
+        own = {effect.label: effect for effect in mechanism.effects}
+        if label in own and not own[label].known:
+            continue
+        kind, joints = parse(label)
+        if not joints and KINDS[kind].sits != "mechanism":
+            raise MechanismError(f"separate {label}: of which joint? write {label}:JOINT")
+        mechanism = mechanism.with_effect(label)
+    return mechanism

@@ -197,23 +197,14 @@ class LimitBox:
         low, high = (self.middle + share * (x - self.middle) for x in (self.low, self.high))
         return replace(self, low=low, high=high)
 
-    def room(self, z: np.ndarray) -> np.ndarray:
-        """Return distances of z (n, Z) from all finite limits, in half widths; flat, ≥ 0 inside."""
-        below, above = np.isfinite(self.low), np.isfinite(self.high)
-        low = ((z - self.low) / self.half)[:, below]
-        return np.concatenate([low.ravel(), ((self.high - z) / self.half)[:, above].ravel()])
+    def excess(self, z: np.ndarray) -> np.ndarray:
+        """Return (Z,) by how much z (n, Z) exceeds each limit, in half widths; below 0 inside."""
+        return np.maximum(self.low - z, z - self.high).max(axis=0) / self.half
 
-    def room_slope(self, dz: np.ndarray) -> np.ndarray:
-        """Return the derivatives of `room` (n finite limits, N) from those of z (n, Z, N)."""
-        dz = dz / self.half[:, None]
-        parts = dz[:, np.isfinite(self.low)], -dz[:, np.isfinite(self.high)]
-        return np.concatenate([part.reshape(-1, dz.shape[2]) for part in parts])
-
-    def broken(self, z: np.ndarray) -> Quantity | None:
-        """Return the quantity that is farthest outside in units of the width; None if none is."""
-        over = np.maximum(self.low - z, z - self.high).max(axis=0) / self.half
-        worst = int(over.argmax())
-        return self.quantities[worst] if over[worst] > ROUNDING else None
+    def broken(self, z: np.ndarray) -> int | None:
+        """Return the index of the quantity that is farthest outside; None if none is."""
+        over = self.excess(z)
+        return int(over.argmax()) if over.max() > ROUNDING else None
 
     def used(self, z: np.ndarray) -> np.ndarray:
         """Return (Z,) the share of each limit that is used, 0 where there is none; of ranges the

@@ -10,7 +10,7 @@ eq. 12. Both conditions are linear, so that the series which satisfy them are a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -31,8 +31,6 @@ LEAP = 0.4  # [rad | m] by which a drive may move in one step along the branch
 SLIP, GAIN = 0.05, 2.0  # [rad | m] and times ‖K⁺‖ of that step, by which the others may
 HALVINGS = 4  # of the last step along a line
 INSIDE = 0.97  # of the drives' limits that a random motion reaches
-# steps of differences in y, ẏ, ÿ: shares of half range, top speed, acceleration
-STEP = 1e-5, 0.06, 1e-3
 EVERY = slice(None)
 
 
@@ -53,20 +51,10 @@ class Fourier:
         """Shape of x: d joints, 2 H − 1 numbers each, of which the first moves the centre c."""
         return len(self.home), 2 * self.harmonics - 1
 
-    @property
-    def largest(self) -> float:
-        """Bound of every |x| inside the limits: amplitudes are at most 4/π of a function's."""
-        return max(2.0, 4 / np.pi * np.sqrt(self.harmonics))
-
     @cached_property
     def _frequencies(self) -> np.ndarray:
         """k ω (H,) [rad/s]."""
         return 2 * np.pi / self.period * np.arange(1, self.harmonics + 1)
-
-    @cached_property
-    def top_speed(self) -> np.ndarray:
-        """(d,) speed that the limits allow the highest harmonic."""
-        return np.minimum(self.speed, self.half * self._frequencies[-1])
 
     @cached_property
     def _free(self) -> np.ndarray:
@@ -126,13 +114,48 @@ class MotionRows:
     informed: np.ndarray  # (n, d), false where dry friction leaves the torque open
 
 
+def motion_rows(mechanism: Mechanism, columns: Columns, point: Point, e: State) -> MotionRows:
+    """Return the rows of a state, with the torques that the model predicts at a point."""
+    e = replace(e, tau=np.zeros((len(e), len(mechanism.driven))))
+    scene = Scene.of(mechanism, columns, e, point)
+    found = scene.terms(EVERY)
+    torque = found.A @ columns.prior_at(point.values) - found.b
+    drives = [mechanism.joint_index[name] for name in mechanism.driven]
+    if mechanism.driven != e.independent:  # surplus drives share the torque
+        back = np.linalg.pinv(e.leverage[:, drives], rcond=1e-6)
+        torque = np.einsum("ndj,nd->nj", back, torque)
+    e = replace(e, tau=torque)
+    if any(effect.corrects for effect in mechanism.effects):  # these depend on torques
+        scene = Scene.of(mechanism, columns, e, point)
+        found = scene.terms(EVERY)
+    informed = informing(scene.samples(EVERY), found.informative, largest_transmission(scene.e))
+    return MotionRows(e, found.A, informed)
+
+
 @dataclass(frozen=True, eq=False)
-class MotionModel:
-    """The equations of a mechanism, evaluated on motions of its drives."""
+class Family:
+    """All series of one mechanism at the n samples of a period, with their equations."""
 
     mechanism: Mechanism
     columns: Columns
     point: Point
+    series: Fourier
+    rest: State  # the mechanism at home, at the samples
+    basis: np.ndarray  # (3, n, d, P) of the series there
+
+    def at(self, t: np.ndarray) -> Family:
+        """Return the same family at other times t (n,) [s]."""
+        rest = at_rest(self.mechanism, self.rest.independent, self.series.home, t)
+        return replace(self, rest=rest, basis=self.series.basis(t))
+
+    def rows(self, e: State) -> MotionRows:
+        """Return the rows and predicted torques of a state."""
+        return motion_rows(self.mechanism, self.columns, self.point, e)
+
+    def states(self, e: State) -> np.ndarray:
+        """Return y, ẏ, ÿ (3, n, d) of the drives that are moved."""
+        at = [self.mechanism.joint_index[name] for name in e.independent]
+        return np.stack([x[:, at] for x in (e.y, e.yd, e.ydd)])
 
     def follow(self, near: State, states: np.ndarray) -> State | None:
         """Return the state at y, ẏ, ÿ (3, n, d) of its drives, on the branch of a near one.
@@ -140,13 +163,11 @@ class MotionModel:
         None where the closures cannot be satisfied, or another branch was reached: the joints
         moved by more than K⁺ predicts. Speeds of standstill do not change.
         """
-        at = [self.mechanism.joint_index[name] for name in near.independent]
-        step = states - np.stack([x[:, at] for x in (near.y, near.yd, near.ydd)])
+        step = states - self.states(near)
         if self.mechanism.closures and np.abs(step[0]).max() > LEAP:
             return None
         known = near.known(self.mechanism)
-        for i, name in enumerate(near.independent):
-            known[:, :, near.logged.index(name)] += step[:, :, i]
+        known[:, :, [near.logged.index(name) for name in near.independent]] += step
         try:
             with np.errstate(all="ignore"):
                 e = near.at(self.mechanism, known)
@@ -160,80 +181,26 @@ class MotionModel:
                 return None
         return e
 
-    def rows(self, e: State) -> MotionRows:
-        """Return the rows and predicted torques of an experiment."""
-        x = self.columns.prior_at(self.point.values)
-        e = replace(e, tau=np.zeros((len(e), len(self.mechanism.driven))))
-        scene = Scene.of(self.mechanism, self.columns, e, self.point)
-        found = scene.terms(EVERY)
-        e = replace(e, tau=self._drives(e, found.A @ x - found.b))
-        if any(effect.corrects for effect in self.mechanism.effects):  # these depend on torques
-            scene = Scene.of(self.mechanism, self.columns, e, self.point)
-            found = scene.terms(EVERY)
-        informed = informing(scene.samples(EVERY), found.informative, largest_transmission(scene.e))
-        return MotionRows(e, found.A, informed)
+    def beside(self, near: State, states: np.ndarray) -> MotionRows | None:
+        """Return the rows at y, ẏ, ÿ (3, n, d) near a state; None where it cannot be followed."""
+        e = self.follow(near, states)
+        return None if e is None else self.rows(e)
 
-    def _drives(self, e: State, torque: np.ndarray) -> np.ndarray:
-        """Return (n, driven) from torques in independent coordinates; surplus drives share them."""
-        driven = self.mechanism.driven
-        if tuple(driven) == e.independent:
-            return torque
-        at = [self.mechanism.joint_index[name] for name in driven]
-        return np.einsum("ndj,nd->nj", np.linalg.pinv(e.leverage[:, at], rcond=1e-6), torque)
-
-    def neighbours(
-        self, rows: MotionRows, series: Fourier
-    ) -> Iterator[tuple[int, int, MotionRows, MotionRows, float]]:
-        """Yield (channel, drive, rows above, rows below, width) of all differences by y, ẏ, ÿ.
-
-        Central ones in y and ẏ, forward ones in ÿ. Rows of rigid bodies are linear in ÿ and
-        quadratic in ẏ, so that wide steps are exact there; in ẏ they also show how dry friction
-        changes sign at a reversal, which narrow ones would miss.
-        """
-        e = rows.e
-        at = [self.mechanism.joint_index[name] for name in e.independent]
-        states = np.stack([x[:, at] for x in (e.y, e.yd, e.ydd)])
-        sizes = series.half, *np.abs(states[1:]).max(axis=1)
-        for channel, u in np.ndindex(3, len(at)):
-            h = STEP[channel] * sizes[channel][u]
-            above, below = states.copy(), states.copy()
-            above[channel, :, u] += h
-            below[channel, :, u] -= h
-            high = self.follow(e, above)
-            low = e if channel == 2 else self.follow(e, below)
-            if high is not None and low is not None and h > 0:
-                other = rows if channel == 2 else self.rows(low)
-                yield channel, u, self.rows(high), other, h if channel == 2 else 2 * h
-
-
-@dataclass(frozen=True, eq=False)
-class Family:
-    """All series of one mechanism at the n samples of a period."""
-
-    model: MotionModel  # the equations
-    series: Fourier  # the family of series
-    rest: State  # the mechanism at home, at the samples
-    basis: np.ndarray  # (3, n, d, P) of the series there
-
-    def at(self, t: np.ndarray) -> Family:
-        """Return the same family at other times t (n,) [s]."""
-        rest = at_rest(self.model.mechanism, self.rest.independent, self.series.home, t)
-        return replace(self, rest=rest, basis=self.series.basis(t))
+    def steps(self, way: float) -> int:
+        """Return in how many steps a way [rad | m] can be followed along the branch."""
+        return max(int(np.ceil(way / (0.9 * LEAP))), 1) if self.mechanism.closures else 1
 
     def motion(self, x: np.ndarray, near: State) -> MotionRows | None:
         """Return the rows of the motion x (d, P), along the straight line from a motion near it.
 
         None where the closures cannot be followed.
         """
-        goal = self.series.states(x, self.basis)
-        at = [self.model.mechanism.joint_index[name] for name in near.independent]
-        start = np.stack([v[:, at] for v in (near.y, near.yd, near.ydd)])
-        far = np.abs(goal[0] - start[0]).max() if self.model.mechanism.closures else 0.0
-        count = max(int(np.ceil(far / (0.9 * LEAP))), 1)
+        goal, start = self.series.states(x, self.basis), self.states(near)
+        count = self.steps(np.abs(goal[0] - start[0]).max())
         e: State | None = near
         for share in np.arange(1, count + 1) / count:
-            e = e and self.model.follow(e, start + share * (goal - start))
-        return None if e is None else self.model.rows(e)
+            e = e and self.follow(e, start + share * (goal - start))
+        return None if e is None else self.rows(e)
 
     def draw(
         self, box: LimitBox, random: np.random.Generator
@@ -249,7 +216,7 @@ class Family:
         x[:, 0] = 0.0
         y, v, a = series.states(x, self.basis)
         y = y - series.home
-        joints = self.model.mechanism.joint_index
+        joints = self.mechanism.joint_index
         middle = box.middle[[joints[name] for name in self.rest.independent]]
         low, high = y.min(axis=0), y.max(axis=0)
         rates = np.minimum(
@@ -259,7 +226,7 @@ class Family:
         x *= size[:, None]
         free = INSIDE * series.half - 0.5 * size * (high - low)
         x[:, 0] = (middle - series.home - 0.5 * size * (high + low) + shift * free) / series.half
-        return self.grow(x, lambda rows: bool((box.room(box.z(rows.e)) > 0).all()))
+        return self.grow(x, lambda rows: box.excess(box.z(rows.e)).max() < 0)
 
     def grow(
         self, x: np.ndarray, allowed: Callable[[MotionRows], bool]
@@ -269,8 +236,7 @@ class Family:
         So every sample is on the branch of home, and no loop passes a singular position on its way.
         """
         far = np.abs(self.series.states(x, self.basis)[0] - self.series.home).max()
-        count = int(np.ceil(far / (0.9 * LEAP))) if self.model.mechanism.closures else 1
-        near, best, share, step, halved = self.rest, None, 0.0, 1.0 / max(count, 1), 0
+        near, best, share, step, halved = self.rest, None, 0.0, 1.0 / self.steps(far), 0
         while share < 1.0 - 1e-12 and halved <= HALVINGS:
             rows = self.motion((share + step) * x, near)
             if rows is not None and allowed(rows):

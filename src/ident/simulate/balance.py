@@ -11,7 +11,7 @@ load; it is what distinguishes a stuck joint from a slow one.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -21,25 +21,18 @@ from ident.equations.terms import closure_forces
 from ident.errors import MechanismError, MotionError
 from ident.mechanism.parameters import COUNT, pseudo_inertia
 from ident.motion.closures import pseudo_inverse
+from ident.motion.state import wrenches
 from ident.simulate.laws import Extra, InstantSignals
 from ident.simulate.plant import InstantTerms, Plant
 
 STICK = 0  # a mode; −1 and +1 are sliding, by the sign of the rate
 MARGIN = 1e-9  # of F, by which a stuck joint's friction may be exceeded before it breaks away
 SMALL = 1e-12  # of the largest term of the box programme: zero
-CONVERGED, ITERATIONS = 1e-12, 60  # relative change of x = g(x), and evaluations of g at most
+CONVERGED, ITERATIONS = 1e-12, 60  # relative error of x = g(x), and evaluations of g at most
 # τ (driven,) [N m | N] from the terms and (nv,): smooth effects, less external forces
 Actuator = Callable[[InstantTerms, np.ndarray], np.ndarray]
-
-
-@dataclass(frozen=True, eq=False)
-class Surroundings:
-    """External inputs as functions of time."""
-
-    since: float = 0.0  # the log's first sample [s]
-    extra: Extra = field(default_factory=dict)  # other columns of the log
-    # (frame, wrench (6,) in its axes)
-    wrenches: tuple[tuple[int, Callable[[float], np.ndarray]], ...] = ()
+# v̇, friction, its limits F, their sides, forces without friction, whether friction suffices
+Response = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, bool]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +53,18 @@ class Dynamics:
     """The right side of the equations of motion; drives are predicted in `independent` joints."""
 
     def __init__(
-        self, plant: Plant, actuator: Actuator, around: Surroundings, independent: tuple[str, ...]
+        self,
+        plant: Plant,
+        actuator: Actuator,
+        independent: tuple[str, ...],
+        extra: Extra,
+        since: float,
     ) -> None:
-        self.plant, self.actuator, self.around = plant, actuator, around
-        self.independent = independent
+        self.plant, self.actuator, self.independent = plant, actuator, independent
+        self.extra, self.since = extra, since  # other columns of a log, and its first sample [s]
         self.asking = plant.laws.asking
-        self._x, self._slope = np.zeros(len(self.asking)), np.zeros((len(self.asking),) * 2)
+        # the last solution of x = g(x), and (I − ∂g/∂x)⁻¹
+        self._x, self._inverse = np.zeros(len(self.asking)), np.eye(len(self.asking))
 
     def balance(
         self, m: InstantTerms, modes: np.ndarray, resting: np.ndarray | None = None
@@ -74,22 +73,24 @@ class Dynamics:
 
         Joints at rest in `resting` (dry,) stick or slide according to the forces at this instant.
         """
-        solver = _Instant(self, m, modes, resting)
+        instant = _Instant(self, m, modes, resting)
         if not len(self._x):
-            return solver.balance(self._x)
-        # x = g(x) of what effects ask for, by Newton's method with a slope that is reused
-        x = self._x
+            return instant.balance(self._x)
+        # x = g(x) of what effects ask for: Broyden, Math. Comp. 19, 1965; g is linear but for signs
+        x, inverse = self._x, self._inverse
+        off = instant.predicted(x) - x
         for k in range(ITERATIONS):
-            off = solver.predicted(x) - x
             if np.abs(off).max() <= CONVERGED * (1.0 + np.abs(x).max()):
-                self._x = x
-                return solver.balance(x)
-            if k % 8 == 2:  # g is linear but for signs: forward differences
-                h = np.diag(1e-4 * (1.0 + np.abs(x)))
-                g = solver.predicted(x)
-                self._slope = np.stack([(solver.predicted(x + e) - g) / e.sum() for e in h], axis=1)
-            step = np.linalg.lstsq(np.eye(len(x)) - self._slope, off, rcond=1e-12)[0]
-            x = x + (step if k < ITERATIONS // 2 else 0.5 * step)
+                self._x, self._inverse = x, inverse
+                return instant.balance(x)
+            if k == ITERATIONS // 2:
+                inverse = np.eye(len(x))
+            step, before = inverse @ off, off
+            x = x + step
+            off = instant.predicted(x) - x
+            secant = inverse @ (before - off)
+            if size := float(step @ secant):
+                inverse = inverse + np.outer(step - secant, step @ inverse) / size
         raise MotionError(
             f"{self.plant.mechanism.name}: at t = {m.t:.6g} s no torque satisfies the "
             "effects that depend on the load (load_friction, torque_gain, …): a coefficient is too "
@@ -106,15 +107,13 @@ class _Instant:
         self.dynamics, self.m, self.modes, self.open = dynamics, m, modes, resting is not None
         self.held = modes == STICK if resting is None else resting
         self.plant = plant = dynamics.plant
-        laws, around = plant.laws, dynamics.around
+        laws, extra = plant.laws, dynamics.extra
         self.w = plant.dry @ m.W
         zero = np.zeros(len(m.y))
-        self.signals = InstantSignals(m.t, around.since, m.y, m.yd, around.extra, zero, zero, zero)
-        self.external = np.zeros(len(m.v))
-        for frame, wrench in around.wrenches:
-            model = plant.mechanism.model
-            J = pin.computeFrameJacobian(model, model.createData(), m.q, frame, pin.LOCAL)
-            self.external += J.T @ wrench(m.t)
+        self.signals = InstantSignals(m.t, dynamics.since, m.y, m.yd, extra, zero, zero, zero)
+        now = {name: np.array([x(m.t)]) for name, x in extra.items() if name.startswith("wrench.")}
+        f_e = wrenches(plant.mechanism, "", now, m.q[None])
+        self.external = np.zeros(len(m.v)) if f_e is None else f_e[0]
         self.explicit = m.W.T @ (laws.T0 + laws.Tq @ m.y + laws.Tv @ m.yd)
         self.aside = np.zeros(len(m.v))  # of these, the part that the prediction leaves out
         for law in laws.smooth:
@@ -138,8 +137,8 @@ class _Instant:
             given[word][i] = value
         return replace(self.signals, a=given["a"], torque=given["torque"], load=given["load"])
 
-    def _respond(self, x: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Return v̇, friction, F, sides, forces without friction, whether friction suffices."""
+    def _respond(self, x: np.ndarray) -> Response:
+        """Return the accelerations and the friction where effects take x for the loads."""
         m, s, laws = self.m, self._with(x), self.plant.laws
         r = self.applied - m.h - self.explicit
         for law in laws.smooth:
@@ -148,8 +147,7 @@ class _Instant:
         F = np.array([each.limit(s) for each in laws.dry])
         f = np.where(self.held, 0.0, self.modes * F)
         b = m.Z.T @ (r - self.w.T @ f - m.M @ m.a0)
-        sides, held = np.zeros(len(F), dtype=int), np.flatnonzero(self.held)
-        holding = np.array(True)
+        sides, held, holding = np.zeros(len(F), dtype=int), np.flatnonzero(self.held), True
         if len(held) and F[held].min() < 0:
             k = held[int(F[held].argmin())]
             raise MechanismError(
@@ -157,50 +155,26 @@ class _Instant:
                 f"{' and '.join(laws.dry[k].effects)} is {F[k]:.4g} at rest, which would drive the "
                 "joint; give values of 0 or more, or leave the effect out"
             )
-        if not len(held):
-            alpha = self._least(self.A, b)
-        elif self.open:
-            B = self.B[held]
-            back = self._least(self.A, np.column_stack([b, B.T]))
-            f[held], sides[held] = box_programme(
-                B @ back[:, 1:], B @ back[:, 0] + self.delta[held], F[held]
-            )
-            alpha = back[:, 0] - back[:, 1:] @ f[held]
-        else:
-            alpha, f[held], holding = self._hold(b, held, F[held])
-        return m.a0 + m.Z @ alpha, f, F, sides, r, holding
-
-    def _hold(
-        self, b: np.ndarray, held: np.ndarray, F: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return α with B α = −δ, the friction that this needs, and whether it is within F."""
-        B, A = self.B[held], self.A
-        U, sizes, Vt = np.linalg.svd(B)
-        r = int((sizes > 1e-9 * max(1.0, float(sizes.max(initial=0.0)))).sum())
-        Bp = (Vt[:r].T / sizes[:r]) @ U[:, :r].T
-        alpha, N = -Bp @ self.delta[held], Vt[r:].T
-        if N.shape[1]:
-            alpha = alpha + N @ self._least(N.T @ A @ N, N.T @ (b - A @ alpha))
-        needed = b - A @ alpha  # = Bᵀ f
-        f = Bp.T @ needed
-        limit = F * (1 + MARGIN)
-        if r == len(held) or (np.abs(f) <= limit).all():
-            return alpha, f, np.array((np.abs(f) <= limit).all())
-        f, _ = box_programme(B @ B.T, B @ needed, limit)  # several share one load
-        rest = np.abs(B.T @ f - needed).max()
-        return alpha, f, np.array(rest <= MARGIN * np.abs(B.T).max() * F.max(initial=0.0))
+        B = self.B[held]
+        back = self._least(self.A, np.column_stack([b, B.T]))
+        H, g = B @ back[:, 1:], B @ back[:, 0] + self.delta[held]
+        if self.open:
+            f[held], sides[held] = box_programme(H, g, F[held])
+        elif len(held):
+            f[held], holding = holding_friction(H, g, F[held] * (1 + MARGIN))
+        return m.a0 + m.Z @ (back[:, 0] - back[:, 1:] @ f[held]), f, F, sides, r, holding
 
     def predicted(self, x: np.ndarray) -> np.ndarray:
         """Return g(x): the model's predictions where effects take x for them."""
         m, laws = self.m, self.plant.laws
         a, f, F, *_ = self._respond(x)
-        rigid = self.plant.bare.torque(m.q, m.v, a)
+        rigid = self.plant.bare(pin.rnea, m.q, m.v, a)
         others = m.M @ a + m.h - rigid + self.explicit - self.aside
         for law in laws.smooth:
             if law.effect.asks and not law.effect.implicit:
                 others = others + m.W[list(law.at)].T @ law.torque(self._with(x))
         for k, each in enumerate(laws.dry):
-            share = each.explicit(self.signals) / F[k] if F[k] else 0.0
+            share = each.limit(self.signals, explicit=True) / F[k] if F[k] else 0.0
             others = others + share * f[k] * self.w[k]
         loads = self._loads(rigid - self.external, others)
         return np.array([
@@ -247,7 +221,7 @@ class _Instant:
         a, f, _, sides, r, holding = self._respond(x)
         multipliers = m.Jp.T @ (r - self.w.T @ f - m.M @ a)
         rates = self.B @ (m.Z.T @ (a - m.a0)) + self.delta
-        return Balance(a, self.tau, multipliers, f, rates, sides, bool(holding))
+        return Balance(a, self.tau, multipliers, f, rates, sides, holding)
 
     def _least(self, A: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return A⁻¹ b of a positive definite A."""
@@ -270,6 +244,19 @@ class _Instant:
             f"so forces do not determine the motion: {why}; identify with --consistent, or give "
             "other parameters"
         )
+
+
+def holding_friction(H: np.ndarray, g: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Return f (k,) with H f = g, so that no joint at rest moves, and whether |f| ≤ F is possible.
+
+    f is the smallest where several joints of a loop hold the same motion and can share its load.
+    """
+    f = np.linalg.lstsq(H, g, rcond=SMALL)[0]
+    if (np.abs(f) <= F).all():
+        return f, True
+    boxed, _ = box_programme(H, g, F)
+    holds = np.abs(g - H @ boxed).max() <= MARGIN * np.abs(H).max() * F.max(initial=0.0)
+    return (boxed, True) if holds else (f, False)
 
 
 def box_programme(H: np.ndarray, g: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

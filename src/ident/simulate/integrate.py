@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 from scipy.interpolate import interp1d
 
 from ident.display import Displayed, render
-from ident.equations.corrections import Scene, check_needs, late
+from ident.equations.corrections import Scene, check_needs
 from ident.equations.terms import Samples
 from ident.equations.unknowns import NOTHING, Point
 from ident.errors import MotionError, one_of
@@ -21,14 +20,14 @@ from ident.motion.closures import LoopSolver, best_conditioned, independent_join
 from ident.motion.signals import noise_share
 from ident.motion.state import joint_coordinates
 from ident.progress import Progress
-from ident.simulate.balance import STICK, Dynamics, Surroundings
+from ident.simulate.balance import STICK, Dynamics
 from ident.simulate.drives import Drive, Torques, actuator_of
 from ident.simulate.integration import Integration, IntegrationRecord, Transition
 from ident.simulate.inverse import (
     CHANNELS,
     Noise,
     check_channels,
-    delays,
+    columns_of,
     joint_columns,
     one_run,
     point_of,
@@ -75,11 +74,6 @@ class Run(Displayed):
     transitions: tuple[Transition, ...]
     closure_error: float
     evaluations: int
-
-    @property
-    def series(self) -> dict[str, np.ndarray]:
-        """Coordinates, rates and accelerations (n, J) of all joints, by channel."""
-        return {"q": self.y, "v": self.yd, "a": self.ydd}
 
     @property
     def summary(self) -> str:
@@ -134,13 +128,14 @@ def integrate(
     if not 1e-13 <= tolerance <= 1e-3:
         raise MotionError(f"tolerance {tolerance:g}; valid: 1e-13 to 1e-3, as 1e-10")
     point = point_of(mechanism, values, pi)
-    name, longest, knots, e, around = "simulated", np.inf, None, None, Surroundings()
+    e = knots = None
+    name, longest, extra = "simulated", np.inf, dict[str, interp1d]()
     if drive is None:
         model = mechanism
         for effect in mechanism.effects:
             model = model.corrected(constant_correction(effect, point))
         check_needs(model, model.name, ())
-        q, v = start_state(model, start or {}, model.assembled, np.zeros(model.model.nv))
+        q, v = model.assembled, np.zeros(model.model.nv)
         t = _times(0.0, DURATION if duration is None else duration, RATE if rate is None else rate)
     else:
         played = isinstance(drive, Torques)
@@ -148,8 +143,7 @@ def integrate(
         motion = complete(mechanism, given, torques=played)
         scene = Scene.of(mechanism, NOTHING, motion.experiments[0], point, motion.band.cutoff)
         model, e = scene.mechanism, one_run(replace(motion, experiments=(scene.e,)))
-        q, v = start_state(model, start or {}, e.q[0], e.v[0])
-        t, span = e.t, float(e.t[-1] - e.t[0])
+        q, v, t, span = e.q[0], e.v[0], e.t, float(e.t[-1] - e.t[0])
         if duration is not None and duration > span * (1 + 1e-9):
             raise MotionError(
                 f"{e.name}: lasts {span:.4g} s, so nothing is known for {duration:g} s; give a "
@@ -157,19 +151,20 @@ def integrate(
             )
         if duration is not None or rate is not None:
             t = _times(float(t[0]), span if duration is None else duration, rate or e.rate)
-        around, name, longest = surroundings(model, e), e.name, STEPS / e.rate
+        extra, name, longest = interpolated(e), e.name, STEPS / e.rate
         knots = rough_times(e) if played else None
+    q, v = start_state(model, start or {}, q, v)
     plant = Plant.of(model, point)
-    actuator = actuator_of(drive, plant, e)
     independent = best_conditioned(model, q[None]) if model.closures else ()
-    integration = Integration(
-        Dynamics(plant, actuator, around, independent), tolerance, longest, knots
+    dynamics = Dynamics(
+        plant, actuator_of(drive, plant, e), independent, extra, 0.0 if e is None else float(e.t[0])
     )
+    integration = Integration(dynamics, tolerance, longest, knots)
     record = integration.run((q, v, np.zeros(len(plant.laws.states))), t, progress)
     run = _run_of(model, record, integration.names)
     logged = with_noise(_columns(run, point, columns, joints), noise, seed)
-    extra = {key: np.array([f(x) for x in t]) for key, f in around.extra.items()}
-    return replace(run, log=Log.from_arrays(name, t, {**logged, **extra}))
+    logged |= {key: x(t) for key, x in extra.items()}
+    return replace(run, log=Log.from_arrays(name, t, logged))
 
 
 def _times(since: float, duration: float, rate: float) -> np.ndarray:
@@ -182,24 +177,13 @@ def _times(since: float, duration: float, rate: float) -> np.ndarray:
     return since + np.arange(count) / rate
 
 
-def surroundings(mechanism: Mechanism, e: State) -> Surroundings:
-    """Return a log's wrenches and other columns, linear between samples."""
-    extra = {
+def interpolated(e: State) -> dict[str, interp1d]:
+    """Return a log's columns beside the motion and the torques, linear between samples."""
+    return {
         name: interp1d(e.t, x, bounds_error=False, fill_value=(x[0], x[-1]))
         for name, x in e.extra.items()
         if not name.startswith("tau.")
     }
-    frames: dict[str, np.ndarray] = {}
-    for column, x in e.extra.items():
-        if column.startswith("wrench."):
-            frame, _, part = column[len("wrench.") :].rpartition(".")
-            wrench = frames.setdefault(frame, np.zeros((len(e), 6)))
-            wrench[:, ("fx", "fy", "fz", "mx", "my", "mz").index(part)] = x
-    wrenches = tuple(
-        (mechanism.model.getFrameId(frame, pin.FrameType.BODY), interp1d(e.t, wrench, axis=0))
-        for frame, wrench in frames.items()
-    )
-    return Surroundings(float(e.t[0]), extra, wrenches)
 
 
 def rough_times(e: State) -> np.ndarray | None:
@@ -266,13 +250,15 @@ def _columns(
     run: Run, point: Point, channels: Sequence[str], joints: Sequence[str] | None
 ) -> dict[str, np.ndarray]:
     """Return the log's columns (n,) by name, with the errors of its sensors, without noise."""
-    mechanism = run.mechanism
-    series = {channel: x.copy() for channel, x in run.series.items()}
+    mechanism, names = run.mechanism, _logged(run.mechanism)
+    tau = dict(zip(mechanism.driven, run.tau.T, strict=True))
+    true = [run.y, run.yd, run.ydd]
+    sensed = [x.copy() for x in true]
     for effect in mechanism.effects:
         if effect.corrects and effect.implicit:  # it depends on the load, over the whole run
-            sensed = joint_columns(mechanism, run.series, _logged(mechanism))
-            sensed |= {f"tau.{name}": run.tau[:, i] for i, name in enumerate(mechanism.driven)}
-            motion = complete(mechanism, Log.from_arrays("run", run.t, sensed), cutoff=None)
+            columns = joint_columns(mechanism, dict(zip("qva", true, strict=True)), names)
+            columns |= {f"tau.{name}": x for name, x in tau.items()}
+            motion = complete(mechanism, Log.from_arrays("run", run.t, columns), cutoff=None)
             samples = Samples(mechanism, motion.experiments[0], slice(None), point)
             signals = samples.signals(effect.joints)
             shifts = effect.correction(replace(signals, shape=point.of(effect)[1])).dq
@@ -282,15 +268,10 @@ def _columns(
             i = mechanism.joint_index[name]
             dq = np.broadcast_to(np.asarray(dq, dtype=float), run.t.shape)
             dv = np.gradient(dq, run.t)
-            for x, offset in zip(series.values(), (dq, dv, np.gradient(dv, run.t)), strict=True):
+            for x, offset in zip(sensed, (dq, dv, np.gradient(dv, run.t)), strict=True):
                 x[:, i] -= offset
-    names = _logged(mechanism) if joints is None else tuple(joints)
-    logged = joint_columns(mechanism, {c: series[c] for c in series if c in channels}, names)
-    if "tau" in channels:
-        late_by = delays(mechanism, point)
-        for i, name in enumerate(mechanism.driven):
-            logged[f"tau.{name}"] = late(run.t, run.tau[:, i], late_by.get(name, 0.0))
-    return logged
+    names = names if joints is None else tuple(joints)
+    return columns_of(mechanism, point, run.t, sensed, tau, channels, names)
 
 
 def _logged(mechanism: Mechanism) -> tuple[str, ...]:

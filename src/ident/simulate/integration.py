@@ -12,12 +12,12 @@ Acary, Brogliato, Numerical Methods for Nonsmooth Dynamical Systems, ch. 8.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
-from scipy.integrate import DOP853, RK45
+from scipy.integrate import DOP853, RK45, OdeSolver
 
 from ident.errors import MotionError
 from ident.progress import Progress
@@ -27,14 +27,13 @@ from ident.simulate.plant import InstantTerms
 REST = 1e-11  # [rad/s | m/s] speed below which a joint is at rest
 SURE = 1e-14  # of the largest acceleration, above which one has a sign
 LOOKS, HALVINGS = 8, 60  # instants of a step at which modes are checked; bisections of a change
-CHATTER, MOMENT = 200, 1e-9  # so many changes of mode, each within so many seconds: no progress
 WATCHED = 0.01  # [s] longest step where a joint has dry friction
 MOST = 100_000, 30_000  # evaluations of the right side, in all cases and a simulated second
 LOOSE = 1e-9  # tolerance above which a method of order 5 is cheaper than one of order 8
 WILD = 1e4  # [rad | m | …/s] beyond which no machine moves
-Dense = Callable[[float], np.ndarray]  # the states within a step by time [s]
+Until = Callable[[InstantTerms], bool]
+States = Callable[[float], np.ndarray]  # the states within a step by time [s]
 ModeChange = tuple[float, np.ndarray, bool]  # t [s], sliding joints that stop (dry,), a break-away
-Step = tuple[float, np.ndarray, Dense, ModeChange | None]  # its end, the states, what ends it
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,7 @@ class Integration:
         tolerance: float,
         longest: float = np.inf,
         knots: np.ndarray | None = None,
-        until: Callable[[InstantTerms], bool] | None = None,
+        until: Until | None = None,
         near: np.ndarray | None = None,
     ) -> None:
         self.dynamics, self.tolerance, self.knots, self.until = dynamics, tolerance, knots, until
@@ -103,32 +102,28 @@ class Integration:
         Raises:
             MotionError: where the motion cannot go on: singular, unstable, or chattering.
         """
-        t, x = float(times[0]), np.concatenate(start)
-        self._most = MOST[0] + MOST[1] * (float(times[-1]) - t)
+        t, x, end = float(times[0]), np.concatenate(start), float(times[-1])
+        self._most = MOST[0] + MOST[1] * (end - t)
         self._decide(t, x, np.abs(self._speeds(x)) <= REST, broke=False)
         x = self._projected(t, x)
         self._sample(t, x)
-        quick, last = 0, -np.inf
         while not self._done(times):
-            for end, found, states, change in self._piece(t, x, float(times[-1])):
-                t, x = end, found
+            solver, change = self._piece(t, x, end), None
+            while change is None and not self._done(times):
+                states, change = self._step(solver)
+                t = solver.t if change is None else change[0]
+                x = self._projected(t, solver.y) if change is None else states(t)
                 while not self._done(times) and (at := float(times[len(self.record.t)])) <= t:
                     self._sample(at, self._projected(at, states(at)) if at < t else x)
                 if on_progress:
-                    on_progress("integrating", float((t - times[0]) / (times[-1] - times[0])))
-                if self._done(times):
-                    break
-                if change is not None:
-                    quick, last = quick + 1 if t - last < MOMENT else 0, t
-                    if quick > CHATTER:
-                        raise MotionError(
-                            f"{self._name}: at t = {t:.6g} s dry friction of "
-                            f"{', '.join(self.names)} changes without end; check Fc and the torques"
-                        )
-                    _, stopped, broke = change
-                    stuck = (self.modes == STICK) | (np.abs(self._speeds(x)) <= REST)
-                    self._decide(t, x, stopped | stuck, broke)
-                    x = self._projected(t, x)
+                    on_progress("integrating", float((t - times[0]) / (end - times[0])))
+                if change is None and x is not solver.y:
+                    solver.y, solver.f = x, self._slope(t, x)
+            if change is not None:
+                _, stopped, broke = change
+                stuck = (self.modes == STICK) | (np.abs(self._speeds(x)) <= REST)
+                self._decide(t, x, stopped | stuck, broke)
+                x = self._projected(t, x)
         return self.record
 
     def _done(self, times: np.ndarray) -> bool:
@@ -144,10 +139,6 @@ class Integration:
         self.record.balances.append(self.dynamics.balance(m, self.modes))
         self.record.modes.append(self.modes)
 
-    @property
-    def _name(self) -> str:
-        return self.plant.mechanism.name
-
     def _terms(self, t: float, x: np.ndarray) -> InstantTerms:
         q, v, z = np.split(x, self._cuts)
         return self.plant.terms(t, q, v, z, self._near)
@@ -161,9 +152,10 @@ class Integration:
         self.record.evaluations += 1
         if self.record.evaluations > self._most:
             raise MotionError(
-                f"{self._name}: at t = {t:.6g} s the integration has become too slow (steps of "
-                "microseconds): the motion is stiff or unstable; a larger --tolerance, a shorter "
-                "--duration or less stiff effects help"
+                f"{self.plant.mechanism.name}: at t = {t:.6g} s the integration has become too "
+                "slow (steps of microseconds): the motion is stiff or unstable, or dry friction "
+                "changes without end; a larger --tolerance, a shorter --duration or less stiff "
+                "effects help"
             )
         m = self._terms(t, x)
         b = self.dynamics.balance(m, self.modes)
@@ -172,43 +164,43 @@ class Integration:
         zdot = [law.state_rate(float(z), float(m.yd[law.at[0]])) for law, z in states]
         return np.concatenate([self.plant.qdot(m.q, m.v), b.a, zdot])
 
-    def _piece(self, t: float, x: np.ndarray, end: float) -> Iterator[Step]:
-        """Yield steps up to a change of mode."""
+    def _piece(self, t: float, x: np.ndarray, end: float) -> OdeSolver:
+        """Return a solver that goes on from a state in the present modes."""
         method = RK45 if self.tolerance > LOOSE else DOP853
         solver = method(
-            self._slope, t, x, end, rtol=max(self.tolerance, 1e-13), atol=1e-2 * self.tolerance,
+            self._slope,
+            t,
+            x,
+            end,
+            rtol=max(self.tolerance, 1e-13),
+            atol=1e-2 * self.tolerance,
             max_step=self.longest,
-        )  # fmt: skip
-        self._slope(t, x)
-        while solver.t < end:
-            before = self._rates
-            bound = end
-            if self.knots is not None:  # a step ends at the next sample of a rough input
-                k = int(np.searchsorted(self.knots, solver.t, side="right"))
-                bound = min(end, float(self.knots[k])) if k < len(self.knots) else end
-            solver.t_bound, solver.status = bound, "running"
-            failure = solver.step()
-            if solver.status == "failed" or not np.abs(solver.y).max() < WILD:
-                raise MotionError(
-                    f"{self._name}: at t = {solver.t:.6g} s the motion cannot be integrated "
-                    f"({failure or 'it grows beyond all bounds'}); it is unstable, or its effects "
-                    "are too stiff"
-                )
-            dense = cache(solver.dense_output)  # evaluated only if a state in between is needed
+        )
+        solver.f = self._slope(t, x)
+        return solver
 
-            def states(at: float, dense: Callable[[], Dense] = dense) -> np.ndarray:
-                return dense()(at)
+    def _step(self, solver: OdeSolver) -> tuple[States, ModeChange | None]:
+        """Make one step; return its states, and the first change of mode within it."""
+        before, end = self._rates, solver.t_bound
+        if self.knots is not None:  # a step ends at the next sample of a rough input
+            later = self.knots[np.searchsorted(self.knots, solver.t, side="right") :]
+            solver.t_bound = min(end, *later[:1].tolist())
+        failure = solver.step()
+        if solver.status == "failed" or not np.abs(solver.y).max() < WILD:
+            raise MotionError(
+                f"{self.plant.mechanism.name}: at t = {solver.t:.6g} s the motion cannot be "
+                f"integrated ({failure or 'it grows beyond all bounds'}); it is unstable, or its "
+                "effects are too stiff"
+            )
+        solver.t_bound, solver.status = end, "running"
+        dense = cache(solver.dense_output)  # evaluated only if a state in between is needed
 
-            if self._suspect(solver.t - solver.t_old, before):
-                change = self._change(solver.t_old, solver.t, states)
-                if change is not None:
-                    yield change[0], states(change[0]), states, change
-                    return
-            x = self._projected(solver.t, solver.y)
-            yield solver.t, x, states, None
-            if x is not solver.y:
-                solver.y = x
-                solver.f = self._slope(solver.t, x)
+        def states(t: float) -> np.ndarray:
+            return np.asarray(dense()(t))
+
+        if not self._suspect(solver.t - solver.t_old, before):
+            return states, None
+        return states, self._change(solver.t_old, solver.t, states)
 
     def _overrun(self, u: np.ndarray) -> np.ndarray:
         """Return (dry,) or (n, dry) sliding joints whose speed has the other sign."""
@@ -224,7 +216,7 @@ class Integration:
         cubic = c * c * ((1 + 2 * s) * u0 + s * h * du0) + s * s * ((3 - 2 * s) * u1 - c * h * du1)
         return not holding or bool(self._overrun(cubic).any())
 
-    def _change(self, a: float, b: float, states: Dense) -> ModeChange | None:
+    def _change(self, a: float, b: float, states: States) -> ModeChange | None:
         """Return the first change of mode between two times [s]."""
 
         def over(t: float) -> np.ndarray:

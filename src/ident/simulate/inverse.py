@@ -88,21 +88,15 @@ def simulate(
     (prediction,) = predict(mechanism, replace(completed, experiments=(e,)), point)
     if joints is None:
         joints = [joint.name for joint in mechanism.joints if f"q.{joint.name}" in motion]
-    series = {"q": e.y, "v": e.yd, "a": e.ydd}
-    logged = joint_columns(mechanism, {c: series[c] for c in series if c in columns}, joints)
-    if "tau" in columns:
-        torque = prediction.predicted.copy()
-        for name in mechanism.driven:  # a surplus drive does as the motion's log says, else nothing
-            if name not in completed.independent:
-                tau = e.tau[:, mechanism.driven.index(name)]
-                logged[f"tau.{name}"] = tau
-                torque -= e.leverage[:, mechanism.joint_index[name]] * tau[:, None]
-        logged |= {f"tau.{name}": torque[:, i] for i, name in enumerate(completed.independent)}
-        for name, d in delays(mechanism, point).items():
-            logged[f"tau.{name}"] = late(e.t, logged[f"tau.{name}"], d)
+    torque, tau = prediction.predicted.copy(), {}
+    for i, name in enumerate(mechanism.driven):
+        if name not in completed.independent:  # it does as the motion's log says, else nothing
+            tau[name] = e.tau[:, i]
+            torque -= e.leverage[:, mechanism.joint_index[name]] * tau[name][:, None]
+    tau |= dict(zip(completed.independent, torque.T, strict=True))
+    logged = columns_of(mechanism, point, e.t, (e.y, e.yd, e.ydd), tau, columns, joints)
     extra = {name: x for name, x in e.extra.items() if not name.startswith("tau.")}
-    logged = with_noise(logged, noise, seed)
-    log = Log.from_arrays(motion.name, e.t, {**logged, **extra})
+    log = Log.from_arrays(motion.name, e.t, {**with_noise(logged, noise, seed), **extra})
     return replace(log, repairs=(*log.repairs, *completed.notes)), prediction
 
 
@@ -127,10 +121,25 @@ def joint_columns(
     return {f"{c}.{name}": x[:, at[name]] for c, x in series.items() for name in names}
 
 
-def delays(mechanism: Mechanism, point: Point) -> dict[str, float]:
-    """Return the delay [s] of drives' torque channels, by joint."""
-    corrections = [constant_correction(effect, point) for effect in mechanism.effects]
-    return {name: d for each in corrections for name, d in each.delay.items()}
+def columns_of(
+    mechanism: Mechanism,
+    point: Point,
+    t: np.ndarray,
+    motion: Sequence[np.ndarray],
+    tau: Mapping[str, np.ndarray],
+    channels: Sequence[str],
+    joints: Sequence[str],
+) -> dict[str, np.ndarray]:
+    """Return a log's columns (n,) of the coordinates, rates and accelerations (n, J) of joints, and
+    of the torques (n,) by drive, which their channels write late.
+    """
+    series = {c: x for c, x in zip("qva", motion, strict=True) if c in channels}
+    logged = joint_columns(mechanism, series, joints)
+    if "tau" in channels:
+        corrections = [constant_correction(effect, point) for effect in mechanism.effects]
+        delays = {name: d for each in corrections for name, d in each.delay.items()}
+        logged |= {f"tau.{name}": late(t, x, delays.get(name, 0.0)) for name, x in tau.items()}
+    return logged
 
 
 def with_noise(
@@ -154,9 +163,8 @@ def with_noise(
 
 def check_channels(columns: Sequence[str]) -> None:
     """Refuse a channel that logs do not have."""
-    for column in columns:
-        if column not in CHANNELS:
-            raise MotionError(f"columns: '{column}'; {one_of(column, CHANNELS)}")
+    for column in (each for each in columns if each not in CHANNELS):
+        raise MotionError(f"columns: '{column}'; {one_of(column, CHANNELS)}")
 
 
 def point_of(
@@ -191,25 +199,10 @@ def point_of(
                 )
             own[name] = float(value)
     for name in given:
-        if label := _effect_of(mechanism, name):
-            raise MechanismError(
-                f"{mechanism.name}: no parameter '{name}': the model has no effect '{label}'; "
-                f"add it: --with {label}, or an [[effect]] in mechanism.toml"
-            )
-        valid = [*bodies.names, *(n for e in mechanism.effects for n in e.names)]
-        raise MechanismError(f"{mechanism.name}: no parameter '{name}'; {one_of(name, valid)}")
+        kind = name.partition(".")[0]
+        valid = [*bodies.names, *own]
+        hint = one_of(name, valid)
+        if kind in KINDS and not any(each.startswith(f"{kind}.") for each in own):
+            hint = f"the model has no effect '{kind}'; add it, as --with {kind}:JOINT"
+        raise MechanismError(f"{mechanism.name}: no parameter '{name}'; {hint}")
     return Point(parameters, own)
-
-
-def _effect_of(mechanism: Mechanism, name: str) -> str:
-    """Return the missing effect that a parameter of this name belongs to; "" if none does."""
-    kind, _, rest = name.partition(".")
-    site = rest.rpartition(".")[0]
-    if kind not in KINDS:
-        return ""
-    label = f"{kind}:{site}" if site else kind
-    try:
-        grown = mechanism.with_effect(label)
-    except MechanismError:  # nothing it could sit on
-        return ""
-    return label if any(name in effect.names for effect in grown.effects) else ""

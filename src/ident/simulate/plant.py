@@ -7,6 +7,7 @@ Z and J⁺ come from one singular value decomposition of J, so that closures may
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -30,7 +31,7 @@ Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Rigid:
-    """M, h and inverse dynamics of a tree, which are linear in its dynamic parameters π.
+    """Dynamics of a tree, linear in its dynamic parameters π.
 
     Pinocchio stores a body by mass and centre of mass, and adds bodies only if their mass is
     positive. Identified parameters need not be those of bodies that can exist, so π is written as
@@ -53,19 +54,10 @@ class Rigid:
         models = [(sign, _with_inertias(model, part)) for sign, part in signed]
         return cls(tuple((sign, other, other.createData()) for sign, other in models))
 
-    def mass(self, q: np.ndarray) -> np.ndarray:
-        """Return M (nv, nv) at q (nq,)."""
-        return sum(sign * pin.crba(model, data, q) for sign, model, data in self.terms)
-
-    def bias(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return h (nv,): gravity, Coriolis and centrifugal forces."""
-        return sum(
-            sign * pin.nonLinearEffects(model, data, q, v) for sign, model, data in self.terms
-        )
-
-    def torque(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return M a + h (nv,), which is Γ(q, v, a) π."""
-        return sum(sign * pin.rnea(model, data, q, v, a) for sign, model, data in self.terms)
+    def __call__(self, algorithm: Callable[..., np.ndarray], *state: np.ndarray) -> np.ndarray:
+        """Return what an algorithm of Pinocchio makes of a state: crba, nonLinearEffects, rnea."""
+        parts = [sign * algorithm(model, data, *state) for sign, model, data in self.terms]
+        return np.sum(parts, axis=0) if len(parts) > 1 else parts[0]
 
 
 def _with_inertias(model: pin.Model, bodies: np.ndarray) -> pin.Model:
@@ -110,14 +102,16 @@ class Plant:
     laws: ForwardLaws  # of its effects
     rigid: Rigid  # its bodies with payloads
     bare: Rigid  # without payloads
+    observed: tuple[int, ...] = ()  # joints whose coordinates are wanted, whatever acts on them
 
     @classmethod
-    def of(cls, mechanism: Mechanism, point: Point) -> Plant:
+    def of(cls, mechanism: Mechanism, point: Point, observed: tuple[int, ...] = ()) -> Plant:
         """Prepare a mechanism that is corrected already, with all values in `point`."""
-        laws = ForwardLaws.of(mechanism, point)
+        laws = ForwardLaws(mechanism, point)
         bare = Rigid.of(mechanism.model, point.pi)
         loaded = bool((laws.pi != point.pi).any())
-        return cls(mechanism, laws, Rigid.of(mechanism.model, laws.pi) if loaded else bare, bare)
+        rigid = Rigid.of(mechanism.model, laws.pi) if loaded else bare
+        return cls(mechanism, laws, rigid, bare, observed)
 
     @cached_property
     def _closure(self) -> Mapped:
@@ -127,7 +121,7 @@ class Plant:
     def _own(self) -> Mapped | None:
         """Coordinates of closures' own joints; None where nothing needs them."""
         joints = self.mechanism.joints
-        if all(joints[i].in_tree for i in {*self.laws.joints, *self.driven}):
+        if all(joints[i].in_tree for i in {*self.laws.joints, *self.driven, *self.observed}):
             return None
         return Mapped(self.mechanism.kinematics.own_function, 1)
 
@@ -200,7 +194,7 @@ class Plant:
         """Return the terms of the equations at one instant; refuse a singular position."""
         _, J, gamma = self.closures(q, v)
         y, W, drift = self.joints(q, v, near)
-        M, h = self.rigid.mass(q), self.rigid.bias(q, v)
+        M, h = self.rigid(pin.crba, q), self.rigid(pin.nonLinearEffects, q, v)
         for at, Ia in self.laws.inertial:
             w = W[list(at)].sum(axis=0)
             M = M + Ia * np.outer(w, w)

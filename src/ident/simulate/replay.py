@@ -26,12 +26,11 @@ from ident.fit.files import Saved
 from ident.fit.result import Fit
 from ident.information.blocks import Error
 from ident.motion import Motion, State
-from ident.motion.state import joint_coordinates
 from ident.progress import Progress
 from ident.simulate.balance import Dynamics
 from ident.simulate.drives import torque_series
-from ident.simulate.integrate import STEPS, rough_times, surroundings
-from ident.simulate.integration import Integration
+from ident.simulate.integrate import STEPS, interpolated, rough_times
+from ident.simulate.integration import Integration, Until
 from ident.simulate.plant import InstantTerms, Plant
 
 WINDOW = 0.5  # [s]
@@ -179,37 +178,54 @@ def replay(
                 "samples or more"
             )
     runs: dict[str, tuple[ReplayedLog, ...]] = {}
-    step = 1 / len(models) / len(motion.experiments)
     for i, model in enumerate(models):
         several = isinstance(model, Fit) and len(models) > 1
         name = model.name if isinstance(model, Saved) else f"fit {i + 1}" if several else "fit"
-        logs = []
-        for k, e in enumerate(motion.experiments):
-            part = _part(progress, i / len(models) + k * step, step)
-            logs.append(_replayed(model, motion, e, window, part))
-        runs[name] = tuple(logs)
+        runs[name] = tuple(
+            _replayed(model, motion, e, window, progress) for e in motion.experiments
+        )
     return Replay(runs, window)
-
-
-def _part(on_progress: Progress | None, share: float, step: float) -> Progress | None:
-    """Return the progress callback of a part of the work."""
-    return on_progress and (lambda what, done: on_progress(what, share + step * done))
 
 
 def _replayed(
     model: Fit | Saved, motion: Motion, bare: State, window: float, on_progress: Progress | None
 ) -> ReplayedLog:
-    player = _Player(model, motion, bare)
-    e, at, joints = player.e, player.logged, player.mechanism.joints
-    simulated = np.full((len(e), len(joints)), np.nan)
-    starts, failures = [], []
-    segments = list(e.segments())
-    length = max(2, round(window * e.rate))
+    scene = Scene.of(model.mechanism, NOTHING, bare, model.point, motion.band.cutoff)
+    mechanism, e = scene.mechanism, scene.e
+    logged = tuple(mechanism.joint_index[name] for name in e.logged)
+    plant = Plant.of(mechanism, model.point, logged)
+    torques, extra = torque_series(e), interpolated(e)
+    s = Samples(mechanism, e, slice(None), model.point)
+    states = [s.columns(law.effect, law.shape)[:, 0, 0] for law in plant.laws.states]
+    z = np.stack(states, axis=1) if states else np.zeros((len(e), 0))
+    knots, since = rough_times(e), float(e.t[0])
+    tree = [i for i in logged if mechanism.joints[i].in_tree]
+    travel = np.ptp(e.y[e.usable], axis=0)
+
+    def is_far(m: InstantTerms) -> bool:
+        k = int(np.searchsorted(e.t, m.t - 1e-9))
+        return bool((np.abs(m.y[tree] - e.y[k, tree]) > travel[tree]).any())
+
+    def play(
+        a: int, b: int, until: Until | None = None, on_progress: Progress | None = None
+    ) -> tuple[np.ndarray, str]:
+        """Return y (≤ b − a + 1, J) at the samples a to b, and why it ended before, if it did."""
+        dynamics, failure = Dynamics(plant, torques, motion.independent, extra, since), ""
+        integration = Integration(dynamics, TOLERANCE, STEPS / e.rate, knots, until, e.y[a])
+        try:
+            integration.run((e.q[a], e.v[a], z[a]), e.t[a : b + 1], on_progress)
+        except MotionError as error:
+            failure = str(error)
+        y = np.array([m.y for m in integration.record.terms])
+        return y.reshape(-1, len(mechanism.joints)), failure
+
+    simulated, starts, failures = np.full(e.y.shape, np.nan), [], []
+    segments, length = list(e.segments()), max(2, round(window * e.rate))
     for segment in segments:
         for a in range(segment.start, segment.stop - 1, length):
             if on_progress:
-                on_progress(f"simulating {e.name}", 0.5 * a / len(e))
-            y, failure = player.play(a, min(a + length, segment.stop - 1))
+                on_progress(f"simulating {e.name}", a / len(e))
+            y, failure = play(a, min(a + length, segment.stop - 1))
             if failure:
                 failures.append(failure)
             else:
@@ -217,56 +233,16 @@ def _replayed(
             starts.append(a)
     longest = max(segments, key=lambda run: run.stop - run.start)
     # far from the measurement the motion may meet anything, so its failure is no news
-    free, _ = player.play(longest.start, longest.stop - 1, True, _part(on_progress, 0.5, 0.5))
+    free, _ = play(longest.start, longest.stop - 1, is_far, on_progress)
     return ReplayedLog(
-        e.name, e.t, e.logged, tuple(joints[i].unit for i in at),
-        np.where(e.usable[:, None], e.y[:, at], np.nan), simulated[:, at], tuple(starts),
-        longest.start, free[:, at], tuple(dict.fromkeys(failures)),
-    )  # fmt: skip
-
-
-class _Player:
-    """Integrates from measured states with measured torques."""
-
-    def __init__(self, model: Fit | Saved, motion: Motion, bare: State) -> None:
-        scene = Scene.of(model.mechanism, NOTHING, bare, model.point, motion.band.cutoff)
-        self.mechanism, self.e = mechanism, e = scene.mechanism, scene.e
-        self.plant = Plant.of(mechanism, model.point)
-        around, self.knots = surroundings(mechanism, e), rough_times(e)
-        self.equations = self.plant, torque_series(e), around, motion.independent
-        self.travel = np.ptp(e.y[e.usable], axis=0)
-        self.logged = [mechanism.joint_index[name] for name in e.logged]
-        s = Samples(mechanism, e, slice(None), model.point)
-        states = [s.columns(law.effect, law.shape)[:, 0, 0] for law in self.plant.laws.states]
-        self.z = np.stack(states, axis=1) if states else np.zeros((len(e), 0))
-
-    def play(
-        self, a: int, b: int, far: bool = False, on_progress: Progress | None = None
-    ) -> tuple[np.ndarray, str]:
-        """Return y (≤ b − a + 1, J) at the samples a to b, and why it ended before, if it did.
-
-        With `far` it ends where a joint is away by its travel.
-        """
-        e, failure = self.e, ""
-        until = self._is_far if far else None
-        integration = Integration(
-            Dynamics(*self.equations), TOLERANCE, STEPS / e.rate, self.knots, until, e.y[a]
-        )
-        try:
-            integration.run((e.q[a], e.v[a], self.z[a]), e.t[a : b + 1], on_progress)
-        except MotionError as error:
-            failure = str(error)
-        terms = integration.record.terms
-        if not terms:
-            return np.empty((0, len(self.mechanism.joints))), failure
-        q, v = (np.array([getattr(m, key) for m in terms]) for key in "qv")
-        y, _, _ = joint_coordinates(self.mechanism, q, v, np.zeros_like(v), {})
-        for i, joint in enumerate(self.mechanism.joints if self.mechanism.closures else ()):
-            if joint.rotational and not joint.in_tree:  # turns are counted from the sample a
-                y[:, i] += 2 * np.pi * np.round((e.y[a, i] - y[0, i]) / (2 * np.pi))
-        return y, failure
-
-    def _is_far(self, m: InstantTerms) -> bool:
-        k = int(np.searchsorted(self.e.t, m.t - 1e-9))
-        tree = [i for i in self.logged if self.mechanism.joints[i].in_tree]
-        return bool((np.abs(m.y[tree] - self.e.y[k, tree]) > self.travel[tree]).any())
+        e.name,
+        e.t,
+        e.logged,
+        tuple(mechanism.joints[i].unit for i in logged),
+        np.where(e.usable[:, None], e.y[:, logged], np.nan),
+        simulated[:, logged],
+        tuple(starts),
+        longest.start,
+        free[:, logged],
+        tuple(dict.fromkeys(failures)),
+    )

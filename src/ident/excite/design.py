@@ -1,0 +1,367 @@
+"""The search for the best motion: its problem, its candidates and their slopes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import NonlinearConstraint, minimize
+
+from ident.equations.unknowns import Columns
+from ident.errors import MechanismError, MotionError, one_of
+from ident.excite.criterion import Criterion
+from ident.excite.excitation import Determined, Excitation, LimitUse, places_of
+from ident.excite.limits import LimitBox, Limits, limits_in_force
+from ident.excite.trajectory import (
+    Family,
+    Fourier,
+    MotionRows,
+    at_rest,
+    moved_joints,
+)
+from ident.fit.shapes import initial
+from ident.information.base import Base, rank_revealing
+from ident.information.estimate import TOLERANCE
+from ident.information.triangle import Triangle
+from ident.log import Log
+from ident.mechanism.mechanism import Joint, Mechanism
+from ident.motion import Band, Motion
+from ident.motion.closures import LoopSolver
+from ident.motion.recipe import thresholds, top_speeds
+from ident.simulate.inverse import joint_columns
+
+SAMPLES = 24  # of the search, a period of the highest harmonic
+FINE = 10  # times these samples at which the result is checked
+MARGIN = 0.97  # share of the limits that follow from the drives' motion, at the samples
+PILOTS = 12, 40  # random motions whose rows give base and scale; draws at most
+STEPS, GAIN = 150, 1e-5  # steps of each search at most, and gain of J below which it ends
+SLACK = 1e-3  # of half a limit's width, by which the optimum may exceed the tightened limits
+# steps of differences in y, ẏ, ÿ: shares of half range, top speed, acceleration
+STEP = 1e-5, 0.06, 1e-3
+WORTHLESS = 1e3  # −J of a motion that cannot be followed: no step of the search leads there
+SHRINK, SHRINKS = 0.99, 20  # of a motion that breaks a limit between the samples
+AWAY = 0.05  # of its range, the distance of home from a joint's limits
+SOFT = 0.02  # share of the top speed within which the search smooths the step of dry friction
+NOISE = 0.01  # of the limit of torque: the noise expected of a torque signal
+
+
+@dataclass(frozen=True, eq=False)
+class ExcitingMotion:
+    """A motion: x (d, P), its rows, limited quantities z (n, Z), criterion J and G = ∂J/∂W."""
+
+    problem: DesignProblem
+    x: np.ndarray
+    rows: MotionRows
+    z: np.ndarray
+    J: float
+    G: np.ndarray
+
+    @cached_property
+    def slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        """∂J/∂x (d P,) and ∂z/∂x (n, Z, d P).
+
+        Rows and quantities depend on their own sample (y, ẏ, ÿ) alone, hence
+        ∂J/∂x = Σ_n (G_n ∘ ∂W_n/∂(y, ẏ, ÿ)) · basis_n.
+        """
+        problem, family, rows = self.problem, self.problem.family, self.rows
+        _, n, d, P = family.basis.shape
+        dJ, dz = np.zeros((d, P)), np.zeros((*self.z.shape, d, P))
+        states = family.states(rows.e)
+        sizes = family.series.half, *np.abs(states[1:]).max(axis=1)
+        for channel, u in np.ndindex(3, d):
+            # central differences in y and ẏ, forward ones in ÿ. Rows of rigid bodies are linear in
+            # ÿ and quadratic in ẏ, so that wide steps are exact there; in ẏ they also show how dry
+            # friction changes sign at a reversal, which narrow ones would miss
+            h = STEP[channel] * sizes[channel][u]
+            shift = np.zeros_like(states)
+            shift[channel, :, u] = h
+            above = family.beside(rows.e, states + shift)
+            below = rows if channel == 2 else family.beside(rows.e, states - shift)
+            if above is None or below is None or h <= 0:
+                continue
+            width, basis = h * (2 if channel < 2 else 1), family.basis[channel, :, u]
+            dW = (problem.W(above) - problem.W(below)) / width
+            dJ[u] += (self.G * dW).reshape(n, -1).sum(axis=1) @ basis
+            own = (problem.box.z(above.e) - problem.box.z(below.e)) / width
+            dz[:, :, u] += own[:, :, None] * basis[:, None]
+        return dJ.ravel(), dz.reshape(*self.z.shape, d * P)
+
+
+@dataclass(frozen=True, eq=False)
+class DesignProblem:
+    """Motions of one mechanism, their limits, and the scales in which they are compared."""
+
+    family: Family  # of motions
+    exact: LimitBox  # their limits
+    box: LimitBox  # the same, tightened for samples
+    names: tuple[str, ...]  # of the drives that are moved
+    notes: tuple[str, ...]  # assumptions
+    base: Base  # what can be identified at all
+    size: np.ndarray  # usual norms of its columns
+    sigma: np.ndarray  # (d,) expected noise of the torques [N m | N]
+    pinv: float  # ‖K⁺‖ at home, 1 in a tree
+
+    @classmethod
+    def of(
+        cls,
+        mechanism: Mechanism,
+        limits: Limits,
+        period: float,
+        harmonics: int,
+        noise: Mapping[str, float],
+        seed: int,
+    ) -> DesignProblem:
+        """Prepare a search; refuse limits without a motion, and models without unknowns."""
+        columns = Columns.of(mechanism)
+        if not len(columns):
+            raise MotionError(f"{mechanism.name}: nothing is unknown, so no motion is needed")
+        names = moved_joints(mechanism)
+        start = LoopSolver(mechanism, names).coordinates(mechanism.assembled[None]).value[0]
+        known = dict(zip(names, start, strict=True))
+        all_joints, acceleration, notes = limits_in_force(mechanism, limits, names, known)
+        index = [mechanism.joint_index[name] for name in names]
+        joints = [all_joints[i] for i in index]
+        home = _home(mechanism, joints, start, notes)
+        series = Fourier(
+            period, harmonics, home,
+            half=np.array([0.5 * (j.upper - j.lower) for j in joints]),
+            speed=np.array([j.velocity for j in joints]),
+            acceleration=np.array([acceleration[i] for i in index]),
+        )  # fmt: skip
+        n = SAMPLES * harmonics
+        t = period * np.arange(n) / n
+        rest = at_rest(mechanism, names, home, t)
+        # one wide band of standstill for all motions, so that the criterion is a smooth function
+        # of x where otherwise it has a step for each sample and reversal
+        top = np.minimum(series.speed, series.half * 2 * np.pi * harmonics / period)
+        reached = np.abs(rest.leverage[0]) @ top
+        rest = replace(rest, still=np.maximum(SOFT * reached, 1e-9))
+        motion = Motion((rest,), names, Band(0.0, 0.0, None), 0.0)
+        family = Family(
+            mechanism, columns, initial(mechanism, motion), series, rest, series.basis(t)
+        )
+        pinv = 1.0 if rest.loop is None else float(np.linalg.norm(rest.pinv[0]))
+        exact = LimitBox.of(mechanism, limits, all_joints, acceleration, pinv)
+        z = exact.z(family.rows(rest.at_samples(slice(0, 1))).e)
+        if (at := exact.broken(z)) is not None:
+            quantity, low, high = exact.quantities[at], exact.low[at], exact.high[at]
+            unit = quantity.unit
+            why = (
+                f"to stand still at home asks {z[0, at]:.4g} {unit} of {quantity.joint}, and its "
+                f"limit is {high:.4g} {unit} (the reserve of {100 * limits.reserve:.3g} % taken "
+                "off); raise its limit of torque, lower the reserve, or give another [joints] start"
+            )
+            if quantity.kind == "position":
+                why = (
+                    f"at home {quantity.joint} is at {z[0, at]:.4g} {unit}, its range is {low:.4g} "
+                    f"to {high:.4g}; widen it, or give another [joints] start"
+                )
+            raise MotionError(f"{mechanism.name}: the limits leave no motion: {why}")
+        box = exact.tightened(names, series.between(n), MARGIN)
+        pilots = _pilots(family, box, seed)
+        sigma = _noise(joints, pilots, noise)
+        W = np.concatenate([rows.A for rows in pilots]) / sigma[:, None]
+        W = W.reshape(-1, W.shape[2])
+        base = rank_revealing(Triangle.of(W, np.zeros(len(W))), TOLERANCE)
+        size = np.linalg.norm(W[:, base.independent], axis=0) / np.sqrt(len(pilots))
+        return cls(family, exact, box, names, tuple(notes), base, size, sigma, pinv)
+
+    def criterion(self, separate: tuple[str, str] | None, balance: float) -> Criterion:
+        """Return D-optimality, or the separation of two effects that no others make up."""
+        if separate is None:
+            return Criterion.of_all(self.base.rank, balance)
+        columns, independent = self.family.columns, list(self.base.independent)
+        places = []
+        for label in separate:
+            own = places_of(columns, label)
+            if lost := [columns.names[i] for i in own if i not in independent]:
+                raise MotionError(
+                    f"{self.family.mechanism.name}: no motion tells {label} from everything "
+                    f"else: the column of {lost[0]} is made by the others in all motions that were "
+                    "tried; open the loop, change the load or the base, or measure more torques"
+                )
+            places.append([independent.index(i) for i in own])
+        return Criterion.of_pair(self.base.rank, *places)
+
+    def W(self, rows: MotionRows) -> np.ndarray:
+        """Return the rows (n d, r) of the base parameters, over the noise and the usual size."""
+        A = rows.A[:, :, self.base.independent] / self.size / self.sigma[:, None]
+        return A.reshape(-1, len(self.size))
+
+    def draw(self, random: np.random.Generator, criterion: Criterion) -> ExcitingMotion | None:
+        """Return a random motion inside the limits; None if it is home alone or not informative."""
+        found = self.family.draw(self.box, random)
+        return None if found is None else self.candidate(*found, criterion)
+
+    def candidate(
+        self, x: np.ndarray, rows: MotionRows, criterion: Criterion
+    ) -> ExcitingMotion | None:
+        """Evaluate a motion; None where it does not determine all unknowns."""
+        found = criterion.at(self.W(rows))
+        return None if found is None else ExcitingMotion(self, x, rows, self.box.z(rows.e), *found)
+
+    def search(self, start: ExcitingMotion, criterion: Criterion) -> ExcitingMotion:
+        """Maximise J inside the tightened limits by sequential quadratic programming (SLSQP).
+
+        It starts again with a fresh Hessian from the best motion until that gains no more. A motion
+        that cannot be followed is worth so little that the line search turns back.
+        """
+        shape, box = start.x.shape, self.box
+        # amplitudes are at most 4/π of a function's
+        bound = max(2.0, 4 / np.pi * np.sqrt(self.family.series.harmonics))
+        visited = {start.x.tobytes(): start}
+        best = near = start
+
+        def at(x: np.ndarray) -> ExcitingMotion:
+            nonlocal best, near
+            key = x.tobytes()
+            if key not in visited:
+                visited.clear()
+                rows = self.family.motion(x.reshape(shape), near.rows.e)
+                c = rows and self.candidate(x.reshape(shape).copy(), rows, criterion)
+                near = c or near
+                visited[key] = c or replace(near, J=-WORTHLESS)
+                if c and c.J > best.J and box.excess(c.z).max() < SLACK:
+                    best = c
+            return visited[key]
+
+        limited = np.isfinite(box.low) | np.isfinite(box.high)
+        half, n = box.half[limited], len(start.z)
+        low, high = (np.tile(each[limited] / half, n) for each in (box.low, box.high))
+        limits = NonlinearConstraint(
+            lambda x: (at(x).z[:, limited] / half).ravel(),
+            low,
+            high,
+            jac=lambda x: (at(x).slopes[1][:, limited] / half[:, None]).reshape(len(low), -1),
+        )
+        while True:
+            before = best.J
+            minimize(
+                lambda x: -at(x).J,
+                best.x.ravel(),
+                jac=lambda x: -at(x).slopes[0],
+                method="SLSQP",
+                bounds=[(-bound, bound)] * best.x.size,
+                constraints=limits,
+                options={"maxiter": STEPS, "ftol": GAIN},
+            )
+            if best.J - before < 100 * GAIN:
+                return best
+
+    def inside(self, x: np.ndarray, rate: float) -> np.ndarray:
+        """Return x (d, P), shrunk towards home where a limit is broken between the samples."""
+        period = self.family.series.period
+        n = max(FINE * len(self.family.rest), int(np.ceil(period * rate)))
+        fine = self.family.at(period * np.arange(n) / n)
+        for _ in range(SHRINKS):
+            grown = fine.grow(x, lambda rows: self.exact.broken(self.exact.z(rows.e)) is None)
+            if grown is not None and np.allclose(grown[0], x, rtol=1e-9, atol=0.0):
+                return x
+            x = SHRINK * x
+        raise MotionError(
+            f"{self.family.mechanism.name}: the motion found breaks a limit between its "
+            "samples; try another seed, or fewer harmonics"
+        )
+
+    def excitation(
+        self,
+        x: np.ndarray,
+        duration: float,
+        periods: int,
+        rate: float,
+        separate: tuple[str, str] | None,
+        seed: int,
+    ) -> Excitation:
+        """Return the excitation of the motion x (d, P), with the log of all periods."""
+        family, series = self.family, self.family.series
+        t = np.arange(round(duration * rate) + 1) / rate
+        grown = family.at(t).grow(x, lambda rows: True)
+        assert grown is not None  # it is known to close
+        e = grown[1].e
+        top = top_speeds(e)
+        rows = family.rows(replace(e, still=thresholds(top, np.zeros_like(top))))
+        e, mechanism, columns = rows.e, family.mechanism, family.columns
+        result = Determined.of(columns, rows, self.sigma)
+        logged = joint_columns(mechanism, {"q": e.y, "v": e.yd, "a": e.ydd}, mechanism.driven)
+        logged |= {f"tau.{name}": e.tau[:, i] for i, name in enumerate(mechanism.driven)}
+        z = self.exact.z(e)
+        low, high, share = z.min(axis=0), z.max(axis=0), self.exact.used(z)
+        limits = zip(self.exact.low, self.exact.high, strict=True)
+        uses = tuple(
+            LimitUse(q.joint, q.kind, float(low[i]), float(high[i]), float(lower), float(upper),
+                     q.unit, float(share[i]))
+            for i, (q, (lower, upper)) in enumerate(zip(self.exact.quantities, limits, strict=True))
+        )  # fmt: skip
+        return Excitation(
+            name=mechanism.name,
+            log=Log.from_arrays(f"{mechanism.name} excited", t, logged),
+            period=duration / periods,
+            periods=periods,
+            harmonics=series.harmonics,
+            series=dict(zip(self.names, series.coefficients(x), strict=True)),
+            uses=uses,
+            home=0.0 if e.loop is None else float(high[-1]) / self.pinv,
+            unknowns=len(columns),
+            base=result.expected(columns, family.point),
+            condition_number=result.base.condition_number,
+            log_det=result.log_det,
+            noise=dict(zip(self.names, self.sigma, strict=True)),
+            separation=None if separate is None else result.separation(columns, separate),
+            seed=seed,
+            notes=self.notes,
+        )
+
+
+def _home(
+    mechanism: Mechanism, joints: list[Joint], start: np.ndarray, notes: list[str]
+) -> np.ndarray:
+    """Return the home (d,) [rad | m]: the start, moved into the ranges of a tree's joints."""
+    home = start.copy()
+    for i, joint in enumerate(joints):
+        inside = joint.lower <= start[i] <= joint.upper
+        if mechanism.closures and not inside:
+            raise MotionError(
+                f"{mechanism.name}: [joints] start has {joint.name} at {start[i]:.4g} "
+                f"{joint.unit}, outside its range {joint.lower:.4g} to {joint.upper:.4g}; widen "
+                "the range, or give a start inside it"
+            )
+        if not mechanism.closures:
+            margin = AWAY * (joint.upper - joint.lower)
+            home[i] = np.clip(start[i], joint.lower + margin, joint.upper - margin)
+        if not inside:
+            notes.append(
+                f"{joint.name} starts outside its range: {home[i]:.4g} {joint.unit} is home instead"
+            )
+    return home
+
+
+def _pilots(family: Family, box: LimitBox, seed: int) -> list[MotionRows]:
+    """Return the rows of some random motions."""
+    random = np.random.default_rng([seed, 1])
+    wanted, most = PILOTS
+    pilots: list[MotionRows] = []
+    for _ in range(most):
+        if len(pilots) < wanted and (found := family.draw(box, random)) is not None:
+            pilots.append(found[1])
+    if not pilots:
+        raise MotionError(
+            f"{family.mechanism.name}: none of {most} random motions from home keeps the "
+            "limits; home is too near a limit or a singular position: give another [joints] "
+            "start, or wider limits"
+        )
+    return pilots
+
+
+def _noise(joints: list[Joint], pilots: list[MotionRows], given: Mapping[str, float]) -> np.ndarray:
+    """Return (d,) expected noise of torques: given, else 1 % of the limit, else of the rms."""
+    names = [joint.name for joint in joints]
+    for name, x in given.items():
+        if name not in names:
+            raise MechanismError(f"noise: no drive '{name}' is moved; {one_of(name, names)}")
+        if not 0 < x < np.inf:
+            raise MechanismError(f"noise: {name} = {x:g}; a number above 0 is expected")
+    rms = max(float(np.sqrt(np.mean(np.concatenate([p.e.tau for p in pilots]) ** 2))), 1e-9)
+    usual = {j.name: j.effort if np.isfinite(j.effort) else rms for j in joints}
+    return np.array([given.get(name, NOISE * usual[name]) for name in names])
