@@ -27,6 +27,20 @@ def test_these_import_nothing_heavy(words):
     assert said.splitlines()[-1] == "HEAVY []"
 
 
+def test_identify_imports_no_part_of_scipy_that_it_does_not_use(robots):
+    """Each of these takes 0.1 to 0.5 s to import, beside half a second of work."""
+    slow = [f"scipy.{name}" for name in ("interpolate", "ndimage", "optimize", "signal", "stats")]
+    code = (
+        "import sys\n"
+        "from ident.cli.app import app\n"
+        f"try: app(['identify', {str(robots / 'arm')!r}, {str(robots / 'arm/run.csv')!r}])\n"
+        "except SystemExit: pass\n"
+        f"print('SLOW', [name for name in {slow!r} if name in sys.modules])"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout.splitlines()[-1] == "SLOW []"
+
+
 def test_the_list_of_commands_says_what_they_say():
     for name, (_, line) in COMMANDS.items():
         assert command_of(name).help.splitlines()[0] == line

@@ -12,7 +12,6 @@ from collections.abc import Container
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from ident.effects import Correction, Effect
 from ident.equations.filter import Decimator
@@ -95,7 +94,11 @@ def _corrected(
 
 def late(t: np.ndarray, x: np.ndarray, d: float) -> np.ndarray:
     """x(t − d) of a series x (n,) at the times t (n,) [s]; the ends stand still."""
-    return CubicSpline(t, x)(np.clip(t - d, t[0], t[-1])) if d else x
+    if not d:
+        return x
+    from scipy.interpolate import CubicSpline  # takes 0.2 s to import
+
+    return CubicSpline(t, x)(np.clip(t - d, t[0], t[-1]))
 
 
 def _rates(e: State, dq: np.ndarray | float, cutoff: float | None) -> np.ndarray:

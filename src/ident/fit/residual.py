@@ -20,8 +20,6 @@ from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from ident.display import Displayed, Plotted, render
 from ident.equations.unknowns import Point
@@ -487,6 +485,8 @@ def _masks(residual: Residual, u: int) -> Iterator[tuple[str, np.ndarray]]:
 
 def _reversals(trace: Trace, i: int, rate: float) -> np.ndarray:
     """Return the slow rows (n,) within 60 ms of which joint i moves in both directions."""
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d  # takes 0.1 s to import
+
     v, still, size = trace.v[:, i], trace.still[i], 2 * round(NEAR * rate) + 1
     both = np.zeros(len(trace), dtype=bool)
     for run in trace.runs():
@@ -567,4 +567,6 @@ def _pairs(trace: Trace, T: float) -> tuple[np.ndarray, np.ndarray]:
     early = t + T <= t[-1] + 1e-9
     if not early.any():
         return r[:0], r[:0]
+    from scipy.interpolate import CubicSpline  # takes 0.2 s to import
+
     return r[early], CubicSpline(t, r)(np.minimum(t[early] + T, t[-1]))

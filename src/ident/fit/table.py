@@ -13,7 +13,6 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.interpolate import CubicSpline
 
 from ident.effects import Correcting, Effect, Signals
 from ident.equations.corrections import Scene, beside, corrected, residual
@@ -128,7 +127,10 @@ class Table:
             bare = replace(self.thin[number], mechanism=grown, point=point)
             h, moved = beside(bare, effect, name, cutoff, effect)
             S, t = (residual(corrected(bare, cutoff, effect)) - residual(moved)) / h, scene.e.t
-            S = S if len(S) == len(t) else CubicSpline(bare.e.t, S)(t)
+            if len(S) != len(t):
+                from scipy.interpolate import CubicSpline  # takes 0.2 s to import
+
+                S = CubicSpline(bare.e.t, S)(t)
             series.append(self.filtered(number, S))
         return np.concatenate(series)
 

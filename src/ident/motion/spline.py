@@ -15,7 +15,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from ident.information.splines import Basis
@@ -134,6 +133,8 @@ def interpolate(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Value, first and second derivative (3, n_at) of the quintic spline through x (n,)."""
     if np.ptp(x) == 0:  # a spline would have rates of rounding, which look like a motion
         return np.stack([np.full(len(at), x[0]), np.zeros(len(at)), np.zeros(len(at))])
+    from scipy.interpolate import make_interp_spline  # takes 0.2 s to import
+
     spline = make_interp_spline(t, x, k=DEGREE)
     return np.stack([spline(at, nu) for nu in range(3)])
 
