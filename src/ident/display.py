@@ -63,6 +63,6 @@ class Displayed:
 class Plotted(Displayed):
     """A noun that also has a chart."""
 
-    def plot(self, **options: Any) -> Any:
+    def plot(self, *args: Any, **options: Any) -> Any:
         """Return the chart of this noun; its type and options are those of the renderer."""
-        return render(self, "plot", **options)
+        return render(self, "plot", *args, **options)

@@ -170,7 +170,7 @@ def test_a_replay_tells_models_apart(fitted, tmp_path):
     said = json.loads((tmp_path / "replay.json").read_text())
     assert said["models"]["fit 1"][0]["joints"]["crank"]["rms"] == a.errors["crank"].rms
     assert [path.name for path in paths] == ["replay.html", "replay.json"]
-    replay.save(tmp_path / "motion.png")
+    replay.plot().save(tmp_path / "motion.png")
     assert (tmp_path / "motion.png").stat().st_size > 10_000
 
 

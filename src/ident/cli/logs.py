@@ -241,7 +241,7 @@ def compare(
                 progress=on_progress,
             )
     if plot is not None:
-        (replayed or comparison).save(plot)
+        (replayed or comparison).plot().save(plot)
         wrote([plot])
     if out is not None:
         wrote(comparison.write(out) + (replayed.write(out) if replayed else []))

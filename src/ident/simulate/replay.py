@@ -12,11 +12,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ident.display import Displayed, render
+from ident.display import Plotted, render
 from ident.equations.corrections import Scene
 from ident.equations.terms import Samples
 from ident.equations.unknowns import NOTHING
@@ -97,8 +96,10 @@ class ReplayedLog:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Replay(Displayed):
+class Replay(Plotted):
     """Models' simulated motion against the measured one. Made by `ident.replay`.
+
+    Its plot shows measured and simulated coordinates of every logged joint, with differences below.
 
     Attributes:
         runs: by model, one an experiment.
@@ -117,25 +118,6 @@ class Replay(Displayed):
             for run in logs
             for why in run.failures
         )
-
-    def plot(self, experiment: int = 0) -> Any:
-        """Draw measured and simulated coordinate of every logged joint, with differences below.
-
-        Args:
-            experiment: its number, from 0.
-        """
-        return render(self, "plot", experiment)
-
-    def save(self, path: str | Path) -> None:
-        """Write the plot of the first experiment as .png, .svg, .pdf or .html, whole or not at all.
-
-        Args:
-            path: of the file, whose suffix decides.
-
-        Raises:
-            FitError: for another suffix.
-        """
-        self.plot().save(path)
 
     def write(self, folder: str | Path) -> list[Path]:
         """Write replay.html, with all charts in it, and replay.json.
