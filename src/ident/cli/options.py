@@ -85,6 +85,10 @@ With = Annotated[
         autocompletion=kinds_beginning,
     ),
 ]
+Lock = Annotated[
+    Texts,
+    option("Hold a joint at a coordinate in rad or m, by default at its start.", "JOINT[=VALUE]"),
+]
 AllowCode = Annotated[
     bool,
     option("Run the Python files that mechanism.toml or --with names.", None, "--allow-code"),
@@ -127,11 +131,12 @@ class ModelOptions:
 
     mechanism: MechanismPath
     with_: With = None
+    lock: Lock = None
     allow_code: AllowCode = False
 
     def load(self) -> Mechanism:
         """Return the mechanism that the options describe."""
-        return mechanism_of(self.mechanism, self.with_, allow_code=self.allow_code)
+        return mechanism_of(self.mechanism, self.with_, allow_code=self.allow_code, lock=self.lock)
 
 
 @dataclass(frozen=True)
@@ -171,12 +176,15 @@ def mechanism_of(
     *,
     allow_code: bool = False,
     absolute: bool = False,
+    lock: Texts = None,
 ) -> Mechanism:
     """Return the mechanism of a path with further effects, in absolute coordinates if wanted."""
     from ident.mechanism import load
     from ident.mechanism.absolute import absolute as in_absolute
 
-    mechanism = load(path, allow_code=allow_code)
+    at = named([text for text in lock or () if "=" in text], "--lock", "--lock finger=0.02", finite)
+    locked = at | {text: None for text in lock or () if "=" not in text}
+    mechanism = load(path, allow_code=allow_code, locked=locked)
     for effect in effects or ():
         mechanism = with_effect(mechanism, effect, allow_code=allow_code)
     return in_absolute(mechanism) if absolute else mechanism

@@ -27,7 +27,7 @@ from ident.information.blocks import Error
 from ident.mechanism.description import read_description
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import about_origin, pseudo_inertia, split
-from ident.mechanism.urdf import fixed_parameters, parse_urdf, with_inertials
+from ident.mechanism.urdf import fixed_parameters, lock, parse_urdf, with_inertials
 from ident.mechanism.write import folder_files
 from ident.motion import Motion
 
@@ -360,6 +360,7 @@ def identified_urdf(fit: Fit) -> bytes:
     pi = _with_masses(fit)
     text, where = read_description(mechanism.urdf).urdf, str(mechanism.urdf)
     robot = parse_urdf(text, where)
+    lock(robot, mechanism.locked, where)
     inertials: dict[str, np.ndarray | None] = {}
     for link in bodies_with_unknowns(mechanism):
         body = pi[mechanism.bodies.columns(link)]

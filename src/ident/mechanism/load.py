@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from ident.mechanism.mechanism import Joint, Mechanism, multipliers
 from ident.mechanism.parameters import Bodies, read_consistency
 from ident.mechanism.toml import TomlTable, read_toml
 from ident.mechanism.tree import Tree, build_tree, is_rotational
-from ident.mechanism.urdf import parse_urdf
+from ident.mechanism.urdf import lock, parse_urdf
 from ident.plugins import suffixes
 
 TOP = ("urdf", "gravity", "joints", "closure", "parameters", "multipliers", "log", "effect")
@@ -28,7 +28,12 @@ LIMITLESS = 1e8  # from which a limit of a URDF is none
 CHANNELS = ("q", "v", "a", "tau")
 
 
-def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
+def load(
+    path: str | Path,
+    *,
+    allow_code: bool = False,
+    locked: Mapping[str, float | None] | None = None,
+) -> Mechanism:
     """The mechanism of a folder with a mechanism.toml, of such a file, or of a bare URDF.
 
     In a URDF's place may stand a MuJoCo model (`.xml`) or an SDF, with the loops it has.
@@ -37,6 +42,8 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
         path: folder, `mechanism.toml`, `.urdf`, `.xml` or `.sdf`.
         allow_code: whether closures of kind `function` and effects of one's own may run the Python
             files they name.
+        locked: joints to hold at a coordinate [rad | m], beside those of [joints] locked; at their
+            start where it is None.
 
     Raises:
         MechanismError: one line that names the file, what is wrong and what would be valid.
@@ -58,18 +65,24 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
     source = read_description(urdf)
     loops = (TomlTable(f"{urdf}: loop {i}", each) for i, each in enumerate(source.closures, 1))
     top = replace(top, data=stated(top.data, source))
-    tree = build_tree(parse_urdf(source.urdf, str(urdf)), top.vector("gravity", 3), str(urdf))
+    robot = parse_urdf(source.urdf, str(urdf))
+    held = lock(robot, _locked(top.table("joints"), locked or {}), str(urdf))
+    tree = build_tree(robot, top.vector("gravity", 3), str(urdf))
     mimics = (TomlTable(f"{urdf}: mimic {each['joints'][0]}", each) for each in tree.mimics)
     bodies, joints = Bodies(tree.links), _tree_joints(tree)
     folder = (toml or urdf).parent
     context = Context(tree.model, {j.name: j.rotational for j in joints}, folder, allow_code)
-    passive, start = _passive_and_start(top.table("joints"), tree, joints)
+    passive, start = _passive_and_start(top.table("joints"), tree, joints, held)
     basis, parameters = top.table("multipliers"), top.table("parameters")
     basis.check("basis", "spacing")
     parameters.check("unknown", "bounds", "total_mass")
     auxiliary = (*tree.auxiliary, *source.auxiliary)
     asked = [link for link in bodies.links if link not in auxiliary]
-    asked = list(parameters.words("unknown")) if "unknown" in parameters else asked
+    if "unknown" in parameters:  # links of locked joints are part of others
+        joined = (joint for joint in robot.findall("joint") if joint.get("name") in held)
+        parts = {joint.find("child").get("link") for joint in joined}
+        every = parameters.words("unknown")
+        asked = [x for x in every if x not in parts and x.rpartition(".")[0] not in parts]
     mechanism = Mechanism(
         name=name,
         model=tree.model,
@@ -86,13 +99,16 @@ def load(path: str | Path, *, allow_code: bool = False) -> Mechanism:
         columns=_columns(top.table("log")),
         urdf=urdf,
         toml=toml,
+        locked=held,
         consistency=read_consistency(parameters, bodies),
     )
-    notes = (*source.notes, *tree.notes, *_remarks(mechanism))
+    at = ", ".join(f"{name} at {value:.4g}" for name, value in held.items())
+    locks = [f"locked: {at}"] if at else []
+    notes = (*source.notes, *tree.notes, *locks, *_remarks(mechanism))
     mechanism = replace(mechanism, notes=notes).with_own_joints()
     for column in mechanism.columns:  # a mapped name that nothing reads would be ignored
         prefix, _, joint = column.partition(".")
-        if prefix in CHANNELS and joint not in mechanism.joint_index:
+        if prefix in CHANNELS and joint not in {*mechanism.joint_index, *held}:
             valid = one_of(joint, mechanism.joint_index)
             raise top.error(f"[log] \"{column}\": no joint '{joint}'; {valid}")
     for table in effects:
@@ -176,20 +192,32 @@ def _tree_joints(tree: Tree) -> tuple[Joint, ...]:
     return tuple(joints)
 
 
+def _locked(section: TomlTable, asked: Mapping[str, float | None]) -> dict[str, float]:
+    """Return the joints to hold and where, those of [joints] locked and those asked for."""
+    tables = []
+    for key in ("start", "locked"):
+        if not isinstance(given := section.data.get(key, {}), dict):
+            raise section.error(f"{key} = {given!r}; write {{ joint = 0.0, … }}")
+        tables.append(TomlTable(f"{section.where} {key}", given))
+    start, own = tables
+    held = {name: own.number(name) for name in own.data}
+    return held | {
+        name: start.number(name, 0.0) if value is None else value for name, value in asked.items()
+    }
+
+
 def _passive_and_start(
-    section: TomlTable, tree: Tree, joints: tuple[Joint, ...]
+    section: TomlTable, tree: Tree, joints: tuple[Joint, ...], held: Collection[str]
 ) -> tuple[set[str], np.ndarray]:
-    section.check("passive", "start")
+    section.check("passive", "start", "locked")
     q, places = pin.neutral(tree.model), {joint.name: joint.index for joint in joints}
     passive, table = section.words("passive"), section.data.get("start", {})
-    if not isinstance(table, dict):
-        raise section.error(f"start = {table!r}; write {{ joint = 0.0, … }}")
     start = TomlTable(f"{section.where} start", table)
     for key, names in (("passive", passive), ("start", table)):
         for name in names:
-            if name not in places:
+            if name not in places and name not in held:
                 raise section.error(f"{key}: no joint '{name}'; {one_of(name, places)}")
-    for name in table:
+    for name in {*table} & {*places}:
         q[places[name]] = start.number(name)
     return {*passive, *(mimic["joints"][0] for mimic in tree.mimics)}, q
 

@@ -96,6 +96,7 @@ class Mechanism(Displayed):
         columns: this robot's names of log columns.
         urdf: path of the URDF; toml: of its mechanism.toml, if it has one.
         notes: what was understood otherwise than it is written.
+        locked: joints held at a coordinate [rad | m]; they are in none of the above.
         consistency: bounds on parameters and the total mass, for a consistent fit.
     """
 
@@ -114,6 +115,7 @@ class Mechanism(Displayed):
     urdf: Path = Path()
     toml: Path | None = None
     notes: tuple[str, ...] = ()
+    locked: Mapping[str, float] = field(default_factory=dict)
     consistency: Consistency = field(default_factory=Consistency)
 
     # --- kinematics -----------------------------------------------------------------------------

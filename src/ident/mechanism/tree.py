@@ -58,6 +58,10 @@ def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> T
     for inertia in robot.iterfind("link/inertial/inertia"):  # urdfdom requires them
         for key in ("ixy", "ixz", "iyz"):
             inertia.set(key, inertia.get(key, "0"))
+    for joint in robot.findall("joint[@type='fixed']"):
+        for mimic in joint.findall("mimic"):
+            joint.remove(mimic)
+            notes.append(f"joint '{joint.get('name')}' is fixed, so its <mimic> is ignored")
     mimics = tuple(_take_mimics(robot, where))
     for joint in robot.findall("joint"):
         if joint.get("type") == "continuous":

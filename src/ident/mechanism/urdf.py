@@ -24,6 +24,7 @@ from ident.mechanism.parameters import COUNT, about_origin, join, split
 from ident.mechanism.toml import HUGE
 
 TYPES = ("fixed", "revolute", "continuous", "prismatic", "planar")
+SCALAR = ("revolute", "continuous", "prismatic")
 FLOATING = (
     "an orientation cannot be written as one column a coordinate; state it as three prismatic and "
     "three revolute joints with massless links between them"
@@ -173,8 +174,8 @@ def _check_joint(joint: etree._Element, where: str) -> None:
         if lower > upper:
             why = f"lower {lower:g} above upper {upper:g}; swap them"
             refuse(limit, where, f"joint '{name}' has {why}")
-    if joint.find("mimic") is not None and kind not in ("revolute", "continuous", "prismatic"):
-        refuse(joint, where, f"joint '{name}' of type {kind} cannot mimic")
+    if joint.find("mimic") is not None and kind == "planar":
+        refuse(joint, where, f"joint '{name}' of type planar cannot mimic")
 
 
 def _check_numbers(element: etree._Element, where: str) -> None:
@@ -194,6 +195,46 @@ def _check_inertial(link: etree._Element, where: str) -> None:
     mass = inertial.find("mass")
     if (value := numbers(mass, "value", "", 1, where)[0]) < 0:
         refuse(mass, where, f"link '{link.get('name')}' has the mass {value:g} kg; it must be ≥ 0")
+
+
+def lock(robot: etree._Element, values: Mapping[str, float], where: str) -> dict[str, float]:
+    """Fix joints of a `<robot>` at coordinates [rad | m], and joints that mimic them; return all.
+
+    Raises:
+        MechanismError: for a joint that is not there or has not one coordinate.
+    """
+    joints = {j.get("name"): j for j in robot.findall("joint") if j.get("type") in SCALAR}
+    locked = dict(values)
+    for name in locked:
+        if name not in joints:
+            what = f"no joint '{name}' of one coordinate can be locked"
+            raise MechanismError(f"{where}: {what}; {one_of(name, joints)}")
+    followers = [(name, each.find("mimic")) for name, each in joints.items()]
+    pending = [(name, mimic) for name, mimic in followers if mimic is not None]
+    for _ in pending:  # one may mimic another that mimics
+        for name, mimic in pending:
+            if name not in locked and mimic.get("joint") in locked:
+                (factor,), (offset,) = (
+                    numbers(mimic, key, NUMBERS["mimic"][key], 1, where)
+                    for key in ("multiplier", "offset")
+                )
+                locked[name] = factor * locked[mimic.get("joint")] + offset
+    for name, value in locked.items():
+        joint, axis = joints[name], np.array([1.0, 0.0, 0.0])
+        if joint.find("axis") is not None:
+            axis = np.array(numbers(joint.find("axis"), "xyz", "1 0 0", 3, where))
+        step = value * axis / np.linalg.norm(axis)
+        motion = pin.SE3(np.eye(3), step)
+        if joint.get("type") != "prismatic":
+            motion = pin.SE3(pin.exp3(step), np.zeros(3))
+        place = placement_of(joint, where) * motion
+        for tag in ("origin", "axis", "limit", "mimic"):
+            for element in joint.findall(tag):
+                joint.remove(element)
+        rpy = words(pin.rpy.matrixToRpy(place.rotation))
+        etree.SubElement(joint, "origin", xyz=words(place.translation), rpy=rpy)
+        joint.set("type", "fixed")
+    return locked
 
 
 # --- inertias -------------------------------------------------------------------------------------

@@ -89,9 +89,15 @@ def folder_files(
 def _document(mechanism: Mechanism) -> tomlkit.TOMLDocument:
     if mechanism.toml is not None:
         raw = mechanism.toml.read_bytes()  # not as text, which would change the ends of lines
-        return tomlkit.parse(raw.removeprefix(codecs.BOM_UTF8))
-    document = tomlkit.document()
-    document["urdf"] = mechanism.urdf.name
+        document = tomlkit.parse(raw.removeprefix(codecs.BOM_UTF8))
+    else:
+        document = tomlkit.document()
+        document["urdf"] = mechanism.urdf.name
+    joints = document.get("joints", {})
+    if missing := {k: x for k, x in mechanism.locked.items() if k not in joints.get("locked", {})}:
+        locked = tomlkit.inline_table()
+        locked.update({**joints.get("locked", {}), **missing})
+        document.setdefault("joints", tomlkit.table())["locked"] = locked
     return document
 
 

@@ -344,8 +344,8 @@ def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) ->
         name, present = missing[0], [c for c in columns if c.startswith("tau.")]
         raise MotionError(
             f"{log}: joint '{name}' is driven, but there is no column 'tau.{name}'"
-            f" ({one_of('tau.' + name, present or columns)}); log it, map it in [log], or "
-            f"put '{name}' among the passive joints"
+            f" ({one_of('tau.' + name, present or columns)}); log it, map it in [log], "
+            f"put '{name}' among the passive joints, or hold it: --lock {name}"
         )
     shown = ", ".join(f"tau.{name}" for name in missing)
     return [f"{log}: has no {shown}: a motion, no experiment"] if missing else []

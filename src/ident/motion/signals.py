@@ -141,7 +141,7 @@ def measure(mechanism: Mechanism, log: Log, clock: Clock | None = None) -> LogSi
     names = [joint.name for joint in mechanism.joints]
     for column in own:
         prefix, _, rest = column.partition(".")
-        if prefix in ("q", "v", "a", "tau") and rest and rest not in names:
+        if prefix in ("q", "v", "a", "tau") and rest and rest not in {*names, *mechanism.locked}:
             notes.append(f"column '{column}' names no joint and is not used; {one_of(rest, names)}")
     t, even = (clock.within(log), clock.even) if clock else uniform_clock(log)
     n, dt = len(t), float(np.median(np.diff(log.t)))
