@@ -46,7 +46,7 @@ from ident.motion.state import State
 STEP = 1e-6  # of the spread of a coordinate or its derivative
 LOOKED_AT = 60  # samples of a log whose motion's noise is looked at
 LONGEST = 2000  # functions of a run that are looked at
-BLOCKS = 40
+BLOCKS = 40  # of time, of a run
 FASTER = 2.0  # cut-off of the rows over the rate of the motion's knots: all that splines resolve
 NYQUIST = 0.4  # of the log's rate, above which nothing is filtered
 STICKING = 0.01  # share of a row that may come from standstill, where friction jumps
@@ -183,12 +183,17 @@ def weighed(torques: TorqueRows, spline: Spline, c: np.ndarray, sigma: np.ndarra
 
 @dataclass(frozen=True, eq=False)
 class EliminatedRun:
-    """One run of samples with its motion eliminated."""
+    """One run of samples with its motion, or its multipliers in a time basis, eliminated."""
 
     experiment: int  # its number
     segment: slice  # its samples
-    basis: Basis  # of the motion
-    elimination: Elimination  # factors of the parameters and the way back to c − ĉ
+    basis: Basis  # of the motion, or of λ(t)
+    elimination: Elimination  # factors of the parameters and the way back to c − ĉ or a
+
+
+def time_blocks(basis: Basis) -> int:
+    """Return into how many blocks of time a run of samples is parted."""
+    return max(1, min(BLOCKS, basis.count // 4))
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,12 +209,9 @@ class Linear:
         found = []
         for (segment, spline), c, torques in zip(self.fine.runs, self.c, self.torques, strict=True):
             if torques is not None:
-                count = spline.basis.count
-                blocks = max(1, min(BLOCKS, count // 4))
-                chunks = weighed(torques, spline, c, sigma)
-                found.append(
-                    EliminatedRun(number, segment, spline.basis, eliminate(chunks, count, blocks))
-                )
+                basis, chunks = spline.basis, weighed(torques, spline, c, sigma)
+                factors = eliminate(chunks, basis.count, time_blocks(basis))
+                found.append(EliminatedRun(number, segment, basis, factors))
         return found
 
     def residual_squares(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

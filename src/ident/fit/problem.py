@@ -17,40 +17,23 @@ from operator import itemgetter
 import numpy as np
 
 from ident.equations.corrections import Scene
-from ident.equations.motion_noise import EliminatedRun
+from ident.equations.motion_noise import EliminatedRun, time_blocks
 from ident.equations.multipliers import basis_of, stack
 from ident.equations.rows import Rows, dof, row_supports, rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError
-from ident.information.band import Elimination, eliminate
+from ident.information.band import eliminate
 from ident.information.blocks import Block, Information
 from ident.information.estimate import FLOOR, Estimate, estimate
-from ident.information.splines import Basis
 from ident.information.triangle import Triangle
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, split
-from ident.motion import Motion, State
+from ident.motion import Motion
 from ident.progress import Progress
 
 FEWEST, MOST, LENGTH = 10, 96, 12  # blocks of a log, and rows that make one
-BAND_BLOCKS = 40  # of a run whose multipliers have a time basis
 BOUNDLESS = 1e30  # stands for infinity, with which 0 may be multiplied
 TORQUE = 10.0  # times the largest torque, by which an effect's unknown is bounded
-
-
-@dataclass(frozen=True, eq=False)
-class EliminatedBand:
-    """One run of samples with its multipliers eliminated.
-
-    Attributes:
-        experiment: its number; segment: its samples.
-        basis: of λ(t); elimination: triangles of the parameters and the way back to a.
-    """
-
-    experiment: int
-    segment: slice
-    basis: Basis
-    elimination: Elimination
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +54,7 @@ class Problem:
     point: Point
     columns: Columns
     information: Information
-    bands: Sequence[EliminatedBand] = ()
+    bands: Sequence[EliminatedRun] = ()
     runs: Sequence[EliminatedRun] = ()
     stacked_information: Information | None = None
 
@@ -91,7 +74,7 @@ class Problem:
         """
         columns = Columns.of(mechanism)
         information = information_of(mechanism, columns, motion, point, on_progress)
-        bands: list[EliminatedBand] = []
+        bands: list[EliminatedRun] = []
         if mechanism.closures and mechanism.multipliers.basis != "free":
             bands = bands_of(mechanism, columns, motion, point, on_progress)
         if bands and not any(t.rows for band in bands for t in band.elimination.factors):
@@ -129,7 +112,7 @@ class Problem:
         """The rows from which parameters are estimated: reduced ones, or those of stacks."""
         if self.stacked_information is not None:
             return self.stacked_information
-        stacks: list[EliminatedBand | EliminatedRun] = [*self.bands, *self.runs]
+        stacks = [*self.bands, *self.runs]
         return stacks_information(stacks, self.motion) if stacks else self.information
 
     @property
@@ -146,6 +129,16 @@ class Problem:
     def plausible(self) -> np.ndarray:
         """(k,) largest plausible distance of each unknown from its prior."""
         return plausible_of(self.mechanism, self.columns, self.information)
+
+    def basis_multipliers(self, number: int, x: np.ndarray) -> np.ndarray:
+        """Return λ(t) = B(t) a (n, m) of an experiment; NaN where no run of samples extends."""
+        t, names = self.motion.experiments[number].t, self.mechanism.kinematics.multipliers
+        found = np.full((len(t), len(names)), np.nan)
+        for band in self.bands:
+            if band.experiment == number:
+                a = band.elimination.back_substitute(x)
+                found[band.segment] = band.basis.evaluate(a, t[band.segment])
+        return found
 
     def point_at(self, x: np.ndarray) -> Point:
         """Return the values of all parameters with unknowns x (k,)."""
@@ -259,7 +252,7 @@ def bands_of(
     motion: Motion,
     point: Point | None = None,
     on_progress: Progress | None = None,
-) -> list[EliminatedBand]:
+) -> list[EliminatedRun]:
     """Return the stacks of all runs of samples, the multipliers of each eliminated."""
     found = []
     cutoff = motion.band.cutoff
@@ -274,18 +267,11 @@ def bands_of(
                 on_progress(f"eliminating multipliers of {e.name}", share)
             if chunks := list(stack(scene, cutoff, segment, basis)):
                 elimination = eliminate(chunks, basis.count, time_blocks(basis))
-                found.append(EliminatedBand(number, segment, basis, elimination))
+                found.append(EliminatedRun(number, segment, basis, elimination))
     return found
 
 
-def time_blocks(basis: Basis) -> int:
-    """Return into how many blocks of time a run of samples is parted."""
-    return max(1, min(BAND_BLOCKS, basis.count // 4))
-
-
-def stacks_information(
-    stacks: Sequence[EliminatedBand | EliminatedRun], motion: Motion
-) -> Information:
+def stacks_information(stacks: Sequence[EliminatedRun], motion: Motion) -> Information:
     """Return the equations that stacks leave as information of one coordinate: of all joints."""
     blocks: list[Block] = []
     for each in stacks:
@@ -306,18 +292,6 @@ def equal_blocks(
         Block(log, before + i, 0, t, rest, support, t.rhs_norm() ** 2, (edges[i], edges[i + 1]))
         for i, t in enumerate(triangles)
     ]
-
-
-def band_multipliers(
-    bands: Sequence[EliminatedBand], e: State, number: int, x: np.ndarray, m: int
-) -> np.ndarray:
-    """Return λ(t) = B(t) a (n, m) of one experiment; NaN where no run of samples extends."""
-    found = np.full((len(e), m), np.nan)
-    for band in bands:
-        if band.experiment == number:
-            a = band.elimination.back_substitute(x)
-            found[band.segment] = band.basis.evaluate(a, e.t[band.segment])
-    return found
 
 
 def plausible_of(mechanism: Mechanism, columns: Columns, information: Information) -> np.ndarray:

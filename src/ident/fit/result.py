@@ -12,6 +12,7 @@ import numpy as np
 
 from ident.display import render
 from ident.effects import Effect
+from ident.equations.motion_noise import EliminatedRun
 from ident.equations.unknowns import Columns, Point
 from ident.errors import one_of
 from ident.fit.consistency import Binding
@@ -20,7 +21,7 @@ from ident.fit.findings import Finding
 from ident.fit.likelihood import Likelihood
 from ident.fit.multipliers import Reactions, identifiable_multipliers
 from ident.fit.prediction import Prediction, predict
-from ident.fit.problem import EliminatedBand, Problem, band_multipliers
+from ident.fit.problem import Problem
 from ident.fit.residual import Charted, Residual, residual_of
 from ident.fit.unexcited import Unexcited, unexcited
 from ident.fit.values import (
@@ -85,7 +86,7 @@ class Fit(Charted):
         return self.problem.information
 
     @property
-    def bands(self) -> Sequence[EliminatedBand]:
+    def bands(self) -> Sequence[EliminatedRun]:
         """Where the multipliers have a time basis, the way back to them."""
         return self.problem.bands
 
@@ -209,9 +210,8 @@ class Fit(Charted):
         """
         determined = identifiable_multipliers(self.mechanism, self.motion)
         if self.bands:
-            x, m = self.estimate.x, len(determined)
             values = [
-                (e.t, band_multipliers(self.bands, e, number, x, m))
+                (e.t, self.problem.basis_multipliers(number, self.estimate.x))
                 for number, e in enumerate(self.motion.experiments)
             ]
         else:

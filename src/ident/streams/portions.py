@@ -23,12 +23,13 @@ import numpy as np
 
 from ident.equations.corrections import Scene
 from ident.equations.filter import Decimator
+from ident.equations.motion_noise import time_blocks
 from ident.equations.multipliers import stack
 from ident.equations.rows import largest_transmission, row_supports, rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, MotionError, one_of
 from ident.fit.prediction import predict
-from ident.fit.problem import block_edges, blocks_of, equal_blocks, split_rows, time_blocks
+from ident.fit.problem import block_edges, blocks_of, equal_blocks, split_rows
 from ident.information.band import Stretch, eliminate
 from ident.information.blocks import Block, Key
 from ident.information.splines import Basis
