@@ -92,8 +92,7 @@ def compare(
     """
     if not models:
         raise FitError("nothing to compare; give one fit or several")
-    if motion is None and isinstance(models[0], Fit):
-        motion = models[0].motion
+    motion = models[0].motion if motion is None else motion
     residuals: dict[str, Residual] = {}
     fitted: dict[str, Mapping[str, Mapping[str, Error]]] = {}
     for i, model in enumerate(models):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -108,8 +108,8 @@ class Fit(Charted):
     @cached_property
     def parameters(self) -> tuple[Value, ...]:
         """Unknown dynamic parameters in Γ's order."""
-        values = rigid_values(self.mechanism, self.columns, self.estimate, self.covariance)
-        return tuple(map(self._marked, values))
+        at = self.binding.at_bound if self.binding else ()
+        return rigid_values(self.mechanism, self.columns, self.estimate, self.covariance, at)
 
     @cached_property
     def base_parameters(self) -> tuple[BaseValue, ...]:
@@ -119,15 +119,8 @@ class Fit(Charted):
     @cached_property
     def effects(self) -> tuple[EffectValues, ...]:
         """The effects with their parameters."""
-        found = effect_values(self.columns, self.estimate, self.covariance, self.point)
-        return tuple(
-            replace(each, parameters=tuple(map(self._marked, each.parameters))) for each in found
-        )
-
-    def _marked(self, value: Value) -> Value:
-        """Return a value with what bounds do to it."""
-        bound = self.binding is not None and value.name in self.binding.at_bound
-        return replace(value, at_bound=True) if bound else value
+        at = self.binding.at_bound if self.binding else ()
+        return effect_values(self.columns, self.estimate, self.covariance, self.point, at)
 
     @cached_property
     def correlation(self) -> Correlation:

@@ -6,7 +6,7 @@ their errors: r_ij = cov_ij / (s_i s_j).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,15 +86,22 @@ def _alone(estimate: Estimate, cov: np.ndarray) -> np.ndarray:
     return stderr
 
 
-def _value(name: str, value: float, error: float, unit: str, prior: float) -> Value:
+def _value(
+    name: str, value: float, error: float, unit: str, prior: float, bounds: Collection[str]
+) -> Value:
     known = bool(np.isfinite(error))
-    return Value(name, float(value), float(error) if known else None, unit, known, float(prior))
+    stderr = float(error) if known else None
+    return Value(name, float(value), stderr, unit, known, float(prior), name in bounds)
 
 
 def effect_values(
-    columns: Columns, estimate: Estimate, cov: np.ndarray, point: Point
+    columns: Columns,
+    estimate: Estimate,
+    cov: np.ndarray,
+    point: Point,
+    bounds: Collection[str] = (),
 ) -> tuple[EffectValues, ...]:
-    """Return all effects' parameters; one that was given, or takes few values, has no error."""
+    """Return all effects' parameters, a given one without error; `bounds`: those at a bound."""
     stderr = _alone(estimate, cov)
     found = []
     for effect, places in columns.effects:
@@ -104,18 +111,22 @@ def effect_values(
                 given = point.values[name]
                 values.append(Value(name, given, 0.0, unit, True, given))
             else:
-                values.append(_value(name, estimate.solution.x[at], stderr[at], unit, 0.0))
+                values.append(_value(name, estimate.x[at], stderr[at], unit, 0.0, bounds))
         found.append(EffectValues(effect, tuple(values)))
     return tuple(found)
 
 
 def rigid_values(
-    mechanism: Mechanism, columns: Columns, estimate: Estimate, cov: np.ndarray
+    mechanism: Mechanism,
+    columns: Columns,
+    estimate: Estimate,
+    cov: np.ndarray,
+    bounds: Collection[str] = (),
 ) -> tuple[Value, ...]:
     """Return unknown dynamic parameters in Γ's order.
 
     Moments of inertia are about the centre of mass where that is known or identified, and then
-    named `I`, else about the joint frame's origin, `L`.
+    named `I`, else about the joint frame's origin, `L`. `bounds`: names of those at a bound.
     """
     stderr = _alone(estimate, cov)
     at = {columns.names[i]: i for i in range(len(columns.rigid))}
@@ -137,7 +148,7 @@ def rigid_values(
                 before -= _shift(prior)[k]
                 if np.isfinite(error):
                     error = _centroidal_error(estimate, cov, mine, names, at, k)
-            found.append(_value(name, value, error, unit_of(word), before))
+            found.append(_value(name, value, error, unit_of(word), before, bounds))
     return tuple(found)
 
 

@@ -149,8 +149,7 @@ def replay(
     """
     if not models:
         raise FitError("nothing to simulate; give one fit or several")
-    if motion is None and isinstance(models[0], Fit):
-        motion = models[0].motion
+    motion = models[0].motion if motion is None else motion
     if motion is None:
         raise FitError("a fit that was read back has no motion; give motion=…")
     for e in motion.experiments:
