@@ -94,7 +94,9 @@ def essential(
     trial = _HeldOutTrial.of(problem, estimate)
     if trial is None or not len(own):
         return None
-    wider = _wider(trial.total, covariance)
+    alone = np.linalg.norm(lapack.dtrtri(trial.total.R)[0], axis=1)  # errors for unit noise
+    stderr = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    wider = np.where(np.isfinite(stderr) & (alone > 0), stderr / np.maximum(alone, 1e-300), 1.0)
     may_go = ~np.isin(own, columns.shapes)  # a shape's column is a slope, no size
     needed, dropped = np.ones(len(own), dtype=bool), []
     full = best = trial.held_out(needed)
@@ -177,11 +179,3 @@ def _solved(
         inverse, _ = lapack.dtrtri(own.R)
         stderr[needed] = np.linalg.norm(inverse, axis=1) * wider[needed]
     return beta, stderr
-
-
-def _wider(triangle: Triangle, covariance: np.ndarray) -> np.ndarray:
-    """Return the fit's standard errors (n,) over those of independent rows of unit noise."""
-    inverse, _ = lapack.dtrtri(triangle.R)
-    own = np.linalg.norm(inverse, axis=1)
-    stderr = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    return np.where(np.isfinite(stderr) & (own > 0), stderr / np.maximum(own, 1e-300), 1.0)

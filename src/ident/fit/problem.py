@@ -243,6 +243,7 @@ def blocks_of(
 
 @cache
 def _empty(k: int) -> Triangle:
+    """Return the triangle of no rows, of which most blocks have one, once."""
     return Triangle.empty(k)
 
 
@@ -295,35 +296,19 @@ def equal_blocks(
 
 
 def plausible_of(mechanism: Mechanism, columns: Columns, information: Information) -> np.ndarray:
-    """Return the largest plausible distances (k,) from the prior, given the sizes of columns."""
-    size = np.zeros(len(columns))
-    for total in information.totals:
-        size = size + total.column_norms() ** 2 / max(total.rows, 1)
-    return plausible(mechanism, columns, information.rms_torque, np.sqrt(size))
-
-
-def plausible(
-    mechanism: Mechanism, columns: Columns, torque: np.ndarray, size: np.ndarray
-) -> np.ndarray:
     """Return the largest plausible deviation (k,) of every unknown from its prior, in its own unit.
 
     Noise makes every column look a little excited; a combination of parameters that the data know
     no better than this stays at the prior. Of a body with mass m and size l (centre of mass, radius
     of gyration, or a mean link's length): m, m l, m l². Of an effect: ten times the largest torque
     per unit of its column.
-
-    Args:
-        mechanism: whose URDF gives masses and sizes.
-        columns: the unknowns.
-        torque: (d,) rms torque of the independent coordinates [N m | N].
-        size: (k,) rms of every unknown's column.
     """
+    squares = [t.column_norms() ** 2 / max(t.rows, 1) for t in information.totals]
+    size = np.sqrt(np.sum(squares, axis=0))[len(columns.rigid) :]
     m, length = body_scales(mechanism)
     bodies = np.stack([m, *[m * length] * 3, *[m * length**2] * 6], axis=1).ravel()
-    largest = float(torque.max(initial=0.0)) or np.inf
-    effects = np.minimum(TORQUE * largest, BOUNDLESS) / np.maximum(
-        size[len(columns.rigid) :], 1 / BOUNDLESS
-    )
+    largest = float(information.rms_torque.max(initial=0.0)) or np.inf
+    effects = np.minimum(TORQUE * largest, BOUNDLESS) / np.maximum(size, 1 / BOUNDLESS)
     return np.concatenate([bodies[columns.rigid], effects])
 
 
