@@ -91,50 +91,30 @@ def limits_of(
     Raises:
         FitError: for a bound on what is no unknown, or is no linear function of the unknowns.
     """
-    limits = _bodies(mechanism, columns)
-    for effect, places in columns.effects:
-        for name, unknown, at in zip(effect.names, effect.parameters, places, strict=True):
-            if at >= 0 and unknown.nonnegative:
-                row = _row(len(columns), at, scale[at])
-                limits.append(Limit(f"{name} ≥ 0", "nonnegative", row, np.zeros(1), name))
-    for at, (low, high) in shapes.items():
-        limits += _between(columns.names[at], len(columns), at, (low, high), scale[at])
+    intervals = [  # low ≤ x_at + constant ≤ high
+        (name, at, 0.0, (0.0, np.inf), "")
+        for effect, places in columns.effects
+        for name, unknown, at in zip(effect.names, effect.parameters, places, strict=True)
+        if at >= 0 and unknown.nonnegative
+    ]
+    intervals += [(columns.names[at], at, 0.0, bounds, "") for at, bounds in shapes.items()]
     for name, bounds in asked.bounds.items():
         at, constant = _linear(mechanism, columns, name)
-        unit = f" {columns.units[at]}"
-        limits += _between(name, len(columns), at, bounds, scale[at], unit, constant)
+        intervals.append((name, at, constant, bounds, f" {columns.units[at]}"))
+    limits = _bodies(mechanism, columns)
+    for name, at, constant, bounds, unit in intervals:
+        row = np.zeros((1, len(columns)))
+        row[0, at] = 1.0 / scale[at]
+        low, high = (np.array([(bound - constant) / scale[at]]) for bound in bounds)
+        if bounds[0] == bounds[1]:
+            limits.append(Limit(f"{name} = {bounds[0]:.6g}{unit}", "zero", row, -low, name))
+            continue
+        for sign, bound, G, h in (("≥", bounds[0], row, -low), ("≤", bounds[1], -row, high)):
+            if np.isfinite(bound):
+                limits.append(Limit(f"{name} {sign} {bound:.6g}{unit}", "nonnegative", G, h, name))
     if asked.total_mass is not None:
         limits.append(_total(mechanism, columns, asked.total_mass))
     return limits
-
-
-def _row(k: int, at: int, scale: float) -> np.ndarray:
-    """Return G (1, k) of one unknown in units of its size."""
-    row = np.zeros((1, k))
-    row[0, at] = 1.0 / scale
-    return row
-
-
-def _between(
-    name: str,
-    k: int,
-    at: int,
-    bounds: tuple[float, float],
-    scale: float,
-    unit: str = "",
-    constant: float = 0.0,
-) -> list[Limit]:
-    """Return low ≤ x_at + constant ≤ high, a limit a side."""
-    row = _row(k, at, scale)
-    low, high = (np.array([(bound - constant) / scale]) for bound in bounds)
-    text = [f"{name} {sign} {bound:.6g}{unit}" for sign, bound in zip("≥≤", bounds, strict=True)]
-    if bounds[0] == bounds[1]:
-        return [Limit(text[0].replace("≥", "=", 1), "zero", row, -low, name)]
-    sides = [
-        Limit(text[0], "nonnegative", row, -low, name),
-        Limit(text[1], "nonnegative", -row, high, name),
-    ]
-    return [limit for limit, bound in zip(sides, bounds, strict=True) if np.isfinite(bound)]
 
 
 def _bodies(mechanism: Mechanism, columns: Columns) -> list[Limit]:

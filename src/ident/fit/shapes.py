@@ -34,7 +34,7 @@ STEPS = 15
 HALVES = 5
 PASSES = 2  # over what depends on the model's own prediction
 LONGEST = 0.3  # of a shape's range, the longest step
-RESTING, SETTLED = 1e-6, 1e-3  # of a value, and of its standard error: a smaller step is the last
+RESTING, SETTLED = 1e-6, 1e-4  # of a value, and of its standard error: a smaller step is the last
 SAME = 1e-12  # of the sum of squares of all terms, within which two errors are the same
 
 
