@@ -34,11 +34,11 @@ def changed(log, **columns):
 
 def judged(mechanism, log, cutoff=None):
     fit = ident.identify(mechanism, ident.complete(mechanism, log, cutoff=cutoff))
-    return health(fit, [log])
+    return health(fit)
 
 
 def found(judgement):
-    return {(check.name, check.channels) for check in judgement.findings}
+    return {(each.code, each.where) for each in judgement.findings}
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -65,7 +65,7 @@ def test_a_wrong_sign_is_found(name, rigid):
     log = changed(p.log, **{f"tau__{joint}": -p.log.columns[f"tau.{joint}"]})
     judgement = judged(robot(name) if rigid else p.mechanism, log)
     assert ("sign", (f"tau.{joint}",)) in found(judgement)
-    (check,) = [c for c in judgement.findings if c.name == "sign"]
+    (check,) = [c for c in judgement.findings if c.code == "sign"]
     assert f'[log] "tau.{joint}" = {{ column = "tau.{joint}", scale = -1 }}' in check.remedy
 
 
@@ -94,8 +94,8 @@ def test_exchanged_torques_are_found(name, a, b):
 def test_a_gross_scale_is_found(joint, factor):
     p = planted("arm", seed=10)
     log = changed(p.log, **{f"tau__{joint}": factor * p.log.columns[f"tau.{joint}"]})
-    (check,) = [c for c in judged(p.mechanism, log).findings if c.name == "scale"]
-    assert check.channels == (f"tau.{joint}",)
+    (check,) = [c for c in judged(p.mechanism, log).findings if c.code == "scale"]
+    assert check.where == (f"tau.{joint}",)
     said = float(check.meaning.split("reads ")[1].split()[0])
     assert said == pytest.approx(factor, rel=0.25)
 
@@ -113,12 +113,31 @@ def test_one_drive_of_another_magnitude_than_the_urdf_is_a_hint():
     assert ("magnitude", ("tau.crank",)) in found(judged(p.mechanism, log))
 
 
+HIDDEN = {
+    "ripple": {"A": 1.0, "B": 0.5, "N": 3.0},
+    "hysteresis": {"sigma": 20.0, "z0": 0.1},
+    "load_friction": {"mu": 0.5},
+    "elasticity": {"compliance": 0.05},
+}
+
+
+@pytest.mark.parametrize("joint", ["wrist", "elbow"])
+@pytest.mark.parametrize("kind", HIDDEN)
+def test_a_hidden_effect_that_spoils_a_joint_is_no_fault_of_its_channel(joint, kind):
+    mechanism = robot("arm").with_effect("viscous").with_effect("coulomb")
+    values = {f"{kind}.{joint}.{name}": value for name, value in HIDDEN[kind].items()}
+    true = mechanism.with_effect(f"{kind}:{joint}")
+    noise = [Noise("tau", 0.01, relative=True)]
+    p = plant(true, motion_log("arm", 200.0, 8.0), values, noise=noise, seed=1)
+    assert found(judged(mechanism, p.log)) == set()
+
+
 @pytest.mark.parametrize("lag", [6, 10])
 def test_a_delay_of_one_torque_is_found_in_milliseconds(lag):
     p = planted("arm", seed=13)
     log = changed(p.log, tau__elbow=np.roll(p.log.columns["tau.elbow"], lag))
-    (check,) = [c for c in judged(p.mechanism, log).findings if c.name == "delay"]
-    assert check.channels == ("tau.elbow",)
+    (check,) = [c for c in judged(p.mechanism, log).findings if c.code == "delay"]
+    assert check.where == ("tau.elbow",)
     assert check.number == pytest.approx(5.0 * lag, rel=0.25)
 
 
@@ -126,30 +145,33 @@ def test_a_delay_of_all_torques_is_one_finding():
     p = planted("arm", seed=14)
     late = {name: np.roll(x, 6) for name, x in p.log.columns.items() if name.startswith("tau.")}
     log = Log.from_arrays(p.log.name, p.log.t, {**p.log.columns, **late})
-    (check,) = [c for c in judged(p.mechanism, log).findings if c.name == "delay"]
-    assert len(check.channels) == 4
+    (check,) = [c for c in judged(p.mechanism, log).findings if c.code == "delay"]
+    assert len(check.where) == 4
     assert check.number == pytest.approx(30.0, rel=0.2)
 
 
-def test_signs_of_a_command():
+def test_channels_that_are_no_measurements():
     p = planted("arm", seed=15)
-    x = p.log.columns["tau.elbow"]
+    x, t = p.log.columns["tau.elbow"], p.log.t
     clean = planted("arm", seed=15, noise=0.0).log.columns["tau.elbow"]
-    held = np.repeat(x[::8], 8)[: len(x)]
-    zero = np.where(np.arange(len(x)) % 200 < 80, 0.0, x)
-    for columns, word in (
-        ({"tau__elbow": held}, "held for 8 samples"),
-        ({"tau__elbow": zero}, "exactly zero"),
-        ({"tau__elbow": clean}, "not the least noise"),
-        ({"tau_des_elbow": x / 0.12}, "0.12 times the column 'tau_des_elbow'"),
+    for columns, code, word in (
+        ({"tau__elbow": np.repeat(x[::8], 8)[: len(x)]}, "staircase", "held for 8 samples"),
+        ({"tau__elbow": np.where(np.arange(len(x)) % 200 < 80, 0.0, x)}, "zero", "exactly zero"),
+        ({"tau__elbow": clean}, "noiseless", "not the least noise"),
+        ({"tau_des_elbow": x / 0.12}, "copied", "0.12 times the column 'tau_des_elbow'"),
+        ({"tau__elbow": np.where(abs(t - 1.0) < 0.2, x[160], x)}, "frozen", "from t = 0.8"),
     ):
-        checks = [
-            c
-            for c in judged(p.mechanism, changed(p.log, **columns)).findings
-            if c.name == "command"
-        ]
-        assert {c.channels for c in checks} == {("tau.elbow",)}, word
-        assert any(word in c.meaning for c in checks), [c.meaning for c in checks]
+        (finding,) = [c for c in judged(p.mechanism, changed(p.log, **columns)).findings
+                      if c.code == code]  # fmt: skip
+        assert finding.where == ("tau.elbow",)
+        assert word in finding.meaning
+
+
+def test_identify_says_what_the_channels_show():
+    p = planted("arm", seed=20)
+    log = changed(p.log, tau__wrist=np.zeros(len(p.log.t)))
+    fit = ident.identify(p.mechanism, ident.complete(p.mechanism, log, cutoff=None))
+    assert any("tau.wrist: always 0 while the joint moves" in said for said in fit.warnings)
 
 
 def test_the_mapped_column_is_no_command_of_itself():
@@ -165,18 +187,17 @@ def test_a_saturated_torque_is_found():
     x = p.log.columns["tau.elbow"]
     limit = 0.6 * np.abs(x).max()
     judgement = judged(p.mechanism, changed(p.log, tau__elbow=np.clip(x, -limit, limit)))
-    assert ("saturation", ("tau.elbow",)) in found(judgement)
+    assert ("clipped", ("tau.elbow",)) in found(judgement)
 
 
-def test_coarse_steps_are_found_and_fine_ones_reported():
+def test_coarse_steps_are_found_and_fine_ones_are_not():
     p = planted("arm", seed=18)
     x = p.log.columns["tau.elbow"]
     for share, bad in ((0.1, True), (0.005, False)):
         step = share * np.sqrt(np.mean(x**2))
         judgement = judged(p.mechanism, changed(p.log, tau__elbow=np.round(x / step) * step))
-        (check,) = [c for c in judgement.checks if c.name == "quantisation"]
-        assert (check.channels, check.bad) == (("tau.elbow",), bad)
-        assert check.number == pytest.approx(share / np.sqrt(12), rel=0.1)
+        numbers = [each.number for each in judgement.findings if each.code == "steps"]
+        assert numbers == ([pytest.approx(share / np.sqrt(12), rel=0.1)] if bad else [])
 
 
 def test_coarse_encoder_without_speeds_is_found():
@@ -184,7 +205,7 @@ def test_coarse_encoder_without_speeds_is_found():
     c = {k: x for k, x in p.log.columns.items() if k[0] in "qt"}
     c["q.elbow"] = np.round(c["q.elbow"] / 4e-2) * 4e-2
     judgement = judged(p.mechanism, Log.from_arrays("run.csv", p.log.t, c), 8.0)
-    assert ("quantisation", ("q.elbow",)) in found(judgement)
+    assert ("steps", ("q.elbow",)) in found(judgement)
 
 
 def test_an_encoder_offset_against_the_closures_is_found():
@@ -194,16 +215,16 @@ def test_an_encoder_offset_against_the_closures_is_found():
     y = ident.complete(mechanism, log, cutoff=None).experiments[0].y
     joint = next(j.name for j in mechanism.joints if j.in_tree and j.name != "crank")
     own = y[:, mechanism.joint_index[joint]]
-    good = judged(mechanism, changed(log, **{f"q__{joint}": own}))
-    wrong = judged(mechanism, changed(log, **{f"q__{joint}": own + 0.02}))
-    assert found(good) == set()
-    assert "closure" in {name for name, _ in found(wrong)}
+    for offset, word in ((0.0, "agrees with"), (0.02, "differs from what")):
+        moved = changed(log, **{f"q__{joint}": own + offset})
+        notes = ident.complete(mechanism, moved, cutoff=None).notes
+        assert any(f"q.{joint} {word} the closures" in note for note in notes)
 
 
 def test_a_dead_torque_is_found():
     p = planted("arm", seed=20)
     judgement = judged(p.mechanism, changed(p.log, tau__wrist=np.full(len(p.log.t), 0.02)))
-    assert ("dead", ("tau.wrist",)) in found(judgement)
+    assert ("constant", ("tau.wrist",)) in found(judgement)
 
 
 @pytest.mark.parametrize("kind", ["sign", "swapped", "scale"])
@@ -219,7 +240,7 @@ def test_a_wrong_position_is_found(kind):
     unlimited = tuple(replace(j, lower=-np.inf, upper=np.inf) for j in p.mechanism.joints)
     mechanism = replace(p.mechanism, joints=unlimited)
     judgement = judged(mechanism, Log.from_arrays("run.csv", p.log.t, c))
-    assert any(name == f"position {kind}" for name, _ in found(judgement))
+    assert {name for name, _ in found(judgement)} == {f"position {kind}"}
 
 
 def test_it_prints_and_is_json():
@@ -229,21 +250,13 @@ def test_it_prints_and_is_json():
     assert "scale = -1" in str(judgement)
     assert judgement._repr_html_().count("<pre>") == 1
     told = json.loads(json.dumps(judgement.json(), allow_nan=False))
-    assert told[0]["name"] == "sign"
-    assert told[0]["bad"] is True
+    assert told[0]["code"] == "sign"
     assert not judgement.good
-
-
-def test_without_logs_the_torques_are_judged_all_the_same():
-    p = planted("arm", seed=23)
-    log = changed(p.log, tau__elbow=-p.log.columns["tau.elbow"])
-    fit = ident.identify(p.mechanism, ident.complete(p.mechanism, log, cutoff=None))
-    assert ("sign", ("tau.elbow",)) in found(health(fit))
 
 
 def test_it_is_fast():
     p = planted("arm", seed=24, rate=2500.0)
     fit = p.fit()
     start = time.perf_counter()
-    health(fit, [p.log])
+    health(fit)
     assert time.perf_counter() - start < 3.0

@@ -9,16 +9,16 @@ from diagnosed import SUGGESTION, clean, grown, lacking, loop
 
 import ident
 from ident import Health
-from ident.diagnosis.data_checks import Check
 from ident.diagnosis.diagnosis import Invisible, Unsupported
+from ident.fit.findings import Finding
 from ident.show.diagnosis import sure
 from ident.show.diagnosis import words as text_of
 from ident.show.ladder import head, rung
 from ident.text import WIDTH, listed, some
 
 
-def bad(name: str, channel: str) -> Check:
-    return Check(name, (channel,), 1.0, 0.5, True, "is turned", "turn it")
+def bad(name: str, channel: str) -> Finding:
+    return Finding(name, (channel,), 1.0, 0.5, f"{channel}: is turned", "turn it")
 
 
 def test_what_is_missing_is_named_with_its_joint_value_and_certainty():

@@ -1,493 +1,419 @@
-"""Which arrangement of the torque channels explains a log, by refits of rows kept apart."""
+"""Wrong torque channels as hypotheses on the rows of a fit: another right-hand side each.
+
+    X_u x = known_u + g τ_i(t + l)     row u of the joint that channel i, times g, is taken for
+
+X are the model's columns and the library's linear effects at every driven joint, so that a missing
+effect is no fault of the data. Rows are reduced to Gram matrices of blocks of time once; each
+hypothesis is then a least-squares problem in which nothing impossible is allowed (negative inertia,
+negative friction): only that tells a torque of the wrong sign from one of the right.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from scipy.linalg import lstsq
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.optimize import nnls
+from scipy.stats import t as student
 
-from ident.equations.corrections import Scene
-from ident.equations.filter import Decimator
-from ident.equations.terms import Samples, Terms
+from ident.diagnosis.candidates import blocks_of
+from ident.effects import Effect
 from ident.fit import Fit
-from ident.motion import State
+from ident.fit.channel_checks import LIKE
+from ident.fit.table import Table
+from ident.information.hypotheses import Array, zscore
+from ident.motion.regressor import regressor
 
-# --- bounded -------------------------------------------------------------------------------------
-# Least squares of smallest norm, free or with inequalities, for columns that may depend.
-
-
-DEPENDENT = 1e-6  # share of a unit column below which what is new in it is rounding
-FIRM = 100.0  # weight of an inequality at its bound, to rows of unit columns
-SLACK = 1e-3  # of a unit column's unknown, by which a bound may be passed
-
-
-def least(X: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """argmin ‖X x − b‖ for X (n, k) and b (n,) or (n, r), by a complete orthogonal factorisation.
-
-    The singular values' divide and conquer (`gelsd`) does not always converge on such columns.
-    """
-    norm = _norm(X)
-    x = _solve(X / norm, b, DEPENDENT)
-    return x / (norm if b.ndim == 1 else norm[:, None])
+FACTORS = (1e3, 100.0, 180 / np.pi, 10.0, 9.81)  # by which units of torque differ, and inverses
+LONGEST = 0.1  # s; a torque that is later still is another log's
+NODES = 12  # shifts on either side, from one sample up to LONGEST
+SMALL = 0.01  # relative error below which no channel is blamed, and none is better than another
+POOR = np.sqrt(2) * SMALL  # with SMALL counted in: of a joint that something may be wrong with
+ALPHA = 0.01  # chance that a channel is blamed where nothing is wrong
+RIVAL = 2.0  # standard errors of the paired difference within which two causes are rivals
+CLOSEST = 6  # hypotheses that are looked at in detail
+ROUNDS = 3  # in which weights settle
+REST = 0.04  # of a torque's squares, that no effect at its joint makes, for a factor to be seen
+RIDGE = 1e-10  # of unit columns' squares: settles what no row determines
+POSTURES = 40  # samples at which the mean inertia must be positive
 
 
-def within(X: np.ndarray, b: np.ndarray, G: np.ndarray, g: np.ndarray) -> np.ndarray:
-    """Least squares x (k,) with G x + g ≥ 0: what is violated is held at its bound, one by one.
+@dataclass(frozen=True)
+class Cause:
+    """A hypothesis on the torque channels: what each joint is given instead of its own.
 
-    What was held is not let go again: it is the answer of a full active-set method but where two
-    bounds compete, and then an error that is slightly too large.
-    """
-    norm = _norm(X)
-    G = G / norm
-    size = np.linalg.norm(G, axis=1)
-    known = size > 0
-    G, g = G[known] / size[known, None], g[known] / size[known]
-    A = X / norm
-    active: list[int] = []
-    while True:
-        stack = np.concatenate([A, FIRM * G[active]])
-        x = _solve(stack, np.concatenate([b, -FIRM * g[active]]), DEPENDENT / FIRM)
-        slack = G @ x + g
-        slack[active] = 0.0
-        if len(active) == len(g) or slack.min(initial=0.0) >= -SLACK:
-            return x / norm
-        active.append(int(slack.argmin()))
-
-
-def _norm(X: np.ndarray) -> np.ndarray:
-    norm = np.linalg.norm(X, axis=0)
-    return np.asarray(np.where(norm > 0, norm, 1.0))
-
-
-def _solve(A: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:
-    return np.asarray(lstsq(A, b, cond=share, lapack_driver="gelsy", check_finite=False)[0])
-
-
-# --- evidence ------------------------------------------------------------------------------------
-# Rows in memory, in which the torque channels stand apart: any exchange of them is a sum.
-#
-#     X x = known + Σ_{j,i} c_ji Z W_jᵀ τ_i + Σ_{j,l} c_jl Z W_jᵀ τ_j(t + l dt)
-#
-# c_ji is how much of channel i is taken for the torque of joint j (as logged: 1 for i = j). X are
-# the model's columns and, at every driven joint, v, sign(v), 1, q and a: friction, offset, spring
-# and rotor inertia that the model may lack are no fault of the data.
-
-
-MOST = 6000  # rows a coordinate; a share that is to be told to 10 % needs no more
-STICKING = 0.2  # share of a filtered row that may come from samples at standstill
-USUAL = 5  # v, sign(v), 1, q, a
-LONGEST = 0.1  # s; a longer delay is a wrong clock
-NODES = 12  # shifts on either side, from one to two samples up to LONGEST
-
-
-@dataclass(frozen=True, eq=False)
-class ChannelRows:
-    """Rows of all experiments, with J driven joints, d coordinates, k unknowns and L shifts.
-
-    Attributes:
-        X: (n, d, k + 5 J); B: (n, d, 1 + J J + J L): known, τ_i at joint j, τ_j shifted.
-        informed: (n, d), false at standstill.
-        t: (n,) [s]; experiment: (n,) its number.
-        lags: (L,) shifts of the torques [s], positive: taken from later.
-        dt: step of the clock [s].
-    """
-
-    X: np.ndarray
-    B: np.ndarray
-    informed: np.ndarray
-    t: np.ndarray
-    experiment: np.ndarray
-    lags: np.ndarray
-    dt: float
-
-
-def gather(
-    fit: Fit, experiments: Sequence[State] | None = None, most: int = MOST, shifts: bool = True
-) -> ChannelRows:
-    """The rows of a fit's motion, or of other experiments of its mechanism.
-
-    Args:
-        fit: whose mechanism, columns and filter are taken.
-        experiments: default: the fit's own.
-        most: rows a coordinate that are kept.
-        shifts: whether torques shifted in time are wanted.
-    """
-    experiments = fit.motion.experiments if experiments is None else experiments
-    dt = 1 / experiments[0].rate
-    most_steps = min(LONGEST / dt, 0.05 * len(experiments[0]))
-    steps = sorted({1, 2, *(max(1, round(i * most_steps / NODES)) for i in range(1, NODES + 1))})
-    lags = np.array([*(-k for k in reversed(steps)), *steps] if shifts else [], dtype=int)
-    total = sum(int(e.usable.sum()) for e in experiments)
-    found: list[tuple[np.ndarray, ...]] = []
-    for number, bare in enumerate(experiments):
-        cutoff = fit.motion.band.cutoff
-        scene = Scene.of(fit.mechanism, fit.columns, bare, fit.point, cutoff)
-        e, decimator = scene.e, Decimator.of(cutoff, bare.rate)
-        every = max(1, -(-total // decimator.factor // most))
-        decimator = replace(decimator, factor=decimator.factor * every)
-
-        def make(part: slice, scene: Scene = scene) -> tuple[np.ndarray, ...]:
-            return _columns(fit, scene, part, lags)
-
-        for segment in e.segments():
-            for sample, (X, B, told) in decimator.filtered(segment, make, STICKING):
-                found.append((X, B, told, e.t[sample], np.full(len(sample), number)))
-    X, B, informed, t, experiment = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return ChannelRows(X, B, informed, t, experiment, lags * dt, dt)
-
-
-def _columns(
-    fit: Fit, scene: Scene, part: slice, lags: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """X, B and informed of some samples, unfiltered."""
-    e, s = scene.e, scene.samples(part)
-    driven, (n, d) = fit.mechanism.driven, s.shape
-    found = scene.terms(part)
-    k, J, L = len(fit.columns), len(driven), len(lags)
-    X = np.zeros((n, d, k + USUAL * J))
-    X[:, :, :k] = found.A
-    held = fit.estimate.held
-    known = found.b - found.tau - found.A[:, :, held] @ fit.estimate.solution.x[held]
-    X[:, :, :k][:, :, held] = 0.0
-    B = np.zeros((n, d, 1 + J * J + J * L))
-    B[:, :, 0] = known
-    informed = np.ones((n, d), dtype=bool)
-    for _, told in found.informative:
-        informed &= told[:, None] | (e.loop is None)
-    tau = e.tau[part]
-    for j, name in enumerate(driven):
-        rows, W = s.lever(name)
-        x = s.signals((name,))
-        q, v, a = x.q[:, 0], x.v[:, 0], x.a[:, 0]
-        usual = np.stack([v, np.clip(v / x.still, -1, 1), np.ones(n), q, a], axis=-1)
-        W = W[:, :, None]
-        X[:, rows, k + USUAL * j : k + USUAL * (j + 1)] = W * usual[:, None]
-        B[:, rows, 1 + J * j : 1 + J * (j + 1)] = W * tau[:, None]
-        shifted = e.tau[np.clip(np.arange(len(e))[part, None] + lags, 0, len(e) - 1), j]
-        B[:, rows, 1 + J * J + L * j : 1 + J * J + L * (j + 1)] = W * shifted[:, None]
-        informed[:, rows] &= (np.abs(v) >= x.still)[:, None]
-    return X, B, informed
-
-
-# --- possible ------------------------------------------------------------------------------------
-# What no machine can have, as inequalities on the unknowns: G x + g ≥ 0.
-#
-#     inertia of an independent coordinate      u ↦ (Zᵀ Γ(q, 0, Z e_u) x)_u ≥ 0, mean over the log
-#     viscous and dry friction of a joint       Fv, Fc ≥ 0
-#
-# A free fit to a torque with the wrong sign turns all of a joint's parameters over and is as good
-# as the right one; only that they cannot be negative tells the two apart.
-
-
-LOOKED_AT = 40  # samples at which the inertia is evaluated, over all experiments
-POSITIVE = {"viscous": ("Fv",), "coulomb": ("Fc",)}  # and their place among the usual columns
-
-
-def possible(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
-    """G (d + 2 J, k + 5 J) and g (d + 2 J,)."""
-    driven, k = fit.mechanism.driven, len(fit.columns)
-    width = k + USUAL * len(driven)
-    inertia, offset = _inertia(fit, width)
-    friction = np.zeros((2 * len(driven), width))
-    for j, joint in enumerate(driven):
-        for i, (kind, (word,)) in enumerate(POSITIVE.items()):
-            row = friction[2 * j + i]
-            row[k + USUAL * j + i] = 1.0
-            name = f"{kind}.{joint}.{word}"
-            if name in fit.columns.index:
-                row[fit.columns.index[name]] = 1.0
-    return np.concatenate([inertia, friction]), np.concatenate([offset, np.zeros(len(friction))])
-
-
-def _inertia(fit: Fit, width: int) -> tuple[np.ndarray, np.ndarray]:
-    mechanism, k = fit.mechanism, len(fit.columns)
-    d = len(fit.motion.independent)
-    total, offset, count = np.zeros((d, width)), np.zeros(d), 0
-    for e in fit.motion.experiments:
-        share = LOOKED_AT // len(fit.motion.experiments)
-        some = e.at_samples(
-            np.flatnonzero(e.usable)[:: max(1, int(e.usable.sum()) // max(share, 4))]
-        )
-        still = replace(some, v=0 * some.v, yd=0 * some.yd, a=0 * some.a, ydd=0 * some.ydd)
-        rest = _terms(fit, still)
-        for u in range(d):
-            a, ydd = some.pinv[:, :, -d + u], some.leverage[:, :, u]
-            moved = _terms(fit, replace(still, a=a, ydd=ydd))
-            total[u, :k] += (moved.A - rest.A)[:, u].sum(axis=0)
-            offset[u] -= float((moved.b - rest.b)[:, u].sum())
-            for j, name in enumerate(mechanism.driven):
-                lever = ydd[:, mechanism.joint_index[name]]
-                total[u, k + USUAL * j + USUAL - 1] += float(lever @ lever)
-        count += len(still)
-    held = fit.estimate.held
-    offset += total[:, :k][:, held] @ fit.estimate.solution.x[held]
-    total[:, :k][:, held] = 0.0
-    return total / count, offset / count
-
-
-def _terms(fit: Fit, e: State) -> Terms:
-    """Of samples that are no course of time, so without what corrects the data."""
-    scene = Scene(Samples(fit.mechanism, e, slice(None), fit.point), fit.columns)
-    return scene.terms(slice(0, len(e)))
-
-
-# --- trial ---------------------------------------------------------------------------------------
-# What would be left if the torque channels were others: refits from small triangles.
-#
-# Each coordinate's rows [X | B] are reduced to a triangle once; every arrangement c of the torque
-# channels is then one small least-squares problem with all parameters free,
-#
-#     min_x Σ_u ‖R_u x − S_u c‖² / σ_u(c)²          [R_u | S_u] = Qᵀ [X_u | B_u]
-#
-# with σ_u(c) the rms of the torque that c makes of coordinate u: relative errors weigh alike.
-
-
-@dataclass(frozen=True, eq=False)
-class Result:
-    """x (k + 5 J,) of a refit, and each coordinate's relative error (d,)."""
-
-    x: np.ndarray
-    relative: np.ndarray
-
-    @property
-    def score(self) -> float:
-        """Root mean square of the relative errors."""
-        return float(np.sqrt(np.mean(np.minimum(self.relative, 1e3) ** 2)))
-
-
-@dataclass(frozen=True, eq=False)
-class ChannelTrial:
-    """Triangles of all rows of a fit.
-
-    Attributes:
-        driven: names of the J driven joints; own: for each coordinate the place among them, or −1.
-        triangles: for each coordinate [R_u | S_u]; width: columns of R_u; rows: (d,).
-        lags: (L,) [s]; dt: [s].
-    """
-
-    driven: tuple[str, ...]
-    own: tuple[int, ...]
-    triangles: tuple[np.ndarray, ...]
-    width: int
-    rows: np.ndarray
-    lags: np.ndarray
-    dt: float
-    limits: tuple[np.ndarray, np.ndarray]
-
-    @classmethod
-    def of(cls, fit: Fit, experiments: Sequence[State] | None = None) -> ChannelTrial:
-        """The triangles of a fit's rows; of other experiments: few rows, without shifts."""
-        rows = gather(fit) if experiments is None else gather(fit, experiments, 1500, False)
-        return cls.of_rows(fit, rows)
-
-    @classmethod
-    def of_rows(cls, fit: Fit, rows: ChannelRows) -> ChannelTrial:
-        """The triangles of rows that are at hand."""
-        found, counts = [], []
-        for u in range(rows.X.shape[1]):
-            told = rows.informed[:, u]
-            stack = np.concatenate([rows.X[told, u], rows.B[told, u]], axis=1)
-            there = stack.any(axis=0)
-            R = np.linalg.qr(stack[:, there], mode="r")
-            triangle = np.zeros((len(R), stack.shape[1]))
-            triangle[:, there] = R
-            found.append(triangle)
-            counts.append(int(told.sum()))
-        driven = fit.mechanism.driven
-        own = tuple(driven.index(n) if n in driven else -1 for n in fit.motion.independent)
-        return cls(
-            driven, own, tuple(found), rows.X.shape[2], np.array(counts), rows.lags, rows.dt,
-            possible(fit),
-        )  # fmt: skip
-
-    @property
-    def square(self) -> bool:
-        """Whether each coordinate has one drive, so that its rows are that joint's torque."""
-        return sorted(self.own) == list(range(len(self.driven)))
-
-    def arrangement(self, take: np.ndarray, gain: np.ndarray) -> np.ndarray:
-        """c where joint j is given gain[j] times channel take[j]."""
-        J, L = len(self.driven), len(self.lags)
-        c = np.zeros(1 + J * J + J * L)
-        c[0] = 1.0
-        c[1 + J * np.arange(J) + take] = gain
-        return c
-
-    @cached_property
-    def as_logged(self) -> np.ndarray:
-        """c of the log as it is."""
-        J = len(self.driven)
-        return self.arrangement(np.arange(J), np.ones(J))
-
-    def torque(self, c: np.ndarray) -> np.ndarray:
-        """Norm (d,) of the torques that c makes."""
-        only = np.concatenate([[0.0], c[1:]])
-        return np.array([np.linalg.norm(T[:, self.width :] @ only) for T in self.triangles])
-
-    def refit(self, c: np.ndarray) -> Result:
-        """All parameters refitted to the torques that c makes."""
-        size = self.torque(c)
-        scale = np.where(size > 0, size, max(size.max(), 1e-300))
-        X = np.concatenate(
-            [T[:, : self.width] / s for T, s in zip(self.triangles, scale, strict=True)]
-        )
-        b = np.concatenate(
-            [T[:, self.width :] @ c / s for T, s in zip(self.triangles, scale, strict=True)]
-        )
-        x = within(X, b, *self.limits)
-        left, at = [], 0
-        for T in self.triangles:
-            part = slice(at, at + len(T))
-            left.append(float(np.linalg.norm(X[part] @ x - b[part])))
-            at += len(T)
-        return Result(x, np.array(left))
-
-    @cached_property
-    def now(self) -> Result:
-        """The log as it is."""
-        return self.refit(self.as_logged)
-
-
-# --- arrange -------------------------------------------------------------------------------------
-# Which exchange of torque channels explains the log clearly better: swaps, signs, gains.
-#
-# Hypotheses are tried one by one, the best is kept, and the search goes on from there, so that two
-# wrong channels are found one after the other. A hypothesis has all parameters refitted, with what
-# no machine can have (negative inertia or friction) excluded: a missing effect rarely makes another
-# arrangement of the channels fit, a wrong one leaves several times the error of the right.
-
-
-MATERIAL = 0.02  # error left by the log as it is, below which no channel can be badly wrong
-CLEAR = 0.45  # of the error may be left: right arrangements leave 0.05 to 0.44, others more
-JOINT = 0.7  # and each joint concerned must gain
-POOR = 0.2  # error of a joint from which it is judged by itself
-WORSE = 1.1  # times its error, by which no other joint may then become worse
-ALIKE = 1.3  # times the best hypothesis' error: a rival
-GROSS = np.sqrt(2.0)  # a gain nearer to 1 is the effect torque_gain
-LARGER = {("scale", 1): 1.2, ("sign", 2): 1.2}  # claims, which must do better than a smaller one
-GAINS = (1e-3, 1e-2, 0.1, 0.25, 0.5, 0.7, 1.4, 2.0, 4.0, 10.0, 100.0, 1e3)
-REFINED = 6  # steps of golden section, each 0.62 of the interval between two gains
-
-
-@dataclass(frozen=True, eq=False)
-class Change:
-    """One exchange: `kind` is `swapped`, `sign` or `scale`.
-
-    Attributes:
-        joints: places among the driven joints; factor: by which the channel is multiplied.
-        take, gain: (J,) the arrangement that it leads to.
-        before, after: relative error of the joints concerned, root mean square.
-        score: error of all coordinates after it.
-        rivals: other changes that are nearly as good.
+    `kind` is `sign`, `scale`, `swapped` or `delay`, empty for the log as it is; `joints` are places
+    among the driven ones; `number` is the factor, or the delay [s] (positive: the torque is late).
     """
 
     kind: str
     joints: tuple[int, ...]
-    factor: float
-    take: np.ndarray
-    gain: np.ndarray
-    before: float = np.nan
-    after: float = np.nan
-    score: float = np.nan
-    rivals: tuple[Change, ...] = ()
+    number: float
+    take: tuple[int, ...]  # by joint, the channel
+    gain: tuple[float, ...]  # by joint, its factor
+    shift: tuple[int, ...]  # by joint, the number of its shift; 0: none
+
+    def with_(self, kind: str, number: float, **entries: dict[int, Any]) -> Cause:
+        """Return the cause with further changes, by joint, in `take`, `gain` or `shift`."""
+        ((name, values),) = entries.items()
+        row = tuple(values.get(j, x) for j, x in enumerate(getattr(self, name)))
+        joints = tuple(sorted(values))
+        return replace(self, kind=kind, joints=joints, number=number, **{name: row})
 
 
-def changes(trial: ChannelTrial) -> list[Change]:
-    """All exchanges of torque channels that explain the log clearly better, best first."""
-    J = len(trial.driven)
-    take, gain = np.arange(J), np.ones(J)
-    found: list[Change] = []
-    for _ in range(J):
-        now = trial.refit(trial.arrangement(take, gain))
-        if now.score < MATERIAL:
-            break
-        tried = []
-        for change in _hypotheses(trial, take, gain):
-            result = trial.refit(trial.arrangement(change.take, change.gain))
-            own = np.array([each in change.joints for each in trial.own])
-            if _better(change.kind, now, result, own):
-                before, after = (
-                    _rms(r.relative[own] if own.any() else r.relative) for r in (now, result)
-                )
-                tried.append(replace(change, before=before, after=after, score=result.score))
-        if not tried:
-            break
-        tried.sort(key=lambda c: c.score * LARGER.get((c.kind, len(c.joints)), 1.0))
-        best, *others = tried
-        rivals = tuple(c for c in others if c.score < ALIKE * best.score)
-        found.append(replace(best, rivals=rivals))
-        take, gain = best.take, best.gain
-    return found
+@dataclass(frozen=True, eq=False)
+class CredibleCause:
+    """A cause that predicts stretches of time that were left out better than the library does.
 
-
-def _rms(x: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(x**2)))
-
-
-def _better(kind: str, now: Result, then: Result, own: np.ndarray) -> bool:
-    """Whether all joints together, or the joints concerned alone, do clearly better.
-
-    Joints that a missing effect spoils hide what becomes of the others in the sum; then those
-    concerned must have been poor, and no other may become worse. A gain is told by the
-    rows of the other joints alone, so where these are spoilt it is not told.
+    `before` and `after` are relative errors of its joints.
     """
-    if not (then.relative[own] < JOINT * now.relative[own]).all():
-        return False
-    if then.score < CLEAR * now.score:
-        return True
-    if kind == "scale" or not own.any() or (then.relative[~own] > WORSE * now.relative[~own]).any():
-        return False
-    before, after = now.relative[own], then.relative[own]
-    return bool((before > POOR).all() and (after < CLEAR * before).all())
+
+    cause: Cause
+    before: float
+    after: float
+    rivals: tuple[Cause, ...]
 
 
-def _hypotheses(trial: ChannelTrial, take: np.ndarray, gain: np.ndarray) -> Iterator[Change]:
-    J = len(take)
-    for j in range(J):
-        turned = gain.copy()
-        turned[j] *= -1
-        yield Change("sign", (j,), -1.0, take, turned)
-        for i in range(j):
-            other = take.copy()
-            other[i], other[j] = take[j], take[i]
-            yield Change("swapped", (i, j), 1.0, other, gain)
-            both = turned.copy()
-            both[i] *= -1
-            yield Change("sign", (i, j), -1.0, take, both)
-        factor = _gain(trial, take, gain, j)
-        if max(factor, 1 / factor) > GROSS:
-            scaled = gain.copy()
-            scaled[j] *= factor
-            yield Change("scale", (j,), factor, take, scaled)
+@dataclass(frozen=True, eq=False)
+class ChannelEquations:
+    """Gram matrices of [X | known, torques] by block and coordinate.
+
+    Where each coordinate has a drive of its own, its torques are τ_1 … τ_J and L shifts of its own;
+    else they are Zᵀ W_jᵀ τ_i for each joint j and channel i, not shifted.
+
+    Attributes:
+        driven: names of the J driven joints; own: by coordinate its only drive; empty if there are
+            other drives.
+        gram: (blocks, d, k + r, k + r) of k columns X and r right-hand sides.
+        rows: (blocks, d); lags: (1 + L,) [s], first 0.
+        limits: G (m, k), g (m,) with G x + g ≥ 0 for a machine that can exist.
+    """
+
+    driven: tuple[str, ...]
+    own: tuple[int, ...]
+    gram: Array
+    k: int
+    rows: Array
+    lags: Array
+    limits: tuple[Array, Array]
+    memo: dict[Any, Any] = field(default_factory=dict)
+
+    @cached_property
+    def total(self) -> Array:
+        """Gram matrices (d, …) of all blocks."""
+        return np.asarray(self.gram.sum(axis=0))
+
+    @classmethod
+    def of(cls, fit: Fit, table: Table, use: Array, shifts: bool = True) -> ChannelEquations:
+        """Reduce the rows `use` (N, d) of a table."""
+        driven, names = fit.mechanism.driven, fit.motion.independent
+        own = tuple(map(driven.index, names)) if sorted(driven) == sorted(names) else ()
+        held = fit.estimate.held
+        some = use.any(axis=1)
+        numbers, block = np.unique(blocks_of(table)[some], return_inverse=True)
+        prior = fit.estimate.solution.x[held]
+        effects = _usual(fit)
+        columns = [table.effect_columns(each, [{}]) for each in effects]
+        steps = _steps(table) if shifts and own else np.zeros(1, dtype=int)
+        torques = _own_torques(table, own, steps) if own else _spread_torques(table, driven)
+        k = int((~held).sum()) + sum(C.shape[2] for C, _ in columns)
+        shape = len(numbers), len(names)
+        gram = np.zeros((*shape, *2 * (k + 1 + torques.shape[2],)))
+        rows = np.zeros(shape)
+        for u in range(len(names)):
+            extra = [
+                C[:, list(at).index(u)] if u in at else np.zeros((len(C), C.shape[2]))
+                for C, at in columns
+            ]
+            known = table.b[:, u] - table.tau[:, u] - table.A[:, u, held] @ prior
+            stack = np.column_stack([table.A[:, u, ~held], *extra, known, torques[:, u]])[some]
+            felt = np.flatnonzero(stack.any(axis=0))
+            for n in range(shape[0]):
+                mine = stack[(block == n) & use[some, u]][:, felt]
+                gram[n, u][np.ix_(felt, felt)] = mine.T @ mine
+                rows[n, u] = len(mine)
+        lags = steps / table.scenes[0].e.rate
+        return cls(driven, own, gram, k, rows, lags, _limits(fit, effects, k))
+
+    @cached_property
+    def torque(self) -> Array:
+        """Squares (d,) of the logged torques."""
+        return self.squares_of(self.as_logged)[1]
+
+    @property
+    def as_logged(self) -> Cause:
+        """The log as it is."""
+        J = len(self.driven)
+        return Cause("", (), 1.0, tuple(range(J)), (1.0,) * J, (0,) * J)
+
+    # --- one hypothesis -------------------------------------------------------------------------
+
+    def squares_of(self, cause: Cause) -> tuple[Array, Array]:
+        """Combinations (d, r) of the right-hand sides, and squares (d,) of their torques."""
+        c = np.zeros((len(self.total), self.total.shape[2] - self.k))
+        c[:, 0] = 1.0
+        J = len(self.driven)
+        for u, j in enumerate(self.own):
+            shift = cause.shift[j]
+            c[u, J + shift if shift else 1 + cause.take[j]] = cause.gain[j]
+        for j in range(0 if self.own else J):
+            c[:, 1 + j * J + cause.take[j]] = cause.gain[j]
+        torque = squares(self.total[:, self.k + 1 :, self.k + 1 :], c[:, 1:])
+        return c, np.maximum(torque, 1e-300)
+
+    def errors(self, cause: Cause, noise: Array, block: int | None = None) -> Array:
+        """Squared errors (d,) of all rows as shares of the torque's squares, everything fitted with
+        weights for a relative noise (d,); or of one block, fitted to the others.
+        """
+        k, d = self.k, len(self.total)
+        c, size = self.squares_of(cause)
+        judged = self.total if block is None else self.gram[block]
+        fitted = self.total if block is None else self.total - judged
+        scale, factor, GH, L = self._factor(fitted, size * noise**2, block)
+        b = sum((fitted[u, :k, k:] @ c[u] / (size * noise**2)[u] for u in range(d)), np.zeros(k))
+        x = cho_solve(factor, b / scale)
+        slack = self.limits[0] / scale @ x + self.limits[1]
+        if (slack < 0).any():  # the dual problem: min ½|Lᵀμ + L⁻¹ slack|² over μ ≥ 0
+            x = x + GH @ nnls(L.T, -solve_triangular(L, slack, lower=True))[0]
+        z = np.concatenate([np.broadcast_to(x / scale, (d, k)), -c], axis=1)
+        return np.maximum(squares(judged, z), 0.0) / size
+
+    def _factor(self, total: Array, size: Array, block: int | None) -> Any:
+        """Cholesky factors of the normal equations, weighted by 1/size (d,), and of their dual."""
+        key = block, *np.round(np.log(size), 2)
+        if key not in self.memo:
+            H = np.tensordot(1 / size, total[:, : self.k, : self.k], 1)
+            scale = np.sqrt(np.where(np.diag(H) > 0, np.diag(H), 1.0))
+            factor = cho_factor(H / scale / scale[:, None] + RIDGE * np.eye(self.k))
+            G = self.limits[0] / scale
+            GH = cho_solve(factor, G.T)
+            dual = G @ GH
+            L = np.linalg.cholesky(dual + 1e-12 * np.trace(dual) * np.eye(len(dual)))
+            self.memo[key] = scale, factor, GH, L
+        return self.memo[key]
+
+    def rows_of(self, cause: Cause) -> Array:
+        """Which coordinates (d,) feel the joints of a cause."""
+        return np.array([j in cause.joints for j in self.own] or [True] * len(self.total))
+
+    def noise(self, cause: Cause, start: Array) -> Array:
+        """Relative errors (d,), each coordinate weighted by its own: a joint with a missing effect
+        does not spoil the others.
+        """
+        for _ in range(ROUNDS):
+            start = np.sqrt(self.errors(cause, start) + SMALL**2)
+        return start
+
+    def score(self, cause: Cause, now: Array) -> float:
+        """Log density of the logged torques, if the cause is all that is wrong in its joints and
+        the noise of the others is that of `now` (d,).
+        """
+        error = self.errors(cause, np.where(self.rows_of(cause), SMALL, now))
+        return -0.5 * float(self.rows.sum(axis=0) @ np.log(error + SMALL**2))
+
+    def left_out(self, cause: Cause, noise: Array) -> Array:
+        """Log density (blocks, d) of the torques of each block, fitted to the others."""
+        blocks = range(len(self.rows))
+        return self.density(np.array([self.errors(cause, noise, block) for block in blocks]))
+
+    def density(self, error: Array) -> Array:
+        """Log density (blocks, d) of left-out squares (blocks, d), as shares of all the torque."""
+        sigma2 = error.sum(axis=0) + SMALL**2
+        return -0.5 * (self.rows * np.log(sigma2) + self.rows.sum(axis=0) * error / sigma2)
+
+    # --- all hypotheses -------------------------------------------------------------------------
+
+    def causes(self, now: Cause) -> Iterator[Cause]:
+        """Yield the hypotheses one step from a cause, simple ones first."""
+        J = range(len(self.driven))
+        for j in J:
+            yield now.with_("sign", -1.0, gain={j: -now.gain[j]})
+        for j in J:
+            for i in range(j):
+                yield now.with_("swapped", 1.0, take={i: now.take[j], j: now.take[i]})
+                yield now.with_("sign", -1.0, gain={i: -now.gain[i], j: -now.gain[j]})
+            for factor in (*FACTORS, *(1 / each for each in FACTORS)):
+                yield now.with_("scale", factor, gain={j: factor * now.gain[j]})
+        for shift, lag in enumerate(self.lags):
+            if shift and now.take == self.as_logged.take:
+                for some in (*((j,) for j in J), tuple(J) if len(J) > 1 else ()):
+                    if some:
+                        yield now.with_("delay", float(lag), shift=dict.fromkeys(some, shift))
+
+    def magnitudes(self, prior: Array) -> dict[str, float]:
+        """By joint, the factor of a torque that is like the one of the URDF's parameters, the first
+        columns (k₀,), apart from what the library's effects at the joint make.
+        """
+        found, k, k0 = {}, self.k, len(prior)
+        for u, j in enumerate(self.own):
+            predicted = np.r_[prior, np.zeros(k - k0), -1.0, np.zeros(self.total.shape[2] - k - 1)]
+            pair = np.stack([predicted, np.eye(self.total.shape[2])[k + 1 + j]])
+            G = self.total[u]
+            E = G[k0:k, k0:k]
+            across = pair @ G[:, k0:k]
+            S = pair @ G @ pair.T - across @ np.linalg.pinv(E, rcond=RIDGE) @ across.T
+            size = np.sqrt(np.maximum(np.diag(S), 1e-300))
+            if S[0, 1] > LIKE * size[0] * size[1] and (size**2).min() > REST * self.torque[u]:
+                found[self.driven[j]] = size[1] / size[0]
+        return found
+
+    def refined_delay(self, cause: Cause) -> float:
+        """The delay [s] of a cause between the shifts that were tried, by a parabola."""
+        order = np.argsort(self.lags)
+        i = int(np.flatnonzero(self.lags[order] == cause.number)[0])
+        near, noise = order[i - 1 : i + 2], self.noise(cause, np.ones(len(self.total)))
+        scores = [
+            self.score(cause.with_("delay", 0.0, shift=dict.fromkeys(cause.joints, int(s))), noise)
+            for s in near
+        ]
+        bend, slope, _ = np.polyfit(self.lags[near] - cause.number, scores, 2)
+        return cause.number - slope / (2 * bend) if bend < 0 else cause.number
+
+    def credible(self, explained: Array | None = None) -> list[CredibleCause]:
+        """Return the causes that explain the log, one after the other, best first.
+
+        `explained` are left-out squares (blocks, d) [(N m)² | N²] of the log as it is, with effects
+        that a diagnosis found: a cause must do better than these.
+        """
+        now, found = self.as_logged, list[CredibleCause]()
+        noise = self.noise(now, np.ones(len(self.total)))
+        while len(found) < len(self.driven):
+            poor = noise > POOR
+            tried = [
+                (self.score(each, noise), each)
+                for each in self.causes(now) if poor[self.rows_of(each)].any()
+            ]  # fmt: skip
+            if not tried:
+                break
+            limit = credible_t(len(tried), len(self.rows))
+            tried = sorted(tried, key=lambda each: -each[0])[:CLOSEST]
+            base = self.left_out(now, noise)
+            if explained is not None:
+                rival = self.density(explained / self.torque)
+                base = base if base.sum() > rival.sum() else rival
+            after = [self.noise(each, noise) for _, each in tried]
+            left = [self.left_out(each, x) for (_, each), x in zip(tried, after, strict=True)]
+            cause = tried[0][1]
+            mine = self.rows_of(cause)
+            D = left[0] - base
+            t = min(zscore(D.sum(axis=1)), zscore(D[:, mine].sum(axis=1)))
+            edge = cause.kind == "delay" and abs(cause.number) == np.abs(self.lags).max()
+            if t < limit or edge:  # a later torque would be better still: it is no delay
+                break
+            rivals = tuple(
+                each
+                for (_, each), x in zip(tried[1:], left[1:], strict=True)
+                if zscore((left[0] - x).sum(axis=1)) < RIVAL
+            )
+            if any(_another_factor(cause, each) for each in rivals):
+                break
+            was, now_ = (float(np.sqrt(np.mean(x[mine] ** 2))) for x in (noise, after[0]))
+            found.append(CredibleCause(cause, was, now_, rivals))
+            now, noise = cause, after[0]
+        return found
 
 
-def _gain(trial: ChannelTrial, take: np.ndarray, gain: np.ndarray, j: int) -> float:
-    """The factor on joint j's torque that leaves the least error; 1 if none is better."""
+def _another_factor(a: Cause, b: Cause) -> bool:
+    """Whether two causes are clearly different factors of one channel: then the data determine no
+    factor, and any large one only takes the joint out of the others' equations.
+    """
+    both = a.kind == b.kind == "scale" and a.joints == b.joints
+    return both and abs(np.log(a.number / b.number)) > np.log(2)
 
-    def score(log_factor: float) -> float:
-        scaled = gain.copy()
-        scaled[j] *= np.exp(log_factor)
-        return trial.refit(trial.arrangement(take, scaled)).score
 
-    grid = np.log([*GAINS[:6], 1.0, *GAINS[6:]])
-    values = [score(x) for x in grid]
-    best = int(np.argmin(values))
-    if best == 6:
-        return 1.0
-    low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-    golden = (np.sqrt(5) - 1) / 2
-    a, b = high - golden * (high - low), low + golden * (high - low)
-    at_a, at_b = score(a), score(b)
-    for _ in range(REFINED):
-        if at_a < at_b:
-            high, b, at_b = b, a, at_a
-            a = high - golden * (high - low)
-            at_a = score(a)
-        else:
-            low, a, at_a = a, b, at_b
-            b = low + golden * (high - low)
-            at_b = score(b)
-    return float(np.exp(a if at_a < at_b else b))
+def credible_t(hypotheses: int, blocks: int) -> float:
+    """The standard errors by which the best of some hypotheses must do better (Bonferroni)."""
+    return float(student.isf(ALPHA / hypotheses, blocks - 1))
+
+
+def squares(gram: Array, z: Array) -> Array:
+    """zᵀ G z (d,) of G (d, n, n) and z (d, n)."""
+    return np.array([v @ G @ v for G, v in zip(gram, z, strict=True)])
+
+
+def _usual(fit: Fit) -> list[Effect]:
+    """The library's linear effects at every driven joint that the model lacks."""
+    driven, has = set(fit.mechanism.driven), {each.label for each in fit.mechanism.effects}
+    return [
+        each
+        for each in fit.mechanism.candidates()
+        if each.local and each.linear and not each.shapes and len(each.joints) == 1
+        and set(each.joints) <= driven and each.label not in has
+    ]  # fmt: skip
+
+
+def _steps(table: Table) -> Array:
+    """Shifts of the torques [samples], the first 0; a delay is not longer than a block of time."""
+    e = table.scenes[0].e
+    most = min(LONGEST * e.rate, 0.05 * len(e))
+    some = {max(1, round(i * most / NODES)) for i in range(1, NODES + 1)}
+    return np.array([0, *sorted(-k for k in some), *sorted(some)])
+
+
+def _own_torques(table: Table, own: tuple[int, ...], steps: Array) -> Array:
+    """Filtered torques (N, d, J + L): all channels, and that of the coordinate's drive shifted."""
+    found = []
+    for number, scene in enumerate(table.scenes):
+        tau, n = scene.e.tau, len(scene.e)
+        shifted = np.clip(np.arange(n)[:, None] + steps[1:], 0, n - 1)
+        late = table.filtered(number, tau[shifted][:, :, list(own)]).transpose(0, 2, 1)
+        every = np.repeat(table.filtered(number, tau)[:, None], len(own), axis=1)
+        found.append(np.concatenate([every, late], axis=2))
+    return np.concatenate(found)
+
+
+def _spread_torques(table: Table, driven: tuple[str, ...]) -> Array:
+    """Filtered torques (N, d, J J): each channel i taken for each joint j, at j J + i."""
+    found = []
+    for number, scene in enumerate(table.scenes):
+        s, tau = table.samples[number], scene.e.tau
+        out = np.zeros((*s.shape, len(driven) ** 2))
+        for j, name in enumerate(driven):
+            s.add_torque(out[:, :, j * len(driven) : (j + 1) * len(driven)], name, tau)
+        found.append(table.filtered(number, out))
+    return np.concatenate(found)
+
+
+def _limits(fit: Fit, effects: list[Effect], k: int) -> tuple[Array, Array]:
+    """G (m, k), g (m,) of what no machine has: the inertia of an independent coordinate,
+
+        u ↦ (Zᵀ Γ(q, 0, Z e_u) x)_u ≥ 0, mean over the log
+
+    and the coefficients of effects that every machine has and that cannot be negative.
+    """
+    mechanism, columns = fit.mechanism, fit.columns
+    model, d = mechanism.model, len(fit.motion.independent)
+    held, x = fit.estimate.held, fit.estimate.solution.x
+    e = fit.motion.experiments[0]
+    some = e.at_samples(np.flatnonzero(e.usable)[:: max(1, int(e.usable.sum()) // POSTURES)])
+    inertia = np.zeros((d, len(columns)))
+    offset = np.zeros(d)
+    none = np.zeros_like(some.v)
+    rest = regressor(model, some.q, none, none)
+    for u in range(d):
+        Z = some.pinv[:, :, u - d]
+        gamma = np.einsum("nik,ni->k", regressor(model, some.q, none, Z) - rest, Z) / len(some)
+        inertia[u, : len(columns.rigid)] = gamma[columns.rigid]
+        known = np.ones(len(gamma), dtype=bool)
+        known[columns.rigid] = False
+        offset[u] = gamma[known] @ mechanism.prior[known] + inertia[u, held] @ x[held]
+    places = {name: i for i, name in enumerate(np.array(columns.names)[~held])}
+    extra = [name for each in effects for name in each.names]
+    places |= {name: k - len(extra) + i for i, name in enumerate(extra)}
+    G = np.zeros((d, k))
+    G[:, : int((~held).sum())] = inertia[:, ~held]
+    positive = []
+    for each in (*mechanism.effects, *effects):
+        for name, unknown in zip(each.names, each.parameters, strict=True):
+            if name not in places or not (each.common and unknown.nonnegative):
+                continue
+            positive.append(np.eye(k)[places[name]])
+            if unknown.acts == "inertia" and each.joints[0] in fit.motion.independent:
+                G[fit.motion.independent.index(each.joints[0]), places[name]] += 1.0
+    return np.concatenate([G, *([positive] if positive else [])]), np.concatenate(
+        [offset, np.zeros(len(positive))]
+    )

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ident.diagnosis.candidates import Contest, OnProgress, candidates_of
-from ident.diagnosis.data_checks import Health, health
+from ident.diagnosis.data_checks import Health, health_beside
 from ident.diagnosis.null import NoiseDraws, noise
 from ident.diagnosis.search import Member, Selection, select
 from ident.diagnosis.selection import Decision, Evidence, Ranking, torque_squares
@@ -238,12 +238,12 @@ def concluded(
         on_progress("looking for an expression", 0.85)
         suggestion = suggest(contest, selection.last, draws, decision, seed)
     on_progress("where it fails", 0.9)
-    names = fit.motion.independent
+    names, last = fit.motion.independent, selection.last.regression
     return Diagnosis(
         fit=fit,
         verdict=verdict,
         decision=decision,
-        health=health(fit, fit.motion.logs),
+        health=health_beside(contest, last.losses / last.weight**2),
         where=residual.where,
         periods=residual.periods,
         candidates=tuple(candidates),

@@ -190,16 +190,9 @@ def sheet(d: Diagnosis) -> Sheet:
 
 @renders(Health, "sheet")
 def health_sheet(h: Health) -> Sheet:
-    """Return a table of all checks, and the findings and notes in words."""
-    rows = [["check", "channel", "number", "threshold", ""]]
-    for c in h.checks:
-        if c.number == c.number:
-            number = f"{c.number:.3g} {c.unit}".strip()
-            limit = f"{c.threshold:.3g}" if c.threshold == c.threshold else "–"
-            rows.append([c.name, c.where, number, limit, "bad" if c.bad else ""])
+    """Return the findings in words."""
     found = "nothing is wrong" if h.good else f"{len(h.findings)} finding(s)"
-    notes = [f"{'! ' if c.bad else ''}{c}" for c in h.checks if c.bad or c.number != c.number]
-    return Sheet(f"health of the data: {found}", tables={"checks": rows}, notes=notes)
+    return Sheet(f"health of the data: {found}", lines=[f"! {each}" for each in h.findings])
 
 
 # --- in words -------------------------------------------------------------------------------------
@@ -223,7 +216,7 @@ def words(d: Diagnosis, experiment: str | None = None) -> str:
 def _health(d: Diagnosis) -> list[str]:
     if d.health.good:
         return []
-    findings = ". ".join(f"{check}" for check in d.health.findings)
+    findings = ". ".join(map(str, d.health.findings))
     return [
         f"Before anything: the data themselves look wrong. {findings}. Put this right or rule it "
         "out, then diagnose again: what follows may only be its consequence."

@@ -1,0 +1,302 @@
+"""What the samples of a log say of its channels, without a model: dead, clipped, held, copied, …
+
+Each check is a function of one channel that returns a number, its threshold, the meaning and a
+remedy, or None where nothing is wrong; its name is the finding's code.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ident.fit.findings import Finding
+from ident.fit.problem import Problem
+from ident.information.triangle import Array
+from ident.log import Log
+from ident.mechanism.mechanism import Joint, Mechanism
+from ident.motion import Motion, State
+from ident.motion.recipe import ROWS_OVER_MOTION
+from ident.motion.signals import noise_level, noise_share, runs
+
+Judgement = tuple[float, float, str, str] | None  # number, threshold, meaning, remedy
+
+ZERO = 0.2  # share of the samples at which a joint moves, where its torque is exactly zero
+NOISE = 0.7  # noise over rms from which a torque channel is no torque
+NOISELESS = 1e-3  # of the other torques' share of noise: a channel with less has none
+NOISY = 1e-3  # share of noise from which the others count as measured
+HELD = 3  # samples for which most values stay: a staircase of a slower controller
+REGULAR = 0.8  # share of the steps that are of one length
+SHORTEST = 20  # samples of a channel that can be judged
+FROZEN = 0.25  # s for which a channel stays at a value while its joint moves
+JUMP = 5.0  # times the largest other step, by which a position that was frozen goes on
+CLIPPED = 0.005  # share of the samples at an extreme, in runs of 3 or more
+PILED = 5.0  # times as many at the extreme as one step below it; 2.4 where a sine turns
+COARSE = 0.01  # step of a torque over √12, of its rms: no model can explain this error
+ROUGH = 0.1  # noise in the accelerations by the steps of an encoder, of their rms
+ROUNDING = 1e-9  # of a channel's largest value: nearer values are one
+SAME = 1e-6  # of a channel's size, by which it may differ from a command and still be it
+TIMES = 8.0  # of the URDF's torques: masses in a URDF are rarely so wrong, units are
+ALIKE = 0.3  # difference of the logarithms of two factors that are one
+LIKE = 0.9  # correlation from which the URDF's torque is like the measured one
+COMMAND = re.compile(
+    r"(des|cmd|command|ref|set|target|goal|con)(ired|erence|point|trol)?[\W_\d]*", re.I
+)
+MEASURED = "a command, not a measurement"
+
+
+@dataclass(frozen=True, eq=False)
+class LoggedChannel:
+    """One column of one log: samples t, x (n,) as logged, and the motion that was made of it."""
+
+    name: str
+    t: Array
+    x: Array
+    log: Log
+    state: State
+    mechanism: Mechanism
+    motion: Motion
+
+    @property
+    def kind(self) -> str:
+        """`q`, `v` or `tau`."""
+        return self.name.split(".", 1)[0]
+
+    @cached_property
+    def joint(self) -> Joint:
+        """Whose channel it is."""
+        return self.mechanism.joint(self.name.split(".", 1)[1])
+
+    @cached_property
+    def moving(self) -> Array:
+        """(n,) whether the joint moves, well above standstill."""
+        at = self.mechanism.joint_index[self.joint.name]
+        speed = np.abs(np.interp(self.t, self.state.t, self.state.yd[:, at]))
+        least = 0.1 * float(np.sqrt(np.mean(speed**2)))
+        return np.asarray(speed > max(float(self.state.still[at]), least))
+
+    @cached_property
+    def step(self) -> float:
+        """The step of a quantised channel, 0 for others."""
+        gaps = np.diff(np.unique(self.x))
+        gaps = gaps[gaps > ROUNDING * np.abs(self.x).max()]
+        if len(gaps) < 3 or len(gaps) > len(self.x) // 3:
+            return 0.0
+        least = float(np.quantile(gaps, 0.02))
+        step = float(gaps[gaps < 1.5 * least].mean())
+        whole = np.round(gaps / step)
+        return step if (np.abs(gaps / step - whole) < 0.05 * np.sqrt(whole)).mean() > 0.95 else 0.0
+
+    @property
+    def entry(self) -> str:
+        """The line of [log] that maps another column."""
+        return f'map the measured one: [log] "{self.name}" = {{ column = …, scale = … }}'
+
+
+# --- one channel --------------------------------------------------------------------------------
+
+
+def constant(c: LoggedChannel) -> Judgement:
+    """A torque that never changes while the joint moves."""
+    if np.ptp(c.x) > 0 or not c.moving.any():
+        return None
+    if not c.x.any() and len(c.mechanism.driven) > len(c.motion.independent):
+        return None  # a drive that the others can do without may be off
+    return (
+        0.0, 0.0, f"always {c.x[0]:.4g} while the joint moves: no measurement",
+        f"map the right column in [log], or put '{c.joint.name}' among the passive joints",
+    )  # fmt: skip
+
+
+def zero(c: LoggedChannel) -> Judgement:
+    """A torque that is exactly zero again and again while the joint moves."""
+    share = float((c.x[c.moving] == 0).mean()) if c.moving.any() else 0.0
+    text = (
+        f"exactly zero in {100 * share:.0f} % of the samples at which the joint moves: {MEASURED}"
+    )
+    return (share, ZERO, text, c.entry) if share > ZERO and c.x.any() else None
+
+
+def noise_only(c: LoggedChannel) -> Judgement:
+    """A torque that is noise of its sensor."""
+    share = noise_level(c.x) / max(float(np.sqrt(np.mean(c.x**2))), 1e-300)
+    text = f"{100 * share:.0f} % of its rms is noise of the sensor: its relative error says nothing"
+    remedy = f"put '{c.joint.name}' among the passive joints for this log"
+    return (share, NOISE, text, remedy) if share > NOISE else None
+
+
+def staircase(c: LoggedChannel) -> Judgement:
+    """A torque held for the same number of samples again and again."""
+    lengths = np.diff(np.flatnonzero(np.diff(c.x)))
+    usual = float(np.median(lengths)) if len(lengths) >= 10 else 0.0
+    # steps of a coarse sensor are as long as the torque is flat
+    if usual < HELD or (np.abs(lengths - usual) <= 1).mean() < REGULAR:
+        return None
+    text = f"held for {usual:.0f} samples at a time, as a slower controller does: {MEASURED}"
+    return usual, HELD, text, c.entry
+
+
+def frozen(c: LoggedChannel) -> Judgement:
+    """A channel that stays at a value for a while as its joint moves, or jumps after it."""
+    step = np.abs(np.diff(c.x))
+    longest = max(runs(step == 0), key=lambda run: run.stop - run.start, default=slice(0, 0))
+    first, last = longest.start, longest.stop
+    seconds = float(c.t[last] - c.t[first])
+    if seconds < FROZEN or not np.ptp(c.x):
+        return None
+    if c.kind == "tau":  # an extreme is a limit, and what is quantised may well stay
+        inside = 0 < abs(c.x[first]) < np.abs(c.x).max()
+        wrong = inside and not c.step and c.moving[longest].all()
+    else:
+        wrong = last < len(step) and step[last] > JUMP * np.delete(step, last).max()
+    text = (
+        f"stays at {c.x[first]:.4g} for {seconds:.3g} s from t = {c.t[first]:.4g} s on, while the "
+        "joint moves"
+    )
+    return (seconds, FROZEN, text, "leave these samples empty") if wrong else None
+
+
+def clipped(c: LoggedChannel) -> Judgement:
+    """A torque that stays at an extreme of its channel."""
+    share = 0.0
+    for x in (c.x, -c.x):
+        top = x == x.max()
+        if top.sum() <= CLIPPED * len(x) or not (x.max() > 0 and np.ptp(x) > 0):
+            continue
+        below = (x == x[~top].max()).sum()
+        if top.sum() > PILED * below:
+            share += sum(r.stop - r.start for r in runs(top) if r.stop - r.start >= 3) / len(x)
+    text = (
+        f"{100 * share:.2g} % of the samples stay at an extreme ({np.abs(c.x).max():.4g}): the "
+        "range of the drive or of its sensor ends there"
+    )
+    remedy = "leave these stretches empty, or move within that range"
+    return (share, CLIPPED, text, remedy) if share > CLIPPED else None
+
+
+def steps(c: LoggedChannel) -> Judgement:
+    """Steps of a quantised channel that matter."""
+    if not c.step:
+        return None
+    if c.kind == "tau":
+        share = c.step / np.sqrt(12) / float(np.sqrt(np.mean(c.x**2)))
+        text = (
+            f"steps of {c.step:.3g} {c.joint.force_unit}: an error of {100 * share:.2g} % of the "
+            "rms torque, below which no model can come"
+        )
+        remedy = "log it with more digits or in a finer range"
+        return (share, COARSE, text, remedy) if share > COARSE else None
+    # noise Δ/√12 of q or v is white; its power below f in the second or first derivative
+    dt, band = float(np.median(np.diff(c.t))), c.motion.band
+    f = min(band.cutoff or ROWS_OVER_MOTION * band.motion, 0.5 / dt)
+    order, digits = (2, 5) if c.kind == "q" else (1, 3)
+    noise = c.step / np.sqrt(12) * (2 * np.pi * f) ** order * np.sqrt(2 * f * dt / digits)
+    a = c.state.ydd[c.state.usable, c.mechanism.joint_index[c.joint.name]]
+    share = noise / max(float(np.sqrt(np.mean(a**2))), 1e-300)
+    finer = ("a", "v") if c.kind == "q" else ("a",)
+    if share < ROUGH or any(f"{other}.{c.joint.name}" in c.log for other in finer):
+        return None
+    unit = c.joint.unit + ("/s" if c.kind == "v" else "")
+    text = (
+        f"steps of {c.step:.3g} {unit}, which make {100 * share:.2g} % noise in the accelerations "
+        f"below {f:.3g} Hz"
+    )
+    return share, ROUGH, text, "lower --cutoff, move faster, or log velocities too"
+
+
+def noiseless(c: LoggedChannel) -> Judgement:
+    """A torque without noise, where the others have it."""
+    own = noise_share(c.x)
+    if own > NOISELESS or c.step or not np.ptp(c.x):
+        return None
+    names = [name for name in c.log.columns if name.startswith("tau.") and name != c.name]
+    others = [noise_share(c.log.series(name)[1]) for name in names]
+    theirs = float(np.median(others)) if others else 0.0
+    if theirs < NOISY or own > NOISELESS * theirs:
+        return None
+    text = f"not the least noise, while the other torques have it: {MEASURED}"
+    return own / theirs, NOISELESS, text, c.entry
+
+
+def copied(c: LoggedChannel) -> Judgement:
+    """A torque that is a constant times a command, or another joint's torque."""
+    used = {source.column for source in c.mechanism.columns.values()}
+    for name in c.log.columns:
+        if name == c.name or name in used:
+            continue
+        if not name.startswith("tau.") and not COMMAND.search(name.replace(".", "_")):
+            continue
+        x = c.log.series(name)[1]
+        if len(x) != len(c.x) or not np.ptp(x):
+            continue
+        at = int(np.abs(x).argmax())
+        gain = float(c.x[at] / x[at])
+        if abs(c.x[at // 2] - gain * x[at // 2]) > SAME * abs(c.x[at]):  # most end here
+            continue
+        off = float(np.linalg.norm(c.x - gain * x) / max(np.linalg.norm(c.x), 1e-300))
+        if gain and off < SAME:
+            times = "" if abs(gain - 1) < SAME else f"{gain:.4g} times "
+            return off, SAME, f"{times}the column '{name}': {MEASURED}", c.entry
+    return None
+
+
+CHECKS = {
+    "tau": (constant, zero, noise_only, staircase, frozen, clipped, steps, noiseless, copied),
+    "q": (frozen, steps),
+    "v": (frozen, steps),
+}
+CODES = {check.__name__ for checks in CHECKS.values() for check in checks} | {"magnitude"}
+
+
+# --- all channels -------------------------------------------------------------------------------
+
+
+def channel_findings(problem: Problem) -> list[Finding]:
+    """Return what is wrong with the channels of a problem's logs, where these are at hand."""
+    mechanism, motion = problem.mechanism, problem.motion
+    states = {e.name: e for e in motion.experiments}
+    found = []
+    for log in motion.logs:
+        for name in log.columns:
+            kind, _, joint = name.partition(".")
+            if joint not in mechanism.joint_index or log.name not in states:
+                continue
+            if kind == "tau" and joint not in mechanism.driven:
+                continue
+            t, x = log.series(name)
+            channel = LoggedChannel(name, t, x, log, states[log.name], mechanism, motion)
+            for check in CHECKS.get(kind, ()) if len(x) > SHORTEST else ():
+                if (judgement := check(channel)) is not None:
+                    number, threshold, meaning, remedy = judgement
+                    meaning = f"{log.name}: {name}: {meaning}"
+                    found.append(
+                        Finding(check.__name__, (name,), number, threshold, meaning, remedy)
+                    )
+    return [*found, *_magnitude(problem)]
+
+
+def _magnitude(problem: Problem) -> Iterator[Finding]:
+    """Report that all torques are off by one factor from what the URDF's bodies need."""
+    columns, gains = problem.columns, {}
+    prior = np.where(np.arange(len(columns)) < len(columns.rigid), columns.prior, 0.0)
+    if not prior.any():
+        return
+    for name, triangle in zip(problem.motion.independent, problem.information.totals, strict=True):
+        predicted = triangle.R @ prior
+        sizes = np.linalg.norm(predicted), float(np.hypot(np.linalg.norm(triangle.d), triangle.rho))
+        if name not in problem.mechanism.driven or not all(sizes):
+            continue
+        if predicted @ triangle.d > LIKE * sizes[0] * sizes[1]:
+            gains[name] = sizes[1] / sizes[0]
+    logs = np.log(list(gains.values()))
+    if len(gains) > 1 and np.abs(logs).min() > np.log(TIMES) and np.ptp(logs) < ALIKE:
+        names, gain = tuple(f"tau.{name}" for name in gains), float(np.exp(logs.mean()))
+        text = (
+            f"the torques of {', '.join(gains)} are {gain:.3g} times what the URDF's bodies need, "
+            "and of the same shape: their unit, unless the URDF's masses are no real ones"
+        )
+        remedy = f'[log] "{names[0]}" = {{ column = …, scale = {1 / gain:.2g} }}, all alike'
+        yield Finding("magnitude", names, gain, TIMES, text, remedy)
