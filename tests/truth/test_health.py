@@ -248,7 +248,7 @@ def test_it_prints_and_is_json():
     judgement = judged(p.mechanism, changed(p.log, tau__elbow=-p.log.columns["tau.elbow"]))
     assert "tau.elbow" in str(judgement)
     assert "scale = -1" in str(judgement)
-    assert judgement._repr_html_().count("<pre>") == 1
+    assert "tau.elbow" in judgement._repr_html_()
     told = json.loads(json.dumps(judgement.json(), allow_nan=False))
     assert told[0]["code"] == "sign"
     assert not judgement.good

@@ -255,9 +255,11 @@ class ChannelEquations:
             G = self.total[u]
             E = G[k0:k, k0:k]
             across = pair @ G[:, k0:k]
-            S = pair @ G @ pair.T - across @ np.linalg.pinv(E, rcond=RIDGE) @ across.T
+            whole = pair @ G @ pair.T
+            S = whole - across @ np.linalg.pinv(E, rcond=RIDGE) @ across.T
             size = np.sqrt(np.maximum(np.diag(S), 1e-300))
-            if S[0, 1] > LIKE * size[0] * size[1] and (size**2).min() > REST * self.torque[u]:
+            like = S[0, 1] > LIKE * size[0] * size[1]
+            if like and (size**2 > REST * np.diag(whole)).all():
                 found[self.driven[j]] = size[1] / size[0]
         return found
 

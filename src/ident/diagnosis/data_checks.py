@@ -33,7 +33,7 @@ FEW = 700  # samples that tell a right motion from a wrong one
 
 @dataclass(frozen=True, repr=False)
 class Health(Displayed):
-    """What is wrong with the logged data, each with a remedy. Made by `ident.health`."""
+    """What is wrong with the logged data: `findings`, each with a remedy. From `ident.health`."""
 
     findings: tuple[Finding, ...]
 

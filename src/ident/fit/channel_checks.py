@@ -234,9 +234,9 @@ def copied(c: LoggedChannel) -> Judgement:
             continue
         at = int(np.abs(x).argmax())
         gain = float(c.x[at] / x[at])
-        if abs(c.x[at // 2] - gain * x[at // 2]) > SAME * abs(c.x[at]):  # most end here
+        if abs(c.x[at // 2] - gain * x[at // 2]) > SAME * np.abs(c.x[at]):  # most end here
             continue
-        off = float(np.linalg.norm(c.x - gain * x) / max(np.linalg.norm(c.x), 1e-300))
+        off = float(np.linalg.norm(c.x - gain * x)) / max(float(np.linalg.norm(c.x)), 1e-300)
         if gain and off < SAME:
             times = "" if abs(gain - 1) < SAME else f"{gain:.4g} times "
             return off, SAME, f"{times}the column '{name}': {MEASURED}", c.entry

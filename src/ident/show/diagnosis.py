@@ -190,9 +190,14 @@ def sheet(d: Diagnosis) -> Sheet:
 
 @renders(Health, "sheet")
 def health_sheet(h: Health) -> Sheet:
-    """Return the findings in words."""
+    """Return the findings as a table and in words."""
     found = "nothing is wrong" if h.good else f"{len(h.findings)} finding(s)"
-    return Sheet(f"health of the data: {found}", lines=[f"! {each}" for each in h.findings])
+    rows = [["finding", "channels", "number", "threshold"]]
+    for each in h.findings:
+        values = ("–" if x is None else f"{x:.3g}" for x in (each.number, each.threshold))
+        rows.append([each.code, ", ".join(each.where), *values])
+    lines = [f"! {each}" for each in h.findings]
+    return Sheet(f"health of the data: {found}", tables={"findings": rows}, lines=lines)
 
 
 # --- in words -------------------------------------------------------------------------------------
