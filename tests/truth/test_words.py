@@ -18,7 +18,7 @@ from ident.text import WIDTH, listed, some
 
 
 def bad(name: str, channel: str) -> Finding:
-    return Finding(name, (channel,), 1.0, 0.5, f"{channel}: is turned", "turn it")
+    return Finding(name, f"{channel}: is turned", "turn it", (channel,), 1.0, 0.5)
 
 
 def test_what_is_missing_is_named_with_its_joint_value_and_certainty():

@@ -137,7 +137,7 @@ class ChannelEquations:
                 gram[n, u][np.ix_(felt, felt)] = mine.T @ mine
                 rows[n, u] = len(mine)
         lags = steps / table.scenes[0].e.rate
-        return cls(driven, own, gram, k, rows, lags, _limits(fit, effects, k))
+        return cls(driven, own, gram, k, rows, lags, _limits(fit, table, effects, k))
 
     @cached_property
     def torque(self) -> Array:
@@ -380,7 +380,7 @@ def _spread_torques(table: Table, driven: tuple[str, ...]) -> Array:
     return np.concatenate(found)
 
 
-def _limits(fit: Fit, effects: list[Effect], k: int) -> tuple[Array, Array]:
+def _limits(fit: Fit, table: Table, effects: list[Effect], k: int) -> tuple[Array, Array]:
     """G (m, k), g (m,) of what no machine has: the inertia of an independent coordinate,
 
         u ↦ (Zᵀ Γ(q, 0, Z e_u) x)_u ≥ 0, mean over the log
@@ -390,7 +390,7 @@ def _limits(fit: Fit, effects: list[Effect], k: int) -> tuple[Array, Array]:
     mechanism, columns = fit.mechanism, fit.columns
     model, d = mechanism.model, len(fit.motion.independent)
     held, x = fit.estimate.held, fit.estimate.solution.x
-    e = fit.motion.experiments[0]
+    e = table.motion.experiments[0]
     some = e.at_samples(np.flatnonzero(e.usable)[:: max(1, int(e.usable.sum()) // POSTURES)])
     inertia = np.zeros((d, len(columns)))
     offset = np.zeros(d)

@@ -121,9 +121,7 @@ def _torque_finding(
             text = f"{late}; without the delay {fall}"
             remedy = f"shift the column, or add the effect delay:{names[0]}"
     also = "".join(f"; {_short(mechanism, each)} would do nearly as well" for each in found.rivals)
-    return Finding(
-        cause.kind, channels, number, None, f"{', '.join(channels)}: {text}{also}", remedy
-    )
+    return Finding(cause.kind, f"{', '.join(channels)}: {text}{also}", remedy, channels, number)
 
 
 def _magnitudes(fit: Fit, equations: ChannelEquations) -> Iterator[Finding]:
@@ -137,7 +135,7 @@ def _magnitudes(fit: Fit, equations: ChannelEquations) -> Iterator[Finding]:
                 "a unit, a gear ratio or a torque constant, unless its masses are no real ones"
             )
             remedy = _entry(fit.mechanism, f"tau.{name}", float(f"{1 / gain:.2g}"))
-            yield Finding("magnitude", (f"tau.{name}",), gain, TIMES, text, remedy)
+            yield Finding("magnitude", text, remedy, (f"tau.{name}",), gain, TIMES)
 
 
 def _short(mechanism: Mechanism, cause: Cause) -> str:
@@ -213,16 +211,15 @@ def _positions(fit: Fit, equations: ChannelEquations) -> list[Finding]:
         what = "the sign is wrong" if kind == "sign" else "in degrees, not in radians"
         text = f"{channels[0]}: {what}: corrected, {fall}"
         remedy = f"write {_entry(mechanism, channels[0], times[joints[0]])}, velocity alike"
-    return [Finding(f"position {kind}", channels, now / was, None, text, remedy)]
+    return [Finding(f"position {kind}", text, remedy, channels, now / was)]
 
 
 def _equations(fit: Fit, states: list[State]) -> ChannelEquations:
     """The equations of other states, unfiltered."""
-    motion = fit.motion
-    band = replace(motion.band, cutoff=None)
-    motion = replace(motion, experiments=tuple(states), band=band)
+    band = replace(fit.motion.band, cutoff=None)
+    motion = replace(fit.motion, experiments=tuple(states), band=band)
     table = Table.of(fit.mechanism, fit.columns, motion, fit.point)
-    return ChannelEquations.of(replace(fit, motion=motion), table, table.informed, shifts=False)
+    return ChannelEquations.of(fit, table, table.informed, shifts=False)
 
 
 def _changes(names: tuple[str, ...], states: list[State]) -> Iterator[Change]:

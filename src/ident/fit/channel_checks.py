@@ -273,7 +273,7 @@ def channel_findings(problem: Problem) -> list[Finding]:
                     number, threshold, meaning, remedy = judgement
                     meaning = f"{log.name}: {name}: {meaning}"
                     found.append(
-                        Finding(check.__name__, (name,), number, threshold, meaning, remedy)
+                        Finding(check.__name__, meaning, remedy, (name,), number, threshold)
                     )
     return [*found, *_magnitude(problem)]
 
@@ -299,4 +299,4 @@ def _magnitude(problem: Problem) -> Iterator[Finding]:
             "and of the same shape: their unit, unless the URDF's masses are no real ones"
         )
         remedy = f'[log] "{names[0]}" = {{ column = …, scale = {1 / gain:.2g} }}, all alike'
-        yield Finding("magnitude", names, gain, TIMES, text, remedy)
+        yield Finding("magnitude", text, remedy, names, gain, TIMES)
