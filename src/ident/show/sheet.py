@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 
 from markupsafe import Markup
 
-from ident.show.html import definitions, folded, in_frame, items, strong
-from ident.show.html import table as html_table
+from ident.show.html import in_frame, piece, strong
 from ident.text import table, wrapped
 
 Rows = Sequence[Sequence[str]]
@@ -40,13 +39,9 @@ class Sheet:
         return "\n".join([self.summary(), *(f"note: {note}" for note in self.notes)])
 
     def blocks(self) -> tuple[Markup, ...]:
-        """Return all but title and remarks as HTML."""
-        tables = (html_table(rows, caption) for caption, rows in self.tables.items())
-        facts = definitions(self.facts) if self.facts else Markup("")
-        return (facts, *tables, items(self.lines) if self.lines else Markup(""))
+        """Return all but the title as HTML."""
+        return (piece("sheet_blocks", self),)
 
     def html(self) -> str:
         """Return the description for Jupyter."""
-        title, count = strong(self.line or self.title), len(self.notes)
-        notes = [folded(f"Notes: {count}", items(self.notes))] if count else []
-        return in_frame([title, *self.blocks(), *notes])
+        return in_frame([strong(self.line or self.title), *self.blocks()])

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import hashlib
 import platform
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from importlib import resources
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -25,7 +24,6 @@ SHORT = 32  # characters of a cell that stays on one line
 PACKAGES = ("ident", "pin", "casadi", "numpy", "scipy", "clarabel", "bokeh")
 ROWS = 4  # of panels in one chart: what a window shows
 LOGS = 12  # whose curves are in a report
-LONG = 30  # rows of a table, beyond which it is folded
 
 
 def text_of(name: str) -> str:
@@ -40,6 +38,7 @@ def macros() -> Any:
 
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.filters |= {"code": _code, "tied": _tied, "slug": slug}
+    environment.globals |= {"text_of": lambda name: Markup(text_of(name)), "scripts": scripts}
     return environment.from_string(text_of("report.jinja")).module
 
 
@@ -56,65 +55,24 @@ def _tied(cell: str) -> str:
     return cell.replace(" ", "\u00a0") if len(cell) <= SHORT else cell
 
 
-def paragraph(words: str, kind: str = "") -> Markup:
-    """Return words as a paragraph, with what stands between backticks as code."""
-    return Markup(macros().paragraph(words, kind))
+def piece(macro: str, *content: Any, **options: Any) -> Markup:
+    """Return what a macro of the template makes of a content."""
+    return Markup(getattr(macros(), macro)(*content, **options))
 
 
-def strong(words: str) -> Markup:
-    """Return a paragraph that is to be read first."""
-    return Markup("<p><strong>{}</strong></p>").format(words)
+paragraph = partial(piece, "paragraph")  # words, with what stands between backticks as code
+strong = partial(piece, "strong")  # a paragraph that is to be read first
+headed = partial(piece, "headed")  # a heading within a section
+code = partial(piece, "preformatted")
+items = partial(piece, "items")  # a list of words
+definitions = partial(piece, "definitions")  # words and their meanings, those that have one
+table = partial(piece, "table")  # rows of cells, the head first; caption; tied=False breaks cells
+folded = partial(piece, "folded")  # blocks under a title that opens them
 
 
-def folded(title: str, *blocks: Markup) -> Markup:
-    """Return blocks under a title that opens them."""
-    frame = Markup("<details><summary>{}</summary>{}</details>")
-    return frame.format(title, Markup("\n").join(blocks)) if blocks else Markup("")
-
-
-def code(words: str) -> Markup:
-    """Return preformatted text."""
-    return Markup("<pre>{}</pre>").format(words)
-
-
-def headed(words: str) -> Markup:
-    """Return a heading within a section."""
-    return Markup("<h3>{}</h3>").format(words)
-
-
-def items(words: Iterable[str]) -> Markup:
-    """Return a list, with what stands between backticks as code."""
-    return Markup(macros().items(list(words)))
-
-
-def definitions(pairs: Mapping[str, str]) -> Markup:
-    """Return words and their meanings; pairs without a meaning are left out."""
-    return Markup(macros().definitions({k: v for k, v in pairs.items() if v}))
-
-
-def table(rows: Sequence[Sequence[str]], caption: str, *, tied: bool = True) -> Markup:
-    """Return a table whose first row is its head and whose first column names the rows.
-
-    Args:
-        rows: cells as words, the head first.
-        caption: content of the table, understandable by itself.
-        tied: whether short cells stay on one line.
-    """
-    return Markup(macros().table(rows, caption, tied, LONG))
-
-
-def in_frame(blocks: Iterable[Markup | Chart]) -> str:
-    """Return blocks as Jupyter shows them: with their own style, charts as still pictures."""
-    inside = Markup("\n").join(map(_still, blocks))
-    frame = Markup('<style>{}</style><div class="ident">{}</div>')
-    return str(frame.format(Markup(text_of("shown.css")), inside))
-
-
-def _still(block: Markup | Chart) -> Markup:
-    if isinstance(block, Markup):
-        return block
-    data = base64.b64encode(block._repr_png_()).decode()
-    return Markup('<img alt="{}" src="data:image/png;base64,{}">').format(block.words, data)
+def in_frame(blocks: Sequence[Markup]) -> str:
+    """Return blocks as Jupyter shows them, with their own style."""
+    return str(piece("frame", blocks))
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,11 +112,7 @@ class Page:
 
     def html(self) -> bytes:
         """Return one file that opens without a network."""
-        charts: list[Chart] = []  # filled by the template, in the order of reading
-        page = macros().page(
-            self, charts, text_of("style.css"), text_of("script.js"), lambda: Markup(scripts())
-        )
-        return str(page).encode()
+        return piece("page", self, []).encode()
 
 
 def by_log(names: Sequence[str], draw: Callable[[int], Chart]) -> tuple[Block, ...]:
