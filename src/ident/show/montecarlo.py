@@ -16,7 +16,7 @@ from ident.errors import FitError
 from ident.montecarlo.montecarlo import MonteCarlo, Studies
 from ident.montecarlo.trial import SUMS
 from ident.motion import complete
-from ident.show.charts import MEASURED, PRIOR, Boxes, Chart, Level, Line, Mark, Panel, image
+from ident.show.charts import MEASURED, PRIOR, Boxes, Chart, Level, Line, Mark, Panel
 from ident.show.html import Block, Page, Section, in_frame, items, strong
 from ident.show.html import table as html_table
 from ident.show.motion import made_of, understood
@@ -210,7 +210,7 @@ def files(x: MonteCarlo) -> dict[str, bytes]:
         "montecarlo.json": (json.dumps(_data(x), indent=1, ensure_ascii=False) + "\n").encode(),
         "runs.csv": x.samples.write_csv().encode(),
         "multiplier_errors.csv": x.errors.write_csv().encode(),
-        "montecarlo.png": image(plot(x).figure, "png"),
+        "montecarlo.png": plot(x).image("png"),
         "report.html": _page(x),
     }
 

@@ -8,12 +8,11 @@ the extremes of the samples in view, so that a million samples zoom as easily as
 from __future__ import annotations
 
 import base64
-import html
 import io
 import json
 import math
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cache, cached_property
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -239,7 +238,7 @@ class Chart:
         path = Path(path)
         if (suffix := path.suffix.lower()) not in SUFFIXES:
             raise IdentError(f"{path}: give a name that ends in .png, .svg, .pdf or .html")
-        content = self.live().html().encode() if suffix == ".html" else self._image(suffix[1:])
+        content = self.live().html().encode() if suffix == ".html" else self.image(suffix[1:])
         write_all(path.parent, {path.name: content})
 
     def live(self) -> Live:
@@ -252,11 +251,15 @@ class Chart:
     def __repr__(self) -> str:
         return f"Chart: {self.words}"
 
-    def _image(self, kind: str) -> bytes:
-        return image(self.figure, kind)
+    def image(self, kind: str) -> bytes:
+        """Return the still chart as the bytes of a png, svg or pdf."""
+        stream = io.BytesIO()
+        metadata = {"Date": None} if kind == "svg" else None
+        self.figure.savefig(stream, format=kind, dpi=130, metadata=metadata)
+        return stream.getvalue()
 
     def _repr_png_(self) -> bytes:
-        return self._image("png")
+        return self.image("png")
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,7 +287,9 @@ class Live:
 
         def panel_data(panel: Panel) -> dict[str, Any]:
             own = {f.name: getattr(panel, f.name) for f in fields(panel)}
-            marks = [described(_thinned(mark)) for mark in panel.marks]
+            marks = [
+                described(m.thinned(CLOUD) if isinstance(m, Points) else m) for m in panel.marks
+            ]
             return own | {"height": _pixels(panel), "marks": marks}
 
         rows = [list(map(panel_data, row)) for row in self.chart.rows]
@@ -296,14 +301,7 @@ class Live:
 
     def html(self) -> str:
         """Return a page that needs no network."""
-        words = html.escape(self.chart.words)
-        return (
-            f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{words}</title>'
-            f'{scripts()}</head><body style="margin:0"><div id="chart" role="img" '
-            f'aria-label="{words}"></div>'
-            f'<script>drawChart({self.data()}, document.getElementById("chart"))</script></body>'
-            "</html>"
-        )
+        return str(_macros().page(self, scripts()))
 
     @property
     def height(self) -> int:
@@ -311,19 +309,19 @@ class Live:
         return 70 + sum(max(map(_pixels, row)) for row in self.chart.rows)
 
     def _repr_html_(self) -> str:
-        page = html.escape(self.html())
-        return (
-            f'<iframe srcdoc="{page}" title="{html.escape(self.chart.words)}" '
-            f'style="width:100%;height:{self.height}px;border:0"></iframe>'
-        )
-
-
-def _thinned(mark: Mark) -> Mark:
-    return mark.thinned(CLOUD) if isinstance(mark, Points) else mark
+        return str(_macros().frame(self))
 
 
 def _pixels(panel: Panel) -> int:
     return max(LEAST, int(PIXELS * panel.height))
+
+
+@cache
+def _macros() -> Any:
+    from jinja2 import Environment
+
+    text = resources.files("ident.show.charts").joinpath("live.jinja").read_text(encoding="utf-8")
+    return Environment(autoescape=True, trim_blocks=True).from_string(text).module
 
 
 def source(name: str) -> str:
@@ -378,14 +376,6 @@ def figure_of(chart: Chart) -> Figure:
         for text in legend.get_texts():
             text.set_parse_math(False)
     return figure
-
-
-def image(figure: Figure, kind: str) -> bytes:
-    """Return a figure as the bytes of a png, svg or pdf."""
-    stream = io.BytesIO()
-    metadata = {"Date": None} if kind == "svg" else None
-    figure.savefig(stream, format=kind, dpi=130, metadata=metadata)
-    return stream.getvalue()
 
 
 def _panel(axis: Axes, panel: Panel) -> None:
