@@ -37,6 +37,22 @@ def library(folder: Path) -> str:
     return "\n\n".join(parts) + "\n"
 
 
+def overview() -> str:
+    """The library as a table in Markdown, for docs/effects.md."""
+    rows = ["| effect | torque | unknowns | shapes | sits on |", "|---|---|---|---|---|"]
+    for kind in KINDS.values():
+        effect = example(kind)
+        unknowns, shapes = (
+            ", ".join(each.name for each in some) for some in (effect.unknowns, effect.shapes)
+        )
+        if len(effect.unknowns) >= 8:
+            unknowns = "ten parameters of a body"
+        cells = [f"`{effect.call}`", kind.equation, unknowns, shapes, *facts(kind)["sits on"]]
+        safe = (cell.replace("|", "\\|").replace("<", "\\<") for cell in cells)
+        rows.append(f"| {' | '.join(safe)} |")
+    return "\n".join(rows)
+
+
 def _text(line: str) -> str:
     for sign in "\\*<|":
         line = line.replace(sign, f"\\{sign}")

@@ -336,17 +336,10 @@ def _rest(d: Diagnosis) -> list[str]:
         ]
     if not d.loud:
         return []
-    after = d.candidates[0].after
-    rest = listed(f"{name} {after[name].rms:.3g} {after[name].unit}" for name in d.loud)
-    return [f"That may not be all: even with it more than noise is left ({rest})."]
+    return [f"That may not be all: even with it more than noise is left in {listed(d.loud)}."]
 
 
 def _nothing(d: Diagnosis) -> list[str]:
-    material = d.decision.material
-    least = [
-        f"{material * e.rms / e.relative:.2g} {e.unit} in {name}"
-        for name, e in errors_of(d).items() if e.relative
-    ]  # fmt: skip
     first = (
         "Nothing is missing that this data could show: what is left is the sensors' noise, or too "
         f"small to matter. The residual's rms beside that of noise alone: {_beside(d)}."
@@ -355,10 +348,10 @@ def _nothing(d: Diagnosis) -> list[str]:
         first += " The motion repeats, and the residual does not repeat with it."
     return [
         first,
-        f"How small an effect could still hide: below {100 * material:g} % of a joint's torque "
-        f"nothing is reported ({some(least, 8)}), nor what lowers the held-out squared error by "
-        f"less than {100 * d.selection.first.limit:.1f} %, as chance does. "
-        f"{_tried(d)} effects were tried at their places.",
+        f"How small an effect could still hide: below {100 * d.decision.material:g} % of a joint's "
+        "torque nothing is reported, nor what lowers the held-out squared error by less than "
+        f"{100 * d.selection.first.limit:.1f} %, as chance does. {_tried(d)} effects were tried at "
+        "their places.",
     ]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import textwrap
 
-from ident.effects import KINDS, Effect, Unknown
+from ident.effects import Effect, Unknown
 
 SITS = {
     "joint": "any joint, a closure's own as well",
@@ -58,27 +58,6 @@ def described(kind: type[Effect]) -> str:
                 line, WIDTH, initial_indent=first, subsequent_indent=" " * INDENT
             )
     return "\n".join(lines)
-
-
-def table() -> str:
-    """Return the library as a table in Markdown."""
-    rows = ["| effect | torque | unknowns | shapes | sits on |", "|---|---|---|---|---|"]
-    for kind in KINDS.values():
-        effect = example(kind)
-        cells = [
-            f"`{effect.call}`",
-            kind.equation,
-            _names(effect.unknowns) if len(effect.unknowns) < 8 else "ten parameters of a body",
-            _names(effect.shapes),
-            *facts(kind)["sits on"],
-        ]
-        safe = (cell.replace("|", "\\|").replace("<", "\\<") for cell in cells)
-        rows.append(f"| {' | '.join(safe)} |")
-    return "\n".join(rows)
-
-
-def _names(parameters: tuple[Unknown, ...]) -> str:
-    return ", ".join(each.name for each in parameters)
 
 
 def _parameter(parameter: Unknown) -> str:
