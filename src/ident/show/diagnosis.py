@@ -17,6 +17,7 @@ from ident.show.residual import details
 from ident.show.sheet import Sheet
 from ident.text import listed, percent, rounded, some, table, wrapped
 
+BRIEF = 300  # characters of the next experiment in the first lines
 MOST = 3  # joints and candidates that are described
 ABSORBED = "absorbed"
 SURE = ((8.0, "beyond doubt"), (4.0, "very sure"), (2.5, "sure"), (-1e9, "fairly sure"))
@@ -114,9 +115,11 @@ def short(d: Diagnosis) -> str:
     paragraphs = [*_health(d), *_rest(d)]
     if d.verdict in ("unexplained", "undecided"):
         paragraphs += [*_nearest(d), *_suggestion(d)]
-    if d.next_experiment:
-        sentence = d.next_experiment.partition(". ")[0].removesuffix(".")
-        paragraphs.append(f"Next experiment: {sentence}.")
+    if experiment := d.next_experiment:
+        # whole sentences of some three lines, the first one in any case
+        end = experiment.find(". ") if len(experiment) > BRIEF else -1
+        end = max(end, experiment.rfind(". ", 0, BRIEF)) if end > 0 else len(experiment)
+        paragraphs.append(f"Next experiment: {experiment[: end + 1]}")
     lines = top.text()
     for paragraph in paragraphs:
         lines += ["", *wrapped(paragraph, "  ")]
