@@ -10,7 +10,8 @@ import numpy as np
 from ident.display import renders
 from ident.errors import MechanismError
 from ident.mechanism.mechanism import Mechanism
-from ident.show.html import definitions, folded, in_frame, items, strong, table
+from ident.show.motion import joint_rows
+from ident.show.sheet import Sheet
 from ident.show.view3d.bodies import parts_of
 from ident.show.view3d.film import ShownMotion, film_of
 from ident.show.view3d.page import View
@@ -43,22 +44,16 @@ def _freedom(mechanism: Mechanism) -> str:
 def html(mechanism: Mechanism) -> str:
     """Return the parts and the joints of a mechanism as tables."""
     m = mechanism
+    closed = f"{len(m.kinematics.multipliers)} equations {_freedom(m)}"
     parts = {
         "Coordinates": str(m.model.nv),
-        "Closures": f"{len(m.kinematics.multipliers)} equations {_freedom(m)}"
-        if m.closures else "",
+        "Closures": closed if m.closures else "",
         "Closed by": ", ".join(f"{each.name} ({each.kind})" for each in m.closures),
         "Effects": ", ".join(each.label for each in m.effects) or "none",
         "Unknown": f"{len(m.unknown)} of {len(m.bodies.names)} dynamic parameters",
-    }  # fmt: skip
-    rows = [["joint", "", "lower", "upper", "unit"]]
-    for joint in m.joints:
-        state = "driven" if joint.name in m.driven else "passive"
-        rows.append([joint.name, state, f"{joint.lower:.4g}", f"{joint.upper:.4g}", joint.unit])
-    notes = [folded("Notes", items(m.notes))] if m.notes else []
-    return in_frame(
-        [strong(f"Mechanism {m.name}"), definitions(parts), table(rows, "Joints"), *notes]
-    )
+    }
+    tables = {"Joints": joint_rows(m)}
+    return Sheet(f"Mechanism {m.name}", facts=parts, tables=tables, notes=m.notes).html()
 
 
 @renders(Mechanism, "view")

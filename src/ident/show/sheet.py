@@ -30,7 +30,7 @@ class Sheet:
         lines = [*wrapped(self.title, "  "), *wrapped(self.line, "  ")]
         lines += [f"  {key:<{width}}  {value}" for key, value in self.facts.items() if value]
         for caption, rows in self.tables.items():
-            lines += ["", *wrapped(caption, "  "), *table(rows)]
+            lines += ["", caption, *table(rows)]
         separator = [""] if self.tables and self.lines else []
         return "\n".join([*lines, *separator, *self.lines])
 
