@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ident.diagnosis.diagnosis import Diagnosis, Explanation
+from ident.diagnosis.selection import Evidence
 from ident.diagnosis.unobservable import name_of
 from ident.display import renders
 from ident.files import json_bytes, plain, write_all
@@ -84,21 +85,15 @@ def plot_candidates(d: Diagnosis) -> Chart:
     rest = [e for e in d.selection.first.evidence if e.effect.label not in known]
     shown = [*first, *rest][: max(BARS, len(first))]
     kinds: dict[str, list[int]] = {kind: [] for kind in KINDS}
-    named, rival, credible, other = kinds.values()
     for i, e in enumerate(shown):
-        place = named if i < 1 <= len(first) else rival if i < len(first) else other
-        (credible if place is other and e.credible else place).append(i)
+        own = "named" if i == 0 else "not to be told from it"
+        kinds[own if i < len(first) else "credible" if e.credible else "not credible"].append(i)
     bars = []
     for kind, places in kinds.items():
-        some = [shown[i] for i in places]
-        gains = 100 * np.array([e.gain for e in some])
-        # of the sum over all blocks of time, as a share of the gain
-        blocks = [(e.refit.D.sum(), e.refit.D.std(ddof=1) * len(e.refit.D) ** 0.5) for e in some]
-        scatter = [abs(g * error / total) if total else 0.0
-                   for g, (total, error) in zip(gains, blocks, strict=True)]  # fmt: skip
+        gains = 100 * np.array([shown[i].gain for i in places])
+        scatter = 100 * np.array([_scatter(shown[i]) for i in places])
         if places:
-            at = np.array(places, dtype=float)
-            bars.append(Bars(at, gains, np.array(scatter), kind, KINDS[kind]))
+            bars.append(Bars(np.array(places, float), gains, scatter, kind, KINDS[kind]))
     limit = Level(100 * d.selection.first.limit, upright=True)
     panel = Panel(
         (*bars, Level(0, upright=True), limit),
@@ -107,6 +102,13 @@ def plot_candidates(d: Diagnosis) -> Chart:
         height=0.5 + 0.32 * max(len(shown), 1),
     )
     return Chart("How far each candidate lowers the held-out error", ((panel,),))
+
+
+def _scatter(e: Evidence) -> float:
+    """Return the standard error of a gain over the blocks of time."""
+    blocks = e.refit.D
+    total = blocks.sum()
+    return float(abs(e.gain / total) * blocks.std(ddof=1) * len(blocks) ** 0.5) if total else 0.0
 
 
 def plot_added(before: Residual, after: Residual, best: Explanation) -> Chart | None:
