@@ -131,30 +131,3 @@ def test_nothing_is_said_and_nothing_kept_where_no_checkpoint_is_asked_for(arm, 
     found = gathered(arm, run)
     assert not any("checkpoint" in note or "went on" in note for note in found.notes)
     assert {path.name for path in tmp_path.iterdir()} == before
-
-
-def test_a_run_that_searches_shapes_goes_on_in_the_pass_that_it_was_in(arm, tmp_path):
-    mechanism = arm.with_effect("stribeck:elbow")
-    run = tmp_path / "run.parquet"
-    log_of(mechanism, {"stribeck.elbow.vs": 0.2}, rows=5000, rate=200.0).write(run)
-
-    def told(what, share):
-        if "pass 2" in what and share > 0.5:
-            raise RuntimeError("stopped")
-
-    module = import_module("ident.streams.gather")
-    out = tmp_path / "out"
-    with pytest.MonkeyPatch.context() as patch:
-        logs = import_module("ident.streams.logs")
-        patch.setattr(logs.LogOnDisk.stretches, "__defaults__", (900,))
-        patch.setattr(logs, "SAMPLES", 900)
-        patch.setattr(module, "RESTING", 1e-5)
-        with pytest.raises(RuntimeError, match="stopped"):
-            gathered(mechanism, run, out, progress=told)
-        whole, again = gathered(mechanism, run), gathered(mechanism, run, out)
-    assert any("went on" in note and "pass 2" in note for note in again.notes)
-    assert 0 < again.worked < whole.worked
-    x = whole.fit.estimate.solution.x
-    np.testing.assert_allclose(
-        again.fit.estimate.solution.x, x, rtol=0, atol=1e-12 * np.abs(x).max()
-    )

@@ -62,6 +62,20 @@ def test_a_second_change_is_found_after_the_first(monitor):
     assert alarms[1].onset == pytest.approx(40.0, abs=0.51)
 
 
+def test_an_absurd_sample_raises_no_alarm(monitor):
+    mechanism, _ = arm()
+    log = run(14, 30.0).logs[0]
+    for column, value in (("q.elbow", 100.0), ("tau.elbow", 1e20)):
+        odd = log.columns[column].copy()
+        odd[1500] = value
+        columns = {**log.columns, column: odd}
+        motion = ident.complete(
+            mechanism, ident.Log.from_arrays("odd.csv", log.t, columns), cutoff=6.0, smoothing=0.12
+        )
+        own = monitor.fresh()
+        assert own.watch(motion) + own.finish() == []
+
+
 def test_what_the_library_does_not_explain_is_not_named(monitor):
     own = monitor.fresh()
     alarms = own.watch(run(13, 45.0, {20.0: ("spring:elbow", {"spring.elbow.k": 1.0,

@@ -7,6 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 import ident
+from ident.equations.rows import Rows
 from ident.information.triangle import Triangle
 from ident.streams.charts import (
     MARGIN,
@@ -15,7 +16,6 @@ from ident.streams.charts import (
     Design,
     NormalRunning,
     WatchedInterval,
-    WatchedRows,
     calibrated,
     intervals_of,
     moved_reference,
@@ -26,7 +26,6 @@ from ident.streams.suspects import (
     Naming,
     Suspect,
     load_change,
-    multiplier_sensitivity,
     name_change,
     onset,
 )
@@ -44,7 +43,7 @@ def pieces(rng, count, x, rho=0.0, change=None, spread=1.0):
         b[n // 2 :] += A[n // 2 :] @ change
     t = np.arange(n) * 0.5 / ROWS
     whole = np.ones((n, D), dtype=bool)
-    return WatchedRows(t, np.arange(n), A, b, b, whole, np.zeros((n, 0, D)))
+    return Rows(t, np.arange(n), A, b, b, whole)
 
 
 def intervals(piece, x):
@@ -218,27 +217,8 @@ def test_a_load_is_a_body_that_can_exist():
     assert left > 0.1 * np.linalg.norm(C @ impossible)
 
 
-def test_lift_is_what_least_squares_makes_of_a_residual(robots):
-    """Rows f = Jᵀλ + W_uᵀ r of generalised forces, solved for λ by NumPy."""
-    mechanism = ident.load(robots / "five_bar")
-    q = mechanism.assembled[None]
-    independent = ("left", "right")
-    G = multiplier_sensitivity(mechanism, independent, q)[0]
-    J = mechanism.kinematics.closure_rows(q).rate[0]
-    rng = np.random.default_rng(12)
-    force, r = rng.standard_normal(len(J)), rng.standard_normal(2)
-    force[2] = 0.0  # its row is empty
-    f = J.T @ force
-    for name, x in zip(independent, r, strict=True):
-        f[mechanism.joint(name).index] += x
-    found = np.linalg.lstsq(J.T, f, rcond=1e-9)[0]
-    np.testing.assert_allclose(found - force, G @ r, atol=1e-9)
-    tree = ident.load(robots / "arm")
-    assert multiplier_sensitivity(tree, ("yaw",), np.zeros((3, 4))).shape == (3, 0, 1)
-
-
 @pytest.mark.parametrize(
-    ("worth", "surplus", "explained", "sound"),
+    ("gain", "surplus", "explained", "sound"),
     [
         (100.0, 1.0, 0.95, True),
         (100.0, 1.0, 0.65, False),  # little is left, yet a third of what is beyond noise
@@ -247,8 +227,8 @@ def test_lift_is_what_least_squares_makes_of_a_residual(robots):
         (5.0, 1.0, 0.95, False),  # would have raised no alarm by itself
     ],
 )
-def test_a_name_explains_most_and_leaves_noise(worth, surplus, explained, sound):
-    best = SimpleNamespace(worth=worth)
+def test_a_name_explains_most_and_leaves_noise(gain, surplus, explained, sound):
+    best = SimpleNamespace(gain=gain)
     assert Naming((best,), (), surplus, explained, 1.0, least=11.0).sound == sound
 
 

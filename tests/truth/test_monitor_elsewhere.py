@@ -92,6 +92,4 @@ def test_a_loop_shows_the_friction_of_a_passive_joint(robots):
     monitor = ident.Monitor.of(fit, replace(normal[0], experiments=experiments))
     (alarm,) = monitor.watch(run(5, 45.0, begins=20.0))
     assert alarm.suspects == ("coulomb:left_elbow",)
-    assert alarm.errors["tip.x"] > 2.0  # the multipliers' errors rise with the torques'
-    assert "tip.z" not in alarm.errors  # no torque determines it
     assert alarm.best.reactions["tip.y"] > 0.0

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from streaming import HOW, given, samples
+from streaming import HOW, blocks, given, samples
 
 import ident
 from helpers import ROBOTS
@@ -334,6 +334,24 @@ def test_effects_that_cannot_be_had():
         Online(robot("arm"), like="run.csv")
 
 
+@pytest.mark.parametrize(("column", "value"), [("tau.elbow", 1e20), ("q.elbow", 100.0)])
+@pytest.mark.parametrize("warm", [True, False])
+def test_an_absurd_sample_turns_no_parameter(column, value, warm):
+    case = made("arm", FRICTION, seconds=6.0)
+    motion = ident.complete(case.mechanism, case.log, cutoff=12.0)
+    odd = case.log.columns[column].copy()
+    odd[300] = value
+    log = Log.from_arrays("odd.csv", case.log.t, {**case.log.columns, column: odd})
+    found = fed(Online(case.mechanism, like=motion if warm else None, cutoff=12.0), [log])
+    fit = ident.identify(case.mechanism, motion, estimator="least-squares")
+    assert any(f"{column} = {value:.4g}" in note for note in found.notes)
+    for value in found.parameters:
+        if value.identifiable:
+            assert abs(value.value - fit[value.name].value) < 2 * value.stderr
+    whole = ident.complete(case.mechanism, log, cutoff=12.0)
+    assert any(f"{column} = " in note and "in row 301" in note for note in whole.notes)
+
+
 # --- memory ------------------------------------------------------------------------------------
 
 
@@ -406,18 +424,20 @@ def test_it_prints_itself():
         found["rod.Ix"]
 
 
-def test_a_jump_within_a_block_loses_only_that_sample():
-    """A sample that no closure can follow is left out; those beside it are not."""
+def test_an_absurd_sample_is_refused_and_of_a_block_only_that_sample():
     folder = ROBOTS / "five_bar"
     mechanism = ident.load(folder).with_effect("viscous")
     log = ident.read_log(folder / "run.csv")
     online = Online(mechanism, like=ident.complete(mechanism, log), latency=0.05)
-    for i, t in enumerate(log.t):
-        sample = {"t": t, **{name: x[i] for name, x in log.columns.items()}}
-        if i == 500:
-            sample["q.left"] += 50.0
-        online.update(sample)
+    for i, part in enumerate(blocks(log, [10])):
+        odd = {**part, "q.left": part["q.left"] + np.where(np.arange(len(part["t"])) == 9, 50, 0)}
+        if i == 50:
+            online.update({name: x[:9] for name, x in odd.items()})
+            with pytest.raises(LogError, match=r"q\.left = .* is no measurement"):
+                online.update({name: x[9:] for name, x in odd.items()})
+            continue
+        online.update(odd if i == 51 else part)
     found = online.snapshot()
-    assert found.samples == len(log.t)
-    assert any("left out" in note for note in found.notes)
+    assert found.samples == len(log.t) - 2
+    assert any("1 samples are left out" in note and "q.left = " in note for note in found.notes)
     assert np.isfinite(found["viscous.left.Fv"].value)

@@ -68,17 +68,6 @@ def test_friction_in_a_closures_own_joint_and_measured_wrenches():
     assert_same(found, batch(case.mechanism, motion, unknown))
 
 
-@pytest.mark.parametrize("cutoff", [None, 12.0])
-def test_configurations_at_the_rows(cutoff):
-    case = made("five_bar")
-    motion = ident.complete(case.mechanism, case.log, cutoff=cutoff)
-    setting = Setting.of(case.mechanism, motion)
-    stream = Stream(case.mechanism, Columns.of(case.mechanism), setting)
-    for sample in samples(case.log):
-        for made_ in stream.push(sample):
-            np.testing.assert_allclose(made_.q, motion.experiments[0].q[made_.sample], atol=1e-9)
-
-
 @pytest.mark.parametrize("latency", [0.0, 0.005, 1.0])
 def test_latency_changes_when_and_not_what(latency):
     case = made("five_bar")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from importlib import import_module
 
 import numpy as np
@@ -196,19 +197,19 @@ def test_shapes_and_memory_settle_where_those_of_one_piece_do(arm, tmp_path):
     for name in ("stribeck.elbow.vs", "hysteresis.wrist.z0"):
         value = found.fit[name]
         assert abs(value.value - planted[name]) < 4 * value.stderr
-    assert any("passes over all samples, and rest" in note for note in found.notes)
+    assert any("one Gauss-Newton step over all samples" in note for note in found.notes)
 
 
 def test_the_order_in_which_portions_end_changes_no_bit(arm, run, monkeypatch):
-    logs = import_module("ident.streams.logs")
+    pool = import_module("ident.pool")
     plan = ident.gather(arm, run, cutoff=None, samples=1024).plan
     done = [absorbed(plan, portion) for portion in plan.portions()]
     rng, first = np.random.default_rng(0), None
     for _ in range(3):
         ended = [Done(int(i), done[i]) for i in rng.permutation(len(done))]
-        monkeypatch.setattr(logs, "spread", lambda *_, ended=ended, **__: (x for x in ended))
+        monkeypatch.setattr(pool, "spread", lambda *_, ended=ended, **__: (x for x in ended))
         joined = Sum()
-        for _, each in logs.Workers().over(absorbed, done, plan, ["log"] * len(done), "rows"):
+        for _, each in pool.Workers().over(absorbed, done, plan, ["log"] * len(done), "rows"):
             joined.add(each)
         cells = list(joined.blocks.values())
         first = first or cells
@@ -323,3 +324,19 @@ def test_a_real_log_with_jittering_stamps_gives_the_same(shared_data, tmp_path, 
     moved, others = off(whole, found.fit)
     assert moved < 1e-6
     assert others < 1e-6
+
+
+def test_multipliers_are_free_in_portions():
+    crank = ident.load(ROBOTS / "slider_crank")
+    hats = replace(crank, multipliers=ident.Multipliers("linear", 0.005))
+    log = ROBOTS / "slider_crank" / "run.csv"
+    found, free = (ident.gather(each, log, samples=700) for each in (hats, crank))
+    assert any("multipliers are free" in note for note in found.notes)
+    assert off(found.fit, free.fit) < EXACT
+
+
+def test_a_consistent_fit_of_what_is_not_linear_is_refused():
+    crank = ident.load(ROBOTS / "slider_crank")
+    crank = crank.with_effect("coulomb:theta").with_effect("stribeck:theta")
+    with pytest.raises(ident.FitError, match="'stribeck:theta' is not linear"):
+        ident.gather(crank, ROBOTS / "slider_crank" / "run.csv", consistent=True)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import io
-import os
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any, TextIO
+
+import numpy as np
 
 from ident.cli.console import notes, progress, result
 from ident.cli.options import (
@@ -33,13 +33,9 @@ from ident.errors import FitError, IdentError, LogError, missing_file
 from ident.fit import Fit, identify
 from ident.log.follow import CsvLine, follow
 from ident.streams.monitor import Alarm, Monitor
-from ident.streams.online import Online, Snapshot
+from ident.streams.online import Forces, Online, Snapshot
 from ident.streams.stream import Setting, Stream
 from ident.streams.suspects import STICKING
-
-if TYPE_CHECKING:
-    from ident.streams.online import Forces
-    from ident.streams.stream import StreamedRows
 
 MOST_NOTED = 20  # lines that are left out, of which each is noted; then they are counted
 PARAMETERS = ("t", "quantity", "value", "stderr", "unit", "state")
@@ -136,16 +132,11 @@ class Watch:
             sticking=STICKING,
         )
 
-    def alarms(self, sample: Mapping[str, float]) -> list[Alarm]:
-        """Return the alarms that a further sample raises."""
-        return self._absorbed(self._stream.push(sample))
-
-    def last(self) -> list[Alarm]:
-        """Return the alarms of the samples that still wait, and those without a name yet."""
-        return [*self._absorbed(self._stream.flush()), *self.monitor.finish()]
-
-    def _absorbed(self, made: Sequence[StreamedRows]) -> list[Alarm]:
-        return [alarm for rows in made for alarm in self.monitor.absorb(rows, rows.q)]
+    def alarms(self, sample: Mapping[str, float] | None) -> list[Alarm]:
+        """Return the alarms that a further sample raises; None: those that still wait."""
+        made = self._stream.flush() if sample is None else self._stream.push(sample)
+        alarms = [alarm for rows in made for alarm in self.monitor.absorb(rows)]
+        return alarms if sample is not None else [*alarms, *self.monitor.finish()]
 
 
 def _watch(fit: Fit) -> Watch | None:
@@ -177,7 +168,7 @@ class Session(contextlib.ExitStack):
         self._online, self._watch, self._every = online, watch, every
         self._due, self._left_out = -float("inf"), 0
         self.raised: list[Alarm] = []
-        self._files: dict[str, int] = {}
+        self._tables: dict[str, Any] = {}
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
             m = online.mechanism
@@ -186,8 +177,8 @@ class Session(contextlib.ExitStack):
             if names:
                 headers["multipliers"] = ("t", *names, *(f"{name}.stderr" for name in names))
             for name, header in headers.items():
-                self._files[name] = _appended(folder / f"{name}.csv", _text([header]))
-                self.callback(os.close, self._files[name])
+                stream = self.enter_context(_appended(folder / f"{name}.csv", header))
+                self._tables[name] = csv.writer(stream, lineterminator="\n")
 
     def take(self, line: CsvLine) -> None:
         """Take one line of the log."""
@@ -204,9 +195,8 @@ class Session(contextlib.ExitStack):
             elif self._left_out == MOST_NOTED + 1:
                 notes(["further lines are left out, without a note"])
             return
-        assert line.sample is not None
         self._record("multipliers", _multiplier_rows(online.multipliers))
-        self._warn(self._watch.alarms(line.sample) if self._watch else [])
+        self._warn(line.sample)
         if online.warm and online.t >= self._due:
             self._due = online.t + self._every
             with contextlib.suppress(FitError):  # no equation yet, so soon
@@ -214,7 +204,7 @@ class Session(contextlib.ExitStack):
 
     def end(self) -> Snapshot:
         """Return the last snapshot, after the last alarms."""
-        self._warn(self._watch.last() if self._watch else [])
+        self._warn(None)
         return self._snapshot()
 
     def _snapshot(self) -> Snapshot:
@@ -223,8 +213,8 @@ class Session(contextlib.ExitStack):
         self._record("parameters", _parameter_rows(found))
         return found
 
-    def _warn(self, alarms: list[Alarm]) -> None:
-        for x in alarms:
+    def _warn(self, sample: Mapping[str, float] | None) -> None:
+        for x in self._watch.alarms(sample) if self._watch else ():
             self.raised.append(x)
             result(f"alarm: {x.headline}")
             suspects = " ".join(x.suspects)
@@ -232,8 +222,8 @@ class Session(contextlib.ExitStack):
             self._record("alarms", [row])
 
     def _record(self, name: str, rows: Sequence[Sequence[object]]) -> None:
-        if rows and name in self._files:
-            os.write(self._files[name], _text(rows))
+        if name in self._tables:
+            self._tables[name].writerows(rows)
 
 
 @contextlib.contextmanager
@@ -248,37 +238,38 @@ def _until_interrupted() -> Iterator[Callable[[], bool]]:
             signal.signal(each, handler)
 
 
-def _appended(path: Path, header: bytes) -> int:
-    """Return the descriptor of a CSV file that is appended to, begun with its header."""
+def _appended(path: Path, header: Sequence[str]) -> TextIO:
+    """Open a CSV file to which whole lines are appended, begun with its header."""
     try:
-        stream = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
-        before = os.read(stream, len(header))
-        size = os.fstat(stream).st_size
-        cut = size > 0 and os.pread(stream, 1, size - 1) != b"\n"
+        stream = path.open("a+", encoding="utf-8", newline="", buffering=1)
+        stream.seek(0)
+        before = stream.readline().rstrip("\r\n")
     except OSError as error:
         raise IdentError(
             f"{path}: cannot be written ({error.strerror}); name a folder that you may write"
         ) from None
-    if before not in (b"", header):
+    if before not in ("", ",".join(header)):
+        stream.close()
         raise IdentError(
             f"{path}: has other columns than would be written; remove it, or name another folder"
         )
-    os.write(stream, b"\n" if cut else b"" if before else header)
+    if not before:
+        stream.write(",".join(header) + "\n")
     return stream
 
 
 def _parameter_rows(found: Snapshot) -> list[tuple[object, ...]]:
     """Return a row a parameter, then the errors by joint, under `PARAMETERS`."""
-    t, held = repr(found.t), found.held
+    t, held = found.t, found.held
     rows: list[tuple[object, ...]] = [
         (
-            t, v.name, repr(v.value), "" if v.stderr is None else repr(v.stderr), v.unit,
+            t, v.name, v.value, v.stderr, v.unit,
             "held" if v.name in held else "identified" if v.identifiable else "prior",
         )
         for v in found.parameters
     ]  # fmt: skip
     for state, errors in (("all", found.errors), ("ahead", found.ahead)):
-        rows += [(t, f"error.{name}", repr(e.rms), "", e.unit, state) for name, e in errors.items()]
+        rows += [(t, f"error.{name}", e.rms, None, e.unit, state) for name, e in errors.items()]
     return rows
 
 
@@ -286,11 +277,5 @@ def _multiplier_rows(found: Forces | None) -> list[list[object]]:
     """Return a row a sample; a multiplier that is not determined has empty cells."""
     if found is None:
         return []
-    each = zip(found.t.tolist(), found.values.tolist(), found.stderr.tolist(), strict=True)
-    return [[t, *("" if x != x else x for x in (*values, *errors))] for t, values, errors in each]
-
-
-def _text(rows: Iterable[Sequence[object]]) -> bytes:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue().encode()
+    rows = np.column_stack([found.t, found.values, found.stderr]).tolist()
+    return [["" if x != x else x for x in row] for row in rows]

@@ -34,18 +34,8 @@ def basis_of(mechanism: Mechanism, segment: slice, e: State) -> Basis:
     )
 
 
-def stack(
-    scene: Scene,
-    cutoff: float | None,
-    segment: slice,
-    basis: Basis,
-    since: float = -np.inf,
-    until: float = np.inf,
-) -> Iterator[Chunk]:
-    """The stack of one run of usable samples, in pieces, filtered like all columns.
-
-    Of a run with margins, the rows from `since` until before `until` [s].
-    """
+def stack(scene: Scene, cutoff: float | None, segment: slice, basis: Basis) -> Iterator[Chunk]:
+    """The stack of one run of usable samples, in pieces, filtered like all columns."""
     e = scene.e
     decimator = Decimator.of(cutoff, e.rate)
     pieces = decimator.filtered(segment, lambda part: full_rows(scene, part))
@@ -66,8 +56,7 @@ def stack(
                 np.repeat(first, nv), L.reshape(n * nv, *L.shape[2:]),
                 A.reshape(n * nv, A.shape[2]), b.reshape(n * nv),
             )  # fmt: skip
-        t = e.t[sample]
-        chosen = (informed & ((t >= since) & (t < until))[:, None]).reshape(-1)
+        chosen = informed.reshape(-1)
         yield Chunk(chunk.first[chosen], chunk.L[chosen], chunk.A[chosen], chunk.b[chosen])
 
 

@@ -46,7 +46,6 @@ class Problem:
         information: rows of the d independent coordinates, in which errors count.
         bands: where the multipliers have a time basis, the paper's stack.
         runs: where the motion's noise counts, rows whitened by it.
-        stacked_information: where the motion is an excerpt, the stack of all its samples.
     """
 
     mechanism: Mechanism
@@ -56,7 +55,6 @@ class Problem:
     information: Information
     bands: Sequence[EliminatedRun] = ()
     runs: Sequence[EliminatedRun] = ()
-    stacked_information: Information | None = None
 
     @classmethod
     def of(
@@ -110,8 +108,6 @@ class Problem:
     @cached_property
     def fitting(self) -> Information:
         """The rows from which parameters are estimated: reduced ones, or those of stacks."""
-        if self.stacked_information is not None:
-            return self.stacked_information
         stacks = [*self.bands, *self.runs]
         return stacks_information(stacks, self.motion) if stacks else self.information
 

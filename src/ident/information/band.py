@@ -5,12 +5,7 @@
 Knots 0 … S cut time into S intervals; the rows of interval s touch knots s and s + 1. Each interval
 is reduced to a small block; then the knots between intervals are eliminated, which makes one
 interval of several: log S levels, each one batch of equal Householder reductions. At each step rows
-become free of multipliers: they are the equations of p. Eliminating is associative, so that the
-same step serves
-
-    batch        `eliminate`: level by level, with the way back to the coefficients
-    recursive    ((s₁ + s₂) + s₃) + s₄     of `Stretch`, each s a sample: constant memory
-    distributed  whoever made which s      stretches are small and need no neighbour
+become free of multipliers: they are the equations of p.
 
 Sources: paper, eq. 7-8; G. Golub and R. Plemmons, Linear Algebra Appl. 34, 1980 (orthogonal nested
 dissection); Å. Björck, Numerical Methods for Least Squares Problems, 1996, sect. 6.3 (bordered and
@@ -21,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -80,19 +74,6 @@ class Freed:
             before = factors.get(number, Triangle.empty(self.k))
             factors[number] = before.updated(rows[:, :-1], rows[:, -1])
         return replace(self, factors=factors)
-
-    def __add__(self, other: Freed) -> Freed:
-        """Return the equations of both, of the same blocks.
-
-        Raises:
-            FitError: for other blocks.
-        """
-        if not np.array_equal(self.begins, other.begins):
-            raise FitError(f"blocks from {other.begins} after {self.begins}; valid: the same")
-        factors = dict(self.factors)
-        for number, factor in other.factors.items():
-            factors[number] = factors[number] + factor if number in factors else factor
-        return replace(self, factors=factors, balance=self.balance + other.balance)
 
     def finished(self) -> tuple[Triangle, ...]:
         """Return a triangle a block; one short of equations owes them to the next ones."""
@@ -321,112 +302,3 @@ def _by_singular_values(X: Array, Y: Array, c: int, tol: float) -> tuple[Rows, I
     own_X = np.concatenate([np.where(weighed, s[..., None], tol) * Vt, own[..., :ends]], axis=2)
     R, rest = reflect(rows[..., :ends], rows[..., ends:])
     return (own_X, own[..., ends:]), weighed.sum(axis=(1, 2)), (R, rest[:, :ends]), rest[:, ends:]
-
-
-class StretchPart(NamedTuple):
-    """Rows between two knots, X (2 w, 2 w), Y (2 w, k + 1), w coefficients a knot."""
-
-    left: int
-    right: int
-    X: Array
-    Y: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Stretch:
-    """Equations of some samples that follow each other, without any multipliers but the ends'.
-
-    Inside a stretch no multiplier is left. At its ends there may be, since a neighbour's rows may
-    touch them: the first and the last interval are kept as they are, what is between them is one
-    part. Neighbours add in any bracketing (not pieces with another one between them, whose knots
-    would be missing).
-    """
-
-    parts: tuple[StretchPart, ...]  # one interval, or the first, what is between, and the last
-    freed: Freed  # what is free of multipliers already, by block of time
-    shape: tuple[int, int, int]  # width, m and k of the rows
-    scale: float  # largest |L|
-
-    @classmethod
-    def of(cls, chunk: Chunk, begins: Sequence[int] | Index = ()) -> Stretch:
-        """Return the stretch of a chunk of one row or more.
-
-        Args:
-            chunk: its rows, which touch any number of intervals.
-            begins: basis functions at which a new block of time begins, ascending.
-
-        Raises:
-            FitError: for a chunk without rows.
-        """
-        if not len(chunk.b):
-            raise FitError("a chunk without rows; valid: one or more")
-        group, scale = max(chunk.shape[0] - 1, 1), float(np.abs(chunk.L).max(initial=0.0))
-        interval = chunk.first // group
-        begin = int(interval.min())
-        count = int(interval.max()) - begin + 1
-        reduced, free = compress(chunk, group, TOLERANCE * scale)
-        owner = reduced._replace(interval=reduced.interval - begin)
-        X, Y, more = unite([owner], count, TOLERANCE * scale)
-        parts = [StretchPart(begin + i, begin + i + 1, X[i], Y[i]) for i in range(count)]
-        moved = [Free(each.place + begin, each.Y) for each in more]
-        freed = Freed.empty(begins, group, chunk.shape[2]).counting(interval, 1)
-        return cls(tuple(parts), freed.with_rows([*free, *moved]), chunk.shape, scale)._shortened()
-
-    def __add__(self, other: Stretch) -> Stretch:
-        """Return both stretches; they may share one interval, and a gap between them is allowed.
-
-        Raises:
-            FitError: for other rows' shapes, and for stretches that overlap in more than that.
-        """
-        if self.shape != other.shape:
-            raise FitError(f"(width, m, k) {other.shape} after {self.shape}; valid: all the same")
-        first, second = sorted((self, other), key=lambda s: s.span)
-        scale = max(self.scale, other.scale)
-        before, after = [*first.parts], [*second.parts]
-        free: list[Free] = []
-        if before[-1].right == after[0].right:  # the same interval of knots
-            one, same = before.pop(), after.pop(0)
-            X, Y = np.concatenate([one.X, same.X])[None], np.concatenate([one.Y, same.Y])[None]
-            R, Y = reflect(X, Y)
-            c, place = R.shape[-1], np.array([one.left])
-            own = Y[:, :c].copy()
-            released, rows = release(R, own, TOLERANCE * scale)
-            free = [Free(place, Y[:, c:]), Free(place[released], rows)]
-            before.append(StretchPart(one.left, one.right, R[0], own[0]))
-        elif before[-1].right < after[0].left:  # knots between them that nothing weighs
-            X, Y = np.zeros_like(after[0].X), np.zeros_like(after[0].Y)
-            before.append(StretchPart(before[-1].right, after[0].left, X, Y))
-        elif before[-1].right > after[0].left:
-            raise FitError(
-                f"stretches of the knots {first.span} and {second.span}; valid: neighbours, which "
-                "share one interval at most"
-            )
-        freed = (self.freed + other.freed).with_rows(free)
-        return Stretch((*before, *after), freed, self.shape, scale)._shortened()
-
-    @property
-    def span(self) -> tuple[int, int]:
-        """The first and the last knot."""
-        return self.parts[0].left, self.parts[-1].right
-
-    def closed(self) -> tuple[Triangle, ...]:
-        """Return the triangles of the parameters by block of time, when no neighbour is to come.
-
-        Their rows are what multipliers leave of the equations.
-        """
-        return _closed(*_arrays(self.parts), TOLERANCE * self.scale, self.freed)[-1].finished()
-
-    def _shortened(self) -> Stretch:
-        """Return the same with everything between the first and the last interval as one part."""
-        if len(self.parts) < 4:
-            return self
-        first, *inner, last = self.parts
-        _, X, Y, freed = _merged(*_arrays(inner), TOLERANCE * self.scale, self.freed)
-        one = StretchPart(inner[0].left, inner[-1].right, X[0], Y[0])
-        return Stretch((first, one, last), freed, self.shape, self.scale)
-
-
-def _arrays(parts: Sequence[StretchPart]) -> tuple[Index, Array, Array]:
-    """Return knots (n + 1,), X (n, …) and Y (n, …) of parts that follow each other."""
-    knots = np.array([parts[0].left, *(part.right for part in parts)])
-    return knots, np.stack([part.X for part in parts]), np.stack([part.Y for part in parts])

@@ -200,11 +200,7 @@ def decide(
     band: Band,
     smoothing: float | str | None = AUTO,
 ) -> Recipe:
-    """The recipe of a long log, from excerpts of it that decide by themselves.
-
-    Its speeds of standstill are those that noise imitates; top speeds are known after all parts
-    (`recipe.thresholds`).
-    """
+    """The recipe of a long log, from excerpts of it that decide by themselves."""
     signals = [measure(mechanism, log) for log in excerpts]
     derived = [derive(each, logged, band, smoothing) for each in signals]
     states = [state_of(mechanism, each, logged, band, smoothing)[0] for each in signals]
@@ -212,12 +208,15 @@ def decide(
     if mechanism.closures:
         states = [e.transmitted(mechanism, independent) for e in states]
         singular = largest_nearness(np.concatenate([nearness(e) for e in states]))
-    still = [
+    noise = [
         noise_of_speeds(mechanism, each, e, logged) for each, e in zip(signals, states, strict=True)
     ]
+    still = thresholds(np.max([top_speeds(e) for e in states], axis=0), np.max(noise, axis=0))
+    far = [np.abs(e.leverage[e.usable]).max(axis=0) for e in states if e.loop is not None]
     recipe = Recipe(
         clock, ends=max(each.ends for each in derived), logged=logged, independent=independent,
-        band=band, smoothing=smoothing, still=np.max(still, axis=0), singular=singular,
+        band=band, smoothing=smoothing, still=still, singular=singular,
+        farthest=np.max(far, axis=0) if far else None,
     )  # fmt: skip
     smooth = [e.smooth for e in states if e.smooth is not None]
     if not smooth:

@@ -19,6 +19,11 @@ from ident.mechanism.mechanism import Joint, Mechanism
 PREFIXES = ("q", "v", "a", "tau", "wrench")
 ORDERS = "qva"
 LARGEST = 1e30  # in any unit; what some loggers write for "no value" lies beyond
+# times the 99 % quantile of a signal's distance from its median: no sensor's range is so much
+# larger than what it measures
+ABSURD = 30.0
+ENOUGH = 4000  # samples that show what is usual of a signal
+LONE = 5  # samples: what differs so much for fewer than half of them is no measurement
 UNEVEN = 1e-3  # jitter, as a share of the step, below which a clock counts as uniform
 GAP = 5.0  # median steps without a sample that make a gap
 SHORTEST = 12.0  # median steps that a run between two gaps must last to be used
@@ -28,6 +33,7 @@ VISIBLE = 200.0  # times the mean power of noise; real noise (quantised, jitteri
 SHARPEST = 1e-3  # noise of a derivative over that of what it derives, a log's length
 GRAINS = 20  # changes of a signal from which its quantisation can be known
 MOST = 1000.0  # steps between two samples beyond which multiples are no sign of anything
+NO_MEASUREMENT = f"is no measurement: more than {ABSURD:g} times what is usual"
 NIL = 1e-12  # rad, m and their rates: what moves less stands still, but for rounding
 ROUNDING = 1e-9  # of its spread, or of 1 rad or m: no channel is trusted better
 WINDOW = 0.01  # s; increments over it are compared, in which noise is small
@@ -136,8 +142,17 @@ def measure(mechanism: Mechanism, log: Log, clock: Clock | None = None) -> LogSi
     for name, source in mechanism.columns.items():
         if name != "t" and name not in own and source.column in own:
             own[name] = source.scale * own[source.column] + source.offset
-    log = replace(log, columns=own)
     notes = list(log.repairs)
+    for name in filter(is_signal, own):
+        if (lone := absurd_samples(own[name])).size:
+            k, others = lone[0], f" and {len(lone) - 1} more" if len(lone) > 1 else ""
+            notes.append(
+                f"{name} = {own[name][k]:.4g} in row {k + 1} (t = {log.t[k]:.6g} s){others} "
+                f"{NO_MEASUREMENT}; left out"
+            )
+            own[name] = own[name].astype(float)
+            own[name][lone] = np.nan
+    log = replace(log, columns=own)
     names = [joint.name for joint in mechanism.joints]
     for column in own:
         prefix, _, rest = column.partition(".")
@@ -196,6 +211,26 @@ def measure(mechanism: Mechanism, log: Log, clock: Clock | None = None) -> LogSi
     for joint in mechanism.joints if clock is None else ():
         check_units(log.name, columns, signals.dt, joint)
     return signals
+
+
+def usual_range(x: np.ndarray) -> tuple[float, float]:
+    """Median of a signal (n,), and the distance from it beyond which a sample is absurd."""
+    x = x[:: -(-len(x) // ENOUGH)] if len(x) else x
+    x = x[np.isfinite(x)]
+    if not len(x):
+        return 0.0, np.inf
+    centre = float(np.median(x))
+    size = float(np.quantile(np.abs(x - centre), 0.99))
+    return centre, ABSURD * size if size > 0 else np.inf
+
+
+def absurd_samples(x: np.ndarray) -> np.ndarray:
+    """Places in a signal (n,) of lone samples that are absurdly far from all others."""
+    centre, reach = usual_range(x)
+    far = np.flatnonzero(np.abs(x - centre) > reach)
+    around = [x[max(0, i - LONE // 2) : i + LONE // 2 + 1] for i in far]
+    lone = [abs(x[i] - np.nanmedian(near)) > reach for i, near in zip(far, around, strict=True)]
+    return far[np.array(lone, dtype=bool)]
 
 
 def is_signal(name: str) -> bool:

@@ -14,7 +14,7 @@ the cumulative sum of the leading chart was last at zero (Page, Biometrika 41, 1
 
 An interval of time is one triangle of all coordinates' rows, each divided by its σ:
 
-    score  s = Aᵀ(b − A x),  information  I_k = |A_k|²,  squares  Σ r_u², Σ (G r)_j²
+    score  s = Aᵀ(b − A x),  information  I_k = |A_k|²,  squares  Σ r_u²
 
 Normal running is what a log of it shows, and the reference is moved there, since its own error
 would be seen as a change in the long run. Changes are watched for from δ_k on:
@@ -54,40 +54,28 @@ WIDER, MOST = 1.15, 12  # factor of φ² a step, and steps
 
 
 @dataclass(frozen=True, eq=False)
-class WatchedRows(Rows):
-    """Rows with G (n, m, d), which turns residuals into errors of the m multipliers."""
-
-    G: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
 class WatchedInterval:
     """The rows of one interval of time that inform, weighted."""
 
     start: float
     end: float  # start, end: first and last row [s]
     triangle: Triangle  # of [A | b] over all coordinates, each divided by its σ
-    squares: np.ndarray  # (d + m,) of residuals over σ, then of multipliers' errors [N | N m]
-    rows: np.ndarray  # (d + m,) of how many rows
+    squares: np.ndarray  # (d,) of residuals over σ
+    rows: np.ndarray  # (d,) of how many rows
     torque: float  # sum of squares of the measured torques over σ²
 
     @classmethod
-    def of(cls, rows: WatchedRows, sigma: np.ndarray, x: np.ndarray) -> WatchedInterval:
+    def of(cls, rows: Rows, sigma: np.ndarray, x: np.ndarray) -> WatchedInterval:
         """Absorb some rows; sigma (d,) weighs them, the residual is that of x (k,)."""
         weight = np.where(rows.informed, 1.0 / sigma, 0.0)
         informed = rows.informed.ravel()
         A = (rows.A * weight[:, :, None]).reshape(-1, rows.A.shape[2])
-        r = np.where(rows.informed, rows.b - rows.A @ x, 0.0)
-        lifted = np.einsum("nmd,nd->nm", rows.G, r)
-        whole = rows.informed.all(axis=1)
-        squares = [((r * weight) ** 2).sum(axis=0), (lifted[whole] ** 2).sum(axis=0)]
-        counts = [rows.informed.sum(axis=0), np.full(lifted.shape[1], whole.sum())]
         return cls(
             start=float(rows.t[0]),
             end=float(rows.t[-1]),
             triangle=Triangle.of(A[informed], (rows.b * weight).ravel()[informed]),
-            squares=np.concatenate(squares),
-            rows=np.concatenate(counts),
+            squares=(((rows.b - rows.A @ x) * weight) ** 2).sum(axis=0),
+            rows=rows.informed.sum(axis=0),
             torque=float(((rows.tau * weight) ** 2).sum()),
         )
 
@@ -106,9 +94,9 @@ class Cutter:
 
     def __init__(self, seconds: float) -> None:
         self._seconds, self._usual = seconds, 0
-        self.waiting: list[WatchedRows] = []
+        self.waiting: list[Rows] = []
 
-    def cut(self, rows: WatchedRows) -> Iterator[WatchedRows]:
+    def cut(self, rows: Rows) -> Iterator[Rows]:
         """Yield the rows of every interval that these rows complete."""
         rows = concatenated([*self.waiting, rows])
         edges = np.flatnonzero(np.diff(np.floor(rows.t / self._seconds))) + 1
@@ -116,18 +104,18 @@ class Cutter:
         self.waiting = [last]
         return filter(self._is_usual, whole)
 
-    def flush(self) -> Iterator[WatchedRows]:
+    def flush(self) -> Iterator[Rows]:
         """Yield the rows held, if they are about as many as usual."""
         waiting, self.waiting = self.waiting, []
         return filter(self._is_usual, waiting)
 
-    def _is_usual(self, rows: WatchedRows) -> bool:
+    def _is_usual(self, rows: Rows) -> bool:
         self._usual = max(self._usual, len(rows.t))
         return len(rows.t) >= USUAL * self._usual
 
 
 def intervals_of(
-    rows: Sequence[WatchedRows], seconds: float, sigma: np.ndarray, x: np.ndarray
+    rows: Sequence[Rows], seconds: float, sigma: np.ndarray, x: np.ndarray
 ) -> list[WatchedInterval]:
     """Cut rows into intervals of so many seconds; sigma (d,) weighs them, x (k,) the reference."""
     cutter = Cutter(seconds)
@@ -137,14 +125,14 @@ def intervals_of(
 
 @dataclass(frozen=True, eq=False)
 class NormalRunning:
-    """Normal running: d coordinates, m multipliers, k columns."""
+    """Normal running: d coordinates, k columns."""
 
     sigma: np.ndarray  # (d,) rms of the residual of each coordinate [N m | N]
     triangle: Triangle  # of all rows
     spread: np.ndarray  # (k,) φ² of the scores
     least: np.ndarray  # (k,) δ, smallest changes watched for; ∞ where a column has no effect
-    energy: np.ndarray  # (d + m,) mean squares of an interval, 0 where there are none
-    freedom: np.ndarray  # (d + m,) ν, so that squares over rows and energy scatter like χ²_ν/ν
+    energy: np.ndarray  # (d,) mean squares of an interval, 0 where there are none
+    freedom: np.ndarray  # (d,) ν, so that squares over rows and energy scatter like χ²_ν/ν
 
     @classmethod
     def of(
@@ -235,7 +223,7 @@ def moved_reference(triangle: Triangle, x: np.ndarray) -> np.ndarray:
 
 
 def statistics(intervals: Sequence[WatchedInterval], x: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Collect score, information (n, k), squares, rows (n, d + m) of intervals at x (k,)."""
+    """Collect score, information (n, k), squares, rows (n, d) of intervals at x (k,)."""
     each = [(i.score(x), i.information, i.squares, i.rows) for i in intervals]
     return tuple(np.array(some) for some in zip(*each, strict=True))
 
@@ -278,7 +266,7 @@ class Design:
         return np.concatenate(flat, axis=-1)
 
     def subjects(self, columns: Sequence[str], errors: Sequence[str]) -> list[str]:
-        """Return what each chart is about, from the names of columns (k,) and errors (d + m,)."""
+        """Return what each chart is about, from the names of columns (k,) and errors (d,)."""
         return [*columns] * len(self.delta) + [f"error of {name}" for name in errors] * len(RATIOS)
 
 

@@ -11,7 +11,7 @@ import json
 import time
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import partial
 from pathlib import Path
 from types import CodeType, FunctionType
@@ -21,10 +21,8 @@ import numpy as np
 import pinocchio as pin
 
 import ident
-from ident.equations.unknowns import Point
 from ident.errors import IdentError
 from ident.files import atomic_write
-from ident.information.band import Freed, Stretch, StretchPart
 from ident.information.blocks import Block
 from ident.information.triangle import Triangle
 from ident.streams.portions import Plan
@@ -34,32 +32,15 @@ PORTIONS, SECONDS = 8, 20.0  # after so many portions and so much time the file 
 
 
 @dataclass(frozen=True, eq=False)
-class SearchStep:
-    """Progress of the search for what is not linear."""
-
-    point: Point  # of the next pass
-    best: Point | None = None  # so far, from which it is a step; None before the first pass
-    loss: float = np.inf  # sum of squares at `best`, over σ²
-    sigma: np.ndarray | None = None  # (d,) [N m | N] of the first pass
-    moves: float = np.inf  # standard errors by which predictions move with the step
-
-
-@dataclass(frozen=True, eq=False)
 class Progress:
     """Progress of a run."""
 
-    passed: int  # passes over all portions before this one
-    step: SearchStep  # led to the point of this one
-    absorbed: int = 0  # portions of this pass, from the first
-    blocks: Sequence[Block] = ()  # their sum
-    stretches: Mapping[int, Stretch] = field(default_factory=dict)  # by log: rest of its stack
-    broken: Mapping[str, str] = field(default_factory=dict)  # reason by name of a log
+    absorbed: int  # portions, from the first
+    blocks: Sequence[Block]  # their sum
+    broken: Mapping[str, str]  # reason by name of a log
 
 
-NOUNS = {
-    c.__name__: c
-    for c in (Progress, SearchStep, Point, Block, Triangle, Stretch, StretchPart, Freed)
-}
+NOUNS = {c.__name__: c for c in (Progress, Block, Triangle)}
 
 
 class Checkpoint:
@@ -125,8 +106,8 @@ def _packed(thing: Any, numbers: list[np.ndarray]) -> Any:
     if isinstance(thing, Mapping):
         return {"pairs": [[key, _packed(each, numbers)] for key, each in thing.items()]}
     if (name := type(thing).__name__) in NOUNS:
-        names = getattr(thing, "_fields", None) or [each.name for each in fields(thing)]
-        return {"noun": name, "values": [_packed(getattr(thing, n), numbers) for n in names]}
+        values = [_packed(getattr(thing, each.name), numbers) for each in fields(thing)]
+        return {"noun": name, "values": values}
     if isinstance(thing, list | tuple):
         return [_packed(each, numbers) for each in thing]
     return thing.item() if isinstance(thing, np.generic) else thing
@@ -156,9 +137,9 @@ def _unpacked(text: Any, numbers: np.ndarray) -> Any:
 
 
 def digest(plan: Plan) -> str:
-    """Digest all that the triangles of a plan depend on, but for the working point."""
+    """Digest all that the triangles of a plan depend on."""
     result = hashlib.sha256(version().encode())
-    _feed(result, [getattr(plan, each.name) for each in fields(plan) if each.name != "point"])
+    _feed(result, plan)
     return result.hexdigest()
 
 

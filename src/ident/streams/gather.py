@@ -23,16 +23,16 @@ from ident.fit.findings import note
 from ident.fit.identify import estimate_of, fit_of
 from ident.fit.likelihood import MATTERS, share_of_motion
 from ident.fit.multipliers import Reactions, identifiable_multipliers
-from ident.fit.problem import Problem, bands_of
-from ident.fit.shapes import shape_bounds, stepped, working_point
-from ident.information.blocks import Error, Information
-from ident.information.estimate import Estimate, estimate
+from ident.fit.problem import Problem
+from ident.fit.shapes import working_point
+from ident.information.blocks import Block, Error, Information
+from ident.information.estimate import Estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Consistency
 from ident.motion.closures import check_freedom
 from ident.motion.recipe import AUTO
 from ident.pool import Workers
-from ident.streams.checkpoint import Checkpoint, Progress, SearchStep
+from ident.streams.checkpoint import Checkpoint, Progress
 from ident.streams.logs import Excerpt, Given, excerpt, log_paths
 from ident.streams.many_logs import LogComparison, compare_logs
 from ident.streams.portions import (
@@ -40,15 +40,12 @@ from ident.streams.portions import (
     Sum,
     absorbed,
     multipliers_of,
-    stack_blocks,
     summaries,
     with_logs,
-)  # fmt: skip
+)
+from ident.streams.stream import with_free_multipliers
 
 SAMPLES = 65_536  # of a portion
-PASSES = 8  # at most, where the equations are not linear
-RESTING = 0.01  # standard errors by which a step may still move predictions
-ROUNDING = 1e-9  # of the sum of squares, within which two errors are the same
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -181,9 +178,11 @@ def gather(
     """Identify from logs that are read in portions, each a few times and never kept.
 
     What `complete` and `identify` decide from all samples is decided here from some stretches of
-    each log (the filter, how channels are smoothed) or from a first pass (top speeds). The motion's
-    noise is not weighed against the torques'; a note says where that would matter. Of several logs,
-    those that are broken are left out.
+    each log: the filter, how channels are smoothed, speeds of standstill, where effects that are
+    not linear are linearised. The motion's noise is not weighed against the torques'; a note says
+    where that would matter. Of several logs, those that are broken are left out.
+
+    Multipliers are free, one value a sample: a time basis would tie portions together.
 
     Args:
         mechanism: with what is unknown and which effects it has.
@@ -205,6 +204,7 @@ def gather(
     """
     check_freedom(mechanism)
     _check_portionable(mechanism, consistent)
+    mechanism, free_note = with_free_multipliers(mechanism)
     paths, others = log_paths(logs, scheduler), log_paths(validate, scheduler)
     if not paths:
         raise FitError(f"{mechanism.name}: no log given")
@@ -214,9 +214,18 @@ def gather(
     logged, prior = some.experiments[0].logged, Point.prior(mechanism)
     common = Plan(mechanism, logged, some.independent, some.band, smoothing, (), prior)
     plan = with_logs(common, looked_at, samples, workers)
-    saved = None if checkpoint is None else Checkpoint(Path(checkpoint), plan)
     plan = replace(plan, point=working_point(mechanism, some, None, progress))
-    plan, regression, fitted, notes, worked, resumed = _iterated(plan, some, workers, saved)
+    saved = None if checkpoint is None else Checkpoint(Path(checkpoint), plan)
+    blocks, notes, worked, resumed = _summed(plan, workers, saved)
+    information = Information.of(blocks, len(plan.columns), dof(mechanism, some.experiments[0]))
+    regression = Problem(mechanism, some, plan.point, plan.columns, information)
+    fitted = estimate_of(regression)
+    notes += free_note
+    if not all(effect.linear for effect in mechanism.effects):
+        notes.append(
+            "what is not linear was settled on the excerpt and refined by one Gauss-Newton step "
+            "over all samples"
+        )
     fit = _fit_of(regression, fitted, notes, workers, consistent)
     if others:
         x = fitted.solution.x
@@ -240,72 +249,31 @@ def _check_portionable(mechanism: Mechanism, consistent: bool | Consistency) -> 
             )
 
 
-def _iterated(
-    plan: Plan, some: Excerpt, workers: Workers, saved: Checkpoint | None
-) -> tuple[Plan, Problem, Estimate, list[str], int, int]:
-    """Pass over all portions, once where the equations are linear, else until no shape moves."""
-    progress, resumed, worked = Progress(0, SearchStep(plan.point)), 0, 0
-    notes: list[str] = []
+def _summed(
+    plan: Plan, workers: Workers, saved: Checkpoint | None
+) -> tuple[list[Block], list[str], int, int]:
+    """Sum the triangles of all portions, without those of broken logs.
+
+    Returns the blocks, notes, and how many portions were done now and before an interruption.
+    """
+    total, messages, resumed = Sum(), [], 0
     if saved is not None and (before := saved.read()) is not None:
-        progress, resumed = before, before.absorbed
+        total, resumed = Sum(before.blocks, before.absorbed), before.absorbed
         workers.broken.update(before.broken)
-        notes.append(
-            f"went on from {saved.file}: pass {before.passed + 1}, {resumed} portions were done"
-        )
+        messages.append(f"went on from {saved.file}: {resumed} portions were done")
     elif saved is not None and saved.other:
-        notes.append(f"{saved.file}: of another mechanism, log, settings or version; not used")
-    linear = all(effect.linear for effect in plan.mechanism.effects)
-    while True:
-        plan = replace(plan, point=progress.step.point)
-        total, messages = _pass(plan, progress, workers, saved)
-        worked, notes = worked + total.absorbed - progress.absorbed, notes + messages
-        stacks = stack_blocks(plan, total.stretches)
-        k, d = len(plan.columns), dof(plan.mechanism, some.experiments[0])
-        r = Problem(
-            plan.mechanism, some, plan.point, plan.columns,
-            Information.of(total.blocks.values(), k, d),
-            stacked_information=Information.of(stacks, k, 1) if stacks else None,
-        )  # fmt: skip
-        fitted = estimate_of(r)
-        step = progress.step if linear else _next_step(r, fitted, progress.step)
-        rests = step.moves <= RESTING
-        if linear or rests or progress.passed + 1 == PASSES:
-            break
-        progress = Progress(progress.passed + 1, step, broken=dict(workers.broken))
-        if saved is not None:
-            saved.write(progress)
-    if not linear:
-        how = "and rest" if rests else f"and still move predictions by {step.moves:.2g} ±"
-        notes.append(
-            f"what is not linear was settled on the excerpt and refined in {progress.passed + 1} "
-            f"passes over all samples, {how}"
-        )
-    return plan, r, fitted, [*dict.fromkeys(notes)], worked, resumed
-
-
-def _pass(
-    plan: Plan, progress: Progress, workers: Workers, saved: Checkpoint | None
-) -> tuple[Sum, list[str]]:
-    """Sum the triangles of all portions at the plan's point, without those of broken logs."""
-    remaining = list(plan.portions())[progress.absorbed :]
-    total = Sum(progress.blocks, progress.absorbed, progress.stretches)
+        messages.append(f"{saved.file}: of another mechanism, log, settings or version; not used")
+    remaining = list(plan.portions())[resumed:]
     names = [plan.parts[portion.log].name for portion in remaining]
-    messages: list[str] = []
-    what = "equations" if not progress.passed else f"equations, pass {progress.passed + 1}"
-    for _, done in workers.over(absorbed, remaining, plan, names, what):
+    for _, done in workers.over(absorbed, remaining, plan, names, "equations"):
         total.add(done)
         messages += done.notes if done else ()
         if saved is not None and saved.due(total.absorbed):
-            saved.write(
-                replace(
-                    progress, absorbed=total.absorbed, blocks=tuple(total.blocks.values()),
-                    stretches=dict(total.stretches), broken=dict(workers.broken),
-                )
-            )  # fmt: skip
+            so_far = tuple(total.blocks.values())
+            saved.write(Progress(total.absorbed, so_far, dict(workers.broken)))
     out = {i for i, part in enumerate(plan.parts) if part.name in workers.broken}
-    total.blocks = {key: each for key, each in total.blocks.items() if key.log not in out}
-    total.stretches = {log: each for log, each in total.stretches.items() if log not in out}
-    if not total.blocks:
+    blocks = [each for each in total.blocks.values() if each.log not in out]
+    if not blocks:
         cut = plan.band.cutoff
         why = "; ".join(f"{name}: {each}" for name, each in list(workers.broken.items())[:1])
         raise FitError(
@@ -313,36 +281,7 @@ def _pass(
             + (f" filtered at {cut:.3g} Hz" if cut else "")
             + f"; {why or 'give a longer log or a higher --cutoff'}"
         )
-    return total, messages
-
-
-def _next_step(r: Problem, fitted: Estimate, step: SearchStep) -> SearchStep:
-    """Step of variable projection, one a pass (`fit.descend`): the triangles of a pass give the
-    least error at its point, which tells whether the step before was good, and the next step.
-
-        s ← s + δs,  [Γ E S] [p; c; s] = b + S s₀
-    """
-    columns = r.columns
-    shapes = np.zeros(len(columns), dtype=bool)
-    shapes[columns.shapes] = True
-    sigma = fitted.sigma if step.sigma is None else step.sigma
-    zeros = np.zeros(r.d)
-    at = estimate(r.information.totals, r.prior, zeros, sigma=sigma, held=fitted.held | shapes)
-    loss = at.triangle.residual_norm(at.x) ** 2
-    if step.best is not None and loss > step.loss * (1 + ROUNDING):
-        values = {
-            name: 0.5 * (step.best.values.get(name, value) + value)
-            for name, value in r.point.values.items()
-        }
-        return replace(step, point=Point(r.point.pi, values))
-    x = fitted.solution.x
-    if shapes.any():
-        bounds = shape_bounds(r.mechanism, columns, r.motion, r.point)
-        x = stepped(columns, r.point, x, bounds, 1.0)
-    implicit = any(effect.implicit for effect in r.mechanism.effects)
-    moved = np.where(shapes | implicit, x - r.point.unknowns(columns), 0.0)
-    moves = np.linalg.norm(fitted.triangle.R @ moved)
-    return SearchStep(r.point.at(r.mechanism, columns, x), r.point, loss, sigma, float(moves))
+    return blocks, [*dict.fromkeys(messages)], total.absorbed - resumed, resumed
 
 
 def _fit_of(
@@ -369,11 +308,7 @@ def _fit_of(
             f"{r.motion.samples} samples were read in portions; pictures, unfiltered errors and "
             f"the table of multipliers show {shown} of them"
         )
-    fit = fit_of(r, fitted, consistent, [*map(note, notes)], on_progress=workers.on_progress)
-    if r.stacked_information is None:
-        return fit
-    bands = bands_of(r.mechanism, r.columns, r.motion, r.point)  # λ of the excerpt
-    return replace(fit, problem=replace(fit.problem, bands=tuple(bands)))
+    return fit_of(r, fitted, consistent, [*map(note, notes)], on_progress=workers.on_progress)
 
 
 def _validation(

@@ -17,7 +17,7 @@ from ident.log.read import expanded
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.motion.recipe import Recipe
-from ident.motion.signals import UNEVEN, Clock, is_signal
+from ident.motion.signals import NO_MEASUREMENT, UNEVEN, Clock, absurd_samples, is_signal
 
 LOOK = 64 * STRIDE  # rows that are read together
 STEPS = 1_000_000  # time steps from which their median is taken
@@ -35,7 +35,6 @@ class LogOnDisk:
     file: Pieces  # the opened log
     clock: Clock  # uniform, of the median step
     starts: np.ndarray  # (k,) [s] times of the rows 0, STRIDE, 2 STRIDE, …
-    top: dict[str, float]  # largest speed in each `v.` column, by name
     values: dict[str, int]  # number of values of each signal, by name
     repairs: tuple[str, ...]  # what was changed, in words
     stamp: tuple[int, int]  # size [bytes] and time of the last change [ns] of the file
@@ -92,7 +91,6 @@ def summarise(mechanism: Mechanism, path: Path) -> LogOnDisk:
     """Read a log once, piece by piece."""
     log = open_log(path, mechanism.columns)
     signals = [name for name in log.columns if is_signal(name)]
-    top = {name: 0.0 for name in signals if name.startswith("v.")}
     values = dict.fromkeys(signals, 0)
     repairs: dict[str, list[str]] = {}
     starts, steps, deviations = [], [], []  # of pieces
@@ -116,9 +114,13 @@ def summarise(mechanism: Mechanism, path: Path) -> LogOnDisk:
         starts.append(t[rows * len(t) // (stop - at)])
         count, before = count + len(t), float(t[-1])
         for name in signals:
-            values[name] += int(np.isfinite(piece.columns[name]).sum())
-        for name in top:
-            top[name] = max(top[name], float(np.nanmax(np.abs(piece.columns[name]), initial=0.0)))
+            x = piece.columns[name]
+            values[name] += int(np.isfinite(x).sum())
+            for k in absurd_samples(x):
+                repairs.setdefault(f"{name}: absurd", []).append(
+                    f"{name} = {x[k]:.4g} in row {at + k + 1} (t = {piece.t[k]:.6g} s) "
+                    f"{NO_MEASUREMENT}; left out"
+                )
         for repair in piece.repairs:
             repairs.setdefault(NUMBER.sub("#", repair), []).append(repair)
     dt = float(np.median(np.concatenate(steps)))
@@ -134,7 +136,7 @@ def summarise(mechanism: Mechanism, path: Path) -> LogOnDisk:
     ]
     file = log.path.stat()
     return LogOnDisk(
-        log, Clock(first, every, instants, even), np.concatenate(starts), top, values,
+        log, Clock(first, every, instants, even), np.concatenate(starts), values,
         tuple(messages), (file.st_size, file.st_mtime_ns),
     )  # fmt: skip
 
@@ -215,6 +217,7 @@ def excerpt(
         return excerpt(mechanism, summaries, cutoff, smoothing, broken)
     notes = [f"{each.name}: {repair}" for each in remaining for repair in each.repairs]
     for note in motion.notes:  # once for each log, and nothing about the ends of stretches
+        note = "" if NO_MEASUREMENT in note else note  # of which each log has told already
         for each in remaining:
             head, comma, tail = note.partition(f"{each.name}, ")
             if not head and comma:

@@ -29,7 +29,6 @@ from ident.streams.charts import (
     Design,
     NormalRunning,
     WatchedInterval,
-    WatchedRows,
     calibrated,
     intervals_of,
     moved_reference,
@@ -80,7 +79,7 @@ class Alarm(Displayed):
         best: the likeliest cause; rivals: others that it may be.
         seen_by: what the leading chart is about.
         evidence: logarithm of the charts' sum when it was sure; threshold: at which that was.
-        errors: by joint and multiplier, rms of the error over its normal size, until it was named.
+        errors: by joint, rms of the error over its normal size, until it was named.
     """
 
     onset: float
@@ -170,7 +169,6 @@ class Monitor(Displayed):
         self.raised: _Raised | None = None
         self._charts = Charts.fresh(len(self.design.weight))
         self._cutter = Cutter(seconds)
-        self._unexplained = False  # what nothing has explained, later changes have to explain
         self._held: deque[WatchedInterval] = deque(maxlen=HELD)
 
     @classmethod
@@ -250,14 +248,13 @@ class Monitor(Displayed):
         """
         return self._absorbed(rows for e in motion.experiments for rows in self.watched.rows(e))
 
-    def absorb(self, rows: Rows, q: np.ndarray | None = None) -> list[Alarm]:
+    def absorb(self, rows: Rows) -> list[Alarm]:
         """Return the alarms that further rows raise. Memory stays as it is.
 
         Args:
             rows: of `watched.columns`, in order of time.
-            q: (n, nq) configurations, for the errors of the multipliers; None: without these.
         """
-        return self._absorbed([self.watched.with_multipliers(rows, q)])
+        return self._absorbed([rows])
 
     def finish(self) -> list[Alarm]:
         """Return the alarm that waits for its name, named by what there is."""
@@ -265,7 +262,7 @@ class Monitor(Displayed):
             return []
         return [self._alarm(self.raised, *self._naming(self.raised))]
 
-    def _absorbed(self, parts: Iterable[WatchedRows]) -> list[Alarm]:
+    def _absorbed(self, parts: Iterable[Rows]) -> list[Alarm]:
         sigma = self.design.normal.sigma
         cut = (rows for part in parts for rows in self._cutter.cut(part))
         steps = (self._step(WatchedInterval.of(rows, sigma, self.reference)) for rows in cut)
@@ -278,7 +275,7 @@ class Monitor(Displayed):
             if self.evidence < self.threshold:
                 return None
             leader = self._charts.leader(self.design.weight)
-            by = self.design.subjects(self.watched.columns.names, self.watched.errors)[leader]
+            by = self.design.subjects(self.watched.columns.names, self.watched.joints)[leader]
             since = max(int(self._charts.since[leader]), 1)
             self.raised = _Raised(interval.end, self.evidence, by, since)
         else:
@@ -298,7 +295,7 @@ class Monitor(Displayed):
     def _naming(self, raised: _Raised) -> tuple[Naming, list[WatchedInterval]]:
         return name_since_onset(
             self.watched.suspects, list(self._held), raised.since, self.reference,
-            self.calibration.design.normal, self.threshold, forgiving=not self._unexplained,
+            self.calibration.design.normal, self.threshold,
         )  # fmt: skip
 
     def _alarm(self, raised: _Raised, naming: Naming, window: Sequence[WatchedInterval]) -> Alarm:
@@ -319,7 +316,7 @@ class Monitor(Displayed):
             threshold=self.threshold,
             errors={
                 name: float(x)
-                for name, x, energy in zip(self.watched.errors, rms, normal.energy, strict=True)
+                for name, x, energy in zip(self.watched.joints, rms, normal.energy, strict=True)
                 if energy > 0
             },
         )
@@ -355,7 +352,6 @@ class Monitor(Displayed):
             self.reference[places] += naming.best.theta
         normal = normal.moved(places, root, since, self.reference)
         if not naming.sound:
-            self._unexplained = True
             normal = normal.worse(since, self.reference, naming.remains)
         self.design = Design.of(normal, self.design.mask)
         self._charts = Charts.fresh(len(self.design.weight))

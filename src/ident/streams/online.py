@@ -37,7 +37,7 @@ from ident.information.blocks import Block, Error, Information, Squares
 from ident.information.covariance import covariance, prior_covariance
 from ident.information.estimate import Estimate, estimate
 from ident.log import Log
-from ident.mechanism import Mechanism, Multipliers
+from ident.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.streams.stream import (
     LATENCY,
@@ -49,6 +49,7 @@ from ident.streams.stream import (
     check_causal,
     concatenated,
     rows_at,
+    with_free_multipliers,
 )  # fmt: skip
 
 WARMUP = 5.0  # [s] from which a stream learns what it is like
@@ -285,46 +286,46 @@ class Online:
         _check_time("warmup", warmup)
         if forget is not None:
             _check_time("forget", forget)
-        self.notes: tuple[str, ...] = ()
-        if mechanism.multipliers.basis != "free":
-            basis = mechanism.multipliers.basis
-            self.notes = (f"multipliers are free, one value a sample, and not {basis}",)
-            mechanism = replace(mechanism, multipliers=Multipliers())
-        self.mechanism = mechanism
-        self._forget, self._latency, self._warmup = forget, latency, warmup
+        self.mechanism, notes = with_free_multipliers(mechanism)
+        self.notes = tuple(notes)
+        self._T, self._latency, self._warmup = forget, latency, warmup
         self._cutoff, self._smoothing = cutoff, smoothing
         reads = [name for effect in mechanism.effects for name in effect.reads()]
         self._parser = SampleParser(mechanism.name, mechanism.columns, None, reads)
         self._first: list[np.ndarray] = []  # samples of the warm-up
-        self._recursion = None if like is None else self._started(like)
+        self._stream: Stream | None = None  # after the warm-up
+        self._solved: _Solved | None = None
+        self._ahead = Squares.zero(0)
+        if like is not None:
+            self._begin(like)
 
     @property
     def samples(self) -> int:
         """How many have come."""
-        return self._recursion.stream.samples if self._recursion else sum(map(len, self._first))
+        return self._stream.samples if self._stream else sum(map(len, self._first))
 
     @property
     def warm(self) -> bool:
         """Whether the warm-up is over."""
-        return self._recursion is not None
+        return self._stream is not None
 
     @property
     def t(self) -> float:
         """Time of the last sample [s]; NaN before the first."""
-        last = self._recursion.stream.t if self._recursion else self._parser.last
+        last = self._stream.t if self._stream else self._parser.last
         return last if np.isfinite(last) else float("nan")
 
     @property
     def lag(self) -> float:
         """By how much equations are behind the last sample at most [s]; NaN in the warm-up."""
-        return self._recursion.stream.lag if self._recursion else float("nan")
+        return self._stream.lag if self._stream else float("nan")
 
     @property
     def multipliers(self) -> Forces | None:
         """λ of the samples that the last `update` or `snapshot` completed, by the parameters of the
         last snapshot; None before the first one, for a tree, and where none was completed.
         """
-        return self._recursion.multipliers if self._recursion else None
+        return self._forces(self._stream.windows) if self._stream else None
 
     def update(self, sample: Sample) -> None:
         """Take a sample or a block of them.
@@ -338,8 +339,8 @@ class Online:
                 out, and others may follow.
             MotionError: if the first seconds do not determine the motion.
         """
-        if self._recursion is not None:
-            self._recursion.push(sample)
+        if self._stream is not None:
+            self._absorb(self._stream, self._stream.push(sample))
             return
         self._first.append(self._parser(sample))
         if self.t - self._first[0][0, 0] >= self._warmup or self.samples >= LONGEST:
@@ -352,11 +353,31 @@ class Online:
             FitError: if no equation is known yet.
             LogError, MotionError: if the samples so far do not determine the motion.
         """
-        recursion = self._recursion or self._start()
-        result = recursion.snapshot()
-        return replace(result, notes=(*self.notes, *result.notes))
+        stream = self._stream or self._start()
+        self._absorb(stream, stream.flush())
+        solved, informed = self._solve()
+        parameters, held = self._stated(solved, informed)
+        ahead, self._ahead = self._ahead, Squares.zero(len(self._units))
+        names, (lost, why) = self._setting.independent, stream.lost
+        left_out = [f"{lost} samples are left out, the last since {why}"] if lost else []
+        base = solved.estimate.base
+        return Snapshot(
+            t=self._accumulator.now,
+            samples=stream.samples,
+            rows=float(solved.squares.rows.mean()),
+            parameters=parameters,
+            base_parameters=solved.base,
+            held=held,
+            multipliers=self._forces([self._last] if self._last else []),
+            errors=solved.squares.errors(names, self._units),
+            ahead=ahead.errors(names, self._units) if ahead.rows.any() else {},
+            rank=base.rank,
+            condition_number=base.condition_number,
+            lag=stream.lag,
+            notes=(*self.notes, *left_out),
+        )
 
-    def _start(self) -> _Recursion:
+    def _start(self) -> Stream:
         """End the warm-up: look at its samples as at a whole log, and take them like all others."""
         if not self._first:
             raise LogError(f"{self.mechanism.name}: no sample yet; give `update` some")
@@ -365,12 +386,13 @@ class Online:
         log = Log.from_arrays(self.mechanism.name, X[:, 0], columns)
         like = complete(self.mechanism, log, cutoff=self._cutoff, smoothing=self._smoothing)
         self.notes = (*self.notes, *like.notes)
-        self._recursion = self._started(like)
-        self._recursion.push(log)
+        stream = self._begin(like)
+        self._absorb(stream, stream.push(log))
         self._first = []
-        return self._recursion
+        return stream
 
-    def _started(self, like: Motion | Fit) -> _Recursion:
+    def _begin(self, like: Motion | Fit) -> Stream:
+        """Make the stream of rows and the triangles that absorb it, as in a motion or a fit."""
         motion = like.motion if isinstance(like, Fit) else like
         if not isinstance(motion, Motion):
             raise FitError(
@@ -378,9 +400,97 @@ class Online:
                 "like=ident.complete(mechanism, log)"
             )
         start = like.point if isinstance(like, Fit) else None
-        point = working_point(self.mechanism, motion, start)
-        known = _with_known_shapes(self.mechanism, point)
-        return _Recursion(known, motion, point, self._forget, self._latency)
+        self._point = working_point(self.mechanism, motion, start)
+        mechanism = self._known_mechanism = _with_known_shapes(self.mechanism, self._point)
+        self._columns = Columns.of(mechanism)
+        self._setting = setting = Setting.of(mechanism, motion)
+        stream = Stream(mechanism, self._columns, setting, self._point, self._latency)
+        supports = row_supports(mechanism, self._columns, motion.experiments[0])
+        self._accumulator = Accumulator(supports, self._T, stream.period)
+        self._determined = identifiable_multipliers(mechanism, motion)
+        self._noise = np.array([setting.noise.get(f"tau.{name}", 0.0) for name in mechanism.driven])
+        self._units = [mechanism.joint(name).force_unit for name in setting.independent]
+        self._known: dict[str, tuple[Value, float]] = {}  # identified parameters, and when [s]
+        self._most = 0  # base parameters that were known at once
+        self._ahead = Squares.zero(len(setting.independent))
+        self._last: SampleWindow | None = None
+        self._stream = stream
+        return stream
+
+    def _absorb(self, stream: Stream, parts: Sequence[Rows]) -> None:
+        if windows := stream.windows:
+            end = windows[-1].inside.stop
+            self._last = replace(windows[-1], inside=slice(end - 1, end))
+        for rows in parts:
+            if self._solved is not None:
+                off = rows.b - rows.A @ self._solved.estimate.x
+                count = np.full(off.shape[1], float(len(off)))
+                squares = (off**2).sum(axis=0), (rows.tau**2).sum(axis=0)
+                self._ahead = self._ahead + Squares(*squares, count)
+            self._accumulator.absorb(rows)
+
+    def _solve(self) -> tuple[_Solved, bool]:
+        """What the rows say, and whether any has informed lately; else what they said last."""
+        old, columns = self._solved, self._columns
+        if old and self._T and self._accumulator.now - self._accumulator.informed > self._T:
+            return old, False
+        total = self._accumulator.information(len(columns))
+        # what is forgotten stays where it was
+        prior = old.estimate.x if old is not None and self._T else columns.prior
+        sensible = plausible_of(self._known_mechanism, columns, total)
+        fitted = estimate(total.totals, prior, total.rms_torque, sensible)
+        cov = covariance(total, fitted) + prior_covariance(fitted, sensible)
+        after = self._point.at(self._known_mechanism, columns, fitted.x)
+        values = [*rigid_values(self._known_mechanism, columns, fitted, cov)]
+        for each in effect_values(columns, fitted, cov, after):
+            values += [value for value in each.parameters if value.name in columns.index]
+        base = base_values(columns, fitted, cov)
+        self._solved = _Solved(fitted, cov, total.squares(fitted.x), tuple(values), base)
+        return self._solved, True
+
+    def _stated(self, solved: _Solved, informed: bool) -> tuple[tuple[Value, ...], tuple[str, ...]]:
+        """The parameters, and the names of those that are held at their last value."""
+        values, held, now = [], [], self._accumulator.now
+        rank = solved.estimate.base.rank
+        if informed and rank >= self._most:  # as much is known as ever: none is lost
+            self._most, self._known = rank, {}
+        for value in solved.parameters:
+            if value.identifiable and informed:
+                self._known[value.name] = value, now
+            elif self._T and value.name in self._known:
+                last, t = self._known[value.name]
+                growth = float(np.exp((now - t) / (2 * self._T)))
+                stderr = growth * (last.stderr or 0.0)
+                value = replace(last, stderr=stderr, identifiable=False)
+                held.append(value.name)
+            values.append(value)
+        return tuple(values), tuple(held)
+
+    def _forces(self, windows: Sequence[SampleWindow]) -> Forces | None:
+        """λ of the samples of some windows by the last solution; None where there is none."""
+        if self._solved is None or not self._known_mechanism.closures or not windows:
+            return None
+        kinematics, mechanism = self._known_mechanism.kinematics, self._known_mechanism
+        x, cov, base = self._solved.estimate.x, self._solved.covariance, self._solved.estimate.base
+        m, parts = len(kinematics.multipliers), []
+        for window in windows:
+            around, part = window.e, window.inside
+            scene = Scene.of(mechanism, self._columns, around, self._point, self._setting.cutoff)
+            e, equations, s = scene.e, scene.terms(part, full=True), scene.generalised(part)
+            K_T = e.pinv[part, :, :m].transpose(0, 2, 1)
+            b = equations.b - s.measured(e.independent)
+            values = np.einsum("nmi,ni->nm", K_T, b - equations.A @ x)
+            G = -K_T @ equations.A[:, :, base.independent]
+            variance = np.einsum("nmi,ij,nmj->nm", G, cov, G)
+            for name, sigma in zip(mechanism.driven, self._noise, strict=True):
+                if name not in e.independent and sigma > 0:
+                    W = np.zeros(s.shape)
+                    s.add_torque(W, name, np.ones(len(s)))
+                    variance += (np.einsum("nmi,ni->nm", K_T, W) * sigma) ** 2
+            parts.append((e.t[part], values, np.sqrt(variance)))
+        t, values, stderr = (np.concatenate(each) for each in zip(*parts, strict=True))
+        open_ = np.where(self._determined, 0.0, np.nan)
+        return Forces(kinematics.multipliers, kinematics.units, t, values + open_, stderr + open_)
 
 
 def _check_time(name: str, value: float, least: float = 1e-9) -> None:
@@ -415,138 +525,3 @@ class _Solved:
     squares: Squares  # what the solution leaves in the rows
     parameters: tuple[Value, ...]  # unknown dynamic parameters, then those of effects
     base: tuple[BaseValue, ...]  # their combinations
-
-
-class _Recursion:
-    """A stream of rows, the triangles that absorb it, and what they say when it is asked for."""
-
-    def __init__(
-        self,
-        mechanism: Mechanism,
-        like: Motion,
-        point: Point,
-        forget: float | None,
-        latency: float,
-    ) -> None:
-        self._mechanism, self._point, self._T = mechanism, point, forget
-        self._columns = Columns.of(mechanism)
-        self._setting = setting = Setting.of(mechanism, like)
-        self.stream = Stream(mechanism, self._columns, setting, point, latency)
-        supports = row_supports(mechanism, self._columns, like.experiments[0])
-        self.accumulator = Accumulator(supports, forget, self.stream.period)
-        self._determined = identifiable_multipliers(mechanism, like)
-        self._noise = np.array([setting.noise.get(f"tau.{name}", 0.0) for name in mechanism.driven])
-        self._units = [mechanism.joint(name).force_unit for name in setting.independent]
-        self._solved: _Solved | None = None
-        self._known: dict[str, tuple[Value, float]] = {}  # identified parameters, and when [s]
-        self._most = 0  # base parameters that were known at once
-        self._ahead = Squares.zero(len(setting.independent))
-        self._last: SampleWindow | None = None
-
-    def push(self, sample: Sample) -> None:
-        """Take a sample or a block."""
-        self._absorb(self.stream.push(sample))
-
-    def snapshot(self) -> Snapshot:
-        """Return what is known by now."""
-        self._absorb(self.stream.flush())
-        solved, informed = self._solve()
-        parameters, held = self._stated(solved, informed)
-        ahead, self._ahead = self._ahead, Squares.zero(len(self._units))
-        names, (lost, why) = self._setting.independent, self.stream.lost
-        base = solved.estimate.base
-        return Snapshot(
-            t=self.accumulator.now,
-            samples=self.stream.samples,
-            rows=float(solved.squares.rows.mean()),
-            parameters=parameters,
-            base_parameters=solved.base,
-            held=held,
-            multipliers=self._forces([self._last] if self._last else []),
-            errors=solved.squares.errors(names, self._units),
-            ahead=ahead.errors(names, self._units) if ahead.rows.any() else {},
-            rank=base.rank,
-            condition_number=base.condition_number,
-            lag=self.stream.lag,
-            notes=(f"{lost} samples are left out, the last since {why}",) if lost else (),
-        )
-
-    @property
-    def multipliers(self) -> Forces | None:
-        """λ of the samples that the last call completed; None where there are none."""
-        return self._forces(self.stream.windows)
-
-    def _absorb(self, parts: Sequence[Rows]) -> None:
-        if windows := self.stream.windows:
-            end = windows[-1].inside.stop
-            self._last = replace(windows[-1], inside=slice(end - 1, end))
-        for rows in parts:
-            if self._solved is not None:
-                off = rows.b - rows.A @ self._solved.estimate.x
-                count = np.full(off.shape[1], float(len(off)))
-                squares = (off**2).sum(axis=0), (rows.tau**2).sum(axis=0)
-                self._ahead = self._ahead + Squares(*squares, count)
-            self.accumulator.absorb(rows)
-
-    def _solve(self) -> tuple[_Solved, bool]:
-        """What the rows say, and whether any has informed lately; else what they said last."""
-        old, columns = self._solved, self._columns
-        if old and self._T and self.accumulator.now - self.accumulator.informed > self._T:
-            return old, False
-        total = self.accumulator.information(len(columns))
-        # what is forgotten stays where it was
-        prior = old.estimate.x if old is not None and self._T else columns.prior
-        sensible = plausible_of(self._mechanism, columns, total)
-        fitted = estimate(total.totals, prior, total.rms_torque, sensible)
-        cov = covariance(total, fitted) + prior_covariance(fitted, sensible)
-        after = self._point.at(self._mechanism, columns, fitted.x)
-        values = [*rigid_values(self._mechanism, columns, fitted, cov)]
-        for each in effect_values(columns, fitted, cov, after):
-            values += [value for value in each.parameters if value.name in columns.index]
-        base = base_values(columns, fitted, cov)
-        self._solved = _Solved(fitted, cov, total.squares(fitted.x), tuple(values), base)
-        return self._solved, True
-
-    def _stated(self, solved: _Solved, informed: bool) -> tuple[tuple[Value, ...], tuple[str, ...]]:
-        """The parameters, and the names of those that are held at their last value."""
-        values, held, now = [], [], self.accumulator.now
-        rank = solved.estimate.base.rank
-        if informed and rank >= self._most:  # as much is known as ever: none is lost
-            self._most, self._known = rank, {}
-        for value in solved.parameters:
-            if value.identifiable and informed:
-                self._known[value.name] = value, now
-            elif self._T and value.name in self._known:
-                last, t = self._known[value.name]
-                growth = float(np.exp((now - t) / (2 * self._T)))
-                stderr = growth * (last.stderr or 0.0)
-                value = replace(last, stderr=stderr, identifiable=False)
-                held.append(value.name)
-            values.append(value)
-        return tuple(values), tuple(held)
-
-    def _forces(self, windows: Sequence[SampleWindow]) -> Forces | None:
-        """λ of the samples of some windows by the last solution; None where there is none."""
-        if self._solved is None or not self._mechanism.closures or not windows:
-            return None
-        kinematics, mechanism = self._mechanism.kinematics, self._mechanism
-        x, cov, base = self._solved.estimate.x, self._solved.covariance, self._solved.estimate.base
-        m, parts = len(kinematics.multipliers), []
-        for window in windows:
-            around, part = window.e, window.inside
-            scene = Scene.of(mechanism, self._columns, around, self._point, self._setting.cutoff)
-            e, equations, s = scene.e, scene.terms(part, full=True), scene.generalised(part)
-            K_T = e.pinv[part, :, :m].transpose(0, 2, 1)
-            b = equations.b - s.measured(e.independent)
-            values = np.einsum("nmi,ni->nm", K_T, b - equations.A @ x)
-            G = -K_T @ equations.A[:, :, base.independent]
-            variance = np.einsum("nmi,ij,nmj->nm", G, cov, G)
-            for name, sigma in zip(mechanism.driven, self._noise, strict=True):
-                if name not in e.independent and sigma > 0:
-                    W = np.zeros(s.shape)
-                    s.add_torque(W, name, np.ones(len(s)))
-                    variance += (np.einsum("nmi,ni->nm", K_T, W) * sigma) ** 2
-            parts.append((e.t[part], values, np.sqrt(variance)))
-        t, values, stderr = (np.concatenate(each) for each in zip(*parts, strict=True))
-        open_ = np.where(self._determined, 0.0, np.nan)
-        return Forces(kinematics.multipliers, kinematics.units, t, values + open_, stderr + open_)

@@ -3,18 +3,14 @@
     portion → motion → rows → one triangle a (log, block of time, coordinate),   triangles add
 
 A log of one portion decides by itself what `complete` decides: its clock, smoothing, standstill. A
-longer log decides once for all of its portions: smoothing and noise on some stretches, the speed
-below which a joint stands still by its top speed, and so by every sample. What several logs share
+longer log decides once for all of its portions, on some stretches of it. What several logs share
 (the filter, the joints in which errors count, the working point) is decided on an excerpt.
-
-Multipliers in a time basis have the knots of the whole log, so that portions meet inside one
-interval of them: what a portion leaves of the paper's stack is a `Stretch`, and neighbours add.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -23,22 +19,18 @@ import numpy as np
 
 from ident.equations.corrections import Scene
 from ident.equations.filter import Decimator
-from ident.equations.motion_noise import time_blocks
-from ident.equations.multipliers import stack
-from ident.equations.rows import largest_transmission, row_supports, rows
+from ident.equations.rows import row_supports, rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, MotionError, one_of
 from ident.fit.prediction import predict
-from ident.fit.problem import block_edges, blocks_of, equal_blocks, split_rows
-from ident.information.band import Stretch, eliminate
+from ident.fit.problem import block_edges, blocks_of, split_rows
 from ident.information.blocks import Block, Key
-from ident.information.splines import Basis
 from ident.log.read import names_of
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.motion.closures import LoopSolver
 from ident.motion.motion import decide, left_out, part_of, state_of
-from ident.motion.recipe import Band, standstill, thresholds, top_speeds
+from ident.motion.recipe import Band, standstill
 from ident.motion.signals import measure
 from ident.motion.state import State
 from ident.pool import Workers
@@ -49,9 +41,6 @@ KNOTS = 40  # from a sample to another whose noise moves a spline there by 1e-7 
 MEMORY = 4096  # samples after which an effect has forgotten where its memory began
 FEWEST = 64  # samples of a margin: what is interpolated reaches no farther
 THINNED = 8  # samples of which one is followed to know the branch of the closures
-
-Extremes = tuple[np.ndarray, np.ndarray | None]
-"""Top speeds (J,) and largest leverages (J, d), None for a tree, of some samples."""
 
 
 @dataclass(frozen=True)
@@ -83,19 +72,12 @@ class Plan:
         """The unknowns."""
         return Columns.of(self.mechanism)
 
-    @property
-    def stacked(self) -> bool:
-        """Whether multipliers have a time basis, so that parameters come from the paper's stack."""
-        return bool(self.mechanism.closures) and self.mechanism.multipliers.basis != "free"
-
     def margin(self, part: LogOnDisk) -> int:
         """Return how many rows beside a portion its filter, splines, delays, memory depend on."""
         clock, recipe = part.clock, part.recipe
         samples = Decimator.of(self.band.cutoff, 1 / clock.step).half + FEWEST
         if recipe is not None:
             samples += int(np.ceil((KNOTS * recipe.knots + recipe.ends) / clock.step))
-        if self.stacked:
-            samples += int(np.ceil(KNOTS * self.mechanism.multipliers.spacing / clock.step))
         if any(effect.memory for effect in self.mechanism.effects):
             samples += MEMORY
         samples += margin_of(self.mechanism, 1 / clock.step, self.band.cutoff)
@@ -151,23 +133,6 @@ def with_logs(plan: Plan, logs: Sequence[LogOnDisk], samples: int, workers: Work
     for i, decision in workers.over(_decided, several, plan, names, "deciding on smoothing"):
         if decision is not None:
             parts[i] = decision
-    plan = replace(plan, parts=tuple(parts))
-    if plan.mechanism.effects:  # else nothing asks whether a joint stands still
-        extremes: dict[int, list[Extremes]] = {
-            i: _logged_speeds(plan, i) for i in several if parts[i].recipe is not None
-        }
-        unknown = [p for i, mine in extremes.items() if not mine for p in plan.portions(i)]
-        names = [parts[portion.log].name for portion in unknown]
-        for portion, x in workers.over(_extremes, unknown, plan, names, "top speeds"):
-            if x is not None:
-                extremes[portion.log].append(x)
-        for i, mine in extremes.items():
-            recipe = parts[i].recipe
-            if mine and recipe is not None and recipe.still is not None:
-                far = [farthest for _, farthest in mine if farthest is not None]
-                still = thresholds(np.max([top for top, _ in mine], axis=0), recipe.still)
-                farthest = np.max(far, axis=0) if far else None
-                parts[i] = replace(parts[i], recipe=replace(recipe, still=still, farthest=farthest))
     remaining = tuple(part for part in parts if part.name not in workers.broken)
     _check_some(plan.mechanism, workers, remaining)
     return replace(plan, parts=remaining)
@@ -197,7 +162,7 @@ def _check_columns(plan: Plan, log: LogOnDisk) -> None:
 
 
 def _decided(plan: Plan, number: int) -> LogOnDisk:
-    """Decide for all portions of a log; standstill by the speeds that its noise imitates."""
+    """Decide for all portions of a log, on stretches of it."""
     part, clock = plan.parts[number], plan.parts[number].clock
     grid = Decimator.of(plan.band.cutoff, 1 / clock.step).factor
     recipe = decide(
@@ -236,27 +201,6 @@ def _anchors(plan: Plan, number: int) -> np.ndarray:
     return np.array(anchors)
 
 
-def _logged_speeds(plan: Plan, number: int) -> list[Extremes]:
-    """Top speeds (J,) of a tree whose speeds are taken as logged; nothing for others."""
-    part, mechanism = plan.parts[number], plan.mechanism
-    assert part.recipe is not None
-    top, rows = part.top, part.file.rows
-    names = [f"v.{joint.name}" for joint in mechanism.joints]
-    whole = all(count in (0, rows) for count in part.values.values())
-    if mechanism.closures or part.recipe.noisy or not whole or not {*names} <= {*top}:
-        return []
-    return [(np.array([top[name] for name in names]), None)]
-
-
-def _extremes(plan: Plan, portion: Portion) -> Extremes | None:
-    """Extremes of a portion; None where nothing is usable."""
-    e, _ = motion_of(plan, portion)
-    if e is None:
-        return None
-    e = replace(e, usable=e.usable & (e.t >= portion.since) & (e.t < portion.until))
-    return top_speeds(e), largest_transmission(e)
-
-
 def motion_of(plan: Plan, portion: Portion) -> tuple[State | None, list[str]]:
     """Complete the motion of a portion with its margins, as the whole log would have made it."""
     part, mechanism = plan.parts[portion.log], plan.mechanism
@@ -290,7 +234,6 @@ class PortionRows:
     portion: Portion  # where they are from
     blocks: tuple[Block, ...]  # triangles
     notes: tuple[str, ...] = ()  # what a person should know
-    stretch: Stretch | None = None  # of multipliers in a time basis: rest of the stack
 
 
 def absorbed(plan: Plan, portion: Portion) -> PortionRows:
@@ -311,22 +254,15 @@ def absorbed(plan: Plan, portion: Portion) -> PortionRows:
         own = (piece.t >= portion.since) & (piece.t < portion.until)
         for block, some in split_rows(rows_at(piece, own), edges) if own.any() else ():
             total.absorb(blocks_of(portion.log, block, [some], supports))
-    stretch = _stretch(plan, portion, scene) if plan.stacked else None
-    return PortionRows(portion, tuple(total.blocks.values()), tuple(notes), stretch)
+    return PortionRows(portion, tuple(total.blocks.values()), tuple(notes))
 
 
 class Sum:
-    """The sum of portions' triangles: blocks by key, stretches by log, number of portions."""
+    """The sum of portions' triangles by key, and the number of portions."""
 
-    def __init__(
-        self,
-        blocks: Iterable[Block] = (),
-        absorbed: int = 0,
-        stretches: Mapping[int, Stretch] | None = None,
-    ) -> None:
+    def __init__(self, blocks: Iterable[Block] = (), absorbed: int = 0) -> None:
         self.blocks: dict[Key, Block] = {}
         self.absorb(blocks)
-        self.stretches = dict(stretches or {})
         self.absorbed = absorbed
 
     def absorb(self, blocks: Iterable[Block]) -> None:
@@ -340,62 +276,15 @@ class Sum:
         self.absorbed += 1
         if done is not None:
             self.absorb(done.blocks)
-        if done is not None and done.stretch is not None:
-            old = self.stretches.get(done.portion.log)
-            self.stretches[done.portion.log] = old + done.stretch if old else done.stretch
-
-
-def _basis(plan: Plan, log: int) -> Basis:
-    """Basis of λ(t) over a whole log."""
-    clock, settings = plan.parts[log].clock, plan.mechanism.multipliers
-    return Basis.spanning(clock.t0, clock.t_end, settings.spacing, settings.degree)
-
-
-def _stretch(plan: Plan, portion: Portion, scene: Scene) -> Stretch | None:
-    """What a portion adds to the stack of its log; None where no row informs."""
-    basis, total = _basis(plan, portion.log), None
-    begins = np.arange(1, time_blocks(basis)) * basis.count // time_blocks(basis)
-    for segment in scene.e.segments():
-        for chunk in stack(scene, plan.band.cutoff, segment, basis, portion.since, portion.until):
-            if len(chunk.b):
-                stretch = Stretch.of(chunk, begins)
-                total = stretch if total is None else total + stretch
-    return total
-
-
-def stack_blocks(plan: Plan, stretches: Mapping[int, Stretch]) -> list[Block]:
-    """Close the stacks of logs, when all of their portions are added."""
-    results = []
-    for log, stretch in sorted(stretches.items()):
-        basis = _basis(plan, log)
-        results += equal_blocks(log, 0, stretch.closed(), basis.t0, basis.t_end)
-    return results
 
 
 def multipliers_of(plan: Plan, portion: Portion) -> tuple[np.ndarray, np.ndarray]:
     """Compute t (n,) [s] and multipliers (n, m) [N | N m] of the samples of a portion."""
-    names, cutoff = plan.mechanism.kinematics.multipliers, plan.band.cutoff
     e, _ = motion_of(plan, portion)
     if e is None:
-        return np.empty(0), np.empty((0, len(names)))
+        return np.empty(0), np.empty((0, len(plan.mechanism.kinematics.multipliers)))
     own = (e.t >= portion.since) & (e.t < portion.until)
-    if not plan.stacked:
-        motion = Motion((e,), plan.independent, plan.band, 0.0)
-        (prediction,) = predict(plan.mechanism, motion, plan.point)
-        values = np.where(prediction.usable[:, None], prediction.multipliers, np.nan)
-        return prediction.t[own], values[own]
-    scene = Scene.of(plan.mechanism, plan.columns, e, plan.point, cutoff)
-    x, whole = plan.point.unknowns(plan.columns), _basis(plan, portion.log)
-    values = np.full((len(e), len(names)), np.nan)
-    for segment in scene.e.segments():
-        t = scene.e.t[segment]
-        if len(t) < 3:
-            continue
-        before = np.floor((t[0] - whole.t0) / whole.spacing + 1e-9)
-        begin = float(whole.t0 + before * whole.spacing)  # on the knots of the whole log
-        # beyond the margins nothing is known here, which the innermost samples do not depend on
-        basis = Basis.spanning(begin, float(t[-1]), whole.spacing, whole.degree)
-        if chunks := [c for c in stack(scene, cutoff, segment, basis) if len(c.b)]:
-            a = eliminate(chunks, basis.count).back_substitute(x)
-            values[segment] = basis.evaluate(a, t)
-    return e.t[own], values[own]
+    motion = Motion((e,), plan.independent, plan.band, 0.0)
+    (prediction,) = predict(plan.mechanism, motion, plan.point)
+    values = np.where(prediction.usable[:, None], prediction.multipliers, np.nan)
+    return prediction.t[own], values[own]

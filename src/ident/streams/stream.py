@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from math import factorial
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -28,10 +28,18 @@ from ident.equations.rows import CHUNK, Rows, largest_transmission, raw_rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, LogError, MotionError, one_of
 from ident.log import Column, Log
-from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.mechanism import Mechanism, Multipliers
 from ident.motion import Motion
 from ident.motion.closures import LoopSolver
-from ident.motion.signals import GAP, LARGEST, UNEVEN, is_signal
+from ident.motion.signals import (
+    GAP,
+    LARGEST,
+    LONE,
+    NO_MEASUREMENT,
+    UNEVEN,
+    is_signal,
+    usual_range,
+)
 from ident.motion.smoothing import AS_LOGGED
 from ident.motion.state import State, largest_nearness, nearness, wrenches
 
@@ -47,8 +55,6 @@ SPLINE, TWICE = 12, 2  # samples: where a cubic spline forgets its ends; lost by
 
 Sample = Mapping[str, Any] | Log
 """One sample, or a block of them, by column: numbers, or arrays (n,)."""
-
-SomeRows = TypeVar("SomeRows", bound=Rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +76,8 @@ class Setting:
     singular: float  # ‖K⁺‖ from which on a sample is too near a singular position
     y: np.ndarray  # (places, logged) configurations on the way of this machine
     q: np.ndarray  # (places, nq)
+    # by column, median and distance from it beyond which a sample is absurd
+    usual: Mapping[str, tuple[float, float]]
 
     @classmethod
     def of(cls, mechanism: Mechanism, motion: Motion) -> Setting:
@@ -109,6 +117,7 @@ class Setting:
             singular=np.inf if e.loop is None else largest_nearness(nearness(e)),
             y=e.y[some][:, at],
             q=e.q[some],
+            usual={name: usual_range(x) for name, x in log.columns.items() if is_signal(name)},
         )
 
     @property
@@ -355,7 +364,7 @@ class ClosureFollower:
         regular = nearness(e) < self._setting.singular
         if not regular.all():
             at = float(e.t[np.argmin(regular)])
-            self._lose(int((~regular).sum()), f"t = {at:.6g} s is near a singular position")
+            self.lose(int((~regular).sum()), f"t = {at:.6g} s is near a singular position")
             e, closed = e.at_samples(regular), closed[regular]
         return e, closed
 
@@ -368,7 +377,7 @@ class ClosureFollower:
             q = self._solver.onward(self._q, self._y, y, t)
         except MotionError as error:
             if len(y) == 1:
-                self._lose(1, str(error))
+                self.lose(1, str(error))
                 self._q = None  # the next sample begins from a place that is known
                 return np.full((1, self._mechanism.model.nq), np.nan)
             half = len(y) // 2
@@ -378,29 +387,22 @@ class ClosureFollower:
         self._q, self._y = q[-1], y[-1]
         return q
 
-    def _lose(self, count: int, why: str) -> None:
+    def lose(self, count: int, why: str) -> None:
+        """Count samples that are left out."""
         self.lost, self.why = self.lost + count, why
 
 
-@dataclass(frozen=True, eq=False)
-class StreamedRows(Rows):
-    """Rows with the configurations q (n, nq) of their samples."""
-
-    q: np.ndarray
-
-
-def concatenated(parts: Sequence[SomeRows]) -> SomeRows:
+def concatenated(parts: Sequence[Rows]) -> Rows:
     """Put rows one after the other."""
     if len(parts) == 1:
         return parts[0]
-    kind = type(parts[0])
-    names = kind.__dataclass_fields__
-    return kind(*(np.concatenate([getattr(x, name) for x in parts]) for name in names))
+    names = [each.name for each in fields(Rows)]
+    return Rows(*(np.concatenate([getattr(x, name) for x in parts]) for name in names))
 
 
-def rows_at(rows: SomeRows, which: slice | np.ndarray) -> SomeRows:
+def rows_at(rows: Rows, which: slice | np.ndarray) -> Rows:
     """Return some of the rows."""
-    return type(rows)(*(getattr(rows, name)[which] for name in type(rows).__dataclass_fields__))
+    return Rows(*(getattr(rows, each.name)[which] for each in fields(Rows)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -442,6 +444,9 @@ class Stream:
         needed = (*setting.motion_columns, *others)
         self._parser = SampleParser(mechanism.name, mechanism.columns, needed)
         place = self._parser.columns.index
+        usual = [setting.usual.get(name, (0.0, np.inf)) for name in self._parser.columns]
+        self._centre, self._reach = np.array(usual).T
+        self._absurd = 0  # samples in a row that are no measurements
         self._others = {name: place(name) for name in others}
         self._torques = [place(name) for name in torques]
         self._motion = np.array([place(name) for name in setting.motion_columns])
@@ -451,7 +456,7 @@ class Stream:
         self._follower = ClosureFollower(mechanism, setting)
         self._decimator, self._sticking = Decimator.of(setting.cutoff, setting.rate), sticking
         self._run: FilterRun | None = None
-        self._recent = np.empty(0), np.empty((0, 0))  # t and q of the samples that the filter holds
+        self._recent = np.empty(0)  # t of the samples that the filter holds
         free = setting.half == self._margin == 0 and setting.cutoff is None
         self._clock = StreamClock(setting.rate, free)
         self._block = int(np.clip(round(latency * setting.rate), 1, TOGETHER))
@@ -475,20 +480,42 @@ class Stream:
 
     @property
     def lost(self) -> tuple[int, str]:
-        """Samples that could not be completed, and why the last of them."""
+        """Samples that are left out, and why the last of them."""
         return self._follower.lost, self._follower.why
 
-    def push(self, sample: Sample) -> list[StreamedRows]:
-        """Return the rows that are known with a further sample, or a block of them."""
-        X = self._parser(sample)
+    def push(self, sample: Sample) -> list[Rows]:
+        """Return the rows that are known with a further sample, or a block of them.
+
+        Raises:
+            LogError: for a sample that is not whole, or absurd; of a block, absurd ones are left
+                out.
+        """
+        X = self._measured(self._parser(sample))
         self.samples += len(X)
-        self._waiting.append(X)
+        if len(X):
+            self._waiting.append(X)
         if sum(map(len, self._waiting)) >= self._block:
             return self.flush()
         self.windows = []
         return []
 
-    def flush(self) -> list[StreamedRows]:
+    def _measured(self, X: np.ndarray) -> np.ndarray:
+        """Leave out samples far from what is usual, unless several follow each other."""
+        far = np.abs(X - self._centre) > self._reach
+        good = np.ones(len(X), dtype=bool)
+        for i, odd in enumerate(far.any(axis=1)):
+            self._absurd = self._absurd + 1 if odd else 0
+            good[i] = not 0 < self._absurd < LONE
+        for row in np.flatnonzero(~good)[-1:]:
+            at = int(far[row].argmax())
+            name, value, t = self._parser.columns[at], X[row, at], X[row, 0]
+            why = f"{name} = {value:.4g} in the sample at t = {t:.6g} s {NO_MEASUREMENT}"
+            if len(X) == 1:
+                raise LogError(f"{self.mechanism.name}: {why}")
+            self._follower.lose(int((~good).sum()), why)
+        return X[good]
+
+    def flush(self) -> list[Rows]:
         """Return the rows of samples that wait for others."""
         self.windows, waiting, self._waiting = [], self._waiting, []
         X = np.concatenate(waiting) if waiting else np.empty((0, 1))
@@ -499,7 +526,7 @@ class Stream:
             for rows in self._rows_of(*block)
         ]
 
-    def _rows_of(self, number: int, X: np.ndarray) -> Iterator[StreamedRows]:
+    def _rows_of(self, number: int, X: np.ndarray) -> Iterator[Rows]:
         """Yield the rows that a block of samples X (n, columns) completes."""
         half, margin = self.setting.half, self._margin
         number, X = self._raw(number, X)
@@ -522,7 +549,7 @@ class Stream:
             setting = self.setting
             scene = Scene.of(self.mechanism, self.columns, around, self.point, setting.cutoff)
             raw = raw_rows(scene, window.inside, setting.farthest)
-            rows = self._filtered(replace(raw, sample=sample), around.q[window.inside])
+            rows = self._filtered(replace(raw, sample=sample))
             if rows is not None:
                 yield rows
 
@@ -551,16 +578,16 @@ class Stream:
             e = replace(e, wrench=wrenches(self.mechanism, e.name, e.extra, e.q))
         return e, places
 
-    def _filtered(self, raw: Rows, q: np.ndarray) -> StreamedRows | None:
-        """Return the rows that are known with further raw rows at configurations q (n, nq)."""
+    def _filtered(self, raw: Rows) -> Rows | None:
+        """Return the rows that are known with further raw rows."""
         if self._run is None or raw.sample[0] != self._run.end:  # nothing passes a gap
             self._run = FilterRun(self._decimator, int(raw.sample[0]), self._sticking)
-            self._recent = np.empty(0), np.empty((0, q.shape[1]))
-        t, q = (np.concatenate(both) for both in zip(self._recent, (raw.t, q), strict=True))
+            self._recent = np.empty(0)
+        t = np.concatenate([self._recent, raw.t])
         sample, (A, b, tau, informed) = self._run.push([raw.A, raw.b, raw.tau, raw.informed])
-        tail, at = max(0, len(t) - self._decimator.half), sample - self._run.end  # from the end
-        self._recent = t[tail:], q[tail:]
-        return StreamedRows(t[at], sample, A, b, tau, informed, q[at]) if len(sample) else None
+        self._recent = t[max(0, len(t) - self._decimator.half) :]
+        at = sample - self._run.end  # from the end
+        return Rows(t[at], sample, A, b, tau, informed) if len(sample) else None
 
 
 def margin_of(mechanism: Mechanism, rate: float, cutoff: float | None) -> int:
@@ -573,6 +600,14 @@ def margin_of(mechanism: Mechanism, rate: float, cutoff: float | None) -> int:
             wide = WIDER * cutoff if cutoff and WIDER * cutoff < 0.5 * rate else None
             most = max(most, Decimator.of(wide, rate).half + TWICE)
     return most
+
+
+def with_free_multipliers(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
+    """Return the mechanism with one value of λ a sample, and a note if it has a time basis."""
+    if (basis := mechanism.multipliers.basis) == "free":
+        return mechanism, []
+    note = f"multipliers are free, one value a sample, and not {basis}"
+    return replace(mechanism, multipliers=Multipliers()), [note]
 
 
 def check_causal(mechanism: Mechanism) -> None:

@@ -6,8 +6,8 @@ A suspect is a cause and its columns of A: an effect's own, or for a payload tho
 else is arithmetic on the triangle R of the intervals, in all columns:
 
     θ_g = argmin |e − R_g θ|²,   F_g = |R_g θ_g|²          e = d − R x_ref
-    worth  q_g = F_g / φ² − k_g log(n / φ²)                 parsimony: a payload has ten columns
-    apart  z_gh = (q_g − q_h) / (2 |R_g θ_g − R_h θ_h| / φ)
+    gain   G_g = Σ_k D_k / φ²        fall of the squares of intervals that are left out of the fit
+    apart  z_gh = (G_g − G_h) / (2 |R_g θ_g − R_h θ_h| / φ)     of nested ones the smaller if z < 3
 
 If g is the truth, F_g − F_h scatters with twice the distance of the two predictions, so z is the
 evidence for g over h in its own standard errors (Vuong, Econometrica 57(2), 1989, with the noise
@@ -16,9 +16,8 @@ can exist, put on or taken off, since ten free columns explain much that no body
 
     θ = argmin |C θ − e|²     such that P(θ) ⪰ 0, or P(−θ) ⪰ 0     (the 4 × 4 pseudo-inertia)
 
-Free multipliers are no further sensors: their error is the torques' error r, through the loop.
-
-    λ̂ = (Jᵀ)⁺ (τ − Γ p − E c),    λ̂ − λ_ref = G r,    G = (Jᵀ)⁺ W_uᵀ,    Δλ = −K⁺ᵀ_λ A Δx
+Free multipliers are no further sensors: their error is that of the torques, through the loop.
+What a change Δx does to them is Δλ = −K⁺ᵀ_λ A Δx.
 """
 
 from __future__ import annotations
@@ -36,14 +35,15 @@ from ident.equations.rows import Rows, rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, one_of
 from ident.fit import Fit
+from ident.information.blocks import Block, Information
 from ident.information.cone import Limit, nearest, svec
+from ident.information.hypotheses import PartialRegression
 from ident.information.triangle import Triangle
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, pseudo_inertia
 from ident.motion import Motion
-from ident.motion.closures import LoopSolver
 from ident.motion.state import State
-from ident.streams.charts import FELT, NormalRunning, WatchedInterval, WatchedRows
+from ident.streams.charts import FELT, NormalRunning, WatchedInterval
 
 WATCHED = tuple(kind for kind, cls in KINDS.items() if cls.watched == "always")
 STICKING = 0.02  # share of a row that may come from standstill, where dry friction is open
@@ -55,9 +55,9 @@ EXPLAINS = 0.999  # or share of what is beyond noise that is explained: no model
 MOSTLY = 0.8  # share that a cause must explain however little is left
 NEGATIVE = 2.0  # standard errors below zero at which a value is one that no such thing can have
 EARLIER = 10  # intervals before the leading chart's onset in which it can have been
-LATELY = 10, 40  # least and most intervals before the onset that show how large errors were before
 RIDGE = 1e-3  # of unit columns, for what the intervals do not determine of a load
 THINNED = 600  # samples of an experiment in which Δλ is taken
+TINY = 1e-300  # so that nothing is divided by zero
 BODIES = np.stack([svec(pseudo_inertia(each)) for each in np.eye(COUNT)], axis=1)
 
 
@@ -148,28 +148,13 @@ class Watched:
             mask[suspect.places[:DIRECT]] = True
         return mask
 
-    @property
-    def errors(self) -> tuple[str, ...]:
-        """(d + m,) names of the joints and multipliers whose errors are watched."""
-        return (*self.joints, *self.mechanism.kinematics.multipliers)
-
     def scene(self, e: State) -> Scene:
         """Return an experiment as these equations see it."""
         return Scene.of(self.mechanism, self.columns, e, self.point, self.cutoff)
 
-    def rows(self, e: State) -> Iterator[WatchedRows]:
+    def rows(self, e: State) -> Iterator[Rows]:
         """Yield all rows of an experiment."""
-        scene = self.scene(e)
-        for part in rows(scene, self.cutoff, STICKING, keep=False):
-            yield self.with_multipliers(part, scene.e.q[part.sample])
-
-    def with_multipliers(self, part: Rows, q: np.ndarray | None = None) -> WatchedRows:
-        """Add G at the configurations q (n, nq), if these are given."""
-        m = len(self.mechanism.kinematics.multipliers)
-        G = np.zeros((len(part.t), m, len(self.joints)))
-        if q is not None:
-            G = multiplier_sensitivity(self.mechanism, self.joints, q)
-        return WatchedRows(part.t, part.sample, part.A, part.b, part.tau, part.informed, G)
+        return rows(self.scene(e), self.cutoff, STICKING, keep=False)
 
     def multiplier_triangles(self, motion: Motion) -> tuple[Triangle, ...]:
         """Return for every multiplier the triangle of ∂λ/∂x (samples, k) over a motion.
@@ -207,17 +192,6 @@ def _known(reference: Fit | Mechanism) -> tuple[Mechanism, Point]:
     return reference, Point.prior(reference)
 
 
-def multiplier_sensitivity(
-    mechanism: Mechanism, independent: tuple[str, ...], q: np.ndarray
-) -> np.ndarray:
-    """Compute G (n, m, d), which turns residuals into errors of a loop's multipliers."""
-    if not mechanism.closures:
-        return np.zeros((len(q), 0, len(independent)))
-    J = mechanism.kinematics.closure_rows(q).rate
-    W = LoopSolver(mechanism, independent).coordinates(q).rate
-    return np.linalg.pinv(J.transpose(0, 2, 1), rcond=FELT) @ W.transpose(0, 2, 1)
-
-
 @dataclass(frozen=True, eq=False)
 class Reading:
     """One suspect fitted."""
@@ -227,18 +201,18 @@ class Reading:
     stderr: np.ndarray  # (k,), NaN where it is not determined alone
     root: np.ndarray  # (k, r) a root of θ's covariance
     fall: float  # F
-    worth: float  # q
+    gain: float  # G
     predicted: np.ndarray  # (all columns,) R_g θ_g in the triangle's coordinates
 
     @classmethod
     def of(
-        cls, suspect: Suspect, R: np.ndarray, e: np.ndarray, x: np.ndarray, phi2: float, n: float
+        cls, suspect: Suspect, R: np.ndarray, e: np.ndarray, x: np.ndarray, phi2: float, gain: float
     ) -> Reading | None:
         """Fit a suspect; None where its columns have no effect, or values come out impossible."""
+        if gain <= 0:
+            return None
         C = R[:, suspect.places]
         size = np.linalg.norm(C, axis=0)
-        if not size.any():
-            return None
         safe = np.where(size > 0, size, 1.0)
         U, s, Vt = np.linalg.svd(C / safe, full_matrices=False)
         good = s > RANK * s[0]
@@ -246,8 +220,11 @@ class Reading:
         root = np.sqrt(phi2) * (Vt[good].T / s[good]) / safe[:, None]
         error = np.linalg.norm(root, axis=1)
         alone = (size > 0) & ~((Vt[~good] ** 2).sum(axis=0) > FELT)
-        if suspect.effects[0].loaded_link:
-            theta = load_change(C, e)
+        if suspect.effects[0].loaded_link:  # less than what ten free columns would explain
+            free, theta = C @ theta, load_change(C, e)
+            gain -= float(np.sum((e - C @ theta) ** 2) - np.sum((e - free) ** 2)) / phi2
+            if gain <= 0:
+                return None
         elif any(
             (each.nonnegative and value < -NEGATIVE * se) or abs(value) > each.largest + se
             for each, value, se in zip(
@@ -257,27 +234,24 @@ class Reading:
             return None
         predicted = C @ theta
         fall = float(e @ e - np.sum((e - predicted) ** 2))
-        worth = fall / phi2 - len(theta) * float(np.log(n))
-        if worth <= 0:
-            return None
-        return cls(suspect, theta, np.where(alone, error, np.nan), root, fall, worth, predicted)
+        return cls(suspect, theta, np.where(alone, error, np.nan), root, fall, gain, predicted)
 
     def apart_from(self, other: Reading, phi2: float) -> float:
-        """Return z over another; two that predict nearly the same differ by their worth only."""
+        """Return z over another; two that predict nearly the same differ by their gain only."""
         distance = float(np.linalg.norm(self.predicted - other.predicted)) / np.sqrt(phi2)
-        return (self.worth - other.worth) / (2.0 * max(distance, 1.0))
+        return (self.gain - other.gain) / (2.0 * max(distance, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
 class Naming:
-    """All suspects by their worth, and how many of them are tied."""
+    """All suspects by their gain, and how many of them are tied."""
 
     readings: tuple[Reading, ...]  # best first
     rivals: tuple[Reading, ...]  # of the best one
     surplus: float  # standard errors by which what the best leaves exceeds noise
     explained: float  # share of the squares beyond noise that it removes
     remains: float  # mean square of what is left, 1 in normal running
-    least: float  # worth that a cause must have to be one
+    least: float  # gain that a cause must have to be one
 
     @property
     def best(self) -> Reading | None:
@@ -287,7 +261,7 @@ class Naming:
     @property
     def sound(self) -> bool:
         """Whether the best is likely enough by itself, and leaves nothing to be explained."""
-        likely = self.best is not None and self.best.worth >= self.least
+        likely = self.best is not None and self.best.gain >= self.least
         enough = self.surplus < SURPLUS and self.explained >= MOSTLY
         return likely and (self.explained >= EXPLAINS or enough)
 
@@ -298,24 +272,24 @@ def name_change(
     x: np.ndarray,
     normal: NormalRunning,
     least: float,
-    before: Sequence[WatchedInterval] = (),
 ) -> Naming:
     """Fit all suspects to the intervals of a window."""
     triangle = Triangle.merge([each.triangle for each in window])
     e, phi2 = triangle.d - triangle.R @ x, normal.typical
-    n = max(triangle.rows, 2) / phi2
-    fitted = (Reading.of(suspect, triangle.R, e, x, phi2, n) for suspect in suspects)
-    readings = sorted(filter(None, fitted), key=lambda each: -each.worth)
-    best, d = readings[0] if readings else None, len(normal.sigma)
-    level = normal.energy[:d]  # mean squares, as learnt, or as they have been of late if more
-    if len(before) >= LATELY[0]:
-        squares, count = (
-            np.sum([getattr(b, n)[:d] for b in before], axis=0) for n in ("squares", "rows")
-        )
-        level = np.maximum(level, squares / np.maximum(count, 1))
-    usual = np.array([each.rows[:d] for each in window]) * level
-    expected = float(usual.sum())
-    scatter = float(np.sqrt((2.0 / normal.freedom[:d] * usual**2).sum()))
+    gains = left_out_gains(suspects, window, x) / phi2
+    fitted = (
+        Reading.of(suspect, triangle.R, e, x, phi2, float(gain))
+        for suspect, gain in zip(suspects, gains, strict=True)
+    )
+    readings = sorted(filter(None, fitted), key=lambda each: -each.gain)
+    for smaller in [each for each in readings if readings[0].suspect.contains(each.suspect)]:
+        if readings[0].apart_from(smaller, phi2) < APART:  # as good with fewer numbers
+            readings.remove(smaller)
+            readings.insert(0, smaller)
+    best = readings[0] if readings else None
+    usual = np.array([each.rows for each in window]) * normal.energy
+    expected = max(float(usual.sum()), TINY)  # nothing where all rows are at rest
+    scatter = max(float(np.sqrt((2.0 / normal.freedom * usual**2).sum())), TINY)
     squares = float(e @ e + triangle.rho**2)
     rest = squares - (best.fall if best else 0.0)
     return Naming(
@@ -328,10 +302,28 @@ def name_change(
             and best.apart_from(each, phi2) < APART
         ),
         surplus=(rest - expected) / scatter,
-        explained=(squares - rest) / max(squares - expected, 1e-300),
+        explained=(squares - rest) / max(squares - expected, TINY),
         remains=rest / expected,
         least=least,
     )
+
+
+def left_out_gains(
+    suspects: Sequence[Suspect], window: Sequence[WatchedInterval], x: np.ndarray
+) -> np.ndarray:
+    """(suspects,) fall of the squares of intervals when each is left out of the suspect's fit."""
+    blocks = [
+        Block(
+            0, i, 0, each.triangle, Triangle.empty(len(x)), np.arange(len(x)), each.torque,
+            (each.start, each.end),
+        )
+        for i, each in enumerate(window)
+    ]  # fmt: skip
+    information = Information.of(blocks, len(x), 1)
+    if len(information.times) < 2:
+        return np.zeros(len(suspects))
+    regression = PartialRegression.of(information, np.ones(1), np.empty(0, dtype=int), x)
+    return np.asarray(regression.gains([suspect.places for suspect in suspects]).G)
 
 
 def onset(held: Sequence[WatchedInterval], x: np.ndarray, best: Reading) -> int:
@@ -352,15 +344,12 @@ def name_since_onset(
     x: np.ndarray,
     normal: NormalRunning,
     least: float,
-    *,
-    forgiving: bool,
 ) -> tuple[Naming, list[WatchedInterval]]:
     """Fit all suspects to the intervals since the onset that the best of them gives."""
 
     def naming_from(start: int) -> Naming:
         window = held[start + 1 :] or held[start:]  # without the interval in which the onset was
-        before = held[max(start - LATELY[1], 0) : start] if forgiving else []
-        return name_change(suspects, window, x, normal, least, before)
+        return name_change(suspects, window, x, normal, least)
 
     start = max(len(held) - since, 0)
     naming = naming_from(start)
