@@ -122,14 +122,16 @@ def _held(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
 
 
 def _absorbed(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
-    """Report effects' unknowns without columns of their own."""
-    absorbed = absorbed_by(columns, estimate.base)
-    for effect, places in columns.effects:
-        for name, at in zip(effect.names, places, strict=True):
-            if at >= 0 and name in absorbed and not estimate.held[at]:
-                carrier = absorbed[name]
-                why = f"same columns as {carrier}" if carrier else "nothing in this motion feels it"
-                yield Finding("absorbed", f"{name} cannot be identified: {why}", where=(name,))
+    """Report effects' unknowns without columns of their own, by what carries them."""
+    held = {columns.names[i] for i in np.flatnonzero(estimate.held)}
+    names: dict[str, list[str]] = {}
+    for name, carrier in absorbed_by(columns, estimate.base).items():
+        if columns.index[name] >= len(columns.rigid) and name not in held:
+            why = f"same columns as {carrier}" if carrier else "nothing in this motion feels that"
+            names.setdefault(why, []).append(name)
+    for why, some in names.items():
+        text = f"{_some(some, 6)} cannot be identified: {why}"
+        yield Finding("absorbed", text, where=tuple(some))
 
 
 def _short_runs(motion: Motion) -> Iterator[Finding]:
@@ -147,16 +149,19 @@ def _short_runs(motion: Motion) -> Iterator[Finding]:
 
 def _partly_known(mechanism: Mechanism) -> Iterator[Finding]:
     """Report bodies of which mass or first moments are unknown, but not all that they enter."""
+    links: dict[tuple[str, ...], list[str]] = {}
     for link in mechanism.bodies.links:
-        unknown = [word for word in DYNAMIC if f"{link}.{word}" in mechanism.unknown]
-        if set(unknown) & {"m", "mx", "my", "mz"} and len(unknown) < COUNT:
-            text = (
-                f"of {link} {', '.join(unknown)} is unknown while "
-                f"{', '.join(word for word in DYNAMIC if word not in unknown)} are held: first "
-                "moments and moments about the joint frame, so that its centre of mass and inertia "
-                "about it move"
-            )
-            yield Finding("partly known", text, where=(link,))
+        unknown = tuple(word for word in DYNAMIC if f"{link}.{word}" in mechanism.unknown)
+        if {*unknown} & {"m", "mx", "my", "mz"} and len(unknown) < COUNT:
+            links.setdefault(unknown, []).append(link)
+    for unknown, some in links.items():
+        text = (
+            f"of {_some(some, 6)} {', '.join(unknown)} is unknown while "
+            f"{', '.join(word for word in DYNAMIC if word not in unknown)} are held: first "
+            "moments and moments about the joint frame, so that centre of mass and inertia "
+            "about it move"
+        )
+        yield Finding("partly known", text, where=tuple(some))
 
 
 def _multipliers(problem: Problem, estimate: Estimate) -> Iterator[Finding]:

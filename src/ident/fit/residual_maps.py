@@ -147,9 +147,10 @@ class SignalMap:
 
 
 def _hats(x: np.ndarray, name: str, kind: str, unit: str, count: int, stiff: float) -> SignalMap:
-    """Return the map of a signal (n,) by hat functions, constant beyond the ends."""
+    """Return the map of a signal (n,) by hat functions over its range."""
     knots = np.linspace(x.min(), x.max(), count)
-    columns = np.stack([np.interp(x, knots, one) for one in np.eye(count)], axis=1)
+    at = (x - knots[0]) / max(knots[1] - knots[0], 1e-300)
+    columns = np.maximum(0.0, 1.0 - np.abs(at[:, None] - np.arange(count)))
     return SignalMap(name, kind, unit, columns, knots, stiff)
 
 

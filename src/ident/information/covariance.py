@@ -66,6 +66,8 @@ def prior_covariance(estimate: Estimate, plausible: Array) -> Array:
     the base parameters by −(A_IᵀA_I)⁻¹ A_Iᵀ A_held δ.
     """
     R, held = estimate.triangle.R, estimate.held
+    if not held.any():
+        return np.zeros((estimate.base.rank,) * 2)
     moved = np.linalg.lstsq(R[:, estimate.base.independent], R[:, held], rcond=None)[0]
     moved = moved * plausible[held]
     return np.asarray(moved @ moved.T)
