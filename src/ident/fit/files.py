@@ -14,7 +14,7 @@ import polars as pl
 from lxml import etree
 
 from ident.display import render
-from ident.effects import KINDS, Effect
+from ident.effects import KINDS
 from ident.effects import create as create_effect
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, MechanismError, missing_file, one_of
@@ -277,8 +277,9 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism) -> Saved:
     for effect in data["effects"]:
         kind, label = effect["kind"], ":".join(filter(None, (effect["kind"], effect["joint"])))
         own = next((known for known in grown.effects if known.label == label), None)
-        if own is not None and own.known:
-            grown = _freed(grown, own, effect["parameters"])
+        if own is not None and own.known:  # the fit's values count, which may be others
+            settings = {name: own.setting(name) for name in own.settings}
+            grown = grown + replace(own, values=settings)
         if own is None:
             if kind not in KINDS:
                 raise FitError(
@@ -309,18 +310,6 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism) -> Saved:
             x[at] = value + shift["xyz".index(word[1]), "xyz".index(word[2])]
     point = Point.prior(grown).with_values(given)
     return Saved(str(path), grown, point.at(grown, columns, x), _cutoff(data), _read_errors(data))
-
-
-def _freed(mechanism: Mechanism, own: Effect, entries: list[dict[str, Any]]) -> Mechanism:
-    """Return the mechanism without known values of an effect that the fit found to be others."""
-    names = dict(zip(own.names, (each.name for each in own.parameters), strict=True))
-    other = {
-        names[each["name"]]
-        for each in entries
-        if each["name"] in names and each["value"] != own.values[names[each["name"]]]
-    }
-    same = {name: value for name, value in own.values.items() if name not in other}
-    return mechanism + replace(own, values=same) if other else mechanism
 
 
 def _cutoff(data: dict[str, Any]) -> float | str | None:
