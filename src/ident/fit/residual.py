@@ -279,7 +279,7 @@ class Residual(Displayed):
         return {name: self.rms_together("own", [name]) for name in self.traces[0].own}
 
     def rms_together(self, which: str, names: Sequence[str]) -> np.ndarray:
-        """Return the rms (d,) of the sum of some `parts`, or of some parts of the `own` rows."""
+        """Return the rms (d,) of the sum of some parts, by `names`; `which`: `parts` or `own`."""
         return _rms([sum(getattr(trace, which)[name] for name in names) for trace in self.traces])
 
     @cached_property
