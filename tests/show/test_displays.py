@@ -40,7 +40,7 @@ def nouns():
     }
 
 
-SENTENCES = ("correlation", "unexcited")
+SENTENCES = ("correlation", "health", "unexcited")
 
 
 def test_every_noun_shows_itself_and_nothing_runs(nouns):

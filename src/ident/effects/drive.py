@@ -18,6 +18,7 @@ class RotorInertia(Effect):
     """The motor rotor's inertia, seen at the joint (gear ratio squared times its own)."""
 
     kind = "rotor_inertia"
+    model_words = ("armature",)
     watched = "request"
     common = True
     sits = "driven"

@@ -16,6 +16,7 @@ class Spring(Effect):
     """A linear spring across a joint, with its preload."""
 
     kind = "spring"
+    model_words = ("stiffness", "spring_stiffness")
     watched = "request"
     unknowns = (
         Unknown("k", ("N m/rad", "N/m"), "stiffness", True, acts="linear"),

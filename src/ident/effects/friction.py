@@ -24,6 +24,7 @@ class Viscous(Effect):
     """Friction torque in proportion to speed."""
 
     kind = "viscous"
+    model_words = ("damping",)
     common = True
     companions = ("coulomb",)
     watched = "always"
@@ -54,6 +55,7 @@ class Coulomb(Dry):
     """Dry friction: constant against the direction of motion."""
 
     kind = "coulomb"
+    model_words = ("frictionloss", "friction")
     common = True
     companions = ("viscous",)
     watched = "always"

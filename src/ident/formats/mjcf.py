@@ -42,10 +42,6 @@ CONNECT, WELD, JOINT = range(3)  # mjtEq
 OTHER_EQUALITIES = {3: "tendon", 4: "flex"}
 SITE = 6  # mjtObj
 BY_JOINT, BY_TENDON = (0, 1), 3  # mjtTrn
-EFFECTS = {  # properties of a joint that are effects here
-    "damping": "viscous", "frictionloss": "coulomb", "armature": "rotor_inertia",
-    "stiffness": "spring",
-}  # fmt: skip
 
 
 def read_mjcf(path: Path, data: bytes) -> Description:
@@ -243,16 +239,15 @@ class _MjcfModel:
                 f"{', '.join(passive)}: no actuator, so passive (no torque); [joints] passive in a "
                 "mechanism.toml says otherwise"
             )
-        values: dict[str, Any] = {
+        values = {  # properties of a joint that are effects here
             "damping": m.dof_damping[m.jnt_dofadr],
             "frictionloss": m.dof_frictionloss[m.jnt_dofadr],
             "armature": m.dof_armature[m.jnt_dofadr],
             "stiffness": m.jnt_stiffness,
         }
-        having = {
-            word: [self.joints[int(j)] for j in np.flatnonzero(values[word])] for word in EFFECTS
-        }
-        notes += effect_notes(having, EFFECTS)
+        notes += effect_notes(
+            {word: [self.joints[int(j)] for j in np.flatnonzero(x)] for word, x in values.items()}
+        )
         away = [self.links[i] for i, at in enumerate(self.offsets) if np.any(at.translation)]
         if away:
             notes.append(f"{', '.join(away)}: the link's origin is at its joint, not at the body's")

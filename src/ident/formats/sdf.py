@@ -36,7 +36,7 @@ LOOP = {  # a joint that closes a loop, and the kind of closure
     "revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "fixed": "fixed",
     "ball": "point", "universal": "universal",
 }  # fmt: skip
-EFFECTS = {"damping": "viscous", "friction": "coulomb", "spring_stiffness": "spring"}
+DYNAMICS = ("damping", "friction", "spring_stiffness")  # that are effects here
 NO_LIMIT = 1e15  # SDF's own default is 1e16
 MODEL = "__model__"
 INERTIA = (("ixx", 0, 0), ("iyy", 1, 1), ("izz", 2, 2), ("ixy", 0, 1), ("ixz", 0, 2), ("iyz", 1, 2))
@@ -357,9 +357,9 @@ class _SdfModel:
         joints = self.carrying.values()
         having = {
             word: [str(j.get("name")) for j in joints if self._value(j, f"axis/dynamics/{word}", 0)]
-            for word in EFFECTS
+            for word in DYNAMICS
         }
-        notes += effect_notes(having, EFFECTS)
+        notes += effect_notes(having)
         away = [n for n in self.carrying if not self.origin(n).isApprox(self.pose_of(n), 1e-9)]
         if away:
             notes.append(f"{', '.join(away)}: the link's origin is at its joint, not at the body's")

@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
+from ident.effects.library import KINDS
 from ident.errors import MechanismError
 from ident.mechanism.urdf import parse_urdf, parse_xml, words
 from ident.plugins import is_own, reader_of
@@ -193,11 +194,12 @@ def mimic_table(joint: str, other: str, multiplier: float, offset: float) -> dic
     }
 
 
-def effect_notes(having: Mapping[str, Sequence[str]], effects: Mapping[str, str]) -> list[str]:
+def effect_notes(having: Mapping[str, Sequence[str]]) -> list[str]:
     """Return notes about properties of joints that are effects here, and how to identify them.
 
-    `having` gives the joints and `effects` the kind of effect, by property of the format.
+    `having` gives the joints by the word of the format.
     """
+    effects = {word: kind.kind for kind in KINDS.values() for word in kind.model_words}
     return [
         f"{word} of {', '.join(joints)} is not taken over; to identify it: --with "
         + (effects[word] if len(joints) > 1 else f"{effects[word]}:{joints[0]}")

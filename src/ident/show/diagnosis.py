@@ -199,8 +199,9 @@ def health_sheet(h: Health) -> Sheet:
     for each in h.findings:
         values = ("–" if x is None else f"{x:.3g}" for x in (each.number, each.threshold))
         rows.append([each.code, ", ".join(each.where), *values])
+    tables = {} if h.good else {"findings": rows}
     lines = [f"! {each}" for each in h.findings]
-    return Sheet(f"health of the data: {found}", tables={"findings": rows}, lines=lines)
+    return Sheet(f"health of the data: {found}", tables=tables, lines=lines)
 
 
 # --- in words -------------------------------------------------------------------------------------
