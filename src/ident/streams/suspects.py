@@ -282,10 +282,12 @@ def name_change(
         for suspect, gain in zip(suspects, gains, strict=True)
     )
     readings = sorted(filter(None, fitted), key=lambda each: -each.gain)
-    for smaller in [each for each in readings if readings[0].suspect.contains(each.suspect)]:
-        if readings[0].apart_from(smaller, phi2) < APART:  # as good with fewer numbers
-            readings.remove(smaller)
+    for smaller in readings[1:]:
+        contained = readings[0].suspect.contains(smaller.suspect)
+        if contained and readings[0].apart_from(smaller, phi2) < APART:
+            readings.remove(smaller)  # as good with fewer numbers
             readings.insert(0, smaller)
+            break
     best = readings[0] if readings else None
     usual = np.array([each.rows for each in window]) * normal.energy
     expected = max(float(usual.sum()), TINY)  # nothing where all rows are at rest
