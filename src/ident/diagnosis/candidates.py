@@ -127,12 +127,12 @@ class CandidateColumns:
 
     @property
     def numbers(self) -> int:
-        """How many numbers it takes."""
+        """Number of its parameters."""
         return len(self.effect.parameters)
 
     @property
     def curve(self) -> bool:
-        """Whether it is a curve, and no law."""
+        """Whether it is a curve rather than a law."""
         return isinstance(self.effect, Curve)
 
 

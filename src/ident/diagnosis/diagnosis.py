@@ -70,7 +70,7 @@ class Explanation:
         return self.after[self.joint].relative
 
     def json(self) -> dict[str, Any]:
-        """As in diagnosis.json."""
+        """Return the entry of diagnosis.json."""
         e = self.evidence
         return {
             **name_of(self.effect),
@@ -328,7 +328,7 @@ def started(point: Point, fit: Fit, found: Collection[Evidence]) -> Point:
 def _announced(
     fit: Fit, selection: Selection, found: Evidence, rivals: tuple[Effect, ...]
 ) -> Explanation:
-    """What the rows that decide announce of a candidate, without a refit."""
+    """Explain by a candidate as the rows that decide predict it, without a refit."""
     before = selection.first.regression.losses.sum(axis=0)
     share = np.sqrt(found.refit.loss.sum(axis=0) / np.where(before > 0, before, 1.0))
     after = {
@@ -364,7 +364,7 @@ def _explanation(
 
 
 def known_of(fit: Fit, effect: Effect) -> dict[str, float]:
-    """By full name, the values of an effect that the model has with known values; else none."""
+    """Return the known values, by full name, of an effect that the model has; empty if it has none."""
     own = next((e for e in fit.mechanism.effects if e.label == effect.label), None)
     if own is None:
         return {}

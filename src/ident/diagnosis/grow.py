@@ -54,7 +54,7 @@ class Step(Displayed):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class History(Plotted):
-    """How a model grew. Made by `ident.grow`.
+    """The ladder of a growing model, from `ident.grow`.
 
     Attributes:
         steps: the ladder, from the model that was given.
@@ -66,7 +66,7 @@ class History(Plotted):
 
     @property
     def fits(self) -> tuple[Fit, ...]:
-        """Of the rungs that were fitted, the first and the last among them."""
+        """Return the fits of the rungs that were fitted, the first and the last among them."""
         return tuple(step.fit for step in self.steps if step.fit is not None)
 
     @property
@@ -170,7 +170,7 @@ def grow(
 
 
 def better(before: Mapping[str, Error], after: Mapping[str, Error]) -> bool:
-    """Whether the held-out log density of a fit is larger, all joints together."""
+    """Return whether a fit has the larger held-out log density, all joints together."""
     return sum(np.log(max(after[n].rms, 1e-300) / max(before[n].rms, 1e-300)) for n in before) < 0
 
 

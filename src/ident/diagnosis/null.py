@@ -143,5 +143,5 @@ def judging(
 
 
 def _rms(x: Array) -> Array:
-    """Of each column of x (m, draws), at least rounding."""
+    """Return the rms of each column of x (m, draws), at least rounding."""
     return np.maximum(np.sqrt((x**2).mean(axis=0)), 1e-300)

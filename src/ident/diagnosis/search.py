@@ -113,7 +113,7 @@ class EffectSet:
 
     @cached_property
     def shares(self) -> dict[str, float]:
-        """By label, the in-sample rise of the squared error without each effect, as a share.
+        """Rise of the in-sample squared error without each effect, as a share, by label.
 
         It is larger than the left-out one; −1 of an effect whose values cannot be.
 
@@ -224,7 +224,7 @@ class Search:
                 return now
 
     def superfluous(self, now: EffectSet, bare: EffectSet, member: Member) -> bool:
-        """Whether a set is no worse without a member than chance makes it.
+        """Return whether a set is no worse without a member than chance makes it.
 
         What every machine has needs no evidence that it is there, only that it is not noise.
         """
@@ -381,7 +381,7 @@ def _judged(
 
 
 def _remains(curve: Effect, last: Ranking, least: float) -> bool:
-    """Whether a curve is still credible beside the law of its joint that explains most.
+    """Return whether a curve is still credible beside the law of its joint that explains most.
 
     A law that chance could bring as well is not named, but what it explains speaks against no
     other law's form.

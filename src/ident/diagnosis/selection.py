@@ -42,7 +42,7 @@ OnProgress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Decision:
-    """What a name takes.
+    """The three arguments of the rule of evidence.
 
     Attributes:
         alpha: chance that anything is credible where nothing is missing.
@@ -57,7 +57,7 @@ class Decision:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What speaks for one candidate.
+    """The evidence for one candidate.
 
     Attributes:
         effect, shape: which.
@@ -86,12 +86,12 @@ class Evidence:
 
     @property
     def numbers(self) -> int:
-        """How many numbers it takes."""
+        """Number of its parameters."""
         return len(self.effect.parameters)
 
     @property
     def coordinate(self) -> int:
-        """Whose error it lowers most."""
+        """Coordinate whose error it lowers most."""
         return int(self.refit.by.argmax())
 
     @property
@@ -272,7 +272,7 @@ def torque_squares(contest: Contest, regression: PartialRegression) -> Array:
 
 
 def sensible(contest: Contest, effect: Effect, theta: Array) -> bool:
-    """Whether no value is negative or large that cannot be; what is known already is added."""
+    """Return whether all values are possible for the effect, with those known already added."""
     names = effect.unknowns or effect.searched
     own = next((e.values for e in contest.fit.mechanism.effects if e.label == effect.label), {})
     values = theta[: len(names)] + [own.get(each.name, 0.0) for each in names]
@@ -289,7 +289,7 @@ def sensible(contest: Contest, effect: Effect, theta: Array) -> bool:
 
 
 def alike(a: Evidence, b: Evidence) -> bool:
-    """Whether two explain the same part."""
+    """Return whether two candidates explain the same part."""
     return float(a.refit.direction @ b.refit.direction) > ALIKE
 
 
@@ -303,7 +303,7 @@ def behind(a: Evidence, b: Evidence) -> float:
 
 
 def excess(a: Evidence, b: Evidence) -> float:
-    """By how much the left-out squared error is larger with a than with b, as a share."""
+    """Return by which share the left-out squared error is larger with a than with b."""
     return float(a.refit.loss.sum() / max(float(b.refit.loss.sum()), 1e-300)) - 1
 
 
@@ -333,7 +333,7 @@ def rivals(best: Evidence, ranking: Ranking, decision: Decision) -> tuple[Eviden
 
 
 def _nested(small: Evidence, large: Evidence) -> bool:
-    """Whether one is a special case of the other, at the same place."""
+    """Return whether one law is a special case of the other, at the same place."""
     a, b = small.effect, large.effect
     return a.joints == b.joints and b.kind in a.nested_in
 

@@ -1,4 +1,4 @@
-"""For what no effect of the library explains: a sparse expression of the signals, if one does.
+"""A sparse expression of the signals for a residual that no effect of the library explains.
 
     residual of joint j ≈ Σ c_i f_i(q, v, a, t)      f_i: products of powers, sines and signs
 
@@ -73,11 +73,11 @@ class Suggestion:
 
     @property
     def effect(self) -> str:
-        """As `--with` takes it."""
+        """Name by which `--with` takes it."""
         return f"suggestion.py:suggested:{','.join(self.joints)}"
 
     def json(self) -> dict[str, Any]:
-        """As in diagnosis.json."""
+        """Return the entry of diagnosis.json."""
         terms = [{"term": t, "value": v} for t, v in zip(self.terms, self.values, strict=True)]
         return {
             "joint": self.joint,

@@ -73,7 +73,7 @@ WIDER = 1.2  # times the present range or speed, from which a motion is another 
 
 @dataclass(frozen=True)
 class Move:
-    """What one independent joint does: from `low` to `high` [rad | m], at up to `speed` [… / s]."""
+    """The motion of one independent joint, from `low` to `high` [rad | m], at up to `speed` [… / s]."""
 
     joint: Joint
     low: float
@@ -113,7 +113,7 @@ class Trial:
 
     @property
     def seconds(self) -> float:
-        """In which the slowest joint goes there and back often enough at each speed [s]."""
+        """Duration in which the slowest joint goes to and fro often enough at each speed [s]."""
         once = max((2 * np.pi * m.half / m.speed for m in self.moves if m.speed), default=0.0)
         return (
             (1 if self.kind == "strokes" else CYCLES)
@@ -123,7 +123,7 @@ class Trial:
 
 
 def present(mechanism: Mechanism, motion: Motion) -> tuple[Move, ...]:
-    """What the independent joints do in a motion."""
+    """Return the motion of each independent joint."""
     found = []
     for name in motion.independent:
         at = mechanism.joint_index[name]
@@ -172,7 +172,7 @@ def _turn(m: Move) -> Move:
 
 
 def _limits(m: Move) -> Move:
-    """From one limit nearly to the other, where that is less than a turn."""
+    """Return the motion from one limit nearly to the other, where that is less than a turn."""
     low, high = m.joint.lower, m.joint.upper
     margin = MARGIN * (high - low)
     if not np.isfinite(margin) or (m.joint.rotational and high - low >= 2 * np.pi - 1e-6):
@@ -226,7 +226,7 @@ SLACK = 1e-6
 
 
 def allowed(mechanism: Mechanism, now: Motion, then: Motion) -> bool:
-    """Whether a motion keeps all limits that the present one keeps."""
+    """Return whether a motion keeps all limits that the present one keeps."""
     for i, joint in enumerate(mechanism.joints):
         for series, low, high in (
             ("y", joint.lower, joint.upper),

@@ -32,7 +32,7 @@ class Invisible:
     why: str
 
     def json(self) -> dict[str, Any]:
-        """As in diagnosis.json."""
+        """Return the entry of diagnosis.json."""
         return {**name_of(self.effect), "why": self.why}
 
 
@@ -45,7 +45,7 @@ class Unsupported:
     absurd: bool
 
     def json(self) -> dict[str, Any]:
-        """As in diagnosis.json."""
+        """Return the entry of diagnosis.json."""
         return {**name_of(self.effect), "why": self.why, "absurd": self.absurd}
 
 
@@ -78,7 +78,7 @@ def _motionless(fit: Fit, effect: Effect) -> str:
 
 
 def _why(fit: Fit, regression: PartialRegression, group: np.ndarray) -> str:
-    """What absorbs it: C ≈ A_I K, the unknowns that carry most of it named."""
+    """Name the unknowns that absorb the columns of an effect most: C ≈ A_I K."""
     own = fit.estimate.base.independent
     A, C = (
         np.concatenate([

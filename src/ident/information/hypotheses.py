@@ -63,7 +63,7 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Gains:
-    """What groups of columns do to the left-out squared error.
+    """The changes of the left-out squared error by groups of columns.
 
     Attributes:
         D: (groups, blocks) by how much the left-out squares of b fall.
@@ -204,7 +204,7 @@ class PartialRegression:
 
     @property
     def rank(self) -> int:
-        """Of the model."""
+        """Rank of the model."""
         return self.Q[0].shape[1]
 
     @cached_property
@@ -282,7 +282,7 @@ class PartialRegression:
     # --- candidates ----------------------------------------------------------------------------
 
     def gains(self, groups: Sequence[Index]) -> Gains:
-        """What each of some groups of columns would do by itself, everything refitted."""
+        """Return what each group of columns does by itself, everything refitted."""
         B = self.residual[0].shape[1] - 1
         D, null = np.zeros((len(groups), self.blocks)), np.zeros((len(groups), B))
         visible = np.zeros(len(groups))
@@ -295,7 +295,7 @@ class PartialRegression:
         return Gains(D, null, visible)
 
     def _gains(self, groups: Index) -> Gains:
-        """Of groups (n, u) of equal size; of r_1 … r_B in single precision."""
+        """Gains of groups (n, u) of equal size, those of r_1 … r_B in single precision."""
         n, u = groups.shape
         flat = groups.ravel()
         G, M, q, _ = self._block
