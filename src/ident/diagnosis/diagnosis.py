@@ -364,7 +364,7 @@ def _explanation(
 
 
 def known_of(fit: Fit, effect: Effect) -> dict[str, float]:
-    """Return the known values, by full name, of an effect that the model has; empty if it has none."""
+    """Return the known values, by full name, of an effect of the model, or nothing."""
     own = next((e for e in fit.mechanism.effects if e.label == effect.label), None)
     if own is None:
         return {}

@@ -73,7 +73,7 @@ WIDER = 1.2  # times the present range or speed, from which a motion is another 
 
 @dataclass(frozen=True)
 class Move:
-    """The motion of one independent joint, from `low` to `high` [rad | m], at up to `speed` [… / s]."""
+    """The motion of one joint: from `low` to `high` [rad | m], at up to `speed` [… / s]."""
 
     joint: Joint
     low: float
