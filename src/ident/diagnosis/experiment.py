@@ -138,8 +138,8 @@ def _loaded(d: Diagnosis, e: State) -> State:
         if left_out(bare, e) or float(_size(e).max()) > WORSE * worst:
             raise ValueError("near a singular position")
     needed = -unbalanced(Samples(mechanism, e, slice(None), d.fit.point).reduced(slice(None)))
-    L = e.leverage[:, [mechanism.joint_index[name] for name in mechanism.driven]]
-    return replace(e, tau=np.einsum("ndj,nd->nj", np.linalg.pinv(L, rcond=1e-6), needed))
+    drives = [mechanism.joint_index[name] for name in mechanism.driven]
+    return replace(e, tau=e.drive_torques(needed, drives))
 
 
 def _size(e: State) -> np.ndarray:

@@ -41,11 +41,6 @@ class Rows:
     informed: np.ndarray  # (n, d), false where dry friction at standstill leaves the torque open
 
 
-def dof(mechanism: Mechanism, e: State) -> int:
-    """Independent coordinates."""
-    return e.leverage.shape[2]
-
-
 def raw_rows(scene: Scene, part: slice, farthest: np.ndarray | None = None) -> Rows:
     """The rows of some samples, unfiltered; `farthest` is `largest_transmission` of the state."""
     s, e = scene.samples(part), scene.e
@@ -138,7 +133,7 @@ def rows(
 def _spans(mechanism: Mechanism, e: State) -> list[slice]:
     """For each independent coordinate the stretch of Γ's columns that can differ from zero."""
     if e.loop is not None:
-        return [slice(0, len(mechanism.prior))] * dof(mechanism, e)
+        return [slice(0, len(mechanism.prior))] * e.leverage.shape[2]
     found = supports(mechanism.model)
     return [slice(int(mine[0]), int(mine[-1]) + 1) if len(mine) else slice(0, 0) for mine in found]
 
@@ -147,7 +142,7 @@ def row_supports(mechanism: Mechanism, columns: Columns, e: State) -> list[np.nd
     """For each independent coordinate the unknowns that can appear in its rows."""
     k = len(columns)
     if e.loop is not None:
-        return [np.arange(k)] * dof(mechanism, e)
+        return [np.arange(k)] * e.leverage.shape[2]
     found = []
     for row, bodies in enumerate(supports(mechanism.model)):
         mine = [i for i, column in enumerate(columns.rigid) if column in set(bodies)]

@@ -261,21 +261,9 @@ class Samples:
             elif name in mechanism.driven:
                 torque[:, i] = load[:, i] = e.tau[part][:, mechanism.driven.index(name)]
             elif not joint.in_tree:
-                force = self.multipliers()[:, closure_forces(mechanism, name)]
+                force = self.multipliers()[:, mechanism.kinematics.forces_at(name)]
                 torque[:, i] = load[:, i] = np.linalg.norm(force, axis=1)
         return torque, load
-
-
-def closure_forces(mechanism: Mechanism, joint: str) -> list[int]:
-    """The multipliers that are forces of the closure whose own joint this is."""
-    bare = joint.removeprefix("closure.")  # closure.<name>[.z|.rz] or joint.<name>
-    owners = {bare, bare.removesuffix(".z").removesuffix(".rz"), f"joint.{joint}"}
-    named = zip(mechanism.kinematics.multipliers, mechanism.kinematics.units, strict=True)
-    return [
-        k
-        for k, (name, unit) in enumerate(named)
-        if name.rpartition(".")[0] in owners and unit == "N"
-    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -122,8 +122,7 @@ def motion_rows(mechanism: Mechanism, columns: Columns, point: Point, e: State) 
     torque = found.A @ columns.prior_at(point.values) - found.b
     drives = [mechanism.joint_index[name] for name in mechanism.driven]
     if mechanism.driven != e.independent:  # surplus drives share the torque
-        back = np.linalg.pinv(e.leverage[:, drives], rcond=1e-6)
-        torque = np.einsum("ndj,nd->nj", back, torque)
+        torque = e.drive_torques(torque, drives)
     e = replace(e, tau=torque)
     if any(effect.corrects for effect in mechanism.effects):  # these depend on torques
         scene = Scene.of(mechanism, columns, e, point)

@@ -21,7 +21,7 @@ import numpy as np
 
 from ident.equations.corrections import Scene
 from ident.equations.filter import Decimator
-from ident.equations.rows import dof, informing, largest_transmission
+from ident.equations.rows import informing, largest_transmission
 from ident.equations.terms import Samples, informative_joints
 from ident.equations.unknowns import NOTHING, Point
 from ident.information.blocks import Squares
@@ -142,7 +142,7 @@ def predict(mechanism: Mechanism, motion: Motion, point: Point) -> list[Predicti
 def _predict(mechanism: Mechanism, motion: Motion, bare: State, point: Point) -> Prediction:
     scene = Scene.of(mechanism, NOTHING, bare, point, motion.band.cutoff)
     mechanism, e = scene.mechanism, scene.e
-    n, d, m = len(e), dof(mechanism, e), len(mechanism.kinematics.multipliers)
+    n, d, m = len(e), e.leverage.shape[2], len(mechanism.kinematics.multipliers)
     parts = {name: np.empty((n, d)) for name in _names(mechanism, e)}
     others = tuple(name for name in mechanism.driven if name not in motion.independent)
     measured, multipliers = np.empty((n, d)), np.empty((n, m))

@@ -19,7 +19,7 @@ import numpy as np
 from ident.equations.corrections import Scene
 from ident.equations.motion_noise import EliminatedRun, time_blocks
 from ident.equations.multipliers import basis_of, stack
-from ident.equations.rows import Rows, dof, row_supports, rows
+from ident.equations.rows import Rows, row_supports, rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError
 from ident.information.band import eliminate
@@ -184,7 +184,7 @@ def information_of(
                 on_progress(f"equations of {e.name}", float(done))
     if not blocks:
         raise too_short(motion)
-    return Information.of(blocks, len(columns), dof(mechanism, motion.experiments[0]))
+    return Information.of(blocks, len(columns), motion.experiments[0].leverage.shape[2])
 
 
 def too_short(motion: Motion) -> FitError:

@@ -110,6 +110,15 @@ class Kinematics:
         """The closures' own joints."""
         return tuple(joint for each in self._constraints for joint in each.own)
 
+    def forces_at(self, own: str) -> list[int]:
+        """Which multipliers are forces of the closure that has the own joint `own`."""
+        found, first = [], 0
+        for each in self._constraints:
+            if own in [joint.name for joint in each.own]:
+                found += [first + i for i, unit in enumerate(each.units) if unit == "N"]
+            first += len(each.names)
+        return found
+
     def _compile(self, name: str, value: ca.SX) -> ca.Function:
         q, v = self._symbols
         N = rates(self.model, q)

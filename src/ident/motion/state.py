@@ -128,6 +128,15 @@ class State:
         """Samples a second [Hz]."""
         return (len(self.t) - 1) / float(self.t[-1] - self.t[0])
 
+    def drive_torques(self, needed: np.ndarray, drives: Sequence[int]) -> np.ndarray:
+        """Torques (n, driven) of some joints that make `needed` (n, d) in the independent
+        coordinates; surplus drives share them.
+        """
+        if self.loop is None:
+            return needed[:, drives]
+        L = self.leverage[:, drives]
+        return np.einsum("ndj,nd->nj", np.linalg.pinv(L, rcond=1e-6), needed)
+
     def thinned(self, every: int) -> State:
         """One sample of `every`, for what is smooth."""
         return self if every == 1 else self.at_samples(slice(None, None, every))

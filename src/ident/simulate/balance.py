@@ -17,7 +17,6 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
-from ident.equations.terms import closure_forces
 from ident.errors import MechanismError, MotionError
 from ident.mechanism.parameters import COUNT, pseudo_inertia
 from ident.motion.closures import pseudo_inverse
@@ -210,7 +209,8 @@ class _Instant:
             elif joint.name in mechanism.driven:
                 load = torque = float(self.tau[mechanism.driven.index(joint.name)])
             elif not joint.in_tree:
-                force = Kp[:, closure_forces(mechanism, joint.name)].T @ (rigid + others - known)
+                own = mechanism.kinematics.forces_at(joint.name)
+                force = Kp[:, own].T @ (rigid + others - known)
                 load = torque = float(np.linalg.norm(force))
             loads["load", i], loads["torque", i] = load, torque
         return loads

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from ident.display import Displayed, render
-from ident.equations.rows import dof
 from ident.equations.unknowns import Point
 from ident.errors import FitError
 from ident.files import check_writable
@@ -217,7 +216,7 @@ def gather(
     plan = replace(plan, point=working_point(mechanism, some, None, progress))
     saved = None if checkpoint is None else Checkpoint(Path(checkpoint), plan)
     blocks, notes, worked, resumed = _summed(plan, workers, saved)
-    information = Information.of(blocks, len(plan.columns), dof(mechanism, some.experiments[0]))
+    information = Information.of(blocks, len(plan.columns), some.experiments[0].leverage.shape[2])
     regression = Problem(mechanism, some, plan.point, plan.columns, information)
     fitted = estimate_of(regression)
     notes += free_note
