@@ -152,7 +152,11 @@ class FitOptions(ModelOptions):
     def load(self) -> Mechanism:
         """Return the mechanism that the options describe."""
         mechanism = mechanism_of(
-            self.mechanism, self.with_, allow_code=self.allow_code, absolute=self.absolute
+            self.mechanism,
+            self.with_,
+            allow_code=self.allow_code,
+            absolute=self.absolute,
+            lock=self.lock,
         )
         return with_basis(mechanism, self.basis, self.spacing)
 
