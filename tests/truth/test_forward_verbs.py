@@ -20,7 +20,7 @@ def test_a_run_prints_itself_and_has_a_log():
     assert "dry friction at crank" in run.summary
     assert set(run.log.columns) == {f"{c}.crank" for c in ("q", "v", "a", "tau")}
     assert run.multipliers.shape == (201, 5)
-    assert run._repr_html_().count("<pre>") == 1
+    assert "dry friction at crank" in run._repr_html_()
     np.testing.assert_array_equal(run.log.columns["tau.crank"], 0.0)
 
 

@@ -6,7 +6,6 @@ whose URDF is some percent off, and a noisy log of the two drives.
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -22,20 +21,17 @@ from ident.effects import Effect
 from ident.errors import IdentError
 from ident.files import write_all
 from ident.fit import Fit, identify
-from ident.fit.compare import compare
-from ident.fit.values import BaseValue, Value
 from ident.log import Log, read_log
 from ident.mechanism import Mechanism, load
 from ident.mechanism.write import add_effects
-from ident.motion import Motion, complete
+from ident.motion import complete
 from ident.progress import Progress
+from ident.show.residual import error_rows
 from ident.show.simulate import csv_text
 from ident.simulate import Noise, simulate
-from ident.text import listed, percent
+from ident.text import listed, percent, table, wrapped
 
 Shower = Callable[[], AbstractContextManager[Progress]]
-WIDTH, BAR = 96, 40  # characters
-LITTLE = 0.05  # of the misfit: a joint with less is not spoken of
 MACHINE = "picker"
 SECONDS, STEP = 15.0, 0.004
 NOISE = (Noise("q", 2e-5), Noise("tau", 0.01, relative=True))  # rad; share of the torque's rms
@@ -89,6 +85,13 @@ class Puzzle:
             for full, name in zip(self.answer.names, names, strict=True)
         }
 
+    @property
+    def hidden(self) -> str:
+        """The answer in one line."""
+        units = dict(zip(self.answer.names, self.answer.units, strict=True))
+        values = (f"{n} = {v:.4g} {units[n]}".removesuffix(" 1") for n, v in self.truth.items())
+        return f"{self.answer.label} ({self.answer.summary()}): {listed(values)}"
+
 
 def make_puzzle(folder: str | Path, *, seed: int) -> Puzzle:
     """A machine's folder with a log, into a folder that has neither.
@@ -137,20 +140,18 @@ def _motion(rng: np.random.Generator) -> Log:
 def show_puzzle(made: Puzzle) -> None:
     """Write the answer into the folder, and say how to begin."""
     folder = made.folder
-    _write_answer(made)
-    _beginning(made)
-    words("The answer is in answer.txt of that folder. To find it yourself, begin with")
-    command(f"ident check {folder} {made.log}")
-    command(f"ident diagnose {folder} {made.log}")
+    _begin(made, keep=True)
+    say("The answer is in answer.txt of that folder. To find it yourself, begin with")
+    say(f"   $ ident check {folder} {made.log}", "cyan")
+    say(f"   $ ident diagnose {folder} {made.log}", "cyan")
 
 
-def _write_answer(made: Puzzle) -> None:
-    (made.folder / "answer.txt").write_text(f"{sought(made)}\n", encoding="utf-8")
-
-
-def _beginning(made: Puzzle) -> None:
-    title(f"A machine that keeps something to itself (seed {made.seed})")
-    words(
+def _begin(made: Puzzle, *, keep: bool) -> None:
+    if keep:
+        answer = made.folder / "answer.txt"
+        answer.write_text(f"{made.hidden}\n", encoding="utf-8")
+    say(f"\nA machine that keeps something to itself (seed {made.seed})", "bold")
+    say(
         "An upright five-bar: two drives on the ground, two arms, two rods that meet in a pin. The "
         "drives were moved; their positions and torques are logged. The model has all bodies, with "
         "inertias some percent off, and friction in both drives. The machine has one thing more, "
@@ -168,199 +169,103 @@ def show_story(made: Puzzle, name: str, progress: Shower, *, keep: bool) -> None
         keep: whether fits and reports go into the folder.
     """
     log = f"{name}/run.csv"
-    _beginning(made)
+    _begin(made, keep=keep)
     mechanism = made.mechanism
     with progress() as on_progress:
         motion = complete(mechanism, read_log(made.log), progress=on_progress)
         before = identify(mechanism, motion, estimator="least-squares", progress=on_progress)
 
-    step(1, "What is understood", f"ident check {name} {log}")
-    words(understood(before))
+    step("1. What is understood", f"ident check {name} {log}")
+    say(f"{mechanism}\n{motion.summary}")
 
-    step(2, "Identify what is known", f"ident identify {name} {log} --out {name}/before")
-    bars({"": before})
-    words("So much of each drive's torque the model does not predict. Noise is 1 %, and most "
-               "of that is filtered away: something is missing.")  # fmt: skip
+    step("2. Identify what is known", f"ident identify {name} {log} --out {name}/before")
+    errors({"held out": before})
+    say("So much of each drive's torque the model does not predict. Noise is 1 %, and most of that "
+        "is filtered away: something is missing.")  # fmt: skip
 
-    step(3, "Where does it fail?", f"ident compare {name} {log} --fit {name}/before/fit.json")
-    _where(before)
+    step("3. Where does it fail?", f"ident compare {name} {log} --fit {name}/before/fit.json")
+    for failure in before.residual.where:
+        seen = [f"{each.seen} against {each.signal}" for each in failure.depends_on[:2]]
+        words = "noise" if failure.white else listed(seen) if seen else "no clear picture"
+        say(f"  {failure.joint}: {percent(failure.relative)} off; {words}")
+    say("The shape of a residual is a hint, no proof: many causes look alike.")
 
-    step(4, "What is missing?", f"ident diagnose {name} {log} --out {name}/diagnosis")
+    step("4. What is missing?", f"ident diagnose {name} {log} --out {name}/diagnosis")
     with progress() as on_progress:
         found = diagnose(before, progress=on_progress)
-    _missing(found)
-    after = None
-    if found.best is not None:
-        after = _add(found, motion, name, progress)
+    say(found.short)
+    after = None if found.best is None else _add(found, found.best, name, progress)
     if keep:
-        _write_answer(made)
         before.write(made.folder / "before")
         found.write(made.folder / "diagnosis")
         if after is not None:
             after.write(made.folder / "after")
 
-    title("The answer")
-    words(answered(made, found, after))
-    if keep:
-        return
-    words("To go on by hand, with the same machine, its log, fits and reports:")
-    command(f"ident demo --seed {made.seed} --out {name}")
-    words("Another machine, for you to find out:")
-    command(f"ident demo --puzzle --out {name}")
+    say("\nThe answer", "bold")
+    say(f"Hidden was {made.hidden}. {answered(made.answer, found, after)}")
+    if not keep:
+        say("To go on by hand, with the same machine, its log, fits and reports:")
+        say(f"   $ ident demo --seed {made.seed} --out {name}", "cyan")
+        say("Another machine, for you to find out:")
+        say(f"   $ ident demo --puzzle --out {name}", "cyan")
 
 
-def _where(fit: Fit) -> None:
-    """Say on what the residual depends, joint by joint, the worst first."""
-    (where,) = compare(fit).where.values()
-    for failure in (each for each in where if each.share > LITTLE):
-        seen = [f"{each.seen} against {each.signal}" for each in failure.depends_on[:2]]
-        said = "noise" if failure.white else listed(seen) if seen else "no clear picture"
-        fact(f"{failure.joint}: {percent(failure.relative)} off; {said}")
-    words("The shape of a residual is a hint, no proof: many causes look alike.")
-
-
-def _missing(found: Diagnosis) -> None:
-    """List the candidates, and say the verdict."""
-    tied = {each.label for each in found.rivals} | ({found.best.label} if found.best else set())
-    for each in found.candidates[:5]:
-        mark = "*" if each.effect.label in tied else " "
-        change = f"{percent(each.error_before)} → {percent(each.error_after)}"
-        fact(f"{mark} {each.effect.label:<24} {change}")
-    tried = len(found.choice.evidence)
-    if found.best is None:
-        words(f"Of {tried} effects tried at their places none earns a name (verdict: "
-                   f"{found.verdict}). That is said, rather than a guess.")  # fmt: skip
-        return
-    words(
-        f"Tried: {tried} effects at their places, each with all else refitted, judged on stretches "
-        f"of time that were left out of the fit. Missing is {described_effect(found.best)}."
-    )
-    if found.rivals:
-        words(
-            f"It could as well be {listed([r.label for r in found.rivals], 'or')}: this log "
-            "cannot tell them apart, and a falling error is no proof."
-        )
-
-
-def _add(found: Diagnosis, motion: Motion, name: str, progress: Shower) -> Fit:
+def _add(found: Diagnosis, best: Effect, name: str, progress: Shower) -> Fit:
     """Add the effect to the model, refit, and say what is left."""
-    assert found.best is not None
-    step(5, "Add it", f"ident add {name} {found.best.label}")
-    model = found.fit.mechanism + found.best
-    path = add_effects(found.fit.mechanism, [found.best])
-    fact(f"{path.name}: added {found.best.label}")
+    step("5. Add it", f"ident add {name} {best.label}")
+    model, log = found.fit.mechanism + best, f"{name}/run.csv"
+    say(f"  {add_effects(found.fit.mechanism, [best]).name}: added {best.label}")
 
-    log = f"{name}/run.csv"
-    step(6, "See the error fall", f"ident identify {name} {log} --out {name}/after")
+    step("6. See the error fall", f"ident identify {name} {log} --out {name}/after")
     with progress() as on_progress:
+        motion = found.fit.motion
         after = identify(model, motion, estimator="least-squares", progress=on_progress)
         left = diagnose(after, progress=on_progress)
-    bars({"before": found.fit, "after": after})
-    for full in found.best.names:
-        fact(valued(after[full]))
+    errors({"before": found.fit, "after": after})
+    say("\n".join(f"  {after[full]}" for full in best.names))
     if left.verdict == "nothing":
-        words("Diagnosed again: what is left is noise.")
+        say("Diagnosed again: what is left is noise.")
     else:
         named = f": {left.best.label} comes first" if left.best else ""
-        words(f"Diagnosed again: {left.verdict}{named}. `ident grow` goes on from here.")
+        say(f"Diagnosed again: {left.verdict}{named}. `ident grow` goes on from here.")
     return after
 
 
-def title(text: str) -> None:
-    """Print a heading."""
-    line(f"\n{text}", "bold")
+def step(title: str, command: str) -> None:
+    """Print a heading, and the command that does this step."""
+    say(f"\n{title}", "bold")
+    say(f"   $ {command}", "cyan")
 
 
-def step(number: int, text: str, shell: str) -> None:
-    """Print a numbered heading and the command that does this step."""
-    title(f"{number}. {text}")
-    command(shell)
+def say(text: str, style: str = "") -> None:
+    """Print text to standard output, long lines wrapped; what has a style stays as it is typed."""
+    lines = text.split("\n")
+    if not style:
+        lines = [part for line in lines for part in wrapped(line) or [""]]
+    Console(highlight=False, soft_wrap=True).print(Text("\n".join(lines), style))
 
 
-def command(text: str) -> None:
-    """Print a command as it is typed."""
-    line(f"   $ {text}", "cyan")
+def errors(fits: Mapping[str, Fit]) -> None:
+    """Print held-out errors of the drives."""
+    say("\n".join(table(error_rows({name: fit.held_out for name, fit in fits.items()}))))
 
 
-def fact(text: str) -> None:
-    """Print one line of a result."""
-    line(f"     {text}")
-
-
-def words(text: str) -> None:
-    """Print a paragraph."""
-    for each in textwrap.wrap(text, WIDTH, break_on_hyphens=False, break_long_words=False):
-        line(each)
-
-
-def line(text: str, style: str = "") -> None:
-    """Print a line to standard output."""
-    Console(highlight=False, soft_wrap=True).print(Text(text, style))
-
-
-def valued(value: Value | BaseValue) -> str:
-    """`coulomb.elbow.Fc = 0.0501 ± 0.0001 N m`."""
-    return str(value).removesuffix(" 1")
-
-
-def described_effect(effect: Effect) -> str:
-    """`coulomb:elbow (dry friction: constant against the direction of motion)`."""
-    return f"{effect.label} ({effect.summary()})"
-
-
-def understood(fit: Fit) -> str:
-    """Mechanism and motion, from the fit that has both."""
-    m, (e,) = fit.mechanism, fit.motion.experiments
-    return (
-        f"{len(m.joints)} joints, of which {listed(m.driven)} are driven; the loop leaves "
-        f"{len(fit.motion.independent)} degrees of freedom, and the other joints follow from it. "
-        f"Of {len(m.unknown)} inertial parameters this motion can tell the "
-        f"{fit.rank - sum(len(effect.unknowns) for effect in m.effects)} combinations that torques "
-        f"feel. {len(e.t)} samples in {e.t[-1] - e.t[0]:.0f} s."
-    )
-
-
-def bars(fits: Mapping[str, Fit]) -> None:
-    """Held-out errors of the drives, a row a joint and fit."""
-    errors = {
-        (joint, name): fit.held_out[joint].relative or 0.0
-        for joint in next(iter(fits.values())).held_out
-        for name, fit in fits.items()
-    }
-    longest = max(errors.values()) or 1.0
-    for (joint, name), error in errors.items():
-        bar = "█" * max(1, round(BAR * error / longest))
-        fact(f"{joint:<6} {name:<6} {percent(error):>7} {bar}")
-
-
-def sought(made: Puzzle) -> str:
-    """The answer in one line."""
-    units = dict(zip(made.answer.names, made.answer.units, strict=True))
-    said = [
-        f"{name} = {value:.4g} {units[name]}".removesuffix(" 1")
-        for name, value in made.truth.items()
-    ]
-    return f"{described_effect(made.answer)}: {listed(said)}"
-
-
-def answered(made: Puzzle, found: Diagnosis, after: Fit | None) -> str:
-    """The truth beside what was found, right or wrong."""
-    hidden = f"Hidden was {sought(made)}."
+def answered(answer: Effect, found: Diagnosis, after: Fit | None) -> str:
+    """Return the truth beside what was found, right or wrong."""
     if after is None or found.best is None:
-        return f"{hidden} The diagnosis gave no name: {found.verdict}."
-    label, rivals = made.answer.label, [rival.label for rival in found.rivals]
+        return f"The diagnosis gave no name: {found.verdict}."
+    label, rivals = answer.label, [rival.label for rival in found.rivals]
     if found.best.label == label:
-        values = listed([valued(after[name]) for name in made.truth])
-        sure = " among rivals that fit as well" if rivals else ""
-        return f"{hidden} Found{sure}: {values}."
+        values = listed(str(after[name]) for name in answer.names)
+        return f"Found{' among rivals that fit as well' if rivals else ''}: {values}."
     if label in rivals:
         return (
-            f"{hidden} The diagnosis put {found.best.label} first and said that {label}, which it "
-            "is, explains this log as well: the set of rivals is the answer, not its first name."
+            f"The diagnosis put {found.best.label} first and said that {label}, which it is, "
+            "explains this log as well: the set of rivals is the answer, not its first name."
         )
-    if found.best.kind in made.answer.nested_in and found.best.joints == made.answer.joints:
+    if found.best.kind in answer.nested_in and found.best.joints == answer.joints:
         return (
-            f"{hidden} The diagnosis named {found.best.label}, which contains it: beside what they "
-            "have in common its parameters should be zero within their errors."
+            f"The diagnosis named {found.best.label}, which contains it: beside what they have in "
+            "common its parameters should be zero within their errors."
         )
-    return f"{hidden} The diagnosis named {found.best.label}: wrong this time."
+    return f"The diagnosis named {found.best.label}: wrong this time."

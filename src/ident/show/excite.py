@@ -7,43 +7,39 @@ import numpy as np
 from ident.display import renders
 from ident.excite.excitation import Excitation, LimitUse
 from ident.show.charts import RESIDUAL, Chart, Level, Line, Mark, Panel
-from ident.text import shortened, table
+from ident.show.sheet import Sheet
+from ident.text import shortened
 
 LIMITING = 0.95  # share of a limit from which it is marked as the one that limits the motion
 NEAR = 2.0  # times the largest value: a limit beyond is not drawn
 CHANNELS = (("q", "position"), ("v", "speed"), ("a", "acceleration"), ("tau", "torque"))
 
 
-@renders(Excitation, "text")
-def text(x: Excitation) -> str:
+@renders(Excitation, "sheet")
+def sheet(x: Excitation) -> Sheet:
     """Return motion, limits and expected standard errors."""
     start = ", ".join(f"{n} = {c[0] + c[1 + len(c) // 2 :].sum():.4g}" for n, c in x.series.items())
-    lines = [
+    title = (
         f"excitation of {x.name}: {x.periods} × {x.period:.4g} s, {x.harmonics} harmonics, "
-        f"{len(x.log.t)} samples at {x.log.rate:.4g} Hz; seed {x.seed}",
-        f"  every period begins and ends at rest, at {start}",
-        "",
-        *table(_limits(x)),
-    ]
+        f"{len(x.log.t)} samples at {x.log.rate:.4g} Hz; seed {x.seed}"
+    )
+    facts = {"every period begins and ends": f"at rest, at {start}"}
     if x.home:
         size = next(each for each in x.uses if each.kind == "singularity")
-        lines.append(
-            f"  singular positions: ‖K⁺‖ reaches {x.home:.3g} times its value at home, "
-            f"{100 * size.share:.3g} % of its limit"
+        facts["singular positions"] = (
+            f"‖K⁺‖ reaches {x.home:.3g} times its value at home, {100 * size.share:.3g} % of its "
+            "limit"
         )
-    if x.separation is not None:
-        lines += ["", str(x.separation)]
     noise = ", ".join(f"{name} {value:.3g}" for name, value in x.noise.items())
     rows = [["base parameter", "prior", "expected ±", "unit"]]
     rows += [[shortened(b.name), f"{b.prior:.4g}", f"{b.stderr:.2g}", b.unit] for b in x.base]
-    lines += [
-        "",
+    base = (
         f"identifies {len(x.base)} base parameters of {x.unknowns} unknowns; condition number "
-        f"{x.condition_number:.3g}, log det {x.log_det:.4g}",
-        f"with white torque noise of {noise} [N m | N] a sample:",
-        *table(rows),
-    ]
-    return "\n".join([*lines, *(f"note: {note}" for note in x.notes)])
+        f"{x.condition_number:.3g}, log det {x.log_det:.4g}; with white torque noise of {noise} "
+        "[N m | N] a sample:"
+    )
+    lines = [] if x.separation is None else [str(x.separation)]
+    return Sheet(title, "", facts, {"use of the limits": _limits(x), base: rows}, lines, x.notes)
 
 
 def _limits(x: Excitation) -> list[list[str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,43 +18,29 @@ from ident.show.view3d.film import ShownMotion, film_of
 from ident.show.view3d.page import View
 
 
-@renders(Mechanism, "text")
-def text(mechanism: Mechanism) -> str:
-    """Return the parts of a mechanism, one a line."""
-    m = mechanism
-    lines = [
-        f"mechanism {m.name}: {m.model.nv} coordinates, "
-        f"{len(m.kinematics.multipliers)} closure equations {_freedom(m)}",
-        f"  driven:   {', '.join(m.driven) or 'none'}",
-        f"  passive:  {', '.join(m.passive) or 'none'}",
-    ]
-    lines += [f"  closure:  {closure.name} ({closure.kind})" for closure in m.closures]
-    lines += [f"  effect:   {effect.label}" for effect in m.effects]
-    lines += [f"  unknown:  {len(m.unknown)} of {len(m.bodies.names)} dynamic parameters"]
-    return "\n".join([*lines, *(f"  note:     {note}" for note in m.notes)])
-
-
-def _freedom(mechanism: Mechanism) -> str:
+@renders(Mechanism, "sheet")
+def sheet(m: Mechanism) -> Sheet:
+    """Return the parts of a mechanism."""
     try:
-        return f"of rank {mechanism.rank}, {mechanism.degrees_of_freedom} degrees of freedom"
+        freedom = f"of rank {m.rank}, {m.degrees_of_freedom} degrees of freedom"
     except MechanismError as error:  # what cannot be assembled can still be printed
-        return f"that do not close: {error}"
+        freedom = f"that do not close: {error}"
+    closures = f"{len(m.kinematics.multipliers)} closure equations {freedom}"
+    facts = {
+        "driven": ", ".join(m.driven) or "none",
+        "passive": ", ".join(m.passive) or "none",
+        "closures": ", ".join(f"{each.name} ({each.kind})" for each in m.closures),
+        "effects": ", ".join(each.label for each in m.effects) or "none",
+        "unknown": f"{len(m.unknown)} of {len(m.bodies.names)} dynamic parameters",
+    }
+    title = f"mechanism {m.name}: {m.model.nv} coordinates, {closures}"
+    return Sheet(title, facts=facts, notes=m.notes)
 
 
 @renders(Mechanism, "html")
-def html(mechanism: Mechanism) -> str:
-    """Return the parts and the joints of a mechanism as tables."""
-    m = mechanism
-    closed = f"{len(m.kinematics.multipliers)} equations {_freedom(m)}"
-    parts = {
-        "Coordinates": str(m.model.nv),
-        "Closures": closed if m.closures else "",
-        "Closed by": ", ".join(f"{each.name} ({each.kind})" for each in m.closures),
-        "Effects": ", ".join(each.label for each in m.effects) or "none",
-        "Unknown": f"{len(m.unknown)} of {len(m.bodies.names)} dynamic parameters",
-    }
-    tables = {"Joints": joint_rows(m)}
-    return Sheet(f"Mechanism {m.name}", facts=parts, tables=tables, notes=m.notes).html()
+def html(m: Mechanism) -> str:
+    """Return the same with a table of the joints."""
+    return replace(sheet(m), tables={"joints": joint_rows(m)}).html()
 
 
 @renders(Mechanism, "view")

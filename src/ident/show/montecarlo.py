@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from markupsafe import Markup
 
 from ident.display import renders
 from ident.errors import FitError
@@ -17,45 +16,43 @@ from ident.montecarlo.montecarlo import MonteCarlo, Studies
 from ident.montecarlo.trial import SUMS
 from ident.motion import complete
 from ident.show.charts import MEASURED, PRIOR, Boxes, Chart, Level, Line, Mark, Panel
-from ident.show.html import Block, Page, Section, in_frame, items, strong
+from ident.show.html import Block, Page, Section, definitions, items
 from ident.show.html import table as html_table
 from ident.show.motion import made_of, understood
-from ident.text import shortened, table
+from ident.show.sheet import Sheet
+from ident.text import shortened
 
 SCHEMA = "ident.montecarlo/1"
 ROWS = 24  # parameters in the printed table; `MonteCarlo.table` has all
 PANELS, ACROSS = 12, 3  # parameters in one chart, and panels side by side
 WIDTH = 0.8  # of the distance between two SNRs, which the boxes of all estimators take
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+BIAS, FORCES = "bias and spread of all runs", "rms error of the multipliers, mean over runs"
 ZERO = 1e-9  # of the spread: a truth below it is zero, so that percentages of it mean nothing
 
 
-@renders(MonteCarlo, "text")
-def text(x: MonteCarlo) -> str:
+@renders(MonteCarlo, "sheet")
+def sheet(x: MonteCarlo) -> Sheet:
     """Return a heading, the tables of parameters and multipliers, and notes."""
     plan = x.plan
     runs = "run" if x.runs == 1 else "runs"
     ratios = ", ".join(f"{each:g}" for each in x.snr)
-    lines = [
+    title = (
         f"Monte Carlo of {plan.mechanism.name} on {plan.log.name}: {x.runs} {runs} at {ratios} dB "
-        f"each, seed {plan.seed}",
-        *(f"  {line}" for line in _basis(x)),
-        "",
-        *table(parameter_rows(x)),
-    ]
-    if len(x.parameters) > ROWS:
-        lines.append(f"  … and {len(x.parameters) - ROWS} parameters more")
+        f"each, seed {plan.seed}"
+    )
+    tables = {BIAS: parameter_rows(x)}
     if rows := multiplier_rows(x):
-        lines += ["", "rms error of the multipliers, mean over runs", *table(rows)]
-    return "\n".join([*lines, *(f"note: {note}" for note in x.notes)])
+        tables[FORCES] = rows
+    more = len(x.parameters) - ROWS
+    lines = [f"… and {more} parameters more"] if more > 0 else []
+    return Sheet(title, facts=_basis(x), tables=tables, lines=lines, notes=x.notes)
 
 
-def _basis(x: MonteCarlo) -> list[str]:
-    return [
-        f"noise on {', '.join(x.plan.columns)}",
-        *(f"truth of {words}" for words in x.plan.truth.words),
-        *(f"{each.name}: {each.words}" for each in x.plan.estimators if each.words),
-    ]
+def _basis(x: MonteCarlo) -> dict[str, str]:
+    estimators = {each.name: each.words for each in x.plan.estimators}
+    basis = {"noise": ", ".join(x.plan.columns), "truth": "; ".join(x.plan.truth.words)}
+    return basis | estimators
 
 
 def parameter_rows(x: MonteCarlo) -> list[list[str]]:
@@ -110,32 +107,16 @@ def multiplier_rows(x: MonteCarlo) -> list[list[str]]:
     return rows if len(rows) > 1 else []
 
 
-def _blocks(x: MonteCarlo) -> tuple[Markup, ...]:
-    forces = multiplier_rows(x)
-    return (
-        strong(f"{x.plan.mechanism.name}: {x.runs} runs at each signal-to-noise ratio"),
-        html_table(parameter_rows(x), "Bias and spread of all runs"),
-        *((html_table(forces, "Multipliers: rms error, mean over runs"),) if forces else ()),
-    )
-
-
-@renders(MonteCarlo, "html")
-def html(x: MonteCarlo) -> str:
-    """Return the tables for Jupyter."""
-    return in_frame(_blocks(x))
-
-
 @renders(Studies, "text")
 def studies_text(x: Studies) -> str:
     """Return the texts of all studies."""
-    return "\n\n".join(text(each) for each in x.studies.values())
+    return "\n\n".join(map(str, x.studies.values()))
 
 
 @renders(Studies, "html")
 def studies_html(x: Studies) -> str:
     """Return the tables of all studies for Jupyter."""
-    blocks = [block for each in x.studies.values() for block in _blocks(each)]
-    return in_frame([*blocks, *([items(x.notes)] if x.notes else [])])
+    return "".join(sheet(each).html() for each in x.studies.values())
 
 
 @renders(MonteCarlo, "plot")
@@ -243,15 +224,13 @@ def _data(x: MonteCarlo) -> dict[str, Any]:
 
 def _page(x: MonteCarlo) -> bytes:
     plan = x.plan
-    noise, *rest = _basis(x)
-    words = [f"{x.runs} runs at each SNR, seed {plan.seed}; {noise}", *rest]
     forces: tuple[Block, ...] = ()
     if rows := multiplier_rows(x):
-        forces = (html_table(rows, "rms error, mean over runs"), *_typical(x))
+        forces = (html_table(rows, FORCES), *_typical(x))
     source = plan.mechanism, complete(plan.mechanism, [plan.log])
-    parameters = html_table(parameter_rows(x), "Bias and spread of all runs")
+    parameters = html_table(parameter_rows(x), BIAS)
     sections = (
-        Section("What noise does", (items(words), plot(x))),
+        Section("What noise does", (definitions(_basis(x)), plot(x))),
         Section("Parameters", (parameters,)),
         Section("Multipliers", forces),
         Section("Warnings", (items(x.notes),) if x.notes else ()),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,10 @@ from ident.log import Log
 from ident.show.charts import MEASURED, Chart, Level, Line, Panel
 from ident.show.html import Page, Section, by_log, items, paragraph
 from ident.show.html import table as html_table
+from ident.show.sheet import Sheet
 from ident.simulate.integrate import Run
 from ident.simulate.replay import Replay, ReplayedLog
-from ident.text import percent, table
+from ident.text import percent
 
 TRANSITIONS = 12  # that are printed
 SCHEMA = "ident.replay/1"
@@ -26,30 +28,28 @@ def csv_text(log: Log) -> str:
     return pl.DataFrame({"t": log.t, **log.columns}).fill_nan(None).write_csv()
 
 
-@renders(Run, "summary")
-def summary(x: Run) -> str:
-    """Return a few lines: samples, closure error, friction."""
-    lines = [
+@renders(Run, "sheet")
+def run_sheet(x: Run) -> Sheet:
+    """Return samples, closure error, friction, and the first transitions."""
+    title = (
         f"simulated {x.mechanism.name}: {len(x.t)} samples, {x.t[-1] - x.t[0]:.4g} s; "
         f"{x.evaluations} evaluations of the equations of motion"
-    ]
-    if x.mechanism.closures:
-        lines.append(f"  closure error: {x.closure_error:.2g}")
+    )
+    facts = {"closure error": f"{x.closure_error:.2g}"} if x.mechanism.closures else {}
     for name, stuck in x.stuck.items():
         count = sum(each.joint == name for each in x.transitions)
-        lines.append(
-            f"  dry friction at {name}: stuck {100 * stuck.mean():.3g} % of the time, "
-            f"{count} changes"
+        facts[f"dry friction at {name}"] = (
+            f"stuck {100 * stuck.mean():.3g} % of the time, {count} changes"
         )
-    return "\n".join(lines)
-
-
-@renders(Run, "text")
-def run_text(x: Run) -> str:
-    """Return the summary and the first transitions."""
-    lines = [summary(x), *(f"  {each}" for each in x.transitions[:TRANSITIONS])]
+    lines = list(map(str, x.transitions[:TRANSITIONS]))
     more = len(x.transitions) - TRANSITIONS
-    return "\n".join([*lines, *([f"  … {more} more"] if more > 0 else [])])
+    return Sheet(title, facts=facts, lines=[*lines, *([f"… {more} more"] if more > 0 else [])])
+
+
+@renders(Run, "summary")
+def summary(x: Run) -> str:
+    """Return the same without the transitions."""
+    return replace(run_sheet(x), lines=()).summary()
 
 
 def _rows(x: Replay) -> list[list[str]]:
@@ -69,15 +69,15 @@ def _rows(x: Replay) -> list[list[str]]:
     return rows
 
 
-@renders(Replay, "text")
-def replay_text(x: Replay) -> str:
+@renders(Replay, "sheet")
+def sheet(x: Replay) -> Sheet:
     """Return the errors by joint and notes."""
     count = sum(len(run.starts) for run in next(iter(x.runs.values())))
-    head = (
+    title = (
         f"simulated against measured motion: {count} windows of {x.window:g} s, each from "
         "the measured state"
     )
-    return "\n".join([head, *table(_rows(x)), *(f"  note: {note}" for note in x.notes)])
+    return Sheet(title, tables={"error by joint": _rows(x)}, notes=x.notes)
 
 
 @renders(Replay, "plot")

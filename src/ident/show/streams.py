@@ -6,19 +6,18 @@ from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
-from markupsafe import Markup
 
 from ident.diagnosis import Diagnosis
 from ident.display import renders
 from ident.show.fit import summary
-from ident.show.html import Section, definitions, in_frame, items, strong
-from ident.show.html import table as html_table
+from ident.show.html import Section, items
+from ident.show.sheet import Sheet
 from ident.streams.diagnose_each import Verdicts
 from ident.streams.gather import Gathered
 from ident.streams.many_logs import RATE, Disagreement, LogComparison
 from ident.streams.monitor import Alarm, Cause, Monitor, ParameterChange
 from ident.streams.online import Forces, Snapshot
-from ident.text import listed, percent, rounded, table
+from ident.text import listed, percent, rounded
 
 NAMED = 6  # logs in a sentence; more are counted
 SHOWN = 6  # parameters in one line
@@ -81,36 +80,24 @@ def _difference(odd: Disagreement) -> str:
     return f"{odd.unknown} by {change}; {several}{', '.join(odd.parts)} explains {share}"
 
 
-@renders(LogComparison, "summary")
-def log_summary(x: LogComparison) -> str:
-    """Return the table and who disagrees, without the notes."""
+@renders(LogComparison, "sheet")
+def log_sheet(x: LogComparison) -> Sheet:
+    """Return the table, and who disagrees."""
     head = "log by log; chance: that a log like the others looks as odd"
-    return "\n".join([head, *table(log_rows(x)), who_disagrees(x)])
-
-
-@renders(LogComparison, "text")
-def log_text(x: LogComparison) -> str:
-    """Return the summary and the notes."""
-    return "\n".join([log_summary(x), *(f"note: {note}" for note in x.notes)])
+    return Sheet(head, tables={"logs": log_rows(x)}, lines=[who_disagrees(x)], notes=x.notes)
 
 
 @renders(LogComparison, "section")
 def log_section(x: LogComparison) -> Section:
     """Return the table, and below it who disagrees."""
-    below = items([who_disagrees(x), *x.notes])
-    return Section("Log by log", (html_table(log_rows(x), "Logs"), below))
-
-
-@renders(LogComparison, "html")
-def log_html(x: LogComparison) -> str:
-    """Return the section of a report by itself."""
-    return in_frame(log_section(x).blocks)
+    sheet = log_sheet(x)
+    return Section("Log by log", (*sheet.blocks(), *([items(x.notes)] if x.notes else [])))
 
 
 @renders(Gathered, "summary")
 def gathered_summary(x: Gathered) -> str:
     """Return the summary of the fit and, of several logs, the logs one by one."""
-    return f"{summary(x.fit)}\n\n{log_summary(x.each)}" if x.several else summary(x.fit)
+    return f"{summary(x.fit)}\n\n{log_sheet(x.each).summary()}" if x.several else summary(x.fit)
 
 
 @renders(Gathered, "text")
@@ -149,11 +136,14 @@ def verdict_rows(x: Verdicts) -> list[list[str]]:
     return rows
 
 
+def _each_sheet(x: Verdicts) -> Sheet:
+    return Sheet("each log by itself", tables={"logs": verdict_rows(x)}, lines=votes(x))
+
+
 @renders(Verdicts, "text")
 def verdicts_text(x: Verdicts, together: Callable[[Diagnosis], str] = str) -> str:
     """Return each log's verdict, the votes, and the diagnosis of all logs together."""
-    lines = ["each log by itself", *table(verdict_rows(x)), *votes(x), "", "all logs together"]
-    return "\n".join([*lines, together(x.together)])
+    return f"{_each_sheet(x).summary()}\n\nall logs together\n{together(x.together)}"
 
 
 @renders(Verdicts, "short")
@@ -165,17 +155,13 @@ def verdicts_short(x: Verdicts) -> str:
 @renders(Verdicts, "section")
 def verdicts_section(x: Verdicts) -> Section:
     """Return the section of a report."""
-    below = [*votes(x), *x.notes]
-    blocks = html_table(verdict_rows(x), "Each by itself"), *((items(below),) if below else ())
-    return Section("Log by log", blocks)
+    return Section("Log by log", (*_each_sheet(x).blocks(), *([items(x.notes)] if x.notes else [])))
 
 
 @renders(Verdicts, "html")
 def verdicts_html(x: Verdicts) -> str:
     """Return the tables and the votes, and the diagnosis of all logs together."""
-    below = [items(votes(x))] if x.asked else []
-    each = [html_table(verdict_rows(x), "Each log by itself"), *below]
-    return in_frame(each) + x.together._repr_html_()
+    return _each_sheet(x).html() + x.together._repr_html_()
 
 
 # --- online --------------------------------------------------------------------------------------
@@ -202,8 +188,8 @@ def snapshot_line(x: Snapshot) -> str:
     return f"t = {x.t:.6g} s: {', '.join(parts)}; lag {1e3 * x.lag:.3g} ms"
 
 
-@renders(Snapshot, "text")
-def snapshot_text(x: Snapshot) -> str:
+@renders(Snapshot, "sheet")
+def snapshot_sheet(x: Snapshot) -> Sheet:
     """Return tables of parameters and errors, and notes."""
     rows = [["parameter", "value", "prior", "unit", ""]]
     for v in x.identified:
@@ -213,17 +199,16 @@ def snapshot_text(x: Snapshot) -> str:
     for name, e in x.errors.items():
         ahead = percent(x.ahead[name].relative if name in x.ahead else None)
         errors.append([name, percent(e.relative), ahead, f"{e.rms:.4g}", e.unit])
-    return "\n".join(
-        [
-            f"at t = {x.t:.6g} s: {x.samples} samples, {x.rows:.6g} equations a coordinate, "
-            f"{x.rank} base parameters, condition number {x.condition_number:.3g}; lag "
-            f"{1e3 * x.lag:.3g} ms",
-            *(table(rows) if len(rows) > 1 else ["  no parameter is determined by itself"]),
-            *([] if x.multipliers is None else [f"  {x.multipliers}"]),
-            *table(errors),
-            *(f"note: {note}" for note in x.notes),
-        ]
+    title = (
+        f"at t = {x.t:.6g} s: {x.samples} samples, {x.rows:.6g} equations a coordinate, "
+        f"{x.rank} base parameters, condition number {x.condition_number:.3g}; lag "
+        f"{1e3 * x.lag:.3g} ms"
     )
+    known = {"parameters": rows} if len(rows) > 1 else {}
+    facts = {} if known else {"parameters": "none is determined by itself"}
+    if x.multipliers is not None:
+        facts["multipliers"] = str(x.multipliers)
+    return Sheet(title, facts=facts, tables={**known, "errors": errors}, notes=x.notes)
 
 
 # --- monitor -------------------------------------------------------------------------------------
@@ -257,52 +242,38 @@ def headline(x: Alarm) -> str:
     return f"{since} changed: one of {', '.join(x.suspects)}"
 
 
-def alarm_lines(x: Alarm) -> list[str]:
-    """Return what the headline does not say."""
-    lines = [
-        f"sure at {x.detected:.2f} s by {x.seen_by}, evidence {x.evidence:.1f} of "
-        f"{x.threshold:.1f}; named at {x.named:.2f} s"
-    ]
+@renders(Alarm, "sheet")
+def alarm_sheet(x: Alarm) -> Sheet:
+    """Return the headline and what it does not say."""
+    causes = []
     for cause in (x.best, *x.rivals) if x.best else ():
-        lines.append(f"{cause}, explains {100 * cause.explains:.0f} %")
+        causes.append(f"  {cause}, explains {100 * cause.explains:.0f} %")
         forces = [f"{name} by {v:.2g}" for name, v in cause.reactions.items() if v > 0]
         if forces:
-            lines.append(f"  it would change the reaction {', '.join(forces)} rms")
-    ratios = ", ".join(f"{name} {v:.3g}" for name, v in x.errors.items())
-    return [*lines, f"errors over their normal size: {ratios}"]
-
-
-@renders(Alarm, "text")
-def alarm_text(x: Alarm) -> str:
-    """Return the headline and what it does not say."""
-    return "\n".join([headline(x), *(f"  {line}" for line in alarm_lines(x))])
-
-
-@renders(Alarm, "html")
-def alarm_html(x: Alarm) -> str:
-    """Return the same as a list."""
+            causes.append(f"    it would change the reaction {', '.join(forces)} rms")
     facts = {
-        "Sure at": f"{x.detected:.2f} s, by {x.seen_by}",
-        "Named at": f"{x.named:.2f} s",
-        "Verdict": x.verdict,
+        "sure": f"at {x.detected:.2f} s by {x.seen_by}, evidence {x.evidence:.1f} of "
+        f"{x.threshold:.1f}",
+        "named": f"at {x.named:.2f} s",
+        "errors over their normal size": ", ".join(f"{n} {v:.3g}" for n, v in x.errors.items()),
     }
-    blocks: tuple[Markup, ...] = strong(headline(x)), definitions(facts), items(alarm_lines(x))
-    return in_frame(blocks)
+    return Sheet(headline(x), facts=facts, lines=causes)
 
 
-@renders(Monitor, "text")
-def monitor_text(x: Monitor) -> str:
+@renders(Monitor, "sheet")
+def monitor_sheet(x: Monitor) -> Sheet:
     """Return what the monitor rests on, watches and has raised."""
     alone = (s.effects[0].kind for s in x.watched.suspects if len(s.effects) == 1)
     kinds = ", ".join(f"{kind} ({count})" for kind, count in Counter(alone).items())
-    return "\n".join(
-        [
-            f"monitor of {x.watched.mechanism.name}: {x.design.normal.triangle.rows} rows of "
-            f"normal running, intervals of {x.seconds:g} s",
-            f"  {x.false_alarms_per_hour:g} false alarms an hour at most, while the machine runs "
-            f"as it did then; on normal running drawn again {x.calibration.alarms} alarms where "
-            f"{x.calibration.stated:g} were allowed",
-            f"  watches, at so many places: {kinds}",
-            f"  alarms: {len(x.alarms)}, evidence {x.evidence:.1f} of {x.threshold:.1f}",
-        ]
+    title = (
+        f"monitor of {x.watched.mechanism.name}: {x.design.normal.triangle.rows} rows of normal "
+        f"running, intervals of {x.seconds:g} s"
     )
+    facts = {
+        "false alarms": f"{x.false_alarms_per_hour:g} an hour at most, while the machine runs as "
+        f"it did then; on normal running drawn again {x.calibration.alarms} where "
+        f"{x.calibration.stated:g} were allowed",
+        "watches": f"{kinds} (number of places)",
+        "alarms": f"{len(x.alarms)}, evidence {x.evidence:.1f} of {x.threshold:.1f}",
+    }
+    return Sheet(title, facts=facts)
