@@ -28,7 +28,13 @@ from ident.fit.table import Table
 from ident.information.hypotheses import Array, zscore
 from ident.motion.regressor import regressor
 
-FACTORS = (1e3, 100.0, 180 / np.pi, 10.0, 9.81)  # by which units of torque differ, and inverses
+UNITS = {  # by which factors units of torque differ; their inverses are tried as well
+    1e3: "mN m for N m",
+    100.0: "N cm for N m",
+    180 / np.pi: "degrees for radians",
+    10.0: "a factor of ten",
+    9.81: "kgf m for N m",
+}
 LONGEST = 0.1  # s; a torque that is later still is another log's
 NODES = 12  # shifts on either side, from one sample up to LONGEST
 SMALL = 0.01  # relative error below which no channel is blamed, and none is better than another
@@ -236,7 +242,7 @@ class ChannelEquations:
             for i in range(j):
                 yield now.with_("swapped", 1.0, take={i: now.take[j], j: now.take[i]})
                 yield now.with_("sign", -1.0, gain={i: -now.gain[i], j: -now.gain[j]})
-            for factor in (*FACTORS, *(1 / each for each in FACTORS)):
+            for factor in (*UNITS, *(1 / each for each in UNITS)):
                 yield now.with_("scale", factor, gain={j: factor * now.gain[j]})
         for shift, lag in enumerate(self.lags):
             if shift and now.take == self.as_logged.take:
@@ -287,8 +293,9 @@ class ChannelEquations:
             poor = noise > POOR
             tried = [
                 (self.score(each, noise), each)
-                for each in self.causes(now) if poor[self.rows_of(each)].any()
-            ]  # fmt: skip
+                for each in self.causes(now)
+                if poor[self.rows_of(each)].any()
+            ]
             if not tried:
                 break
             limit = credible_t(len(tried), len(self.rows))
@@ -304,7 +311,7 @@ class ChannelEquations:
             D = left[0] - base
             t = min(zscore(D.sum(axis=1)), zscore(D[:, mine].sum(axis=1)))
             edge = cause.kind == "delay" and abs(cause.number) == np.abs(self.lags).max()
-            if t < limit or edge:  # a later torque would be better still: it is no delay
+            if not t > limit or edge:  # a later torque would be better still: it is no delay
                 break
             rivals = tuple(
                 each
@@ -343,9 +350,13 @@ def _usual(fit: Fit) -> list[Effect]:
     return [
         each
         for each in fit.mechanism.candidates()
-        if each.local and each.linear and not each.shapes and len(each.joints) == 1
-        and set(each.joints) <= driven and each.label not in has
-    ]  # fmt: skip
+        if each.local
+        and each.linear
+        and not each.shapes
+        and len(each.joints) == 1
+        and set(each.joints) <= driven
+        and each.label not in has
+    ]
 
 
 def _steps(table: Table) -> Array:

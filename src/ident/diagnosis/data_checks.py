@@ -13,7 +13,14 @@ from typing import Any
 import numpy as np
 
 from ident.diagnosis.candidates import Contest
-from ident.diagnosis.channel_fits import POOR, Cause, ChannelEquations, CredibleCause, credible_t
+from ident.diagnosis.channel_fits import (
+    POOR,
+    UNITS,
+    Cause,
+    ChannelEquations,
+    CredibleCause,
+    credible_t,
+)
 from ident.display import Displayed
 from ident.fit import Fit
 from ident.fit.channel_checks import CODES, TIMES
@@ -23,10 +30,6 @@ from ident.information.hypotheses import Array, zscore
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import State
 
-UNITS = {
-    1e3: "mN m for N m", 100.0: "N cm for N m", 180 / np.pi: "degrees for radians",
-    10.0: "a factor of ten", 9.81: "kgf m for N m",
-}  # fmt: skip
 DEGREES = 10.0  # smallest range of a position that may be in degrees
 FEW = 700  # samples that tell a right motion from a wrong one
 
@@ -141,9 +144,11 @@ def _magnitudes(fit: Fit, equations: ChannelEquations) -> Iterator[Finding]:
 def _short(mechanism: Mechanism, cause: Cause) -> str:
     names = " and ".join(f"tau.{mechanism.driven[j]}" for j in cause.joints)
     how = {
-        "swapped": "exchanging", "sign": "turning", "scale": f"scaling by {cause.number:.3g}",
+        "swapped": "exchanging",
+        "sign": "turning",
+        "scale": f"scaling by {cause.number:.3g}",
         "delay": f"shifting by {1e3 * cause.number:.3g} ms",
-    }[cause.kind]  # fmt: skip
+    }[cause.kind]
     return f"{how} {names}"
 
 
@@ -186,11 +191,12 @@ def _positions(fit: Fit, equations: ChannelEquations) -> list[Finding]:
     thin = [e.at_samples(np.flatnonzero(e.usable)[::every]) for e in motion.experiments]
     changes = list(_changes(names, thin))
     moved = [
-        _equations(fit, [
-            e.at(mechanism, e.known(mechanism, names)[:, :, take] * times, names) for e in thin
-        ])
+        _equations(
+            fit,
+            [e.at(mechanism, e.known(mechanism, names)[:, :, take] * times, names) for e in thin],
+        )
         for _, _, take, times in changes
-    ]  # fmt: skip
+    ]
     before, *outcomes = [
         (each, each.noise(logged, np.ones(len(names)))) for each in (_equations(fit, thin), *moved)
     ]

@@ -106,9 +106,11 @@ def constant(c: LoggedChannel) -> Judgement:
     if not c.x.any() and len(c.mechanism.driven) > len(c.motion.independent):
         return None  # a drive that the others can do without may be off
     return (
-        0.0, 0.0, f"always {c.x[0]:.4g} while the joint moves: no measurement",
+        0.0,
+        0.0,
+        f"always {c.x[0]:.4g} while the joint moves: no measurement",
         f"map the right column in [log], or put '{c.joint.name}' among the passive joints",
-    )  # fmt: skip
+    )
 
 
 def zero(c: LoggedChannel) -> Judgement:
