@@ -12,7 +12,7 @@ from scipy.optimize import NonlinearConstraint, minimize
 from ident.equations.unknowns import Columns
 from ident.errors import MechanismError, MotionError, one_of
 from ident.excite.criterion import Criterion
-from ident.excite.excitation import Determined, Excitation, LimitUse, places_of
+from ident.excite.excitation import Determined, Excitation, places_of
 from ident.excite.limits import LimitBox, Limits, limits_in_force
 from ident.excite.trajectory import (
     Family,
@@ -125,11 +125,13 @@ class DesignProblem:
         joints = [all_joints[i] for i in index]
         home = _home(mechanism, joints, start, notes)
         series = Fourier(
-            period, harmonics, home,
+            period,
+            harmonics,
+            home,
             half=np.array([0.5 * (j.upper - j.lower) for j in joints]),
             speed=np.array([j.velocity for j in joints]),
             acceleration=np.array([acceleration[i] for i in index]),
-        )  # fmt: skip
+        )
         n = SAMPLES * harmonics
         t = period * np.arange(n) / n
         rest = at_rest(mechanism, names, home, t)
@@ -286,14 +288,7 @@ class DesignProblem:
         result = Determined.of(columns, rows, self.sigma)
         logged = joint_columns(mechanism, {"q": e.y, "v": e.yd, "a": e.ydd}, mechanism.driven)
         logged |= {f"tau.{name}": e.tau[:, i] for i, name in enumerate(mechanism.driven)}
-        z = self.exact.z(e)
-        low, high, share = z.min(axis=0), z.max(axis=0), self.exact.used(z)
-        limits = zip(self.exact.low, self.exact.high, strict=True)
-        uses = tuple(
-            LimitUse(q.joint, q.kind, float(low[i]), float(high[i]), float(lower), float(upper),
-                     q.unit, float(share[i]))
-            for i, (q, (lower, upper)) in enumerate(zip(self.exact.quantities, limits, strict=True))
-        )  # fmt: skip
+        uses = self.exact.uses(self.exact.z(e))
         return Excitation(
             name=mechanism.name,
             log=Log.from_arrays(f"{mechanism.name} excited", t, logged),
@@ -302,7 +297,7 @@ class DesignProblem:
             harmonics=series.harmonics,
             series=dict(zip(self.names, series.coefficients(x), strict=True)),
             uses=uses,
-            home=0.0 if e.loop is None else float(high[-1]) / self.pinv,
+            home=0.0 if e.loop is None else uses[-1].high / self.pinv,
             unknowns=len(columns),
             base=result.expected(columns, family.point),
             condition_number=result.base.condition_number,

@@ -13,6 +13,7 @@ from ident.effects import KINDS, parse
 from ident.equations.unknowns import Columns, Point
 from ident.errors import MechanismError
 from ident.excite.criterion import cosine_and_shares
+from ident.excite.limits import LimitUse
 from ident.excite.trajectory import MotionRows, motion_rows
 from ident.fit.shapes import initial
 from ident.fit.values import base_names
@@ -22,27 +23,6 @@ from ident.information.triangle import Triangle
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
-
-
-@dataclass(frozen=True)
-class LimitUse:
-    """The share of one limit that a motion uses.
-
-    Attributes:
-        joint: empty for `singularity`; kind: position, speed, acceleration, torque or singularity.
-        low, high: the extremes reached; lower, upper: the limits, of torque less the reserve.
-        unit: of these four; of a singularity ‖K⁺‖.
-        share: of the range that is covered, or of the limit that is reached; 0 where there is none.
-    """
-
-    joint: str
-    kind: str
-    low: float
-    high: float
-    lower: float
-    upper: float
-    unit: str
-    share: float
 
 
 @dataclass(frozen=True)

@@ -125,6 +125,27 @@ def _bounded(joint: Joint, start: float) -> tuple[Joint, list[str]]:
 
 
 @dataclass(frozen=True)
+class LimitUse:
+    """The share of one limit that a motion uses.
+
+    Attributes:
+        joint: empty for `singularity`; kind: position, speed, acceleration, torque or singularity.
+        low, high: the extremes reached; lower, upper: the limits, of torque less the reserve.
+        unit: of these four; of a singularity ‖K⁺‖.
+        share: of the range that is covered, or of the limit that is reached; 0 where there is none.
+    """
+
+    joint: str
+    kind: str
+    low: float
+    high: float
+    lower: float
+    upper: float
+    unit: str
+    share: float
+
+
+@dataclass(frozen=True)
 class Quantity:
     """One limited quantity: its joint, kind (position, speed, …) and unit."""
 
@@ -190,10 +211,9 @@ class LimitBox:
         The share `between` applies to the positions and rates of the joints that are moved, whose
         series is bounded between samples too, `margin` to everything that follows from them.
         """
-        share = np.array([
-            between if q.joint in moved and q.kind in ("position", "speed", "acceleration")
-            else margin for q in self.quantities
-        ])  # fmt: skip
+        kinds = ("position", "speed", "acceleration")
+        own = [q.joint in moved and q.kind in kinds for q in self.quantities]
+        share = np.where(own, between, margin)
         low, high = (self.middle + share * (x - self.middle) for x in (self.low, self.high))
         return replace(self, low=low, high=high)
 
@@ -206,11 +226,15 @@ class LimitBox:
         over = self.excess(z)
         return int(over.argmax()) if over.max() > ROUNDING else None
 
-    def used(self, z: np.ndarray) -> np.ndarray:
-        """Return (Z,) the share of each limit that is used, 0 where there is none; of ranges the
-        share that is covered.
-        """
-        position = np.array([q.kind == "position" for q in self.quantities])
+    def uses(self, z: np.ndarray) -> tuple[LimitUse, ...]:
+        """Return how z (n, Z) uses each limit."""
         closed = np.isfinite(self.low) & np.isfinite(self.high)
-        covered = np.where(closed, np.ptp(z, axis=0) / (2 * self.half), 0.0)
-        return np.where(position, covered, np.abs(z).max(axis=0) / self.high)
+        low, high = z.min(axis=0), z.max(axis=0)
+        covered = np.where(closed, (high - low) / (2 * self.half), 0.0)
+        ranges = [q.kind == "position" for q in self.quantities]
+        share = np.where(ranges, covered, np.maximum(-low, high) / self.high)
+        numbers = np.stack([low, high, self.low, self.high, share], axis=1).tolist()
+        return tuple(
+            LimitUse(q.joint, q.kind, a, b, lower, upper, q.unit, used)
+            for q, (a, b, lower, upper, used) in zip(self.quantities, numbers, strict=True)
+        )

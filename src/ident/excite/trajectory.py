@@ -85,11 +85,13 @@ class Fourier:
         w = self._frequencies
         sin, cos = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
         one, none = np.ones((len(t), 1)), np.zeros((len(t), 1))
-        waves = np.stack([
-            np.hstack([one, sin, cos]),
-            np.hstack([none, w * cos, -w * sin]),
-            np.hstack([none, -(w**2) * sin, -(w**2) * cos]),
-        ])  # fmt: skip
+        waves = np.stack(
+            [
+                np.hstack([one, sin, cos]),
+                np.hstack([none, w * cos, -w * sin]),
+                np.hstack([none, -(w**2) * sin, -(w**2) * cos]),
+            ]
+        )
         return np.einsum("cnk,dkp->cndp", waves, self._free)
 
     def states(self, x: np.ndarray, basis: np.ndarray) -> np.ndarray:

@@ -61,9 +61,9 @@ class Dynamics:
     ) -> None:
         self.plant, self.actuator, self.independent = plant, actuator, independent
         self.extra, self.since = extra, since  # other columns of a log, and its first sample [s]
+        self.wrenches = {name: x for name, x in extra.items() if name.startswith("wrench.")}
         self.asking = plant.laws.asking
-        # the last solution of x = g(x), and (I − ∂g/∂x)⁻¹
-        self._x, self._inverse = np.zeros(len(self.asking)), np.eye(len(self.asking))
+        self._x, self._slope = np.zeros(len(self.asking)), np.zeros((len(self.asking),) * 2)
 
     def balance(
         self, m: InstantTerms, modes: np.ndarray, resting: np.ndarray | None = None
@@ -75,21 +75,21 @@ class Dynamics:
         instant = _Instant(self, m, modes, resting)
         if not len(self._x):
             return instant.balance(self._x)
-        # x = g(x) of what effects ask for: Broyden, Math. Comp. 19, 1965; g is linear but for signs
-        x, inverse = self._x, self._inverse
-        off = instant.predicted(x) - x
+        # x = g(x) of what effects ask for, by Newton's method with a slope that is reused
+        x = self._x
         for k in range(ITERATIONS):
-            if np.abs(off).max() <= CONVERGED * (1.0 + np.abs(x).max()):
-                self._x, self._inverse = x, inverse
-                return instant.balance(x)
-            if k == ITERATIONS // 2:
-                inverse = np.eye(len(x))
-            step, before = inverse @ off, off
-            x = x + step
             off = instant.predicted(x) - x
-            secant = inverse @ (before - off)
-            if size := float(step @ secant):
-                inverse = inverse + np.outer(step - secant, step @ inverse) / size
+            if np.abs(off).max() <= CONVERGED * (1.0 + np.abs(x).max()):
+                self._x = x
+                return instant.balance(x)
+            if k % 8 == 2:  # g is linear but for signs: forward differences
+                h = np.diag(1e-4 * (1.0 + np.abs(x)))
+                g = off + x
+                self._slope = np.stack(
+                    [(instant.predicted(x + e) - g) / e.sum() for e in h], axis=1
+                )
+            step = np.linalg.lstsq(np.eye(len(x)) - self._slope, off, rcond=1e-12)[0]
+            x = x + (step if k < ITERATIONS // 2 else 0.5 * step)
         raise MotionError(
             f"{self.plant.mechanism.name}: at t = {m.t:.6g} s no torque satisfies the "
             "effects that depend on the load (load_friction, torque_gain, …): a coefficient is too "
@@ -110,9 +110,12 @@ class _Instant:
         self.w = plant.dry @ m.W
         zero = np.zeros(len(m.y))
         self.signals = InstantSignals(m.t, dynamics.since, m.y, m.yd, extra, zero, zero, zero)
-        now = {name: np.array([x(m.t)]) for name, x in extra.items() if name.startswith("wrench.")}
-        f_e = wrenches(plant.mechanism, "", now, m.q[None])
-        self.external = np.zeros(len(m.v)) if f_e is None else f_e[0]
+        self.external = np.zeros(len(m.v))
+        if dynamics.wrenches:
+            now = {name: np.array([x(m.t)]) for name, x in dynamics.wrenches.items()}
+            f_e = wrenches(plant.mechanism, "", now, m.q[None])
+            assert f_e is not None
+            self.external = f_e[0]
         self.explicit = m.W.T @ (laws.T0 + laws.Tq @ m.y + laws.Tv @ m.yd)
         self.aside = np.zeros(len(m.v))  # of these, the part that the prediction leaves out
         for law in laws.smooth:
@@ -176,10 +179,12 @@ class _Instant:
             share = each.limit(self.signals, explicit=True) / F[k] if F[k] else 0.0
             others = others + share * f[k] * self.w[k]
         loads = self._loads(rigid - self.external, others)
-        return np.array([
-            m.W[i] @ a + m.drift[i] if word == "a" else loads[word, i]
-            for word, i in self.dynamics.asking
-        ])  # fmt: skip
+        return np.array(
+            [
+                m.W[i] @ a + m.drift[i] if word == "a" else loads[word, i]
+                for word, i in self.dynamics.asking
+            ]
+        )
 
     def _loads(self, rigid: np.ndarray, others: np.ndarray) -> dict[tuple[str, int], float]:
         """Return load and torque of joints from forces (nv,), as `Samples.predicted` of a log."""
@@ -233,9 +238,10 @@ class _Instant:
         mechanism = self.plant.mechanism
         bodies = zip(mechanism.bodies.links, self.plant.laws.pi.reshape(-1, COUNT), strict=True)
         bad = [
-            link for link, pi in bodies
+            link
+            for link, pi in bodies
             if np.linalg.eigvalsh(pseudo_inertia(pi)).min() < -1e-9 * np.abs(pi).max()
-        ]  # fmt: skip
+        ]
         why = "something that moves has no inertia"
         if bad:
             why = f"no real body has the parameters of {', '.join(bad)}"
@@ -251,9 +257,10 @@ def holding_friction(H: np.ndarray, g: np.ndarray, F: np.ndarray) -> tuple[np.nd
 
     f is the smallest where several joints of a loop hold the same motion and can share its load.
     """
-    f = np.linalg.lstsq(H, g, rcond=SMALL)[0]
-    if (np.abs(f) <= F).all():
-        return f, True
+    f, _, rank, _ = np.linalg.lstsq(H, g, rcond=SMALL)
+    holds = bool((np.abs(f) <= F).all())
+    if holds or rank == len(g):
+        return f, holds
     boxed, _ = box_programme(H, g, F)
     holds = np.abs(g - H @ boxed).max() <= MARGIN * np.abs(H).max() * F.max(initial=0.0)
     return (boxed, True) if holds else (f, False)

@@ -22,7 +22,7 @@ from ident.motion.state import joint_coordinates
 from ident.progress import Progress
 from ident.simulate.balance import STICK, Dynamics
 from ident.simulate.drives import Drive, Torques, actuator_of
-from ident.simulate.integration import Integration, IntegrationRecord, Transition
+from ident.simulate.integration import Integration, Transition
 from ident.simulate.inverse import (
     CHANNELS,
     Noise,
@@ -160,8 +160,8 @@ def integrate(
         plant, actuator_of(drive, plant, e), independent, extra, 0.0 if e is None else float(e.t[0])
     )
     integration = Integration(dynamics, tolerance, longest, knots)
-    record = integration.run((q, v, np.zeros(len(plant.laws.states))), t, progress)
-    run = _run_of(model, record, integration.names)
+    integration.run((q, v, np.zeros(len(plant.laws.states))), t, progress)
+    run = _run_of(model, integration)
     logged = with_noise(_columns(run, point, columns, joints), noise, seed)
     logged |= {key: x(t) for key, x in extra.items()}
     return replace(run, log=Log.from_arrays(name, t, logged))
@@ -228,22 +228,35 @@ def start_state(
     return q, v[0]
 
 
-def _run_of(mechanism: Mechanism, record: IntegrationRecord, names: Sequence[str]) -> Run:
-    """Return the result of a record, without a log; `names` of the joints with dry friction."""
-    t = np.array(record.t)
-    q, v = (np.array([getattr(m, key) for m in record.terms]) for key in "qv")
+def _run_of(mechanism: Mechanism, integration: Integration) -> Run:
+    """Return the result of an integration, without a log."""
+    terms, balances, modes = zip(*integration.samples, strict=True)
+    t = np.array([m.t for m in terms])
+    q, v = (np.array([getattr(m, key) for m in terms]) for key in "qv")
     a, tau, multipliers, friction = (
-        np.array([getattr(b, key) for b in record.balances]).reshape(len(t), -1)
+        np.array([getattr(b, key) for b in balances]).reshape(len(t), -1)
         for key in ("a", "tau", "multipliers", "friction")
     )
-    stuck = np.array(record.modes).reshape(len(t), -1) == STICK
-    closed = mechanism.kinematics.closure_rows(q).value
+    stuck = np.array(modes).reshape(len(t), -1) == STICK
+    y, yd, ydd = joint_coordinates(mechanism, q, v, a, {})
     return Run(
-        mechanism, Log.from_arrays(mechanism.name, t, {}), t, q, v, a,
-        *joint_coordinates(mechanism, q, v, a, {}), tau, multipliers,
-        dict(zip(names, friction.T, strict=True)), dict(zip(names, stuck.T, strict=True)),
-        tuple(record.transitions), float(np.abs(closed).max(initial=0.0)), record.evaluations,
-    )  # fmt: skip
+        mechanism=mechanism,
+        log=Log.from_arrays(mechanism.name, t, {}),
+        t=t,
+        q=q,
+        v=v,
+        a=a,
+        y=y,
+        yd=yd,
+        ydd=ydd,
+        tau=tau,
+        multipliers=multipliers,
+        friction=dict(zip(integration.names, friction.T, strict=True)),
+        stuck=dict(zip(integration.names, stuck.T, strict=True)),
+        transitions=tuple(integration.transitions),
+        closure_error=float(np.abs(mechanism.kinematics.closure_rows(q).value).max(initial=0.0)),
+        evaluations=integration.evaluations,
+    )
 
 
 def _columns(

@@ -13,7 +13,7 @@ Acary, Brogliato, Numerical Methods for Nonsmooth Dynamical Systems, ch. 8.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -53,24 +53,16 @@ class Transition:
         return f"{self.t:.6g} s: {self.joint} {what}"
 
 
-@dataclass(eq=False)
-class IntegrationRecord:
-    """Terms, forces and modes (dry,) of every sample, all transitions, evaluations."""
-
-    t: list[float] = field(default_factory=list)
-    terms: list[InstantTerms] = field(default_factory=list)
-    balances: list[Balance] = field(default_factory=list)
-    modes: list[np.ndarray] = field(default_factory=list)
-    transitions: list[Transition] = field(default_factory=list)
-    evaluations: int = 0
-
-
 class Integration:
-    """One integration over time; `run` performs it.
+    """One integration over time; `run` performs it, and what it has reached is in the attributes.
 
     Steps have the relative error `tolerance` and are no longer than `longest` [s]; they end at the
     times `knots`, where an input is not smooth. The integration ends where `until` is true of a
     sample's terms. Whole turns are counted from coordinates `near` (J,).
+
+    Attributes:
+        samples: terms, forces and modes (dry,) at the times passed so far.
+        transitions: changes of mode; evaluations: of the right side.
     """
 
     def __init__(
@@ -88,7 +80,9 @@ class Integration:
         self.longest = min(longest, WATCHED) if self.names else longest
         model = self.plant.mechanism.model
         self._cuts = [model.nq, model.nq + model.nv]
-        self.record = IntegrationRecord()
+        self.samples: list[tuple[InstantTerms, Balance, np.ndarray]] = []
+        self.transitions: list[Transition] = []
+        self.evaluations = 0
         self.modes = np.zeros(len(self.names), dtype=int)
         self._most = 0.0
         # speeds and accelerations (dry,) of the last evaluation, and whether stuck joints hold
@@ -96,7 +90,7 @@ class Integration:
 
     def run(
         self, start: tuple[np.ndarray, ...], times: np.ndarray, on_progress: Progress | None = None
-    ) -> IntegrationRecord:
+    ) -> None:
         """Integrate from q (nq,), v (nv,), z (states,) at times[0] over all times (n,) [s].
 
         Raises:
@@ -113,7 +107,7 @@ class Integration:
                 states, change = self._step(solver)
                 t = solver.t if change is None else change[0]
                 x = self._projected(t, solver.y) if change is None else states(t)
-                while not self._done(times) and (at := float(times[len(self.record.t)])) <= t:
+                while not self._done(times) and (at := float(times[len(self.samples)])) <= t:
                     self._sample(at, self._projected(at, states(at)) if at < t else x)
                 if on_progress:
                     on_progress("integrating", float((t - times[0]) / (end - times[0])))
@@ -124,20 +118,15 @@ class Integration:
                 stuck = (self.modes == STICK) | (np.abs(self._speeds(x)) <= REST)
                 self._decide(t, x, stopped | stuck, broke)
                 x = self._projected(t, x)
-        return self.record
 
     def _done(self, times: np.ndarray) -> bool:
-        record = self.record
-        return len(record.t) == len(times) or (
-            self.until is not None and self.until(record.terms[-1])
+        return len(self.samples) == len(times) or (
+            self.until is not None and self.until(self.samples[-1][0])
         )
 
     def _sample(self, t: float, x: np.ndarray) -> None:
         m = self._terms(t, x)
-        self.record.t.append(t)
-        self.record.terms.append(m)
-        self.record.balances.append(self.dynamics.balance(m, self.modes))
-        self.record.modes.append(self.modes)
+        self.samples.append((m, self.dynamics.balance(m, self.modes), self.modes))
 
     def _terms(self, t: float, x: np.ndarray) -> InstantTerms:
         q, v, z = np.split(x, self._cuts)
@@ -149,8 +138,8 @@ class Integration:
         return np.asarray(self.plant.dry @ (W @ v))
 
     def _slope(self, t: float, x: np.ndarray) -> np.ndarray:
-        self.record.evaluations += 1
-        if self.record.evaluations > self._most:
+        self.evaluations += 1
+        if self.evaluations > self._most:
             raise MotionError(
                 f"{self.plant.mechanism.name}: at t = {t:.6g} s the integration has become too "
                 "slow (steps of microseconds): the motion is stiff or unstable, or dry friction "
@@ -243,8 +232,8 @@ class Integration:
             least = SURE * np.abs(b.rates).max(initial=0.0)
             slides = (b.sides != 0) & resting & (broke | (b.sides * b.rates > least))
             modes = np.where(slides, b.sides, modes)
-        for k in np.flatnonzero(modes != self.modes) if self.record.t else ():
-            self.record.transitions.append(Transition(t, self.names[k], int(modes[k])))
+        for k in np.flatnonzero(modes != self.modes) if self.samples else ():
+            self.transitions.append(Transition(t, self.names[k], int(modes[k])))
         self.modes = modes
 
     def _projected(self, t: float, x: np.ndarray) -> np.ndarray:

@@ -202,7 +202,14 @@ def point_of(
         kind = name.partition(".")[0]
         valid = [*bodies.names, *own]
         hint = one_of(name, valid)
-        if kind in KINDS and not any(each.startswith(f"{kind}.") for each in own):
-            hint = f"the model has no effect '{kind}'; add it, as --with {kind}:JOINT"
+        if kind in KINDS and not any(
+            each.rpartition(".")[0] == name.rpartition(".")[0] for each in own
+        ):
+            site = name.removeprefix(f"{kind}.").rpartition(".")[0]
+            label = f"{kind}:{site}" if site else kind
+            hint = (
+                f"the model has no effect '{label}'; add it: --with {label}, or an [[effect]] in "
+                "mechanism.toml"
+            )
         raise MechanismError(f"{mechanism.name}: no parameter '{name}'; {hint}")
     return Point(parameters, own)

@@ -197,7 +197,7 @@ def _replayed(
             integration.run((e.q[a], e.v[a], z[a]), e.t[a : b + 1], on_progress)
         except MotionError as error:
             failure = str(error)
-        y = np.array([m.y for m in integration.record.terms])
+        y = np.array([m.y for m, _, _ in integration.samples])
         return y.reshape(-1, len(mechanism.joints)), failure
 
     simulated, starts, failures = np.full(e.y.shape, np.nan), [], []
