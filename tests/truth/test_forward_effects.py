@@ -7,7 +7,7 @@ import pytest
 from forward import judged, planted
 
 import ident
-from helpers import ROBOTS, J, tree_urdf, write_mechanism
+from helpers import J, tree_urdf, write_mechanism
 from ident import Log, MechanismError
 from ident.simulate.plant import Rigid
 from identification import motion_log, robot
@@ -96,19 +96,6 @@ def test_all_frictions_at_one_joint_together():
     mechanism = planted(robot("arm"), {"viscous:elbow": effects.pop("viscous:elbow"), **effects})
     run = ident.integrate(mechanism, ident.ComputedTorque(moving("arm")))
     assert judged(mechanism, run) < 1e-8
-
-
-def test_load_friction_at_every_joint_while_joints_stick():
-    """Friction that depends on the load is continuous in it where a joint is about to slide."""
-    mechanism = robot("arm").with_effect("load_friction", {"mu": 0.05})
-    mechanism = mechanism.with_effect("coulomb", {"Fc": 0.4})
-    log = ident.read_log(ROBOTS / "arm" / "run.csv")
-    later = log.t >= 1.2
-    log = Log.from_arrays("late", log.t[later], {k: x[later] for k, x in log.columns.items()})
-    run = ident.integrate(mechanism, ident.ComputedTorque(log), duration=0.3)
-    assert {each.mode for each in run.transitions} >= {0}
-    for name, f in run.friction.items():
-        assert np.abs(f[run.stuck[name]]).max(initial=0.0) <= np.abs(f).max()
 
 
 def test_an_effect_of_ones_own():
