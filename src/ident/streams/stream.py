@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from itertools import pairwise
 from math import factorial
 from typing import Any
@@ -31,12 +32,14 @@ from ident.log import Column, Log
 from ident.mechanism.mechanism import Mechanism, Multipliers
 from ident.motion import Motion
 from ident.motion.closures import LoopSolver
+from ident.motion.recipe import Recipe
 from ident.motion.signals import (
     GAP,
     LARGEST,
     LONE,
     NO_MEASUREMENT,
     UNEVEN,
+    Clock,
     is_signal,
     usual_range,
 )
@@ -48,7 +51,7 @@ TOGETHER = 32  # samples that need not wait longer
 ORDERS = "qva"
 PLACES = 64  # configurations from which a stream may set out
 DEGREE = 6  # of the local polynomial
-WIDTH = 1.6  # knots of the log's splines on either side of a sample, see `_half`
+WIDTH = 1.6  # knots of the log's splines on either side of a sample, see `Setting.half`
 CLEAN = 3  # samples on either side, of signals that need no smoothing: they are interpolated
 SHARPEST = 1e-9  # of what a channel of unit size can be trusted to, as `complete` has it
 SPLINE, TWICE = 12, 2  # samples: where a cubic spline forgets its ends; lost by two differences
@@ -57,23 +60,14 @@ Sample = Mapping[str, Any] | Log
 """One sample, or a block of them, by column: numbers, or arrays (n,)."""
 
 
-@dataclass(frozen=True, eq=False)
-class Setting:
-    """What a batch chooses from a whole log, and a stream must know before its first sample."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Setting(Recipe):
+    """The recipe of logs of the same machine, and what else a stream must know beforehand."""
 
-    rate: float  # samples a second [Hz]
-    logged: tuple[str, ...]  # joints that determine the motion
-    independent: tuple[str, ...]  # those in which errors are compared
     channels: tuple[str, ...]  # what is logged of each of `logged`, of "qva"
     wrenches: tuple[str, ...]  # columns of external wrenches
-    cutoff: float | None  # of the rows' zero-phase filter [Hz]; None: no filter
-    half: int  # M, samples on either side from which derivatives are made; 0: taken as logged
     taken: tuple[str, ...]  # joints of `logged` whose q, v and a are taken as they are
-    noise: Mapping[str, float]  # standard deviation of white noise, by column
-    still: np.ndarray  # (J,) speed below which a joint stands still [rad/s | m/s]
-    farthest: np.ndarray | None  # (J, d) largest leverage of every joint; None for a tree
     scale: np.ndarray  # (logged,) of coordinates, where more are logged than needed
-    singular: float  # ‖K⁺‖ from which on a sample is too near a singular position
     y: np.ndarray  # (places, logged) configurations on the way of this machine
     q: np.ndarray  # (places, nq)
     # by column, median and distance from it beyond which a sample is absurd
@@ -102,40 +96,51 @@ class Setting:
             if orders == ORDERS and f"q.{name}" in clean
         )
         return cls(
-            rate=e.rate,
+            clock=Clock(float(e.t[0]), 1 / e.rate, len(e), even=True),
+            knots=max((channel.spacing for channel in e.channels), default=0.0),
+            noise={channel.column: channel.noise for channel in e.channels} | dict(e.noise),
             logged=e.logged,
             independent=motion.independent,
-            channels=channels,
-            wrenches=tuple(name for name in log.columns if name.startswith("wrench.")),
-            cutoff=motion.band.cutoff,
-            half=0 if taken == e.logged else _half(e),
-            taken=taken,
-            noise={channel.column: channel.noise for channel in e.channels} | dict(e.noise),
+            band=motion.band,
             still=np.max([each.still for each in motion.experiments], axis=0),
             farthest=np.max(far, axis=0) if far else None,
-            scale=np.maximum(e.y[:, at].std(axis=0), 1e-9),
             singular=np.inf if e.loop is None else largest_nearness(nearness(e)),
+            channels=channels,
+            wrenches=tuple(name for name in log.columns if name.startswith("wrench.")),
+            taken=taken,
+            scale=np.maximum(e.y[:, at].std(axis=0), 1e-9),
             y=e.y[some][:, at],
             q=e.q[some],
             usual={name: usual_range(x) for name, x in log.columns.items() if is_signal(name)},
         )
 
     @property
+    def rate(self) -> float:
+        """Samples a second [Hz]."""
+        return 1 / self.clock.step
+
+    @property
+    def cutoff(self) -> float | None:
+        """Cut-off of the rows' zero-phase filter [Hz]; None: no filter."""
+        return self.band.cutoff
+
+    @cached_property
+    def half(self) -> int:
+        """M, samples on either side from which a local polynomial smooths as the log's splines do.
+
+        One of degree N over 2 M + 1 samples passes what is below (N + 1)/(3.2 M − 4.6) of half the
+        rate (R. Schafer, IEEE Signal Process. Mag. 28(4), 2011, eq. 11): of degree 6 over 1.6 knots
+        to either side 1.4 times what splines pass, and leaves as much noise as they do. 0: all is
+        taken as logged.
+        """
+        smooth = max(CLEAN, round(WIDTH * self.knots * self.rate))
+        return 0 if self.taken == self.logged else smooth
+
+    @property
     def motion_columns(self) -> tuple[str, ...]:
         """Columns of the log from which the motion is made."""
         pairs = zip(self.logged, self.channels, strict=True)
         return tuple(f"{order}.{name}" for name, orders in pairs for order in orders)
-
-
-def _half(e: State) -> int:
-    """Samples on either side that a local polynomial needs to smooth as the log's splines do.
-
-    One of degree N over 2 M + 1 samples passes what is below (N + 1)/(3.2 M − 4.6) of half the rate
-    (R. Schafer, IEEE Signal Process. Mag. 28(4), 2011, eq. 11): of degree 6 over 1.6 knots to
-    either side 1.4 times what splines pass, and leaves as much noise as they do.
-    """
-    widest = max((channel.spacing for channel in e.channels), default=0.0) * e.rate
-    return max(CLEAN, round(WIDTH * widest))
 
 
 class SampleParser:
@@ -293,7 +298,10 @@ def _joined(a: Any, b: Any) -> Any:
         if each.name != "still" and isinstance(x := getattr(a, each.name), np.ndarray)
     }
     extra = {name: np.concatenate([x, b.extra[name]]) for name, x in a.extra.items()}
-    return replace(a, **arrays, extra=extra)
+    loop = None
+    if a.loop is not None:
+        loop = tuple(np.concatenate(both) for both in zip(a.loop, b.loop, strict=True))
+    return replace(a, **arrays, extra=extra, loop=loop)
 
 
 def _derivative_weights(setting: Setting) -> tuple[np.ndarray, np.ndarray]:
@@ -461,6 +469,8 @@ class Stream:
         self._clock = StreamClock(setting.rate, free)
         self._block = int(np.clip(round(latency * setting.rate), 1, TOGETHER))
         self._waiting: list[np.ndarray] = []
+        assert setting.still is not None
+        self._still = setting.still
 
     @property
     def t(self) -> float:
@@ -569,7 +579,7 @@ class Stream:
         base = State(
             name=self.mechanism.name, t=X[:, 0], q=empty, v=empty, a=empty, y=empty, yd=empty,
             ydd=empty, tau=X[:, self._torques], wrench=None,
-            usable=np.ones(len(X), dtype=bool), still=setting.still,
+            usable=np.ones(len(X), dtype=bool), still=self._still,
             extra={name: X[:, at] for name, at in self._others.items()},
             logged=setting.logged, independent=setting.independent,
         )  # fmt: skip
