@@ -23,7 +23,7 @@ held exactly.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -70,28 +70,20 @@ def gain(
 
     base = residual(at(e))
     G = np.empty((*base.shape, len(names), 3))
-    for i, order, step, beside in _beside(mechanism, e, names):
-        G[:, :, i, order] = (residual(at(beside)) - base) / step
-    whole = Samples(mechanism, e, slice(None), point).reduced(slice(None))
-    informative = [x for effect in mechanism.effects for x in informative_joints(whole, effect)]
-    G[~informing(whole, informative, largest_transmission(e))] = 0.0
-    return G
-
-
-def _beside(
-    mechanism: Mechanism, e: State, names: tuple[str, ...]
-) -> Iterator[tuple[int, int, float, State]]:
-    """(coordinate, order, step, state) with one derivative of one coordinate displaced."""
-    surplus = len(e.logged) > mechanism.degrees_of_freedom
-    given = names if surplus else e.logged
+    given = names if len(e.logged) > mechanism.degrees_of_freedom else e.logged
     known = e.known(mechanism, given)
     for i, name in enumerate(names):
-        for order in range(3):
+        for order, start in enumerate(("near", "same", "same")):
             moved = known.copy()
             series = moved[order][:, given.index(name)]
             step = STEP * (float(np.std(series)) or 1.0)
             series += step
-            yield i, order, step, e.at(mechanism, moved, given, start="same" if order else "near")
+            beside = residual(at(e.at(mechanism, moved, given, start=start)))
+            G[:, :, i, order] = (beside - base) / step
+    whole = Samples(mechanism, e, slice(None), point).reduced(slice(None))
+    informative = [x for effect in mechanism.effects for x in informative_joints(whole, effect)]
+    G[~informing(whole, informative, largest_transmission(e))] = 0.0
+    return G
 
 
 def motion_noise(mechanism: Mechanism, e: State, point: Point, cutoff: float | None) -> np.ndarray:
