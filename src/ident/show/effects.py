@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import textwrap
 
 from ident.effects import Effect, Unknown
@@ -26,11 +25,8 @@ def example(kind: type[Effect]) -> Effect:
 def facts(kind: type[Effect]) -> dict[str, list[str]]:
     """Return the description of a kind, lines by heading, without headings that have none."""
     effect = example(kind)
-    where = " ".join((inspect.getdoc(kind.bounds) or "").split()).rstrip(".")
-    shapes = []
-    for shape in effect.shapes:
-        how = "both are tried" if shape.discrete else where[:1].lower() + where[1:]
-        shapes.append(f"{_parameter(shape)}; searched: {how}")
+    how = {True: "both are tried", False: "from several starting values"}
+    shapes = [f"{_parameter(x)}; searched: {how[x.discrete]}" for x in effect.shapes]
     lines = {
         "what": [kind.summary()],
         "torque": [kind.equation],

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,6 +10,7 @@ import polars as pl
 
 from ident.display import renders
 from ident.errors import FitError
+from ident.files import json_bytes
 from ident.montecarlo.montecarlo import MonteCarlo, Studies
 from ident.montecarlo.trial import SUMS
 from ident.motion import complete
@@ -188,7 +187,7 @@ def plot_multipliers(x: MonteCarlo, snr: float) -> Chart:
 def files(x: MonteCarlo) -> dict[str, bytes]:
     """Return the contents of all files by name."""
     return {
-        "montecarlo.json": (json.dumps(_data(x), indent=1, ensure_ascii=False) + "\n").encode(),
+        "montecarlo.json": json_bytes(_data(x)),
         "runs.csv": x.samples.write_csv().encode(),
         "multiplier_errors.csv": x.errors.write_csv().encode(),
         "montecarlo.png": plot(x).image("png"),
@@ -197,15 +196,8 @@ def files(x: MonteCarlo) -> dict[str, bytes]:
 
 
 def _data(x: MonteCarlo) -> dict[str, Any]:
-    """Return the statistics for JSON; numbers that are not finite are null."""
+    """Return the statistics for JSON."""
     plan = x.plan
-
-    def rows(frame: pl.DataFrame) -> list[dict[str, Any]]:
-        return [
-            {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in r.items()}
-            for r in frame.iter_rows(named=True)
-        ]
-
     return {
         "schema": SCHEMA,
         "mechanism": plan.mechanism.name,
@@ -216,9 +208,9 @@ def _data(x: MonteCarlo) -> dict[str, Any]:
         "noise_on": list(plan.columns),
         "estimators": [{"name": each.name, "words": each.words} for each in plan.estimators],
         "truth": list(plan.truth.words),
-        "parameters": rows(x.table),
-        "multipliers": rows(x.multipliers),
-        "failures": rows(x.failures),
+        "parameters": x.table.to_dicts(),
+        "multipliers": x.multipliers.to_dicts(),
+        "failures": x.failures.to_dicts(),
     }
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 import polars as pl
 
 from ident.display import renders
+from ident.files import json_bytes
 from ident.log import Log
 from ident.show.charts import MEASURED, Chart, Level, Line, Panel
 from ident.show.html import Page, Section, by_log, items, paragraph
@@ -113,17 +113,14 @@ def files(x: Replay) -> dict[str, bytes]:
     page = Page("Simulated against measured motion", ", ".join(x.runs), sections)
     models = {name: [_data(run) for run in logs] for name, logs in x.runs.items()}
     content = {"schema": SCHEMA, "window": x.window, "models": models}
-    data = json.dumps(content, indent=1, ensure_ascii=False).encode() + b"\n"
-    return {"replay.html": page.html(), "replay.json": data}
+    return {"replay.html": page.html(), "replay.json": json_bytes(content)}
 
 
 def _data(run: ReplayedLog) -> dict[str, Any]:
     within = run.within
     joints = {
         joint: {
-            "rms": None if np.isnan(error.rms) else error.rms,
-            "relative": error.relative,
-            "unit": error.unit,
+            **asdict(error),
             "within": within[joint],
         }
         for joint, error in run.errors.items()
