@@ -8,6 +8,8 @@ from lxml import html
 
 import ident
 from ident import Log
+from ident.information.blocks import Error
+from ident.show.card import Bar, Card
 from ident.show.residual import plot_forces
 from identification import motion_log, plant, robot
 
@@ -93,3 +95,13 @@ def test_multipliers_of_which_none_is_determined():
     assert chart._repr_png_().startswith(b"\x89PNG")
     assert chart.live().data()
     assert "none" in chart.panels[0].title
+
+
+def test_bars_of_a_card_are_in_proportion_to_the_errors():
+    before, after = Error(2.0, 0.4, "N m"), Error(0.5, 0.1, "N m")
+    bars = (Bar("a", before, after, noise=0.25), Bar("b", Error(1.0, None, "N")))
+    *_, a, b = Card("x is missing", bars=bars).text()
+    strip = a.split("  ")[2]
+    assert (strip.count("█"), strip.count("░"), strip.index("|")) == (7, 24, 4)  # 32 for 40 %
+    assert a.endswith("40 % → 10 %, noise 5 %")
+    assert b.endswith("1 N")

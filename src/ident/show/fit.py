@@ -328,14 +328,14 @@ def report(fit: Fit, known: Reactions | None = None, more: Sequence[Section] = (
 def fit_sections(
     fit: Fit, known: Reactions | None = None, more: Sequence[Section] = ()
 ) -> tuple[Section, ...]:
-    """Return warnings, errors, where it fails, parameters, multipliers, and what went in."""
+    """Return errors, warnings, where it fails, parameters, multipliers, and what went in."""
     notes = [each for each in fit.warnings if each not in fit.motion.notes]  # those stand elsewhere
     rough = [failure.joint for failure in fit.residual.where if not failure.white]
     if rough:
         notes.append(STRUCTURE.format(", ".join(rough)))
     return (
-        Section("Warnings", (items(notes),) if notes else ()),
         errors_section(error_table(fit)[1]),
+        Section("Warnings", (items(notes),) if notes else ()),
         *residual_sections({fit.name: fit.predictions}, {fit.name: fit.residual}),
         *more,
         Section("Parameters", _parameters(fit)),
