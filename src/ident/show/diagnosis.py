@@ -124,7 +124,9 @@ def short(d: Diagnosis) -> str:
     for paragraph in paragraphs:
         lines += ["", *wrapped(paragraph, "  ")]
     hidden = f", {len(d.invisible)} effects that this log cannot show" if d.invisible else ""
-    return "\n".join([*lines, "", f"--verbose: all candidates{hidden}, and the reasons"])
+    return "\n".join(
+        [*lines, "", f"--verbose, or print(diagnosis): all candidates{hidden}, reasons"]
+    )
 
 
 @renders(Diagnosis, "text")

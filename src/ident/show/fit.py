@@ -128,8 +128,10 @@ def advice(x: Unexcited) -> list[str]:
         groups.setdefault(each.joints[0] if each.joints else "", []).append(each)
     found = []
     for joint, lost in groups.items():
-        what = "no swing of one joint beside this motion will do; move several at once, farther"
-        what += " and faster"
+        what = (
+            "no swing of one joint beside this motion will do; move several at once, farther and "
+            "faster"
+        )
         if joint:
             far, fast, unit = x.moved[joint]
             size, top = x.swing[joint]

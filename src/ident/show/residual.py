@@ -57,7 +57,7 @@ def error_rows(named: Mapping[str, Mapping[str, Error]]) -> list[list[str]]:
 
 
 def parts_rows(residual: Residual, own: bool = False) -> list[list[str]]:
-    """Return one row a part, its rms by joint; effects of one kind act as one.
+    """Return one row a joint, the rms of each part; effects of one kind act as one.
 
     With `own`, the parts of each joint's own row of the generalised forces.
     """
@@ -65,21 +65,20 @@ def parts_rows(residual: Residual, own: bool = False) -> list[list[str]]:
     kinds: dict[str, list[str]] = {}
     for name in getattr(residual.traces[0], which):
         kinds.setdefault(name.split(":")[0], []).append(name)
-    columns = {kind: residual.rms_together(which, names) for kind, names in kinds.items()}
-    measured, total = residual.parts["measured"], dict(columns)
+    total = {kind: residual.rms_together(which, names) for kind, names in kinds.items()}
+    measured = residual.parts["measured"]
     if not own:
         gravity = {"(gravity)": residual.parts["gravity"]}
         total = {"measured": measured, RIGID: total.pop(RIGID), **gravity, **total}
         total["residual"] = residual.parts["residual"]
     elif DRIVES in total and not np.nanmax(total[DRIVES]) > 0:
         del total[DRIVES]
-    units = zip(residual.joints, residual.units, strict=True)
-    rows = [["", *(f"{joint} [{unit}]" for joint, unit in units)]]
+    columns = [["joint", *residual.joints], ["unit", *residual.units]]
     for name, values in total.items():
         nil = values < ROUNDING * measured
         cells = ("–" if np.isnan(x) else f"{x:.3g}" for x in np.where(nil, 0.0, values))
-        rows.append([name, *cells])
-    return rows
+        columns.append([name, *cells])
+    return [list(row) for row in zip(*columns, strict=True)]
 
 
 def parts_tables(residual: Residual) -> dict[str, list[list[str]]]:
