@@ -102,7 +102,7 @@ def card(d: Diagnosis) -> Card:
     bars = tuple(
         Bar(f.joint, errors[f.joint], after.get(f.joint), d.floor[f.joint]) for f in d.where
     )
-    return Card(line, certain, bars, command)
+    return Card(line, " ".join([certain, *_rest(d)]), bars, command)
 
 
 # --- text -----------------------------------------------------------------------------------------
@@ -112,7 +112,7 @@ def card(d: Diagnosis) -> Card:
 def short(d: Diagnosis) -> str:
     """Return what a person needs first, in some twenty lines: verdict, errors, what to do."""
     top = card(d)
-    paragraphs = [*_health(d), *_rest(d)]
+    paragraphs = _health(d)
     if d.verdict in ("unexplained", "undecided"):
         paragraphs += [*_nearest(d), *_suggestion(d)]
     if experiment := d.next_experiment:
