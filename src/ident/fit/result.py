@@ -16,14 +16,13 @@ from ident.equations.motion_noise import EliminatedRun
 from ident.equations.unknowns import Columns, Point
 from ident.errors import one_of
 from ident.fit.consistency import Binding
-from ident.fit.essential import Essential, essential
+from ident.fit.determined import Essential, Unexcited, essential, unexcited
 from ident.fit.findings import Finding
 from ident.fit.likelihood import Likelihood
 from ident.fit.multipliers import Reactions, identifiable_multipliers
 from ident.fit.prediction import Prediction, predict
 from ident.fit.problem import Problem
 from ident.fit.residual import Charted, Residual, residual_of
-from ident.fit.unexcited import Unexcited, unexcited
 from ident.fit.values import (
     BaseValue,
     Correlation,

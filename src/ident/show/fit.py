@@ -11,12 +11,11 @@ import numpy as np
 from ident.display import render, renders
 from ident.errors import FitError
 from ident.fit.consistency import Binding
-from ident.fit.essential import Essential
+from ident.fit.determined import Essential, Lost, Unexcited
 from ident.fit.files import write_fit, write_urdf
 from ident.fit.likelihood import Likelihood
 from ident.fit.multipliers import Reactions
 from ident.fit.result import Fit
-from ident.fit.unexcited import Lost, Unexcited
 from ident.fit.values import STRONG, Correlation, Value
 from ident.show.card import Card
 from ident.show.charts import PRIOR, Chart, Dots, Panel

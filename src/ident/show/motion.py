@@ -9,9 +9,9 @@ import numpy as np
 
 from ident.display import renders
 from ident.equations.unknowns import Columns
+from ident.fit.determined import excitation
 from ident.fit.problem import information_of
 from ident.fit.shapes import initial
-from ident.fit.unexcited import excitation
 from ident.fit.values import absorbed_by, base_names
 from ident.information.estimate import estimate
 from ident.mechanism.mechanism import Mechanism

@@ -1,8 +1,13 @@
-"""Unknowns that a motion does not determine, why, and a motion that would.
+"""Which parameters these data do not determine: those a model can do without, those a motion hides.
 
-A motion is compared with one made up in which everything moves (`excitation`). An unknown that
-leads a base parameter there and none here is lost to this motion. What would bring it back is
-tried: the log's motion again, in which joint u swings beside what it did, with rows A_u,
+Essential parameters: base parameters are set to zero one after the other, the one with the largest
+relative standard error first (M. T. Pham, M. Gautier, Essential parameters of robots, IEEE CDC
+1991), the others estimated anew, as long as no joint's held-out error rises by more than LOSS.
+
+Unexcited parameters: a motion is compared with one made up in which everything moves
+(`excitation`). An unknown that leads a base parameter there and none here is lost to this motion.
+What would bring it back is tried: the log's motion again, in which joint u swings beside what it
+did, with rows A_u,
 
     C_u = (Σ A_uᵀ A_u / σ² + diag(1 / plausible²))⁻¹
 
@@ -11,10 +16,11 @@ and the joints whose swing narrows an unknown most are named.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import lapack
 
 from ident.display import Displayed, render
 from ident.equations.unknowns import Columns
@@ -22,19 +28,176 @@ from ident.errors import IdentError, MotionError
 from ident.fit.problem import Problem, information_of
 from ident.fit.shapes import initial
 from ident.fit.values import absorbed_by
+from ident.information.blocks import Error, Squares
 from ident.information.estimate import Estimate, estimate
+from ident.information.held_out import fold_count, folds, rises, without_each
 from ident.information.triangle import Triangle
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.motion.closures import LoopSolver, best_conditioned, independent_joints
 from ident.motion.motion import prescribed
 
+LOSS = 0.01  # share by which any joint's held-out error may rise in all
+REGULAR = 1e-12  # of a column's norm: a smaller pivot is rounding
 SAMPLES = 600  # of a log in which swings are tried
 AMPLITUDES = (0.5, 0.15, 0.05)  # [rad | m], the largest that the mechanism can follow
 FREQUENCIES = (0.7, 1.1)  # [Hz]
 STILL = 0.01  # 1/s, of the swing: a joint that never was faster beside it stood still
 TELLS = 0.5  # of its present uncertainty: a swing that leaves less tells an unknown
 ALIKE = 1.5  # uncertainties of two swings that are called equally good
+
+
+@dataclass(frozen=True)
+class Dropped:
+    """A base parameter that is not needed.
+
+    Attributes:
+        name: its leading unknown; relative: its standard error over its size when it was dropped.
+        rise: of the held-out error with it and all before it at zero, over that of the full model,
+            in the joint where it rises most; below zero where it falls in all.
+    """
+
+    name: str
+    relative: float
+    rise: float
+
+
+@dataclass(frozen=True, repr=False)
+class Essential(Displayed):
+    """The essential base parameters of a fit.
+
+    Attributes:
+        names: leading unknowns of those that stay.
+        values, stderr: estimated without the others, by name.
+        dropped: in the order in which they were set to zero.
+        full, reduced: held-out errors of both models, by joint.
+    """
+
+    names: tuple[str, ...]
+    values: Mapping[str, float]
+    stderr: Mapping[str, float]
+    dropped: tuple[Dropped, ...]
+    full: Mapping[str, Error]
+    reduced: Mapping[str, Error]
+
+    @property
+    def line(self) -> str:
+        """Number of essential parameters, and what the others would change, in one line."""
+        return str(render(self, "line"))
+
+    def json(self) -> dict[str, object]:
+        """Return the entry of fit.json."""
+        return {
+            "parameters": [
+                {"name": n, "value": self.values[n], "stderr": self.stderr[n]} for n in self.names
+            ],
+            "dropped": [
+                {"name": d.name, "relative_stderr": min(d.relative, 1e30), "rise": d.rise}
+                for d in self.dropped
+            ],
+            "held_out": {
+                joint: {"full": self.full[joint].rms, "reduced": self.reduced[joint].rms}
+                for joint in self.full
+            },
+        }
+
+
+def essential(problem: Problem, found: Estimate, covariance: np.ndarray) -> Essential | None:
+    """Return the essential parameters of an estimate with a covariance of its base parameters;
+    None for data that cannot be parted into stretches of time.
+    """
+    columns, own = problem.columns, found.base.independent
+    trial = _HeldOutTrial.of(problem, found)
+    if trial is None or not len(own):
+        return None
+    alone = np.linalg.norm(lapack.dtrtri(trial.total.R)[0], axis=1)  # errors for unit noise
+    stderr = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    wider = np.where(np.isfinite(stderr) & (alone > 0), stderr / np.maximum(alone, 1e-300), 1.0)
+    may_go = ~np.isin(own, columns.shapes)  # a shape's column is a slope, no size
+    needed, dropped = np.ones(len(own), dtype=bool), []
+    full = best = trial.held_out(needed)
+    while (needed & may_go).any():
+        beta, stderr = _solved(trial.total, needed, wider)
+        relative = np.where(needed & may_go, stderr / np.maximum(np.abs(beta), 1e-300), -np.inf)
+        weakest = int(relative.argmax())
+        fewer = needed.copy()
+        fewer[weakest] = False
+        after = trial.held_out(fewer)
+        change = float(rises(after, full).max(initial=-1.0))
+        if change > LOSS:
+            break
+        needed, best = fewer, after
+        dropped.append(Dropped(columns.names[own[weakest]], float(relative[weakest]), change))
+    beta, stderr = _solved(trial.total, needed, wider)
+    names = tuple(columns.names[i] for i in own[needed])
+    joints = problem.motion.independent
+    return Essential(
+        names,
+        dict(zip(names, map(float, beta[needed]), strict=True)),
+        dict(zip(names, map(float, stderr[needed]), strict=True)),
+        tuple(dropped),
+        full.errors(joints, problem.units),
+        best.errors(joints, problem.units),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _HeldOutTrial:
+    """Triangles in the base parameters alone, weighted: of all rows, by stretch, and to score."""
+
+    total: Triangle
+    others: tuple[Triangle, ...]
+    scored: tuple[tuple[Triangle, ...], ...]
+    torque: np.ndarray
+
+    @classmethod
+    def of(cls, problem: Problem, found: Estimate) -> _HeldOutTrial | None:
+        information = problem.information
+        parted = folds(information, fold_count(information))
+        if len(parted) < 2:
+            return None
+        own, sigma = found.base.independent, problem.row_scale(found)
+        known = np.where(found.held, found.x, 0.0)  # x_D = 0: then x_I = β
+        fitting, scored = [], []
+        for part in parted.values():
+            small = [t.restricted(own, known) for t in part.totals]
+            rest = [t.restricted(own, known) for t in part.at_rest]
+            fitting.append(
+                Triangle.merge([t.scaled(1 / s) for t, s in zip(small, sigma, strict=True)])
+            )
+            scored.append(tuple(Triangle.merge(pair) for pair in zip(small, rest, strict=True)))
+        others = tuple(without_each(fitting))
+        return cls(Triangle.merge(fitting), others, tuple(scored), information.measured[0])
+
+    def held_out(self, needed: np.ndarray) -> Squares:
+        """Return errors in each stretch of the model fitted to the others, some β being zero."""
+        found = Squares.zero(len(self.torque))
+        for triangle, both in zip(self.others, self.scored, strict=True):
+            beta, _ = _solved(triangle, needed, None)
+            error = np.array([t.residual_norm(beta) ** 2 for t in both])
+            found = found + Squares(error, 0 * error, np.array([t.rows for t in both]))
+        return Squares(found.error, self.torque, found.rows)
+
+
+def _solved(
+    triangle: Triangle, needed: np.ndarray, wider: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return β (n,), zero where not needed, and standard errors (n,)."""
+    own = triangle.restricted(np.flatnonzero(needed))
+    beta, stderr = np.zeros(len(needed)), np.zeros(len(needed))
+    if own.k == 0:
+        return beta, stderr
+    if (np.abs(own.R.diagonal()) > REGULAR * np.linalg.norm(own.R, axis=0)).all():
+        beta[needed] = lapack.dtrtrs(own.R, own.d)[0]
+    else:  # a stretch alone determined something
+        beta[needed] = np.linalg.lstsq(own.R, own.d, rcond=REGULAR)[0]
+    if wider is not None:
+        inverse, _ = lapack.dtrtri(own.R)
+        stderr[needed] = np.linalg.norm(inverse, axis=1) * wider[needed]
+    return beta, stderr
+
+
+# --- unexcited parameters -------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
