@@ -205,7 +205,7 @@ class Lost:
     """An unknown that another motion would tell.
 
     Attributes:
-        name, unit: of the unknown.
+        name: of the unknown.
         why: `noise`: excited, but less than the residual hides, so it was held at the prior;
             `same columns`: in this motion it acts as `carriers` do; `unfelt`: no torque feels it.
         carriers: what stands for it here.
@@ -214,7 +214,6 @@ class Lost:
     """
 
     name: str
-    unit: str
     why: str
     carriers: tuple[str, ...]
     joints: tuple[str, ...]
@@ -320,8 +319,7 @@ def unexcited(problem: Problem, found: Estimate) -> Unexcited:
         joints = sorted((joint for joint in left if left[joint] < enough), key=left.__getitem__)
         carried = tuple(filter(None, carriers.get(name, "").split(", ")))
         why = "noise" if found.held[i] else "same columns" if carried else "unfelt"
-        before = float(now[k])
-        unknowns.append(Lost(name, columns.units[i], why, carried, tuple(joints[:2]), before, best))
+        unknowns.append(Lost(name, why, carried, tuple(joints[:2]), float(now[k]), best))
     return Unexcited(tuple(unknowns), moved, swings)
 
 
