@@ -340,3 +340,20 @@ def test_a_consistent_fit_of_what_is_not_linear_is_refused():
     crank = crank.with_effect("coulomb:theta").with_effect("stribeck:theta")
     with pytest.raises(ident.FitError, match="'stribeck:theta' is not linear"):
         ident.gather(crank, ROBOTS / "slider_crank" / "run.csv", consistent=True)
+
+
+def test_an_absurd_sample_is_named_with_its_row_and_turns_no_parameter(tmp_path):
+    mechanism = ident.load(ROBOTS / "five_bar").with_effect("viscous")
+    log = log_of(mechanism, {})
+    columns = {name: x.copy() for name, x in log.columns.items()}
+    columns["q.left"][2500], columns["tau.right"][700] = 100.0, 1e20
+    log.write(tmp_path / "good.parquet")
+    ident.Log.from_arrays("odd", log.t, columns).write(tmp_path / "odd.parquet")
+    good, odd = (
+        ident.gather(mechanism, tmp_path / f"{name}.parquet", samples=1024)
+        for name in ("good", "odd")
+    )
+    assert any("q.left = 100 in row 2501 " in note for note in odd.notes)
+    assert any("tau.right = 1e+20 in row 701 " in note for note in odd.notes)
+    for value in good.fit.base_parameters:
+        assert abs(odd.fit[value.name].value - value.value) < 0.1 * value.stderr

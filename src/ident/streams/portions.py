@@ -31,7 +31,7 @@ from ident.motion import Motion
 from ident.motion.closures import LoopSolver
 from ident.motion.motion import decide, left_out, part_of, state_of
 from ident.motion.recipe import Band, standstill
-from ident.motion.signals import measure
+from ident.motion.signals import absurd_samples, measure
 from ident.motion.state import State
 from ident.pool import Workers
 from ident.streams.logs import LogOnDisk, summarise
@@ -186,6 +186,8 @@ def _anchors(plan: Plan, number: int) -> np.ndarray:
     for portion, after in zip(portions, [*portions[1:], portions[-1]], strict=True):
         log = part.file.piece(portion.begin, portion.end, ["t", *columns])
         x = np.stack([log.columns[name] for name in columns], axis=1)
+        for channel in x.T:
+            channel[absurd_samples(channel)] = np.nan
         known = np.flatnonzero(np.isfinite(x).all(axis=1))[::THINNED]
         if not len(known):
             anchors.append(mechanism.assembled if q is None else q)
