@@ -61,6 +61,15 @@ def test_diagnose_of_a_whole_model_is_no_failure(arm_folder, done):
     assert "nothing is missing" in outcome.out.splitlines()[0]
 
 
+def test_identify_says_that_a_channel_has_the_wrong_sign(arm_folder, tmp_path, done):
+    log = api.read_log(arm_folder / "run.csv")
+    wrong = {**log.columns, "tau.elbow": -log.columns["tau.elbow"]}
+    api.Log.from_arrays("wrong", log.t, wrong).write(tmp_path / "wrong.csv")
+    for name, expected in ((arm_folder / "run.csv", False), (tmp_path / "wrong.csv", True)):
+        got = done("identify", str(arm_folder), str(name))
+        assert ("tau.elbow: the sign is against that of q.elbow" in got.err) is expected
+
+
 def test_the_seed_makes_it_reproducible(arm_folder, done):
     words = ("diagnose", arm_folder, arm_folder / "run.csv", *given(*FRICTION), "--seed", "5")
     assert done(*words).out == done(*words).out

@@ -317,6 +317,7 @@ class ChannelEquations:
                 each
                 for (_, each), x in zip(tried[1:], left[1:], strict=True)
                 if zscore((left[0] - x).sum(axis=1)) < RIVAL
+                and (cause.kind != "delay" or each.kind != "delay" or each.joints != cause.joints)
             )
             if any(_another_factor(cause, each) for each in rivals):
                 break
