@@ -98,7 +98,9 @@ class Board:
                 return
             self._turn += do != "look"
             before, turn = self.exploration, self._turn
-            self._tell(busy=self.state["busy"] or do != "look")
+            if do != "look":
+                self._tell(busy=True)
+                self._say(f"{do} {label} …", "busy")
         progress = self._progress(f"{do} {label}".strip(), turn)
         words = ""
         try:
@@ -196,9 +198,8 @@ class Board:
                 beside(what, share)
             if time.monotonic() - last > PAUSE:
                 last = time.monotonic()
-                self._say(f"{words}: {what} …" if what else f"{words} …", "busy", share)
+                self._say(f"{words}: {what} …", "busy", share)
 
-        on_progress("", 0.0)
         return on_progress
 
     def _show(self, e: Exploration) -> None:
