@@ -67,7 +67,6 @@ code = partial(piece, "preformatted")
 items = partial(piece, "items")  # a list of words
 definitions = partial(piece, "definitions")  # words and their meanings, those that have one
 table = partial(piece, "table")  # rows of cells, the head first; caption; tied=False breaks cells
-folded = partial(piece, "folded")  # blocks under a title that opens them
 
 
 def in_frame(blocks: Sequence[Markup]) -> str:
