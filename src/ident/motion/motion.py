@@ -15,6 +15,7 @@ from ident.log import Log, read_log
 from ident.log.table import is_frame
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.closures import best_conditioned, check_freedom, independent_joints
+from ident.motion.knots import by_torques, doubtful
 from ident.motion.recipe import (
     AUTO,
     CLEAN,
@@ -37,6 +38,7 @@ from ident.motion.signals import (
 )
 from ident.motion.smoothing import (
     AS_LOGGED,
+    Derived,
     along,
     derive,
     fused,
@@ -50,9 +52,10 @@ from ident.progress import Progress
 
 Given = Log | str | os.PathLike[str] | Any  # a polars or pandas data frame
 AGREE = 1e-9  # share of its motion below which a logged joint differs by rounding only
+TWICE = 2.0  # times the noise of a rate: a larger residual contradicts other channels
+NEAREST = 0.1  # periods of a given cut-off between two knots: the least of automatic choices
 CONTRADICTION = 0.3  # share of its own motion by which a logged joint may miss the closures
 ROUNDING = 1e-6  # of a sampling step, within which two times are the same
-TWICE = 2.0  # times a channel's noise: a larger residual of smoothing is not noise
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -131,7 +134,7 @@ def complete(
         logs: one log or several, or their paths, or polars or pandas data frames: separate
             experiments of the same mechanism.
         cutoff: of the zero-phase filter that the equations will use [Hz]; "auto" chooses it from
-            the data, None filters nothing.
+            the data, None filters nothing. Knots are not closer than a tenth of its period.
         smoothing: spacing of the knots [s] of the splines that noisy channels are smoothed by;
             "auto" chooses it from the data; None takes all channels as logged.
         torques: whether every driven joint must have its `tau.` column; else missing ones are zero.
@@ -159,18 +162,36 @@ def complete(
     smoothing = _spacing(smoothing, measured)
     band = band_of(mechanism, measured, names)
     if cutoff != "auto":
-        band = replace(band, cutoff=None if cutoff is None else _cutoff(cutoff, measured))
+        given_cutoff = None if cutoff is None else _cutoff(cutoff, measured)
+        finest = NEAREST / given_cutoff if given_cutoff else 0.0
+        band = replace(band, cutoff=given_cutoff, knots=(finest, np.inf))
     elif band.cutoff is None and band.noise > CLEAN:
         notes.append(
             f"the motion reaches {band.motion:.3g} Hz, too near the sampling rate for a filter, "
             f"but some channel is noisy ({100 * band.noise:.2g} % of it): accelerations and "
             "inertias will suffer; log faster, or give --cutoff"
         )
+    derived = [derive(signals, names, band, smoothing) for signals in measured]
+    complete_torques = all(
+        f"tau.{name}" in s.columns for s in measured for name in mechanism.driven
+    )
+    if smoothing == AUTO and complete_torques and doubtful(derived, band):
+        if progress:
+            progress("choosing knots by the torques", 0.0)
+        chosen = by_torques(mechanism, measured, names, band, derived, cutoff != "auto")
+        if chosen != band:
+            band = chosen
+            derived = [derive(signals, names, band, smoothing) for signals in measured]
+            if np.isfinite(band.knots[1]):
+                notes.append(
+                    f"noise of the positions is not white: knots {1e3 * band.knots[1]:.3g} ms, "
+                    "with which rigid bodies and friction predict the torques best"
+                )
     experiments: list[State] = []
-    for i, signals in enumerate(measured):
+    for i, (signals, each) in enumerate(zip(measured, derived, strict=True)):
         if progress:
             progress(f"completing {signals.log.name}", i / len(measured))
-        experiment, more = state_of(mechanism, signals, names, band, smoothing)
+        experiment, more = state_of(mechanism, signals, names, band, each)
         experiments.append(experiment)
         notes += more
     independent, worst = names, 0.0
@@ -203,7 +224,10 @@ def decide(
     """The recipe of a long log, from excerpts of it that decide by themselves."""
     signals = [measure(mechanism, log) for log in excerpts]
     derived = [derive(each, logged, band, smoothing) for each in signals]
-    states = [state_of(mechanism, each, logged, band, smoothing)[0] for each in signals]
+    states = [
+        state_of(mechanism, each, logged, band, own)[0]
+        for each, own in zip(signals, derived, strict=True)
+    ]
     singular = np.inf
     if mechanism.closures:
         states = [e.transmitted(mechanism, independent) for e in states]
@@ -245,7 +269,8 @@ def part_of(mechanism: Mechanism, log: Log, recipe: Recipe) -> State | None:
     signals = measure(mechanism, log, recipe.clock)
     if not signals.usable.any():
         return None
-    e, _ = state_of(mechanism, signals, recipe.logged, recipe.band, recipe.smoothing, recipe)
+    derived = derive(signals, recipe.logged, recipe.band, recipe.smoothing, recipe)
+    e, _ = state_of(mechanism, signals, recipe.logged, recipe.band, derived, recipe)
     if mechanism.closures:
         e = e.transmitted(mechanism, recipe.independent, recipe.singular)
     still = np.full(len(mechanism.joints), 1e-9) if recipe.still is None else recipe.still
@@ -266,11 +291,9 @@ def prescribed(
     check_freedom(mechanism)
     if len(independent_joints(mechanism, joints)) < mechanism.degrees_of_freedom:
         raise MotionError(f"{name}: {', '.join(joints)} do not determine the motion; give more")
-    none = np.empty(0)
     e = State(
-        name=name, t=t, q=none, v=none, a=none, y=none, yd=none, ydd=none,
-        tau=np.zeros((len(t), len(mechanism.driven))), wrench=None,
-        usable=np.ones(len(t), dtype=bool), still=none, logged=joints, independent=joints,
+        name=name, t=t, tau=np.zeros((len(t), len(mechanism.driven))),
+        usable=np.ones(len(t), dtype=bool), logged=joints, independent=joints,
     ).at(mechanism, known, joints, start="follow")  # fmt: skip
     if mechanism.closures:
         e = e.transmitted(mechanism, best_conditioned(mechanism, e.q))
@@ -382,7 +405,7 @@ def state_of(
     signals: LogSignals,
     names: tuple[str, ...],
     band: Band,
-    smoothing: float | str | None,
+    derived: Derived,
     recipe: Recipe | None = None,
 ) -> tuple[State, list[str]]:
     """The experiment of a log from the joints `names`, and notes on what was derived or left out.
@@ -390,7 +413,6 @@ def state_of(
     `recipe` is that of the whole log, if this is a part of one.
     """
     n, log, columns = len(signals.t), signals.log.name, signals.columns
-    derived = derive(signals, names, band, smoothing, recipe)
     driven = [f"tau.{name}" for name in mechanism.driven]
     tau = np.zeros((n, len(driven)))
     for i, name in enumerate(driven):
@@ -402,10 +424,7 @@ def state_of(
     usable = usable if usable.any() else signals.usable
     noisy = [f"{channel}.{name}" for name in names for channel in "qva"] + driven
     base = State(
-        name=log, t=signals.t, q=np.empty(0), v=np.empty(0), a=np.empty(0), y=np.empty(0),
-        yd=np.empty(0), ydd=np.empty(0), tau=tau, wrench=None,
-        usable=usable, still=np.empty(0), logged=names,
-        independent=names,
+        name=log, t=signals.t, tau=tau, usable=usable, logged=names, independent=names,
         extra={k: x for k, x in columns.items() if not k.startswith(("q.", "v.", "a."))},
         noise={k: noise_level(signals.even(k)[0]) for k in noisy if k in columns},
         smooth=derived.smooth, channels=tuple(derived.table),
@@ -422,13 +441,11 @@ def state_of(
         if channel.how != AS_LOGGED:
             treated.setdefault(channel.how, []).append(channel.column)
     notes = [f"{log}: {', '.join(same)}: {how}" for how, same in treated.items()] + notes
-    why = "the knots are too far apart (--smoothing)"
-    if len(experiment.channels) > 1:
-        why = f"it contradicts other channels, or {why}"
     notes += [
-        f"{log}: smoothing leaves {c.residual / c.noise:.3g} times the noise of {c.column}: {why}"
+        f"{log}: smoothing leaves {c.residual / c.noise:.3g} times the noise of {c.column}: it "
+        "contradicts other channels"
         for c in experiment.channels
-        if c.spacing and c.residual > TWICE * c.noise
+        if c.spacing and c.residual > TWICE * c.noise and not c.column.startswith("q.")
     ]
     if (lost := int((signals.usable & ~base.usable).sum())) > 0:
         notes.append(

@@ -43,11 +43,13 @@ class Band:
         motion: frequency below which 99.9 % of the velocities' power lies [Hz].
         noise: largest share of noise found in a channel that the regression uses.
         cutoff: of the zero-phase filter on all columns [Hz]; None: nothing to filter.
+        knots: least and largest spacing of knots [s] that smoothing may choose.
     """
 
     motion: float
     noise: float
     cutoff: float | None
+    knots: tuple[float, float] = (0.0, np.inf)
 
 
 @dataclass(frozen=True, eq=False)

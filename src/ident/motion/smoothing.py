@@ -74,9 +74,10 @@ def resolution(channels: Sequence[Channel], t: np.ndarray, band: Band) -> float:
         [each for each in inside if each.joint == name]
         for name in dict.fromkeys(channel.joint for channel in inside)
     ]
-    h = best = finest(band, channels)
+    coarsest = min(band.knots[1], (t[-1] - t[0]) / FEWEST)
+    h = best = float(np.clip(finest(band, channels), *band.knots))
     least, worse = np.inf, 0
-    while worse < WORSE and (t[-1] - t[0]) / h >= FEWEST:
+    while worse < WORSE and h <= coarsest:
         value = sum(_criterion(basis_over(t[0], t[-1], h), own) for own in joints)
         worse = 0 if value < least else worse + 1
         if value < least:

@@ -59,6 +59,10 @@ class Store:
         return Store, ()  # a copy in another process starts empty
 
 
+def _none() -> np.ndarray:
+    return np.empty(0)
+
+
 @dataclass(frozen=True, eq=False)
 class State:
     """One log's motion on a uniform clock.
@@ -86,16 +90,16 @@ class State:
 
     name: str
     t: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    y: np.ndarray
-    yd: np.ndarray
-    ydd: np.ndarray
     tau: np.ndarray
-    wrench: np.ndarray | None
     usable: np.ndarray
-    still: np.ndarray
+    q: np.ndarray = field(default_factory=_none)
+    v: np.ndarray = field(default_factory=_none)
+    a: np.ndarray = field(default_factory=_none)
+    y: np.ndarray = field(default_factory=_none)
+    yd: np.ndarray = field(default_factory=_none)
+    ydd: np.ndarray = field(default_factory=_none)
+    wrench: np.ndarray | None = None
+    still: np.ndarray = field(default_factory=_none)
     extra: Mapping[str, np.ndarray] = field(default_factory=dict)
     logged: tuple[str, ...] = ()
     independent: tuple[str, ...] = ()

@@ -32,6 +32,7 @@ from ident.motion.closures import LoopSolver
 from ident.motion.motion import decide, left_out, part_of, state_of
 from ident.motion.recipe import Band, standstill
 from ident.motion.signals import absurd_samples, measure
+from ident.motion.smoothing import derive
 from ident.motion.state import State
 from ident.pool import Workers
 from ident.streams.logs import LogOnDisk, summarise
@@ -209,7 +210,8 @@ def motion_of(plan: Plan, portion: Portion) -> tuple[State | None, list[str]]:
     log = replace(part.file.piece(portion.begin, portion.end), name=part.name)
     if part.recipe is None:  # the whole log: what `complete` makes of it
         signals = measure(mechanism, log)
-        e, notes = state_of(mechanism, signals, plan.logged, plan.band, plan.smoothing)
+        derived = derive(signals, plan.logged, plan.band, plan.smoothing)
+        e, notes = state_of(mechanism, signals, plan.logged, plan.band, derived)
         if mechanism.closures:
             before, e = e, e.transmitted(mechanism, plan.independent)
             notes = [*notes, *left_out(before, e)]

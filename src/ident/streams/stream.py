@@ -575,10 +575,9 @@ class Stream:
         return known.transpose(2, 1, 0)
 
     def _experiment(self, X: np.ndarray, known: np.ndarray) -> tuple[State, np.ndarray]:
-        empty, setting = np.empty(0), self.setting
+        setting = self.setting
         base = State(
-            name=self.mechanism.name, t=X[:, 0], q=empty, v=empty, a=empty, y=empty, yd=empty,
-            ydd=empty, tau=X[:, self._torques], wrench=None,
+            name=self.mechanism.name, t=X[:, 0], tau=X[:, self._torques],
             usable=np.ones(len(X), dtype=bool), still=self._still,
             extra={name: X[:, at] for name, at in self._others.items()},
             logged=setting.logged, independent=setting.independent,

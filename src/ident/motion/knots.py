@@ -1,0 +1,152 @@
+"""Knots and cut-off of logs whose noise is not white, chosen by the measured torques.
+
+Time stamps jitter, rows repeat, encoders have steps: such noise is alike from sample to sample, and
+a criterion for white noise takes it for motion; of a trapeze it misses the ramps. But the torques
+know which accelerations are real: with rigid bodies, friction and offsets in every joint they are
+predicted best by the right ones. Their error at full rate, in stretches of time left out of the
+fit, is one currency for all knots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from ident.mechanism.mechanism import Mechanism
+from ident.motion.closures import best_conditioned
+from ident.motion.recipe import Band
+from ident.motion.regressor import regressor
+from ident.motion.signals import LogSignals
+from ident.motion.smoothing import FEWEST, Derived, finest
+from ident.motion.spline import INCONSISTENT, basis_over, fitted
+from ident.motion.state import State
+
+STEP = 2.0  # ratio of one spacing that is tried to the next
+FINER, COARSER = 4, 3  # steps from the present spacing that are tried
+ALIKE = 0.02  # share by which errors must fall for other knots than the present ones
+ROWS = 250  # filtered rows of a coordinate, at least: a dozen in each of a diagnosis's 20 blocks
+OVERSAMPLING = 4.0  # filtered rows a period of the cut-off, as `equations.filter` keeps them
+CLOSEST = 1.01  # times the closest knots: no further than rounding
+SAMPLES = 1000  # of a log, at which torques are predicted
+FOLDS = 10  # stretches of time that are left out in turn
+SLOW = 0.01  # share of a joint's top speed below which its dry friction is gradual
+ROUNDING = 1e-9  # of the largest torque
+RANK = 1e-9  # of the largest eigenvalue of unit columns
+
+
+def doubtful(derived: Sequence[Derived], band: Band) -> bool:
+    """Whether smoothing leaves more of a position than white noise, or asks for the closest knots
+    that it may choose.
+    """
+    return any(
+        each.smooth is not None
+        and (
+            each.smooth.spacing <= CLOSEST * max(finest(band, each.smooth.channels), band.knots[0])
+            or any(
+                c.spacing and c.column.startswith("q.") and c.residual > INCONSISTENT * c.noise
+                for c in each.table
+            )
+        )
+        for each in derived
+    )
+
+
+def by_torques(
+    mechanism: Mechanism,
+    logs: Sequence[LogSignals],
+    names: tuple[str, ...],
+    band: Band,
+    derived: Sequence[Derived],
+    given: bool,
+) -> Band:
+    """The band with the knots of the least error, if it is clearly less than with the present ones,
+    those of `derived`. A cut-off that is not given leaves rows enough, and is below what the knots
+    pass; knots pass one that is given.
+    """
+    start = float(np.median([each.smooth.spacing for each in derived if each.smooth]))
+    closest = max(band.knots[0], 2 * max(each.dt for each in logs))
+    coarsest = min(float(np.ptp(each.t)) for each in logs) / FEWEST
+    if given and band.cutoff:
+        coarsest = min(coarsest, 0.5 / band.cutoff)
+    scenes = [
+        _scene(mechanism, signals, names, each) for signals, each in zip(logs, derived, strict=True)
+    ]
+
+    def error(spacing: float) -> float:
+        """Mean of the logarithms of all rms errors."""
+        found = []
+        for each, (t, e) in zip(derived, scenes, strict=True):
+            known = e.known(mechanism, names)
+            if each.smooth is not None:
+                place = [names.index(name) for name in each.smooth.names]
+                for run, _ in each.smooth.runs:
+                    inside = [channel.within(t[run]) for channel in each.smooth.channels]
+                    basis = basis_over(t[run][0], t[run][-1], spacing)
+                    spline = fitted(basis, inside, each.smooth.names)
+                    here = (e.t >= t[run][0]) & (e.t <= t[run][-1])
+                    known[np.ix_(range(3), here, place)] = spline.at(e.t[here])
+            found.append(np.log(torque_errors(mechanism, e.at(mechanism, known, names))))
+        return float(np.mean(found))
+
+    ladder = [start * STEP**k for k in range(-FINER, COARSER + 1)]
+    tried = {h: error(h) for h in ladder if h == start or closest <= h <= coarsest}
+    best = min(tried, key=lambda h: tried[h])
+    if tried[best] > tried[start] - np.log1p(ALIKE):
+        best = start
+    knots = (best, best) if best != start else band.knots
+    if given:
+        return replace(band, knots=knots)
+    duration = sum(float(np.ptp(each.t)) for each in logs)
+    cutoff = max(band.cutoff or 0.0, ROWS / OVERSAMPLING / duration)
+    cutoff = min(cutoff if band.cutoff else np.inf, 0.5 / best)
+    fast = cutoff >= 0.25 / max(each.dt for each in logs)
+    return replace(band, cutoff=band.cutoff if fast else cutoff, knots=knots)
+
+
+def _scene(
+    mechanism: Mechanism, signals: LogSignals, names: tuple[str, ...], derived: Derived
+) -> tuple[np.ndarray, State]:
+    """The clock of a log, and its state at some samples."""
+    at = np.flatnonzero(signals.usable)
+    at = at[:: max(1, len(at) // SAMPLES)]
+    tau = np.stack([signals.columns[f"tau.{name}"] for name in mechanism.driven], axis=1)
+    e = State(
+        name=signals.log.name, t=signals.t, tau=tau, usable=signals.usable, logged=names,
+        independent=names,
+    ).at(mechanism, derived.known, names, start="follow").at_samples(at)  # fmt: skip
+    if mechanism.closures:
+        e = e.transmitted(mechanism, best_conditioned(mechanism, e.q))
+    return signals.t, e
+
+
+def torque_errors(mechanism: Mechanism, e: State) -> np.ndarray:
+    """Rms (d,) held out of the torques that rigid bodies, viscous and dry friction and offsets
+    predict in each independent coordinate.
+    """
+    gamma, lever = regressor(mechanism.model, e.q, e.v, e.a), e.leverage
+    if e.loop is not None:
+        gamma = e.pinv[:, :, -lever.shape[2] :].transpose(0, 2, 1) @ gamma
+    n, spread = len(e), lever.transpose(0, 2, 1)
+    dry = np.tanh(e.yd / (SLOW * np.abs(e.yd).max(axis=0) + 1e-300))
+    X = np.concatenate([gamma, spread * e.yd[:, None], spread * dry[:, None], spread], axis=2)
+    driven = [mechanism.joint_index[name] for name in mechanism.driven]
+    b = np.einsum("njd,nj->nd", lever[:, driven], e.tau)
+    edges = np.linspace(0, n, FOLDS + 1).astype(int)
+    largest = float(np.abs(b).max()) or 1.0
+    sigma = np.full(b.shape[1], largest)  # a passive joint has no torque
+    for _ in range(2):  # the second time with weights by the errors of the first
+        W, y = X / sigma[:, None], b / sigma
+        size = np.sqrt((W**2).sum(axis=(0, 1)))
+        W /= np.where(size > 0, size, 1.0)
+        parts = [slice(i, j) for i, j in pairwise(edges)]
+        rows = [W[part].reshape(-1, W.shape[2]) for part in parts]
+        H = np.array([x.T @ x for x in rows])
+        g = np.array([x.T @ y[part].ravel() for x, part in zip(rows, parts, strict=True)])
+        others = np.linalg.pinv(H.sum(axis=0) - H, rcond=RANK, hermitian=True)
+        x = (others @ (g.sum(axis=0) - g)[:, :, None])[:, :, 0]
+        off = np.concatenate([y[part] - W[part] @ x[i] for i, part in enumerate(parts)])
+        sigma = np.maximum(sigma * np.sqrt((off**2).mean(axis=0)), ROUNDING * largest)
+    return sigma
