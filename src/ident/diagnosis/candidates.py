@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from ident.diagnosis.curves import Curve, curves
 from ident.effects import Effect
@@ -80,6 +79,8 @@ def _away(table: Table, number: int, guard: float) -> np.ndarray:
     top = np.quantile(np.abs(e.yd[e.usable]), 0.98, axis=0)
     slow = np.abs(e.yd) < np.maximum(SLOW * top, e.still)
     slow &= top > e.still  # a joint that never moves has no reversals
+    from scipy.ndimage import maximum_filter1d  # takes 0.1 s to import
+
     near = maximum_filter1d(slow.astype(np.uint8), 2 * int(guard * e.rate) + 1, axis=0)
     near = near[at].astype(bool)
     d = table.b.shape[1]

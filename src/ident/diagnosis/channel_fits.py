@@ -17,8 +17,6 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
-from scipy.optimize import nnls
-from scipy.stats import t as student
 
 from ident.diagnosis.candidates import blocks_of
 from ident.effects import Effect
@@ -184,6 +182,8 @@ class ChannelEquations:
         x = cho_solve(factor, b / scale)
         slack = self.limits[0] / scale @ x + self.limits[1]
         if (slack < 0).any():  # the dual problem: min ½|Lᵀμ + L⁻¹ slack|² over μ ≥ 0
+            from scipy.optimize import nnls  # takes 0.2 s to import
+
             x = x + GH @ nnls(L.T, -solve_triangular(L, slack, lower=True))[0]
         z = np.concatenate([np.broadcast_to(x / scale, (d, k)), -c], axis=1)
         return np.maximum(squares(judged, z), 0.0) / size
@@ -337,7 +337,9 @@ def _another_factor(a: Cause, b: Cause) -> bool:
 
 def credible_t(hypotheses: int, blocks: int) -> float:
     """The standard errors by which the best of some hypotheses must do better (Bonferroni)."""
-    return float(student.isf(ALPHA / hypotheses, blocks - 1))
+    from scipy.special import stdtrit  # scipy.stats takes half a second to import
+
+    return -float(stdtrit(blocks - 1, ALPHA / hypotheses))
 
 
 def squares(gram: Array, z: Array) -> Array:

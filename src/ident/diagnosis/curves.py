@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from ident.effects import Effect, Signals, Unknown
 from ident.effects.friction import direction
@@ -109,6 +108,8 @@ def basis(x: np.ndarray, pieces: int) -> np.ndarray:
         low, high = float(x.min()), float(x.max())
         inner = np.linspace(low, high if high > low else low + 1.0, pieces + 1)
     knots = np.concatenate([[inner[0]] * DEGREE, inner, [inner[-1]] * DEGREE])
+    from scipy.interpolate import BSpline  # takes 0.2 s to import
+
     return np.asarray(
         BSpline.design_matrix(np.clip(x, inner[0], inner[-1]), knots, DEGREE).toarray()
     )

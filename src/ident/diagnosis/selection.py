@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from ident.diagnosis.candidates import CandidateColumns, Contest, Shape
 from ident.diagnosis.null import SURROGATES, NoiseDraws, judging
@@ -236,6 +235,8 @@ class Weigh:
         def loss(x: float) -> float:
             C = self.contest.columns(effect, {**shape, free: x})
             return -float(self.regression.refit_with(C).by.sum())
+
+        from scipy.optimize import minimize_scalar  # takes 0.2 s to import
 
         found = minimize_scalar(
             loss, bounds=(below, above), method="bounded",
