@@ -272,7 +272,7 @@ class Search:
         largest = ranking.evidence[0].gain if ranking.evidence else 0.0
         if largest < CLEAR * self.limit and self.null_of != now.labels:
             ranking = self.ranked(now, fresh=True)
-        best = simplest(ranking)
+        best = simplest(ranking, self.decision)
         rest = [each for each in ranking.credible if each is not best]
         for each in [best, *rest][:TRIED] if best is not None else []:
             new = now.plus(each, rivals(each, ranking, self.decision))

@@ -8,8 +8,8 @@ A candidate is credible if
 * its torque exceeds the share `material` of its joint's;
 * its values are such as this kind of effect can have.
 
-Of candidates that explain the same part within PARSIMONY of the best gain, and whose error is not
-larger than the best one's beyond chance, the one with the fewest numbers is chosen.
+Of candidates that explain the same part within PARSIMONY of the best gain, and as well within
+`rival_se` standard errors of the paired difference, the one with the fewest numbers is chosen.
 """
 
 from __future__ import annotations
@@ -308,7 +308,7 @@ def excess(a: Evidence, b: Evidence) -> float:
     return float(a.refit.loss.sum() / max(float(b.refit.loss.sum()), 1e-300)) - 1
 
 
-def simplest(ranking: Ranking) -> Evidence | None:
+def simplest(ranking: Ranking, decision: Decision) -> Evidence | None:
     """The credible candidate with the fewest numbers among those as good as the best."""
     if not ranking.credible:
         return None
@@ -318,7 +318,7 @@ def simplest(ranking: Ranking) -> Evidence | None:
         if each is first or (
             alike(each, first)
             and each.gain >= (1 - PARSIMONY) * first.gain
-            and excess(each, first) < ranking.limit
+            and behind(each, first) < decision.rival_se
         )
     ]  # fmt: skip
     return min(equal, key=lambda each: (each.effect.rare, each.numbers, -each.gain))
