@@ -97,10 +97,11 @@ class EffectSet:
 
     def plus(self, found: Evidence, equal: tuple[Evidence, ...] = ()) -> EffectSet:
         """The set with a further effect and its rivals."""
-        contest, columns = replace(self.contest, regression=self.regression).added(found.C)
-        regression = contest.regression.extended(columns)
+        contest, columns = replace(self.contest, regression=self.regression), found.columns
+        if found.C:  # of a refined shape
+            contest, columns = contest.added(found.C)
         member = Member(found.effect, columns, found, equal)
-        return EffectSet(contest, regression, (*self.members, member))
+        return EffectSet(contest, contest.regression.extended(columns), (*self.members, member))
 
     def minus(self, member: Member) -> EffectSet:
         """The set without one of its effects."""

@@ -23,7 +23,7 @@ import numpy as np
 from ident.diagnosis.candidates import CandidateColumns, Contest, Shape
 from ident.diagnosis.null import SURROGATES, NoiseDraws, judging
 from ident.effects import Effect
-from ident.information.hypotheses import Array, PartialRegression, Refit, quantile, zscore
+from ident.information.hypotheses import Array, Index, PartialRegression, Refit, quantile, zscore
 
 PARSIMONY = 0.10  # share of the best gain within which fewer numbers are preferred
 ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same part
@@ -60,7 +60,8 @@ class Evidence:
 
     Attributes:
         effect, shape: which.
-        C: its columns (m, u) in each part, then its shapes' sensitivities.
+        columns: where its columns are in the regression; () of a refined shape, whose columns and
+            sensitivities C (m, u) in each part are new.
         refit: everything refitted with it; its columns, then its shapes' sensitivities.
         gain: fall of the left-out squared error, as a share.
         limit: what the gain was held against, as a share; p: chance of such a gain where nothing
@@ -73,6 +74,7 @@ class Evidence:
 
     effect: Effect
     shape: Shape
+    columns: Index
     C: tuple[Array, ...]
     refit: Refit
     gain: float
@@ -125,11 +127,18 @@ class Ranking:
 
 
 def rank(
-    contest: Contest, regression: PartialRegression, noise: NoiseDraws | None, decision: Decision,
-    seed: int, without: Collection[str] = (), curved: bool = True,
-    limit: float | None = None, least: float = 0.0, joints: Collection[str] = (),
+    contest: Contest,
+    regression: PartialRegression,
+    noise: NoiseDraws | None,
+    decision: Decision,
+    seed: int,
+    without: Collection[str] = (),
+    curved: bool = True,
+    limit: float | None = None,
+    least: float = 0.0,
+    joints: Collection[str] = (),
     only: Collection[str] = (),
-) -> Ranking:  # fmt: skip
+) -> Ranking:
     """Weighs all candidates beside a model, `curved`: the curves as well as the laws.
 
     With a `limit` no null distribution is made. Candidates below the share `least` of the largest
@@ -138,11 +147,13 @@ def rank(
     if limit is None:
         regression = judging(contest, regression, noise, seed)
     mine = [
-        each for each in contest.candidates
-        if each.effect.label not in without and (curved or not each.curve)
+        each
+        for each in contest.candidates
+        if each.effect.label not in without
+        and (curved or not each.curve)
         and (not only or each.effect.label in only)
         and (not joints or set(joints) & set(each.effect.joints) or not each.effect.joints)
-    ]  # fmt: skip
+    ]
     found = regression.gains([group for each in mine for group in each.groups])
     ends = np.cumsum([0, *(len(each.groups) for each in mine)])
     starts = [int(found.G[a:b].argmax()) for a, b in pairwise(ends)]
@@ -176,8 +187,10 @@ def rank(
         elif gain > needed or len(evidence) < CLOSEST:
             p = float((1 + (chance >= gain).sum()) / (1 + len(chance)))
             evidence.append(weigh(each, starts[i], gain, needed, p))
-    gains = {each.effect.label: (float(g) / total, float(v))
-             for each, g, v in zip(mine, G, visible, strict=True)}  # fmt: skip
+    gains = {
+        each.effect.label: (float(g) / total, float(v))
+        for each, g, v in zip(mine, G, visible, strict=True)
+    }
     evidence.sort(key=lambda each: -each.gain)
     return Ranking(contest, regression, tuple(evidence), gains, limit, total, tuple(curves))
 
@@ -197,8 +210,8 @@ class Weigh:
         """The evidence for a candidate at one of its starts."""
         effect, shape = candidate.effect, dict(candidate.shapes[start])
         passed = gain > limit
-        C = [part.taken(candidate.groups[start]) for part in self.regression.parts]
-        refit = self.regression.refit(candidate.groups[start])
+        columns, C = candidate.groups[start], list[Array]()
+        refit = self.regression.refit(columns)
         if effect.corrects:
             bounds = self.contest.table.bounds(effect)
             for each, value in zip(effect.searched, refit.theta, strict=True):
@@ -206,7 +219,7 @@ class Weigh:
         elif passed and any(not each.discrete for each in effect.searched):
             shape = self._refined(candidate, start)
             C = self._with_slopes(effect, shape)
-            refit = self.regression.refit_with(C)
+            columns, refit = columns[:0], self.regression.refit_with(C)
         torque = torque_squares(self.contest, self.regression)
         by = np.maximum(refit.by, 0.0)
         mends = by >= MINE * max(by.sum(), 1e-300)
@@ -215,19 +228,29 @@ class Weigh:
         material = size > self.decision.material and refit.visible > HIDDEN
         steady = float(refit.D.max()) < ONE_BLOCK * refit.G
         return Evidence(
-            effect, shape, tuple(C), refit, refit.G / self.total, limit, p, size, plausible,
+            effect,
+            shape,
+            columns,
+            tuple(C),
+            refit,
+            refit.G / self.total,
+            limit,
+            p,
+            size,
+            plausible,
             passed and plausible and material and steady,
             tuple(int(u) for u in np.flatnonzero(mends)),
-        )  # fmt: skip
+        )
 
     def _refined(self, candidate: CandidateColumns, start: int) -> dict[str, float]:
         """The one continuous shape parameter between the best start's neighbours."""
         effect, shape = candidate.effect, dict(candidate.shapes[start])
         (free,) = [each.name for each in effect.searched if not each.discrete]
         alike = [
-            each[free] for each in candidate.shapes
+            each[free]
+            for each in candidate.shapes
             if all(each[k] == v for k, v in shape.items() if k != free)
-        ]  # fmt: skip
+        ]
         low, high = self.contest.table.bounds(effect)[free]
         below = max([x for x in alike if x < shape[free]], default=low)
         above = min([x for x in alike if x > shape[free]], default=high)
@@ -239,9 +262,11 @@ class Weigh:
         from scipy.optimize import minimize_scalar  # takes 0.2 s to import
 
         found = minimize_scalar(
-            loss, bounds=(below, above), method="bounded",
+            loss,
+            bounds=(below, above),
+            method="bounded",
             options={"xatol": PRECISE * (above - below), "maxiter": 12},
-        )  # fmt: skip
+        )
         return {**shape, free: float(found.x)} if found.fun < loss(shape[free]) else shape
 
     def _with_slopes(self, effect: Effect, shape: Shape) -> list[Array]:
@@ -258,18 +283,22 @@ class Weigh:
                 self.contest.columns(effect, {**shape, each.name: shape[each.name] + sign * h})
                 for sign in (1, -1)
             )
-            C = [np.column_stack([c, (a - b) @ theta / (2 * h)])
-                 for c, a, b in zip(C, up, down, strict=True)]  # fmt: skip
+            C = [
+                np.column_stack([c, (a - b) @ theta / (2 * h)])
+                for c, a, b in zip(C, up, down, strict=True)
+            ]
         return C
 
 
 def torque_squares(contest: Contest, regression: PartialRegression) -> Array:
     """(d,) weighted squares of the measured torque in the rows that decide."""
     tau = contest.table.tau
-    return np.array([
-        float((tau[contest.use[:, u], u] ** 2).sum()) * regression.weight[u] ** 2
-        for u in range(regression.d)
-    ])  # fmt: skip
+    return np.array(
+        [
+            float((tau[contest.use[:, u], u] ** 2).sum()) * regression.weight[u] ** 2
+            for u in range(regression.d)
+        ]
+    )
 
 
 def sensible(contest: Contest, effect: Effect, theta: Array) -> bool:
@@ -314,23 +343,32 @@ def simplest(ranking: Ranking, decision: Decision) -> Evidence | None:
         return None
     first = ranking.credible[0]
     equal = [
-        each for each in ranking.credible
-        if each is first or (
+        each
+        for each in ranking.credible
+        if each is first
+        or (
             alike(each, first)
             and each.gain >= (1 - PARSIMONY) * first.gain
             and behind(each, first) < decision.rival_se
         )
-    ]  # fmt: skip
+    ]
     return min(equal, key=lambda each: (each.effect.rare, each.numbers, -each.gain))
 
 
 def rivals(best: Evidence, ranking: Ranking, decision: Decision) -> tuple[Evidence, ...]:
     """Credible candidates that explain the same part, as well within the error."""
     return tuple(
-        each for each in ranking.credible
-        if each is not best and alike(each, best) and behind(each, best) < decision.rival_se
-        and not (_nested(best, each) and behind(best, each) < 1.0 and _beyond(each, best) > SEEN)
-    )  # fmt: skip
+        each
+        for each in ranking.credible
+        if each is not best
+        and alike(each, best)
+        and behind(each, best) < decision.rival_se
+        and not (
+            _nested(best, each)
+            and behind(best, each) < 1.0
+            and _beyond(each, best, ranking.regression) > SEEN
+        )
+    )
 
 
 def _nested(small: Evidence, large: Evidence) -> bool:
@@ -339,11 +377,14 @@ def _nested(small: Evidence, large: Evidence) -> bool:
     return a.joints == b.joints and b.kind in a.nested_in
 
 
-def _beyond(large: Evidence, small: Evidence) -> float:
+def _beyond(large: Evidence, small: Evidence, regression: PartialRegression) -> float:
     """Share of a richer effect's columns that the smaller one's cannot make: what it has beyond it
     would be seen.
     """
-    X, Y = np.concatenate(large.C), np.concatenate(small.C)
+    X, Y = (
+        np.concatenate(each.C or [part.taken(each.columns) for part in regression.parts])
+        for each in (large, small)
+    )
     X = X / np.maximum(np.linalg.norm(X, axis=0), 1e-300)
     Q = np.linalg.qr(Y)[0]
     return float(np.linalg.norm(X - Q @ (Q.T @ X)) / np.sqrt(X.shape[1]))
