@@ -26,6 +26,7 @@ from ident.diagnosis.selection import (
     Evidence,
     OnProgress,
     Ranking,
+    alike,
     behind,
     excess,
     rank,
@@ -344,15 +345,31 @@ def select(
     if not found.members:
         return Selection(first, (), first)
     last = rank(found.contest, found.regression, noise, decision, seed, found.labels)
-    members = [_judged(each, found, first, last, decision) for each in found.members]
+    members = [_judged(each, found, last) for each in found.members]
     members.sort(key=lambda each: -first.gains[each.label][0])
+    named = next((m for m in members if m.curve is None and m.impossible is None), None)
+    if named is not None:
+        members[members.index(named)] = _alone(named, first, decision)
     return Selection(first, tuple(members), last)
 
 
-def _judged(
-    member: Member, found: EffectSet, first: Ranking, last: Ranking, decision: Decision
-) -> Member:
-    """A member with its gain and with what speaks against it."""
+def _alone(member: Member, first: Ranking, decision: Decision) -> Member:
+    """The member with its evidence on the model as it is, where it is credible there.
+
+    Beside other effects a member may be better than the simplest effect that explains the same part
+    alone; a user who adds one effect is given the latter, with the member among its rivals.
+    """
+    own = next((e for e in first.credible if e.effect.label == member.label), None)
+    if own is None:
+        return member
+    simple = simplest(first, decision)
+    if simple is not None and alike(own, simple) and behind(own, simple) >= decision.rival_se:
+        own = simple
+    return replace(member, effect=own.effect, evidence=own, rivals=rivals(own, first, decision))
+
+
+def _judged(member: Member, found: EffectSet, last: Ranking) -> Member:
+    """The member with its gain and with what speaks against it."""
     gain = found.minus(member).loss / found.loss - 1
     joints = set(member.effect.joints)
     curve = next(
@@ -375,9 +392,6 @@ def _judged(
         ),
         None,
     )
-    on_first = next((e for e in first.credible if e.effect.label == member.label), None)
-    if on_first is not None:
-        member = replace(member, evidence=on_first, rivals=rivals(on_first, first, decision))
     return replace(member, gain=gain, curve=curve, impossible=impossible)
 
 
