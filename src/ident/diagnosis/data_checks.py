@@ -72,7 +72,7 @@ def _judged(fit: Fit, table: Table, use: Array, explained: Array | None = None) 
     causes = equations.credible(explained)
     found = [_torque_finding(fit.mechanism, equations, each) for each in causes]
     if not causes:
-        found += _positions(fit, equations)
+        found += _positions(fit, equations, explained)
         found += _magnitudes(fit, equations)
     return Health((*found, *(each for each in fit.findings if each.code in CODES)))
 
@@ -175,40 +175,42 @@ def _exchange(mechanism: Mechanism, channels: tuple[str, ...]) -> str:
 Change = tuple[str, tuple[int, ...], list[int], np.ndarray]  # kind, joints, taken from, times
 
 
-def _positions(fit: Fit, equations: ChannelEquations) -> list[Finding]:
+def _positions(fit: Fit, equations: ChannelEquations, explained: Array | None) -> list[Finding]:
     """The exchanged, turned or scaled position of a tree that explains the log best.
 
-    Each costs all rows anew, so that they are tried on few samples and only where the fit is poor.
+    Each costs all rows anew, so that they are tried on few samples and only where the effects that
+    a diagnosis found, if any, leave more than POOR of some joint's torque.
     Through closures a wrong position does not close, and `complete` says so.
     """
     mechanism, motion = fit.mechanism, fit.motion
     logged = equations.as_logged
-    poor = equations.noise(logged, np.ones(len(equations.total))).max() > POOR
-    if mechanism.closures or not equations.own or not poor:
+    if mechanism.closures or not equations.own:
+        return []
+    if explained is None:
+        error = equations.noise(logged, np.ones(len(equations.total)))
+    else:
+        error = np.sqrt(explained.sum(axis=0) / equations.torque)
+    if error.max() < POOR:
         return []
     names = tuple(joint.name for joint in mechanism.joints)
     every = max(1, sum(int(e.usable.sum()) for e in motion.experiments) // FEW)
     thin = [e.at_samples(np.flatnonzero(e.usable)[::every]) for e in motion.experiments]
     changes = list(_changes(names, thin))
-    moved = [
-        _equations(
-            fit,
-            [e.at(mechanism, e.known(mechanism, names)[:, :, take] * times, names) for e in thin],
-        )
+    states = [thin] + [
+        [e.at(mechanism, e.known(mechanism, names)[:, :, take] * times, names) for e in thin]
         for _, _, take, times in changes
     ]
-    before, *outcomes = [
-        (each, each.noise(logged, np.ones(len(names)))) for each in (_equations(fit, thin), *moved)
-    ]
-    best = min(range(len(changes)), key=lambda i: float(np.log(outcomes[i][1]).sum()))
-    base, left = (
-        each.left_out(logged, noise).sum(axis=1) for each, noise in (before, outcomes[best])
-    )
-    if zscore(left - base) < credible_t(len(changes), len(base)):
+    noises, density = [], []
+    for each in states:
+        moved = _equations(fit, each)
+        noises.append(moved.noise(logged, np.ones(len(names))))
+        density.append(moved.left_out(logged, noises[-1]).sum(axis=1))
+    best = min(range(len(changes)), key=lambda i: float(np.log(noises[i + 1]).sum()))
+    if zscore(density[best + 1] - density[0]) < credible_t(len(changes), len(density[0])):
         return []
     kind, joints, _, times = changes[best]
     channels = tuple(f"q.{names[j]}" for j in joints)
-    was, now = (100 * float(np.sqrt(np.mean(x**2))) for x in (before[1], outcomes[best][1]))
+    was, now = (100 * float(np.sqrt(np.mean(x**2))) for x in (noises[0], noises[best + 1]))
     fall = f"the error of the predicted torques falls from {was:.3g} % to {now:.3g} %"
     if kind == "swapped":
         text = f"{' and '.join(channels)} look exchanged: with one in the other's place {fall}"
