@@ -16,9 +16,9 @@ and PowerShell; `ident --show-completion` prints the script. `EFFECT` is `kind:j
 `kind` alone for every driven joint, or `file.py:function:joint`; see [the library](library.md).
 
 Results go to standard output, notes and progress to standard error. Exit status: 0 done, 1 the
-input is bad (one line `error: …`), 2 wrong usage; as usual 130 after Ctrl-C and 141 where the reader
-of standard output has gone. Files are written before results are printed, completely or not at all;
-one that is an input of the command is refused."""
+input is bad (one line `error: …`), 2 wrong usage; as usual 130 after Ctrl-C and 141 where the
+reader of standard output has gone. Files are written before results are printed, completely or not
+at all; one that is an input of the command is refused."""
 
 
 def commands() -> str:

@@ -12,6 +12,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from ident.display import set_loader
+from ident.version import version as _version
 
 if TYPE_CHECKING:
     from ident.public import *  # noqa: F403
@@ -46,15 +47,6 @@ class _Ident(ModuleType):
 
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *import_module("ident.public").__all__, "__version__"})
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("ident")
-    except PackageNotFoundError:  # run from a checkout that is not installed
-        return "0"
 
 
 def _load_renderers(name: str) -> None:

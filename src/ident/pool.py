@@ -24,9 +24,9 @@ from typing import Any
 
 import cloudpickle
 
-import ident
 from ident.errors import IdentError, line_of
 from ident.progress import Progress
+from ident.version import version
 
 TRIES = 3  # of a task whose process dies
 IDLE = 300  # [s] after which a process that has nothing to do ends
@@ -157,7 +157,7 @@ def cores() -> int:
 
 def versions() -> dict[str, str]:
     """Return the versions that must be equal on all machines, by name."""
-    return {"ident": ident.__version__, "Python": ".".join(platform.python_version_tuple()[:2])}
+    return {"ident": version(), "Python": ".".join(platform.python_version_tuple()[:2])}
 
 
 def _outcome(function: Function, common: Any, task: Any) -> tuple[Any, str | None]:

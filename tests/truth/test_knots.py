@@ -3,10 +3,10 @@
 import numpy as np
 import polars as pl
 import pytest
-from helpers import ROBOTS
 from scipy.signal import lfilter
 
 import ident
+from helpers import ROBOTS
 
 FRICTION = 0.3  # N m s/rad, N m: of all joints
 

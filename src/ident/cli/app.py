@@ -17,10 +17,10 @@ from typing import Annotated, Any, get_type_hints
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-import ident
 from ident.cli.console import ended_quietly, fail
 from ident.errors import IdentError
 from ident.progress import running
+from ident.version import version
 
 HELP = {"help_option_names": ["-h", "--help"]}
 COMMANDS = {  # in which module of this package, and the first line of its docstring
@@ -119,7 +119,7 @@ app = typer.Typer(
 
 def _version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"ident {ident.__version__}")
+        typer.echo(f"ident {version()}")
         raise typer.Exit
 
 

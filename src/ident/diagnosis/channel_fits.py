@@ -47,7 +47,7 @@ POSTURES = 40  # samples at which the mean inertia must be positive
 
 
 @dataclass(frozen=True)
-class Cause:
+class ChannelCause:
     """A hypothesis on the torque channels: what each joint is given instead of its own.
 
     `kind` is `sign`, `scale`, `swapped` or `delay`, empty for the log as it is; `joints` are places
@@ -61,7 +61,7 @@ class Cause:
     gain: tuple[float, ...]  # by joint, its factor
     shift: tuple[int, ...]  # by joint, the number of its shift; 0: none
 
-    def with_(self, kind: str, number: float, **entries: dict[int, Any]) -> Cause:
+    def with_(self, kind: str, number: float, **entries: dict[int, Any]) -> ChannelCause:
         """Return the cause with further changes, by joint, in `take`, `gain` or `shift`."""
         ((name, values),) = entries.items()
         row = tuple(values.get(j, x) for j, x in enumerate(getattr(self, name)))
@@ -76,10 +76,10 @@ class CredibleCause:
     `before` and `after` are relative errors of its joints.
     """
 
-    cause: Cause
+    cause: ChannelCause
     before: float
     after: float
-    rivals: tuple[Cause, ...]
+    rivals: tuple[ChannelCause, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,14 +149,14 @@ class ChannelEquations:
         return self.squares_of(self.as_logged)[1]
 
     @property
-    def as_logged(self) -> Cause:
+    def as_logged(self) -> ChannelCause:
         """The log as it is."""
         J = len(self.driven)
-        return Cause("", (), 1.0, tuple(range(J)), (1.0,) * J, (0,) * J)
+        return ChannelCause("", (), 1.0, tuple(range(J)), (1.0,) * J, (0,) * J)
 
     # --- one hypothesis -------------------------------------------------------------------------
 
-    def squares_of(self, cause: Cause) -> tuple[Array, Array]:
+    def squares_of(self, cause: ChannelCause) -> tuple[Array, Array]:
         """Combinations (d, r) of the right-hand sides, and squares (d,) of their torques."""
         c = np.zeros((len(self.total), self.total.shape[2] - self.k))
         c[:, 0] = 1.0
@@ -169,7 +169,7 @@ class ChannelEquations:
         torque = squares(self.total[:, self.k + 1 :, self.k + 1 :], c[:, 1:])
         return c, np.maximum(torque, 1e-300)
 
-    def errors(self, cause: Cause, noise: Array, block: int | None = None) -> Array:
+    def errors(self, cause: ChannelCause, noise: Array, block: int | None = None) -> Array:
         """Squared errors (d,) of all rows as shares of the torque's squares, everything fitted with
         weights for a relative noise (d,); or of one block, fitted to the others.
         """
@@ -202,11 +202,11 @@ class ChannelEquations:
             self.memo[key] = scale, factor, GH, L
         return self.memo[key]
 
-    def rows_of(self, cause: Cause) -> Array:
+    def rows_of(self, cause: ChannelCause) -> Array:
         """Which coordinates (d,) feel the joints of a cause."""
         return np.array([j in cause.joints for j in self.own] or [True] * len(self.total))
 
-    def noise(self, cause: Cause, start: Array) -> Array:
+    def noise(self, cause: ChannelCause, start: Array) -> Array:
         """Relative errors (d,), each coordinate weighted by its own: a joint with a missing effect
         does not spoil the others.
         """
@@ -214,14 +214,14 @@ class ChannelEquations:
             start = np.sqrt(self.errors(cause, start) + SMALL**2)
         return start
 
-    def score(self, cause: Cause, now: Array) -> float:
+    def score(self, cause: ChannelCause, now: Array) -> float:
         """Log density of the logged torques, if the cause is all that is wrong in its joints and
         the noise of the others is that of `now` (d,).
         """
         error = self.errors(cause, np.where(self.rows_of(cause), SMALL, now))
         return -0.5 * float(self.rows.sum(axis=0) @ np.log(error + SMALL**2))
 
-    def left_out(self, cause: Cause, noise: Array) -> Array:
+    def left_out(self, cause: ChannelCause, noise: Array) -> Array:
         """Log density (blocks, d) of the torques of each block, fitted to the others."""
         blocks = range(len(self.rows))
         return self.density(np.array([self.errors(cause, noise, block) for block in blocks]))
@@ -233,7 +233,7 @@ class ChannelEquations:
 
     # --- all hypotheses -------------------------------------------------------------------------
 
-    def causes(self, now: Cause) -> Iterator[Cause]:
+    def causes(self, now: ChannelCause) -> Iterator[ChannelCause]:
         """Yield the hypotheses one step from a cause, simple ones first."""
         J = range(len(self.driven))
         for j in J:
@@ -269,7 +269,7 @@ class ChannelEquations:
                 found[self.driven[j]] = size[1] / size[0]
         return found
 
-    def refined_delay(self, cause: Cause) -> float:
+    def refined_delay(self, cause: ChannelCause) -> float:
         """The delay [s] of a cause between the shifts that were tried, by a parabola."""
         order = np.argsort(self.lags)
         i = int(np.flatnonzero(self.lags[order] == cause.number)[0])
@@ -327,7 +327,7 @@ class ChannelEquations:
         return found
 
 
-def _another_factor(a: Cause, b: Cause) -> bool:
+def _another_factor(a: ChannelCause, b: ChannelCause) -> bool:
     """Whether two causes are clearly different factors of one channel: then the data determine no
     factor, and any large one only takes the joint out of the others' equations.
     """

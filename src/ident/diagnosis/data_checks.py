@@ -16,7 +16,7 @@ from ident.diagnosis.candidates import Contest
 from ident.diagnosis.channel_fits import (
     POOR,
     UNITS,
-    Cause,
+    ChannelCause,
     ChannelEquations,
     CredibleCause,
     credible_t,
@@ -36,7 +36,7 @@ FEW = 700  # samples that tell a right motion from a wrong one
 
 @dataclass(frozen=True, repr=False)
 class Health(Displayed):
-    """What is wrong with the logged data: `findings`, each with a remedy. From `ident.health`."""
+    """Errors in the logged data: `findings`, each with a remedy. From `ident.health`."""
 
     findings: tuple[Finding, ...]
 
@@ -141,7 +141,7 @@ def _magnitudes(fit: Fit, equations: ChannelEquations) -> Iterator[Finding]:
             yield Finding("magnitude", text, remedy, (f"tau.{name}",), gain, TIMES)
 
 
-def _short(mechanism: Mechanism, cause: Cause) -> str:
+def _short(mechanism: Mechanism, cause: ChannelCause) -> str:
     names = " and ".join(f"tau.{mechanism.driven[j]}" for j in cause.joints)
     how = {
         "swapped": "exchanging",

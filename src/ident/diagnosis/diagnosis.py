@@ -28,7 +28,7 @@ from ident.fit.values import Value
 from ident.information.blocks import Error
 
 SHOWN = 3  # candidates that are listed though nothing speaks for them
-LISTED = 8  # at most
+LISTED = 8  # candidates that are listed at most
 LOUD = 1.25  # times the largest of the noise's draws, from which a residual is more than noise
 AGAIN = 0.6  # correlation of a residual between periods that noise does not have
 
@@ -155,12 +155,12 @@ class Diagnosis(Plotted):
 
     @cached_property
     def text(self) -> str:
-        """All of it in plain words."""
+        """The whole diagnosis as text."""
         return str(render(self, "words"))
 
     @property
     def short(self) -> str:
-        """What to read first: the verdict, how sure it is, errors by joint, and what to do."""
+        """First lines: the verdict, its certainty, errors by joint, and the next step."""
         return str(render(self, "short"))
 
     def json(self) -> dict[str, Any]:

@@ -213,7 +213,7 @@ class Proposal:
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """What one trial makes of all pairs: (standard errors, share that differs)."""
+    """Separation of all pairs in one trial: (standard errors, share that differs)."""
 
     trial: Trial
     found: dict[Pair, tuple[float, float]]
@@ -224,7 +224,7 @@ class Attempt:
         return x if share > SAME else 0.0
 
     def worth(self, pairs: Sequence[Pair]) -> float:
-        """Of the trial for these pairs."""
+        """Value of the trial for these pairs: squared standard errors, up to AMPLE each."""
         return sum(min(self.separation(pair), AMPLE) ** 2 for pair in pairs)
 
 

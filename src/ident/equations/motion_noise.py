@@ -248,7 +248,7 @@ class Linear:
 
 
 def rows_cutoff(fine: Smooth, rate: float) -> float | None:
-    """Of the likelihood's rows [Hz]: well above the motion, so that little is lost at reversals."""
+    """Cut-off of the likelihood's rows [Hz]: far above the motion, so that reversals stay sharp."""
     cutoff = FASTER / fine.spacing
     return cutoff if cutoff < NYQUIST * rate else None
 

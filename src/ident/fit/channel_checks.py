@@ -1,4 +1,4 @@
-"""What the samples of a log say of its channels, without a model: dead, clipped, held, copied, …
+"""Checks of logged channels by their samples, without a model: dead, clipped, held, copied, …
 
 Each check is a function of one channel that returns a number, its threshold, the meaning and a
 remedy, or None where nothing is wrong; its name is the finding's code.
@@ -67,7 +67,7 @@ class LoggedChannel:
 
     @cached_property
     def joint(self) -> Joint:
-        """Whose channel it is."""
+        """Joint of the channel."""
         return self.mechanism.joint(self.name.split(".", 1)[1])
 
     @cached_property

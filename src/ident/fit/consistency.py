@@ -90,7 +90,7 @@ class Binding(Displayed):
 
     @property
     def findings(self) -> list[Finding]:
-        """What a person should know of it."""
+        """Findings about the limits and their cost."""
         found = []
         if self.impossible:
             text = (

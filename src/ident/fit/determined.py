@@ -223,7 +223,7 @@ class Lost:
 
 @dataclass(frozen=True, repr=False)
 class Unexcited(Displayed):
-    """What a fit's motion does not tell.
+    """Parameters that the motion of a fit does not determine.
 
     Attributes:
         lost: unknowns that another motion would tell.

@@ -85,7 +85,7 @@ class Likelihood(Displayed):
 
     @property
     def findings(self) -> list[Finding]:
-        """What to know before trusting it."""
+        """Findings to read before the estimate is trusted."""
         found = []
         if self.raised > RAISED:
             text = (

@@ -35,7 +35,7 @@ DRIVES, CLOSURES = "other drives", "closure forces"
 
 
 @dataclass(frozen=True, eq=False)
-class Torques:
+class TorqueParts:
     """Measured torques of one experiment, and the parts of the predicted ones.
 
     Attributes:
@@ -67,7 +67,7 @@ class Torques:
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction(Torques):
+class Prediction(TorqueParts):
     """Prediction of one experiment: n samples, d independent coordinates and m multipliers.
 
     Attributes:
@@ -87,7 +87,7 @@ class Prediction(Torques):
 
 
 @dataclass(frozen=True, eq=False)
-class Trace(Torques):
+class Trace(TorqueParts):
     """The residual of one experiment: n rows, filtered and decimated as the regression had them.
 
     With d independent coordinates and J named joints:

@@ -66,7 +66,7 @@ class Fit(Charted):
 
     @property
     def mechanism(self) -> Mechanism:
-        """What was fitted, with its effects."""
+        """The fitted mechanism, with its effects."""
         return self.problem.mechanism
 
     @property
@@ -101,7 +101,7 @@ class Fit(Charted):
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """What a person should know before trusting the numbers."""
+        """The findings as text, to be read before the numbers are trusted."""
         return tuple(map(str, self.findings))
 
     @cached_property
@@ -133,7 +133,7 @@ class Fit(Charted):
 
     @cached_property
     def unexcited(self) -> Unexcited:
-        """What this motion does not determine, why, and which motion would."""
+        """Parameters that this motion does not determine, why, and which motion would."""
         return unexcited(self.problem, self.estimate)
 
     @property
@@ -182,7 +182,7 @@ class Fit(Charted):
 
     @cached_property
     def residual(self) -> Residual:
-        """What is left at the rows of the regression, its parts, and where the model fails."""
+        """Residual at the rows of the regression, its parts, and where the model fails."""
         return residual_of(self)
 
     def predict(self, motion: Motion | None = None) -> list[Prediction]:

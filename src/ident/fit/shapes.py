@@ -19,7 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.effects import Correcting, Effect
+from ident.effects import Effect
 from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
 from ident.fit.problem import Problem, information_of, plausible_of
@@ -90,7 +90,7 @@ def _started(mechanism: Mechanism, motion: Motion, point: Point, effect: Effect)
         return point
     u = len(effect.unknowns)
     full = dict(zip((s.name for s in effect.shapes), effect.names[u:], strict=True))
-    if isinstance(effect, Correcting):
+    if effect.corrects:
         return point.with_values({full[name]: shape.get(name, 0.0) for name in full})
     others = tuple(
         e for e in mechanism.effects

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from ident.effects import Correcting, Effect, Signals
+from ident.effects import Effect, Signals
 from ident.equations.corrections import Scene, beside, corrected, residual
 from ident.equations.filter import Decimator
 from ident.equations.rows import Rows, rows
@@ -98,7 +98,7 @@ class Table:
         whose rows they can be; those of a correction are its sensitivities.
         """
         d = self.b.shape[1]
-        if isinstance(effect, Correcting):
+        if effect.corrects:
             names = [each.name for each in effect.searched]
             S = [self.sensitivity(effect, shape, name) for shape in shapes for name in names]
             return np.stack(S, axis=-1), np.arange(d)

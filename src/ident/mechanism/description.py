@@ -27,7 +27,7 @@ FORMATS = {"mujoco": ".mjcf", "mujocoinclude": ".mjcf", "sdf": ".sdf"}  # by roo
 
 @dataclass(frozen=True)
 class Description:
-    """What a file states about a mechanism, as a URDF and the tables of a mechanism.toml.
+    """Content of a mechanism file, as a URDF and the tables of a mechanism.toml.
 
     Attributes:
         urdf: the URDF's text; the file's own, where it is one.

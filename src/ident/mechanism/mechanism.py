@@ -45,12 +45,12 @@ class Joint:
 
     @property
     def unit(self) -> str:
-        """Of the coordinate."""
+        """Unit of the coordinate."""
         return "rad" if self.rotational else "m"
 
     @property
     def force_unit(self) -> str:
-        """Of the torque or force."""
+        """Unit of the torque or force."""
         return "N m" if self.rotational else "N"
 
 
@@ -63,7 +63,7 @@ class Multipliers:
 
     @property
     def degree(self) -> int:
-        """Of the basis functions; −1 for `free`."""
+        """Degree of the basis functions; −1 for `free`."""
         return DEGREES[self.basis]
 
 
@@ -80,7 +80,7 @@ def multipliers(basis: str, spacing: float, where: str) -> Multipliers:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Mechanism(Displayed):
-    """What is known of a machine before the log is looked at. `mechanism + effect` is a new one.
+    """A machine as it is known without a log. `mechanism + effect` is a new one.
 
     Attributes:
         name: of the folder or URDF.
@@ -88,7 +88,7 @@ class Mechanism(Displayed):
         bodies: names of the moving bodies.
         joints: every named coordinate, of the tree and of closures.
         closures: constraint functions.
-        passive: joints whose torque is zero; all other joints of `joints_driven` are driven.
+        passive: joints whose torque is zero; those in `driven` have a measured torque.
         start: (nq,) near where the loops are assembled.
         unknown: names of the dynamic parameters to identify.
         effects: beyond rigid bodies.

@@ -82,7 +82,7 @@ class Motion(Displayed):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the logs."""
+        """Names of the logs."""
         return tuple(experiment.name for experiment in self.experiments)
 
     @property

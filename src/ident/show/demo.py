@@ -126,7 +126,7 @@ def make_puzzle(folder: str | Path, *, seed: int) -> Puzzle:
 
 
 def _motion(rng: np.random.Generator) -> Log:
-    """Of both drives: four sines each, with a common period, inside the loop's reach."""
+    """Motion of both drives: four sines each, with a common period, inside the workspace."""
     t = np.arange(0.0, SECONDS, STEP)
     w = 2 * np.pi * np.array([0.2, 0.4, 0.6, 1.0])[:, None]
     q = {}

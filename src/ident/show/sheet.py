@@ -1,4 +1,4 @@
-"""What is shown of a noun, as data: one description for terminals, Jupyter and reports."""
+"""Displayed content of a noun as data: one description for terminals, Jupyter and reports."""
 
 from __future__ import annotations
 

@@ -230,7 +230,7 @@ def statistics(intervals: Sequence[WatchedInterval], x: np.ndarray) -> tuple[np.
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """What the charts of normal running look for."""
+    """Changes that the charts detect, from normal running."""
 
     normal: NormalRunning
     mask: np.ndarray  # (k,) columns that have charts

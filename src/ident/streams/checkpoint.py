@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-import ident
 from ident.errors import IdentError
 from ident.files import atomic_write
 from ident.information.blocks import Block
 from ident.information.triangle import Triangle
 from ident.streams.portions import Plan
+from ident.version import version
 
 NAME = ".gathered.npz"
 PORTIONS, SECONDS = 8, 20.0  # after so many portions and so much time the file is replaced
@@ -141,11 +141,6 @@ def digest(plan: Plan) -> str:
     result = hashlib.sha256(version().encode())
     _feed(result, plan)
     return result.hexdigest()
-
-
-def version() -> str:
-    """Version of ident."""
-    return str(ident.__version__)
 
 
 def _feed(result: Any, thing: Any) -> None:

@@ -87,12 +87,12 @@ class Gathered(Displayed):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a person should know before trusting the fit, logs that were left out among it."""
+        """Warnings of the fit, and logs that were left out."""
         return (*self.fit.warnings, *(self.each.notes if self.several else ()))
 
     @property
     def summary(self) -> str:
-        """What `print` shows, without the notes."""
+        """Text of `print` without the notes."""
         return str(render(self, "summary"))
 
     def write(self, folder: str | Path, reactions: Reactions | None = None) -> list[Path]:

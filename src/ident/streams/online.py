@@ -129,7 +129,7 @@ class Snapshot(Displayed):
 
     @property
     def line(self) -> str:
-        """What is identified, the multipliers and the errors, in one line."""
+        """Identified parameters, multipliers and errors in one line."""
         return str(render(self, "line"))
 
 
@@ -430,7 +430,7 @@ class Online:
             self._accumulator.absorb(rows)
 
     def _solve(self) -> tuple[_Solved, bool]:
-        """What the rows say, and whether any has informed lately; else what they said last."""
+        """Solution of the rows, and whether it is new: the last one if no row informed lately."""
         old, columns = self._solved, self._columns
         if old and self._T and self._accumulator.now - self._accumulator.informed > self._T:
             return old, False

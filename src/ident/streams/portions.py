@@ -58,7 +58,7 @@ class Portion:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What portions have in common."""
+    """Settings that all portions have in common."""
 
     mechanism: Mechanism  # that is identified
     logged: tuple[str, ...]  # joints that determine the motion

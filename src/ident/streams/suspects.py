@@ -1,4 +1,4 @@
-"""What could change, and which change explains the intervals since an onset.
+"""Possible changes of a machine, and which of them explains the intervals since an onset.
 
     r = b − A x_ref          A: columns of all bodies' parameters and of all suspects, x_ref: known
 

@@ -1,4 +1,4 @@
-"""What the page of `explore` shows of an exploration: lists of effects, tables, charts."""
+"""Content of the page of `explore`: lists of effects, tables, charts."""
 
 from __future__ import annotations
 

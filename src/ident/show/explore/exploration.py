@@ -140,7 +140,7 @@ class Exploration(Displayed):
 
     @property
     def fit(self) -> Fit:
-        """Of the present model."""
+        """Fit of the present model."""
         return self.now.fit
 
     @property
@@ -150,7 +150,7 @@ class Exploration(Displayed):
 
     @property
     def candidates(self) -> tuple[PredictedGain, ...]:
-        """What is announced for every effect; empty before `screened`."""
+        """Predicted gain of every effect; empty before `screened`."""
         return self.now.candidates or ()
 
     def screened(self, progress: Progress | None = None) -> Exploration:

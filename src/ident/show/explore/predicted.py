@@ -2,7 +2,7 @@
 
     fall = 1 − Σ_u w_u L_u′ / Σ_u w_u L_u          w_u = 1 / |τ_u|²
 
-with the left-out squares L of joint u now and L′ with the effect, as `Regression` has them: exact
+with the left-out squares L of joint u now and L′ with the effect, from `PartialRegression`: exact
 for effects that are linear in their unknowns. It judges nothing.
 """
 
@@ -28,7 +28,7 @@ LEAST = 0.01  # of the held-out squares: a shape that gains less is not refined
 
 @dataclass(frozen=True, eq=False)
 class PredictedGain:
-    """What one effect does to the held-out error, or would do.
+    """Change of the held-out error by one effect, predicted or present.
 
     Attributes:
         effect: which; present: whether it is in the model, with an unknown in it.

@@ -47,7 +47,7 @@ WIDEST, THINNEST = 0.05, 0.015  # half edges of an inertia's box over the size
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """What moves with the bodies; names of objects begin with `body`, `joint` or `closure`.
+    """Shapes that move with the bodies; names of objects begin with `body`, `joint` or `closure`.
 
     Attributes:
         geometry: all shapes, each in the frame of a joint of the mechanism's model.

@@ -83,7 +83,7 @@ class Camera:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class DrawnMechanism:
     """A mechanism with its shapes and films, and camera and scales that follow from them."""
 
     mechanism: Mechanism
@@ -162,7 +162,7 @@ class Drawing:
         title: of a recording, where it has one.
     """
 
-    def __init__(self, page: Any, scene: Scene) -> None:
+    def __init__(self, page: Any, scene: DrawnMechanism) -> None:
         self.scene, self.title = scene, None
         self._stage = page.scene
         self._set_up(page)

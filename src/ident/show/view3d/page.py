@@ -25,7 +25,7 @@ from ident.errors import IdentError
 from ident.files import write_all
 from ident.show.local import Place
 from ident.show.view3d.bodies import ENDS, OPACITY, Colour, tied
-from ident.show.view3d.draw import MOMENTS, Drawing, Scene, mapped
+from ident.show.view3d.draw import MOMENTS, Drawing, DrawnMechanism, mapped
 from ident.show.view3d.film import Film, frames, nearest
 
 CLOSED = 1e-7  # [m | rad] |Φ| of a closure that nobody would call open
@@ -168,7 +168,7 @@ def _above(view: View) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class View(Scene):
+class View(DrawnMechanism):
     """A mechanism moving in 3-D.
 
     In a notebook it shows itself as a recording, which needs no server and stays in the file.
