@@ -24,20 +24,20 @@ from ident.version import version
 
 HELP = {"help_option_names": ["-h", "--help"]}
 COMMANDS = {  # in which module of this package, and the first line of its docstring
-    "check": ("logs", "What was understood, and what could be identified."),
-    "identify": ("logs", "Parameters, effects and multipliers from logs."),
-    "compare": ("logs", "Models against measurement, joint by joint."),
-    "diagnose": ("logs", "Where the model fails, and which effect is missing."),
+    "check": ("logs", "Show what was understood, and what could be identified."),
+    "identify": ("logs", "Identify parameters, effects and multipliers from logs."),
+    "compare": ("logs", "Compare models with measurements, joint by joint."),
+    "diagnose": ("logs", "Find where the model fails, and which effect is missing."),
     "grow": ("logs", "Add the best effect, refit, and repeat until none is missing."),
     "add": ("model", "Write an effect into mechanism.toml."),
-    "effects": ("model", "The library of effects."),
-    "simulate": ("simulations", "A log of the model itself."),
-    "excite": ("simulations", "A periodic motion that tells most, inside all limits."),
+    "effects": ("model", "List the library of effects."),
+    "simulate": ("simulations", "Simulate a log of the model itself."),
+    "excite": ("simulations", "Plan a periodic motion that determines most, within all limits."),
     "explore": ("logs", "Add effects by hand, in a browser; watch the error fall."),
-    "montecarlo": ("simulations", "What noise makes of the estimates: bias and spread."),
+    "montecarlo": ("simulations", "Study what noise does to the estimates: bias and spread."),
     "monitor": ("monitor", "Identify a machine while it runs; say when it changes."),
-    "view": ("model", "The mechanism moving in 3-D, in a browser."),
-    "demo": ("simulations", "A hidden effect found, step by step, in half a minute."),
+    "view": ("model", "Show the moving mechanism in 3-D, in a browser."),
+    "demo": ("simulations", "Show how a hidden effect is found, step by step."),
 }
 
 

@@ -56,15 +56,15 @@ Verbose = Annotated[
     option("All candidates, what the log cannot show, and the reasons.", None, "--verbose"),
 ]
 CleanSeed = Annotated[
-    int, option("Seed of the noise in the clean logs to compare with.", "N", min=0)
+    int, option("Seed of the random residuals that show the effect of chance.", "N", min=0)
 ]
 
 
 def check(
     model: FitOptions,
-    logs: Paths = argument("What these logs would let you identify.", "LOG", default=None),
+    logs: Paths = argument("Logs to be checked for what they could identify.", "LOG", default=None),
 ) -> None:
-    """What was understood, and what could be identified.
+    """Show what was understood, and what could be identified.
 
     Joints, closures, degrees of freedom; of logs their columns, gaps and noise, and what smoothing
     left of each channel; base parameters.
@@ -108,10 +108,10 @@ def identify(
     scheduler: Scheduler = None,
     out: Path | None = setting("Write fit, report and identified model into this folder.", "DIR"),
 ) -> None:
-    """Parameters, effects and multipliers from logs.
+    """Identify parameters, effects and multipliers from logs.
 
-    Values come with their standard errors, and with the error of the torque that they predict. Of a
-    folder, every log is also judged beside the others, and broken ones are left out.
+    Values come with their standard errors, and with the error of the torque that they predict. With
+    a folder, every log is also compared with the others, and invalid ones are left out.
     """
     from ident.log.pieces import likely_rows
     from ident.log.read import expanded
@@ -210,11 +210,9 @@ def compare(
         "replay.html and replay.json.",
         "--simulate",
     ),
-    window: float | None = setting(
-        "Of --simulate, from one restart to the next. Default: 0.5", "S"
-    ),
+    window: float | None = setting("Time between the restarts of --simulate. Default: 0.5", "S"),
 ) -> None:
-    """Models against measurement, joint by joint.
+    """Compare models with measurements, joint by joint.
 
     Errors, the parts of the sum, and where each model fails: in which joint, when, in which regime
     of its motion, and on which signals what is left depends.
@@ -224,7 +222,7 @@ def compare(
 
     model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute)
     if window is not None and not simulated:
-        raise IdentError("--window: is of --simulate; add that")
+        raise IdentError("--window: applies to --simulate only; add that")
     saved = [read_fit(path, model) for path in fit]
     inputs = [*logs, *fit]
     output_file(plot, CHARTS, inputs)
@@ -270,11 +268,11 @@ def diagnose(
         "DIR",
     ),
 ) -> None:
-    """Where the model fails, and which effect is missing.
+    """Find where the model fails, and which effect is missing.
 
     Every effect of the library at every place is judged by errors held out in time. The verdict is
-    missing, nothing or unexplained; the exit status is 0 for each of them. Of a folder, each log is
-    diagnosed by itself too, on many processes or machines.
+    missing, unexplained, undecided or nothing; the exit status is 0 for each of them. With a
+    folder, each log is also diagnosed by itself, on many processes or machines.
     """
     mechanism = model.load()
     output_folder(out, [*DIAGNOSIS_FILES, "logs.csv"], logs)
@@ -363,7 +361,7 @@ def explore(
     model: FitOptions,
     logs: LogPaths,
     port: int = setting("Port of the page; 0 is a free one.", "N", default=0, min=0, max=65535),
-    no_browser: bool = flag("Say the address, and open no browser.", "--no-browser"),
+    no_browser: bool = flag("Print the address and open no browser.", "--no-browser"),
     out: Path | None = setting("The page saves here and below, nowhere else.", "DIR"),
 ) -> None:
     """Add effects by hand, in a browser; watch the error fall.
@@ -388,6 +386,6 @@ def explore(
 
             board.begin(first, on_progress)
         assert board.exploration is not None
-        notes([*board.exploration.fit.warnings, "the page lives until Ctrl-C"])
+        notes([*board.exploration.fit.warnings, "the page is available until Ctrl-C"])
         with suppress(KeyboardInterrupt):
             wait()

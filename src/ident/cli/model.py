@@ -52,7 +52,7 @@ def effects(
         "One of them, as viscous; else all.", "KIND", default=None, autocompletion=kinds_beginning
     ),
 ) -> None:
-    """The library of effects.
+    """List the library of effects.
 
     Equation, unknowns and shapes with units, where an effect sits, and what a residual looks like
     when it is missing.
@@ -67,16 +67,16 @@ def effects(
 def view(
     mechanism: MechanismPath,
     logs: Paths = argument(
-        "Experiments to watch; without one it stands still.", "LOG", default=None
+        "Logs to show; without one the mechanism stands still.", "LOG", default=None
     ),
-    fit: Path | None = setting("Whose reactions and residuals are shown.", "FIT.json"),
+    fit: Path | None = setting("Fit whose reactions and residuals are shown.", "FIT.json"),
     port: int = setting("Port of the page, on 127.0.0.1; 0: a free one.", "N", default=0),
     out: Path | None = setting("Write a page that plays by itself, and no server.", "FILE.html"),
     smoothing: Smoothing = "auto",
     absolute: Absolute = False,
     allow_code: AllowCode = False,
 ) -> None:
-    """The mechanism moving in 3-D, in a browser.
+    """Show the moving mechanism in 3-D, in a browser.
 
     With a fit, closures' reactions are arrows and joints are coloured by their residual. The page
     is served on this machine alone, until Ctrl-C.
@@ -88,7 +88,7 @@ def view(
 
     output_file(out, SUFFIXES, logs or ())
     if fit is not None and not logs:
-        raise IdentError(f"--fit {fit}: a fit says nothing without a motion; give a LOG too")
+        raise IdentError(f"--fit {fit}: a fit can be shown with a motion only; give a LOG too")
     model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute)
     saved = None if fit is None else read_fit(fit, model)
     model = model if saved is None else saved.mechanism

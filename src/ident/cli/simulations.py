@@ -57,34 +57,34 @@ def simulate(
         "Give a parameter its value: rod.Izz=0.2, viscous.elbow.Fv=0.4.", "NAME=VALUE", "--set"
     ),
     control: str | None = setting(
-        "What drives it forward: none (default without MOTION), torque (default: MOTION's "
+        "Drive of --forward: none (default without MOTION), torque (default: MOTION's "
         "torques), or pd or computed-torque, which follow MOTION's positions.",
         "NAME",
     ),
     gains: Texts = setting(
-        "Of the controller, for all drives or as JOINT=KP,KD for one. Default: 5 Hz.", "KP,KD"
+        "Gains of the controller, for all drives or as JOINT=KP,KD for one. Default: 5 Hz.", "KP,KD"
     ),
     start: Texts = setting(
-        "Where it begins: q.crank=0.3, v.crank=2. Default: as MOTION, else at rest.", "NAME=VALUE"
+        "Initial state: q.crank=0.3, v.crank=2. Default: as MOTION, else at rest.", "NAME=VALUE"
     ),
     duration: float | None = setting("Default: MOTION's, else 10 s.", "S"),
-    rate: float | None = setting("Of the log's samples. Default: MOTION's, else 250 Hz.", "HZ"),
+    rate: float | None = setting("Samples a second. Default: MOTION's, else 250 Hz.", "HZ"),
     tolerance: float | None = setting("Relative error a step. Default: 1e-10.", "SIZE"),
     noise: Texts = setting(
         "White noise, its standard deviation: q=1e-5 in SI units, tau=2% of the column's.",
         "CHANNEL=LEVEL",
     ),
     seed: Seed = 0,
-    columns: str = setting("Which channels the log gets.", "LIST", default="q,v,a,tau"),
+    columns: str = setting("Channels of the log.", "LIST", default="q,v,a,tau"),
     joints: str | None = setting(
-        "Whose q, v and a it gets. Default: those in MOTION; forward, the drives.", "LIST"
+        "Joints of the log. Default: those in MOTION; with --forward, the drives.", "LIST"
     ),
     multipliers: Path | None = setting(
         "Write the true multipliers here, a .csv, .parquet or .npz.", "FILE"
     ),
     out: Path | None = setting("Write a .csv, .parquet or .npz; else CSV to the screen.", "FILE"),
 ) -> None:
-    """A log of the model itself.
+    """Simulate a log of the model itself.
 
     On a given motion: the torques that it needs, exactly. With --forward: the motion that forces
     make, integrated, with dry friction that really sticks. Then noise.
@@ -200,7 +200,7 @@ def _pair(text: str) -> tuple[float, float]:
 def excite(
     model: ModelOptions,
     separate: tuple[str, str] | None = setting(
-        "Tell these two best apart, as coulomb:crank coulomb:rocker.", "EFFECT EFFECT"
+        "Separate these two best, as coulomb:crank coulomb:rocker.", "EFFECT EFFECT"
     ),
     duration: float = setting("Length of the whole log.", "S", default=30.0),
     periods: int = setting("How often the motion is repeated.", "N", default=3),
@@ -214,7 +214,7 @@ def excite(
         "Share of the torque left to what is not modelled.", "SHARE", default="20%"
     ),
     singular: float = setting(
-        "Times its value at the start that ‖K⁺‖ may reach.", "X", default=3.0
+        "Largest ‖K⁺‖, as a multiple of that at the start.", "X", default=3.0
     ),
     noise: Texts = setting("Expected noise of a torque. Default: 1 % of its limit.", "JOINT=VALUE"),
     balance: float = setting("Weight of the condition number beside log det.", "W", default=0.5),
@@ -223,7 +223,7 @@ def excite(
     plot: Plot = None,
     out: Path | None = setting("Write the motion, a .csv, .parquet or .npz.", "FILE"),
 ) -> None:
-    """A periodic motion that tells most, inside all limits.
+    """Plan a periodic motion that determines most, within all limits.
 
     What it uses of the limits, and the standard errors to be expected of a log of it.
     """
@@ -286,7 +286,7 @@ def montecarlo(
         "NAME",
     ),
     spacing: float | None = setting(
-        "Of the paper's hats. Default: the mechanism's time basis, else 5 samples.", "S"
+        "Knot spacing of `paper`. Default: the mechanism's time basis, else 5 samples.", "S"
     ),
     truth: Texts = setting(
         "A true value, as rod.Ixx=0.004. Default: that of the log as it is.", "NAME=VALUE"
@@ -300,7 +300,7 @@ def montecarlo(
     scheduler: Scheduler = None,
     out: Path | None = setting("Write table, all runs, picture and report there.", "DIR"),
 ) -> None:
-    """What noise makes of the estimates: bias and spread.
+    """Study what noise does to the estimates: bias and spread.
 
     The same log is identified with ever new noise, which shows whether standard errors are honest.
     Estimators meet the same noise and stand side by side, the paper's method among them.
@@ -351,13 +351,13 @@ def montecarlo(
 
 
 def demo(
-    seed: int | None = setting("Which machine; a new one each time by default.", "N", min=0),
+    seed: int | None = setting("Seed of the machine; a new one each time by default.", "N", min=0),
     puzzle: bool = flag(
         "Only make the machine and its log in --out, for you to find out.", "--puzzle"
     ),
     out: Path | None = setting("Keep mechanism, log, fits and reports in this new folder.", "DIR"),
 ) -> None:
-    """A hidden effect found, step by step, in half a minute.
+    """Show how a hidden effect is found, step by step.
 
     A machine is simulated that has something its model lacks. Check, identify, compare, diagnose
     and add find out what, and say which command does each step.

@@ -178,7 +178,7 @@ def diagnose_each(
         mechanism: with what is unknown and which effects it has.
         logs: paths of logs and of folders of logs.
         cutoff, smoothing: as `complete` takes them.
-        seed: of the clean logs' noise.
+        seed: of the residuals in which nothing is missing.
         jobs: processes; None: one a core; 1: this one alone.
         scheduler: address of a Dask scheduler whose workers do it, in place of processes.
         progress: called with (what is being done, share done).

@@ -222,8 +222,8 @@ def gather(
     notes += free_note
     if not all(effect.linear for effect in mechanism.effects):
         notes.append(
-            "what is not linear was settled on the excerpt and refined by one Gauss-Newton step "
-            "over all samples"
+            "effects that are not linear were estimated on the excerpt and refined by one "
+            "Gauss-Newton step over all samples"
         )
     fit = _fit_of(regression, fitted, notes, workers, consistent)
     if others:
