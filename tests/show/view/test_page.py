@@ -198,6 +198,8 @@ def test_the_command_serves_until_it_is_interrupted(root, robots):
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=root,
         env={**os.environ, "PYTHONPATH": str(root / "src")},
+        # a runner in the background ignores the signal, and its children with it
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as run:  # fmt: skip
         address = run.stdout.readline().split()[0]
         assert urllib.request.urlopen(address, timeout=10).status == 200
