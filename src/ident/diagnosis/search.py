@@ -28,7 +28,7 @@ from ident.diagnosis.selection import (
     Ranking,
     alike,
     behind,
-    excess,
+    by_chance,
     rank,
     rivals,
     sensible,
@@ -128,7 +128,8 @@ class EffectSet:
             at = np.array([place[int(column)] for column in each.columns])
             t = theta[at]
             rise = float(t @ np.linalg.pinv(inverse[np.ix_(at, at)], hermitian=True) @ t)
-            possible = each.evidence is None or sensible(self.contest, each.effect, t)
+            stderr = np.sqrt(np.maximum(np.diag(inverse)[at], 0.0))
+            possible = each.evidence is None or sensible(self.contest, each.effect, t, stderr)
             found[each.label] = rise / self.loss if possible else -1.0
         return found
 
@@ -304,7 +305,11 @@ class Search:
             for other in ranking.credible[:TRIED]:
                 if other is own or (own and behind(own, other) < self.decision.rival_se):
                     continue
-                if own and other.numbers > own.numbers and excess(own, other) < self.limit:
+                if (
+                    own
+                    and other.numbers > own.numbers
+                    and by_chance(own, other, bare.regression.rows, self.limit)
+                ):
                     continue  # more numbers must bring more than chance does
                 new = bare.plus(other, rivals(other, ranking, self.decision))
                 if (found := self.accepted(now, new)) is not None:

@@ -8,8 +8,9 @@ A candidate is credible if
 * its torque exceeds the share `material` of its joint's;
 * its values are such as this kind of effect can have.
 
-Of candidates that explain the same part within PARSIMONY of the best gain, and as well within
-`rival_se` standard errors of the paired difference, the one with the fewest numbers is chosen.
+Of candidates that explain the same part within PARSIMONY of the best gain, the one with the fewest
+numbers is chosen, if the best one is not better by `rival_se` standard errors of the paired
+difference, or by no more than chance.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from ident.information.hypotheses import Array, Index, PartialRegression, Refit,
 
 PARSIMONY = 0.10  # share of the best gain within which fewer numbers are preferred
 ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same part
+NEGATIVE = 2.0  # standard errors below zero at which a value is one that no such effect can have
 ONE_BLOCK = 2 / 3  # share of a gain that one block of time may make
 RARE = 2.0  # times the quantile for effects that few machines have and noise of positions resembles
 HIDDEN = 0.02  # visible share below which the data cannot speak of an effect
@@ -224,7 +226,10 @@ class Weigh:
         by = np.maximum(refit.by, 0.0)
         mends = by >= MINE * max(by.sum(), 1e-300)
         size = float(np.sqrt(by / np.where(torque > 0, torque, np.inf))[mends].max(initial=0.0))
-        plausible = sensible(self.contest, effect, refit.theta)
+        stderr = refit.stderr * np.sqrt(
+            refit.loss.sum() / self.total
+        )  # with the effect's own noise
+        plausible = sensible(self.contest, effect, refit.theta, stderr)
         material = size > self.decision.material and refit.visible > HIDDEN
         steady = float(refit.D.max()) < ONE_BLOCK * refit.G
         return Evidence(
@@ -301,18 +306,19 @@ def torque_squares(contest: Contest, regression: PartialRegression) -> Array:
     )
 
 
-def sensible(contest: Contest, effect: Effect, theta: Array) -> bool:
-    """Return whether all values are possible for the effect, with those known already added."""
+def sensible(contest: Contest, effect: Effect, theta: Array, stderr: Array) -> bool:
+    """Return whether an effect can have its values (u,), with those known already added.
+
+    None is larger than the kind allows, and none that must not be negative is so beyond its error.
+    """
     names = effect.unknowns or effect.searched
     own = next((e.values for e in contest.fit.mechanism.effects if e.label == effect.label), {})
     values = theta[: len(names)] + [own.get(each.name, 0.0) for each in names]
-    if any(abs(v) > each.largest for each, v in zip(names, values, strict=False)):
-        return False
-    largest = float(np.abs(values).max(initial=0.0))
-    for unknown, value in zip(names, values, strict=False):
-        if unknown.nonnegative and value < 0:  # one of several may be a little negative by noise
-            return effect.arity > 1 and abs(value) < 0.1 * largest
-    return True
+    rounding = 1e-9 * float(np.abs(values).max(initial=0.0))  # of a value that no row determines
+    return not any(
+        abs(value) > each.largest or (each.nonnegative and value < -max(NEGATIVE * error, rounding))
+        for each, value, error in zip(names, values, stderr, strict=False)
+    )
 
 
 # --- names and sets ----------------------------------------------------------------------------
@@ -332,9 +338,14 @@ def behind(a: Evidence, b: Evidence) -> float:
     return max(zscore(one - other), zscore(np.log((one + tiny) / (other + tiny))))
 
 
-def excess(a: Evidence, b: Evidence) -> float:
-    """Return by which share the left-out squared error is larger with a than with b."""
-    return float(a.refit.loss.sum() / max(float(b.refit.loss.sum()), 1e-300)) - 1
+def by_chance(a: Evidence, b: Evidence, rows: Array, limit: float) -> bool:
+    """Return whether b lowers the left-out squared error below that of a by no more than chance.
+
+    The fall is the geometric mean over all rows (d,) of the coordinates, each weighted by its own
+    error, so that joints in which neither explains anything do not dilute it; chance is `limit`.
+    """
+    one, other = (np.maximum(each.refit.loss.sum(axis=0), 1e-300) for each in (a, b))
+    return 1 - float(np.exp(rows @ np.log(other / one) / rows.sum())) < limit
 
 
 def simplest(ranking: Ranking, decision: Decision) -> Evidence | None:
@@ -349,7 +360,10 @@ def simplest(ranking: Ranking, decision: Decision) -> Evidence | None:
         or (
             alike(each, first)
             and each.gain >= (1 - PARSIMONY) * first.gain
-            and behind(each, first) < decision.rival_se
+            and (
+                behind(each, first) < decision.rival_se
+                or by_chance(each, first, ranking.regression.rows, ranking.limit)
+            )
         )
     ]
     return min(equal, key=lambda each: (each.effect.rare, each.numbers, -each.gain))
