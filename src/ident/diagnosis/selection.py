@@ -67,7 +67,7 @@ class Evidence:
         refit: everything refitted with it; its columns, then its shapes' sensitivities.
         gain: fall of the left-out squared error, as a share.
         limit: what the gain was held against, as a share; p: chance of such a gain where nothing
-            is missing.
+            is missing, NaN where no null distribution was made.
         size: rms of its torque as a share of its joint's, the largest.
         sensible: whether no value is one that such an effect cannot have.
         credible: all of it.
@@ -110,8 +110,8 @@ class Ranking:
     Attributes:
         evidence: of those that are credible or come closest.
         gains: by label, share of the left-out squared error and visible share, of all.
-        limit: the quantile, as a share; total: the left-out squared error.
-        curves: credible curves, best first.
+        limit: the quantile for laws, as a share; total: the left-out squared error.
+        curves: credible curves, best first; limit_with_curves: the quantile for them.
     """
 
     contest: Contest
@@ -121,10 +121,17 @@ class Ranking:
     limit: float
     total: float
     curves: tuple[tuple[Effect, float], ...]
+    limit_with_curves: float
+
+    def limit_of(self, candidate: CandidateColumns) -> float:
+        """What the gain of a candidate is held against, as a share."""
+        if candidate.curve:
+            return self.limit_with_curves
+        return self.limit * (RARE if candidate.effect.rare else 1.0)
 
     @property
     def credible(self) -> tuple[Evidence, ...]:
-        """Those that are there at all."""
+        """The credible ones."""
         return tuple(each for each in self.evidence if each.credible)
 
 
@@ -187,14 +194,16 @@ def rank(
             if gain > of_curves:
                 curves.append((each.effect, gain))
         elif gain > needed or len(evidence) < CLOSEST:
-            p = float((1 + (chance >= gain).sum()) / (1 + len(chance)))
+            p = float((1 + (chance >= gain).sum()) / (1 + len(chance))) if len(chance) else np.nan
             evidence.append(weigh(each, starts[i], gain, needed, p))
     gains = {
         each.effect.label: (float(g) / total, float(v))
         for each, g, v in zip(mine, G, visible, strict=True)
     }
     evidence.sort(key=lambda each: -each.gain)
-    return Ranking(contest, regression, tuple(evidence), gains, limit, total, tuple(curves))
+    return Ranking(
+        contest, regression, tuple(evidence), gains, limit, total, tuple(curves), of_curves
+    )
 
 
 @dataclass(frozen=True, eq=False)

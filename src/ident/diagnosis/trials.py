@@ -56,7 +56,7 @@ def strokes(low: float, high: float, speed: float, t: np.ndarray, pitch: float =
 
 # --- trials --------------------------------------------------------------------------------------
 # Motions that could be logged next: the present one wider, faster, slower, in strokes, one by one.
-# The independent joints' ranges and speeds; the curves between are in `waves`.
+# The independent joints' ranges and speeds; the curves between are those above.
 
 
 SAMPLES = 600  # a log, or a third of that where a trial has several

@@ -399,8 +399,8 @@ def _undecided(d: Diagnosis) -> list[str]:
     return [
         f"In {listed(d.loud)} more is left than the sensors' noise makes (rms beside that of noise "
         f"alone: {_beside(d)}), but neither an effect of the library nor a curve of any signal "
-        "predicts stretches of time that were left out better than chance does. It may be noise "
-        "that remembers, a disturbance, or physics that shows in too little of this log.",
+        "predicts stretches of time that were left out better than chance does. It may be "
+        "autocorrelated noise, a disturbance, or physics that shows in too little of this log.",
         *_nearest(d),
     ]
 

@@ -269,13 +269,14 @@ def diagnosis_json(d: Diagnosis) -> dict[str, Any]:
     """Return the content of diagnosis.json; what is not finite is None."""
     first, last = d.selection.first, d.selection.last
     gains = sorted(first.gains.items(), key=lambda item: -item[1][0])
+    limits = {each.effect.label: first.limit_of(each) for each in first.contest.candidates}
     decision = {
         "alpha": d.decision.alpha,
         "material": d.decision.material,
         "rival_se": d.decision.rival_se,
         "quantile": first.limit,
         "candidates": [
-            {"effect": label, "gain": gain, "quantile": first.limit, "visible": visible}
+            {"effect": label, "gain": gain, "quantile": limits[label], "visible": visible}
             for label, (gain, visible) in gains
         ],
     }
