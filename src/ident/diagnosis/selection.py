@@ -9,8 +9,8 @@ A candidate is credible if
 * its values are such as this kind of effect can have.
 
 Of candidates that explain the same part within PARSIMONY of the best gain, the one with the fewest
-numbers is chosen, if the best one is not better by `rival_se` standard errors of the paired
-difference, or by no more than chance.
+numbers is chosen, unless the best one is better by `rival_se` standard errors of the paired
+difference and by more than chance.
 """
 
 from __future__ import annotations
@@ -235,9 +235,8 @@ class Weigh:
         by = np.maximum(refit.by, 0.0)
         mends = by >= MINE * max(by.sum(), 1e-300)
         size = float(np.sqrt(by / np.where(torque > 0, torque, np.inf))[mends].max(initial=0.0))
-        stderr = refit.stderr * np.sqrt(
-            refit.loss.sum() / self.total
-        )  # with the effect's own noise
+        noise = np.sqrt(refit.loss.sum() / self.total)  # that is left with the effect
+        stderr = refit.stderr * noise
         plausible = sensible(self.contest, effect, refit.theta, stderr)
         material = size > self.decision.material and refit.visible > HIDDEN
         steady = float(refit.D.max()) < ONE_BLOCK * refit.G
