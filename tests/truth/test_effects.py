@@ -280,7 +280,7 @@ def test_a_mechanism_grows_by_an_effect(mechanism):
     assert mechanism.effects == ()
     assert [e.label for e in grown.effects] == ["viscous:slide"]
     assert grown.effects[0].units == ("N s/m",)  # it learnt that the joint slides
-    assert "effect:   viscous:slide" in str(grown)
+    assert "effects   viscous:slide" in str(grown)
     with pytest.raises(MechanismError, match="'viscous:slide' already"):
         grown + create("viscous", "slide", {"Fv": 1.0})
     with pytest.raises(MechanismError, match="no joint 'elbow'"):

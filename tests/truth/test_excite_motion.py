@@ -185,7 +185,9 @@ def test_prints_and_draws(found, tmp_path):
     text = str(x)
     for word in (*x.series, "condition number", "of range", "expected ±", "at rest"):
         assert word in text
-    assert x._repr_html_().count("<pre>") == 1
+    page = x._repr_html_()
+    assert all(f'<th scope="row">{name}</th>' in page for name in x.series)
+    assert page.count('<th scope="row">') >= len(x.base)
     assert len(x.plot().axes) == 4 * len(x.series)
     x.write(tmp_path / "out.csv")
     again = ident.read_log(tmp_path / "out.csv")

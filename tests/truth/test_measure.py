@@ -255,7 +255,10 @@ def test_several_logs_stay_apart(robots):
         (alone,) = complete(mechanism, log, cutoff=together.band.cutoff).experiments
         for field in ("q", "v", "a", "yd", "tau"):
             np.testing.assert_allclose(getattr(e, field), getattr(alone, field), atol=1e-9)
-    assert "2 experiment(s)" in str(together)
+    assert [row[:2] for row in together.rows[1:]] == [
+        [e.name, str(len(e))] for e in together.experiments
+    ]
+    assert all(row[0] in str(together) for row in together.rows)
     assert all(note in together._repr_html_() for note in ("0.csv: q.crank", "1.csv: q.crank"))
 
 

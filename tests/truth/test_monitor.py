@@ -116,7 +116,7 @@ def test_a_known_mechanism_is_a_reference(monitor):
     own = ident.Monitor.of(reference, joined(*(run(seed, 40.0) for seed in (2, 3))), patience=5.0)
     (alarm,) = own.watch(run(16, 30.0, {20.0: ("", {"coulomb.yaw.Fc": 1.6})}))
     assert alarm.suspects == ("coulomb:yaw",)
-    assert "false alarms an hour" in str(own)
+    assert "false alarms  0.1 an hour at most" in str(own)
 
 
 def test_errors_say_what_is_valid():

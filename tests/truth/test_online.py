@@ -92,7 +92,7 @@ def test_errors_are_those_of_the_batch_on_the_same_cells():
     fit = ident.identify(case.mechanism, motion, estimator="least-squares")
     online = Online(case.mechanism, like=motion)
     found = fed(online, given(case.log, "blocks"))
-    cells = online._recursion.accumulator.information(len(fit.estimate.x))
+    cells = online._accumulator.information(len(fit.estimate.x))
     assert len(cells.times) <= INTERVALS + 1
     expected = np.sqrt(np.diag(covariance(cells, fit.estimate)))
     own = np.array([value.stderr for value in found.base_parameters])
@@ -122,7 +122,7 @@ def test_shapes_are_held_where_a_fit_has_them():
     fit = ident.identify(case.mechanism, motion, estimator="least-squares")
     online = Online(case.mechanism, like=fit)
     found = fed(online, given(case.log, "blocks"))
-    held = online._recursion.stream.mechanism.effects[-1].values["vs"]
+    held = online._known_mechanism.effects[-1].values["vs"]
     assert held == pytest.approx(fit["stribeck.elbow.vs"].value, rel=1e-9)
     assert found["stribeck.elbow.Fs"].value == pytest.approx(
         fit["stribeck.elbow.Fs"].value, rel=0.02

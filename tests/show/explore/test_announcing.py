@@ -124,7 +124,12 @@ def test_what_would_raise_the_error_lowers_none():
 @pytest.mark.parametrize(("verdict", "said"), [("missing", False), ("nothing", True)])
 def test_falls_beside_a_verdict_are_spoken_of(verdict, said):
     judged = SimpleNamespace(verdict=verdict)
-    words = beside_verdict(screened().candidates, judged)
-    assert ("stribeck:wrist" in words and "the largest" in words) is said
+    candidates = screened().candidates
+    sure = [each for each in candidates if each.sure and not each.present]
+    largest = max(sure, key=lambda each: each.fall)
+    words = beside_verdict(candidates, judged)
+    assert (
+        f"{largest.label} {100 * largest.fall:.1f} %" in words and "the largest" in words
+    ) is said
     assert beside_verdict(screened().candidates[-3:], judged) == ""
     assert beside_verdict(screened().candidates, None) == ""
