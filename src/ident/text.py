@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 WIDTH = 100  # characters of a line in a terminal
+LARGE = 1e5  # below, a number with an error is written without an exponent
 
 
 def rounded(value: float, stderr: float | None) -> str:
@@ -19,7 +20,10 @@ def rounded(value: float, stderr: float | None) -> str:
     if stderr == 0:
         return f"{value:.9g}"
     digits = int(np.floor(np.log10(abs(value) / stderr))) + 2 if value else 2
-    return f"{value:.{int(np.clip(digits, 2, 12))}g} ± {stderr:.2g}"
+    texts = f"{value:.{int(np.clip(digits, 2, 12))}g}", f"{stderr:.2g}"
+    if abs(value) < LARGE:  # hundreds and thousands as they are read, not as 1e+02
+        return " ± ".join(f"{float(text):.0f}" if "e+" in text else text for text in texts)
+    return " ± ".join(texts)
 
 
 def table(rows: Sequence[Sequence[str]], indent: str = "  ") -> list[str]:

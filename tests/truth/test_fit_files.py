@@ -80,6 +80,21 @@ def test_fit_json_with_centroidal_names(tmp_path):
     np.testing.assert_allclose(saved.dynamic_parameters, fit.dynamic_parameters, atol=1e-14)
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("kind", ["stribeck", "hysteresis"])
+def test_an_effect_that_the_fit_lacks_is_no_force(kind, tmp_path):
+    case, fit = identified("arm", "viscous", "coulomb")
+    fit.write(tmp_path)
+    saved = ident.read_fit(tmp_path / "fit.json", robot("arm").with_effect(f"{kind}:elbow"))
+    log = case.log.columns
+    still = np.where(np.arange(len(case.log.t)) < 9, 0.0, log["v.elbow"])  # 0/0, if divided by 0
+    log = Log.from_arrays("still.csv", case.log.t, {**log, "v.elbow": still})
+    for smoothing in ("auto", None):
+        motion = ident.complete(case.mechanism, log, cutoff=None, smoothing=smoothing)
+        (a,), (b,) = ident.compare(fit, saved, motion=motion).predictions.values()
+        np.testing.assert_allclose(a.predicted, b.predicted, atol=1e-9)
+
+
 def test_fit_json_has_what_the_contract_says(tmp_path):
     _, fit = identified("five_bar", "viscous")
     fit.write(tmp_path)

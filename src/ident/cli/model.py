@@ -44,6 +44,8 @@ def add(
     after = with_effect(before, effect, allow_code=allow_code)
     new = [each for each in after.effects if each not in before.effects]
     path = add_effects(before, new)
+    if before.toml is None:
+        notes([f"{mechanism} by itself stays as it is: from now on give {path} in its place"])
     result(f"{path}: added {', '.join(each.label for each in new)}")
 
 

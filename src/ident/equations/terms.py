@@ -148,6 +148,8 @@ class Samples:
                 pi[link] = c
                 out += self.rigid(pi)
             return
+        if not c.any():  # nothing, even at a shape of 0 that its columns would be divided by
+            return
         E = self.columns(effect, shape)
         for i, name in enumerate(effect.joints):
             self.add_torque(out, name, E[:, i] @ c)

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from ident.display import Displayed, render
-from ident.errors import MotionError, one_of
+from ident.errors import MotionError, near, one_of
 from ident.log import Log, read_log
 from ident.log.table import is_frame
 from ident.mechanism.mechanism import Mechanism
@@ -390,10 +390,13 @@ def _determining(mechanism: Mechanism, measured: list[LogSignals]) -> tuple[str,
     fewest = min(measured, key=lambda each: sum(f"q.{name}" in each.columns for name in joints))
     given, wanted, still = (", ".join(f"q.{n}" for n in each) for each in (logged, free, fixed))
     check = f": the closures let {still} not move at all, check them" if fixed else ""
+    columns = [name for name in fewest.columns if name.partition(".")[2] not in joints]
+    alike = {meant: None for name in free if (meant := near(f"q.{name}", columns))}
+    other = f"; the log has {', '.join(alike)}: map it in [log]" if alike else ""
     raise MotionError(
         f"{fewest.log.name}: {mechanism.name} has {dof} degrees of "
         f"freedom, but the positions logged ({given or 'none'}) determine only {len(names)}{check};"
-        f" log one more of: {wanted or 'none'}"
+        f" log one more of: {wanted or 'none'}{other}"
     )
 
 

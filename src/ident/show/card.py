@@ -60,12 +60,17 @@ class Card:
         before, after, noise = bar.sizes
         return before / longest, after / longest, None if noise is None else noise / longest
 
+    @property
+    def noise(self) -> bool:
+        """Whether any bar has the mark of what noise alone would leave."""
+        return any(bar.sizes[2] is not None for bar in self.bars)
+
     def text(self) -> list[str]:
         """Return the lines for a terminal: █ stays, ░ goes, | is the noise."""
         lines = [*wrapped(self.line, "  "), *wrapped(self.sure, "  ")]
         rows = [[bar.joint, self._strip(bar), bar.words] for bar in self.bars[:BARS]]
         if rows:
-            lines += ["", "error: █ stays, ░ goes, | noise"]
+            lines += ["", f"error: █ stays, ░ goes{', | noise' if self.noise else ''}"]
             width = max(len(row[0]) for row in rows)
             lines += [f"  {joint:<{width}}  {strip}  {words}" for joint, strip, words in rows]
         if len(self.bars) > BARS:

@@ -354,12 +354,12 @@ def figure_of(chart: Chart) -> Figure:
         rows, columns, squeeze=False, height_ratios=heights,
         sharex=chart.shared_x, sharey="row" if chart.shared_y else False,
     )  # fmt: skip
-    for axes, panels in zip(grid, chart.thinned(POINTS).rows, strict=True):
+    for i, (axes, panels) in enumerate(zip(grid, chart.thinned(POINTS).rows, strict=True), 1):
         for axis, panel in zip(axes, panels, strict=False):
             _panel(axis, panel)
             if chart.shared_x:
                 axis.margins(x=0)
-                if axes is not grid[-1]:
+                if i < rows:
                     axis.set_xlabel("")
         for axis in axes[len(panels) :]:
             axis.set_axis_off()

@@ -176,7 +176,9 @@ function drawChart(chart, place) {
       padding: 2, margin: 2, ...looks}), "above")
     for (const fig of row) { // all panels of the row stay on one line
       fig.height += 28
-      if (fig !== row[0]) fig.min_border_top = 28
+      if (fig === row[0]) continue
+      if (row[0].title.text && fig.title.text) fig.title.standoff += 28 // the legend may run below it
+      else fig.min_border_top = 28
     }
   }
 
