@@ -103,7 +103,7 @@ def function_of(file: Path, name: str, *, allow_code: bool) -> Callable[..., Any
     try:
         members = runpy.run_path(str(file), run_name=f"user_{file.stem}")
     except (Exception, SystemExit) as error:  # it is the user's code
-        raise MechanismError(f"{file} fails: {line_of(error)}; mend it") from None
+        raise MechanismError(f"{file} fails: {line_of(error)}; correct it") from None
     if not callable(members.get(name)):
         functions = [key for key, each in members.items() if isfunction(each)]
         raise MechanismError(f"{file} has no function '{name}'; {one_of(name, functions)}")

@@ -75,7 +75,7 @@ def _guarded(entry: EntryPoint, error_class: type[IdentError]) -> Callable[[Path
             raise
         except Exception as error:
             raise error_class(
-                f"{path}: cannot be read by {entry.value} ({line_of(error)}); mend the file, or "
+                f"{path}: cannot be read by {entry.value} ({line_of(error)}); correct the file, or "
                 "the package that brings this format"
             ) from error
 

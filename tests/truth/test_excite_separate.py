@@ -84,7 +84,7 @@ def test_rivals_that_no_motion_tells_apart(tmp_path):
     """Rotor inertia of a first vertical joint is the link's own Lzz."""
     arm = ident.load(write_mechanism(tmp_path, tree_urdf([J("a")])))
     with pytest.raises(
-        IdentError, match=r"no motion tells rotor_inertia:a .* rotor_inertia\.a\.Ia"
+        IdentError, match=r"no motion separates rotor_inertia:a .* rotor_inertia\.a\.Ia"
     ):
         ident.excite(arm, separate=("rotor_inertia:a", "viscous:a"), **SHORT)
 

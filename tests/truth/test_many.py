@@ -81,7 +81,7 @@ def test_the_majority_is_right(mechanism, clean):
 def test_of_two_logs_nothing_says_which(mechanism, clean):
     found = each(mechanism, [clean[0], log_of(mechanism, 5, DOUBLED)])
     assert len(found.odd) == 2
-    assert found.notes == ("of two logs that disagree nothing says which one is odd",)
+    assert found.notes == ("of two logs that disagree, neither can be called the wrong one",)
 
 
 def test_logs_without_noise_do_not_disagree(mechanism):

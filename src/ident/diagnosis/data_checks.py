@@ -22,6 +22,7 @@ from ident.diagnosis.channel_fits import (
     credible_t,
 )
 from ident.display import Displayed
+from ident.effects import KINDS
 from ident.fit import Fit
 from ident.fit.channel_checks import CODES, TIMES
 from ident.fit.findings import Finding
@@ -108,7 +109,7 @@ def _torque_finding(
         size = max(number, 1 / number)
         unit = UNITS[min(UNITS, key=lambda known: abs(size - known))]
         text = (
-            f"reads {1 / number:.3g} times what the other joints' torques ask for ({unit}?): "
+            f"reads {1 / number:.3g} times what the other joints' torques require ({unit}?): "
             f"scaled, {fall}"
         )
         remedy = f"check its unit; {_entry(mechanism, channels[0], number)}"
@@ -122,7 +123,9 @@ def _torque_finding(
             remedy = "shift the torque columns together, or filter positions and torques alike"
         else:
             text = f"{late}; without the delay {fall}"
-            remedy = f"shift the column, or add the effect delay:{names[0]}"
+            kinds = [kind for kind, each in KINDS.items() if each.fault == cause.kind]
+            effect = "".join(f", or add the effect {kind}:{names[0]}" for kind in kinds)
+            remedy = f"shift the column{effect}"
     also = "".join(f"; {_short(mechanism, each)} would do nearly as well" for each in found.rivals)
     return Finding(cause.kind, f"{', '.join(channels)}: {text}{also}", remedy, channels, number)
 

@@ -123,6 +123,7 @@ class Delay(Correcting):
 
     kind = "delay"
     watched = "request"
+    fault = "delay"
     margin = LATEST
     sits = "driven"
     shapes = (Unknown("d", ("s", "s"), "by which the torque is late", range=(-LATEST, LATEST)),)

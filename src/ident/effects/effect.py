@@ -156,6 +156,7 @@ class Effect(ABC):
     rare: ClassVar[bool] = False  # few have it, and noise resembles it: more evidence is required
     slow: ClassVar[bool] = False  # it shows at low speed
     companions: ClassVar[tuple[str, ...]] = ()  # kinds that act and change with it at a joint
+    fault: ClassVar[str] = ""  # the wrong torque channel, by the code of its finding, that it is
     # words for it in MuJoCo and SDF models, beside a joint
     model_words: ClassVar[tuple[str, ...]] = ()
     watched: ClassVar[str] = "never"  # by a monitor: `always`, on `request`, `never`

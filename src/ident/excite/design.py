@@ -180,7 +180,7 @@ class DesignProblem:
             own = places_of(columns, label)
             if lost := [columns.names[i] for i in own if i not in independent]:
                 raise MotionError(
-                    f"{self.family.mechanism.name}: no motion tells {label} from everything "
+                    f"{self.family.mechanism.name}: no motion separates {label} from everything "
                     f"else: the column of {lost[0]} is made by the others in all motions that were "
                     "tried; open the loop, change the load or the base, or measure more torques"
                 )

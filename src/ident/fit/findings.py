@@ -127,7 +127,11 @@ def _absorbed(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
     names: dict[str, list[str]] = {}
     for name, carrier in absorbed_by(columns, estimate.base).items():
         if columns.index[name] >= len(columns.rigid) and name not in held:
-            why = f"same columns as {carrier}" if carrier else "nothing in this motion feels that"
+            why = (
+                f"same columns as {carrier}"
+                if carrier
+                else "it has no effect on any torque in this motion"
+            )
             names.setdefault(why, []).append(name)
     for why, some in names.items():
         text = f"{_some(some, 6)} cannot be identified: {why}"
@@ -244,7 +248,7 @@ def _implausible(
     if massless:
         text = (
             f"{', '.join(massless)} has moments but a mass that no torque determines: "
-            "identified.urdf gives it 1 kg, shifted along what no torque feels"
+            "identified.urdf gives it 1 kg, shifted along what has no effect on torques"
         )
         yield Finding("massless", text, where=massless)
     impossible = []

@@ -50,7 +50,7 @@ def read_bag(path: Path, topics: Sequence[str] = ()) -> RawTable:
         what = " ".join(str(error).split())[:200]
         raise LogError(
             f"{path}: no ROS 2 bag, or a damaged one ({what or type(error).__name__}); if its "
-            "recording was cut off, `ros2 bag reindex` or `mcap recover` may mend it"
+            "recording was cut off, `ros2 bag reindex` or `mcap recover` may repair it"
         ) from None
 
 

@@ -62,7 +62,7 @@ def parse_xml(data: bytes, where: str) -> etree._Element:
     except (etree.XMLSyntaxError, ValueError) as error:
         text = str(error).replace("\n", " ").partition(" (<string>")[0] or "empty file"
         raise MechanismError(
-            f"{where}: is no well-formed XML: {text}; mend or export it again"
+            f"{where}: is no well-formed XML: {text}; correct it or export it again"
         ) from None
     if root.getroottree().docinfo.internalDTD is not None:
         raise MechanismError(f"{where}: has a document type, which is refused; remove it")

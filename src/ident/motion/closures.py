@@ -240,7 +240,7 @@ class LoopSolver:
             raise MotionError(
                 f"{self.mechanism.name}: at t = {t:.4g} s {self.joints[far].name} jumps from "
                 f"{y[far]:.4g} to {goal[far]:.4g} {self.joints[far].unit}; give the column a scale "
-                "to rad or m in [log] (encoder counts, degrees?), or mend this sample"
+                "to rad or m in [log] (encoder counts, degrees?), or correct this sample"
             )
         done, step = 0.0, 1.0 / max(1.0, np.ceil(np.abs(goal - y).max() / 0.1))
         while done < 1.0:

@@ -260,8 +260,8 @@ def answered(answer: Effect, found: Diagnosis, after: Fit | None) -> str:
         return f"Found{' among rivals that fit as well' if rivals else ''}: {values}."
     if label in rivals:
         return (
-            f"The diagnosis put {found.best.label} first and said that {label}, which it is, "
-            "explains this log as well: the set of rivals is the answer, not its first name."
+            f"The diagnosis put {found.best.label} first and listed {label}, the true effect, "
+            "as a rival that explains this log as well: the answer is the set, not its first name."
         )
     if found.best.kind in answer.nested_in and found.best.joints == answer.joints:
         return (

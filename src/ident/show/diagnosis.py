@@ -321,7 +321,7 @@ def _apart(d: Diagnosis, effect: Effect, rivals: tuple[Effect, ...]) -> str:
             "the cause here."
         )
     elif elsewhere:
-        reasons.append(f"In this motion {labels([effect, *elsewhere])} go alike.")
+        reasons.append(f"In this motion {labels([effect, *elsewhere])} have almost equal torques.")
     if alike:
         reasons.append(
             f"{labels([effect, *alike])} sit at the same place and differ only where this motion "

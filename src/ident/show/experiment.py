@@ -113,7 +113,7 @@ def _between(d: Diagnosis, rivals: Sequence[Evidence], tried: Sequence[Attempt])
         found = proposal(d, tried, pairs)
         if found and parts:  # the place stays open, and what to do about it is said already
             kinds = _proposed(d, replace(found, alike=()))
-            return f"{parts[0]} Of which kind it is, a motion tells in part. {kinds}"
+            return f"{parts[0]} A motion tells in part of which kind it is. {kinds}"
         if found:
             return _proposed(d, found)
         if not parts:
@@ -141,7 +141,7 @@ def _no_motion(d: Diagnosis, tried: Sequence[Attempt], pairs: Sequence[Pair]) ->
     if not tried:
         return f"No other motion could be followed to tell {names} apart. Instead, {rest}."
     most = max(max(each.separation(pair) for pair in pairs) for each in tried)
-    why = "they ask for the same torques in all of them"
+    why = "they need the same torques in all of them"
     if most:
         why = f"at best they differ by {most:.2g} standard errors in a log as long as this one"
     ways = ", ".join(dict.fromkeys(WAYS[t.trial.kind] for t in tried if t.trial.kind in WAYS))
@@ -169,7 +169,7 @@ def without_motion(d: Diagnosis, effects: Sequence[Effect]) -> str:
     found = found or list(dict.fromkeys(effect.remedy for effect in effects if effect.remedy))
     return "; ".join(found) or (
         "measure the torque behind the joint with a sensor of its own, or change one condition "
-        "that only one of them feels (load, lubrication, temperature)"
+        "that affects only one of them (load, lubrication, temperature)"
     )
 
 

@@ -30,7 +30,7 @@ MOST = 60  # parameters in one chart
 WHY = {
     "noise": "too little of it for a residual of this size",
     "same columns": "acts as {}",
-    "unfelt": "no torque feels it in this motion",
+    "unfelt": "it has no effect on any torque in this motion",
 }
 STRUCTURE = (
     "What is left in {} has structure: the model may lack something, and ± is what noise alone "
@@ -114,7 +114,7 @@ def unexcited(x: Unexcited) -> str:
     """Return what a motion does not determine, why, and which motion would."""
     if not x.lost:
         return "this motion tells all that a motion can tell"
-    lines = ["this motion does not tell what another one would:"]
+    lines = ["this motion does not determine what another one would:"]
     lines += [f"  {e.name}: {WHY[e.why].format(', '.join(e.carriers[:3]))}" for e in x.lost]
     return "\n".join([*lines, *x.advice])
 

@@ -144,5 +144,5 @@ def structure(mechanism: Mechanism, motion: Motion | None = None) -> str:
     lines += [f"  {name}" for name in base_names(columns, base)]
     nothing = [name for name, carrier in absorbed_by(columns, base).items() if not carrier]
     if nothing:
-        lines.append(f"no torque feels: {', '.join(nothing)}")
+        lines.append(f"without effect on any torque: {', '.join(nothing)}")
     return "\n".join(lines)

@@ -90,10 +90,11 @@ class Dynamics:
                 )
             step = np.linalg.lstsq(np.eye(len(x)) - self._slope, off, rcond=1e-12)[0]
             x = x + (step if k < ITERATIONS // 2 else 0.5 * step)
+        mechanism = self.plant.mechanism
+        labels = ", ".join(effect.label for effect in mechanism.effects if effect.implicit)
         raise MotionError(
-            f"{self.plant.mechanism.name}: at t = {m.t:.6g} s no torque satisfies the "
-            "effects that depend on the load (load_friction, torque_gain, …): a coefficient is too "
-            "large for this motion"
+            f"{mechanism.name}: at t = {m.t:.6g} s no torque satisfies the effects that depend on "
+            f"the load ({labels}): a coefficient is too large for this motion"
         )
 
 

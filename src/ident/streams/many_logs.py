@@ -145,7 +145,7 @@ class LogComparison(Displayed):
         """Which logs were left out and why, and what the table cannot say."""
         notes = [f"{each.log}: left out: {each.left_out}" for each in self.logs if each.left_out]
         if len(self.used) == 2 and self.odd:
-            notes.append("of two logs that disagree nothing says which one is odd")
+            notes.append("of two logs that disagree, neither can be called the wrong one")
         elif self.odd and 2 * len(self.odd) >= len(self.used):
             notes.append(
                 "half of the logs or more disagree: they differ by more than their noise, or the "
