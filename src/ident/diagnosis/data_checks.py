@@ -75,7 +75,9 @@ def _judged(fit: Fit, table: Table, use: Array, explained: Array | None = None) 
     if not causes:
         found += _positions(fit, equations, explained)
         found += _magnitudes(fit, equations)
-    return Health((*found, *(each for each in fit.findings if each.code in CODES)))
+    # a joint swings freely by the fitted terms, which wrong channels spoil
+    codes = CODES if found else CODES | {"swings freely"}
+    return Health((*found, *(each for each in fit.findings if each.code in codes)))
 
 
 # --- torques ------------------------------------------------------------------------------------

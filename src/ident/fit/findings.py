@@ -13,7 +13,7 @@ from ident.fit.multipliers import identifiable_multipliers, resting_on_priors
 from ident.fit.problem import Problem
 from ident.fit.values import EffectValues, absorbed_by, rigid_values
 from ident.information.blocks import Error
-from ident.information.estimate import Estimate
+from ident.information.estimate import Estimate, term_sizes
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, DYNAMIC, pseudo_inertia
 from ident.motion import Motion
@@ -23,6 +23,7 @@ FEW = 3.0  # equations a parameter below which values follow the noise
 POOR = 1e3  # condition number above which the motion excites some base parameter poorly
 CERTAIN = 3.0  # standard errors below zero at which a negative coefficient is no accident
 LEAST_MASS = 1e-9  # kg below which a body with first moments cannot be written in a URDF
+FREELY = 0.1  # torque over its terms: an error of 5 % in one of them is half the torque or more
 POSSIBLE = -1e-6  # of a body's largest eigenvalue: what rounding may leave below zero
 
 
@@ -77,6 +78,7 @@ def findings_of(
         *_absorbed(problem.columns, estimate),
         *_multipliers(problem, estimate),
         *more,
+        *_swinging(problem, estimate, errors),
         *_implausible(problem.mechanism, errors, effects, pi),
     ]
     return tuple(dict.fromkeys(found))
@@ -213,6 +215,27 @@ def basis_bias(problem: Problem, estimate: Estimate) -> list[Finding]:
         f"where free multipliers put them: {_some(moved, 6)}"
     )
     return [Finding("basis", text, "standard errors do not hold this bias")] if moved else []
+
+
+def _swinging(
+    problem: Problem, estimate: Estimate, errors: Mapping[str, Error]
+) -> Iterator[Finding]:
+    """Report driven joints whose torque is the small remainder of large terms that cancel."""
+    sizes = term_sizes(problem.information.totals, estimate.x)
+    for (joint, error), size in zip(errors.items(), sizes, strict=True):
+        if not (error.relative and size > 0) or joint not in problem.mechanism.driven:
+            continue
+        if (share := error.rms / error.relative / float(size)) < FREELY:
+            text = (
+                f"tau.{joint} is {100 * share:.2g} % of the inertia, gravity and coupling terms "
+                "that cancel in it: the motor does next to nothing, and a relative error of this "
+                "joint says little"
+            )
+            remedy = (
+                f"put '{joint}' among the passive joints for this log, its friction kept as an "
+                "effect, or judge it by its rms error"
+            )
+            yield Finding("swings freely", text, remedy, (f"tau.{joint}",), share, FREELY)
 
 
 def _implausible(
