@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
+from numpy.linalg import LinAlgError
+
 from ident.diagnosis.diagnosis import Diagnosis
 from ident.diagnosis.experiment import (
     Attempt,
@@ -24,6 +26,7 @@ from ident.diagnosis.unobservable import Invisible
 from ident.display import renders
 from ident.effects import Effect
 from ident.effects.library import separating
+from ident.errors import IdentError
 from ident.text import listed, some
 
 SHOWS = 0.02  # visible share from which an effect can be seen
@@ -89,7 +92,7 @@ def next_experiment(d: Diagnosis) -> str:
     """Return what to log next: which joint, which range, which speed, and what that shows."""
     try:
         return _words(d) or NOTHING
-    except Exception as error:  # an experiment is advice: without it the diagnosis is still one
+    except (IdentError, LinAlgError) as error:  # without advice the diagnosis is still one
         return f"No experiment could be worked out ({error})."
 
 
@@ -229,7 +232,9 @@ def _best_trial(d: Diagnosis) -> tuple[list[str], str]:
         kinds.remove(trial.kind)
         found = []
         for effect in wanted:
-            with suppress(Exception):  # what cannot be evaluated in this motion is not shown by it
+            with suppress(
+                IdentError, LinAlgError
+            ):  # what cannot be evaluated in this motion is not shown by it
                 found += [effect.label] if probe.visible(effect) > SHOWS else []
         if len(found) > len(best[0]):
             best = found, described(trial, now)
