@@ -63,6 +63,15 @@ def test_a_web_socket_names_its_origin(address):
     assert status(address, websocket=True, Origin="") == 403
 
 
+def test_a_connection_that_is_closed_unused_is_no_fault(address, caplog, capfd):
+    place = urlsplit(address)
+    for _ in range(3):
+        socket.create_connection((place.hostname, place.port), timeout=20).close()
+    assert status(address) == 200
+    assert not caplog.records
+    assert "Traceback" not in capfd.readouterr().err
+
+
 def test_every_address_has_its_own_token():
     tokens = set()
     for _ in range(3):

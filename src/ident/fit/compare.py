@@ -92,6 +92,10 @@ def compare(
     """
     if not models:
         raise FitError("nothing to compare; give one fit or several")
+    for model in models:
+        if not isinstance(model, Fit | Saved):
+            kind = type(model).__name__
+            raise FitError(f"compare needs fits, given: {kind}; a motion goes by name: motion=…")
     motion = models[0].motion if motion is None else motion
     residuals: dict[str, Residual] = {}
     fitted: dict[str, Mapping[str, Mapping[str, Error]]] = {}

@@ -151,7 +151,7 @@ def _nearby(path: Path) -> str:
         logs = [file.name for file in path.parent.iterdir() if _is_log(file)]
     except OSError:
         return f"there is no folder {str(path.parent)!r}; valid: the path of a log"
-    return f"in that folder: {one_of(path.name, logs)}"
+    return f"in that folder: {one_of(path.name, logs)}" if logs else "in that folder is no log"
 
 
 # --- folders ------------------------------------------------------------------------------------

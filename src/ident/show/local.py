@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import logging
 import os
 import secrets
 import socket
@@ -30,6 +31,11 @@ def wait() -> None:
     """Wait for Ctrl-C, by sleeps: polars' handler of it restarts waits without an end."""
     while True:
         time.sleep(3600.0)
+
+
+def _to_be_shown(record: logging.LogRecord) -> bool:
+    """Browsers open connections ahead and close them unused, which is no fault."""
+    return record.msg != "opening handshake failed"
 
 
 class Place:
@@ -131,6 +137,8 @@ class Place:
             return response
 
         guard = self.guarded(answer)
-        server = serve(talk, sock=self.socket, process_request=guard, close_timeout=1)
+        log = logging.getLogger("ident.page")
+        log.addFilter(_to_be_shown)
+        server = serve(talk, sock=self.socket, process_request=guard, close_timeout=1, logger=log)
         threading.Thread(target=server.serve_forever, name="ident page", daemon=True).start()
         return server.shutdown
