@@ -326,7 +326,7 @@ class Selection:
 
     Attributes:
         first: all candidates on the model as it is.
-        members: by what they explain on the model as it is, the most first.
+        members: first those that are credible alone, by what they explain alone.
         last: all candidates beside the set.
     """
 
@@ -351,7 +351,8 @@ def select(
         return Selection(first, (), first)
     last = rank(found.contest, found.regression, noise, decision, seed, found.labels)
     members = [_judged(each, found, last) for each in found.members]
-    members.sort(key=lambda each: -first.gains[each.label][0])
+    alone = {each.effect.label for each in first.credible}
+    members.sort(key=lambda each: (each.label not in alone, -first.gains[each.label][0]))
     named = next((m for m in members if m.curve is None and m.impossible is None), None)
     if named is not None:
         members[members.index(named)] = _alone(named, first, decision)
