@@ -6,6 +6,7 @@ and in some more effects that are drawn at random: which, where, and how large.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +14,8 @@ import numpy as np
 
 import ident
 
-ARM = Path(__file__).resolve().parents[1] / "robots" / "arm"
+# relative, so that what is printed shows no folder of whoever ran it
+ARM = Path(os.path.relpath(Path(__file__).resolve().parents[1])) / "robots" / "arm"
 SEED = 3
 EFFECTS = 3
 SECONDS, STEP = 15.0, 0.004

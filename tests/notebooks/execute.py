@@ -66,6 +66,10 @@ def small(png: str) -> str:
 
 
 def main(names: list[str]) -> None:
+    if "IDENT_DATA" in os.environ:  # outputs show it: not the folders of whoever runs this
+        data = os.path.relpath(os.environ["IDENT_DATA"], FOLDER)
+        os.chdir(FOLDER)
+        os.environ["IDENT_DATA"] = data
     for path in NOTEBOOKS:
         if names and path.stem not in names:
             continue
