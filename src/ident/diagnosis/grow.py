@@ -201,27 +201,36 @@ def ladder(
     first = regression.losses.sum(axis=0) / regression.weight**2
     errors, rungs = errors_of(before), list[Step]()
 
-    def reached(added: Effect | None, out: tuple[Effect, ...], equal: tuple[Effect, ...]) -> None:
+    def announced(regression: PartialRegression) -> dict[str, Error]:
         now = regression.losses.sum(axis=0) / regression.weight**2
         share = np.sqrt(now / np.where(first > 0, first, 1.0))
-        announced = {
+        return {
             name: replace(e, rms=e.rms * s, relative=None if e.relative is None else e.relative * s)
             for (name, e), s in zip(errors.items(), map(float, share), strict=True)
         }
-        last = rungs[-1].errors if rungs else errors
-        rungs.append(Step(added, out, equal, None, fall_of(last, announced), announced))
 
+    last = errors
     if removed:
         gone = {effect.label for effect in removed}
         for each in start.members:
             if each.effect.label in gone:
                 regression = regression.without(each.columns)
-        reached(None, removed, ())
+        now = announced(regression)
+        rungs.append(Step(None, removed, (), None, fall_of(last, now), now))
+        last = now
     while new:
         G = regression.gains([columns[each.effect.label] for each in new]).G
-        best = new.pop(int(G.argmax()))
-        regression = reweighted(regression.extended(columns[best.effect.label]))
-        reached(best.effect, (), tuple(rival.effect for rival in best.rivals))
+        steps = []
+        for i in np.argsort(-G):  # of all steps the largest that raises no error
+            richer = reweighted(regression.extended(columns[new[i].effect.label]))
+            now = announced(richer)
+            steps.append((fall_of(last, now), int(i), richer, now))
+            if steps[-1][0] >= 0:
+                break
+        fall, i, regression, last = max(steps, key=lambda step: step[0])
+        best = new.pop(i)
+        equal = tuple(rival.effect for rival in best.rivals)
+        rungs.append(Step(best.effect, (), equal, None, fall, last))
     last, fitted = rungs[-2].errors if len(rungs) > 1 else errors, errors_of(after)
     rungs[-1] = replace(rungs[-1], fit=after, fall=fall_of(last, fitted), errors=fitted)
     return rungs
