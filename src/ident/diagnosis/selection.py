@@ -98,6 +98,13 @@ class Evidence:
         return int(self.refit.by.argmax())
 
     @property
+    def determined(self) -> bool:
+        """Whether some coefficient is larger than its error, with the noise that it leaves."""
+        error = NEGATIVE * self.refit.stderr * np.sqrt(max(1.0 - self.gain, 0.0))
+        count = len(self.effect.unknowns) or None
+        return bool((np.abs(self.refit.theta) > error)[:count].any())
+
+    @property
     def z(self) -> float:
         """Standard errors of its gain over blocks of time."""
         return zscore(self.refit.D)
@@ -229,8 +236,11 @@ class Weigh:
                 shape[each.name] = float(np.clip(shape[each.name] + value, *bounds[each.name]))
         elif passed and any(not each.discrete for each in effect.searched):
             shape = self._refined(candidate, start)
-            C = self._with_slopes(effect, shape)
-            columns, refit = columns[:0], self.regression.refit_with(C)
+            columns, C = columns[:0], self._with_slopes(effect, shape)
+            refit = self.regression.refit_with(C)
+            if not self._reached(effect, shape, refit.theta):  # the slopes are no change of shape
+                C = [c[:, : len(effect.unknowns)] for c in C]
+                refit = self.regression.refit_with(C)
         torque = torque_squares(self.contest, self.regression)
         by = np.maximum(refit.by, 0.0)
         mends = by >= MINE * max(by.sum(), 1e-300)
@@ -281,6 +291,13 @@ class Weigh:
             options={"xatol": PRECISE * (above - below), "maxiter": 12},
         )
         return {**shape, free: float(found.x)} if found.fun < loss(shape[free]) else shape
+
+    def _reached(self, effect: Effect, shape: Shape, theta: Array) -> bool:
+        """Return whether the linear change of each shape parameter stays within its bounds."""
+        bounds = self.contest.table.bounds(effect)
+        free = [each.name for each in effect.searched if not each.discrete]
+        steps = zip(free, theta[len(effect.unknowns) :], strict=True)
+        return all(bounds[n][0] <= shape[n] + step <= bounds[n][1] for n, step in steps)
 
     def _with_slopes(self, effect: Effect, shape: Shape) -> list[Array]:
         """E(s), then ∂(E c)/∂s at the coefficients c that fit best."""
@@ -358,12 +375,17 @@ def by_chance(a: Evidence, b: Evidence, rows: Array, limit: float) -> bool:
 
 def simplest(ranking: Ranking, decision: Decision) -> Evidence | None:
     """The credible candidate with the fewest numbers among those as good as the best."""
-    if not ranking.credible:
-        return None
-    first = ranking.credible[0]
-    equal = [
+    credible = [
         each
         for each in ranking.credible
+        if each.determined or not any(_nested(small, each) for small in ranking.credible)
+    ]
+    if not credible:
+        return None
+    first = credible[0]
+    equal = [
+        each
+        for each in credible
         if each is first
         or (
             alike(each, first)
