@@ -32,7 +32,7 @@ COMMANDS = {  # in which module of this package, and the first line of its docst
     "add": ("model", "Write an effect into mechanism.toml."),
     "effects": ("model", "List the library of effects."),
     "simulate": ("simulations", "Simulate a log of the model itself."),
-    "excite": ("simulations", "Plan a periodic motion that determines most, within all limits."),
+    "excite": ("simulations", "Plan a periodic motion that determines most, within limits."),
     "explore": ("logs", "Add effects by hand, in a browser; watch the error fall."),
     "montecarlo": ("simulations", "Study what noise does to the estimates: bias and spread."),
     "monitor": ("monitor", "Identify a machine while it runs; say when it changes."),

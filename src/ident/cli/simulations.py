@@ -223,7 +223,7 @@ def excite(
     plot: Plot = None,
     out: Path | None = setting("Write the motion, a .csv, .parquet or .npz.", "FILE"),
 ) -> None:
-    """Plan a periodic motion that determines most, within all limits.
+    """Plan a periodic motion that determines most, within limits.
 
     What it uses of the limits, and the standard errors to be expected of a log of it.
     """
