@@ -83,7 +83,8 @@ class History(Plotted):
     def added(self) -> tuple[Effect, ...]:
         """Effects that were added and are still there, in order."""
         present = {effect.label for effect in self.mechanism.effects}
-        return tuple(s.added for s in self.steps if s.added and s.added.label in present)
+        every = (step.added for step in self.steps if step.added is not None)
+        return tuple({e.label: e for e in every if e.label in present}.values())
 
     def table(self) -> list[list[str]]:
         """The ladder as cells: effect, held-out error a joint, fall, rivals; the head first."""
