@@ -66,7 +66,7 @@ def measured(name: str, source: Path) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         machine = importlib.import_module(f"machines.{name}").convert(source, Path(folder))
         bare = ident.load(machine.mechanism)
-        for effect in machine.options[1::2]:
+        for effect in machine.effects:
             bare = bare.with_effect(effect)
         begin = time.process_time()
         motion = ident.complete(bare, list(machine.train))

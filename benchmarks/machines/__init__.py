@@ -21,13 +21,13 @@ class Machine:
     Attributes:
         mechanism: URDF or folder.
         train, validate: logs to identify from, and to judge on; without the latter, held-out time.
-        options: options of every command, as the machine needs them whatever its model is.
+        effects: of its sensors, present in every model.
     """
 
     mechanism: Path
     train: tuple[Path, ...]
     validate: tuple[Path, ...] = ()
-    options: tuple[str, ...] = ()
+    effects: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -41,21 +41,6 @@ class Checkout:
         """The content of a file at the commit."""
         command = ["git", "-C", str(self.folder), "show", f"{self.commit}:{path}"]
         return subprocess.run(command, check=True, capture_output=True).stdout
-
-    def names(self, under: str) -> list[str]:
-        """Paths of all files below a folder at the commit."""
-        command = [
-            "git",
-            "-C",
-            str(self.folder),
-            "ls-tree",
-            "-r",
-            "--name-only",
-            self.commit,
-            under,
-        ]
-        listed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-        return listed.splitlines()
 
 
 def located(source: str, places: Sequence[Path]) -> Path | None:

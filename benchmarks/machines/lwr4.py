@@ -27,5 +27,4 @@ def convert(source: Path, folder: Path) -> Machine:
         logs.append(write_log(folder / f"log{number}.csv", t=t, **channels))
     urdf = folder / "lwr4.urdf"
     urdf.write_bytes(checkout.read("model/kuka_lwr4.urdf"))
-    options = ("--with", "torque_offset")
-    return Machine(urdf, (logs[1], logs[2]), (logs[0],), options)
+    return Machine(urdf, (logs[1], logs[2]), (logs[0],), ("torque_offset",))

@@ -267,7 +267,7 @@ def _on_cluster(
                 without = 0 if workers else without + LOOK
                 if without >= EMPTY:
                     raise IdentError(
-                        f"scheduler {scheduler}: has had no workers for {EMPTY} s; start some "
+                        f"scheduler {scheduler}: had no worker for {EMPTY} s; start some "
                         f"(dask worker {scheduler}) and run this again"
                     )
         except CancelledError:

@@ -330,11 +330,7 @@ def _announced(
 ) -> Explanation:
     """Explain by a candidate as the rows that decide predict it, without a refit."""
     before = selection.first.regression.losses.sum(axis=0)
-    share = np.sqrt(found.refit.loss.sum(axis=0) / np.where(before > 0, before, 1.0))
-    after = {
-        name: replace(e, rms=e.rms * s, relative=None if e.relative is None else e.relative * s)
-        for (name, e), s in zip(errors_of(fit).items(), map(float, share), strict=True)
-    }
+    after = announced_errors(errors_of(fit), before, found.refit.loss.sum(axis=0))
     effect, known = found.effect, known_of(fit, found.effect)
     linear = dict(zip((p.name for p in effect.unknowns), found.refit.theta, strict=False))
     errors = dict(
@@ -374,6 +370,17 @@ def known_of(fit: Fit, effect: Effect) -> dict[str, float]:
 def errors_of(fit: Fit) -> dict[str, Error]:
     """Held out, or of the fitted data where the log is too short to hold anything out."""
     return dict(fit.held_out or fit.train)
+
+
+def announced_errors(
+    errors: Mapping[str, Error], before: np.ndarray, after: np.ndarray
+) -> dict[str, Error]:
+    """Return errors by joint as left-out squares (d,) before and after a change scale them."""
+    ratio = np.sqrt(after / np.where(before > 0, before, 1.0))
+    return {
+        name: replace(e, rms=e.rms * s, relative=None if e.relative is None else e.relative * s)
+        for (name, e), s in zip(errors.items(), map(float, ratio), strict=True)
+    }
 
 
 def fall_of(before: Mapping[str, Error], after: Mapping[str, Error]) -> float:

@@ -18,7 +18,15 @@ from ident.diagnosis.candidates import (
     OnProgress,
     candidates_of,
 )
-from ident.diagnosis.diagnosis import Decision, Diagnosis, concluded, errors_of, fall_of, started
+from ident.diagnosis.diagnosis import (
+    Decision,
+    Diagnosis,
+    announced_errors,
+    concluded,
+    errors_of,
+    fall_of,
+    started,
+)
 from ident.diagnosis.null import noise
 from ident.diagnosis.search import EffectSet, Search, reweighted
 from ident.display import Displayed, Plotted, render
@@ -204,11 +212,7 @@ def ladder(
 
     def announced(regression: PartialRegression) -> dict[str, Error]:
         now = regression.losses.sum(axis=0) / regression.weight**2
-        share = np.sqrt(now / np.where(first > 0, first, 1.0))
-        return {
-            name: replace(e, rms=e.rms * s, relative=None if e.relative is None else e.relative * s)
-            for (name, e), s in zip(errors.items(), map(float, share), strict=True)
-        }
+        return announced_errors(errors, first, now)
 
     last = errors
     if removed:

@@ -51,7 +51,7 @@ class Member:
     Attributes:
         columns: its columns in the regression.
         evidence: when it was chosen, None of an effect of the fit; rivals: then.
-        gain: fall of the left-out squared error that it brings to the whole set, as a share.
+        gain: rise of the left-out squared error of the whole set without it, as a share.
         curve: a curve of its signals that explains much beside it: the law has the wrong form.
         impossible: a law that explains more of the same joint than it does, with values that no
             machine has: the cause is something else.

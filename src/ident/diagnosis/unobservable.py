@@ -1,4 +1,4 @@
-"""Effects that the data cannot show, and effects of the model that had better be removed."""
+"""Effects that the data cannot show, and effects of the model that the data do not support."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Invisible:
 
 @dataclass(frozen=True, eq=False)
 class Unsupported:
-    """An effect in the model that had better be removed, or looked at."""
+    """An effect in the model that should be removed or examined."""
 
     effect: Effect
     why: str

@@ -321,7 +321,9 @@ class Effect(ABC):
         """ż of the state z by which unknowns that act by `state` are multiplied, at rates v and a
         shape.
         """
-        raise NotImplementedError(f"effect '{self.kind}' has no state")
+        raise NotImplementedError(
+            f"effect '{self.kind}' has an unknown that acts by `state`: define its `state_rate`"
+        )
 
     @property
     def not_integrable(self) -> str:

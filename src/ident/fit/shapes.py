@@ -34,7 +34,7 @@ STEPS = 15
 HALVES = 5
 PASSES = 2  # over what depends on the model's own prediction
 LONGEST = 0.3  # of a shape's range, the longest step
-RESTING, SETTLED = 1e-6, 1e-4  # of a value, and of its standard error: a smaller step is the last
+OF_VALUE, OF_ERROR = 1e-6, 1e-4  # of a value, and of its standard error: a smaller step is the last
 SAME = 1e-12  # of the sum of squares of all terms, within which two errors are the same
 
 
@@ -161,7 +161,7 @@ def variable_projection(
         x = point.unknowns(columns)
         stderr = np.zeros(len(x))
         stderr[now.base.independent] = np.sqrt(np.diag(now.solution.C))
-        if (np.abs(x - before) <= RESTING * np.abs(x) + SETTLED * stderr).all():
+        if (np.abs(x - before) <= OF_VALUE * np.abs(x) + OF_ERROR * stderr).all():
             break
     return point
 

@@ -226,10 +226,12 @@ def usual_range(x: np.ndarray) -> tuple[float, float]:
 
 def absurd_samples(x: np.ndarray) -> np.ndarray:
     """Places in a signal (n,) of lone samples that are absurdly far from all others."""
-    centre, reach = usual_range(x)
-    far = np.flatnonzero(np.abs(x - centre) > reach)
+    centre, half_range = usual_range(x)
+    far = np.flatnonzero(np.abs(x - centre) > half_range)
     around = [x[max(0, i - LONE // 2) : i + LONE // 2 + 1] for i in far]
-    lone = [abs(x[i] - np.nanmedian(near)) > reach for i, near in zip(far, around, strict=True)]
+    lone = [
+        abs(x[i] - np.nanmedian(near)) > half_range for i, near in zip(far, around, strict=True)
+    ]
     return far[np.array(lone, dtype=bool)]
 
 

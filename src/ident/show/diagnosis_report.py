@@ -57,7 +57,7 @@ BARS = 12
 LOGS = 4  # whose residuals are drawn below each other
 KINDS: dict[str, Colour] = {
     "named": 0,
-    "not to be told from it": MEASURED,
+    "not distinguishable from it": MEASURED,
     "credible": 1,
     "not credible": FAINT,
 }
@@ -86,7 +86,7 @@ def plot_candidates(d: Diagnosis) -> Chart:
     shown = [*first, *rest][: max(BARS, len(first))]
     kinds: dict[str, list[int]] = {kind: [] for kind in KINDS}
     for i, e in enumerate(shown):
-        own = "named" if i == 0 else "not to be told from it"
+        own = "named" if i == 0 else "not distinguishable from it"
         kinds[own if i < len(first) else "credible" if e.credible else "not credible"].append(i)
     bars = []
     for kind, places in kinds.items():
@@ -221,7 +221,7 @@ def _option(d: Diagnosis, i: int) -> Option:
         numbers(each.parameters),
     ]
     if each.rivals:
-        lines.append(f"not to be told from it by this data: {labels(each.rivals, 'or')}")
+        lines.append(f"not distinguishable from it in this data: {labels(each.rivals, 'or')}")
     maps = plot_maps({"as it is": before, f"with {label}": after}, each.joint)
     blocks: list[Block] = [headed(f"With {label}"), items(lines)]
     blocks += [plot_before_after(before, after, each), maps]

@@ -176,7 +176,7 @@ def without_motion(d: Diagnosis, effects: Sequence[Effect]) -> str:
     )
 
 
-# --- nothing to be told apart ---------------------------------------------------------------------
+# --- no rivals to distinguish ---------------------------------------------------------------------
 
 
 def unexplained(d: Diagnosis) -> str:

@@ -284,8 +284,11 @@ def plot_parameters(fit: Fit) -> Chart:
     for unit, values in units.items():
         at = np.arange(len(values), dtype=float)
         prior, found = (np.array([getattr(v, key) for v in values]) for key in ("prior", "value"))
-        reach = np.array([1.96 * (v.stderr or 0.0) for v in values])
-        marks = Dots(at, prior, 0 * at, "prior", PRIOR), Dots(at, found, reach, "identified", 0)
+        half_width = np.array([1.96 * (v.stderr or 0.0) for v in values])
+        marks = (
+            Dots(at, prior, 0 * at, "prior", PRIOR),
+            Dots(at, found, half_width, "identified", 0),
+        )
         names = tuple(v.name for v in values)
         rows.append((Panel(marks, f"[{unit}]", y_names=names, height=0.7 + 0.22 * len(values)),))
     return Chart(words, tuple(rows))

@@ -50,14 +50,14 @@ def rung(step: Step, joints: Sequence[str]) -> str:
         name = log if len(log) <= NAME - 4 else f"…{log[-(NAME - 5) :]}"
         lines.append(_row(f"  on {name}", _cells(errors, joints), "", width))
     if step.rivals:
-        lines += wrapped(f"    or {labels(step.rivals, 'or')}: not to be told apart", "      ")
+        lines += wrapped(f"    or {labels(step.rivals, 'or')}: not distinguishable", "      ")
     if step.removed and (step.added is not None or len(step.removed) > 1):
         lines += wrapped(f"    without {labels(step.removed)}: superfluous now", "      ")
     return "\n".join(lines)
 
 
 def changed(step: Step) -> str:
-    """Return what this rung has that the one before had not, or the reverse."""
+    """Return what this rung adds to the one before, or removes from it."""
     if step.added is not None:
         return f"+ {step.added.label}"
     if len(step.removed) == 1:

@@ -50,7 +50,7 @@ class Place:
         """Take the port; 0 takes a free one.
 
         Raises:
-            IdentError: if it cannot be had.
+            IdentError: if it cannot be opened.
         """
         if not 0 <= port <= 65535:
             raise IdentError(f"port {port}: there is none; valid: 1 to 65535, or 0 for a free one")
@@ -62,7 +62,7 @@ class Place:
             self.socket.listen()
         except OSError as error:
             self.socket.close()
-            why = "is taken" if error.errno == errno.EADDRINUSE else f"cannot be had: {error}"
+            why = "is taken" if error.errno == errno.EADDRINUSE else f"cannot be opened: {error}"
             raise IdentError(
                 f"port {port}: {why} on {HOST}; give another one, or none for a free one"
             ) from None

@@ -217,7 +217,7 @@ def excerpt(
         return excerpt(mechanism, summaries, cutoff, smoothing, broken)
     notes = [f"{each.name}: {repair}" for each in remaining for repair in each.repairs]
     for note in motion.notes:  # once for each log, and nothing about the ends of stretches
-        note = "" if NO_MEASUREMENT in note else note  # of which each log has told already
+        note = "" if NO_MEASUREMENT in note else note  # each log reports it itself
         for each in remaining:
             head, comma, tail = note.partition(f"{each.name}, ")
             if not head and comma:

@@ -267,7 +267,7 @@ class Online:
         cutoff, smoothing: as `complete` takes them, where `like` is not given.
 
     Raises:
-        FitError: for an effect that cannot be had sample by sample, or a time that is none.
+        FitError: for an effect that cannot be evaluated sample by sample, or a time that is none.
     """
 
     def __init__(

@@ -136,7 +136,7 @@ class Board:
         """Serve the page on 127.0.0.1 inside this context, which gives its address.
 
         Raises:
-            IdentError: if the port cannot be had.
+            IdentError: if the port cannot be opened.
         """
         place = Place(port)
         page = resources.files("ident.show.explore").joinpath("page.html")

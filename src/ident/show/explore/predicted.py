@@ -38,7 +38,7 @@ class PredictedGain:
         rivals: labels of effects that explain the same part as well, as far as can be told;
             better: that explain it better, by more than falls are known.
         shape: of a search, from which a refit sets out.
-        why: it cannot be seen in this data, or had better not be in the model; "" for most.
+        why: it cannot be seen in this data, or should not be in the model; "" for most.
     """
 
     effect: Effect

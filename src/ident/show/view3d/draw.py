@@ -144,8 +144,8 @@ class DrawnMechanism:
         right /= np.linalg.norm(right)
         # far enough that every point is within the angle of view, with a margin
         seen, above = cloud - target, np.cross(direction, right)
-        reach = np.maximum(np.abs(seen @ right) / 1.25, np.abs(seen @ above)) * 1.25
-        distance = float((reach / np.tan(ANGLE / 2) + seen @ direction).max())
+        extent = np.maximum(np.abs(seen @ right) / 1.25, np.abs(seen @ above)) * 1.25
+        distance = float((extent / np.tan(ANGLE / 2) + seen @ direction).max())
         return Camera(target + max(distance, 1e-3) * direction, target, box, up)
 
 
