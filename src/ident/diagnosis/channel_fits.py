@@ -23,6 +23,7 @@ from ident.effects import Effect
 from ident.fit import Fit
 from ident.fit.channel_checks import LIKE
 from ident.fit.table import Table
+from ident.information import linear
 from ident.information.hypotheses import Array, zscore
 from ident.motion.regressor import regressor
 
@@ -262,7 +263,7 @@ class ChannelEquations:
             E = G[k0:k, k0:k]
             across = pair @ G[:, k0:k]
             whole = pair @ G @ pair.T
-            S = whole - across @ np.linalg.pinv(E, rcond=RIDGE) @ across.T
+            S = whole - across @ linear.pinv(E, rcond=RIDGE) @ across.T
             size = np.sqrt(np.maximum(np.diag(S), 1e-300))
             like = S[0, 1] > LIKE * size[0] * size[1]
             if like and (size**2 > REST * np.diag(whole)).all():

@@ -16,6 +16,7 @@ from ident.effects import Effect
 from ident.equations.terms import Samples, unbalanced
 from ident.errors import IdentError
 from ident.fit.table import Table
+from ident.information import linear
 from ident.information.hypotheses import RANK
 from ident.motion import Motion, State, complete
 from ident.motion.motion import left_out
@@ -324,5 +325,5 @@ def orthonormal(A: np.ndarray) -> np.ndarray:
     if not A.size:
         return np.zeros((len(A), 0))
     Q, R = np.linalg.qr(A)
-    U, s, _ = np.linalg.svd(R)
+    U, s, _ = linear.svd(R)
     return Q @ U[:, s > RANK * s[0]]

@@ -35,6 +35,7 @@ from ident.diagnosis.selection import (
     simplest,
 )
 from ident.effects import Effect
+from ident.information import linear
 from ident.information.hypotheses import Index, PartialRegression, zscore
 
 MOST = 60  # moves of one search
@@ -127,7 +128,7 @@ class EffectSet:
         for each in self.members:
             at = np.array([place[int(column)] for column in each.columns])
             t = theta[at]
-            rise = float(t @ np.linalg.pinv(inverse[np.ix_(at, at)], hermitian=True) @ t)
+            rise = float(t @ linear.pinv(inverse[np.ix_(at, at)], hermitian=True) @ t)
             stderr = np.sqrt(np.maximum(np.diag(inverse)[at], 0.0))
             possible = each.evidence is None or sensible(self.contest, each.effect, t, stderr)
             found[each.label] = rise / self.loss if possible else -1.0

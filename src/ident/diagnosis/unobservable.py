@@ -11,6 +11,7 @@ from ident.diagnosis.candidates import Contest, absorbed, possible
 from ident.diagnosis.selection import HIDDEN, Decision, torque_squares
 from ident.effects import Effect
 from ident.fit import Fit
+from ident.information import linear
 from ident.information.hypotheses import PartialRegression, zscore
 
 CERTAIN = 3.0  # standard errors below zero
@@ -90,7 +91,7 @@ def _why(fit: Fit, regression: PartialRegression, group: np.ndarray) -> str:
     A = A / np.where(norms > 0, norms, 1.0)
     carriers: dict[str, float] = {}
     for c in C.T:
-        K = np.linalg.lstsq(A, c, rcond=1e-10)[0] / max(float(np.linalg.norm(c)), 1e-300)
+        K = linear.lstsq(A, c, rcond=1e-10)[0] / max(float(np.linalg.norm(c)), 1e-300)
         for i in np.flatnonzero(np.abs(K) > SHARE):
             name = fit.columns.names[own[i]]
             carriers[name] = max(carriers.get(name, 0.0), abs(float(K[i])))

@@ -20,6 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular, subspace_angles
 
+from ident.information import linear
+
 TINY = 1e-13  # of R's diagonal: below, the columns do not determine some unknown
 
 
@@ -65,7 +67,7 @@ def log_condition(W: np.ndarray) -> tuple[float, np.ndarray]:
     """
     size = np.linalg.norm(W, axis=0)
     N = W / size
-    U, s, Vt = np.linalg.svd(N, full_matrices=False)
+    U, s, Vt = linear.svd(N, full_matrices=False)
     G = np.outer(U[:, 0], Vt[0]) / s[0] - np.outer(U[:, -1], Vt[-1]) / s[-1]
     return float(np.log(s[0] / s[-1])), (G - N * (N * G).sum(axis=0)) / size
 
@@ -88,5 +90,5 @@ def _beside(A: np.ndarray, C: np.ndarray) -> np.ndarray:
     size = np.linalg.norm(A, axis=0)
     A = A / np.where(size > 0, size, 1.0)
     for _ in range(2):  # twice is enough against rounding
-        C = C - A @ np.linalg.lstsq(A, C, rcond=1e-10)[0]
+        C = C - A @ linear.lstsq(A, C, rcond=1e-10)[0]
     return C

@@ -28,6 +28,7 @@ from ident.errors import IdentError, MotionError
 from ident.fit.problem import Problem, information_of
 from ident.fit.shapes import initial
 from ident.fit.values import absorbed_by
+from ident.information import linear
 from ident.information.blocks import Error, Squares
 from ident.information.estimate import Estimate, estimate
 from ident.information.held_out import fold_count, folds, rises, without_each
@@ -190,7 +191,7 @@ def _solved(
     if (np.abs(own.R.diagonal()) > REGULAR * np.linalg.norm(own.R, axis=0)).all():
         beta[needed] = lapack.dtrtrs(own.R, own.d)[0]
     else:  # a stretch alone determined something
-        beta[needed] = np.linalg.lstsq(own.R, own.d, rcond=REGULAR)[0]
+        beta[needed] = linear.lstsq(own.R, own.d, rcond=REGULAR)[0]
     if wider is not None:
         inverse, _ = lapack.dtrtri(own.R)
         stderr[needed] = np.linalg.norm(inverse, axis=1) * wider[needed]
@@ -336,7 +337,7 @@ def _information(totals: Sequence[Triangle], sigma: np.ndarray, columns: np.ndar
 def _spread(information: np.ndarray) -> np.ndarray:
     """Return standard errors from an information matrix, equilibrated before it is inverted."""
     unit = 1 / np.sqrt(np.diag(information))
-    inverse = np.linalg.pinv(information * np.outer(unit, unit), rcond=1e-14, hermitian=True)
+    inverse = linear.pinv(information * np.outer(unit, unit), rcond=1e-14, hermitian=True)
     return np.sqrt(np.maximum(np.diag(inverse), 0.0)) * unit
 
 

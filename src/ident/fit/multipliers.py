@@ -10,6 +10,7 @@ from ident.display import Plotted
 from ident.equations.corrections import Scene
 from ident.errors import FitError, one_of
 from ident.fit.problem import Problem
+from ident.information import linear
 from ident.information.estimate import Estimate
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
@@ -33,7 +34,7 @@ def identifiable_multipliers(mechanism: Mechanism, motion: Motion) -> np.ndarray
         if not m or not len(q):
             continue
         J = mechanism.kinematics.closure_rows(q).rate
-        U, s, _ = np.linalg.svd(J, full_matrices=True)
+        U, s, _ = linear.svd(J, full_matrices=True)
         for k in range(len(q)):
             null = U[k][:, int((s[k] > OPEN * s[k].max(initial=1e-300)).sum()) :]
             determined &= (null**2).sum(axis=1) < 1e-12

@@ -63,6 +63,7 @@ CHANCE = 0.4  # correlation between periods that the noise of good logs has
 MOVING = 0.05  # share of samples in which a joint moves, for it to count
 FINE = 16  # samples a period of the motion's bandwidth, from which periods are found
 FEWEST = 16  # samples, and pairs of rows, from which a period can be determined
+SHORT = 3  # rows without a gap, too few for a spectrum
 
 
 class Model(Protocol):
@@ -393,8 +394,12 @@ def _failure(
     threshold = 1.0
     if not nothing:
         rows = np.concatenate([trace.informed[:, u] for trace in residual.traces])
-        ends = np.append(0, np.cumsum(rows))[np.cumsum([0, *map(len, pieces)])]
-        together = [slice(int(a), int(b)) for a, b in pairwise(ends) if b - a > 3]
+        edges = np.cumsum([0, *map(len, pieces)])
+        for a, b in pairwise(edges):
+            if rows[a:b].sum() <= SHORT:  # between two gaps: no spectrum
+                rows[a:b] = False
+        ends = np.append(0, np.cumsum(rows))[edges]
+        together = [slice(int(a), int(b)) for a, b in pairwise(ends) if b > a]
         mine = own_maps(residual.signal, joint, maps)
         if not rows.all():
             mine = [replace(each, columns=each.columns[rows]) for each in mine]

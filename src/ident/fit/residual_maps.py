@@ -18,6 +18,7 @@ from itertools import pairwise
 import numpy as np
 
 from ident.equations.filter import Decimator
+from ident.information import linear
 
 KNOTS, KNOTS_WAVE, KNOTS_TIME = 9, 41, 4  # of a map; of a joint's own position; of time
 JOINTS = 12  # whose signals are compared
@@ -263,7 +264,7 @@ def depends_on(
     """
     steps: list[MapStep] = []
     scale = float(np.sqrt(np.mean(r**2)))
-    if len(r) < FEWEST or scale == 0:
+    if len(r) < FEWEST or scale == 0 or fold[0] == fold[-1]:
         return steps, 1.0
     r = r / scale
     sums = _FoldSums(maps, fold)
@@ -308,7 +309,7 @@ def described(step: MapStep, unit: str) -> str:
         """Return the share of the map that shapes explain, beside a constant."""
         root = np.sqrt(weight)
         A = np.stack([np.ones_like(f), *shapes], axis=1) * root[:, None]
-        error = root * f - A @ np.linalg.lstsq(A, root * f, rcond=None)[0]
+        error = root * f - A @ linear.lstsq(A, root * f, rcond=None)[0]
         size = (root * (f - np.average(f, weights=weight))) ** 2
         return 1 - float(error @ error) / max(float(size.sum()), 1e-300)
 

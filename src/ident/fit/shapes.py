@@ -24,6 +24,7 @@ from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
 from ident.fit.problem import Problem, information_of, plausible_of
 from ident.fit.table import Table
+from ident.information import linear
 from ident.information.blocks import Information
 from ident.information.estimate import Estimate, estimate
 from ident.mechanism.mechanism import Mechanism
@@ -57,11 +58,11 @@ def working_point(
         return point
     if start is not None:
         point = Point(start.pi, {**start.values, **point.values})
-    linear = replace(mechanism, effects=tuple(e for e in mechanism.effects if e.linear))
-    columns = Columns.of(linear)
+    fewer = replace(mechanism, effects=tuple(e for e in mechanism.effects if e.linear))
+    columns = Columns.of(fewer)
     if len(columns):
-        information = information_of(linear, columns, motion, point)
-        point = point.at(linear, columns, _estimate(linear, columns, information).x)
+        information = information_of(fewer, columns, motion, point)
+        point = point.at(fewer, columns, _estimate(fewer, columns, information).x)
         if start is not None:
             point = Point(point.pi, {**start.values, **point.values})
     for effect in mechanism.effects:
@@ -106,10 +107,10 @@ def _started(mechanism: Mechanism, motion: Motion, point: Point, effect: Effect)
     inside = table.informed
     A, b = (table.A / sigma[:, None])[inside], (table.b / sigma)[inside]
     C = (C / sigma[:, None])[inside]
-    Q = np.linalg.svd(A, full_matrices=False)[0] if A.shape[1] else np.zeros((len(b), 0))
+    Q = linear.svd(A, full_matrices=False)[0] if A.shape[1] else np.zeros((len(b), 0))
     C, r = C - Q @ (Q.T @ C), b - Q @ (Q.T @ b)
     falls = [
-        float(r @ own @ np.linalg.lstsq(own, r, rcond=1e-9)[0])
+        float(r @ own @ linear.lstsq(own, r, rcond=1e-9)[0])
         for own in np.split(C, len(starts), axis=1)
     ]
     best = starts[int(np.argmax(falls))]

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ident.errors import FitError
+from ident.information import linear
 from ident.information.reduction import (
     Blocks,
     Chunk,
@@ -294,7 +295,7 @@ def _without_inner(
 def _by_singular_values(X: Array, Y: Array, c: int, tol: float) -> tuple[Rows, Index, Rows, Array]:
     """Eliminate knots of which the equations may leave combinations open, by singular values."""
     ends = X.shape[-1] - c
-    U, s, Vt = np.linalg.svd(X[..., :c])
+    U, s, Vt = linear.svd(X[..., :c])
     weighed = (s > tol)[..., None]
     rows = U.swapaxes(1, 2) @ np.concatenate([X[..., c:], Y], axis=2)
     own = np.where(weighed, rows[:, :c], 0.0)

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lapack
 
 from ident.errors import FitError
+from ident.information import linear
 from ident.information.triangle import Array, Triangle
 
 _EPS = float(np.finfo(float).eps)
@@ -105,7 +106,7 @@ def rank_revealing(
             regroup[:rank, j] = combination
 
     ind, dep = np.flatnonzero(chosen), np.flatnonzero(~chosen)
-    s = np.asarray(np.linalg.svd(unit[:, ind], compute_uv=False)[:rank], dtype=float)
+    s = linear.svd(unit[:, ind], full_matrices=False)[1][:rank]
     return Base(
         independent=ind,
         dependent=dep,

@@ -26,6 +26,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ident.information import linear
 from ident.information.blocks import Information
 from ident.information.estimate import Estimate
 from ident.information.triangle import Array
@@ -47,14 +48,14 @@ def covariance(information: Information, estimate: Estimate) -> Array:
     if size == 0 or count < 2:
         return np.full((size, size), np.nan)
     H = H_blocks.sum(axis=0)
-    others = np.linalg.pinv(H - H_blocks, rcond=1e-13, hermitian=True)
+    others = linear.pinv(H - H_blocks, rcond=1e-13, hermitian=True)
     deltas = (others @ g_blocks[..., None])[..., 0]
     shares = ((others @ H_blocks) * others).sum(axis=2)  # of the variance, white residuals
     total, nu = long_run(times, deltas, shares)
     wider = np.sqrt(nu / (nu - 2)) / norm
     result = total * np.outer(wider, wider)
     # what only one block determines has no spread between blocks; white residuals are the least
-    inverse = np.linalg.pinv(H, rcond=1e-13, hermitian=True) / norm[:, None]
+    inverse = linear.pinv(H, rcond=1e-13, hermitian=True) / norm[:, None]
     least = np.einsum("ij,jk,ik->i", inverse, white, inverse)
     return np.asarray(result + np.diag(np.maximum(least - np.diag(result), 0.0)))
 
@@ -68,7 +69,7 @@ def prior_covariance(estimate: Estimate, plausible: Array) -> Array:
     R, held = estimate.triangle.R, estimate.held
     if not held.any():
         return np.zeros((estimate.base.rank,) * 2)
-    moved = np.linalg.lstsq(R[:, estimate.base.independent], R[:, held], rcond=None)[0]
+    moved = linear.lstsq(R[:, estimate.base.independent], R[:, held], rcond=None)[0]
     moved = moved * plausible[held]
     return np.asarray(moved @ moved.T)
 

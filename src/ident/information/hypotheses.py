@@ -22,6 +22,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ident.information import linear
 from ident.information.blocks import Information
 from ident.information.triangle import Array, Index
 
@@ -190,7 +191,7 @@ class PartialRegression:
         R = np.concatenate([np.asarray(np.linalg.qr(A, mode="r")) for A in mine])
         if not k or not R.any():
             return tuple(np.zeros((len(A), 0)) for A in mine)
-        _, s, Vt = np.linalg.svd(R)
+        _, s, Vt = linear.svd(R)
         good = s > RANK * s[0]
         T = Vt[: len(s)][good].T / s[good]
         Q = [A @ T for A in mine]
@@ -231,7 +232,7 @@ class PartialRegression:
                 G[k] += Q[rows].T @ Q[rows]
                 q[k] += Q[rows].T @ Y[rows]
                 yy[k] += np.einsum("ij,ij->j", Y[rows], Y[rows])
-        M: Array = np.asarray(np.linalg.pinv(np.eye(rank) - G, rcond=1e-10, hermitian=True), float)
+        M: Array = linear.pinv(np.eye(rank) - G, rcond=1e-10, hermitian=True)
         loss = yy + np.einsum("kir,kir->kr", q, (M + M @ M - np.eye(rank)) @ q)
         return G, M, q, loss + np.einsum("kir,kir->kr", q, q)
 
@@ -431,7 +432,7 @@ class PartialRegression:
         """θ (k,) of the model's columns and (XᵀX)⁻¹ (k, k), weighted; of the smallest norm."""
         A = np.concatenate([_taken(p, self.model, self._factor(p)) for p in self.parts])
         b = np.concatenate([p.Y[:, 0] * self.weight[p.coordinate] for p in self.parts])
-        inverse = np.linalg.pinv(A.T @ A, rcond=RANK, hermitian=True)
+        inverse = linear.pinv(A.T @ A, rcond=RANK, hermitian=True)
         size = self.size[self.model]
         return (inverse @ (A.T @ b)) / size, inverse / size[:, None] / size
 
@@ -440,7 +441,7 @@ class PartialRegression:
         """(k,) coefficients of the model, of the smallest norm."""
         A = np.concatenate([_taken(p, self.model, self._factor(p)) for p in self.parts])
         b = np.concatenate([p.Y[:, 0] * self.weight[p.coordinate] for p in self.parts])
-        return np.linalg.lstsq(A, b, rcond=RANK)[0] / self.size[self.model]
+        return linear.lstsq(A, b, rcond=RANK)[0] / self.size[self.model]
 
 
 def _places(columns: Index, total: int) -> Index:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.errors import FitError
+from ident.information import linear
 from ident.information.triangle import Array, Index
 
 CLOSE = 1e3  # a pivot above this many tolerances hides no singular value below one
@@ -236,7 +237,7 @@ def release(R: Array, Y: Array, tol: float) -> tuple[NDArray[np.bool_], Array]:
         doubtful = np.any(pivots & np.any(Y, axis=-1), axis=-1)
     if not doubtful.any():
         return doubtful, Y[:0]
-    U, s, Vt = np.linalg.svd(R[doubtful])
+    U, s, Vt = linear.svd(R[doubtful])
     weighed = (s > tol)[..., None]
     rows = U.swapaxes(-1, -2) @ Y[doubtful]
     R[doubtful] = np.where(weighed, s[..., None] * Vt, 0.0)

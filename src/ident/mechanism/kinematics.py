@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
+from ident.information import linear
 from ident.mechanism.closures import Closure, Constraint, OwnJoint
 from ident.mechanism.tree import placements, rates
 
@@ -213,7 +214,7 @@ class Kinematics:
             error = float(np.abs(rows.value).max())
             if error < 1e-13:
                 break
-            step = np.linalg.lstsq(rows.rate[0], -rows.value[0], rcond=1e-10)[0]
+            step = linear.lstsq(rows.rate[0], -rows.value[0], rcond=1e-10)[0]
             step *= min(1.0, LARGEST_STEP / max(np.abs(step).max(), 1e-300))
             q = pin.integrate(self.model, q, step)
         return q, error

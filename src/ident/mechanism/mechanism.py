@@ -14,6 +14,7 @@ import pinocchio as pin
 from ident.display import Displayed, render
 from ident.effects import KINDS, Correction, Effect, Sites, candidates, create, parse
 from ident.errors import MechanismError, one_of
+from ident.information import linear
 from ident.log import Column
 from ident.mechanism.closures import Closure
 from ident.mechanism.kinematics import Kinematics, rank_of
@@ -168,7 +169,7 @@ class Mechanism(Displayed):
         if not self.closures:
             return q
         J = self.kinematics.closure_rows(q[None]).rate[0]
-        free = np.linalg.svd(J)[2][rank_of(J) :]  # directions in which it moves
+        free = linear.svd(J)[2][rank_of(J) :]  # directions in which it moves
         step = random.normal(size=len(free)) @ free
         step *= AWAY / max(np.abs(step).max(initial=0.0), 1e-300)
         general, error = self.kinematics.assemble(pin.integrate(self.model, q, step))

@@ -19,6 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from ident.errors import MechanismError, MotionError
+from ident.information import linear
 from ident.mechanism.kinematics import ConstraintRows
 from ident.mechanism.mechanism import Mechanism
 
@@ -39,7 +40,7 @@ def pseudo_inverse(K: np.ndarray) -> np.ndarray:
         Q, R = np.linalg.qr(K)
         return np.linalg.solve(R, Q.transpose(0, 2, 1))
     except np.linalg.LinAlgError:
-        return np.linalg.pinv(K)
+        return linear.pinv(K)
 
 
 def _times(M: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -118,7 +119,7 @@ class LoopSolver:
                 break
         for _ in range(3 * self.surplus):
             rows = self.mechanism.kinematics.closure_rows(q)
-            q = integrate(model, q, -_times(np.linalg.pinv(rows.rate, 1e-9), rows.value))
+            q = integrate(model, q, -_times(linear.pinv(rows.rate, 1e-9), rows.value))
         off, _ = self._residual(q, target)
         return q, np.abs(off[:, :m] if self.surplus else off).max(axis=1, initial=0.0)
 
@@ -130,7 +131,7 @@ class LoopSolver:
         J, own = closure_rows(q).rate, self.coordinates(q).rate
         Kp = pseudo_inverse(np.concatenate([J, own / self.scale[:, None]], axis=1))
         v = _times(Kp[:, :, J.shape[1] :], yd / self.scale)
-        Jp = np.linalg.pinv(J, 1e-9) if self.surplus else None
+        Jp = linear.pinv(J, 1e-9) if self.surplus else None
         if Jp is not None:
             v = v - _times(Jp, _times(J, v))
         closing = closure_rows(q, v).drift
@@ -295,7 +296,7 @@ def independent_joints(mechanism: Mechanism, preferred: Iterable[str]) -> tuple[
     q = mechanism.general[None]
     J = mechanism.kinematics.closure_rows(q).rate[0]
     W = LoopSolver(mechanism, names).coordinates(q).rate[0]
-    _, sizes, directions = np.linalg.svd(J)
+    _, sizes, directions = linear.svd(J)
     basis = directions[: int((sizes > 1e-8 * max(1.0, sizes.max(initial=0))).sum())]
     chosen: list[str] = []
     for strictness in (1e-3, 1e-7):  # a nearly dependent joint only if nothing better is there

@@ -15,11 +15,12 @@ from itertools import pairwise
 
 import numpy as np
 
+from ident.information import linear
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.closures import best_conditioned
 from ident.motion.recipe import Band
 from ident.motion.regressor import regressor
-from ident.motion.signals import LogSignals
+from ident.motion.signals import LogSignals, runs
 from ident.motion.smoothing import FEWEST, Derived, finest
 from ident.motion.spline import INCONSISTENT, basis_over, fitted
 from ident.motion.state import State
@@ -30,6 +31,10 @@ ALIKE = 0.02  # share by which errors must fall for other knots than the present
 ROWS = 250  # filtered rows of a coordinate, at least: a dozen in each of a diagnosis's 20 blocks
 OVERSAMPLING = 4.0  # filtered rows a period of the cut-off, as `equations.filter` keeps them
 CLOSEST = 1.01  # times the closest knots: no further than rounding
+FILTER = (
+    7.3  # knots that the filter with the cut-off of knots spans, as `equations.filter` makes it
+)
+LOST = 2.0  # lengths of the filter that the usual run between gaps must last
 SAMPLES = 1000  # of a log, at which torques are predicted
 FOLDS = 10  # stretches of time that are left out in turn
 SLOW = 0.01  # share of a joint's top speed below which its dry friction is gradual
@@ -68,7 +73,7 @@ def by_torques(
     """
     start = float(np.median([each.smooth.spacing for each in derived if each.smooth]))
     closest = max(band.knots[0], 2 * max(each.dt for each in logs))
-    coarsest = min(float(np.ptp(each.t)) for each in logs) / FEWEST
+    coarsest = min(usual_run(each) for each in logs) / (FEWEST if given else LOST * FILTER)
     if given and band.cutoff:
         coarsest = min(coarsest, 0.5 / band.cutoff)
     scenes = [
@@ -104,6 +109,13 @@ def by_torques(
     cutoff = min(cutoff if band.cutoff else np.inf, 0.5 / best)
     fast = cutoff >= 0.25 / max(each.dt for each in logs)
     return replace(band, cutoff=band.cutoff if fast else cutoff, knots=knots)
+
+
+def usual_run(signals: LogSignals) -> float:
+    """Return the duration [s] of runs without a gap that half of the samples lie in or beyond."""
+    lengths = np.sort([run.stop - run.start for run in runs(signals.usable)])[::-1]
+    middle = int(np.searchsorted(np.cumsum(lengths), 0.5 * lengths.sum()))
+    return float(lengths[middle]) * signals.dt
 
 
 def _scene(
@@ -145,7 +157,7 @@ def torque_errors(mechanism: Mechanism, e: State) -> np.ndarray:
         rows = [W[part].reshape(-1, W.shape[2]) for part in parts]
         H = np.array([x.T @ x for x in rows])
         g = np.array([x.T @ y[part].ravel() for x, part in zip(rows, parts, strict=True)])
-        others = np.linalg.pinv(H.sum(axis=0) - H, rcond=RANK, hermitian=True)
+        others = linear.pinv(H.sum(axis=0) - H, rcond=RANK, hermitian=True)
         x = (others @ (g.sum(axis=0) - g)[:, :, None])[:, :, 0]
         off = np.concatenate([y[part] - W[part] @ x[i] for i, part in enumerate(parts)])
         sigma = np.maximum(sigma * np.sqrt((off**2).mean(axis=0)), ROUNDING * largest)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ident.errors import MotionError
+from ident.information import linear
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.signals import (
     Clock,
@@ -147,7 +148,7 @@ def noise_of_speeds(
     at = [mechanism.joint_index[name] for name in names]
     noise = np.array([NOISE * _speed_noise(signals, e, name) for name in names])
     some = e.leverage[np.flatnonzero(e.usable)[:: max(1, len(e) // LOOKED_AT)]]
-    gain = some @ np.linalg.pinv(some[:, at])
+    gain = some @ linear.pinv(some[:, at])
     return np.asarray(np.sqrt((gain**2).mean(axis=0) @ noise**2))
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from ident.errors import MotionError, one_of
+from ident.information import linear
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.closures import LoopSolver, pseudo_inverse
 from ident.motion.signals import Smoothed, runs
@@ -139,7 +140,7 @@ class State:
         if self.loop is None:
             return needed[:, drives]
         L = self.leverage[:, drives]
-        return np.einsum("ndj,nd->nj", np.linalg.pinv(L, rcond=1e-6), needed)
+        return np.einsum("ndj,nd->nj", linear.pinv(L, rcond=1e-6), needed)
 
     def thinned(self, every: int) -> State:
         """One sample of `every`, for what is smooth."""

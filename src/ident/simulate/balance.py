@@ -18,6 +18,7 @@ import pinocchio as pin
 from scipy.linalg import lapack
 
 from ident.errors import MechanismError, MotionError
+from ident.information import linear
 from ident.mechanism.parameters import COUNT, pseudo_inertia
 from ident.motion.closures import pseudo_inverse
 from ident.motion.state import wrenches
@@ -88,7 +89,7 @@ class Dynamics:
                 self._slope = np.stack(
                     [(instant.predicted(x + e) - g) / e.sum() for e in h], axis=1
                 )
-            step = np.linalg.lstsq(np.eye(len(x)) - self._slope, off, rcond=1e-12)[0]
+            step = linear.lstsq(np.eye(len(x)) - self._slope, off, rcond=1e-12)[0]
             x = x + (step if k < ITERATIONS // 2 else 0.5 * step)
         mechanism = self.plant.mechanism
         labels = ", ".join(effect.label for effect in mechanism.effects if effect.implicit)
@@ -258,7 +259,7 @@ def holding_friction(H: np.ndarray, g: np.ndarray, F: np.ndarray) -> tuple[np.nd
 
     f is the smallest where several joints of a loop hold the same motion and can share its load.
     """
-    f, _, rank, _ = np.linalg.lstsq(H, g, rcond=SMALL)
+    f, rank = linear.lstsq(H, g, rcond=SMALL)
     holds = bool((np.abs(f) <= F).all())
     if holds or rank == len(g):
         return f, holds
@@ -312,7 +313,7 @@ def _descent(
     if np.abs(part).max() <= SMALL * scale:
         return None
     inner = H[np.ix_(free, free)]
-    step = np.linalg.lstsq(inner, part, rcond=SMALL)[0]
+    step = linear.lstsq(inner, part, rcond=SMALL)[0]
     rest = part - inner @ step
     if np.abs(rest).max() > 1e3 * SMALL * scale:
         return rest, False

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ident.errors import MotionError, one_of
+from ident.information import linear
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import State
@@ -108,7 +109,7 @@ def inverse_dynamics(
     Zᵀ Wᵀ τ = Zᵀ (M v̇ + h + against),  W v̇ + drift = ÿ; least squares and the smallest τ where
     there are not as many drives as degrees of freedom.
     """
-    back = np.linalg.pinv(m.W[at] @ m.Z, 1e-9)
+    back = linear.pinv(m.W[at] @ m.Z, 1e-9)
     a = m.a0 + m.Z @ (back @ (ydd - m.drift[at] - m.W[at] @ m.a0))
     return np.asarray(back.T @ (m.Z.T @ (m.M @ a + m.h + against)))
 
@@ -117,7 +118,7 @@ def _drive_inertia(plant: Plant, e: State) -> np.ndarray:
     """Return (driven,) the inertia [kg m² | kg] at each drive at the start, the others held."""
     m = plant.terms(float(e.t[0]), e.q[0], e.v[0], np.zeros(len(plant.laws.states)))
     lever = m.W[plant.driven] @ m.Z
-    return np.diag(np.linalg.pinv(lever @ np.linalg.solve(m.Z.T @ m.M @ m.Z, lever.T), 1e-9)).copy()
+    return np.diag(linear.pinv(lever @ np.linalg.solve(m.Z.T @ m.M @ m.Z, lever.T), 1e-9)).copy()
 
 
 def _by_joint(gains: Gains, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:

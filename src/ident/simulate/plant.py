@@ -18,6 +18,7 @@ import pinocchio as pin
 from ident.effects import Correction, Effect, Signals
 from ident.equations.unknowns import Point
 from ident.errors import MotionError
+from ident.information import linear
 from ident.mechanism.kinematics import Mapped
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT
@@ -208,7 +209,7 @@ class Plant:
         if not len(J):
             return np.eye(nv), np.zeros((nv, 0))
         r = self.mechanism.rank
-        U, S, Vt = np.linalg.svd(J)
+        U, S, Vt = linear.svd(J)
         if r and S[r - 1] < SINGULAR * S[0]:
             raise MotionError(
                 f"{self.mechanism.name}: at t = {t:.4g} s the simulated motion comes to a singular "
@@ -239,7 +240,7 @@ class Plant:
         v = v - Jp @ (J @ v)
         if len(stuck):
             held = np.vstack([J, stuck])
-            v = v - np.linalg.pinv(held, 1e-9) @ (held @ v)
+            v = v - linear.pinv(held, 1e-9) @ (held @ v)
         return q, v
 
 

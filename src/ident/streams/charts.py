@@ -33,6 +33,7 @@ from itertools import pairwise
 import numpy as np
 
 from ident.equations.rows import Rows
+from ident.information import linear
 from ident.information.triangle import Triangle
 from ident.streams.stream import concatenated, rows_at
 
@@ -217,7 +218,7 @@ def moved_reference(triangle: Triangle, x: np.ndarray) -> np.ndarray:
     """
     size = triangle.column_norms()
     safe = np.where(size > FELT * size.max(initial=0.0), size, np.inf)
-    U, s, Vt = np.linalg.svd(triangle.R / safe)
+    U, s, Vt = linear.svd(triangle.R / safe)
     known = s > KNOWN * s[0]
     return x + Vt[known].T @ ((U[:, known].T @ (triangle.d - triangle.R @ x)) / s[known]) / safe
 

@@ -31,6 +31,7 @@ from scipy.stats import t as student
 from ident.display import Displayed
 from ident.equations.unknowns import Columns
 from ident.fit.problem import Problem
+from ident.information import linear
 from ident.information.blocks import Information
 from ident.information.covariance import FEWEST_SQUARES, long_run, scores
 from ident.information.estimate import Estimate, estimate
@@ -257,7 +258,7 @@ class _Logs:
                 for c in mine
             ]
             spare = max(sum(c.triangle.rows for c in mine) - base.rank + open_.shape[1], 1)
-            others = np.linalg.pinv(H - H_b, rcond=UNKNOWN, hermitian=True)
+            others = linear.pinv(H - H_b, rcond=UNKNOWN, hermitian=True)
             errors = (others @ (g_b - H_b @ own)[..., None])[..., 0] @ H  # at the fit of all others
             self.H[log], self.g[log] = H, g
             self.noise[log] = max((np.sum(np.square(residuals)) - g @ own) / spare, LEAST_NOISE[0])
@@ -271,7 +272,7 @@ class _Logs:
         inverse, open_ = _inverse(H_o)
         beta = inverse @ np.sum([self.g[i] for i in others], axis=0)
         # what the others leave open, this log may choose
-        free = open_ @ np.linalg.pinv(open_.T @ H @ open_, rcond=UNKNOWN, hermitian=True) @ open_.T
+        free = open_ @ linear.pinv(open_.T @ H @ open_, rcond=UNKNOWN, hermitian=True) @ open_.T
         own = beta + free @ (self.g[log] - H @ beta)
         W = self.ways - free @ (H @ self.ways)
         h = _along(H, W)
@@ -289,10 +290,10 @@ class _Logs:
         p_each = 2 * student.sf(np.abs(delta / stderr), np.maximum(nu, FEWEST_SQUARES))
         p = _of_many(p_each, W.T @ H @ W / np.outer(h, h) + project.T @ inverse @ project)
         fall, shares = delta**2 * h, {}
-        whole = g @ np.linalg.pinv(H, rcond=UNKNOWN, hermitian=True) @ g
+        whole = g @ linear.pinv(H, rcond=UNKNOWN, hermitian=True) @ g
         for name, unknowns in self.parts.items():  # what each part explains by itself
             D = W[:, np.isin(known, unknowns)]
-            mine = (D.T @ g) @ np.linalg.pinv(D.T @ H @ D, rcond=1e-9, hermitian=True) @ (D.T @ g)
+            mine = (D.T @ g) @ linear.pinv(D.T @ H @ D, rcond=1e-9, hermitian=True) @ (D.T @ g)
             shares[name] = float(np.clip(mine / whole, 0.0, 1.0)) if whole > 0 else 0.0
         best = max(shares.values(), default=0.0)
         near = [name for name, share in shares.items() if share >= best - NEARLY]

@@ -28,6 +28,7 @@ from ident.equations.filter import STICKING, Decimator, FilterRun
 from ident.equations.rows import CHUNK, Rows, largest_transmission, raw_rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, LogError, MotionError, one_of
+from ident.information import linear
 from ident.log import Column, Log
 from ident.mechanism.mechanism import Mechanism, Multipliers
 from ident.motion import Motion
@@ -324,7 +325,7 @@ def _derivative_weights(setting: Setting) -> tuple[np.ndarray, np.ndarray]:
             k = ORDERS.index(order)
             fall = np.array([factorial(n) / factorial(n - k) if n >= k else 0.0 for n in j])
             rows.append(fall * s[:, None] ** np.maximum(j - k, 0) / unit**k / noise)
-        fit = np.linalg.pinv(np.concatenate(rows))[:3] / np.repeat(sigma, 2 * M + 1)  # c = fit x
+        fit = linear.pinv(np.concatenate(rows))[:3] / np.repeat(sigma, 2 * M + 1)  # c = fit x
         fit *= (np.array([1.0, 1.0, 2.0]) / unit ** np.arange(3))[:, None]
         weights.append(fit.T.reshape(len(orders), 2 * M + 1, 3))
     return np.concatenate(weights), np.array(joint, dtype=int)

@@ -35,6 +35,7 @@ from ident.equations.rows import Rows, rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, one_of
 from ident.fit import Fit
+from ident.information import linear
 from ident.information.blocks import Block, Information
 from ident.information.cone import Limit, nearest, svec
 from ident.information.hypotheses import PartialRegression
@@ -214,7 +215,7 @@ class Reading:
         C = R[:, suspect.places]
         size = np.linalg.norm(C, axis=0)
         safe = np.where(size > 0, size, 1.0)
-        U, s, Vt = np.linalg.svd(C / safe, full_matrices=False)
+        U, s, Vt = linear.svd(C / safe, full_matrices=False)
         good = s > RANK * s[0]
         theta = Vt[good].T @ ((U[:, good].T @ e) / s[good]) / safe
         root = np.sqrt(phi2) * (Vt[good].T / s[good]) / safe[:, None]
