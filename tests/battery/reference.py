@@ -11,9 +11,9 @@ HARMONICS = 5
 FUNDAMENTAL = 2 * np.pi / 8.0  # [rad/s]
 
 
-def reference(machine: Machine, seed: int, experiment: int) -> Reference:
+def reference(machine: Machine, seed: int, experiment: int, seconds: float = SECONDS) -> Reference:
     """Seeded; scaled to the joint's reach or top speed, whichever it meets first."""
-    t = np.arange(round((SECONDS + BEFORE) / machine.step) + 1) * machine.step - BEFORE
+    t = np.arange(round((seconds + BEFORE) / machine.step) + 1) * machine.step - BEFORE
     rng = np.random.default_rng([3, seed, experiment])
     # s(t) runs at 0.2 to 1.8 of the clock: slow parts show friction at low speed
     w, phase = 2 * np.pi / 4.5, rng.uniform(0, 2 * np.pi)

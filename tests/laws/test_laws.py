@@ -1,0 +1,124 @@
+"""The battery of laws itself; `python tests/laws/score.py` runs all of its cases."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+pytest.importorskip("mujoco", reason="rigid-body torques of the battery are MuJoCo's")
+
+from law_cases import SCORE, SETS, TUNE, Case, cases
+from law_judge import apart, closed, equal, variables
+from law_logs import RATE, Complement, Made, bodies, make, rms
+
+MACHINES = ("arm3", "five_bar", "crank_rocker")
+
+
+def first(machine: str, of: str = "tune") -> Made:
+    return make(next(case for case in cases(of) if case.machine == machine))
+
+
+@pytest.fixture(scope="module", params=MACHINES)
+def made(request) -> Made:
+    return first(request.param)
+
+
+def test_there_are_forty_laws_and_no_two_cases_share_a_name_or_a_seed() -> None:
+    assert len(TUNE) >= 20
+    assert len(SCORE) >= 20
+    every = [case for of in SETS for case in cases(of)]
+    assert len({case.name for case in every}) == len(every)
+    assert len({case.seed for case in every}) == len(every)
+    texts = [(each.name, each.machine, each.joint, str(each.constants)) for each in TUNE + SCORE]
+    assert len(set(texts)) == len(texts)
+
+
+def test_pinocchio_moves_the_rigid_bodies_as_mujoco_does(made: Made) -> None:
+    """Γ p of the true inertias is the torque; the velocities are the positions' derivatives."""
+    import pinocchio as pin
+    from law_logs import urdf
+
+    motion = made.motion
+    model = pin.buildModelFromXML(urdf(motion.machine, None))
+    p = np.concatenate([inertia.toDynamicParameters() for inertia in model.inertias[1:]])
+    off = bodies(motion) @ p - motion.rigid
+    assert rms(off) < 1e-6 * rms(motion.rigid)
+    v = np.gradient(motion.q, 1 / RATE, axis=0)[2:-2]
+    assert rms(v - motion.v[2:-2]) < 1e-3 * rms(motion.v)
+
+
+def test_what_is_added_is_the_law_of_its_size(made: Made) -> None:
+    law = made.law
+    assert law is not None
+    added = made.tau - made.motion.rigid
+    for (kind, joint), size in made.known.items():
+        text = {"viscous": "v", "coulomb": "sign(v)"}[kind]
+        added -= size * made.motion.torque(joint, text, {})
+    torque = made.motion.torque(law.joint, law.formula, law.constants)
+    assert rms(added - torque) < 1e-9 * rms(torque)
+    shares = [rms(torque[:, k]) / rms(made.motion.rigid[:, k]) for k in range(torque.shape[1])]
+    assert 0.03 <= max(shares) <= 0.16
+
+
+def test_the_complement_leaves_nothing_of_the_model_and_does_not_change_twice(made: Made) -> None:
+    P = Complement(made)
+    X = made.columns(made.motion)
+    x = X @ np.random.default_rng(0).normal(size=X.shape[2])
+    assert np.linalg.norm(P.of(x)) < 1e-8 * np.linalg.norm(P.rows(x))
+    law = made.law
+    assert law is not None
+    left = P.of(made.motion.torque(law.joint, law.formula, law.constants))
+    again = left - P.basis @ (P.basis.T @ left)
+    assert np.linalg.norm(again - left) < 1e-10 * np.linalg.norm(left)
+
+
+def found(made: Made, formula: str | None = None, **constants: float) -> dict[str, object]:
+    """An entry of `laws`: the truth, or another formula of the same constants."""
+    law = made.law
+    assert law is not None
+    values = {**law.constants, **constants}
+    return {
+        "joint": law.joint,
+        "signals": sorted(law.signals),
+        "formula": formula or law.formula,
+        "parameters": [{"name": f"law.{law.joint}.{n}", "value": x} for n, x in values.items()],
+    }
+
+
+def test_the_truth_passes_and_what_the_model_makes_does_not_count(made: Made) -> None:
+    law, P = made.law, Complement(made)
+    assert law is not None
+    true = made.motion.torque(law.joint, law.formula, law.constants)
+    told = found(made)
+    assert variables(told, made.motion) == law.signals
+    assert apart(made, told, P, true) < 1e-9
+    assert closed(made, told) > 0.98
+    if made.known:
+        more = found(made, f"{law.formula} + d*v", d=0.3)
+        assert apart(made, more, P, true) < 1e-6
+
+
+def test_another_form_fails_and_another_writing_is_equal(made: Made) -> None:
+    law, P = made.law, Complement(made)
+    assert law is not None
+    true = made.motion.torque(law.joint, law.formula, law.constants)
+    assert apart(made, found(made, "k*sin(5*q)"), P, true) > 0.1
+    assert not equal(made, found(made, "k*sin(b*q)*c", b=1.1, c=1.0), P, true)
+    moved = {name: 1.05 * x for name, x in law.constants.items()}
+    other = found(made, f"2*({law.formula})", **{**moved, "k": law.constants["k"] / 2})
+    assert apart(made, other, P, true) > 1e-4
+    assert equal(made, other, P, true)
+
+
+def test_a_log_without_a_law_has_nothing_added() -> None:
+    made = first("arm3", "clean")
+    assert made.law is None
+    assert {kind for kind, _ in made.known} == {"viscous", "coulomb"}
+    case = Case("x", None, "five_bar", 0.0, 3)
+    silent = make(replace(case))
+    assert np.array_equal(silent.tau, silent.motion.rigid)
