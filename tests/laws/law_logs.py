@@ -32,7 +32,7 @@ RATE = 150.0  # of a log [Hz]
 SECONDS = 20.0  # of a log
 CLOSED = 1e-13  # gap of a closure [m]
 INSIDE = 0.97  # range of the log that judges, as a share of that of the log to identify from
-FRICTION = (0.03, 0.07)  # share of an arm joint's torque, of viscous and of Coulomb friction
+FRICTION = (0.03, 0.07)  # share of a drive's torque, of viscous and of Coulomb friction
 FUNCTIONS = {
     "sin": np.sin, "cos": np.cos, "tan": np.tan, "exp": np.exp, "log": np.log, "sqrt": np.sqrt,
     "abs": np.abs, "tanh": np.tanh, "sign": lambda x: np.tanh(x / STILL),
@@ -193,7 +193,7 @@ def make(case: Case) -> Made:
     rng = np.random.default_rng([19, case.seed])
     known: dict[tuple[str, str], float] = {}
     law = case.law
-    for k, joint in enumerate(motion.machine.driven if not motion.machine.closures else ()):
+    for k, joint in enumerate(motion.machine.driven):
         for kind in ("viscous", "coulomb"):
             share = rng.uniform(*FRICTION)
             if law is None or (law.kind, law.joint) != (kind, joint):
