@@ -1,0 +1,172 @@
+"""The KR300's counterbalance: a curve of a2 and formulas beside its authors' formula.
+
+    python benchmarks/counterbalance.py [--data DIR]
+
+Reads `kuka_kr300` (logs A and B) in DIR or $IDENT_DATA. Rigid bodies, viscous and Coulomb friction,
+and what is found for a2, are identified from one log, judged on the other; and from both. f is the
+authors' formula, f̂ what was found, P the projection on the complement of the model's columns (rows
+weighted by 1/rms of each joint's residual):
+
+    visible    ‖P f‖/‖f‖: what the model's own columns cannot make of the formula
+    amplitude  α of α f beside the model's columns in least squares; the formula is right at 1 or −1
+    apart      ‖P(f̂ − f)‖/‖P f‖
+    gravity    min over c, d of ‖f̂ − f + c sin a2 + d cos a2‖/‖f‖; it is near 0 for f̂ = 0 as well
+               where the arm's own gravity can take the formula's place
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from machines import located
+
+import ident
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCE, JOINT = "kuka_kr300", "a2"
+COLUMNS = ("from", "found", "visible", "amplitude", "apart", "gravity", "gravity, f̂ = 0",
+           "a2 on the other log", "with it")  # fmt: skip
+
+
+def formula(a2: np.ndarray) -> np.ndarray:
+    """Torque [N m] of the hydraulic counterbalance, as its authors state it (Weigand et al., 2021).
+
+    Args:
+        a2: angle [rad] of the URDF's joint, which is theirs from the vertical, and 90°.
+    """
+    far, near = 0.8, 0.2  # distances of the cylinder's ends from the joint's axis [m]
+    area, volume = np.pi * (0.055**2 - 0.030**2) / 4, 2 * 0.00048  # [m²], [m³]
+    gas = 1.01 * 296.8 * 328 * 2 * 0.0795  # Z R T m [J]
+    angle = a2 + np.deg2rad(95 - 90)
+    length = np.sqrt(far**2 + near**2 - 2 * far * near * np.cos(angle))
+    lever = far * near * np.sin(angle) / length
+    return lever * area * gas / (volume - (length - (far - near)) * area)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--data", action="append", type=Path, default=[], metavar="DIR")
+    options = parser.parse_args()
+    places = [*options.data, Path(os.environ.get("IDENT_DATA", ROOT.parent / "shared" / "data"))]
+    source = located(SOURCE, places)
+    if source is None:
+        raise SystemExit(f"error: no {SOURCE} in {', '.join(map(str, places))}")
+    model = pin.buildModelFromUrdf(str(source / "kr300.urdf"))
+    plain = ident.load(source).with_effect("viscous").with_effect("coulomb")
+    print(f"| {' | '.join(COLUMNS)} |\n|{'---|' * len(COLUMNS)}", flush=True)
+    for train, other in (("A", "B"), ("B", "A"), ("AB", "")):
+        motion, judge = (
+            ident.complete(plain, [ident.read_log(source / f"{log}.csv") for log in logs])
+            if logs
+            else None
+            for logs in (train, other)
+        )
+        fit = ident.identify(plain, motion, validate=judge)
+        print_rows(train, model, fit, judge)
+
+
+def print_rows(train: str, model: pin.Model, fit: ident.Fit, judge: ident.Motion | None) -> None:
+    """One row for what is found of a2, each."""
+    states = fit.motion.experiments
+    a2 = np.concatenate([e.q[:, fit.mechanism.driven.index(JOINT)] for e in states])
+    tau = np.concatenate([e.tau for e in states])
+    X = np.concatenate([columns(model, e) for e in states])
+    measured = np.concatenate([each.residual for each in fit.predict()])
+    weight = 1 / np.sqrt(np.mean(measured**2, axis=0))
+    U, s, _ = np.linalg.svd(scaled(weighted(X, weight)), full_matrices=False)
+    U = U[:, s > 1e-8 * s[0]]
+    k = fit.mechanism.driven.index(JOINT)
+
+    def left(x: np.ndarray) -> np.ndarray:
+        """P of a torque of a2 (n,)."""
+        whole = np.zeros_like(tau)
+        whole[:, k] = x
+        rows = weighted(whole, weight)
+        return rows - U @ (U.T @ rows)
+
+    f = formula(a2)
+    seen, size = left(f), float(np.linalg.norm(f)) * weight[k]
+    y = weighted(tau, weight)
+    amplitude = float(seen @ y / (seen @ seen))
+    gravity = np.stack([np.sin(a2), np.cos(a2)], axis=1)
+    sign = np.sign(amplitude)
+
+    def beside_gravity(x: np.ndarray) -> float:
+        off = x - sign * f
+        off = off - gravity @ np.linalg.lstsq(gravity, off, rcond=None)[0]
+        return float(np.linalg.norm(off) / np.linalg.norm(f))
+
+    before = relative(fit)
+    for name, found in proposed(fit, judge):
+        (f_hat,) = (
+            np.concatenate([p.parts[part][:, k] for p in found.predict()])
+            for part in [next(part for part in found.predict()[0].parts if name_of(part, name))]
+        )
+        off = float(np.linalg.norm(left(f_hat - sign * f)) / np.linalg.norm(seen))
+        cells = (
+            train, name, f"{np.linalg.norm(seen) / size:.2%}", f"{amplitude:.2f}", f"{off:.2f}",
+            f"{beside_gravity(f_hat):.1%}", f"{beside_gravity(0 * f):.1%}", before, relative(found),
+        )  # fmt: skip
+        print(f"| {' | '.join(cells)} |", flush=True)
+
+
+def proposed(fit: ident.Fit, judge: ident.Motion | None) -> list[tuple[str, ident.Fit]]:
+    """A curve of a2, and the formulas that a diagnosis proposes for a2, each refitted."""
+    mechanism, effects = fit.mechanism, [f"curve:{JOINT}:q"]
+    found = []
+    for each in effects:
+        grown = mechanism.with_effect(each)
+        found.append((each, ident.identify(grown, fit.motion, validate=judge)))
+    for law in ident.diagnose(fit).laws:
+        if law.joint == JOINT:
+            grown = mechanism + law.effect
+            refit = ident.identify(grown, fit.motion, validate=judge)
+            found.append((f"{law.effect.label}: {law.formula}", refit))
+    return found
+
+
+def name_of(part: str, name: str) -> bool:
+    """Whether a part of a prediction is that of the effect."""
+    return part == name or name.startswith(f"{part}: ")
+
+
+def columns(model: pin.Model, e: ident.motion.State) -> np.ndarray:
+    """(n, joints, columns) of rigid bodies, viscous and Coulomb friction."""
+    data = model.createData()
+    n, joints = e.q.shape
+    bodies = [
+        pin.computeJointTorqueRegressor(model, data, *x).copy()
+        for x in zip(e.q, e.v, e.a, strict=True)
+    ]
+    friction = np.zeros((n, joints, 2 * joints))
+    for j in range(joints):
+        friction[:, j, j] = e.v[:, j]
+        friction[:, j, joints + j] = np.where(np.abs(e.v[:, j]) < e.still[j], 0, np.sign(e.v[:, j]))
+    return np.concatenate([np.array(bodies), friction], axis=2)
+
+
+def weighted(x: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(n joints, …) of (n, joints, …)."""
+    return (x * weight.reshape(-1, *(1,) * (x.ndim - 2))).reshape(-1, *x.shape[2:])
+
+
+def scaled(x: np.ndarray) -> np.ndarray:
+    size = np.linalg.norm(x, axis=0)
+    return x[:, size > 0] / size[size > 0]
+
+
+def relative(fit: ident.Fit) -> str:
+    """Error of a2 on the other log, or held out in time without one."""
+    logs = list(fit.validation.values())
+    error = (logs[0] if logs else fit.held_out)[JOINT]
+    return f"{error.relative:.1%}"
+
+
+if __name__ == "__main__":
+    main()
