@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import math
 import os
 import runpy
 import secrets
 import shutil
+import stat
 from collections.abc import Callable, Iterator, Mapping
 from inspect import isfunction
 from pathlib import Path
@@ -16,12 +18,58 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from ident.errors import IdentError, MechanismError, line_of, one_of
+from ident.errors import IdentError, LogError, MechanismError, line_of, one_of
+
+LARGEST = 4.0  # GB of a log's numbers in memory: half a billion values
+LARGEST_LOG = "IDENT_LARGEST_LOG"  # variable of the environment, which workers inherit
+
+
+def regular(path: Path) -> Path:
+    """Return the path of a file or folder.
+
+    Raises OSError where there is none, for a link that leads to itself, and for a pipe or a device,
+    which may never end.
+    """
+    mode = path.stat().st_mode
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise OSError(errno.EINVAL, "a pipe or a device, which may never end", str(path))
+    return path
+
+
+def most_bytes() -> int:
+    """Return how many bytes of numbers a log may have in memory, IDENT_LARGEST_LOG in GB."""
+    text = os.environ.get(LARGEST_LOG, "")
+    try:
+        size = float(text or LARGEST)
+    except ValueError:
+        size = 0.0
+    if not 0 < size < 1e9:
+        raise IdentError(f"{LARGEST_LOG} = '{text}'; valid: a size in GB, such as {LARGEST:g}")
+    return int(size * 1e9)
+
+
+def check_size(path: Path, size: float) -> None:
+    """Refuse, before memory is taken, a log whose numbers would take too many bytes."""
+    if size > most_bytes():
+        raise LogError(
+            f"{path}: its numbers would take {size / 1e9:.3g} GB, and at most "
+            f"{most_bytes() / 1e9:.3g} GB are taken; leave columns out, cut the log, read CSV and "
+            f"Parquet files in portions (--stream), or raise the limit: ident --largest-log GB …, "
+            f"or {LARGEST_LOG}=GB in the environment"
+        )
+
+
+def _check_replaceable(path: Path) -> None:
+    """Refuse to replace a file that nobody may write, as a rename would."""
+    with contextlib.suppress(FileNotFoundError):
+        if not path.stat().st_mode & (stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH):
+            raise PermissionError(errno.EACCES, "is read-only", str(path))
 
 
 @contextlib.contextmanager
 def atomic_write(path: Path) -> Iterator[BinaryIO]:
     """Open a stream whose content appears under `path` only if the block ends without an error."""
+    _check_replaceable(path)
     # same folder, so that the last step is one rename; not tempfile, whose files are private
     part = _beside(path, "part")
     try:
@@ -67,7 +115,8 @@ def write_all(folder: Path, contents: Mapping[str, bytes | Path]) -> list[Path]:
             for path in paths:
                 _make_folder(path.parent, undo)
                 if path.is_dir():
-                    raise IsADirectoryError(21, "is a folder", str(path))
+                    raise IsADirectoryError(errno.EISDIR, "is a folder", str(path))
+                _check_replaceable(path)
             parts = [_beside(path, "part") for path in paths]
             for part, content in zip(parts, contents.values(), strict=True):
                 scraps.callback(_quietly, part.unlink)

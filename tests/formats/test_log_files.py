@@ -221,5 +221,6 @@ def test_permission(
     def denied(*_: object) -> None:  # root may read everything, so no real file shows it
         raise PermissionError(13, "Permission denied")
 
+    (tmp_path / "run.csv").write_text("t\n")
     monkeypatch.setattr(Path, "open", denied)
     refused(tmp_path / "run.csv", ("cannot be read (Permission denied)", "that you may read"))

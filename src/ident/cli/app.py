@@ -19,6 +19,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from ident.cli.console import ended_quietly, fail
 from ident.errors import IdentError
+from ident.files import LARGEST_LOG, most_bytes
 from ident.progress import running
 from ident.version import version
 
@@ -128,8 +129,19 @@ def _root(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
     ] = False,
+    largest_log: Annotated[
+        float | None,
+        typer.Option(
+            metavar="GB",
+            help="Memory that the numbers of one log may take. Default: 4",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Find out what is true of a mechanism from logged data."""
+    if largest_log is not None:
+        os.environ[LARGEST_LOG] = str(largest_log)
+        most_bytes()
 
 
 def main() -> None:
@@ -144,6 +156,8 @@ def main() -> None:
         fail(error)
     except OSError as error:
         fail(f"{error.filename or 'the system'}: {error.strerror or error}; check this path")
+    except MemoryError:
+        fail("not enough memory; give shorter logs, or read them in portions: --stream")
     except Exception as error:
         if "IDENT_TRACEBACK" in os.environ:
             raise

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -289,9 +290,9 @@ def output_file(
 
 def _refuse_input(target: Path, inputs: Iterable[Path | None]) -> None:
     """Refuse a file or folder to be written that is an input, contains one, or would become one."""
-    end = target.resolve()
+    end = Path(os.path.realpath(target))
     for path in filter(None, inputs):
-        given = path.resolve()
+        given = Path(os.path.realpath(path))
         joins = given.is_dir() and end.parent == given and end.suffix in LOGS
         if joins or end in (given, *given.parents):
             raise IdentError(

@@ -18,7 +18,7 @@ from ident.effects import KINDS
 from ident.effects import create as create_effect
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, MechanismError, missing_file, one_of
-from ident.files import write_all
+from ident.files import regular, write_all
 from ident.fit.findings import LEAST_MASS, bodies_with_unknowns
 from ident.fit.multipliers import Reactions
 from ident.fit.result import Fit
@@ -239,7 +239,7 @@ def read_fit(path: str | Path, mechanism: Mechanism) -> Saved:
     if path.is_dir():  # given to --out
         path = path / "fit.json"
     try:
-        data = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
+        data = json.loads(regular(path).read_text(encoding="utf-8"), parse_constant=_refuse)
     except (OSError, ValueError, RecursionError) as error:
         why = f"is no JSON: {error}"
         if isinstance(error, FileNotFoundError):

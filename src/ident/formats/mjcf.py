@@ -19,6 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from ident.errors import MechanismError
+from ident.files import regular
 from ident.mechanism.description import (
     Description,
     JointLimits,
@@ -28,13 +29,12 @@ from ident.mechanism.description import (
     effect_notes,
     place_table,
 )
-from ident.mechanism.urdf import parse_xml, words
+from ident.mechanism.urdf import MOST, parse_xml, words
 
 if TYPE_CHECKING:
     import mujoco
 
 DEEPEST = 20  # includes within includes
-MOST = 500  # joints
 SHOWN = 2  # the last group of shapes that MuJoCo shows unasked
 FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
 SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = range(2, 8)  # mjtGeom
@@ -85,7 +85,7 @@ def _check_includes(path: Path, data: bytes, folder: Path, above: tuple[Path, ..
         if folder not in file.parents:
             raise MechanismError(f"{place}, outside of the model's folder; copy it into that")
         try:
-            inside = file.read_bytes()
+            inside = regular(file).read_bytes()
         except OSError as error:
             raise MechanismError(f"{place}, which cannot be read: {error.strerror}") from None
         _check_includes(file, inside, folder, (*above, path.resolve()))

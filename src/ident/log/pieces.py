@@ -19,10 +19,11 @@ import polars as pl
 from numpy.typing import NDArray
 
 from ident.errors import LogError
+from ident.files import regular
 from ident.log.csv_text import BOM, Head, Lines, head_of, refuse_binary, rows_of
 from ident.log.log import Log
 from ident.log.read import LogFile, file_errors, log_file
-from ident.log.storage import parquet_errors
+from ident.log.storage import check_claims, parquet_errors
 from ident.log.table import Column, RawTable, first_tick, renamed, table_of
 
 BLOCK = 1 << 24  # bytes of a text that are in memory together
@@ -99,6 +100,7 @@ def open_log(
     source, mapping = log_file(path, topic), dict(columns or {})
     suffix = source.path.suffix.lower()
     with file_errors(source.path):
+        regular(source.path)
         if suffix == ".csv":
             file = _open_csv(source.path)
         elif suffix == ".parquet":
@@ -204,6 +206,7 @@ def likely_rows(path: str | os.PathLike[str]) -> int:
     """Return about how many rows a log has, without reading it; 0 for what it cannot tell."""
     path = Path(path)
     try:
+        regular(path)
         if path.suffix.lower() == ".parquet":
             return int(pl.scan_parquet(path).select(pl.len()).collect().item())
         if path.suffix.lower() == ".csv":
@@ -212,7 +215,7 @@ def likely_rows(path: str | os.PathLike[str]) -> int:
             return int(path.stat().st_size * head.count(b"\n") / max(len(head), 1))
         if path.suffix.lower() == ".npz":
             with np.load(path, allow_pickle=False) as arrays:
-                return len(arrays[arrays.files[0]])
+                return next(iter(check_claims(arrays, path).values()))[0]
     except Exception:  # whoever reads it says what is wrong with it
         return 0
     return 0

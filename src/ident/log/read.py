@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ident.errors import LogError, one_of
+from ident.files import check_size, regular
 from ident.log.log import Log
 from ident.log.table import Column, RawTable, frame_table, is_frame, table_of_arrays
 from ident.plugins import reader_of, suffixes
@@ -67,6 +68,7 @@ class LogFile:
         suffix = suffix_of(self.path)
         reader = reader_of("log", suffix)
         assert reader is not None
+        check_size(self.path, regular(self.path).stat().st_size)
         content = reader(self.path, self.topics) if suffix in BAG else reader(self.path)
         if isinstance(content, RawTable):
             return content
@@ -186,7 +188,7 @@ def expanded(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
     unique: dict[Path, Path] = {}
     for path in map(Path, paths):
         for each in logs_in(path) if is_folder_of_logs(path) else [path]:
-            unique.setdefault(each.resolve(), each)
+            unique.setdefault(Path(os.path.realpath(each)), each)
     return list(unique.values())
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -13,13 +14,20 @@ import numpy as np
 import polars as pl
 
 from ident.errors import LogError
-from ident.files import atomic_write
+from ident.files import atomic_write, check_size
 from ident.log.table import Array, RawTable, table_of, table_of_arrays
+
+# what NumPy raises for a damaged archive
+BROKEN = (ValueError, EOFError, OSError, RuntimeError, KeyError, zipfile.BadZipFile, zlib.error)
+HEADERS = {1: np.lib.format.read_array_header_1_0, 2: np.lib.format.read_array_header_2_0}
 
 
 def read_parquet(path: Path) -> RawTable:
     """Read the columns of a Parquet file; raises LogError where it is not one."""
     with path.open("rb") as stream, parquet_errors(path):
+        lazy = pl.scan_parquet(path)
+        rows, columns = lazy.select(pl.len()).collect().item(), len(lazy.collect_schema())
+        check_size(path, 8 * rows * columns)
         frame = pl.read_parquet(stream)
     return table_of(str(path), frame)
 
@@ -43,12 +51,44 @@ def read_npz(path: Path) -> RawTable:
             archive = np.load(stream, allow_pickle=False)
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise LogError(f"{path}: a single array, not an archive; write it with np.savez")
+            check_claims(archive, path)
             arrays = {name: _array(archive, name, path) for name in archive.files}
-        except (ValueError, EOFError, OSError, RuntimeError, zipfile.BadZipFile, zlib.error) as e:
+        except (
+            ValueError,
+            EOFError,
+            OSError,
+            RuntimeError,
+            KeyError,
+            zipfile.BadZipFile,
+            zlib.error,
+        ) as e:
             raise LogError(
                 f"{path}: not a NumPy archive, or a damaged one; write it with np.savez"
             ) from e
     return table_of_arrays(str(path), arrays)
+
+
+def check_claims(archive: np.lib.npyio.NpzFile, path: Path) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of an archive's arrays by name, none of them read.
+
+    Raises LogError where they would take too much memory, ValueError where an array claims more
+    than its file in the archive holds.
+    """
+    shapes, total, files = {}, 0, archive.zip
+    assert files is not None  # while it is open
+    for name in archive.files:
+        member = name if name in files.namelist() else f"{name}.npy"
+        size = files.getinfo(member).file_size
+        check_size(path, total := total + size)
+        if not member.endswith(".npy"):
+            continue
+        with files.open(member) as stream:
+            read = HEADERS[np.lib.format.read_magic(stream)[0]]
+            shape, _, kind = read(stream)
+        if not kind.hasobject and kind.itemsize * math.prod(shape) > size:
+            raise ValueError(f"{name} claims more than there is")
+        shapes[name] = shape
+    return shapes
 
 
 def _array(archive: np.lib.npyio.NpzFile, name: str, path: Path) -> np.ndarray:

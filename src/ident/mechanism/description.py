@@ -17,6 +17,7 @@ from lxml import etree
 
 from ident.effects.library import KINDS
 from ident.errors import MechanismError
+from ident.files import regular
 from ident.mechanism.urdf import parse_urdf, parse_xml, words
 from ident.plugins import is_own, reader_of
 
@@ -53,11 +54,11 @@ class Description:
 def read_description(path: Path) -> Description:
     """Read a URDF, a MuJoCo model, an SDF or a format of another package."""
     try:
+        if (size := regular(path).stat().st_size) > LARGEST:
+            raise MechanismError(f"{path}: {size} bytes; a URDF has at most {LARGEST}")
         data = path.read_bytes()
     except OSError as error:
         raise MechanismError(f"{path}: cannot be read: {error.strerror}") from None
-    if len(data) > LARGEST:
-        raise MechanismError(f"{path}: {len(data)} bytes; a URDF has at most {LARGEST}")
     return description_of(data, path)
 
 

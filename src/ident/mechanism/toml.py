@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ident.errors import MechanismError, near, one_of
+from ident.files import regular
 
 HUGE = 1e30  # numbers from which products overflow
 
@@ -95,7 +96,7 @@ class TomlTable:
 def read_toml(path: Path) -> TomlTable:
     """Return the top level of a TOML file."""
     try:
-        data = tomllib.loads(path.read_bytes().removeprefix(codecs.BOM_UTF8).decode())
+        data = tomllib.loads(regular(path).read_bytes().removeprefix(codecs.BOM_UTF8).decode())
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
         raise MechanismError(

@@ -23,6 +23,7 @@ from ident.errors import MechanismError, one_of
 from ident.mechanism.parameters import COUNT, about_origin, join, split
 from ident.mechanism.toml import HUGE
 
+MOST = 500  # joints, those that are fixed among them
 TYPES = ("fixed", "revolute", "continuous", "prismatic", "planar")
 SCALAR = ("revolute", "continuous", "prismatic")
 FLOATING = (
@@ -78,6 +79,8 @@ def parse_urdf(data: bytes, where: str) -> etree._Element:
     if not robot.get("name"):
         robot.set("name", "robot")
     _check_names(robot, where)
+    if (count := len(robot.findall("joint"))) > MOST:
+        raise MechanismError(f"{where}: {count} joints; a mechanism has at most {MOST}")
     _check_tree(robot, where)
     for joint in robot.findall("joint"):
         _check_joint(joint, where)
@@ -138,15 +141,16 @@ def _check_tree(robot: etree._Element, where: str) -> None:
         parent_of[ends["child"]] = ends["parent"]
     roots = {}
     for name in [*parent_of.values(), *links]:
-        path = [name]
-        while (above := parent_of.get(path[-1])) and above not in path:
-            path.append(above)
+        path, above = {name: None}, parent_of.get(name)  # a list would be searched for minutes
+        while above and above not in path:
+            path[above] = None
+            above = parent_of.get(above)
         if above:
             raise MechanismError(
                 f"{where}: the links {', '.join(path)} form a ring; one link must be the ground, "
                 "and the loop closed by a [[closure]]"
             )
-        roots[name] = path[-1]
+        roots[name] = next(reversed(path))
     root = next(iter(roots.values()))
     separate = [name for name in links if roots[name] != root]
     if separate:

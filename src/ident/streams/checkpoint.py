@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import partial
@@ -20,10 +19,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ident.errors import IdentError
-from ident.files import atomic_write
+from ident.errors import IdentError, line_of
+from ident.files import atomic_write, regular
 from ident.information.blocks import Block
 from ident.information.triangle import Triangle
+from ident.log.storage import check_claims
 from ident.streams.portions import Plan
 from ident.version import version
 
@@ -48,29 +48,30 @@ class Checkpoint:
 
     Attributes:
         file: its path.
-        other: whether the file that was found is of another run.
+        unused: why the file that was found is not used; empty where it is, or there is none.
     """
 
     def __init__(self, folder: Path, plan: Plan) -> None:
         self.file = folder / NAME
         self.key = digest(plan)
-        self.other = False
+        self.unused = ""
         self._saved = (0, time.monotonic())
 
     def read(self) -> Progress | None:
         """Return the progress of an interrupted run of the same key; None where there is none."""
         try:
-            with self.file.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
+            with regular(self.file).open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+                check_claims(arrays, self.file)
                 text = json.loads(str(arrays["text"]))
                 if text["key"] == self.key:
                     result = _unpacked(text["progress"], arrays["numbers"])
                     assert isinstance(result, Progress)
                     return result
+                self.unused = "of another mechanism, log, settings or version"
         except FileNotFoundError:
-            return None
-        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
             pass
-        self.other = True
+        except Exception as error:  # damaged bytes make readers fail in any way
+            self.unused = f"broken ({line_of(error)})"
         return None
 
     def due(self, absorbed: int) -> bool:

@@ -260,8 +260,8 @@ def _summed(
         total, resumed = Sum(before.blocks, before.absorbed), before.absorbed
         workers.broken.update(before.broken)
         messages.append(f"went on from {saved.file}: {resumed} portions were done")
-    elif saved is not None and saved.other:
-        messages.append(f"{saved.file}: of another mechanism, log, settings or version; not used")
+    elif saved is not None and saved.unused:
+        messages.append(f"{saved.file}: {saved.unused}; not used, all portions are read")
     remaining = list(plan.portions())[resumed:]
     names = [plan.parts[portion.log].name for portion in remaining]
     for _, done in workers.over(absorbed, remaining, plan, names, "equations"):

@@ -1,0 +1,279 @@
+"""What becomes of a mutant, in the library and in a command; what must never become of one.
+
+error      one line that names what is wrong
+finding    a warning or note that the base has not
+same       every parameter within six standard errors, or two per cent, of the base's
+changed    other values that the data themselves cannot tell from true ones
+traceback, slow, absurd      faults
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from random import Random
+
+import numpy as np
+from bases import Base, base
+from mutants import MUTANTS
+
+import ident
+from ident import Fit, IdentError
+from ident.fit.residual import residual_of
+
+LIMIT = 20  # s, beyond which a mutant hangs
+USELESS = 0.5  # relative error, held out, that must not be there without a finding
+ABSURD = 1e3  # times the base's value, its prior or its error: no value without a finding
+FAULTS = ("traceback", "slow", "absurd")
+OUTCOMES = ("error", "finding", "same", "changed", *FAULTS)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    kind: str  # of the mutant
+    what: str  # was done, in words
+    verdict: str
+    detail: str
+    seconds: float
+
+
+class Hung(BaseException):
+    """More than LIMIT seconds."""
+
+
+def outcome_in_library(name: str, kind: str, seed: int, place: Path) -> Outcome:
+    """Change a copy of a base at random, and let the library have it."""
+    own, random = base(name, place), Random(seed)
+    return _timed(name, kind, seed, lambda folder: _library(own, kind, random, folder), own)
+
+
+def outcome_of_command(name: str, kind: str, seed: int, place: Path) -> Outcome:
+    """The same for the command, in a process of its own."""
+    own, random = base(name, place), Random(seed)
+    return _timed(name, kind, seed, lambda folder: _command(own, kind, random, folder), own)
+
+
+def _timed(name: str, kind: str, seed: int, run, own: Base) -> Outcome:
+    with tempfile.TemporaryDirectory() as scrap:
+        folder = Path(scrap) / name
+        shutil.copytree(own.folder, folder)
+        start = time.perf_counter()
+        what, verdict, detail = run(folder)
+        seconds = time.perf_counter() - start
+    where = f"{name}/{kind} seed {seed}: {what}"
+    return Outcome(kind, where, "slow" if seconds > LIMIT else verdict, detail, seconds)
+
+
+# --- the library ---------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def _alarm() -> Iterator[None]:
+    def hung(*_: object) -> None:
+        raise Hung
+
+    before = signal.signal(signal.SIGALRM, hung)
+    signal.alarm(LIMIT)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def _library(own: Base, kind: str, random: Random, folder: Path) -> tuple[str, str, str]:
+    if kind == "checkpoint":
+        _interrupt(own, folder)
+    what = MUTANTS[kind](random, folder)
+    verb = _verb(kind, random)
+    what += f" ({verb})"
+    try:
+        with _alarm(), warnings.catch_warnings():
+            warnings.simplefilter("error")  # a warning of NumPy is a fault too
+            return what, *_judged(own, kind, verb, random, folder)
+    except IdentError as error:
+        line = str(error)
+        if len(line.splitlines()) != 1 or not line:
+            return what, "traceback", f"a message of several lines: {line!r}"
+        return what, "error", line
+    except Hung:
+        return what, "slow", f"more than {LIMIT} s"
+    except Exception as error:
+        at = error.__traceback__
+        while at is not None and at.tb_next is not None:
+            at = at.tb_next
+        place = f"{at.tb_frame.f_code.co_filename}:{at.tb_lineno}" if at else ""
+        return what, "traceback", f"{type(error).__name__} in {place}: {error}"
+
+
+def _verb(kind: str, random: Random) -> str:
+    if kind == "fit.json":
+        return "compare"
+    if kind == "checkpoint":
+        return "gather"
+    verbs = ("identify",) * 14 + ("residual",) * 3 + ("gather", "online", "diagnose", "simulate")
+    return random.choice(verbs)
+
+
+def _log(folder: Path) -> Path:
+    return next(folder.glob("run.*"))
+
+
+def _interrupt(own: Base, folder: Path) -> None:
+    """Leave a checkpoint behind."""
+    from ident.streams.checkpoint import NAME, Checkpoint
+
+    out, kept = folder / "out", Checkpoint.remove
+    Checkpoint.remove = lambda self: None  # type: ignore[method-assign]
+    due, Checkpoint.due = Checkpoint.due, lambda self, absorbed: True  # type: ignore[method-assign]
+    try:
+        ident.gather(ident.load(folder), folder / "run.csv", samples=128, checkpoint=out)
+    finally:
+        Checkpoint.remove, Checkpoint.due = kept, due  # type: ignore[method-assign]
+    assert (out / NAME).exists()
+
+
+def _judged(own: Base, kind: str, verb: str, random: Random, folder: Path) -> tuple[str, str]:
+    mechanism = ident.load(folder)
+    if verb == "compare":
+        saved = ident.read_fit(folder / "fit.json", mechanism)
+        compared = ident.compare(saved, motion=own.fit.motion)
+        return ("same", "") if "nan" not in str(compared) else ("absurd", "nan in the table")
+    if verb == "simulate":
+        log, _ = ident.simulate(mechanism, ident.read_log(_log(folder), mechanism.columns))
+        values = np.concatenate([x for x in log.columns.values()])
+        return ("same", "") if np.isfinite(values).all() else ("absurd", "not finite")
+    if verb == "gather":
+        gathered = ident.gather(
+            mechanism,
+            _log(folder),
+            samples=128,
+            checkpoint=folder / "out" if kind == "checkpoint" else None,
+        )
+        return judged(own, gathered.fit, gathered.fit.warnings)
+    if verb == "online":
+        log = ident.read_log(_log(folder), mechanism.columns)
+        online = ident.Online(mechanism, warmup=1.5)
+        for i in range(0, len(log.t), 50):
+            part = slice(i, i + 50)
+            online.update({"t": log.t[part], **{k: x[part] for k, x in log.columns.items()}})
+        return ("same", "") if "nan" not in str(online.snapshot()) else ("absurd", "nan")
+    options = _options(random) if kind == "options" else {}
+    motion = ident.complete(mechanism, ident.read_log(_log(folder), mechanism.columns), **options)
+    consistent = random.random() < 0.05
+    fit = ident.identify(mechanism, motion, consistent=consistent)
+    str(fit)
+    if verb == "residual":
+        str(residual_of(fit))
+        assert residual_of(fit).where is not None
+    if verb == "diagnose":
+        str(ident.diagnose(fit))
+    if consistent or options:
+        return judged(own, fit, [*fit.warnings, "an option"])
+    return judged(own, fit, fit.warnings)
+
+
+def _options(random: Random) -> dict[str, object]:
+    number = random.choice((-1.0, 0.0, 1e-9, 0.01, 0.5, 5.0, 40.0, 1e9, float("nan"), float("inf")))
+    return {random.choice(("cutoff", "smoothing")): random.choice((number, None, "auto", "x"))}
+
+
+def judged(own: Base, fit: Fit, said: object) -> tuple[str, str]:
+    """Return the verdict on a fit, and why."""
+    new = {_bare(each) for each in said} - {_bare(each) for each in own.fit.warnings}  # type: ignore[attr-defined]
+    before = {value.name: value for value in own.fit.parameters}
+    off = ""
+    for value in fit.parameters:
+        reference = before.get(value.name)
+        if not np.isfinite(value.value) or (value.identifiable and not value.stderr >= 0):
+            return "absurd", f"{value.name} = {value.value} ± {value.stderr}"
+        if reference is None or not (value.identifiable and reference.identifiable):
+            continue
+        error = float(np.hypot(value.stderr, reference.stderr))
+        distance = abs(value.value - reference.value)
+        size = max(abs(reference.value), abs(reference.prior or 0.0), reference.stderr)
+        if distance > ABSURD * size and distance > 6 * error and not new:
+            return "absurd", f"{value.name} = {value.value:.4g}, was {reference.value:.4g}"
+        if distance > max(6 * error, 0.02 * abs(reference.value)):
+            off = (
+                f"{value.name} = {value.value:.4g} ± {value.stderr:.2g}, was {reference.value:.4g}"
+            )
+    for joint, each in fit.held_out.items():
+        if each.relative is not None and not each.relative < USELESS and not new:
+            return "absurd", f"held-out error of {joint}: {each.relative}"
+    if new:
+        return "finding", sorted(new)[0]
+    return ("changed", off) if off else ("same", "")
+
+
+def _bare(line: str) -> str:
+    """A message without numbers."""
+    return re.sub(r"[-+]?\d[\d.,e+-]*", "#", line)
+
+
+# --- the command ---------------------------------------------------------------------------------
+
+
+def _command(own: Base, kind: str, random: Random, folder: Path) -> tuple[str, str, str]:
+    if kind == "checkpoint":
+        _interrupt(own, folder)
+    what = MUTANTS[kind](random, folder)
+    log, fit = str(_log(folder)), str(folder / "fit.json")
+    verbs: list[list[str]] = [
+        ["identify", str(folder), log],
+        ["identify", str(folder), log, "--out", str(folder / "new")],
+        ["check", str(folder), log],
+        ["compare", str(folder), log, "--fit", fit],
+        ["simulate", str(folder), log, "--out", str(folder / "made.csv")],
+        ["identify", str(folder), log, "--stream", "--out", str(folder / "out")],
+        ["diagnose", str(folder), log],
+        ["monitor", str(folder), log, "--every", "1"],
+        ["view", str(folder), log, "--out", str(folder / "view.html")],
+    ]
+    verb = verbs[3] if kind == "fit.json" else verbs[5] if kind == "checkpoint" else (
+        random.choice(verbs)
+    )  # fmt: skip
+    if kind == "options":
+        more = ("--cutoff", "--smoothing", "--spacing", "--basis", "--with", "--bound", "--lock",
+                "--total-mass", "--every", "--noise", "--set", "--out", "--seed")  # fmt: skip
+        texts = ("-1", "0", "nan", "1e9", "abc", "", "viscous:nobody", "auto", "tau=1%", "x=1:0",
+                 "/dev/null", "linear", "..", "inf")  # fmt: skip
+        verb = [*verb, random.choice(more), random.choice(texts)]
+    what += " (" + " ".join(Path(word).name for word in verb) + ")"
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", "ident", *verb], capture_output=True, text=True, timeout=LIMIT,
+            errors="replace", check=False,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return what, "slow", f"more than {LIMIT} s"
+    errors = done.stderr
+    if "Traceback" in errors or "a fault of ident" in errors or "Warning:" in errors:
+        return what, "traceback", errors.strip()[-400:]
+    if done.returncode not in (0, 1, 2):
+        return what, "traceback", f"status {done.returncode}: {errors[-300:]}"
+    if done.returncode:
+        lines = [line for line in errors.splitlines() if line.startswith("error: ")]
+        if done.returncode == 1 and len(lines) != 1:
+            return what, "traceback", f"no line of an error: {errors[-300:]}"
+        return what, "error", (lines or [errors.strip()[-200:]])[0]
+    if re.search(r"(?<![\w.])(nan|inf)(?![\w.])", done.stdout):
+        return what, "absurd", re.findall(r".*(?<![\w.])(?:nan|inf)(?![\w.]).*", done.stdout)[0]
+    new = {_bare(line) for line in errors.splitlines() if line.startswith("note: ")} - {
+        "note: " + _bare(each) for each in own.fit.warnings
+    }
+    if verb[0] == "identify" and (folder / "new" / "fit.json").exists():
+        saved = ident.read_fit(folder / "new" / "fit.json", replace(ident.load(folder)))
+        if not all(np.isfinite(v.value) for v in saved.parameters):
+            return what, "absurd", "fit.json holds numbers that are not finite"
+    return what, "finding" if new else "same", sorted(new)[0] if new else ""
