@@ -166,7 +166,7 @@ def _change(random: Random, columns: Series) -> str:
     names = list(columns)
     name = random.choice(names)
     x = columns[name] = columns[name].astype(float)
-    n = len(x)
+    n, t = len(x), columns.get("t", np.arange(len(x)) / 100)
     a = random.randrange(n)
     b = min(n, a + random.choice((1, 3, 30, n // 3)))
     kind = random.choice((
@@ -218,12 +218,12 @@ def _change(random: Random, columns: Series) -> str:
     elif kind == "remove":
         del columns[name]
     elif kind == "far":
-        columns["t"] = columns["t"] + random.choice((1e3, 1e9, 1e16, -50.0))
+        columns["t"] = t + random.choice((1e3, 1e9, 1e16, -50.0))
     elif kind == "jitter":
-        step = float(np.median(np.diff(columns["t"])))
-        columns["t"] = np.sort(columns["t"] + step * random.choice((0.1, 3)) * rng.normal(size=n))
+        step = float(np.median(np.diff(t)))
+        columns["t"] = np.sort(t + step * random.choice((0.1, 3)) * rng.normal(size=n))
     elif kind == "same stamps":
-        t = columns["t"] = columns["t"].astype(float)
+        t = columns["t"] = t.astype(float)
         t[a:b] = t[a]
     elif kind == "cells empty":
         for each in names:

@@ -20,7 +20,7 @@ from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion import Motion, State
 from ident.motion.recipe import ROWS_OVER_MOTION
-from ident.motion.signals import noise_level, noise_share, runs
+from ident.motion.signals import LARGEST, noise_level, noise_share, runs
 
 Judgement = tuple[float, float, str, str] | None  # number, threshold, meaning, remedy
 
@@ -269,6 +269,7 @@ def channel_findings(problem: Problem) -> list[Finding]:
             if kind == "tau" and joint not in mechanism.driven:
                 continue
             t, x = log.series(name)
+            t, x = t[np.abs(x) < LARGEST], x[np.abs(x) < LARGEST]
             channel = LoggedChannel(name, t, x, log, states[log.name], mechanism, motion)
             for check in CHECKS.get(kind, ()) if len(x) > SHORTEST else ():
                 if (judgement := check(channel)) is not None:

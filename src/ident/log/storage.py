@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -34,11 +35,27 @@ def read_parquet(path: Path) -> RawTable:
 
 @contextlib.contextmanager
 def parquet_errors(path: Path) -> Iterator[None]:
-    """Raise what polars raises for a bad Parquet file as a LogError."""
+    """Raise what polars raises for a bad Parquet file as a LogError, without the words to standard
+    error of threads that panic.
+    """
     try:
-        yield
+        with _silence():
+            yield
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
         raise LogError(f"{path}: not a Parquet file, or a damaged one; write it again") from error
+
+
+@contextlib.contextmanager
+def _silence() -> Iterator[None]:
+    """Let standard error of this process lead nowhere."""
+    before, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(before, 2)
+        os.close(before)
+        os.close(nowhere)
 
 
 def read_npz(path: Path) -> RawTable:

@@ -224,7 +224,7 @@ def measure(mechanism: Mechanism, log: Log, clock: Clock | None = None) -> LogSi
 def usual_range(x: np.ndarray) -> tuple[float, float]:
     """Median of a signal (n,), and the distance from it beyond which a sample is absurd."""
     x = x[:: -(-len(x) // ENOUGH)] if len(x) else x
-    x = x[np.isfinite(x)]
+    x = np.clip(x[np.isfinite(x)], -LARGEST, LARGEST)
     if not len(x):
         return 0.0, np.inf
     centre = float(np.median(x))
@@ -235,6 +235,7 @@ def usual_range(x: np.ndarray) -> tuple[float, float]:
 def absurd_samples(x: np.ndarray) -> np.ndarray:
     """Places in a signal (n,) of lone samples that are absurdly far from all others."""
     centre, half_range = usual_range(x)
+    x = np.clip(x, -LARGEST, LARGEST)
     far = np.flatnonzero(np.abs(x - centre) > half_range)
     around = [x[max(0, i - LONE // 2) : i + LONE // 2 + 1] for i in far]
     lone = [
