@@ -3,7 +3,8 @@
 A formula is evaluated by its text, constants and the true signals alone, so that nothing of the
 library decides whether it is right. With P the projection on the complement of the model's columns
 (rigid bodies, known friction; rows weighted by 1/rms of each drive's torque) at the samples of the
-log, and f, f̂ the torques of the law and of the formula as the drives feel them:
+log, and f, f̂ the torques of the law and of the formula as the drives feel them. An effect of
+BESIDE that the diagnosis names beside the formula is one of the model's columns:
 
     apart  = ‖P(f̂ − f)‖ / ‖P f‖              what is wrong of the law, up to what the model makes
     closed = 1 − e²(with f̂)/e²(without)      e: error of the prediction of another log, whose motion
@@ -17,6 +18,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +31,7 @@ import ident
 
 Result = dict[str, Any]
 SAME = 0.001  # of `apart` after its constants were fitted to the truth: algebraically equal
+BESIDE = {"torque_offset": "1", "viscous": "v", "coulomb": "sign(v)"}
 FEW = 1  # constants more than the law's that an algebraically equal formula may have
 KEYS = {
     "curves": {"joint", "signals", "error_before", "error_after", "explained", "absorbable"},
@@ -49,6 +52,9 @@ def judge(case: Case) -> Result:
         result |= {"seconds": round(time.process_time() - begin, 1), **told}
         result["contract"] = broken(told)
         if made.law is not None and not made.law.kind:
+            kind, _, joint = (told["best"] or "").partition(":")
+            beside = ((joint, BESIDE[kind]),) if told["laws"] and kind in BESIDE else ()
+            made = replace(made, beside=beside)
             result |= compared(made, told["curves"], told["laws"])
     except Exception:  # a crash must not end the battery; it counts as not found
         result["error"] = traceback.format_exc(limit=-3)

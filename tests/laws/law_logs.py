@@ -91,6 +91,7 @@ class Made:
     Attributes:
         log: columns with noise; tau, judge_tau: (n, driven) without noise.
         known: friction of which the model knows, by (kind, joint); law: with its size, or None.
+        beside: further columns of the model, as joint and formula.
     """
 
     case: Case
@@ -101,6 +102,7 @@ class Made:
     judge_tau: Array
     known: Mapping[tuple[str, str], float]
     law: Law | None
+    beside: tuple[tuple[str, str], ...] = ()
 
     def folder(self, place: Path) -> Path:
         """The mechanism folder, with a wrong prior and without the law."""
@@ -108,10 +110,10 @@ class Made:
         return write_folder(machine, place, {key: {} for key in self.known}, self.case.seed)
 
     def columns(self, motion: Motion) -> Array:
-        """(n, driven, columns) of the model without the law: rigid bodies and known friction."""
-        return np.concatenate(
-            [bodies(motion), *(friction(motion, key)[:, :, None] for key in self.known)], axis=2
-        )
+        """(n, driven, columns) of the model without the law: rigid bodies, friction, `beside`."""
+        more = [friction(motion, key) for key in self.known]
+        more += [motion.torque(joint, formula, {}) for joint, formula in self.beside]
+        return np.concatenate([bodies(motion), *(x[:, :, None] for x in more)], axis=2)
 
 
 @lru_cache(maxsize=8)
