@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ident.effects import KINDS
-from ident.show.effects import example, facts
+from ident.show.effects import facts
 from making.signatures import SHOWN, picture
 
 PICTURES = "signatures"
@@ -31,7 +31,7 @@ def library(folder: Path) -> str:
             drawn = picture(kind)
             drawn.save(folder / PICTURES / f"{kind}.svg")
             parts.append(f"```{{image}} {PICTURES}/{kind}.svg\n:alt: {drawn.words}\n```")
-        said = [("write", f"`{example(each).call}`")]
+        said = [("write", f"`{each.example().call}`")]
         said += [(h, "; ".join(map(_text, lines))) for h, lines in facts(each).items()]
         parts.append("\n".join(["| | |", "|---|---|", *(f"| {h} | {text} |" for h, text in said)]))
     return "\n\n".join(parts) + "\n"
@@ -41,7 +41,7 @@ def overview() -> str:
     """The library as a table in Markdown, for docs/effects.md."""
     rows = ["| effect | torque | unknowns | shapes | sits on |", "|---|---|---|---|---|"]
     for kind in KINDS.values():
-        effect = example(kind)
+        effect = kind.example()
         unknowns, shapes = (
             ", ".join(each.name for each in some) for some in (effect.unknowns, effect.shapes)
         )

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from functools import cache
 
+import casadi as ca
+
 import ident
 from ident import Diagnosis, History, Noise
-from ident.diagnosis.suggestion import Suggestion
 from identification import Planted, motion_log, plant, robot
 
 NOISE = (Noise("tau", 0.02, relative=True), Noise("q", 1e-5))
-SUGGESTION = Suggestion("elbow", ("elbow", "yaw"), ("s.q[1]**2",), (0.31,), 0.8)
 FRICTION = {"viscous.elbow.Fv": 0.3, "coulomb.elbow.Fc": 0.6}
 
 
@@ -53,3 +53,13 @@ def grown() -> History:
     case = planted()
     bare = case.mechanism.without("coulomb:elbow")
     return ident.grow(bare, ident.complete(bare, case.log))
+
+
+@cache
+def lawful() -> Diagnosis:
+    """Of a model that lacks a torque which no effect of the library has."""
+    odd = ident.user_effect("odd", lambda s: {"A": ca.sin(3 * s.q) * ca.sign(s.v)})(("elbow",))
+    friction = planted().mechanism
+    case = plant(friction + odd, motion_log("arm", 100.0, 8.0), {**FRICTION, "odd.elbow.A": 0.6},
+                 noise=NOISE, seed=3)  # fmt: skip
+    return ident.diagnose(case.fit(mechanism=friction, cutoff="auto"))

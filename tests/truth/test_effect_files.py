@@ -12,14 +12,26 @@ from ident.effects import KINDS
 from ident.errors import MechanismError, MotionError
 from ident.fit.prediction import predict
 from ident.mechanism.write import add_effects
-from ident.show.effects import example, facts
+from ident.show.effects import facts
 from identification import motion_log, plant, robot
 
 SITES = {
     "coupling": "crank,coupler", "gravity_tilt": "", "payload": "rocker_link",
     "geometry": "pin.a.x", "closure_compliance": "pin",
 }  # fmt: skip
-PLAIN = {"side": -1.0, "q1": 0.2, "vs": 0.3, "z0": 0.05, "N": 7.0, "T0": 20.0, "degree": 2.0}
+PLAIN = {
+    "side": -1.0,
+    "q1": 0.2,
+    "vs": 0.3,
+    "z0": 0.05,
+    "N": 7.0,
+    "T0": 20.0,
+    "degree": 2.0,
+    "pieces": 2.0,
+    "x0": -1.0,
+    "x1": 0.1,
+    "x2": 1.0,
+}
 
 
 def copied(tmp_path, name="four_bar"):
@@ -33,7 +45,8 @@ def copied(tmp_path, name="four_bar"):
 def on_four_bar(kind):
     """An effect of a kind on the four-bar, all its values and settings known."""
     given = {key: PLAIN[key] for key in KINDS[kind].settings}
-    effect = ident.effect(kind, SITES.get(kind, "crank"), given)
+    signal = "q" if KINDS[kind].signals else ""
+    effect = ident.effect(kind, SITES.get(kind, "crank"), given, signal=signal)
     known = {p.name: PLAIN.get(p.name, 0.01) for p in effect.parameters}
     return replace(effect, values={**given, **known})
 
@@ -141,7 +154,7 @@ def test_where_effects_can_sit():
 def test_a_kind_is_described_in_full(kind):
     said = facts(KINDS[kind])
     assert {"what", "torque", "sits on", "when missing", "confused with", "source"} <= set(said)
-    effect = example(KINDS[kind])
+    effect = KINDS[kind].example()
     for parameter in effect.parameters:
         (line,) = [x for x in said["unknowns" if parameter in effect.unknowns else "shapes"]
                    if x.startswith(f"{parameter.name} [")]  # fmt: skip

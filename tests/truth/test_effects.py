@@ -10,15 +10,18 @@ from ident.effects import KINDS, Correcting, Signals, Sites, create, parse
 from ident.errors import MechanismError
 from ident.mechanism import load
 
+KNOTS = np.linspace(-2.0, 2.0, 6)
 SHAPES = {"vs": 0.5, "z0": 0.1, "q1": 0.3, "side": 1.0, "N": 5.0}
+SHAPES |= {f"x{i}": float(x) for i, x in enumerate(KNOTS)}
 SITED = {"payload": ("a_link",), "geometry": ("a.x",), "closure_compliance": ("pin",)}
 WITH_COLUMNS = [k for k in KINDS if not issubclass(KINDS[k], Correcting) and k != "payload"]
 
 
 def made(kind, rotational=True):
     """An effect of a kind on as many joints as it needs."""
-    joints = SITED.get(kind, tuple("ab"[: KINDS[kind].arity]))
-    return create(kind, joints, rotational=rotational)
+    joints = SITED.get(kind, tuple("ab"[: len(KINDS[kind].example().joints)]))
+    signal = "q" if KINDS[kind].signals else ""
+    return create(kind, joints, rotational=rotational, signal=signal)
 
 
 def shape_of(effect):
@@ -88,11 +91,13 @@ def test_every_kind_has_finite_columns_with_names(kind, rotational):
     assert informed.dtype == bool
     if kind in WITH_COLUMNS:
         assert np.linalg.matrix_rank(E.reshape(-1, E.shape[-1])) == E.shape[-1]
-    stem = ".".join(filter(None, (kind, ",".join(effect.joints))))
+    stem = ".".join(filter(None, (kind, ",".join(effect.joints), effect.signal)))
     assert effect.names == tuple(f"{stem}.{p.name}" for p in effect.parameters)
     assert effect.units == tuple(p.units[0 if rotational else 1] for p in effect.parameters)
-    assert effect.label == str(effect) == ":".join(filter(None, (kind, ",".join(effect.joints))))
-    assert create(*parse(effect.label)) == create(kind, effect.joints)
+    label = ":".join(filter(None, (kind, ",".join(effect.joints), effect.signal)))
+    assert effect.label == str(effect) == label
+    _, joints, signal = parse(label)
+    assert create(kind, joints, signal=signal) == create(kind, effect.joints, signal=effect.signal)
 
 
 @pytest.mark.parametrize("rotational", [True, False])
@@ -172,7 +177,22 @@ def both(x):
     return np.repeat(x.sum(axis=1, keepdims=True), 2, axis=1)
 
 
+def splines(s):
+    """B_k(q) by the recursion of de Boor, constant outside the knots."""
+    t = np.concatenate([[-2.0] * 3, KNOTS, [2.0] * 3])
+    x = np.clip(s.q, -2.0, 2.0 - 1e-12)
+    B = [((t[i] <= x) & (x < t[i + 1])).astype(float) for i in range(len(t) - 1)]
+    for p in range(1, 4):
+        B = [
+            (x - t[i]) / max(t[i + p] - t[i], 1e-300) * B[i]
+            + (t[i + p + 1] - x) / max(t[i + p + 1] - t[i + 1], 1e-300) * B[i + 1]
+            for i in range(len(B) - 1)
+        ]
+    return B
+
+
 FORMULAS = {
+    "curve": (splines, ["N m", "N"]),
     "viscous": (lambda s: [s.v], ["N m s/rad", "N s/m"]),
     "coulomb": (lambda s: [sign(s)], ["N m", "N"]),
     "stribeck": (lambda s: [sign(s) * np.exp(-((s.v / 0.5) ** 2))], ["N m", "N"]),
@@ -199,7 +219,7 @@ FORMULAS = {
 def test_what_a_kind_states_refers_to_what_exists(kind):
     related = {*kind.nested_in, *kind.companions, *kind.separated_by, *kind.needs}
     assert related <= {*KINDS} - {kind.kind}
-    assert {kind.sits, kind.tried or kind.sits} <= {*vars(Sites()), "mechanism"}
+    assert {kind.sits, kind.tried or kind.sits} <= {*vars(Sites()), "mechanism", "nowhere"}
     assert kind.watched in ("always", "request", "never")
     assert {*kind.asks} <= {"a", "torque", "load"}
     acts = {unknown.acts for unknown in made(kind.kind).unknowns}
@@ -215,7 +235,7 @@ def test_columns_are_the_formula(kind):
     formula, units = FORMULAS[kind]
     effect = made(kind)
     s = signals(effect)
-    loose = {"rtol": 2e-3, "atol": 1e-5} if kind == "hysteresis" else {"rtol": 1e-12}
+    loose = {"rtol": 2e-3, "atol": 1e-5} if kind == "hysteresis" else {"rtol": 1e-9, "atol": 1e-9}
     np.testing.assert_allclose(effect.columns(s), np.stack(formula(s), axis=-1), **loose)
     assert [effect.units[0], made(kind, rotational=False).units[0]] == units
 
@@ -305,10 +325,11 @@ def test_effects_by_text(mechanism):
         ("viscous", "viscous", ()),
         ("spring: a , b", "spring", ("a", "b")),
         ("coulomb:closure.pin", "coulomb", ("closure.pin",)),
+        ("curve:hip:q*sign", "curve", ("hip",)),
     ],
 )
 def test_parse(text, kind, joints):
-    assert parse(text) == (kind, joints)
+    assert parse(text) == (kind, joints, "q*sign" if kind == "curve" else "")
 
 
 @pytest.mark.parametrize(

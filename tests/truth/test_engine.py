@@ -149,7 +149,8 @@ def test_nothing_is_named_where_nothing_is_missing(seed):
     assert d.verdict == "nothing"
     assert d.best is None
     assert d.rivals == ()
-    assert d.suggestion is None
+    assert d.laws == ()
+    assert d.curves == ()
 
 
 def test_two_effects_at_one_joint():
@@ -217,10 +218,14 @@ def test_what_is_outside_the_library_is_unexplained_with_an_expression():
     d = diagnosed(planted([odd(("elbow",))], {"odd.elbow.A": 0.6}))
     assert d.verdict == "unexplained"
     assert d.best is None
-    assert d.suggestion is not None
-    assert d.suggestion.joint == "elbow"
-    assert set(d.suggestion.terms[0].split("*", 1)) == {"ca.sign(s.v[0])", "ca.sin(3*s.q[0])"}
-    assert d.suggestion.values[0] == pytest.approx(0.6, rel=0.05)
+    (law,), (curve,) = d.laws, d.curves
+    assert law.joint == "elbow"
+    assert law.formula == "k1*sin(n*q)*sign(v) + k2*cos(n*q)*sign(v)"
+    values = {v.name.rpartition(".")[2]: v for v in law.parameters}
+    assert values["n"].value == pytest.approx(3.0, abs=0.1)
+    assert np.hypot(values["k1"].value, values["k2"].value) == pytest.approx(0.6, rel=0.05)
+    assert curve.effect.label == "curve:elbow:q*sign"
+    assert curve.depends == ("q", "v")
 
 
 def test_a_law_of_the_wrong_form_is_no_name():

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from diagnosed import SUGGESTION, clean, grown, lacking, loop, planted
+from diagnosed import clean, grown, lacking, lawful, loop, planted
 
 import ident
 from helpers import ROBOTS
@@ -131,14 +131,19 @@ def test_the_report_is_one_file_with_everything_escaped(make, tmp_path):
         assert choice[0].text == f"* {d.best.label}"
 
 
-def test_a_suggestion_is_a_file_that_works(tmp_path):
-    d = replace(lacking(), verdict="unexplained", suggestion=SUGGESTION)
+def test_a_law_is_a_file_that_works(tmp_path):
+    d = lawful()
     d.write(tmp_path)
-    own = ident.read_user_effect(tmp_path / "suggestion.py", "suggested", allow_code=True)
-    case = planted()
-    fit = ident.identify(case.mechanism + own(SUGGESTION.joints), d.fit.motion)
-    assert fit["suggested.elbow,yaw.c1"].unit is not None
-    assert "suggested" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    own = ident.read_user_effect(tmp_path / "law_elbow.py", "law", allow_code=True)
+    fit = ident.identify(d.fit.mechanism + own(("elbow",)), d.fit.motion)
+    (law,) = json.loads((tmp_path / "diagnosis.json").read_text())["laws"]
+    assert fit.held_out["elbow"].relative == pytest.approx(law["error_after"], rel=0.05)
+    for each in law["parameters"]:
+        assert fit[f"law.elbow.{each['name']}"].unit == each["unit"]
+    (curve,) = json.loads((tmp_path / "diagnosis.json").read_text())["curves"]
+    head = (tmp_path / curve["file"]).read_text().splitlines()[0]
+    assert head == "q.elbow,torque,lower,upper"
+    assert law["formula"] in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 def test_pictures():

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from diagnosed import SUGGESTION, clean, grown, lacking, loop
+from diagnosed import clean, grown, lacking, lawful, loop
 
 import ident
 from ident import Health
@@ -75,21 +75,23 @@ def test_a_clean_log_gets_no_name():
 
 
 def test_what_nothing_explains_gets_no_name_either():
-    d = replace(lacking(), verdict="unexplained", suggestion=None)
+    d = replace(lacking(), verdict="unexplained", laws=(), curves=())
     text = text_of(d, "")
     assert "nothing in the library explains it, so no name is given" in text
     assert "Missing is" not in text
     assert "ident add" not in text
     assert "effects were tried" in text
     assert d.candidates[0].effect.label in text
-    assert "No short expression" in text
+    assert "No short formula" in text
 
 
-def test_a_suggestion_is_a_description_and_says_how_to_use_it():
-    text = text_of(replace(lacking(), verdict="unexplained", suggestion=SUGGESTION), "")
-    assert "--with suggestion.py:suggested:elbow,yaw --allow-code" in text
-    assert "s.q[1] is the position of yaw" in text
-    assert "+0.31 s.q[1]**2" in text
+def test_a_law_is_a_description_and_says_how_to_use_it():
+    d = lawful()
+    (law,) = d.laws
+    assert d.verdict == "unexplained"
+    text = text_of(d, "")
+    assert f"--with law_elbow.py:law:{','.join(law.found.formula.joints)} --allow-code" in text
+    assert law.formula in text
     assert "not yet a cause" in text
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.diagnosis.curves import Curve, curves
 from ident.effects import Effect
+from ident.effects.curve import Curve, curves
 from ident.equations.rows import LEVER, ROUNDING, largest_transmission
 from ident.errors import IdentError
 from ident.fit import Fit

@@ -13,10 +13,11 @@ import numpy as np
 
 from ident.diagnosis.candidates import Contest, OnProgress, candidates_of
 from ident.diagnosis.data_checks import Health, health_beside
+from ident.diagnosis.found_curves import FoundCurve, curve_of
+from ident.diagnosis.laws import FoundLaw, laws_of
 from ident.diagnosis.null import NoiseDraws, noise
 from ident.diagnosis.search import Member, Selection, select
 from ident.diagnosis.selection import Decision, Evidence, Ranking, torque_squares
-from ident.diagnosis.suggestion import Suggestion, suggest
 from ident.diagnosis.unobservable import Invisible, Unsupported, invisible, name_of, unsupported
 from ident.display import Plotted, render
 from ident.effects import Effect
@@ -94,6 +95,88 @@ class Explanation:
         }
 
 
+@dataclass(frozen=True, eq=False)
+class Law:
+    """A formula for what no effect of the library explains, everything refitted with it.
+
+    Attributes:
+        found: the formula, and how it was found.
+        parameters: values of its constants.
+        before, after: held-out errors by joint, without it and with it.
+    """
+
+    found: FoundLaw
+    fit: Fit
+    parameters: tuple[Value, ...]
+    before: dict[str, Error]
+    after: dict[str, Error]
+
+    @property
+    def joint(self) -> str:
+        """Joint of its torque."""
+        return self.found.joint
+
+    @property
+    def formula(self) -> str:
+        """Its formula in Python, over the signals q, v, a, load, t of its joint."""
+        return self.found.formula.text
+
+    @property
+    def file(self) -> str:
+        """Name of its effect file."""
+        return f"law_{self.joint}.py"
+
+    @property
+    def effect(self) -> str:
+        """The text by which `--with` takes it."""
+        return f"{self.file}:law:{','.join(self.found.formula.joints)}"
+
+    @property
+    def code(self) -> str:
+        """The content of its effect file."""
+        law = self.found
+        title = f"A law found in the data of {self.joint}: a description, not yet a cause."
+        values = {v.name.rpartition(".")[2]: v.value for v in self.parameters}
+        shape = {each.name: values[each.name] for each in law.formula.shapes}
+        return law.formula.code(shape, law.bounds, title)
+
+    def json(self) -> dict[str, Any]:
+        """Return the entry of diagnosis.json."""
+        law, joint = self.found, self.joint
+        before, after = (
+            errors[joint].relative if joint in errors else None
+            for errors in (self.before, self.after)
+        )
+        return {
+            "joint": joint,
+            "signals": list(law.formula.logged),
+            "formula": self.formula,
+            "parameters": [
+                {
+                    "name": v.name.rpartition(".")[2],
+                    "value": v.value,
+                    "stderr": v.stderr,
+                    "unit": v.unit,
+                }
+                for v in self.parameters
+            ],
+            "error_before": before,
+            "error_after": after,
+            "explained": law.explained,
+            "gain": law.gain,
+            "quantile": law.limit,
+            "complexity": law.formula.cost,
+            "nearest": law.nearest,
+            "distance": law.distance,
+            "effect": self.effect,
+            "rivals": [each.formula.text for each in law.rivals],
+            "replaced": list(law.replaced),
+            "front": [
+                {"complexity": c, "left": left, "formula": text} for c, left, text in law.front
+            ],
+        }
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Diagnosis(Plotted):
     """Where a model fails and which effects would explain it. Made by `ident.diagnose`.
@@ -108,7 +191,8 @@ class Diagnosis(Plotted):
         health: of the data; where: by joint, worst first; periods: if the motion repeats.
         candidates: best first; selection: the evidence on all others, and the set they make.
         invisible: effects that this data cannot show; unsupported: of the model, better removed.
-        suggestion: for what is unexplained, an expression of the signals, if one explains it.
+        curves: of signals, that explain what no effect of the library does.
+        laws: formulas for them, with their constants.
         floor: by joint, rms of a residual of nothing but noise [N m | N].
         loud: joints in which more than the sensors' noise is left, without the effect named.
     """
@@ -123,7 +207,8 @@ class Diagnosis(Plotted):
     selection: Selection
     invisible: tuple[Invisible, ...]
     unsupported: tuple[Unsupported, ...]
-    suggestion: Suggestion | None
+    curves: tuple[FoundCurve, ...]
+    laws: tuple[Law, ...]
     floor: dict[str, float]
     loud: tuple[str, ...]
 
@@ -225,20 +310,22 @@ def concluded(
     """The diagnosis of a fit from the rows of all candidates and draws of the sensors' noise."""
     fit = contest.fit
     selection = select(contest, draws, decision, seed, on_progress)
+    names = fit.motion.independent
+    floor = dict(zip(names, map(float, draws.floor), strict=True))
+    left = louder(contest, draws, selection.last, decision)
+    loud = tuple(name for name, each in zip(names, left, strict=True) if each)
+    selection, found = laws_of(contest, selection, loud, floor, decision, on_progress)
     on_progress("refitting", 0.8)
+    laws = tuple(refitted(fit, each) for each in found)
     best = selection.named[0] if selection.named else None
     candidates = _explanations(fit, selection, best)
     if best is not None and (not candidates or candidates[0].effect.label != best.label):
         best = None  # what cannot be refitted is no name
     residual = residual_of(fit)
-    loud = louder(contest, draws, selection.last, decision)
-    verdict = _verdict(selection, best, bool(loud.any()), residual.periods)
-    suggestion = None
-    if verdict == "unexplained":
-        on_progress("looking for an expression", 0.85)
-        suggestion = suggest(contest, selection.last, draws, decision, seed)
+    verdict = _verdict(selection, best, bool(loud), residual.periods)
+    curves = found_curves(contest, selection, found, verdict, decision)
     on_progress("where it fails", 0.9)
-    names, last = fit.motion.independent, selection.last.regression
+    last = selection.last.regression
     return Diagnosis(
         fit=fit,
         verdict=verdict,
@@ -250,9 +337,10 @@ def concluded(
         selection=selection,
         invisible=invisible(fit, contest),
         unsupported=unsupported(fit, contest, decision),
-        suggestion=suggestion,
-        floor=dict(zip(names, map(float, draws.floor), strict=True)),
-        loud=tuple(name for name, each in zip(names, loud, strict=True) if each),
+        curves=curves,
+        laws=laws,
+        floor=floor,
+        loud=loud,
     )
 
 
@@ -274,6 +362,41 @@ def _verdict(selection: Selection, best: Member | None, loud: bool, periods: Per
     if loud and periods is not None and max(periods.rho.values()) > max(AGAIN, periods.chance):
         return "unexplained"
     return "undecided" if loud else "nothing"
+
+
+def refitted(fit: Fit, law: FoundLaw) -> Law:
+    """Refit everything with a law; its constants set out from where they were found."""
+    names = (f"law.{law.joint}.{name}" for name in law.found.shape)
+    shapes = dict(zip(names, law.found.shape.values(), strict=True))
+    start = Point(fit.point.pi, {**fit.point.values, **shapes})
+    refit = identify(
+        fit.mechanism + law.formula, fit.motion, start=start, estimator="least-squares"
+    )
+    values = next(e.parameters for e in refit.effects if e.effect.label == law.formula.label)
+    return Law(law, refit, tuple(values), errors_of(fit), errors_of(refit))
+
+
+def found_curves(
+    contest: Contest, selection: Selection, laws: Collection[FoundLaw], verdict: str,
+    decision: Decision,
+) -> tuple[FoundCurve, ...]:  # fmt: skip
+    """Find the curves of the joints that have a law, or where the model fails unexplained."""
+    limit, last = selection.last.limit_with_curves, selection.last
+    if laws:
+        limit = 0.0  # the law has the evidence
+    places = {law.joint: law.beside for law in laws}
+    if verdict == "unexplained" and not places:
+        rest = last.regression.judging([p.Y[:, :1] for p in last.regression.parts])
+        for member in selection.members:
+            rest = rest.without(member.columns) if member.rejected else rest
+        curves = [curve for curve, _ in (*last.curves, *selection.first.curves)]
+        curves += [m.curve for m in selection.members if m.curve is not None]
+        places = {curve.joints[0]: rest for curve in curves[:1]}
+    found = (
+        curve_of(last.contest, beside, joint, limit, decision.rival_se)
+        for joint, beside in places.items()
+    )
+    return tuple(each for each in found if each is not None)
 
 
 # --- candidates, refitted ----------------------------------------------------------------------

@@ -56,6 +56,7 @@ class Member:
         curve: a curve of its signals that explains much beside it: the law has the wrong form.
         impossible: a law that explains more of the same joint than it does, with values that no
             machine has: the cause is something else.
+        law: a formula that stands in its place, because it has the right form.
     """
 
     effect: Effect
@@ -65,6 +66,12 @@ class Member:
     gain: float = np.nan
     curve: Effect | None = None
     impossible: Effect | None = None
+    law: Effect | None = None
+
+    @property
+    def rejected(self) -> bool:
+        """Whether something speaks against its form."""
+        return any(each is not None for each in (self.curve, self.impossible, self.law))
 
     @property
     def label(self) -> str:
@@ -337,8 +344,8 @@ class Selection:
 
     @property
     def named(self) -> tuple[Member, ...]:
-        """Members that neither a curve nor a law with impossible values rejects."""
-        return tuple(m for m in self.members if m.curve is None and m.impossible is None)
+        """Members against which nothing speaks."""
+        return tuple(m for m in self.members if not m.rejected)
 
 
 def select(
@@ -354,7 +361,7 @@ def select(
     members = [_judged(each, found, last) for each in found.members]
     alone = {each.effect.label for each in first.credible}
     members.sort(key=lambda each: (each.label not in alone, -first.gains[each.label][0]))
-    named = next((m for m in members if m.curve is None and m.impossible is None), None)
+    named = next((m for m in members if not m.rejected), None)
     if named is not None:
         members[members.index(named)] = _alone(named, first, decision)
     return Selection(first, tuple(members), last)

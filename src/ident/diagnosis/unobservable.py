@@ -22,7 +22,8 @@ STILL = 1e-9  # of other effects' columns: below, the motion does not feel this 
 
 def name_of(effect: Effect) -> dict[str, Any]:
     """`{"effect": …, "joints": […]}`."""
-    return {"effect": effect.kind, "joints": list(effect.joints)}
+    signal = {"signal": effect.signal} if effect.signal else {}
+    return {"effect": effect.kind, "joints": list(effect.joints), **signal}
 
 
 @dataclass(frozen=True, eq=False)

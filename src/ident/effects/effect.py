@@ -121,6 +121,7 @@ class Effect(ABC):
             according to `sits`.
         values: parameters (unknowns, shapes) that are known, and settings, with their values.
         rotational: whether the first joint is rotational (it decides the units).
+        signal: one of `signals`, of a kind that is a function of a signal of one's choice.
     """
 
     # identity and site
@@ -131,6 +132,7 @@ class Effect(ABC):
     unknowns: ClassVar[tuple[Unknown, ...]] = ()
     shapes: ClassVar[tuple[Unknown, ...]] = ()
     settings: ClassVar[Mapping[str, float]] = {}  # further keys of `values`, with defaults
+    signals: ClassVar[tuple[str, ...]] = ()  # that `signal` can name
     needs: ClassVar[tuple[str, ...]] = ()  # kinds that must be at the same joints
 
     # text
@@ -155,6 +157,7 @@ class Effect(ABC):
     common: ClassVar[bool] = False  # every machine has it, to some extent
     rare: ClassVar[bool] = False  # few have it, and noise resembles it: more evidence is required
     slow: ClassVar[bool] = False  # it shows at low speed
+    descriptive: ClassVar[bool] = False  # a curve rather than a law: a formula may replace it
     companions: ClassVar[tuple[str, ...]] = ()  # kinds that act and change with it at a joint
     fault: ClassVar[str] = ""  # the wrong torque channel, by the code of its finding, that it is
     # words for it in MuJoCo and SDF models, beside a joint
@@ -166,8 +169,14 @@ class Effect(ABC):
     joints: tuple[str, ...]
     values: Mapping[str, float] = field(default_factory=dict)
     rotational: bool = True
+    signal: str = ""
 
     def __post_init__(self) -> None:
+        if self.signal and not self.signals:
+            raise MechanismError(
+                f"effect '{self.kind}' has no signal to choose, given: {self.signal}; "
+                f"write {self.call}"
+            )
         if len(self.joints) != self.arity:
             what = f"{self.arity} {self.site}(s)" if self.arity else "the whole mechanism"
             raise MechanismError(
@@ -200,12 +209,12 @@ class Effect(ABC):
     @property
     def label(self) -> str:
         """`viscous:elbow`, as commands take it."""
-        return f"{self.kind}:{','.join(self.joints)}" if self.joints else self.kind
+        return ":".join(filter(None, [self.kind, ",".join(self.joints), self.signal]))
 
     @property
     def names(self) -> tuple[str, ...]:
         """Full names of the parameters, `<kind>.<joint>.<parameter>`."""
-        stem = f"{self.kind}.{','.join(self.joints)}" if self.joints else self.kind
+        stem = self.label.replace(":", ".")
         return tuple(f"{stem}.{parameter.name}" for parameter in self.parameters)
 
     @property
@@ -221,7 +230,13 @@ class Effect(ABC):
     @property
     def call(self) -> str:
         """`coupling:joint,joint`, the form in which a command names an effect of this kind."""
-        return ":".join([self.kind, *([",".join([self.site] * self.arity)] if self.arity else [])])
+        sites = ",".join([self.site] * self.arity)
+        return ":".join(filter(None, [self.kind, sites, "signal" if self.signals else ""]))
+
+    @classmethod
+    def example(cls) -> Effect:
+        """Return an effect of this kind, for a description."""
+        return cls(tuple(f"joint{i + 1}" for i in range(cls.arity)))
 
     @classmethod
     def summary(cls) -> str:
@@ -237,7 +252,8 @@ class Effect(ABC):
     @classmethod
     def candidates(cls, sites: Sites) -> list[tuple[str, ...]]:
         """Return the `joints` with which a diagnosis tries this kind, given a mechanism's sites."""
-        return list(combinations(getattr(sites, cls.tried or cls.sits, ()), cls.arity))
+        places = getattr(sites, cls.tried or cls.sits, ())
+        return list(combinations(places, cls.arity)) if places else []
 
     def reads(self) -> tuple[str, ...]:
         """Columns of the log that it needs beside the motion."""

@@ -41,6 +41,7 @@ class Cable(Effect):
     """Hoses and cables along a joint: a smooth curve over position."""
 
     kind = "cable"
+    descriptive = True
     settings: ClassVar = {"degree": 3.0}
     equation = "k0 + k1 q + … + kd q^d, degree d ≤ 7 (default 3)"
     signature = "the residual against position is a smooth curve, at rest as well"

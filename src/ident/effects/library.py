@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 
+from ident.effects.curve import Curve
 from ident.effects.drive import Coupling, Delay, Drift, RotorInertia, TorqueGain, TorqueOffset
 from ident.effects.effect import Effect, Sites
 from ident.effects.elastic import Cable, EndStop, Ripple, Spring
@@ -33,7 +34,7 @@ KINDS: Mapping[str, type[Effect]] = {
         Viscous, Coulomb, Stribeck, LoadFriction, Hysteresis, Drag, Spring, Cable, EndStop,
         RotorInertia, Coupling, Ripple, TorqueOffset, TorqueGain, Delay, EncoderOffset,
         GravityTilt, Payload, Elasticity, Backlash, Geometry, ClosureCompliance,
-        TemperatureFriction, Drift,
+        TemperatureFriction, Drift, Curve,
     )
 }  # fmt: skip
 
@@ -50,6 +51,7 @@ def create(
     joints: str | Sequence[str] = (),
     values: Mapping[str, float] | None = None,
     rotational: bool = True,
+    signal: str = "",
 ) -> Effect:
     """Return an effect of the library.
 
@@ -59,23 +61,25 @@ def create(
         values: parameters that are known, with their values.
         rotational: whether the (first) joint is rotational; a mechanism sets it when the effect is
             added.
+        signal: of a kind that is a function of a signal of one's choice.
 
     Raises:
         MechanismError: for a kind, number of joints or parameter that does not exist.
     """
     if isinstance(joints, str):
         joints = [part.strip() for part in joints.split(",")] if joints else []
-    return kind_of(kind)(tuple(joints), dict(values or {}), rotational)
+    return kind_of(kind)(tuple(joints), dict(values or {}), rotational, signal)
 
 
-def parse(text: str) -> tuple[str, tuple[str, ...]]:
-    """Return (kind, joints) of `kind:joint[,joint]`, or of `kind` alone with no joints."""
-    kind, colon, joints = text.partition(":")
+def parse(text: str) -> tuple[str, tuple[str, ...], str]:
+    """Return (kind, joints, signal) of `kind:joint[,joint][:signal]`, or of `kind` alone."""
+    kind, colon, rest = text.partition(":")
+    joints, _, signal = rest.partition(":")
     kind_of(kind, f"effect '{text}': ")
     names = tuple(part.strip() for part in joints.split(",")) if colon else ()
     if colon and not all(names):
         raise MechanismError(f"effect '{text}': a joint's name is missing; write {kind}:joint")
-    return kind, names
+    return kind, names, signal.strip()
 
 
 def candidates(

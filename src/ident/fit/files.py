@@ -136,6 +136,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
             {
                 "kind": each.effect.kind,
                 "joint": ",".join(each.effect.joints),
+                **({"signal": each.effect.signal} if each.effect.signal else {}),
                 "settings": {name: each.effect.setting(name) for name in each.effect.settings},
                 "parameters": [_value(value) for value in each.parameters],
             }
@@ -275,7 +276,8 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism) -> Saved:
     values = {str(entry["name"]): entry["value"] for entry in data["parameters"]}
     grown = mechanism
     for effect in data["effects"]:
-        kind, label = effect["kind"], ":".join(filter(None, (effect["kind"], effect["joint"])))
+        kind, joint, signal = effect["kind"], effect["joint"], effect.get("signal", "")
+        label = ":".join(filter(None, (kind, joint, signal)))
         own = next((known for known in grown.effects if known.label == label), None)
         if own is not None and own.known:  # the fit's values count, which may be others
             settings = {name: own.setting(name) for name in own.settings}
@@ -286,7 +288,7 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism) -> Saved:
                     f"{path}: effect '{label}' is none of the library: {one_of(kind, KINDS)}; if "
                     "it is one of your own, give a mechanism whose mechanism.toml has it"
                 )
-            grown = grown + create_effect(kind, effect["joint"], effect.get("settings"))
+            grown = grown + create_effect(kind, joint, effect.get("settings"), signal=signal)
         values |= {str(entry["name"]): entry["value"] for entry in effect["parameters"]}
     effects = {full for effect in grown.effects for full in effect.names}
     for name in values:

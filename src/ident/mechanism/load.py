@@ -163,7 +163,8 @@ def _closures(tables: list[TomlTable], context: Context, top: TomlTable) -> tupl
 
 def _effect(table: TomlTable, context: Context) -> Effect:
     kind = table.text("kind")
-    values = {key: table.number(key) for key in table.data if key not in ("kind", "joint", "file")}
+    words = ("kind", "joint", "file", "signal")
+    values = {key: table.number(key) for key in table.data if key not in words}
     if "file" in table:
         file = context.folder / table.text("file")
         joints = tuple(part.strip() for part in table.text("joint").split(","))
@@ -173,7 +174,8 @@ def _effect(table: TomlTable, context: Context) -> Effect:
         own = 'one of your own needs file = "….py"'
         raise table.error(f"there is no effect '{kind}'; {one_of(kind, KINDS)}; {own}")
     alone = KINDS[kind].arity == 0 and "joint" not in table
-    return create(kind, "" if alone else table.text("joint"), values)
+    signal = table.text("signal") if "signal" in table else ""
+    return create(kind, "" if alone else table.text("joint"), values, signal=signal)
 
 
 def _tree_joints(tree: Tree) -> tuple[Joint, ...]:

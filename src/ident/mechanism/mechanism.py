@@ -247,10 +247,10 @@ class Mechanism(Displayed):
         Raises:
             MechanismError: for a kind or joint that is not there, or an effect it has already.
         """
-        kind, joints = parse(text)
+        kind, joints, signal = parse(text)
         cls = KINDS[kind]
         if joints or cls.arity != 1 or cls.sits == "place":
-            return self + create(kind, joints, values)
+            return self + create(kind, joints, values, signal=signal)
         everywhere = {"link": self.bodies.links, "closure": self.sites.closure}
         present = {effect.label for effect in self.effects}
         every = [create(kind, name, values) for name in everywhere.get(cls.sits, self.driven)]

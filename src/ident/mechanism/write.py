@@ -113,6 +113,7 @@ def _effect_table(effect: Effect, values: Mapping[str, float], file: str | None)
     table: dict[str, Any] = {"kind": effect.kind}
     table |= {} if file is None else {"file": file}
     table |= {"joint": ",".join(effect.joints)} if effect.joints else {}
+    table |= {"signal": effect.signal} if effect.signal else {}
     return table | {name: float(value) for name, value in {**settings, **values}.items()}
 
 

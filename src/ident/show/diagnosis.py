@@ -20,6 +20,7 @@ from ident.text import listed, percent, rounded, some, table, wrapped
 BRIEF = 300  # characters of the next experiment in the first lines
 MOST = 3  # joints and candidates that are described
 ABSORBED = "absorbed"
+DIFFERENT = 0.005  # share of a law's torque from which a relative is called different
 SURE = ((8.0, "beyond doubt"), (4.0, "very sure"), (2.5, "sure"), (-1e9, "fairly sure"))
 Rows = list[list[str]]
 
@@ -114,7 +115,7 @@ def short(d: Diagnosis) -> str:
     top = card(d)
     paragraphs = _health(d)
     if d.verdict in ("unexplained", "undecided"):
-        paragraphs += [*_nearest(d), *_suggestion(d)]
+        paragraphs += laws(d) or [*_nearest(d), *curves(d)]
     if experiment := d.next_experiment:
         # whole sentences of some three lines, the first one in any case
         end = experiment.find(". ") if len(experiment) > BRIEF else -1
@@ -382,17 +383,22 @@ def _unexplained(d: Diagnosis) -> list[str]:
         for m in d.selection.members
         if m.curve is None and m.impossible is not None
     ]
+    rejected += [
+        f"{m.label} explains a part, but a formula explains more or the same with fewer numbers"
+        for m in d.selection.members
+        if m.curve is None and m.impossible is None and m.law is not None
+    ]
     first = (
         "Something is missing, and nothing in the library explains it, so no name is given. "
         f"{_tried(d)} effects were tried at their places, each with everything refitted."
     )
     first += f" {listed(rejected)}." if rejected else ""
-    expression = _suggestion(d) or [
-        "No short expression of positions, speeds, accelerations and time explains it either; "
+    expression = laws(d) or [
+        "No short formula of positions, speeds, accelerations, load and time explains it either; "
         "look at the maps of the residual, and at what the log does not hold: temperature, "
         "contact, play, cables, another load."
     ]
-    return [first, *_nearest(d), *expression]
+    return [first, *_nearest(d), *curves(d), *expression]
 
 
 def _undecided(d: Diagnosis) -> list[str]:
@@ -420,16 +426,45 @@ def _nearest(d: Diagnosis) -> list[str]:
     ]
 
 
-def _suggestion(d: Diagnosis) -> list[str]:
-    if (s := d.suggestion) is None:
-        return []
-    joints = listed(f"s.q[{i}] is the position of {name}" for i, name in enumerate(s.joints))
-    return [
-        f"An expression of the signals describes it: {s}. Here {joints}, s.v and s.a are their "
-        f"rates. It explains {100 * s.explained:.0f} % of what exceeds the noise. It is a "
-        "description, not yet a cause: see what it could be. `--out` writes it as "
-        f"suggestion.py, to be used with `--with {s.effect} --allow-code`."
-    ]
+def curves(d: Diagnosis) -> list[str]:
+    """Return the curves that explain what no effect does, and on which signals they depend."""
+    found = []
+    for each in d.curves:
+        more = [n for n in each.depends if n not in each.effect.depends_on]
+        also = f"It depends on {listed(sorted(each.effect.depends_on))}"
+        also += f", and beside the curve on {listed(more)}" if more else ""
+        also += f"; not on {listed(each.independent)}" if each.independent else ""
+        found.append(
+            f"A {curve_name(each.effect)} explains {100 * (1 - each.ratio):.0f} % of the squared "
+            f"error there; {100 * each.absorbable:.0f} % of its torque is such as the model's own "
+            f"parameters can make. {also}. In the model: `--with {each.effect.label}`."
+        )
+    return found
+
+
+def laws(d: Diagnosis) -> list[str]:
+    """Return the formulas for what no effect explains, with constants, relatives and rivals."""
+    found = []
+    for each in d.laws:
+        law = each.found
+        close = f"closest known law: {law.nearest.replace('_', ' ')}" if law.nearest else ""
+        close += f" ({100 * law.distance:.0f} % different)" if law.distance > DIFFERENT else ""
+        before, after = (errors.get(each.joint) for errors in (each.before, each.after))
+        error = "" if before is None or after is None else (
+            f" the error of {each.joint} falls from {percent(before.relative)} to "
+            f"{percent(after.relative)},"
+        )  # fmt: skip
+        rivals = [f"`{one.formula.text}`" for one in law.rivals]
+        or_ = f" This motion cannot tell it from {listed(rivals[:MOST], 'or')}." if rivals else ""
+        instead = f" It takes the place of {listed(law.replaced)}." if law.replaced else ""
+        found.append(
+            f"A formula explains it: torque of {each.joint} = {each.formula}, with "
+            f"{numbers(each.parameters)} ({close or 'no known relative'});{error} "
+            f"{100 * law.explained:.0f} % of what exceeds the noise.{or_}{instead} It is a "
+            f"description, not yet a cause. `--out` writes it as {each.file}: `--with "
+            f"{each.effect} --allow-code`."
+        )
+    return found
 
 
 def _invisible(d: Diagnosis) -> list[str]:

@@ -43,12 +43,12 @@ from ident.show.html import (
     Option,
     Page,
     Section,
-    code,
     headed,
     items,
     paragraph,
     table,
 )
+from ident.show.laws import curve_json, law_blocks
 from ident.show.residual import plot_maps, time_label
 from ident.text import percent
 
@@ -163,9 +163,6 @@ def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
     """Return where it fails, the candidates, all of it in words, and the fit that was diagnosed."""
     where = table(where_rows(d), "Joint by joint: held-out error, and what noise would leave")
     title = {"missing": "What is missing", "nothing": "What adding an effect would do"}
-    suggestion: tuple[Block, ...] = ()
-    if d.suggestion is not None:
-        suggestion = (paragraph(str(d.suggestion)), code(d.suggestion.code))
     health = health_sheet(d.health)
     hidden, idle = (
         items(f"{each.effect.label}: {each.why}" for each in found) if found else None
@@ -175,7 +172,7 @@ def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
         Section("Where it fails", (where,)),
         Section(title.get(d.verdict, "What comes nearest"), _candidates(d)),
         Section("In words", tuple(paragraph(each) for each in d.text.split("\n\n"))),
-        Section("Suggested expression", suggestion),
+        Section("Curve and formula", law_blocks(d)),
         Section("Invisible in this data", (hidden,) if hidden else ()),
         Section("In the model, but not supported", (idle,) if idle else ()),
         Section("Health of the data", health.blocks()),
@@ -240,7 +237,7 @@ def write_diagnosis(
     more: Mapping[str, bytes] | None = None,
     sections: Sequence[Section] = (),
 ) -> list[Path]:
-    """Write diagnosis.json, report.html, and suggestion.py where there is a suggestion.
+    """Write diagnosis.json, report.html, and a file for each curve and law.
 
     Args:
         d: what to write.
@@ -257,11 +254,10 @@ def write_diagnosis(
 
 
 def diagnosis_files(d: Diagnosis) -> dict[str, bytes]:
-    """Return diagnosis.json, and suggestion.py where there is a suggestion."""
+    """Return diagnosis.json, and a file for each curve and law."""
     files = {"diagnosis.json": json_bytes(diagnosis_json(d))}
-    if d.suggestion is not None:
-        files["suggestion.py"] = d.suggestion.code.encode()
-    return files
+    files |= {each.file: each.code.encode() for each in d.laws}
+    return files | {each.file: each.csv.encode() for each in d.curves}
 
 
 @renders(Diagnosis, "json")
@@ -287,6 +283,7 @@ def diagnosis_json(d: Diagnosis) -> dict[str, Any]:
             "quantile": last.limit,
             "curve": m.curve.label if m.curve else None,
             "impossible": m.impossible.label if m.impossible else None,
+            "law": m.law.label if m.law else None,
         }
         for m in d.selection.members
     ]
@@ -305,7 +302,8 @@ def diagnosis_json(d: Diagnosis) -> dict[str, Any]:
             "left": [{"curve": curve.label, "gain": gain} for curve, gain in last.curves],
             "invisible": [each.json() for each in d.invisible],
             "unsupported": [each.json() for each in d.unsupported],
-            "suggestion": None if d.suggestion is None else d.suggestion.json(),
+            "curves": [curve_json(d, each) for each in d.curves],
+            "laws": [each.json() for each in d.laws],
             "health": d.health.json(),
             "judged": sum(not each.curve for each in first.contest.candidates),
             "next_experiment": d.next_experiment,

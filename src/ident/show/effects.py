@@ -17,15 +17,10 @@ SITS = {
 WIDTH, INDENT = 96, 17
 
 
-def example(kind: type[Effect]) -> Effect:
-    """Return an effect of a kind, for what depends on its settings."""
-    return kind(tuple(f"joint{i + 1}" for i in range(kind.arity)))
-
-
 def facts(kind: type[Effect]) -> dict[str, list[str]]:
     """Return the description of a kind, lines by heading, without headings that have none."""
-    effect = example(kind)
-    how = {True: "both are tried", False: "from several starting values"}
+    effect = kind.example()
+    how = {True: "a few values are tried", False: "from several starting values"}
     shapes = [f"{_parameter(x)}; searched: {how[x.discrete]}" for x in effect.shapes]
     lines = {
         "what": [kind.summary()],
@@ -33,7 +28,8 @@ def facts(kind: type[Effect]) -> dict[str, list[str]]:
         "unknowns": [_parameter(unknown) for unknown in effect.unknowns],
         "shapes": shapes,
         "settings": [f"{name} = {value:g} by default" for name, value in kind.settings.items()],
-        "sits on": [SITS[kind.sits] if kind.arity < 2 else f"{kind.arity} driven joints"],
+        "sits on": [SITS[kind.sits] if effect.arity < 2 else f"{effect.arity} driven joints"],
+        "signals": [", ".join(kind.signals)] if kind.signals else [],
         "needs": [f"{each} at the same joint" for each in kind.needs]
         + [f"the log's column {name.replace('joint1', '<joint>')}" for name in effect.reads()],
         "when missing": [kind.signature],
@@ -46,7 +42,7 @@ def facts(kind: type[Effect]) -> dict[str, list[str]]:
 
 def described(kind: type[Effect]) -> str:
     """Return the text of a kind for a terminal."""
-    lines = [example(kind).call]
+    lines = [kind.example().call]
     for heading, each in facts(kind).items():
         for i, line in enumerate(each):
             first = f"  {heading if i == 0 else '':<{INDENT - 2}}"

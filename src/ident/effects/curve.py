@@ -1,0 +1,190 @@
+"""Curves of signals: torques without a law, which every law of the same signals is a case of.
+
+τ_j = Σ_k c_k B_k(x) w        B_k: cubic B-splines of a signal x; w: 1, or another signal
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from ident.effects.effect import Bounds, Effect, Shape, Signals, Unknown
+from ident.effects.friction import direction
+from ident.errors import MechanismError, one_of
+
+PIECES = 5  # intervals of a curve of one signal
+FEW = 3  # of a curve that multiplies another signal, and of each half of a curve of speed
+DEGREE = 3
+UNITS: Mapping[str, tuple[str, str]] = {
+    "q": ("rad", "m"), "v": ("rad/s", "m/s"), "a": ("rad/s²", "m/s²"), "t": ("s", "s"),
+    "load": ("N m", "N"),
+}  # fmt: skip
+PRODUCTS = ("q*sign", "t*sign", "load*sign", "q*v", "t*v")  # the curve's signal, what it multiplies
+OF_TWO = "q*q"  # a curve of the second joint's position, times the first joint's
+
+
+class Curve(Effect):
+    """A torque that is a smooth curve of a signal, or of a signal times another one."""
+
+    kind = "curve"
+    tried = "nowhere"  # a diagnosis compares laws with curves, and proposes one where no law holds
+    signals = (*UNITS, *PRODUCTS, OF_TWO)
+    settings: ClassVar = {"pieces": 0.0}
+    equation = "Σ c_k B_k(x) w, B_k cubic B-splines of x, with x w the signal: q, v, a, load, t, …"
+    signature = "the residual against the signal is a curve"
+    confused_with = ("cable", "ripple", "gravity over a small range")
+    source = "de Boor, A Practical Guide to Splines, 1978"
+
+    @property
+    def arity(self) -> int:  # type: ignore[override]
+        return 2 if self.signal == OF_TWO else 1
+
+    def __post_init__(self) -> None:
+        if self.signal not in self.signals:
+            raise MechanismError(
+                f"effect 'curve': of which signal? given: '{self.signal}'; write curve:joint:q; "
+                f"{one_of(self.signal, self.signals)}"
+            )
+        pieces = self.setting("pieces")
+        if pieces not in range(41):
+            raise MechanismError(f"effect '{self.label}': pieces = {pieces:g}; valid: 1 to 40")
+        super().__post_init__()
+
+    @classmethod
+    def example(cls) -> Effect:
+        return cls(("joint1",), signal="q")
+
+    @property
+    def first(self) -> str:
+        """The curve's own signal."""
+        return self.signal.partition("*")[0]
+
+    @property
+    def second(self) -> str:
+        """The signal that it multiplies; empty for most."""
+        return self.signal.partition("*")[2]
+
+    @property
+    def pieces(self) -> int:
+        """Number of its intervals."""
+        usual = FEW if self.second or self.first == "v" else PIECES
+        return int(self.setting("pieces")) or usual
+
+    @property
+    def depends_on(self) -> frozenset[str]:
+        """Signals of its joint on which it depends."""
+        second = "v" if self.second == "sign" else self.second
+        return frozenset(each for each in (self.first, second) if each)
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:  # type: ignore[override]
+        # a curve of speed has an odd half, which is dry friction, and an even one
+        count, dry = self.pieces + DEGREE, "dry" if self.second == "sign" else "torque"
+        turns = UNITS["v" if self.second == "v" else "q"] if self.second in ("v", "q") else None
+        force = ("N m", "N")
+        units = force if turns is None else tuple(
+            f"{f} s/{t.removesuffix('/s')}" if t.endswith("/s") else f"{f}/{t}"
+            for f, t in zip(force, turns, strict=True)
+        )  # fmt: skip
+        odd = tuple(
+            Unknown(f"c{i}", units, "coefficient", acts="dry" if self.first == "v" else dry)
+            for i in range(count)
+        )
+        even = tuple(Unknown(f"e{i}", units, "coefficient") for i in range(count))
+        return odd + (even if self.first == "v" else ())
+
+    @property
+    def shapes(self) -> tuple[Unknown, ...]:  # type: ignore[override]
+        """The ends of its intervals, as the data have them."""
+        units = UNITS[self.first]
+        return tuple(Unknown(f"x{i}", units, "knot", discrete=True) for i in range(self.pieces + 1))
+
+    @property
+    def implicit(self) -> bool:  # type: ignore[override]
+        return self.first == "load"
+
+    @property
+    def memory(self) -> bool:  # type: ignore[override]
+        return self.first == "t"  # it counts from the log's first sample
+
+    @property
+    def asks(self) -> tuple[str, ...]:  # type: ignore[override]
+        return tuple({"a", "load"} & {self.first})
+
+    @property
+    def not_integrable(self) -> str:
+        return ""
+
+    @property
+    def local(self) -> bool:
+        """It acts on its first joint alone."""
+        return True
+
+    def _argument(self, s: Signals) -> np.ndarray:
+        """x (n,) of the curve; of speed its size."""
+        match self.first:
+            case "t":
+                return s.t - s.t[0]
+            case "v":
+                return np.abs(s.v[:, 0])
+            case "q":
+                return s.q[:, -1]
+            case "a":
+                return s.a[:, 0]
+            case _:
+                return s.load[:, 0]
+
+    def columns(self, s: Signals) -> np.ndarray:
+        x, v = self._argument(s), s.v[:, 0]
+        turn = direction(v, s.still[0])
+        knots = np.array([s.shape[f"x{i}"] for i in range(self.pieces + 1)])
+        if self.first == "v":
+            B = basis(x, knots)
+            E = np.concatenate([B * turn[:, None], B], axis=1)
+        else:
+            w = {"": np.ones_like(v), "sign": turn, "v": v, "q": s.q[:, 0]}[self.second]
+            E = basis(x, knots) * w[:, None]
+        if self.arity == 1:
+            return E[:, None, :]
+        return np.stack([E, np.zeros_like(E)], axis=1)
+
+    def informed(self, s: Signals) -> np.ndarray:
+        found = np.ones(s.q.shape, dtype=bool)
+        if "v" in self.depends_on and self.second != "v":
+            found[:, 0] = np.abs(s.v[:, 0]) >= s.still[0]
+        return found
+
+    def bounds(self, s: Signals) -> Bounds:
+        x = self._argument(s)
+        return {each.name: (float(x.min()), float(x.max())) for each in self.shapes}
+
+    def starts(self, s: Signals) -> list[Shape]:
+        # knots with as many samples in each piece
+        x = self._argument(s)
+        knots = np.quantile(x, np.linspace(0, 1, self.pieces + 1))
+        if len(np.unique(knots)) < len(knots):  # constant over most of the log
+            low, high = float(x.min()), float(x.max())
+            knots = np.linspace(low, high if high > low else low + 1.0, len(knots))
+        return [{f"x{i}": float(each) for i, each in enumerate(knots)}]
+
+
+def basis(x: np.ndarray, knots: np.ndarray) -> np.ndarray:
+    """B (n, pieces + 3) of a signal x (n,), constant outside the knots (pieces + 1,)."""
+    from scipy.interpolate import BSpline  # takes 0.2 s to import
+
+    every = np.concatenate([[knots[0]] * DEGREE, knots, [knots[-1]] * DEGREE])
+    x = np.clip(x, knots[0], knots[-1])
+    return np.asarray(BSpline.design_matrix(x, every, DEGREE).toarray())
+
+
+def curves(joints: tuple[str, ...], moving: tuple[str, ...]) -> Iterator[Curve]:
+    """Yield all curves of all joints, and of pairs of those that move."""
+    for name in joints:
+        for signal in (*UNITS, *PRODUCTS):
+            yield Curve((name,), signal=signal)
+    for name in moving:
+        for other in moving:
+            if other != name:
+                yield Curve((name, other), signal=OF_TWO)

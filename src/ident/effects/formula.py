@@ -1,0 +1,376 @@
+"""Formulas: torques c₁ f₁(signals; s) + c₂ f₂(signals; s) + … of terms that a grammar builds.
+
+A formula is written in Python over the signals q, v, a, load, t and temperature of its joint and
+q_<other>, v_<other> of another one. The same text is evaluated with NumPy in a search, and is the
+content of an effect file, which CasADi evaluates.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from types import CodeType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ident.effects.curve import UNITS
+from ident.effects.effect import Bounds, Effect, Shape, Signals, Unknown
+from ident.effects.friction import direction
+
+FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "sign", "tanh")
+OTHER = re.compile(r"\b([qv])_o\b")  # a signal of the second joint, before its name is known
+WIDEST = 40  # exponents beyond which exp is not evaluated
+FUNCTION_OF = {
+    **{name: getattr(np, name) for name in FUNCTIONS},
+    "abs": np.abs,
+    "exp": lambda x: np.exp(np.minimum(x, WIDEST)),
+}
+
+
+@dataclass(frozen=True)
+class Scale:
+    """A constant within a term, and where it is searched.
+
+    Attributes:
+        name: in the term's text.
+        of: the signal that has its range: `width` of it, a `place` in it, a `wave` of it; or an
+            `angle`, a `share` between −1 and 1, a `power`, a `time`.
+        signal: whose range; empty where that does not matter.
+    """
+
+    name: str
+    of: str
+    signal: str = ""
+
+    def unit(self, rotational: bool) -> str:
+        """Return its unit."""
+        of_signal = UNITS.get(self.signal[:1] if self.signal[1:2] == "_" else self.signal)
+        own = of_signal[0 if rotational else 1] if of_signal else "1"
+        return {"width": own, "place": own, "wave": f"1/{own}" if own != "rad" else "1",
+                "angle": "rad"}.get(self.of, "1")  # fmt: skip
+
+    def bounds(self, x: np.ndarray) -> tuple[float, float]:
+        """Return the lowest and highest value, given the signal x (n,)."""
+        low, high = float(x.min(initial=0.0)), float(x.max(initial=0.0))
+        low, high = (float(x.min()), float(x.max())) if len(x) else (low, high)
+        span = max(high - low, 1e-9)
+        match self.of:
+            case "width":
+                return 0.02 * span, 3.0 * span
+            case "place":
+                return low - 0.5 * span, high + 0.5 * span
+            case "wave":
+                return 1.0 / span, 60.0 / span
+            case "angle":
+                return -np.pi, np.pi
+            case "share":
+                return -0.98, 0.98
+            case _:
+                return 0.2, 4.0
+
+    def starts(self, x: np.ndarray) -> list[float]:
+        """Return where a search begins."""
+        low, high = self.bounds(x)
+        match self.of:
+            case "width":
+                return [float(s) for s in np.geomspace(2.5 * low, high / 3, 5)]
+            case "place":
+                return [
+                    float(s) for s in np.linspace(0.7 * low + 0.3 * high, 0.3 * low + 0.7 * high, 4)
+                ]
+            case "wave":
+                return [float(k) for k in np.geomspace(2 * low, high, 24)]
+            case "angle":
+                return [-2.75, -1.96, -1.18, -0.39, 0.39, 1.18, 1.96, 2.75]
+            case "share":
+                return [-0.6, 0.6]
+            case _:
+                return [0.5, 1.5, 2.5]
+
+
+@dataclass(frozen=True)
+class Term:
+    """A part of a formula: columns f_i with a coefficient each, and constants within them.
+
+    Attributes:
+        columns: Python texts.
+        scales: the constants.
+        known_as: name of the law in the literature; empty where it has none.
+        unit: of the columns, as powers of the units of signals.
+    """
+
+    columns: tuple[str, ...]
+    scales: tuple[Scale, ...] = ()
+    known_as: str = ""
+    powers: tuple[tuple[str, float], ...] = ()
+
+    @cached_property
+    def cost(self) -> int:
+        """Complexity: constants, and operators and functions of its text."""
+        text = " + ".join(self.columns)
+        symbols = len(re.findall(r"\*\*|[-+*/]|[a-z]+\(", text))
+        return len(self.columns) + len(self.scales) + symbols
+
+    @cached_property
+    def signals(self) -> frozenset[str]:
+        """Signals in its text."""
+        words = set(re.findall(r"\b[a-z]+(?:_o)?\b", " ".join(self.columns)))
+        return frozenset(words & {"q", "v", "a", "load", "t", "temperature", "q_o", "v_o"})
+
+    def renamed(self, suffix: str) -> Term:
+        """Return the term with a suffix on its constants, so that a sum has each name once."""
+        new = {each.name: f"{each.name}{suffix}" for each in self.scales}
+        columns = tuple(substituted(text, new) for text in self.columns)
+        scales = tuple(Scale(new[s.name], s.of, s.signal) for s in self.scales)
+        return Term(columns, scales, self.known_as, self.powers)
+
+
+def substituted(text: str, names: Mapping[str, str]) -> str:
+    """Return a text with some of its names replaced."""
+    return re.sub(r"\b[A-Za-z_]\w*\b", lambda m: names.get(m.group(), m.group()), text)
+
+
+@cache
+def _code(text: str) -> CodeType:
+    return compile(text, "formula", "eval")
+
+
+@dataclass(frozen=True)
+class Formula(Effect):
+    """A sum of terms of one joint's signals, and of another joint's."""
+
+    kind: ClassVar[str] = "law"
+    equation: ClassVar[str] = "a formula of the signals"
+    signature: ClassVar[str] = "the residual against the signals is this formula"
+    source: ClassVar[str] = "found in the data"
+    terms: tuple[Term, ...] = field(default=(), kw_only=True)
+
+    @property
+    def arity(self) -> int:  # type: ignore[override]
+        return len(self.joints)
+
+    @property
+    def local(self) -> bool:
+        """It acts on its first joint alone."""
+        return True
+
+    @property
+    def label(self) -> str:
+        """Its text, with its joint."""
+        return f"{self.text}:{','.join(self.joints)}"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(f"law.{self.joints[0]}.{p.name}" for p in self.parameters)
+
+    @cached_property
+    def renamed(self) -> tuple[Term, ...]:
+        """The terms, with every constant's name once."""
+        if len(self.terms) == 1:
+            return self.terms
+        return tuple(term.renamed(str(i + 1)) for i, term in enumerate(self.terms))
+
+    @cached_property
+    def columns_text(self) -> tuple[str, ...]:
+        """Texts of all columns, with the other joint's name in them."""
+        return tuple(text for term in self.renamed for text in term.columns)
+
+    @cached_property
+    def unknowns(self) -> tuple[Unknown, ...]:  # type: ignore[override]
+        many = len(self.columns_text) > 1
+        found: list[Unknown] = []
+        for term in self.renamed:
+            units = tuple(_per(force, term.powers, i) for i, force in enumerate(("N m", "N")))
+            for _ in term.columns:
+                name = f"k{len(found) + 1}" if many else "k"
+                found.append(Unknown(name, units, "coefficient"))
+        return tuple(found)
+
+    @cached_property
+    def shapes(self) -> tuple[Unknown, ...]:  # type: ignore[override]
+        return tuple(
+            Unknown(each.name, (each.unit(True), each.unit(False)), "constant", acts=each.of)
+            for term in self.renamed
+            for each in term.scales
+        )
+
+    @property
+    def scales(self) -> tuple[Scale, ...]:
+        """All constants."""
+        return tuple(each for term in self.renamed for each in term.scales)
+
+    @property
+    def implicit(self) -> bool:  # type: ignore[override]
+        return "load" in self.signals_used
+
+    @property
+    def memory(self) -> bool:  # type: ignore[override]
+        return "t" in self.signals_used
+
+    @property
+    def asks(self) -> tuple[str, ...]:  # type: ignore[override]
+        return tuple({"a", "load"} & self.signals_used)
+
+    @property
+    def signals_used(self) -> frozenset[str]:
+        """Signals in its text; those of the other joint end in `_o`."""
+        return frozenset().union(*(term.signals for term in self.terms))
+
+    @property
+    def logged(self) -> tuple[str, ...]:
+        """Signals in its text, as columns of a log: `q.elbow`."""
+        return tuple(
+            f"{name.removesuffix('_o')}.{self.joints[name.endswith('_o')]}" if name != "t" else name
+            for name in sorted(self.signals_used)
+        )
+
+    @property
+    def cost(self) -> int:
+        """Complexity of all terms, with the sums between them."""
+        return sum(term.cost for term in self.terms) + len(self.terms) - 1
+
+    def written(self, text: str) -> str:
+        """Return a text with the other joint's name."""
+        other = re.sub(r"\W", "_", self.joints[1]) if len(self.joints) > 1 else "o"
+        return OTHER.sub(rf"\1_{other}", text)
+
+    @property
+    def text(self) -> str:
+        """The formula in Python, with its constants' names: `k*sin(q + b)`."""
+        parts = zip(self.unknowns, self.columns_text, strict=True)
+        products = (u.name if text == "1" else f"{u.name}*{_factor(text)}" for u, text in parts)
+        return self.written(" + ".join(products))
+
+    # --- evaluation -----------------------------------------------------------------------------
+
+    def columns(self, s: Signals) -> np.ndarray:
+        names = {**_namespace(s, self.implicit), **s.shape}
+        with np.errstate(all="ignore"):
+            E = np.stack(
+                [
+                    np.broadcast_to(eval(_code(text), {"__builtins__": {}}, names), s.t.shape)
+                    for text in self.columns_text
+                ],
+                axis=1,
+            )
+        E = np.where(np.isfinite(E), E, 0.0)
+        if self.arity == 1:
+            return E[:, None, :]
+        whole = np.zeros((*s.q.shape, E.shape[1]))
+        whole[:, 0] = E
+        return whole
+
+    def of_signal(self, name: str, x: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
+        """Return the torque (n,) at values (n,) of its only signal, and values of its constants."""
+        names = {**FUNCTION_OF, name: x, **values}
+        return np.asarray(eval(_code(self.text), {"__builtins__": {}}, names) * np.ones_like(x))
+
+    def informed(self, s: Signals) -> np.ndarray:
+        found = np.ones(s.q.shape, dtype=bool)
+        if any("sign(v)" in text for text in self.columns_text):
+            found[:, 0] = np.abs(s.v[:, 0]) >= s.still[0]
+        return found
+
+    def bounds(self, s: Signals) -> Bounds:
+        names = _namespace(s, self.implicit)
+        return {each.name: each.bounds(names.get(each.signal, s.t)) for each in self.scales}
+
+    def starts(self, s: Signals) -> list[Shape]:
+        names = _namespace(s, self.implicit)
+        found: list[Shape] = [{}]
+        for each in self.scales:
+            values = each.starts(names.get(each.signal, s.t))
+            found = [{**one, each.name: value} for one in found for value in values]
+        return found
+
+    # --- effect file ----------------------------------------------------------------------------
+
+    def code(self, shape: Shape, bounds: Bounds, title: str) -> str:
+        """Return an effect file, for `--with FILE:law:joint`, with shapes to begin a search at."""
+        used = sorted(self.signals_used)
+        several = len(self.joints) > 1
+        lines = []
+        for name in used:
+            own = name.removesuffix("_o")
+            at = "" if not several or name == "t" else "[1]" if own != name else "[0]"
+            lines.append(f"    {self.written(name)} = s.{'lam' if own == 'load' else own}{at}")
+        units = dict(zip((u.name for u in self.parameters), self.units, strict=True))
+        given = "".join(
+            f', {name}: "{units[name]}" = ({shape[name]:.6g}, {low:.6g}, {high:.6g})'
+            for name, (low, high) in ((n, _within(shape[n], *bounds[n])) for n in shape)
+        )
+        columns = [
+            f'        "{u.name} [{units[u.name]}]": {self.written(text)},'
+            for u, text in zip(self.unknowns, self.columns_text, strict=True)
+        ]
+        functions = [
+            f for f in FUNCTIONS if f != "sign" and any(f"{f}(" in t for t in self.columns_text)
+        ]
+        head = [f'"""{title}"""', "", "import casadi as ca"]
+        if functions:
+            head.append(f"from casadi import {', '.join(functions)}")
+        if any("sign(" in text for text in self.columns_text):
+            head += ["", "", "def sign(x):",
+                     '    """A sign that is smooth around zero, so that it can be simulated."""',
+                     "    return ca.tanh(x / 1e-3)"]  # fmt: skip
+        return "\n".join([
+            *head, "", "", f"def law(s{given}):", f'    """{self.text}"""', *lines,
+            "    return {", *columns, "    }", "",
+        ])  # fmt: skip
+
+
+def _within(value: float, low: float, high: float) -> tuple[float, float]:
+    return min(low, value), max(high, value)
+
+
+def _factor(text: str) -> str:
+    """Return a text as a factor: in brackets where a sum is outside all of its own."""
+    depth = 0
+    for i, character in enumerate(text):
+        depth += (character == "(") - (character == ")")
+        if depth == 0 and character in "+-" and i and text[i - 1] == " ":
+            return f"({text})"
+    return text
+
+
+def _per(force: str, powers: tuple[tuple[str, float], ...], place: int) -> str:
+    """Return the unit of a coefficient: force per unit of its column."""
+    found: dict[str, float] = {}
+    for signal, power in powers:
+        unit = UNITS.get(signal.removesuffix("_o"), ("K", "K"))[place]
+        if signal == "load":
+            force = "1" if power == 1 else force
+            continue
+        base, _, time = unit.partition("/")
+        found[base] = found.get(base, 0) + power
+        if time:
+            found["s"] = found.get("s", 0) - power * (2 if "²" in time else 1)
+    over = [_raised(u, -p) for u, p in found.items() if p < 0]
+    under = [_raised(u, p) for u, p in found.items() if p > 0]
+    top = " ".join([force, *over]) if force != "1" or not over else " ".join(over)
+    return f"{top}/({' '.join(under)})" if len(under) > 1 else "/".join([top, *under])
+
+
+def _raised(unit: str, power: float) -> str:
+    marks = {1: "", 2: "²", 3: "³"}
+    return f"{unit}{marks[int(power)]}" if power in marks else f"{unit}^{power:g}"
+
+
+def _namespace(s: Signals, load: bool = False) -> dict[str, Any]:
+    v = s.v[:, 0]
+    turn = direction(v, s.still[0])
+    found: dict[str, Any] = {
+        **FUNCTION_OF, "q": s.q[:, 0], "v": v, "a": s.a[:, 0], "t": s.t - s.t[0],
+        "sign": lambda x: turn if x is v else np.sign(x),
+    }  # fmt: skip
+    if load:  # the model predicts it, which takes time
+        found["load"] = s.load[:, 0]
+    if s.q.shape[1] > 1:
+        found |= {"q_o": s.q[:, 1], "v_o": s.v[:, 1]}
+    for name, x in s.extra.items():
+        if name.startswith("temperature."):
+            found["temperature"] = x
+    return found
