@@ -1,10 +1,11 @@
 """Rows that are made as samples come are those that a batch makes of the whole log."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from streaming import FIELDS, HOW, given, samples, together
+from streaming import FIELDS, HOW, blocks, given, samples, together
 
 import ident
 from helpers import ROBOTS
@@ -144,7 +145,7 @@ def test_jittering_stamps_are_put_on_a_uniform_clock():
 
 
 def test_derivatives_of_positions_alone():
-    """Exact positions: the local polynomial against the analytic rates, through the rows."""
+    """Exact positions: the splines against the analytic rates, through the rows."""
     case = made("five_bar", rate=500.0)
     positions = {k: x for k, x in case.log.columns.items() if k[0] not in "va"}
     log = Log.from_arrays("q.csv", case.log.t, positions)
@@ -153,37 +154,84 @@ def test_derivatives_of_positions_alone():
     columns = Columns.of(case.mechanism)
     stream, found = streamed(case.mechanism, motion, columns)
     expected = batch(case.mechanism, exact, columns)
-    inside = slice(stream.setting.half, -stream.setting.half)
-    assert np.abs(found.A - expected.A[inside]).max() < 1e-6 * np.abs(expected.A).max()
-    np.testing.assert_array_equal(found.sample, expected.sample[inside])
+    np.testing.assert_array_equal(found.sample, expected.sample[: -stream.setting.smoothing_lag])
+    off = np.abs(found.A - expected.A[: len(found.A)]).max()
+    assert off < 1e-6 * np.abs(expected.A).max()
 
 
-@pytest.mark.parametrize("channels", ["q", "qv", "qva"])
-def test_noisy_motion_is_smoothed_as_well_as_by_splines(channels):
-    case = made("arm", rate=500.0, seconds=4.0)
+def noisy(channels, seconds=6.0, jitter=0.0):
+    """The arm's log with noise in some of its channels, and with stamps that jitter."""
+    case = made("arm", rate=500.0, seconds=seconds)
     rng = np.random.default_rng(0)
     noise = {"q": 1e-4, "v": 1e-2, "a": 0.3, "t": 0.0}
+    t = case.log.t + jitter * rng.uniform(-1, 1, len(case.log.t))
     columns = {
-        k: x + noise[k[0]] * rng.normal(size=len(x))
+        k: np.interp(t, case.log.t, x) + noise[k[0]] * rng.normal(size=len(x))
         for k, x in case.log.columns.items()
         if k[0] in channels or k.startswith("tau")
     }
-    log = Log.from_arrays("noisy.csv", case.log.t, columns)
-    exact = ident.complete(case.mechanism, case.log, cutoff=None)
-    motion = ident.complete(case.mechanism, log)
+    return case.mechanism, Log.from_arrays("noisy.csv", t, columns)
+
+
+@pytest.mark.parametrize("how", HOW)
+@pytest.mark.parametrize(("channels", "jitter"), [("q", 0), ("qv", 0), ("qva", 0), ("q", 3e-4)])
+def test_noisy_motion_is_smoothed_by_the_splines_of_a_batch(channels, jitter, how):
+    mechanism, log = noisy(channels, jitter=jitter)
+    motion = ident.complete(mechanism, log)
     motion = replace(motion, band=replace(motion.band, cutoff=None))
-    unknown = Columns.of(case.mechanism)
-    _, found = streamed(case.mechanism, motion, unknown)
-    truth, splines = (batch(case.mechanism, each, unknown) for each in (exact, motion))
-    assert found.sample[0] > truth.sample[0]
+    unknown = Columns.of(mechanism)
+    stream, found = streamed(mechanism, motion, unknown, how)
+    expected = batch(mechanism, motion, unknown)
+    at = np.searchsorted(expected.t, found.t - 1e-6)
+    np.testing.assert_allclose(expected.t[at], found.t, atol=3e-6)
+    assert len(found.t) >= len(expected.t) - stream.setting.smoothing_lag
+    lag = round(4 * motion.experiments[0].smooth.spacing * 500)  # where a batch's spline ends
+    off = (found.A - expected.A[at])[:-lag]
+    noise = 0.05 if jitter else 0.02  # of the noise that is left in the accelerations
+    assert np.abs(off).max() < noise * np.abs(expected.A).max()
+    assert np.sqrt(np.mean(off**2)) < 2e-3 * np.sqrt(np.mean(expected.A**2))
 
-    def off(rows_):
-        """Root mean square of what all numbers of A miss."""
-        at = np.arange(found.sample[0], found.sample[-1])
-        own, true = (np.searchsorted(each.sample, at) for each in (rows_, truth))
-        return np.sqrt(np.mean((rows_.A[own] - truth.A[true]) ** 2))
 
-    assert off(found) < 1.2 * off(splines)
+def test_before_a_gap_no_sample_is_lost():
+    """What a batch uses at the ends of runs a stream uses too, once the run is over."""
+    mechanism, log = noisy("q")
+    motion = ident.complete(mechanism, log)
+    motion = replace(motion, band=replace(motion.band, cutoff=None))
+    stream = Stream(mechanism, Columns.of(mechanism), Setting.of(mechanism, motion))
+    cut = without(log, slice(1500, 1600))
+    found = together([*stream.push(cut), *stream.finish()])
+    ends = round(2 * motion.experiments[0].smooth.spacing * 500)
+    for first, stop in ((0, 1500), (1600, len(log.t))):
+        inside = (found.t >= log.t[first]) & (found.t <= log.t[stop - 1])
+        assert abs(inside.sum() - (stop - first - 2 * ends)) <= 4
+
+
+@pytest.mark.parametrize("how", HOW)
+def test_one_wrong_time_is_left_out_and_not_all_after_it(how):
+    case = made("arm", seconds=3.0)
+    motion = ident.complete(case.mechanism, case.log, cutoff=12.0)
+    t = case.log.t.copy()
+    t[[200, 400]] = 1e9, -3.0
+    log = SimpleNamespace(t=t, columns=case.log.columns)  # no Log: that would sort it
+    parts = blocks(log, {"one by one": [1], "blocks": [7, 64], "whole": [600]}[how])
+    columns = Columns.of(case.mechanism)
+    stream = Stream(case.mechanism, columns, Setting.of(case.mechanism, motion))
+    made_, left_out, start = [], [], 0
+    for part in parts:
+        try:
+            made_ += stream.push(part)
+        except LogError as error:
+            left_out.append((start, str(error)))
+        else:
+            left_out += [(start + row, why) for row, why in stream.left_out]
+        start += len(part["t"])
+    assert [row for row, _ in left_out] == [200, 400]
+    assert "t = 1e+09 s comes before one at" in left_out[0][1]
+    assert "t = -3 s comes after one at" in left_out[1][1]
+    expected = batch(case.mechanism, motion, columns)
+    found = together([*made_, *stream.flush()])
+    np.testing.assert_allclose(found.t, expected.t, atol=1e-9)
+    assert np.abs(found.A - expected.A).max() < 0.01 * np.abs(expected.A).max()
 
 
 def test_effects_of_the_present_sample():

@@ -31,7 +31,7 @@ from ident.cli.options import (
 )
 from ident.errors import FitError, IdentError, LogError, missing_file
 from ident.fit import Fit, identify
-from ident.log.follow import CsvLine, follow
+from ident.log.follow import CsvLines, follow
 from ident.streams.monitor import Alarm, Monitor
 from ident.streams.online import Forces, Online, Snapshot
 from ident.streams.stream import Setting, Stream
@@ -97,8 +97,8 @@ def monitor(
             )
     online = Online(model, like=fit, forget=forget, cutoff=cut, smoothing=knots)
     with Session(online, watch, out, every) as session, _until_interrupted() as interrupted:
-        for line in follow(None if log == "-" else Path(log), grow=follow_, stop=interrupted):
-            session.take(line)
+        for lines in follow(None if log == "-" else Path(log), grow=follow_, stop=interrupted):
+            session.take(lines)
         if not online.samples:
             name = "standard input" if log == "-" else log
             raise LogError(
@@ -132,11 +132,14 @@ class Watch:
             sticking=STICKING,
         )
 
-    def alarms(self, sample: Mapping[str, float] | None) -> list[Alarm]:
-        """Return the alarms that a further sample raises; None: those that still wait."""
-        made = self._stream.flush() if sample is None else self._stream.push(sample)
+    def alarms(self, samples: Mapping[str, np.ndarray] | None) -> list[Alarm]:
+        """Return the alarms that further samples raise; None: those that still wait."""
+        try:
+            made = self._stream.finish() if samples is None else self._stream.push(samples)
+        except LogError:  # of one sample, which is left out
+            made = []
         alarms = [alarm for rows in made for alarm in self.monitor.absorb(rows)]
-        return alarms if sample is not None else [*alarms, *self.monitor.finish()]
+        return alarms if samples is not None else [*alarms, *self.monitor.finish()]
 
 
 def _watch(fit: Fit) -> Watch | None:
@@ -180,41 +183,57 @@ class Session(contextlib.ExitStack):
                 stream = self.enter_context(_appended(folder / f"{name}.csv", header))
                 self._tables[name] = csv.writer(stream, lineterminator="\n")
 
-    def take(self, line: CsvLine) -> None:
-        """Take one line of the log."""
-        online, why = self._online, line.why
-        if line.sample is not None:
-            try:
-                online.update(line.sample)
-            except LogError as error:
-                why = str(error)
-        if why:
-            self._left_out += 1
-            if self._left_out <= MOST_NOTED:
-                notes([f"line {line.number} is left out: {why}"])
-            elif self._left_out == MOST_NOTED + 1:
-                notes(["further lines are left out, without a note"])
-            return
+    def take(self, lines: CsvLines) -> None:
+        """Take lines of the log that came together."""
+        for number, why in lines.bad:
+            self._leave_out(number, why)
+        source = self._online.mechanism.columns.get("t")
+        t = lines.columns.get(source.column if source else "t", np.zeros(len(lines)))
+        t = t if source is None else source.scale * t + source.offset
+        start = 0
+        while start < len(lines):  # a printed line ends a part
+            due = t[start:] >= self._due if self._online.warm else np.zeros(1)
+            stop = start + int(due.argmax()) + 1 if due.any() else len(lines)
+            self._take(lines.part(slice(start, stop)))
+            start = stop
+
+    def _take(self, lines: CsvLines) -> None:
+        online = self._online
+        left_out = []
+        try:
+            online.update(lines.columns)
+            left_out = online.left_out
+        except LogError as error:
+            left_out = [(0, str(error))]
+        for row, why in left_out:
+            self._leave_out(int(lines.numbers[row]) if row >= 0 else None, why)
         self._record("multipliers", _multiplier_rows(online.multipliers))
-        self._warn(line.sample)
+        self._warn(lines.columns)
         if online.warm and online.t >= self._due:
             self._due = online.t + self._every
             with contextlib.suppress(FitError):  # no equation yet, so soon
-                result(self._snapshot().line)
+                result(self._snapshot(online.snapshot()).line)
+
+    def _leave_out(self, number: int | None, why: str) -> None:
+        self._left_out += 1
+        if self._left_out <= MOST_NOTED:
+            where = "a line" if number is None else f"line {number}"
+            notes([f"{where} is left out: {why}"])
+        elif self._left_out == MOST_NOTED + 1:
+            notes(["further lines are left out, without a note"])
 
     def end(self) -> Snapshot:
         """Return the last snapshot, after the last alarms."""
         self._warn(None)
-        return self._snapshot()
+        return self._snapshot(self._online.finish())
 
-    def _snapshot(self) -> Snapshot:
-        found = self._online.snapshot()
+    def _snapshot(self, found: Snapshot) -> Snapshot:
         self._record("multipliers", _multiplier_rows(self._online.multipliers))
         self._record("parameters", _parameter_rows(found))
         return found
 
-    def _warn(self, sample: Mapping[str, float] | None) -> None:
-        for x in self._watch.alarms(sample) if self._watch else ():
+    def _warn(self, samples: Mapping[str, np.ndarray] | None) -> None:
+        for x in self._watch.alarms(samples) if self._watch else ():
             self.raised.append(x)
             result(f"alarm: {x.headline}")
             suspects = " ".join(x.suspects)

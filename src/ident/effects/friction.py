@@ -13,11 +13,15 @@ ARMSTRONG = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994
 
 
 def direction(v: np.ndarray, still: np.ndarray) -> np.ndarray:
-    """sign(v), but v / still within the speeds at which a joint counts as standing still.
+    """sign(v), but smooth within the speeds at which a joint counts as standing still.
 
     At standstill friction takes any value between −Fc and +Fc, so neither +1 nor −1 would be true.
+    A filtered row sees how a reversal differs from that of sign(v) by ∫ (sign(v) − f(v)) t dt. Of
+    f = 9/4 x − 5/4 x³, x = v / still, that is zero: Fc does not depend on `still`. It would by 3e-4
+    with f = x, which is three standard errors after an hour at 1 kHz.
     """
-    return np.clip(v / still, -1.0, 1.0)
+    x = np.clip(v / still, -1.0, 1.0)
+    return np.asarray(x * (2.25 - 1.25 * x**2))
 
 
 class Viscous(Effect):

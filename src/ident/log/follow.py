@@ -1,6 +1,7 @@
-"""Samples of a CSV file that may still grow, or of standard input, line by line as they come.
+"""Samples of a CSV file that may still grow, or of standard input, as they come.
 
-A line that is no sample (cut off, another number of cells, no numbers) is reported with its number;
+All lines that have come are taken together, since parsing is the least of what one line takes. A
+line that is no sample (cut off, another number of cells, no numbers) is reported with its number;
 reading goes on.
 """
 
@@ -11,9 +12,11 @@ import os
 import select
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from ident.errors import LogError, missing_file
 from ident.log.csv_text import BOM, Head, head_of, refuse_binary
@@ -25,19 +28,26 @@ WAIT = 0.05  # [s] between two looks at what does not grow
 HEAD = 1 << 20  # bytes in which the header must be
 
 
-@dataclass(frozen=True)
-class CsvLine:
-    """One line below the header."""
+@dataclass(frozen=True, eq=False)
+class CsvLines:
+    """Lines below the header that came together."""
 
-    number: int  # from 1
-    # its cells by column, NaN where a cell is empty or text; None for no sample
-    sample: Mapping[str, float] | None
-    why: str = ""  # the reason why it is no sample
+    numbers: np.ndarray  # (n,) of the samples' lines, from 1
+    columns: Mapping[str, np.ndarray]  # their cells (n,), NaN where one is empty or text
+    bad: tuple[tuple[int, str], ...]  # (number, why) of the lines that are no samples
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def part(self, which: slice) -> CsvLines:
+        """Return some of the samples, without the bad lines."""
+        columns = {name: x[which] for name, x in self.columns.items()}
+        return CsvLines(self.numbers[which], columns, ())
 
 
 def follow(
     path: Path | None, *, grow: bool = False, stop: Callable[[], bool] = lambda: False
-) -> Iterator[CsvLine]:
+) -> Iterator[CsvLines]:
     """Yield the lines of a CSV file or of standard input, as they come.
 
     Args:
@@ -46,7 +56,7 @@ def follow(
         stop: called again and again; true ends it.
 
     Yields:
-        One line below the header that is not blank.
+        Lines below the header that came together, without blank ones.
     """
     name = "standard input" if path is None else str(path)
     pieces = _pipe_pieces(stop) if path is None else _file_pieces(path, grow, stop)
@@ -61,10 +71,12 @@ def follow(
                 continue
             rest, number = rest.removeprefix(BOM)[head.end :], head.line
         *lines, rest = rest.split(b"\n")
-        for line in [*lines, rest] if end and rest else lines:
-            number += 1
-            if line.strip():
-                yield _line(line.rstrip(b"\r"), number, head)
+        if end and rest:
+            lines.append(rest)
+        filled = [(i, line) for i, line in enumerate(lines, number + 1) if line.strip()]
+        number += len(lines)
+        if filled:
+            yield _parsed(filled, head)
     if head is None and not stop():
         head_of(rest, name)
 
@@ -80,18 +92,31 @@ def _head(text: bytes, name: str, end: bool) -> Head | None:
     return None
 
 
-def _line(text: bytes, number: int, head: Head) -> CsvLine:
-    cells = text.decode(errors="replace").split(head.separator.decode())
-    if len(cells) != len(head.names):
-        why = f"{len(cells)} cells, the header has {len(head.names)}"
-        return CsvLine(number, None, why + (" (cut off?)" if len(cells) < len(head.names) else ""))
-    try:
-        values = [float(cell) for cell in cells]
-    except ValueError:
-        values = [_number(cell.strip().strip('"').lower()) for cell in cells]
-        if all(map(math.isnan, values)):
-            return CsvLine(number, None, "no numbers")
-    return CsvLine(number, dict(zip(head.names, values, strict=True)))
+def _parsed(lines: Sequence[tuple[int, bytes]], head: Head) -> CsvLines:
+    """Parse numbered lines."""
+    width, separator = len(head.names), head.separator
+    numbers: list[int] = []
+    rows: list[list[float]] = []
+    bad: list[tuple[int, str]] = []
+    for number, line in lines:
+        cells = line.split(separator)
+        if len(cells) != width:
+            why = f"{len(cells)} cells, the header has {width}"
+            bad.append((number, why + (" (cut off?)" if len(cells) < width else "")))
+            continue
+        try:
+            values = [*map(float, cells)]
+        except ValueError:
+            text = [cell.decode(errors="replace").strip().strip('"').lower() for cell in cells]
+            values = [_number(cell) for cell in text]
+            if all(map(math.isnan, values)):
+                bad.append((number, "no numbers"))
+                continue
+        numbers.append(number)
+        rows.append(values)
+    X = np.array(rows).reshape(len(rows), width)
+    columns = dict(zip(head.names, X.T, strict=True))
+    return CsvLines(np.array(numbers, dtype=int), columns, tuple(bad))
 
 
 def _number(cell: str) -> float:

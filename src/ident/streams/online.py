@@ -56,7 +56,7 @@ WARMUP = 5.0  # [s] from which a stream learns what it is like
 LONGEST = 100_000  # samples that a warm-up keeps at most
 INTERVALS = 32  # of time, at most
 FADING = 8.0  # intervals in a time constant of forgetting
-TOGETHER = 16  # samples whose rows are absorbed at once
+TOGETHER = 128  # samples whose rows are absorbed at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,6 +296,7 @@ class Online:
         self._stream: Stream | None = None  # after the warm-up
         self._solved: _Solved | None = None
         self._ahead = Squares.zero(0)
+        self.left_out: list[tuple[int, str]] = []  # (row, why) of samples of the last `update`
         if like is not None:
             self._begin(like)
 
@@ -334,15 +335,23 @@ class Online:
             sample: numbers, or arrays (n,), by column, under this robot's own names or ident's:
                 `t`, `q.<joint>`, `tau.<joint>`, …; or a `Log`.
 
+        Samples of a block that are not whole, absurd or not later than those before are left out:
+        `left_out` has their rows and why.
+
         Raises:
-            LogError: for a sample that is not whole, or not later than those before. It is left
-                out, and others may follow.
+            LogError: for one sample that is left out; others may follow.
             MotionError: if the first seconds do not determine the motion.
         """
         if self._stream is not None:
             self._absorb(self._stream, self._stream.push(sample))
+            self.left_out = self._stream.left_out
             return
-        self._first.append(self._parser(sample))
+        X, _ = self._parser(sample)
+        self.left_out = self._parser.left_out
+        self._parser.refuse_one()
+        if not len(X):
+            return
+        self._first.append(X)
         if self.t - self._first[0][0, 0] >= self._warmup or self.samples >= LONGEST:
             self._start()
 
@@ -355,6 +364,21 @@ class Online:
         """
         stream = self._stream or self._start()
         self._absorb(stream, stream.flush())
+        return self._found(stream)
+
+    def finish(self) -> Snapshot:
+        """Return the snapshot of all samples: what waits for later ones is not waited for.
+
+        Samples that come after it begin a new run, as after a gap.
+
+        Raises:
+            FitError, LogError, MotionError: as `snapshot`.
+        """
+        stream = self._stream or self._start()
+        self._absorb(stream, stream.finish())
+        return self._found(stream)
+
+    def _found(self, stream: Stream) -> Snapshot:
         solved, informed = self._solve()
         parameters, held = self._stated(solved, informed)
         ahead, self._ahead = self._ahead, Squares.zero(len(self._units))

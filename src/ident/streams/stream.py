@@ -4,21 +4,13 @@
            → Γ p + E c = τ in the independent coordinates → the rows' filter
 
 Rows are made for a few samples together, since most of the time that one takes is not arithmetic.
-Derivatives are those of one polynomial a sample and joint, over the channels k of the joint:
-
-    min_c Σ_k Σ_i |x_k(t_i) − u^(k)(t_i)|² / σ_k²,    u(t) = Σ_j c_j (t − t₀)^j,   |t_i − t₀| ≤ M dt
-
-It is linear in the samples, so that its coefficients are made once. Source: A. Savitzky, M. Golay,
-Anal. Chem. 36(8), 1964; here with several derivatives measured.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 from itertools import pairwise
-from math import factorial
 from typing import Any
 
 import numpy as np
@@ -28,7 +20,6 @@ from ident.equations.filter import STICKING, Decimator, FilterRun
 from ident.equations.rows import CHUNK, Rows, largest_transmission, raw_rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, LogError, MotionError, one_of
-from ident.information import linear
 from ident.log import Column, Log
 from ident.mechanism.mechanism import Mechanism, Multipliers
 from ident.motion import Motion
@@ -44,16 +35,14 @@ from ident.motion.signals import (
     is_signal,
     usual_range,
 )
-from ident.motion.smoothing import AS_LOGGED
+from ident.motion.smoothing import AS_LOGGED, ENDS
 from ident.motion.state import State, largest_nearness, nearness, wrenches
+from ident.streams.fixed_lag import EXACT, LAG, FixedLag
 
 LATENCY = 0.02  # [s] that samples may wait for others
 TOGETHER = 32  # samples that need not wait longer
 ORDERS = "qva"
 PLACES = 64  # configurations from which a stream may set out
-DEGREE = 6  # of the local polynomial
-WIDTH = 1.6  # knots of the log's splines on either side of a sample, see `Setting.half`
-CLEAN = 3  # samples on either side, of signals that need no smoothing: they are interpolated
 SHARPEST = 1e-9  # of what a channel of unit size can be trusted to, as `complete` has it
 SPLINE, TWICE = 12, 2  # samples: where a cubic spline forgets its ends; lost by two differences
 
@@ -125,17 +114,32 @@ class Setting(Recipe):
         """Cut-off of the rows' zero-phase filter [Hz]; None: no filter."""
         return self.band.cutoff
 
-    @cached_property
-    def half(self) -> int:
-        """M, samples on either side from which a local polynomial smooths as the log's splines do.
+    @property
+    def spacing(self) -> float:
+        """Distance of the knots of the joints that are not taken as logged [s]."""
+        return self.knots or 1 / self.rate
 
-        One of degree N over 2 M + 1 samples passes what is below (N + 1)/(3.2 M − 4.6) of half the
-        rate (R. Schafer, IEEE Signal Process. Mag. 28(4), 2011, eq. 11): of degree 6 over 1.6 knots
-        to either side 1.4 times what splines pass, and leaves as much noise as they do. 0: all is
-        taken as logged.
-        """
-        smooth = max(CLEAN, round(WIDTH * self.knots * self.rate))
-        return 0 if self.taken == self.logged else smooth
+    @property
+    def smoothing_lag(self) -> int:
+        """Samples after one that its splines need; 0: all is taken as logged."""
+        if self.taken == self.logged:
+            return 0
+        return max(EXACT, int(np.ceil(LAG * self.spacing * self.rate)))
+
+    def smoother(self, columns: Sequence[str]) -> FixedLag:
+        """Return the smoother of the logged joints; `columns` of the samples."""
+        pairs = list(zip(self.logged, self.channels, strict=True))
+        names = [[f"{order}.{name}" for order in orders] for name, orders in pairs]
+        rough = any("a" not in orders for name, orders in pairs if name not in self.taken)
+        return FixedLag(
+            self.channels,
+            [[columns.index(name) for name in own] for own in names],
+            [[max(self.noise.get(name, 0.0), SHARPEST) for name in own] for own in names],
+            [i for i, name in enumerate(self.logged) if name in self.taken],
+            self.spacing,
+            self.smoothing_lag,
+            ENDS * self.knots if rough else 0.0,
+        )
 
     @property
     def motion_columns(self) -> tuple[str, ...]:
@@ -147,9 +151,14 @@ class Setting(Recipe):
 class SampleParser:
     """Takes samples under this robot's own names or ident's, checks them and scales them to SI.
 
+    A time far ahead of the last one waits for its successor: if that comes before it, the time that
+    jumped was wrong, and not all that follow.
+
     Attributes:
         columns: of the arrays that it makes, `t` first; empty before the first sample.
         last: time of the last sample [s].
+        left_out: (row, why) of the samples of the last call that are left out; of one that waited
+            since an earlier call the row is negative.
     """
 
     def __init__(
@@ -158,14 +167,17 @@ class SampleParser:
         mapping: Mapping[str, Column],
         columns: Sequence[str] | None = None,
         reads: Sequence[str] = (),
+        gap: float = np.inf,
     ) -> None:
         self._name, self._mapping, self._reads = name, dict(mapping), {"t", *reads}
-        self._any = columns is None
+        self._any, self._gap = columns is None, gap  # [s] by which a time is far ahead
         self.columns: tuple[str, ...] = () if columns is None else ("t", *columns)
         self.last = -np.inf
+        self._ahead: np.ndarray | None = None  # the sample that waits
+        self.left_out: list[tuple[int, str]] = []
 
-    def __call__(self, sample: Sample) -> np.ndarray:
-        """Return a sample or a block as an array (n, columns)."""
+    def __call__(self, sample: Sample) -> tuple[np.ndarray, np.ndarray]:
+        """Return the samples that are whole and in order (n, columns), and their rows (n,)."""
         given = self._renamed(sample)
         names = self.columns or tuple(dict.fromkeys(("t", *given)))
         if lacking := [name for name in (("t",) if self._any else names) if name not in given]:
@@ -188,25 +200,54 @@ class SampleParser:
                 f"{self._name}: a sample is neither numbers nor arrays of equal length; give one "
                 "number a column, or one array (n,) a column"
             ) from None
+        self.left_out, self._given, row = [], len(X), np.arange(len(X))
         bad = ~(np.abs(X) < LARGEST)
         if self._any:
             bad &= np.array([n in self._reads or is_signal(n) for n in names])
-        if bad.any():
-            row, at = np.argwhere(bad)[0]
-            raise LogError(
-                f"{self._name}: {names[at]} = {X[row, at]:.4g} in the sample at t = "
-                f"{X[row, 0]:.6g} s; every column needs a finite number in every sample"
-            )
-        t = X[:, 0]
-        if not (t[0] > self.last and (len(t) == 1 or (np.diff(t) > 0).all())):
-            t = np.append(self.last, t)
-            at = int(np.argmax(~(np.diff(t) > 0)))
-            raise LogError(
-                f"{self._name}: a sample at t = {t[at + 1]:.6g} s comes after one at {t[at]:.6g} "
-                "s; times must increase"
-            )
-        self.columns, self.last = names, float(t[-1])
-        return X
+        for i in np.flatnonzero(bad.any(axis=1)):
+            at = int(bad[i].argmax())
+            why = "every column needs a finite number in every sample"
+            self.leave_out(int(i), names[at], X[i], at, why)
+        X, row = X[~bad.any(axis=1)], row[~bad.any(axis=1)]
+        if self._ahead is not None and len(X):
+            X, row = np.concatenate([self._ahead[None], X]), np.append(-1, row)
+            self._ahead = None
+        good = self._ordered(X[:, 0], row)
+        X, row = X[good], row[good]
+        before = X[-2, 0] if len(X) > 1 else self.last
+        if len(X) and np.isfinite(before) and X[-1, 0] - before > self._gap:
+            X, row, self._ahead = X[:-1], row[:-1], X[-1]
+        self.columns, self.last = names, float(X[-1, 0]) if len(X) else self.last
+        return X, row
+
+    def refuse_one(self) -> None:
+        """Raise LogError if the last call was given one sample, which is left out."""
+        if self._given == 1 and self.left_out and self.left_out[-1][0] == 0:
+            raise LogError(self.left_out[-1][1])
+
+    def _ordered(self, t: np.ndarray, row: np.ndarray) -> np.ndarray:
+        """(n,) samples whose times increase."""
+        good = np.ones(len(t), dtype=bool)
+        whole = np.append(self.last, t)
+        if (np.diff(whole) > 0).all():
+            return good
+        before, follows = self.last, np.append(t[1:], np.inf)
+        for i in range(len(t)):
+            if t[i] > before and t[i] - before > self._gap and before < follows[i] <= t[i]:
+                good[i], why = False, f"comes before one at {follows[i]:.6g} s"
+            elif t[i] <= before:
+                good[i], why = False, f"comes after one at {before:.6g} s"
+            else:
+                before = t[i]
+                continue
+            text = f"{self._name}: a sample at t = {t[i]:.6g} s {why}; times must increase"
+            self.left_out.append((int(row[i]), text))
+        return good
+
+    def leave_out(self, row: int, column: str, x: np.ndarray, at: int, why: str) -> None:
+        """Note that a sample x is left out for one of its columns."""
+        where = f"in the sample at t = {x[0]:.6g} s"
+        self.left_out.append((row, f"{self._name}: {column} = {x[at]:.4g} {where}; {why}"))
 
     def _renamed(self, sample: Sample) -> Mapping[str, Any]:
         """Return the columns of a sample under ident's names, in SI."""
@@ -222,8 +263,9 @@ class SampleParser:
         return given
 
 
-Block = tuple[int, np.ndarray]
-"""Number of the first sample, in steps of the clock, and samples (n, columns) without a gap."""
+Block = tuple[int, np.ndarray, np.ndarray]
+"""Number of the first sample in steps of the clock, samples (n, columns) without a gap, and the
+samples of the log behind them."""
 
 
 class StreamClock:
@@ -238,12 +280,16 @@ class StreamClock:
         self._last: np.ndarray | None = None  # the last sample that came
         self._t, self._number = 0.0, 0  # of the last instant of the clock, of the next one
 
+    def cut(self) -> None:
+        """Begin anew with the next sample."""
+        self._last, self._number = None, self._number + 2
+
     def __call__(self, X: np.ndarray) -> Iterator[Block]:
         """Yield the blocks that samples X (n, columns), `t` first, make."""
         dt, begun = self._dt, self._last is not None
         if self._free:
             self._number += len(X)
-            yield self._number - len(X), X
+            yield self._number - len(X), X, X
             return
         whole = X if self._last is None else np.concatenate([self._last[None], X])
         self._last = X[-1]
@@ -263,9 +309,11 @@ class StreamClock:
                     t = self._t + dt * np.arange(1, instants + 1)
                     columns = [np.interp(t, run[:, 0], x) for x in run.T[1:]]
                     samples = np.stack([t, *columns], axis=1)
-            if len(block := np.concatenate([first, samples])):
+            block, logged = np.concatenate([first, samples]), np.concatenate([first, run[1:]])
+            if len(block):
                 self._t, self._number = float(block[-1, 0]), self._number + len(block)
-                yield self._number - len(block), block
+            if len(logged):
+                yield self._number - len(block), block, logged
 
 
 class Overlap:
@@ -273,62 +321,32 @@ class Overlap:
 
     def __init__(self, count: int) -> None:
         self._count, self._number = count, 0
-        self._last: Any = None
+        self._last: State | None = None
 
-    def __call__(self, number: int, new: Any) -> tuple[int, Any]:
-        """Return the number of the first sample and all samples: arrays, or an `State`."""
+    def __call__(self, number: int, new: State) -> tuple[int, State]:
+        """Return the number of the first sample and all samples."""
         last = self._last
         if not self._count:
             return number, new
         if last is not None and self._number + len(last) == number:
             number, new = self._number, _joined(last, new)
         first = max(0, len(new) - self._count)
-        places = slice(first, None)
-        self._number = number + first
-        self._last = new.at_samples(places) if isinstance(new, State) else new[places]
+        self._number, self._last = number + first, new.at_samples(slice(first, None))
         return number, new
 
 
-def _joined(a: Any, b: Any) -> Any:
-    """One block of samples after the other: arrays, or `State`s."""
-    if isinstance(a, np.ndarray):
-        return np.concatenate([a, b])
-    arrays = {
+def _joined(a: State, b: State) -> State:
+    """One block of samples after the other."""
+    arrays: dict[str, Any] = {
         each.name: np.concatenate([x, getattr(b, each.name)])
         for each in fields(a)
         if each.name != "still" and isinstance(x := getattr(a, each.name), np.ndarray)
     }
     extra = {name: np.concatenate([x, b.extra[name]]) for name, x in a.extra.items()}
     loop = None
-    if a.loop is not None:
-        loop = tuple(np.concatenate(both) for both in zip(a.loop, b.loop, strict=True))
+    if a.loop is not None and b.loop is not None:
+        loop = np.concatenate([a.loop[0], b.loop[0]]), np.concatenate([a.loop[1], b.loop[1]])
     return replace(a, **arrays, extra=extra, loop=loop)
-
-
-def _derivative_weights(setting: Setting) -> tuple[np.ndarray, np.ndarray]:
-    """(channels, 2 M + 1, 3) how samples of each channel add to q, v, a, and (channels,) of which
-    of the logged joints.
-    """
-    weights, joint, M = [], [], setting.half
-    for i, (name, orders) in enumerate(zip(setting.logged, setting.channels, strict=True)):
-        joint += [i] * len(orders)
-        if name in setting.taken:
-            own = np.zeros((3, 2 * M + 1, 3))
-            own[range(3), M, range(3)] = 1.0
-            weights.append(own)
-            continue
-        unit = M / setting.rate  # [s], so that powers are of numbers up to 1
-        s, j = np.arange(-M, M + 1) / max(M, 1), np.arange(min(DEGREE, 2 * M) + 1)
-        sigma = [max(setting.noise.get(f"{order}.{name}", 0.0), SHARPEST) for order in orders]
-        rows = []
-        for order, noise in zip(orders, sigma, strict=True):
-            k = ORDERS.index(order)
-            fall = np.array([factorial(n) / factorial(n - k) if n >= k else 0.0 for n in j])
-            rows.append(fall * s[:, None] ** np.maximum(j - k, 0) / unit**k / noise)
-        fit = linear.pinv(np.concatenate(rows))[:3] / np.repeat(sigma, 2 * M + 1)  # c = fit x
-        fit *= (np.array([1.0, 1.0, 2.0]) / unit ** np.arange(3))[:, None]
-        weights.append(fit.T.reshape(len(orders), 2 * M + 1, 3))
-    return np.concatenate(weights), np.array(joint, dtype=int)
 
 
 class ClosureFollower:
@@ -428,6 +446,7 @@ class Stream:
     Attributes:
         windows: the samples of which the last call made rows.
         samples: how many have come.
+        left_out: (row, why) of the samples of the last call that are left out.
 
     Raises:
         FitError: for an effect that a whole log decides, naming it.
@@ -451,22 +470,24 @@ class Stream:
         reads = tuple(x for effect in mechanism.effects for x in effect.reads())
         others = tuple(dict.fromkeys((*torques, *setting.wrenches, *reads)))
         needed = (*setting.motion_columns, *others)
-        self._parser = SampleParser(mechanism.name, mechanism.columns, needed)
+        self._parser = SampleParser(
+            mechanism.name, mechanism.columns, needed, gap=GAP / setting.rate
+        )
         place = self._parser.columns.index
         usual = [setting.usual.get(name, (0.0, np.inf)) for name in self._parser.columns]
         self._centre, self._reach = np.array(usual).T
         self._absurd = 0  # samples in a row that are no measurements
+        self.left_out: list[tuple[int, str]] = []
         self._others = {name: place(name) for name in others}
         self._torques = [place(name) for name in torques]
-        self._motion = np.array([place(name) for name in setting.motion_columns])
-        self._weights, self._joint = _derivative_weights(setting)
         self._margin = margin_of(mechanism, setting.rate, setting.cutoff)
-        self._raw, self._completed = Overlap(2 * setting.half), Overlap(2 * self._margin)
+        self._smoother = setting.smoother(self._parser.columns)
+        self._completed = Overlap(2 * self._margin)
         self._follower = ClosureFollower(mechanism, setting)
         self._decimator, self._sticking = Decimator.of(setting.cutoff, setting.rate), sticking
         self._run: FilterRun | None = None
         self._recent = np.empty(0)  # t of the samples that the filter holds
-        free = setting.half == self._margin == 0 and setting.cutoff is None
+        free = setting.smoothing_lag == self._margin == 0 and setting.cutoff is None
         self._clock = StreamClock(setting.rate, free)
         self._block = int(np.clip(round(latency * setting.rate), 1, TOGETHER))
         self._waiting: list[np.ndarray] = []
@@ -481,7 +502,7 @@ class Stream:
     @property
     def lag(self) -> float:
         """By how much the newest row is older than the newest sample, at most [s]."""
-        around = self.setting.half + self._margin + self._decimator.half
+        around = self.setting.smoothing_lag + self._margin + self._decimator.half
         return (around + self._decimator.factor - 1 + self._block - 1) / self.setting.rate
 
     @property
@@ -501,7 +522,11 @@ class Stream:
             LogError: for a sample that is not whole, or absurd; of a block, absurd ones are left
                 out.
         """
-        X = self._measured(self._parser(sample))
+        X = self._measured(*self._parser(sample))
+        self.left_out = self._parser.left_out
+        self._parser.refuse_one()
+        for _, why in self.left_out:
+            self._follower.lose(1, why)
         self.samples += len(X)
         if len(X):
             self._waiting.append(X)
@@ -510,20 +535,21 @@ class Stream:
         self.windows = []
         return []
 
-    def _measured(self, X: np.ndarray) -> np.ndarray:
+    def _measured(self, X: np.ndarray, row: np.ndarray) -> np.ndarray:
         """Leave out samples far from what is usual, unless several follow each other."""
         far = np.abs(X - self._centre) > self._reach
+        odd = far.any(axis=1)
+        if not odd.any():
+            self._absurd = 0 if len(X) else self._absurd
+            return X
         good = np.ones(len(X), dtype=bool)
-        for i, odd in enumerate(far.any(axis=1)):
-            self._absurd = self._absurd + 1 if odd else 0
-            good[i] = not 0 < self._absurd < LONE
-        for row in np.flatnonzero(~good)[-1:]:
-            at = int(far[row].argmax())
-            name, value, t = self._parser.columns[at], X[row, at], X[row, 0]
-            why = f"{name} = {value:.4g} in the sample at t = {t:.6g} s {NO_MEASUREMENT}"
-            if len(X) == 1:
-                raise LogError(f"{self.mechanism.name}: {why}")
-            self._follower.lose(int((~good).sum()), why)
+        for i in range(len(X)):
+            self._absurd = self._absurd + 1 if odd[i] else 0
+            if 0 < self._absurd < LONE:
+                good[i], at = False, int(far[i].argmax())
+                self._parser.leave_out(
+                    int(row[i]), self._parser.columns[at], X[i], at, f"it {NO_MEASUREMENT}"
+                )
         return X[good]
 
     def flush(self) -> list[Rows]:
@@ -534,46 +560,35 @@ class Stream:
             rows
             for start in range(0, len(X), CHUNK)
             for block in self._clock(X[start : start + CHUNK])
-            for rows in self._rows_of(*block)
+            for smooth in self._smoother(*block)
+            for rows in self._rows_of(*smooth)
         ]
 
-    def _rows_of(self, number: int, X: np.ndarray) -> Iterator[Rows]:
-        """Yield the rows that a block of samples X (n, columns) completes."""
-        half, margin = self.setting.half, self._margin
-        number, X = self._raw(number, X)
-        X, known = X[half : len(X) - half], self._derived(X)
-        if not len(X):
-            return
+    def finish(self) -> list[Rows]:
+        """Return all rows that are left, as before a gap; further samples begin a new run."""
+        made = self.flush()
+        self._clock.cut()
+        return made + [rows for x in self._smoother.finish() for rows in self._rows_of(*x)]
+
+    def _rows_of(self, number: int, X: np.ndarray, known: np.ndarray) -> Iterator[Rows]:
+        """Yield the rows that samples X (n, columns) complete; known (3, n, logged): q, v, a."""
+        margin, setting = self._margin, self.setting
         e, places = self._experiment(X, known)
         jumps = np.flatnonzero(np.diff(places) != 1) + 1
         for i, j in pairwise([0, *jumps, len(places)]):
             if i == j:
                 continue
-            first, around = self._completed(
-                number + half + int(places[i]), e.at_samples(slice(i, j))
-            )
+            first, around = self._completed(number + int(places[i]), e.at_samples(slice(i, j)))
             if len(around) <= 2 * margin:
                 continue
             window = SampleWindow(around, slice(margin, len(around) - margin))
             self.windows.append(window)
             sample = np.arange(first + margin, first + len(around) - margin)
-            setting = self.setting
             scene = Scene.of(self.mechanism, self.columns, around, self.point, setting.cutoff)
             raw = raw_rows(scene, window.inside, setting.farthest)
             rows = self._filtered(replace(raw, sample=sample))
             if rows is not None:
                 yield rows
-
-    def _derived(self, X: np.ndarray) -> np.ndarray:
-        """q, v, a (3, n, logged) of the samples that have neighbours on both sides."""
-        half, x = self.setting.half, X[:, self._motion]
-        if not half:  # every channel of every joint is there, q, v, a of one after another
-            return x.reshape(len(X), -1, len(ORDERS)).transpose(2, 0, 1)
-        known = np.zeros((len(self.setting.logged), max(len(X) - 2 * half, 0), 3))
-        if known.shape[1]:
-            windows = np.lib.stride_tricks.sliding_window_view(x, 2 * half + 1, axis=0)
-            np.add.at(known, self._joint, windows.transpose(1, 0, 2) @ self._weights)
-        return known.transpose(2, 1, 0)
 
     def _experiment(self, X: np.ndarray, known: np.ndarray) -> tuple[State, np.ndarray]:
         setting = self.setting
