@@ -150,3 +150,22 @@ def test_unknown_links_only(robots):
             assert abs(found[name].value - true) < 4 * found[name].stderr + 1e-4
     assert found["hand.m"].value == pytest.approx(1.2638, rel=0.02)
     assert found["hand.m"].stderr < 0.03
+
+
+def test_dry_friction_does_not_depend_on_the_speed_of_standstill():
+    """Torques with sign(v) itself; a ramp would bias Fc by up to 4e-3."""
+    mechanism, motion = robot("arm"), motion_log("arm", 500.0, 20.0)
+    rigid = plant(mechanism.with_effect("viscous"), motion)
+    level = {name: 0.3 for name in mechanism.driven}
+    columns = dict(rigid.log.columns)
+    for name, Fc in level.items():
+        columns[f"tau.{name}"] = columns[f"tau.{name}"] + Fc * np.sign(columns[f"v.{name}"])
+    log = ident.Log.from_arrays("sign.csv", rigid.log.t, columns)
+    both = mechanism.with_effect("viscous").with_effect("coulomb")
+    motion = ident.complete(both, log, cutoff=8.0)
+    e = motion.experiments[0]
+    for times in (0.3, 1.0, 3.0):
+        other = replace(motion, experiments=(replace(e, still=times * e.still),))
+        fit = ident.identify(both, other, estimator="least-squares")
+        for name, Fc in level.items():
+            assert fit[f"coulomb.{name}.Fc"].value == pytest.approx(Fc, rel=1.5e-3)
