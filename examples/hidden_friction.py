@@ -33,7 +33,7 @@ def main() -> None:
     report(diagnosis)
     for each in diagnosis.candidates:
         if each.effect.kind == "coulomb":
-            print(f"  with {each.effect.label} the squared error falls by {100 * each.fall:.1f} %")
+            print(f"  with {each.effect.label} the error falls by {100 * each.fall:.1f} %")
     paragraph("next experiment", diagnosis.next_experiment)
     assert rigid.held_out["crank"].rms > 3 * diagnosis.floor["crank"]
     assert diagnosis.verdict == "missing"

@@ -99,6 +99,11 @@ def json_bytes(content: Mapping[str, Any]) -> bytes:
     return text.encode() + b"\n"
 
 
+def json_line(content: Mapping[str, Any]) -> str:
+    """Return the same in one line of ASCII, for another program to read."""
+    return json.dumps(plain(content), allow_nan=False)
+
+
 def write_all(folder: Path, contents: Mapping[str, bytes | Path]) -> list[Path]:
     """Write the files of a folder, all or none of them.
 

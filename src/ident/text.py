@@ -67,6 +67,29 @@ def some(names: Sequence[str], most: int = 4) -> str:
     return f"{', '.join(names[:most])} and {len(names) - most} more"
 
 
+def places(names: Iterable[str]) -> str:
+    """Return names as an enumeration, three or more with numbers in a row as a range.
+
+    >>> places(["b1", "a4", "a3", "a5", "b2"])
+    'a3 to a5, b1 and b2'
+    """
+    order = list(names)
+    parts = [(name.rstrip("0123456789"), name) for name in order]
+    if all(name != stem for stem, name in parts):
+        order = [name for _, name in sorted(parts, key=lambda p: (p[0], int(p[1][len(p[0]) :])))]
+    runs: list[list[str]] = []
+    for name in order:
+        stem = name.rstrip("0123456789")
+        number = int(name[len(stem) :] or 0)
+        if runs and number and runs[-1][-1] == f"{stem}{number - 1}":
+            runs[-1].append(name)
+        else:
+            runs.append([name])
+    return listed(
+        word for run in runs for word in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else run)
+    )
+
+
 def percent(relative: float | None) -> str:
     """Return a relative error in percent, or a dash where nothing was measured."""
     return "–" if relative is None else f"{100 * relative:.3g} %"

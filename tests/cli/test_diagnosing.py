@@ -82,7 +82,7 @@ def test_grow_prints_the_ladder_and_writes_a_mechanism(arm_folder, tmp_path, don
     outcome = done("grow", arm_folder, log, *words, "--validate", log, "--out", out)
     assert snapshot(arm_folder) == before
     lines = outcome.out.splitlines()
-    assert lines[1].split() == ["effect", "yaw", "shoulder", "elbow", "wrist", "fall"]
+    assert lines[1].split() == ["effect", "yaw", "shoulder", "elbow", "wrist"]
     assert lines[2].startswith("as given")
     assert lines[3].startswith("  on run.csv")
     rungs = [line for line in lines if line.startswith("+ ")]
@@ -91,7 +91,7 @@ def test_grow_prints_the_ladder_and_writes_a_mechanism(arm_folder, tmp_path, don
     files = {path.name for path in out.iterdir()}
     assert files >= {
         "mechanism.toml", "arm.urdf", "fit.json", "multipliers.csv", "diagnosis.json",
-        "report.html",
+        "report.html", "grow.json",
     }  # fmt: skip
     tables = tomllib.loads((out / "mechanism.toml").read_text(encoding="utf-8"))["effect"]
     assert all(set(table) == {"kind", "joint"} for table in tables)  # nothing is filled in

@@ -15,7 +15,7 @@ from ident.show.html import Page, Section
 from identification import motion_log, plant, robot
 from pages import titles
 
-PATIENCE = 60_000  # ms, on a busy machine
+PATIENCE = 20_000  # ms, on a busy machine
 DRAWN = "figure.chart[data-drawn] canvas"
 N = 100_000
 

@@ -44,23 +44,20 @@ def test_the_fall_announced_is_the_fall_delivered(name):
     old = ident.identify(robot(name), motion)
     for each in linear:
         new = ident.identify(robot(name).with_effect(each.effect.label), motion)
-        squares = [0.0, 0.0]
         for joint in motion.independent:
-            for i, (told, fit) in enumerate(((each.before, old), (each.after, new))):
+            for told, fit in ((each.before, old), (each.after, new)):
                 assert told[joint].rms == pytest.approx(fit.held_out[joint].rms, rel=1e-6)
                 assert told[joint].relative == pytest.approx(fit.held_out[joint].relative, rel=1e-6)
-                torque = old.held_out[joint].rms / old.held_out[joint].relative
-                squares[i] += (fit.held_out[joint].rms / torque) ** 2
-        assert each.fall == pytest.approx(1 - squares[1] / squares[0], abs=1e-6)
+        errors = (fit.held_out[each.joint].rms for fit in (new, old))
+        assert each.fall == pytest.approx(1 - next(errors) / next(errors), abs=1e-6)
         assert each.json()["error_after"] == each.after[each.joint].relative
 
 
 def test_the_ladder_announces_the_same():
     history = ident.grow(robot("arm"), bare("arm").motion)
     first, second = history.steps[:2]
-    assert second.added is not None
-    found = next(e for e in diagnosed("arm").candidates if e.effect.label == second.added.label)
-    assert second.fall == pytest.approx(found.fall, rel=1e-9)
+    (added,) = second.added
+    found = next(e for e in diagnosed("arm").candidates if e.effect.label == added.label)
     for joint, error in second.errors.items():
         assert error.rms == pytest.approx(found.after[joint].rms, rel=1e-9)
         assert first.errors[joint].rms == pytest.approx(found.before[joint].rms, rel=1e-9)

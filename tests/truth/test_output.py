@@ -126,7 +126,7 @@ def test_the_report_is_one_file_with_everything_escaped(make, tmp_path):
         assert title in titles(page)
     assert len(charts(page)) >= 2
     if d.verdict == "missing":
-        assert f"{d.best.label} alone, all else taken off" in reading(page)
+        assert f"the line: {d.best.label}" in reading(page)
         (choice,) = page.xpath("//div[@aria-label='Which candidate']")
         assert choice[0].text == f"* {d.best.label}"
 

@@ -11,6 +11,7 @@ import ident
 from ident import Health
 from ident.diagnosis.diagnosis import Invisible, Unsupported
 from ident.fit.findings import Finding
+from ident.show.card import named
 from ident.show.diagnosis import sure
 from ident.show.diagnosis import words as text_of
 from ident.show.ladder import head, rung
@@ -33,7 +34,7 @@ def test_what_is_missing_is_named_with_its_joint_value_and_certainty():
         best.effect.signature,
         f"arm {d.best.label}`",
         "That something is missing here: ",
-        f"falls by {100 * best.evidence.gain:.1f} %",
+        f"{best.evidence.gain / best.evidence.limit:.2g} × what the best of all candidates",
         "N m",
     ):
         assert words in text
@@ -170,14 +171,26 @@ def test_a_ladder_prints_and_draws():
     history = grown()
     lines = str(history).splitlines()
     assert lines[2].startswith("as given")
-    assert any(line.startswith(f"+ {history.added[0].label}") for line in lines)
+    assert any(line.startswith("+ ") and history.added[0].kind in line for line in lines)
+    assert lines[-1].startswith("noise alone ")
     assert max(map(len, lines)) <= WIDTH
     head, *rows = history.table()
-    assert head == ["effect", "yaw", "shoulder", "elbow", "wrist", "fall", "rivals"]
-    assert len(rows) == len(history.steps)
+    assert head == ["effect", "yaw", "shoulder", "elbow", "wrist", "rivals"]
+    assert len(rows) == len(history.steps) + 1  # and what noise alone would leave
     (axis,) = history.plot().axes
-    assert [line.get_label() for line in axis.lines] == head[1:5]
-    assert [text.get_text() for text in axis.get_xticklabels()] == [row[0] for row in rows]
+    labels = [line.get_label() for line in axis.lines]
+    assert [label for label in labels if not label.startswith("_")] == head[1:5]
+    assert len(labels) == 8  # each joint's noise floor
+    assert len(axis.get_xticklabels()) == len(history.steps)
+
+
+def test_one_kind_at_several_joints_is_one_rung_and_one_name():
+    joints = [f"joint_{i}" for i in (5, 3, 4, 7)]
+    rotors = tuple(ident.effect("rotor_inertia", joint) for joint in joints)
+    step = replace(grown().steps[0], added=rotors)
+    assert str(step).startswith("+ rotor_inertia in joint_3 to ")
+    assert named(rotors) == "rotor_inertia in joint_3 to joint_5 and joint_7"
+    assert named((*rotors, ident.effect("drag", "wrist")), "or").endswith(" or drag:wrist")
 
 
 def test_a_rung_on_which_effects_go():
@@ -194,11 +207,11 @@ def test_joints_with_long_names_are_numbered():
     joints = [f"a_rather_long_name_of_joint_{i}" for i in range(6)]
     first, *more = head(joints).splitlines()
     assert "[1] a_rather_long_name_of_joint_0" in first
-    assert more[-1].split() == ["effect", *(f"[{i}]" for i in range(1, 7)), "fall"]
+    assert more[-1].split() == ["effect", *(f"[{i}]" for i in range(1, 7))]
     step = grown().steps[0]
     errors = {name: step.errors["yaw"] for name in joints}
     line = rung(replace(step, errors=errors), joints)
-    assert len(line) == len(more[-1]) - 2 - 7  # a first rung has no fall
+    assert len(line) == len(more[-1])
 
 
 def test_small_pieces():

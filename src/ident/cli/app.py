@@ -30,7 +30,7 @@ COMMANDS = {  # in which module of this package, and the first line of its docst
     "compare": ("logs", "Compare models with measurements, joint by joint."),
     "diagnose": ("logs", "Find where the model fails, and which effect is missing."),
     "grow": ("logs", "Add the best effect, refit, and repeat until none is missing."),
-    "add": ("model", "Write an effect into mechanism.toml."),
+    "add": ("model", "Write effects into mechanism.toml."),
     "effects": ("model", "List the library of effects."),
     "simulate": ("simulations", "Simulate a log of the model itself."),
     "excite": ("simulations", "Plan a periodic motion that determines most, within limits."),

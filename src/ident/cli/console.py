@@ -5,21 +5,23 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bar
 
-from ident.progress import Progress
+from ident.files import json_line
+from ident.progress import Progress, running
 
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
 NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.])")
 _steps: list[str] = []  # the present step of the command, for the line that Ctrl-C gets
 _bars: list[Bar] = []  # the bar of progress that is shown
+_resumed: list[bool] = []  # whether the command can go on later
 _written: list[Path] = []  # files that the command has written
 
 
@@ -32,6 +34,11 @@ def result(text: object) -> None:
     sys.stdout.flush()
     if bar is not None:
         bar.start()
+
+
+def result_json(content: Mapping[str, Any]) -> None:
+    """Write a result as one line of JSON."""
+    result(json_line(content))
 
 
 def close_pipe() -> None:
@@ -87,7 +94,15 @@ def fail(why: object) -> NoReturn:
 def interrupted() -> str:
     """Return one line for Ctrl-C: which step was left, and which files are complete."""
     files = f"complete: {', '.join(map(str, _written))}" if _written else "no file was written"
+    if _resumed and not _written:
+        again = running.get() + " --resume" * ("--resume" not in running.get())
+        files = f"what is done is kept; go on with: {again}"
     return f"interrupted{''.join(f' while {step}' for step in _steps)}; {files}"
+
+
+def can_resume() -> None:
+    """State that the command can go on where it is, if Ctrl-C ends it."""
+    _resumed[:] = [True]
 
 
 @contextmanager
@@ -120,7 +135,7 @@ def ended_quietly() -> Iterator[None]:
 
     These are the statuses that a shell reports of a program that ends by the signal.
     """
-    for state in (_steps, _bars, _written):
+    for state in (_steps, _bars, _written, _resumed):
         state.clear()
     try:
         yield

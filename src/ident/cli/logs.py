@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 import webbrowser
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from ident.cli.console import close_pipe, notes, progress, result, wrote
+from ident.cli.console import can_resume, close_pipe, notes, progress, result, result_json, wrote
 from ident.cli.options import (
     CHARTS,
     DIAGNOSIS_FILES,
@@ -15,8 +16,10 @@ from ident.cli.options import (
     Absolute,
     AllowCode,
     Cutoff,
+    DecisionOptions,
     FitOptions,
     Jobs,
+    Json,
     LogPaths,
     MechanismPath,
     Paths,
@@ -38,7 +41,7 @@ from ident.cli.options import (
     output_folder,
     setting,
 )
-from ident.errors import IdentError
+from ident.errors import IdentError, one_of
 from ident.progress import Progress
 
 if TYPE_CHECKING:
@@ -55,21 +58,19 @@ Verbose = Annotated[
     bool,
     option("All candidates, what the log cannot show, and the reasons.", None, "--verbose"),
 ]
-CleanSeed = Annotated[
-    int, option("Seed of the random residuals that show the effect of chance.", "N", min=0)
-]
 
 
 def check(
     model: FitOptions,
     logs: Paths = argument("Logs to be checked for what they could identify.", "LOG", default=None),
+    json: Json = False,
 ) -> None:
     """Show what was understood, and what could be identified.
 
     Joints, closures, degrees of freedom; of logs their columns, gaps and noise, and what smoothing
     left of each channel; base parameters.
     """
-    from ident.show.motion import channels, describe, structure
+    from ident.show.motion import channels, check_json, describe, structure
 
     mechanism = model.load()
     motion = seen = None
@@ -77,6 +78,9 @@ def check(
         if logs:
             motion = model.motion(mechanism, logs, on_progress, torques=False)
             seen = channels(mechanism, motion)
+        if json:
+            result_json(check_json(mechanism, motion))
+            return
         parts = [describe(mechanism, motion), motion, seen, structure(mechanism, motion)]
     result("\n\n".join(str(part) for part in parts if part is not None))
 
@@ -106,6 +110,7 @@ def identify(
     ),
     jobs: Jobs = None,
     scheduler: Scheduler = None,
+    json: Json = False,
     out: Path | None = setting("Write fit, report and identified model into this folder.", "DIR"),
 ) -> None:
     """Identify parameters, effects and multipliers from logs.
@@ -166,21 +171,26 @@ def identify(
                 estimator="likelihood" if refine else "auto",
                 progress=on_progress,
             )
-    _show(fit, gathered, reactions, out)
+    _show(fit, gathered, reactions, json, out)
 
 
-def _show(fit: Fit, gathered: Gathered | None, reactions: Path | None, out: Path | None) -> None:
+def _show(
+    fit: Fit, gathered: Gathered | None, reactions: Path | None, json: bool, out: Path | None
+) -> None:
     """Write a fit into files and to the terminal."""
-    from ident.fit.files import write_fit
+    from ident.fit.files import fit_json, write_fit
     from ident.log import read_log
     from ident.show.fit import summary
 
     known = None if reactions is None else fit.compare_multipliers(read_log(reactions))
     if out is not None:
         wrote(gathered.write(out, known) if gathered else write_fit(fit, out, known))
-    result(gathered.summary if gathered else summary(fit))
-    if known is not None:
-        result(f"\n{known}")
+    if json:
+        result_json(fit_json(fit))
+    else:
+        result(gathered.summary if gathered else summary(fit))
+        if known is not None:
+            result(f"\n{known}")
     notes(gathered.notes if gathered else fit.warnings)
     worst = max((error.relative or 0.0 for error in fit.train.values()), default=0.0)
     if not gathered and worst > DOUBTFUL:
@@ -204,6 +214,7 @@ def compare(
     absolute: Absolute = False,
     allow_code: AllowCode = False,
     plot: Plot = None,
+    json: Json = False,
     out: Path | None = setting("Write report.html and compare.json into this folder.", "DIR"),
     simulated: bool = flag(
         "Integrate the motion too, against the measured one; --plot draws that, --out adds "
@@ -219,6 +230,8 @@ def compare(
     """
     from ident.fit.compare import compare as compare_
     from ident.fit.files import read_fit
+    from ident.show.residual import comparison_json
+    from ident.show.simulate import replay_json
 
     model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute)
     if window is not None and not simulated:
@@ -234,7 +247,6 @@ def compare(
         band = saved[0].cutoff if cutoff == "fit" else cutoff_of(cutoff)
         motion = motion_of(model, logs, band, on_progress, smoothing=smoothing)
         comparison = compare_(*saved, motion=motion, progress=on_progress)
-        text = str(comparison)
         if simulated:
             from ident.simulate.replay import WINDOW, replay
 
@@ -249,19 +261,23 @@ def compare(
         wrote([plot])
     if out is not None:
         wrote(comparison.write(out) + (replayed.write(out) if replayed else []))
-    result(text)
+    if json:
+        more = {"replay": replay_json(replayed)} if replayed else {}
+        result_json(comparison_json(comparison) | more)
+    else:
+        result("\n\n".join(map(str, filter(None, (comparison, replayed)))))
     notes(motion.notes)
-    if replayed:
-        result(f"\n{replayed}")
 
 
 def diagnose(
     model: FitOptions,
     logs: LogPaths,
-    seed: CleanSeed = 0,
+    rule: DecisionOptions,
     jobs: Jobs = None,
     scheduler: Scheduler = None,
+    fail_on: Texts = setting("End with status 3 where this is the verdict.", "VERDICT"),
     verbose: Verbose = False,
+    json: Json = False,
     out: Path | None = setting(
         "Write diagnosis.json and report.html into this folder, and suggestion.py where an "
         "expression is suggested.",
@@ -271,9 +287,16 @@ def diagnose(
     """Find where the model fails, and which effect is missing.
 
     Every effect of the library at every place is judged by errors held out in time. The verdict is
-    missing, unexplained, undecided or nothing; the exit status is 0 for each of them. With a
-    folder, each log is also diagnosed by itself, on many processes or machines.
+    missing, unexplained, undecided or nothing; the exit status is 0 for each of them, unless
+    --fail-on names it. With a folder, each log is also diagnosed by itself, on many processes or
+    machines; --fail-on then looks at every log and at all of them together.
     """
+    from ident.diagnosis.diagnosis import VERDICTS
+
+    for each in fail_on or ():
+        if each not in VERDICTS:
+            raise IdentError(f"--fail-on {each}: is no verdict; {one_of(each, VERDICTS)}")
+    decision = rule.given
     mechanism = model.load()
     output_folder(out, [*DIAGNOSIS_FILES, "logs.csv"], logs)
     found: Diagnosis | Verdicts
@@ -286,10 +309,10 @@ def diagnose(
                 logs,
                 cutoff=cutoff_of(model.cutoff),
                 smoothing=knots_of(model.smoothing),
-                seed=seed,
                 jobs=jobs,
                 scheduler=scheduler,
                 progress=on_progress,
+                **decision,
             )
             remarks = found.notes
         else:
@@ -298,20 +321,28 @@ def diagnose(
 
             motion = model.motion(mechanism, logs, on_progress)
             fit = identify(mechanism, motion, estimator="least-squares", progress=on_progress)
-            found, remarks = diagnose_(fit, seed=seed, progress=on_progress), fit.warnings
-        text = str(found) if verbose else found.short
+            found, remarks = diagnose_(fit, progress=on_progress, **decision), fit.warnings
+        text = "" if json else str(found) if verbose else found.short
     if out is not None:
         wrote(found.write(out))
-    result(text)
+    if json:
+        result_json(found.json())
+    else:
+        result(text)
     notes(remarks)
+    if bad := sorted(found.verdicts & set(fail_on or ())):
+        notes([f"status 3, since --fail-on is {', '.join(bad)}"])
+        sys.exit(3)
 
 
 def grow(
     model: FitOptions,
     logs: LogPaths,
+    rule: DecisionOptions,
     validate: Paths = setting("Show errors on this log too; nothing is fitted to it.", "LOG"),
-    seed: CleanSeed = 0,
+    resume: bool = flag("Go on where an interrupted run with the same --out was.", "--resume"),
     verbose: Verbose = False,
+    json: Json = False,
     out: Path | None = setting(
         "Write the grown mechanism into this folder, with the last fit, diagnosis and report. "
         "Refused for the mechanism's own folder.",
@@ -323,9 +354,12 @@ def grow(
     Prints the ladder of held-out errors while it runs, then the diagnosis of the last model.
     """
     from ident.diagnosis import grow as grow_
-    from ident.show.ladder import head, refuse_own, rung
+    from ident.show.ladder import head, noise_rung, refuse_own, rung
 
+    decision = rule.given
     mechanism = model.load()
+    if resume and out is None:
+        raise IdentError("--resume: goes on in the folder of --out; give the one of that run")
     if out is not None:
         refuse_own(mechanism, out)
     output_folder(out, [*FIT_FILES, *DIAGNOSIS_FILES], [*logs, *(validate or ())])
@@ -333,7 +367,11 @@ def grow(
         motion = model.motion(mechanism, logs, on_progress)
 
         def reached(step: Step) -> None:
-            first = step.added is None and not step.removed
+            first = not step.added and not step.removed
+            if out is not None and not first:
+                can_resume()
+            if json:
+                return
             lines = [head(motion.independent)] if first else []
             try:
                 result("\n".join([*lines, rung(step, motion.independent)]))
@@ -343,9 +381,11 @@ def grow(
         history = grow_(
             mechanism,
             motion,
-            seed=seed,
             progress=on_progress,
             step=reached,
+            checkpoint=out,
+            resume=resume,
+            **decision,
             validate=model.motion(mechanism, validate, on_progress, like=motion)
             if validate
             else None,
@@ -353,7 +393,10 @@ def grow(
         text = str(history.diagnosis) if verbose else history.diagnosis.short
     if out is not None:
         wrote(history.write(out))
-    result(f"\n{text}")
+    if json:
+        result_json(history.json())
+    else:
+        result(f"{noise_rung(history)}\n\n{text}")
     notes(history.fit.warnings)
 
 

@@ -26,22 +26,25 @@ from ident.errors import IdentError
 
 def add(
     mechanism: MechanismPath,
-    effect: str = argument(
-        "As viscous:elbow, viscous for all driven joints, or file.py:function:elbow.",
+    effect: list[str] = argument(
+        "One or several, as viscous:elbow, viscous for all driven joints, or "
+        "file.py:function:elbow.",
         "EFFECT",
         default=...,
         autocompletion=kinds_beginning,
     ),
     allow_code: AllowCode = False,
 ) -> None:
-    """Write an effect into mechanism.toml.
+    """Write effects into mechanism.toml.
 
     A bare URDF gets a mechanism.toml beside it.
     """
     from ident.mechanism.write import add_effects
 
     before = mechanism_of(mechanism, allow_code=allow_code)
-    after = with_effect(before, effect, allow_code=allow_code)
+    after = before
+    for each in effect:
+        after = with_effect(after, each, allow_code=allow_code)
     new = [each for each in after.effects if each not in before.effects]
     path = add_effects(before, new)
     if before.toml is None:

@@ -115,6 +115,9 @@ Spacing = Annotated[float | None, option("Distance of the basis' knots in second
 Absolute = Annotated[bool, option("Work in absolute coordinates, six a body.", None, "--absolute")]
 Plot = Annotated[Path | None, option("Draw it into this .png, .svg, .pdf or .html.", "FILE")]
 Seed = Annotated[int, option("Seed of the noise.", "N", min=0)]
+Json = Annotated[
+    bool, option("Print one line of JSON, the content of the file, not text.", None, "--json")
+]
 Jobs = Annotated[int | None, option("Processes on this machine. Default: one a core.", "N")]
 Scheduler = Annotated[
     str | None,
@@ -173,6 +176,30 @@ class FitOptions(ModelOptions):
         """Return the completed motion of logs, with the cut-off of the motion `like` if given."""
         cutoff = cutoff_of(self.cutoff) if like is None else like.band.cutoff
         return motion_of(mechanism, logs, cutoff, on_progress, torques, self.smoothing)
+
+
+@dataclass(frozen=True)
+class DecisionOptions:
+    """What it takes to name an effect."""
+
+    alpha: Annotated[float, option("Chance of a name where nothing is missing.", "P")] = 0.01
+    material: Annotated[
+        float, option("Share of a joint's torque below which an effect does not matter.", "SHARE")
+    ] = 0.003
+    rival_se: Annotated[
+        float, option("Standard errors within which two effects are not told apart.", "Z")
+    ] = 2.0
+    seed: Annotated[
+        int, option("Seed of the random residuals that show the effect of chance.", "N", min=0)
+    ] = 0
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """Return them as keywords of the library, refused before the long work if invalid."""
+        from ident.diagnosis.selection import Decision
+
+        Decision(self.alpha, self.material, self.rival_se)
+        return vars(self)
 
 
 def mechanism_of(

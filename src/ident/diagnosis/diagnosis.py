@@ -17,7 +17,14 @@ from ident.diagnosis.found_curves import FoundCurve, curve_of
 from ident.diagnosis.laws import FoundLaw, laws_of
 from ident.diagnosis.null import NoiseDraws, noise
 from ident.diagnosis.search import Member, Selection, select
-from ident.diagnosis.selection import Decision, Evidence, Ranking, torque_squares
+from ident.diagnosis.selection import (
+    Decision,
+    Evidence,
+    Ranking,
+    Weigh,
+    chance_of,
+    torque_squares,
+)
 from ident.diagnosis.unobservable import Invisible, Unsupported, invisible, name_of, unsupported
 from ident.display import Plotted, render
 from ident.effects import Effect
@@ -27,10 +34,12 @@ from ident.fit import Fit, identify
 from ident.fit.residual import Failure, Periods, residual_of
 from ident.fit.values import Value
 from ident.information.blocks import Error
+from ident.information.hypotheses import PartialRegression
 
 SHOWN = 3  # candidates that are listed though nothing speaks for them
 LISTED = 8  # candidates that are listed at most
 LOUD = 1.25  # times the largest of the noise's draws, from which a residual is more than noise
+VERDICTS = ("missing", "nothing", "unexplained", "undecided")
 AGAIN = 0.6  # correlation of a residual between periods that noise does not have
 
 
@@ -43,7 +52,6 @@ class Explanation:
         joint: the independent joint whose error it lowers most.
         fit: everything refitted with it, on all rows; None where its numbers are announced.
         before, after: held-out errors by joint, without it and with it.
-        fall: of the held-out squares weighted by each joint's measured torque, as a share.
         parameters: its values.
         rivals: effects that this data cannot tell from it.
         known: values that the model before gave it, by full name: then it has changed.
@@ -55,7 +63,6 @@ class Explanation:
     fit: Fit | None
     before: dict[str, Error]
     after: dict[str, Error]
-    fall: float
     parameters: tuple[Value, ...]
     rivals: tuple[Effect, ...] = ()
     known: Mapping[str, float] = field(default_factory=dict)
@@ -69,6 +76,11 @@ class Explanation:
     def error_after(self) -> float | None:
         """Held-out relative error of its joint with it."""
         return self.after[self.joint].relative
+
+    @property
+    def fall(self) -> float:
+        """Share by which the error of its joint falls."""
+        return 1 - self.after[self.joint].rms / max(self.before[self.joint].rms, 1e-300)
 
     def json(self) -> dict[str, Any]:
         """Return the entry of diagnosis.json."""
@@ -227,6 +239,59 @@ class Diagnosis(Plotted):
         """Further effects of the set that explains most."""
         best = self.best
         return tuple(m for m in self.selection.members if best is None or m.label != best.label)
+
+    @property
+    def verdicts(self) -> set[str]:
+        """The verdict, as `Verdicts` has those of many logs."""
+        return {self.verdict}
+
+    @cached_property
+    def group(self) -> tuple[Effect, ...]:
+        """The best effect, then those of its kind at other joints that the data ask for beside it.
+
+        The best alone where it has rivals, none where nothing is named.
+        """
+        if self.best is None or self.rivals:
+            return () if self.best is None else (self.best,)
+        own = next(m for m in self.selection.members if m.label == self.best.label)
+        others = (m for m in self.selection.named if m.effect.kind == self.best.kind)
+        together = (m.effect for m in others if m is not own and len(own.columns))
+        return (self.best, *together)
+
+    @cached_property
+    def after(self) -> dict[str, Error]:
+        """Held-out errors with the group in the model; of several effects, announced."""
+        if self.best is None:
+            return errors_of(self.fit)
+        if len(self.group) == 1:
+            return self.candidates[0].after
+        labels = {effect.label for effect in self.group}
+        regression = self.selection.last.regression
+        for each in self.selection.members:
+            if each.label not in labels:
+                regression = regression.without(each.columns)
+        return _scaled(self.fit, self.selection, regression)
+
+    @cached_property
+    def every(self) -> tuple[Explanation, ...]:
+        """All candidates: `candidates`, then the others as announced, by what they explain."""
+        first = self.selection.first
+        weigh = Weigh(first.contest, first.regression, self.decision, first.total)
+        done = {each.effect.label for each in self.candidates}
+        looked = {each.effect.label: each for each in first.evidence}
+        rest = []
+        for each in first.contest.candidates:
+            if each.curve or each.effect.label in done or each.effect.label not in first.gains:
+                continue
+            start = int(first.regression.gains(each.groups).G.argmax())
+            gain = first.gains[each.effect.label][0]
+            rest.append(
+                looked.get(each.effect.label)
+                or weigh(each, start, gain, first.limit_of(each), chance_of(gain, first.chance))
+            )
+        rest.sort(key=lambda each: -each.gain)
+        more = (_announced(self.fit, self.selection, each, ()) for each in rest)
+        return (*self.candidates, *more)
 
     @property
     def choice(self) -> Ranking:
@@ -469,16 +534,22 @@ def _announced(
     return _explanation(fit, found, None, after, values, rivals)
 
 
+def _scaled(fit: Fit, selection: Selection, regression: PartialRegression) -> dict[str, Error]:
+    """Return the errors of a fit as a regression of the search changes them."""
+    before, after = (
+        each.losses.sum(axis=0) / each.weight**2
+        for each in (selection.first.regression, regression)
+    )
+    return announced_errors(errors_of(fit), before, after)
+
+
 def _explanation(
     fit: Fit, found: Evidence, refit: Fit | None, after: dict[str, Error],
     values: tuple[Value, ...], rivals: tuple[Effect, ...],
 ) -> Explanation:  # fmt: skip
-    before = errors_of(fit)
-    joint = fit.motion.independent[found.coordinate]
-    fall = fall_of(before, after)
-    known = known_of(fit, found.effect)
+    joint, known = fit.motion.independent[found.coordinate], known_of(fit, found.effect)
     return Explanation(
-        found.effect, found, joint, refit, before, after, fall, tuple(values), rivals, known
+        found.effect, found, joint, refit, errors_of(fit), after, tuple(values), rivals, known
     )
 
 

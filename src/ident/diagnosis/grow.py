@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from ident.diagnosis.candidates import (
     Contest,
     OnProgress,
     candidates_of,
+    possible,
 )
 from ident.diagnosis.diagnosis import (
     Decision,
@@ -27,10 +29,13 @@ from ident.diagnosis.diagnosis import (
     fall_of,
     started,
 )
+from ident.diagnosis.growing import Kept, by_label
 from ident.diagnosis.null import noise
-from ident.diagnosis.search import EffectSet, Search, reweighted
+from ident.diagnosis.search import EffectSet, Member, Search, reweighted
+from ident.diagnosis.selection import Ranking
 from ident.display import Displayed, Plotted, render
 from ident.effects import Effect
+from ident.equations.unknowns import Point
 from ident.fit import Fit, identify
 from ident.information.blocks import Error
 from ident.information.hypotheses import PartialRegression
@@ -45,18 +50,16 @@ class Step(Displayed):
     """One rung of the ladder.
 
     Attributes:
-        added, removed: effects, none on the first rung.
+        added: effects of one kind; removed: effects; both none on the first rung.
         rivals: that could as well have been added.
         fit: everything refitted; None where the errors are announced by the search.
-        fall: of the held-out weighted sum of squares, as a share.
         errors: held out, by joint.
     """
 
-    added: Effect | None
+    added: tuple[Effect, ...]
     removed: tuple[Effect, ...]
     rivals: tuple[Effect, ...]
     fit: Fit | None
-    fall: float
     errors: dict[str, Error]
 
 
@@ -91,13 +94,18 @@ class History(Plotted):
     def added(self) -> tuple[Effect, ...]:
         """Effects that were added and are still there, in order."""
         present = {effect.label for effect in self.mechanism.effects}
-        every = (step.added for step in self.steps if step.added is not None)
+        every = (effect for step in self.steps for effect in step.added)
         return tuple({e.label: e for e in every if e.label in present}.values())
 
     def table(self) -> list[list[str]]:
-        """The ladder as cells: effect, held-out error a joint, fall, rivals; the head first."""
+        """The ladder as cells: effects, held-out error a joint, rivals; the head first."""
         rows: list[list[str]] = render(self, "ladder")
         return rows
+
+    def json(self) -> dict[str, Any]:
+        """The content of grow.json."""
+        found: dict[str, Any] = render(self, "json")
+        return found
 
     def write(self, folder: str | Path) -> list[Path]:
         """The grown mechanism's folder, with its last fit, diagnosis and a report.
@@ -118,6 +126,8 @@ def grow(
     alpha: float = 0.01,
     material: float = 0.003,
     rival_se: float = 2.0,
+    checkpoint: str | Path | None = None,
+    resume: bool = False,
     progress: OnProgress | None = None,
     step: Callable[[Step], None] | None = None,
 ) -> History:
@@ -128,6 +138,8 @@ def grow(
         motion: that is fitted.
         validate: of other logs, on which errors are reported.
         seed, alpha, material, rival_se: as `diagnose` takes them.
+        checkpoint: a folder that keeps what is fitted until all is done.
+        resume: whether to go on from there.
         progress: called with (what is being done, share done).
         step: called with every rung as it is reached.
     """
@@ -135,8 +147,10 @@ def grow(
     decision = Decision(alpha, material, rival_se)
     given = frozenset(effect.label for effect in mechanism.effects if not effect.known)
     # least squares throughout, as the rows that announce an effect's fall
+    folder = None if checkpoint is None else Path(checkpoint)
+    kept = Kept.of(folder, mechanism, motion, (decision, seed), resume)
     fit = identify(mechanism, motion, validate=validate, estimator="least-squares")
-    steps = [Step(None, (), (), fit, 0.0, errors_of(fit))]
+    steps = [Step((), (), (), fit, errors_of(fit))]
 
     def reached(rungs: Collection[Step]) -> None:
         steps.extend(rungs)
@@ -147,7 +161,11 @@ def grow(
     if step:
         step(steps[0])
     visited: set[frozenset[str]] = set()
-    for number in range(ROUNDS):
+    for done in kept.rounds:
+        rungs, fit = _again(done, fit, validate)
+        visited |= set(map(frozenset, done["visited"]))
+        reached(rungs)
+    for number in range(len(kept.rounds), ROUNDS):
         # curves judge what is left in the end, the search needs none
         contest = Contest.of(fit, candidates_of(fit), on_progress, curved=number > 0)
         draws = noise(contest, seed)
@@ -168,14 +186,39 @@ def grow(
         again = identify(model, motion, validate=validate, start=start, estimator="least-squares")
         if not better(errors_of(fit), errors_of(again)):
             break
-        reached(ladder(search.start, found, removed, fit, again))
+        rungs = ladder(search.start, found, removed, fit, again, search.first)
+        kept.add(rungs, start.values, visited)
+        reached(rungs)
         fit = again
     else:
         number = 0
     if number == 0 or contest.fit is not fit:
         contest = Contest.of(fit, candidates_of(fit), on_progress)
         draws = noise(contest, seed)
-    return History(tuple(steps), concluded(contest, draws, decision, seed, on_progress))
+    diagnosis = concluded(contest, draws, decision, seed, on_progress)
+    kept.remove()
+    return History(tuple(steps), diagnosis)
+
+
+def _again(kept: Mapping[str, Any], fit: Fit, validate: Motion | None) -> tuple[list[Step], Fit]:
+    """Return the rungs and the fit of a round that was kept."""
+    model = fit.mechanism
+    known = by_label([*possible(model, fit.motion), *model.effects])
+    rungs = []
+    for rung in kept["rungs"]:
+        added, removed, rivals = (
+            tuple(known[label] for label in rung[name]) for name in ("added", "removed", "rivals")
+        )
+        for effect in removed:
+            model = model.without(effect.label)
+        for effect in added:
+            model = model + effect
+        errors = {joint: Error(**error) for joint, error in rung["errors"].items()}
+        rungs.append(Step(added, removed, rivals, None, errors))
+    start = Point(fit.point.pi, kept["start"])
+    fit = identify(model, fit.motion, validate=validate, start=start, estimator="least-squares")
+    rungs[-1] = replace(rungs[-1], fit=fit, errors=errors_of(fit))
+    return rungs, fit
 
 
 def better(before: Mapping[str, Error], after: Mapping[str, Error]) -> bool:
@@ -187,11 +230,16 @@ def better(before: Mapping[str, Error], after: Mapping[str, Error]) -> bool:
 
 
 def ladder(
-    start: EffectSet, found: EffectSet, removed: tuple[Effect, ...], before: Fit, after: Fit
+    start: EffectSet,
+    found: EffectSet,
+    removed: tuple[Effect, ...],
+    before: Fit,
+    after: Fit,
+    first: Ranking | None,
 ) -> list[Step]:
-    """A rung an effect, the one that explains most of what is left first; the last one fitted.
+    """A rung a kind of effect: what a diagnosis names, then what explains most of what is left.
 
-    Errors between are announced by the same regression, of all rows.
+    The last rung is fitted; errors before it are announced by the same regression, of all rows.
     """
     table = start.contest.table
     held = before.estimate.held
@@ -207,12 +255,12 @@ def ladder(
         columns[each.effect.label] = store.add(each.effect, [shape])
     model, weight = start.contest.regression.model, start.contest.regression.weight
     regression = PartialRegression(store.parts(), model, weight)
-    first = regression.losses.sum(axis=0) / regression.weight**2
+    given = regression.losses.sum(axis=0) / regression.weight**2
     errors, rungs = errors_of(before), list[Step]()
 
     def announced(regression: PartialRegression) -> dict[str, Error]:
         now = regression.losses.sum(axis=0) / regression.weight**2
-        return announced_errors(errors, first, now)
+        return announced_errors(errors, given, now)
 
     last = errors
     if removed:
@@ -221,21 +269,29 @@ def ladder(
             if each.effect.label in gone:
                 regression = regression.without(each.columns)
         now = announced(regression)
-        rungs.append(Step(None, removed, (), None, fall_of(last, now), now))
+        rungs.append(Step((), removed, (), None, now))
         last = now
-    while new:
-        G = regression.gains([columns[each.effect.label] for each in new]).G
+    if first is not None:
+        new.sort(key=lambda each: first.place(each.label))
+    kinds: dict[str, list[Member]] = {}
+    for each in new:
+        kinds.setdefault(each.effect.kind, []).append(each)
+    groups = list(kinds.values())
+    while groups:
+        at = [np.concatenate([columns[each.label] for each in group]) for group in groups]
+        order = [0] if len(groups) == len(kinds) else np.argsort(-regression.gains(at).G)
         steps = []
-        for i in np.argsort(-G):  # of all steps the largest that raises no error
-            richer = reweighted(regression.extended(columns[new[i].effect.label]))
+        for i in order:  # of all steps the largest that raises no error
+            richer = reweighted(regression.extended(at[i]))
             now = announced(richer)
             steps.append((fall_of(last, now), int(i), richer, now))
             if steps[-1][0] >= 0:
                 break
-        fall, i, regression, last = max(steps, key=lambda step: step[0])
-        best = new.pop(i)
-        equal = tuple(rival.effect for rival in best.rivals)
-        rungs.append(Step(best.effect, (), equal, None, fall, last))
-    last, fitted = rungs[-2].errors if len(rungs) > 1 else errors, errors_of(after)
-    rungs[-1] = replace(rungs[-1], fit=after, fall=fall_of(last, fitted), errors=fitted)
+        _, i, regression, last = max(steps, key=lambda step: step[0])
+        group = groups.pop(i)
+        equal = {rival.effect.label: rival.effect for each in group for rival in each.rivals}
+        together = {each.label for each in new}
+        rivals = tuple(rival for label, rival in equal.items() if label not in together)
+        rungs.append(Step(tuple(each.effect for each in group), (), rivals, None, last))
+    rungs[-1] = replace(rungs[-1], fit=after, errors=errors_of(after))
     return rungs

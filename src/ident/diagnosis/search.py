@@ -167,6 +167,7 @@ class Search:
     visited: set[frozenset[str]] = field(default_factory=set)
     limit: float = field(default=np.inf, init=False)
     null_of: frozenset[str] = field(default=frozenset(), init=False)  # the set of the last null
+    first: Ranking | None = field(default=None, init=False)  # beside the start
 
     @cached_property
     def start(self) -> EffectSet:
@@ -184,7 +185,7 @@ class Search:
         self.visited.add(now.labels)
         if first is None:
             first = self.ranked(now, fresh=True)
-        self.limit, self.null_of = first.limit, now.labels
+        self.limit, self.null_of, self.first = first.limit, now.labels, first
         now = self.grouped(now)
         for number in range(MOST):
             self.on_progress(f"set of {len(now.members)} effects", 0.4 + 0.3 * number / MOST)
@@ -359,8 +360,7 @@ def select(
         return Selection(first, (), first)
     last = rank(found.contest, found.regression, noise, decision, seed, found.labels)
     members = [_judged(each, found, last) for each in found.members]
-    alone = {each.effect.label for each in first.credible}
-    members.sort(key=lambda each: (each.label not in alone, -first.gains[each.label][0]))
+    members.sort(key=lambda each: first.place(each.label))
     named = next((m for m in members if not m.rejected), None)
     if named is not None:
         members[members.index(named)] = _alone(named, first, decision)
@@ -379,6 +379,7 @@ def _alone(member: Member, first: Ranking, decision: Decision) -> Member:
     simple = simplest(first, decision)
     if simple is not None and alike(own, simple) and behind(own, simple) >= decision.rival_se:
         own = simple
+        member = replace(member, columns=member.columns[:0])  # they are another effect's
     return replace(member, effect=own.effect, evidence=own, rivals=rivals(own, first, decision))
 
 

@@ -24,6 +24,7 @@ import numpy as np
 from ident.diagnosis.candidates import CandidateColumns, Contest, Shape
 from ident.diagnosis.null import SURROGATES, NoiseDraws, judging
 from ident.effects import Effect
+from ident.errors import FitError
 from ident.information.hypotheses import Array, Index, PartialRegression, Refit, quantile, zscore
 
 PARSIMONY = 0.10  # share of the best gain within which fewer numbers are preferred
@@ -54,6 +55,27 @@ class Decision:
     alpha: float = 0.01
     material: float = 0.003
     rival_se: float = 2.0
+
+    def __post_init__(self) -> None:
+        """Refuse what is no chance, no share, or below what the random residuals can show."""
+        least = 1 / SURROGATES
+        if not least <= self.alpha <= 0.5:
+            raise FitError(
+                f"alpha = {self.alpha:g}: {SURROGATES} random residuals show chances from "
+                f"{least:g}; valid: {least:g} to 0.5"
+            )
+        if not 0 <= self.material < 1:
+            raise FitError(
+                f"material = {self.material:g}: is no share of a joint's torque; valid: 0 to below "
+                "1, such as 0.003"
+            )
+        if not 0 <= self.rival_se < np.inf:
+            raise FitError(
+                f"rival_se = {self.rival_se:g}: valid: 0 or more standard errors, such as 2"
+            )
+
+    def __str__(self) -> str:
+        return f"alpha {self.alpha:g}, material {self.material:g}, rival-se {self.rival_se:g}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +141,7 @@ class Ranking:
         gains: by label, share of the left-out squared error and visible share, of all.
         limit: the quantile for laws, as a share; total: the left-out squared error.
         curves: credible curves, best first; limit_with_curves: the quantile for them.
+        chance: (draws,) largest gain of all laws in each draw of the null distribution.
     """
 
     contest: Contest
@@ -129,12 +152,18 @@ class Ranking:
     total: float
     curves: tuple[tuple[Effect, float], ...]
     limit_with_curves: float
+    chance: Array
 
     def limit_of(self, candidate: CandidateColumns) -> float:
         """What the gain of a candidate is held against, as a share."""
         if candidate.curve:
             return self.limit_with_curves
         return self.limit * (RARE if candidate.effect.rare else 1.0)
+
+    def place(self, label: str) -> tuple[bool, float]:
+        """Sort key of an effect: first what is credible alone, by what it explains alone."""
+        alone = {each.effect.label for each in self.credible}
+        return label not in alone, -self.gains.get(label, (0.0, 0.0))[0]
 
     @property
     def credible(self) -> tuple[Evidence, ...]:
@@ -201,7 +230,7 @@ def rank(
             if gain > of_curves:
                 curves.append((each.effect, gain))
         elif gain > needed or len(evidence) < CLOSEST:
-            p = float((1 + (chance >= gain).sum()) / (1 + len(chance))) if len(chance) else np.nan
+            p = chance_of(gain, chance)
             evidence.append(weigh(each, starts[i], gain, needed, p))
     gains = {
         each.effect.label: (float(g) / total, float(v))
@@ -209,8 +238,13 @@ def rank(
     }
     evidence.sort(key=lambda each: -each.gain)
     return Ranking(
-        contest, regression, tuple(evidence), gains, limit, total, tuple(curves), of_curves
+        contest, regression, tuple(evidence), gains, limit, total, tuple(curves), of_curves, chance
     )
+
+
+def chance_of(gain: float, chance: Array) -> float:
+    """Chance of a gain where the draws (n,) are those of nothing missing; NaN without any."""
+    return float((1 + (chance >= gain).sum()) / (1 + len(chance))) if len(chance) else np.nan
 
 
 @dataclass(frozen=True, eq=False)

@@ -297,6 +297,12 @@ class Residual(Displayed):
         """Return where a trace's time is counted from [s]: its log's start if far from 0."""
         return next(zero_of(e.t) for e in self.motion.experiments if e.name == trace.name)
 
+    def without(self, effect: str) -> Residual:
+        """Return what is left where the torque of one effect is not taken off, as it was fitted."""
+        rests = [{n: x for n, x in trace.parts.items() if n != effect} for trace in self.traces]
+        traces = (replace(a, parts=b) for a, b in zip(self.traces, rests, strict=True))
+        return replace(self, traces=tuple(traces))
+
     @property
     def rows(self) -> int:
         """Number of rows over all experiments."""

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from ident.effects import Effect
 from ident.information.blocks import Error
 from ident.mechanism.mechanism import Mechanism
-from ident.text import percent, wrapped
+from ident.text import listed, percent, places, wrapped
 
 STRIP = 32  # characters of the longest bar in a terminal
 BARS = 8  # joints that a terminal shows
@@ -84,7 +86,29 @@ class Card:
         return f"{cells[:at]}|{cells[at + 1 :]}" if at <= STRIP else cells
 
 
-def add_command(mechanism: Mechanism, label: str) -> str:
-    """Return the command that adds an effect to a mechanism, ready to be copied."""
+def by_kind(effects: Iterable[Effect]) -> list[list[Effect]]:
+    """Return effects of one kind together, in the order of the first of each."""
+    found: dict[str, list[Effect]] = {}
+    for effect in effects:
+        found.setdefault(effect.kind, []).append(effect)
+    return list(found.values())
+
+
+def named(effects: Iterable[Effect], word: str = "and") -> str:
+    """Return `coulomb:elbow` of one effect, `coulomb in a3 to a7` of several of a kind."""
+    return listed(
+        [
+            group[0].label
+            if len(group) == 1
+            else f"{group[0].kind} in {places(','.join(each.joints) for each in group)}"
+            for group in by_kind(effects)
+        ],
+        word,
+    )
+
+
+def add_command(mechanism: Mechanism, effects: Iterable[Effect]) -> str:
+    """Return the command that adds effects to a mechanism, ready to be copied."""
     place = mechanism.toml.parent if mechanism.toml else mechanism.urdf
-    return f"ident add {shlex.quote(str(place)) if place != Path() else 'MECHANISM'} {label}"
+    folder = shlex.quote(str(place)) if place != Path() else "MECHANISM"
+    return " ".join(["ident add", folder, *(effect.label for effect in effects)])

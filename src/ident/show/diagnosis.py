@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 from ident.diagnosis.data_checks import Health
-from ident.diagnosis.diagnosis import LOUD, Diagnosis
+from ident.diagnosis.diagnosis import LOUD, Diagnosis, Explanation
+from ident.diagnosis.selection import Evidence
 from ident.diagnosis.unobservable import Invisible
 from ident.display import renders
 from ident.effects import Effect
 from ident.fit.residual import Failure
 from ident.fit.values import Value
 from ident.information.blocks import Error
-from ident.show.card import Bar, Card, add_command
+from ident.show.card import Bar, Card, add_command, by_kind, named
 from ident.show.residual import details
 from ident.show.sheet import Sheet
 from ident.text import listed, percent, rounded, some, table, wrapped
@@ -21,6 +23,8 @@ BRIEF = 300  # characters of the next experiment in the first lines
 MOST = 3  # joints and candidates that are described
 ABSORBED = "absorbed"
 DIFFERENT = 0.005  # share of a law's torque from which a relative is called different
+VALUES = "values"
+CANDIDATES = "what adding an effect would do: held-out error of the joint that it mends most"
 SURE = ((8.0, "beyond doubt"), (4.0, "very sure"), (2.5, "sure"), (-1e9, "fairly sure"))
 Rows = list[list[str]]
 
@@ -31,6 +35,11 @@ Rows = list[list[str]]
 def sure(z: float) -> str:
     """Return how sure so many standard errors make."""
     return next(words for least, words in SURE if z >= least)
+
+
+def times(e: Evidence) -> str:
+    """Return how many times what chance makes the evidence for a candidate is."""
+    return f"{e.gain / max(e.limit, 1e-12):.2g} ×"
 
 
 def numbers(parameters: Sequence[Value]) -> str:
@@ -52,6 +61,18 @@ def errors_of(d: Diagnosis) -> Mapping[str, Error]:
     return d.fit.held_out or d.fit.train
 
 
+def noise_errors(d: Diagnosis) -> dict[str, Error]:
+    """Return what noise alone would leave in each joint, beside the errors of its diagnosis."""
+    return {
+        joint: replace(
+            e,
+            rms=d.floor[joint],
+            relative=e.relative and e.relative * d.floor[joint] / max(e.rms, 1e-300),
+        )
+        for joint, e in errors_of(d).items()
+    }
+
+
 def curve_name(curve: Effect) -> str:
     """Return `curve of v at elbow`."""
     return curve.label.replace(":", " at ")
@@ -70,7 +91,7 @@ def verdict_line(d: Diagnosis) -> str:
     if d.best is not None and d.rivals:
         return f"missing: {labels([d.best, *d.rivals], 'or')}, which this data cannot tell apart"
     if d.best is not None:
-        return f"missing: {d.best.label} ({type(d.best).summary()})"
+        return f"missing: {named(d.group)} ({type(d.best).summary()})"
     return {
         "nothing": "nothing is missing that this data could show",
         "unexplained": "unexplained: something is missing, and no effect of the library explains "
@@ -84,22 +105,20 @@ def card(d: Diagnosis) -> Card:
     """Return the verdict, how sure it is, the error by joint, and the command to copy."""
     logs = ", ".join(e.name for e in d.fit.motion.experiments)
     line = f"{d.fit.mechanism.name} on {logs}: {verdict_line(d)}"
-    first = d.selection.first
     errors, command = errors_of(d), ""
     after: Mapping[str, Error] = {}
     if d.best is not None:
         best = d.candidates[0]
-        after, command = best.after, add_command(d.fit.mechanism, d.best.label)
+        after, command = d.after, add_command(d.fit.mechanism, d.group)
+        value = f"{d.best.label}: " if len(d.group) > 1 else ""
         certain = (
-            f"{sure(best.evidence.z).capitalize()}: held out, the squared error falls by "
-            f"{100 * best.evidence.gain:.1f} % (chance: at most {100 * first.limit:.1f} %); "
-            f"{numbers(best.parameters)}."
+            f"{sure(best.evidence.z).capitalize()}: {times(best.evidence)} what chance makes; "
+            f"{value}{numbers(best.parameters)}."
         )
     else:
-        certain = (
-            f"{_tried(d)} effects were tried; what lowers the held-out squared error by less than "
-            f"{100 * first.limit:.1f} % is chance."
-        )
+        certain = f"{_tried(d)} effects were tried, and none explains more than chance does."
+        if d.selection.members:
+            certain = f"{_tried(d)} effects were tried, and none explains it."
     bars = tuple(
         Bar(f.joint, errors[f.joint], after.get(f.joint), d.floor[f.joint]) for f in d.where
     )
@@ -125,9 +144,8 @@ def short(d: Diagnosis) -> str:
     for paragraph in paragraphs:
         lines += ["", *wrapped(paragraph, "  ")]
     hidden = f", {len(d.invisible)} effects that this log cannot show" if d.invisible else ""
-    return "\n".join(
-        [*lines, "", f"--verbose, or print(diagnosis): all candidates{hidden}, reasons"]
-    )
+    more = f"--verbose, or print(diagnosis): all candidates{hidden}, reasons"
+    return "\n".join([*lines, "", *wrapped(f"{more}; decided with {d.decision}", "  ")])
 
 
 @renders(Diagnosis, "text")
@@ -135,13 +153,13 @@ def text(d: Diagnosis) -> str:
     """Return the verdict, two tables, and all of it in words."""
     lines = [*card(d).text(), "", "where it fails", *table(where_rows(d))]
     if d.candidates:
-        head, *body = table(candidate_rows(d))
-        lines += ["", "what adding an effect would do, held out", head]
-        for line, each in zip(body, d.candidates, strict=True):
-            lines += [line, *wrapped(f"      {numbers(each.parameters)}", "      ")]
+        rows = candidate_rows(d, parts=True)
+        lines += ["", CANDIDATES]
+        for line, (*_, values) in zip(table([row[:-1] for row in rows]), rows, strict=True):
+            lines += [line, *wrapped(f"      {values}" * (values != VALUES), "      ")]
     for paragraph in d.text.split("\n\n"):
         lines += ["", *wrapped(paragraph)]
-    return "\n".join(lines)
+    return "\n".join([*lines, "", f"decided with {d.decision}"])
 
 
 def where_rows(d: Diagnosis) -> Rows:
@@ -165,24 +183,39 @@ def where_rows(d: Diagnosis) -> Rows:
     return rows
 
 
-def candidate_rows(d: Diagnosis) -> Rows:
-    """Return one row a candidate, best first; `=` marks what this data cannot tell apart."""
-    rows = [["effect", "of joint", "error", "fall", "gain", "chance", "visible"]]
-    for i, each in enumerate(d.candidates):
-        e = each.evidence
-        errors = f"{percent(each.error_before)} → {percent(each.error_after)}"
-        shares = [f"{100 * x:.1f} %" for x in (each.fall, e.gain, e.limit)]
-        visible = f"{100 * e.refit.visible:.0f} %"
-        rows.append([f"{mark(d, i)} {each.effect.label}", each.joint, errors, *shares, visible])
+def candidate_rows(d: Diagnosis, parts: bool = False) -> Rows:
+    """Return a row a kind, best first, and with `parts` one a candidate below it.
+
+    `*` marks what is named, `=` what this data cannot tell from it.
+    """
+    rows = [["effect", "joint", "error", "× chance", "visible", VALUES]]
+    groups: dict[tuple[str, str], list[Explanation]] = {}
+    for each in d.candidates:
+        groups.setdefault((mark(d, each), each.effect.kind), []).append(each)
+    for (sign, _), group in groups.items():
+        if len(group) > 1:
+            name = named(each.effect for each in group)
+            best = max(group, key=lambda each: each.evidence.gain)
+            rows.append([f"{sign} {name}", *_cells(d, best)[:-1], ""])
+        if len(group) == 1 or parts:
+            indent = "  " * (len(group) > 1)
+            rows += [[f"{indent}{sign} {each.effect.label}", *_cells(d, each)] for each in group]
     return rows
 
 
-def mark(d: Diagnosis, i: int) -> str:
-    """Return `*` for the best candidate, `=` for its rivals."""
-    if d.best is None:
-        return " "
-    rivals = {effect.label for effect in d.rivals}
-    return "*" if i == 0 else "=" if d.candidates[i].effect.label in rivals else " "
+def _cells(d: Diagnosis, each: Explanation) -> list[str]:
+    joint, e = each.joint, each.evidence
+    change = Bar(joint, each.before[joint], each.after[joint], d.floor[joint]).words
+    visible = f"{100 * e.refit.visible:.0f} %"
+    return [joint, change, times(e).removesuffix(" ×"), visible, numbers(each.parameters)]
+
+
+def mark(d: Diagnosis, each: Explanation) -> str:
+    """Return `*` for what is named, `=` for its rivals."""
+    label = each.effect.label
+    if any(effect.label == label for effect in d.group):
+        return "*"
+    return "=" if any(effect.label == label for effect in d.rivals) else " "
 
 
 @renders(Diagnosis, "sheet")
@@ -190,7 +223,7 @@ def sheet(d: Diagnosis) -> Sheet:
     """Return the verdict, two tables, and the words."""
     tables = {"Where the model fails": where_rows(d)}
     if d.candidates:
-        tables["What adding an effect would do, held out"] = candidate_rows(d)
+        tables[CANDIDATES] = candidate_rows(d)
     return Sheet(verdict_line(d), tables=tables, notes=d.text.split("\n\n"))
 
 
@@ -297,12 +330,11 @@ def _missing(d: Diagnosis) -> list[str]:
         f"{before} to {after}, where noise alone would leave {d.floor[best.joint]:.2g} "
         f"{best.after[best.joint].unit}.",
         f"That something is missing here: {sure(e.z)}. In stretches of time that were left out of "
-        f"the fit, the squared error of all joints falls by {100 * e.gain:.1f} %; where nothing is "
-        f"missing, the best of all candidates makes it fall by more than {100 * e.limit:.1f} % in "
-        f"{100 * d.decision.alpha:g} of 100 logs.",
+        f"the fit it explains {times(e)} what the best of all candidates explains by chance in "
+        f"{100 * (1 - d.decision.alpha):g} of 100 logs in which nothing is missing.",
         *([_apart(d, effect, best.rivals)] if best.rivals else []),
         f"What to look for in the plots of {best.joint}{own}: {effect.signature}. It is gone once "
-        f"the effect is in the model: `{add_command(d.fit.mechanism, effect.label)}` or `--with "
+        f"the effect is in the model: `{add_command(d.fit.mechanism, [effect])}` or `--with "
         f"{effect.label}`, in Python `mechanism + diagnosis.best`.",
     ]
 
@@ -335,7 +367,10 @@ def _rest(d: Diagnosis) -> list[str]:
     """Return what is missing beside the effect that is named."""
     if d.best is None:
         return []
-    more = [m.label + (f", or a {curve_name(m.curve)}" if m.curve else "") for m in d.together]
+    mine = {effect.label for effect in d.group}
+    rest = [m for m in d.together if m.label not in mine]
+    more = [named(group) for group in by_kind(m.effect for m in rest if not m.curve)]
+    more += [f"{m.label}, or a {curve_name(m.curve)}" for m in rest if m.curve]
     if more:
         return [
             f"That is not all: beside it, the data ask for {some(more)}. Add it and diagnose "
@@ -356,15 +391,26 @@ def _nothing(d: Diagnosis) -> list[str]:
     return [
         first,
         f"How small an effect could still hide: below {100 * d.decision.material:g} % of a joint's "
-        "torque nothing is reported, nor what lowers the held-out squared error by less than "
-        f"{100 * d.selection.first.limit:.1f} %, as chance does. {_tried(d)} effects were tried at "
-        "their places.",
+        "torque nothing is reported, nor what lowers the held-out error as little as chance does: "
+        f"{_by_chance(d)}. {_tried(d)} effects were tried at their places.",
     ]
 
 
 def _beside(d: Diagnosis) -> str:
     pairs = errors_of(d).items()
     return some([f"{n} {e.rms:.2g} beside {d.floor[n]:.2g} {e.unit}" for n, e in pairs], 8)
+
+
+def _by_chance(d: Diagnosis) -> str:
+    """Return for each joint to which error chance alone may lower the present one."""
+    first = d.selection.first
+    losses = dict(zip(d.fit.motion.independent, first.regression.losses.sum(axis=0), strict=True))
+    found = []
+    for joint, error in errors_of(d).items():
+        share = first.limit * first.total / max(float(losses[joint]), 1e-300)
+        after = replace(error, rms=error.rms * max(1 - share, 0.0) ** 0.5)
+        found.append(f"{joint} {Bar(joint, error, after).words}")
+    return some(found, 8)
 
 
 def _tried(d: Diagnosis) -> int:
@@ -414,15 +460,15 @@ def _undecided(d: Diagnosis) -> list[str]:
 def _nearest(d: Diagnosis) -> list[str]:
     """Return the effects and the curve that come nearest to an explanation."""
     first = d.selection.first
-    gains = {e.effect.label: e.gain for e in first.evidence if e.sensible}
+    gains = {e.effect.label: e.gain / max(e.limit, 1e-12) for e in first.evidence if e.sensible}
     for curve, gain in (first.curves or d.selection.last.curves)[:1]:
-        gains[f"a {curve_name(curve)}"] = gain
+        gains[f"a {curve_name(curve)}"] = gain / max(first.limit_with_curves, 1e-12)
     best = sorted(gains.items(), key=lambda pair: -pair[1])[:MOST]
     if not best:
         return []
     return [
-        f"What lowers the held-out squared error most (chance: at most {100 * first.limit:.1f} %): "
-        f"{listed(f'{name} {100 * gain:.1f} %' for name, gain in best)}."
+        "What lowers the held-out error most, in multiples of what chance does: "
+        f"{listed(f'{name} {gain:.2g} ×' for name, gain in best)}."
     ]
 
 

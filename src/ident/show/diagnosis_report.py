@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ident.diagnosis.diagnosis import Diagnosis, Explanation
-from ident.diagnosis.selection import Evidence
 from ident.diagnosis.unobservable import name_of
 from ident.display import renders
 from ident.files import json_bytes, plain, write_all
-from ident.fit.residual import Residual, residual_of
+from ident.fit.prediction import predict
+from ident.fit.residual import Failure, Residual, residual_of
+from ident.information.blocks import Error
+from ident.show.card import Bar
 from ident.show.charts import (
     FAINT,
     MEASURED,
@@ -21,10 +24,10 @@ from ident.show.charts import (
     Bars,
     Chart,
     Colour,
+    Dots,
     Level,
     Line,
     Panel,
-    Points,
 )
 from ident.show.diagnosis import (
     candidate_rows,
@@ -33,6 +36,7 @@ from ident.show.diagnosis import (
     health_sheet,
     labels,
     mark,
+    noise_errors,
     numbers,
     where_rows,
 )
@@ -43,6 +47,7 @@ from ident.show.html import (
     Option,
     Page,
     Section,
+    folded,
     headed,
     items,
     paragraph,
@@ -55,22 +60,22 @@ from ident.text import percent
 SCHEMA = "ident.diagnosis/1"
 BARS = 12
 LOGS = 4  # whose residuals are drawn below each other
+MARKED = {"*": "named", "=": "not distinguishable from it"}
 KINDS: dict[str, Colour] = {
     "named": 0,
-    "not distinguishable from it": MEASURED,
+    "not distinguishable from it": 4,
     "credible": 1,
-    "not credible": FAINT,
+    "no more than chance, or impossible": MEASURED,
 }
 MARKS = "* named; = this data cannot tell it from the one named."
 FALLS = (
-    "The chart and the column `gain` count all joints, weighed, on rows away from reversals, ± one "
-    "standard error over stretches of time; `fall` is that of all rows. chance: the largest gain "
-    "of all candidates where nothing is missing; visible: how much of its torque no other "
-    "parameter could take over."
+    "Error: held out, of the joint that it mends most, without it → with it. × chance: how many "
+    "times more it explains, in all joints, than the best of all candidates does where nothing is "
+    "missing. visible: how much of its torque no other parameter could take over."
 )
-ADDED = (
-    "Each point is a row of the fit. What is really this effect lies along the line; a bend or a "
-    "loop is something else."
+EFFECT = (
+    "Above, all but the effect is taken off; the line is the effect itself, in the framed panel "
+    "against the signal that it depends on. Below, the effect is taken off too: a flat band."
 )
 
 
@@ -79,73 +84,52 @@ ADDED = (
 
 @renders(Diagnosis, "plot")
 def plot_candidates(d: Diagnosis) -> Chart:
-    """Draw the held-out gain of the best candidates ± standard error, and that of chance."""
-    first = [each.evidence for i, each in enumerate(d.candidates) if mark(d, i) != " "]
-    known = {each.effect.label for each in first}
-    rest = [e for e in d.selection.first.evidence if e.effect.label not in known]
-    shown = [*first, *rest][: max(BARS, len(first))]
-    kinds: dict[str, list[int]] = {kind: [] for kind in KINDS}
-    for i, e in enumerate(shown):
-        own = "named" if i == 0 else "not distinguishable from it"
-        kinds[own if i < len(first) else "credible" if e.credible else "not credible"].append(i)
-    bars = []
-    for kind, places in kinds.items():
-        gains = 100 * np.array([shown[i].gain for i in places])
-        scatter = 100 * np.array([_scatter(shown[i]) for i in places])
-        if places:
-            bars.append(Bars(np.array(places, float), gains, scatter, kind, KINDS[kind]))
-    limit = Level(100 * d.selection.first.limit, upright=True)
+    """Draw the error of its joint without and with each candidate, and what noise would leave."""
+    named = [each for each in d.every if mark(d, each) != " "]
+    shown = [*named, *(each for each in d.every if each not in named)][: max(BARS, len(named))]
+    rows = [Bar(x.joint, x.before[x.joint], x.after[x.joint], d.floor[x.joint]) for x in shown]
+    before, after, noise = (
+        100 * np.array([size or 0.0 for size in sizes])
+        for sizes in zip(*(row.sizes for row in rows), strict=True)
+    )
+    places: dict[str, list[int]] = {kind: [] for kind in KINDS}
+    for i, each in enumerate(shown):
+        other = "credible" if each.evidence.credible else "no more than chance, or impossible"
+        places[MARKED.get(mark(d, each), other)].append(i)
+    at, none = np.arange(len(shown), dtype=float), np.zeros(len(shown))
+    bars = [Bars(at, before, none, "as it is", FAINT)]
+    for kind, mine in places.items():
+        if mine:
+            bars.append(Bars(at[mine], after[mine], none[mine], f"with it: {kind}", KINDS[kind]))
     panel = Panel(
-        (*bars, Level(0, upright=True), limit),
-        "fall of the weighted sum of squares, held out, away from reversals [%]; line: chance",
-        y_names=tuple(each.effect.label for each in shown),
+        (*bars, Dots(at, noise, none, "noise alone", RESIDUAL)),
+        "held-out error of the joint [%]",
+        y_names=tuple(
+            x.effect.label if x.joint in x.effect.joints else f"{x.effect.label} in {x.joint}"
+            for x in shown
+        ),
         height=0.5 + 0.32 * max(len(shown), 1),
     )
-    return Chart("How far each candidate lowers the held-out error", ((panel,),))
-
-
-def _scatter(e: Evidence) -> float:
-    """Return the standard error of a gain over the blocks of time."""
-    blocks = e.refit.D
-    total = blocks.sum()
-    return float(abs(e.gain / total) * blocks.std(ddof=1) * len(blocks) ** 0.5) if total else 0.0
-
-
-def plot_added(before: Residual, after: Residual, best: Explanation) -> Chart | None:
-    """Draw what the model leaves against what the effect explains of it, everything refitted.
-
-    The line has slope 1: an effect that is there lies along it, with no bend and no loops.
-    None where the effect changes which rows there are.
-    """
-    u = before.joints.index(best.joint)
-    pairs = list(zip(before.traces, after.traces, strict=False))
-    if any(len(a) != len(b) for a, b in pairs):
-        return None
-    clouds = [
-        Points(a.residual[:, u] - b.residual[:, u], a.residual[:, u], colour=i)
-        for i, (a, b) in enumerate(pairs)
-    ]
-    unit, label = before.units[u], best.effect.label
-    panel = Panel(
-        (*clouds, Level(diagonal=True)),
-        f"what {label} explains that nothing else does [{unit}]",
-        f"residual of {best.joint} without it [{unit}]",
-        height=4.0,
-    )
-    title = f"Residual of {best.joint} against what {label} explains of it"
-    return Chart(title, ((panel,),), width=6.5)
+    return Chart("The error of its joint, as it is and with each candidate", ((panel,),))
 
 
 def plot_before_after(before: Residual, after: Residual, best: Explanation) -> Chart:
-    """Draw the residual of its joint over time, without it and with it, log below log."""
+    """Draw the residual of its joint over time, without it and with it, log below log.
+
+    The pale band is the unfiltered one.
+    """
     u = before.joints.index(best.joint)
     axis = f"{best.joint} [{before.units[u]}]"
+    raw = predict(before.model.mechanism, before.motion, before.model.point)
     rows = []
-    for a, b in list(zip(before.traces, after.traces, strict=False))[:LOGS]:
+    for a, b, p in list(zip(before.traces, after.traces, raw, strict=False))[:LOGS]:
         zero = before.zero(a)
         lines = (
-            Line(a.t - zero, a.residual[:, u], "as it is", RESIDUAL, 1.0),
-            Line(b.t - zero, b.residual[:, u], f"with {best.effect.label}", 0, 1.0),
+            Line(
+                p.t - zero, np.where(p.usable, p.residual[:, u], np.nan), "unfiltered", FAINT, 0.8
+            ),
+            Line(a.t - zero, a.residual[:, u], "as it is", RESIDUAL, 1.4),
+            Line(b.t - zero, b.residual[:, u], f"with {best.effect.label}", 0, 1.4),
         )
         title = a.name if len(before.traces) > 1 else ""
         rows.append((Panel((Level(), *lines), time_label(zero), axis, title),))
@@ -176,7 +160,7 @@ def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
         Section("Invisible in this data", (hidden,) if hidden else ()),
         Section("In the model, but not supported", (idle,) if idle else ()),
         Section("Health of the data", health.blocks()),
-        *fit_sections(d.fit),
+        *fit_sections(d.fit, first=d.candidates[0].joint if d.best else ""),
     )
 
 
@@ -184,47 +168,51 @@ def _candidates(d: Diagnosis) -> tuple[Block, ...]:
     """Return all of them beside each other; each that is refitted, before and after; all joints."""
     if not d.candidates:
         return ()
-    rows = candidate_rows(d)
-    columns = ["parameters", *(numbers(each.parameters) for each in d.candidates)]
-    shown = [[*row, cell] for row, cell in zip(rows, columns, strict=True)]
-    options = tuple(_option(d, i) for i, each in enumerate(d.candidates) if each.fit is not None)
+    rows, parts = candidate_rows(d), candidate_rows(d, parts=True)
+    options = tuple(_option(d, each) for each in d.candidates if each.fit is not None)
     drawn = (headed("Its residual before and after"), Choice("Which candidate", options))
     errors = errors_of(d)
-    matrix = [["", *errors], ["as it is", *(f"{e.rms:.3g} {e.unit}" for e in errors.values())]]
-    for i, each in enumerate(d.candidates):
-        cells = (f"{each.after[joint].rms:.3g}" for joint in errors)
-        matrix.append([f"{mark(d, i)} {each.effect.label}".strip(), *cells])
-    matrix.append(["noise alone", *(f"{d.floor[joint]:.3g}" for joint in errors)])
+    matrix = [["", *errors], ["as it is", *map(_short, errors.values())]]
+    for each in d.candidates:
+        matrix.append(
+            [f"{mark(d, each)} {each.effect.label}".strip(), *map(_short, each.after.values())]
+        )
+    matrix.append(["noise alone", *map(_short, noise_errors(d).values())])
     return (
         *((paragraph(MARKS),) if d.best else ()),
         plot_candidates(d),
         paragraph(FALLS),
-        table(shown, "Candidates; errors are held out in time"),
+        table(rows, "Candidates"),
+        *((folded("Each by itself", table(parts, "Candidates")),) if parts != rows else ()),
         *(drawn if options else ()),
-        table(matrix, "Held-out error of every joint, with each of them"),
+        folded(
+            "Held-out error of every joint", table(matrix, "With each of them, share of the torque")
+        ),
     )
 
 
-def _option(d: Diagnosis, i: int) -> Option:
+def _short(error: Error) -> str:
+    return f"{error.rms:.3g} {error.unit}" if error.relative is None else percent(error.relative)
+
+
+def _option(d: Diagnosis, each: Explanation) -> Option:
     """Return what one candidate that was refitted would do."""
-    each = d.candidates[i]
     assert each.fit is not None
     before, after = d.fit.residual, residual_of(each.fit)
-    label, unit = each.effect.label, each.after[each.joint].unit
+    label, joint = each.effect.label, each.joint
+    change = Bar(joint, each.before[joint], each.after[joint], d.floor[joint]).words
     lines = [
         type(each.effect).summary(),
-        f"held-out error of {each.joint}: {percent(each.error_before)} → "
-        f"{percent(each.error_after)}; noise alone would leave {d.floor[each.joint]:.2g} {unit}",
+        f"held-out error of {joint}: {change}",
         numbers(each.parameters),
     ]
     if each.rivals:
         lines.append(f"not distinguishable from it in this data: {labels(each.rivals, 'or')}")
-    maps = plot_maps({"as it is": before, f"with {label}": after}, each.joint)
+    models = {"without it": after.without(label), "with it": after}
     blocks: list[Block] = [headed(f"With {label}"), items(lines)]
-    blocks += [plot_before_after(before, after, each), maps]
-    if added := plot_added(before, after, each):
-        blocks += [headed(f"{label} alone, all else taken off"), paragraph(ADDED), added]
-    return Option(f"{mark(d, i)} {label}".strip(), tuple(blocks))
+    blocks += [plot_before_after(before, after, each)]
+    blocks += [paragraph(EFFECT), plot_maps(models, joint, effect=label)]
+    return Option(f"{mark(d, each)} {label}".strip(), tuple(blocks))
 
 
 # --- files ----------------------------------------------------------------------------------------
@@ -260,6 +248,21 @@ def diagnosis_files(d: Diagnosis) -> dict[str, bytes]:
     return files | {each.file: each.csv.encode() for each in d.curves}
 
 
+def _noise(d: Diagnosis, joint: str) -> float | None:
+    """Return what noise alone would leave of a joint, as a share of its torque."""
+    return Bar(joint, errors_of(d)[joint], noise=d.floor[joint]).sizes[2]
+
+
+def _where(d: Diagnosis, failure: Failure) -> dict[str, Any]:
+    """Return the failure of a joint with its held-out error, before and after, as in the text."""
+    joint, after = failure.joint, d.after[failure.joint]
+    error = errors_of(d)[joint]
+    return {
+        **failure.json, "rms": error.rms, "relative": error.relative, "floor": d.floor[joint],
+        "noise": _noise(d, joint), "rms_after": after.rms, "relative_after": after.relative,
+    }  # fmt: skip
+
+
 @renders(Diagnosis, "json")
 def diagnosis_json(d: Diagnosis) -> dict[str, Any]:
     """Return the content of diagnosis.json; what is not finite is None."""
@@ -267,9 +270,7 @@ def diagnosis_json(d: Diagnosis) -> dict[str, Any]:
     gains = sorted(first.gains.items(), key=lambda item: -item[1][0])
     limits = {each.effect.label: first.limit_of(each) for each in first.contest.candidates}
     decision = {
-        "alpha": d.decision.alpha,
-        "material": d.decision.material,
-        "rival_se": d.decision.rival_se,
+        **asdict(d.decision),
         "quantile": first.limit,
         "candidates": [
             {"effect": label, "gain": gain, "quantile": limits[label], "visible": visible}
@@ -295,9 +296,10 @@ def diagnosis_json(d: Diagnosis) -> dict[str, Any]:
             "effects": [name_of(effect) for effect in d.fit.mechanism.effects],
             "verdict": d.verdict,
             "decision": decision,
-            "where": [{**each.json, "floor": d.floor[each.joint]} for each in d.where],
-            "candidates": [each.json() for each in d.candidates],
+            "where": [_where(d, each) for each in d.where],
+            "candidates": [{**each.json(), "noise": _noise(d, each.joint)} for each in d.every],
             "best": None if d.best is None else name_of(d.best),
+            "group": [name_of(effect) for effect in d.group],
             "together": together,
             "left": [{"curve": curve.label, "gain": gain} for curve, gain in last.curves],
             "invisible": [each.json() for each in d.invisible],

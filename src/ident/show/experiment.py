@@ -27,6 +27,7 @@ from ident.display import renders
 from ident.effects import Effect
 from ident.effects.library import separating
 from ident.errors import IdentError
+from ident.show.card import named
 from ident.text import listed, some
 
 SHOWS = 0.02  # visible share from which an effect can be seen
@@ -102,7 +103,9 @@ def _words(d: Diagnosis) -> str:
         return _between(d, rivals, attempts(d, rivals))
     if d.verdict in ("unexplained", "undecided"):
         return unexplained(d)
-    first = "" if d.best is None else f"Add {d.best.label} and diagnose again: nothing rivals it. "
+    first = (
+        "" if d.best is None else f"Add {named(d.group)} and diagnose again: nothing rivals it. "
+    )
     return f"{first}{unseen(d)}".strip()
 
 

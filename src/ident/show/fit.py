@@ -12,12 +12,15 @@ from ident.display import render, renders
 from ident.errors import FitError
 from ident.fit.consistency import Binding
 from ident.fit.determined import Essential, Lost, Unexcited
-from ident.fit.files import write_fit, write_urdf
+from ident.fit.files import Saved, write_fit, write_urdf
 from ident.fit.likelihood import Likelihood
 from ident.fit.multipliers import Reactions
+from ident.fit.prediction import predict
+from ident.fit.residual import residual_of
 from ident.fit.result import Fit
+from ident.fit.shapes import initial
 from ident.fit.values import STRONG, Correlation, Value
-from ident.show.card import Card
+from ident.show.card import Bar, Card
 from ident.show.charts import PRIOR, Chart, Dots, Panel
 from ident.show.html import Block, Page, Section, by_log, headed, items, paragraph
 from ident.show.html import table as html_table
@@ -326,11 +329,21 @@ renders(Fit, "urdf")(write_urdf)
 def report(fit: Fit, known: Reactions | None = None, more: Sequence[Section] = ()) -> bytes:
     """Return the report of a fit, with further sections before its parameters."""
     sections = fit_sections(fit, known, more)
-    return Page(f"{fit.mechanism.name}: identification", Card(headline(fit)), sections).html()
+    before = residual_of(urdf_of(fit), fit.motion).errors
+    errors = fit.held_out or fit.train
+    bars = tuple(Bar(joint, before[joint], error) for joint, error in errors.items())
+    sure = "Error of the URDF's own numbers → of the identified ones."
+    top = Card(headline(fit), sure if bars else "", bars)
+    return Page(f"{fit.mechanism.name}: identification", top, sections).html()
+
+
+def urdf_of(fit: Fit) -> Saved:
+    """Return the model as it was before the fit: what is unknown has the URDF's values."""
+    return Saved("URDF", fit.mechanism, initial(fit.mechanism, fit.motion))
 
 
 def fit_sections(
-    fit: Fit, known: Reactions | None = None, more: Sequence[Section] = ()
+    fit: Fit, known: Reactions | None = None, more: Sequence[Section] = (), first: str = ""
 ) -> tuple[Section, ...]:
     """Return errors, warnings, where it fails, parameters, multipliers, and what went in."""
     notes = [each for each in fit.warnings if each not in fit.motion.notes]  # those stand elsewhere
@@ -340,7 +353,12 @@ def fit_sections(
     return (
         errors_section(error_table(fit)[1]),
         Section("Warnings", (items(notes),) if notes else ()),
-        *residual_sections({fit.name: fit.predictions}, {fit.name: fit.residual}),
+        *residual_sections(
+            {fit.name: fit.predictions},
+            {fit.name: fit.residual},
+            first,
+            predict(fit.mechanism, fit.motion, urdf_of(fit).point),
+        ),
         *more,
         Section("Parameters", _parameters(fit)),
         Section("Multipliers", _multipliers(fit, known)),

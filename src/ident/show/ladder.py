@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ident.diagnosis.grow import History, Step
+from ident.diagnosis.unobservable import name_of
 from ident.display import renders
 from ident.errors import IdentError
 from ident.files import json_bytes, write_all
@@ -16,15 +20,16 @@ from ident.fit.files import fit_json, multipliers_csv
 from ident.information.blocks import Error
 from ident.mechanism import Mechanism
 from ident.mechanism.write import folder_files
-from ident.show.card import Bar, Card
-from ident.show.charts import Chart, Line, Panel
-from ident.show.diagnosis import errors_of, labels, verdict_line
+from ident.show.card import Bar, Card, named
+from ident.show.charts import Chart, Level, Line, Mark, Panel
+from ident.show.diagnosis import errors_of, noise_errors, verdict_line
 from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections
 from ident.show.html import Page, Section, table
 from ident.show.sheet import Sheet
 from ident.text import WIDTH, percent, wrapped
 
-NAME, CELL, FALL = 30, 7, 7  # characters of the columns
+NAME, CELL = 30, 7  # characters of the columns
+NOISE = "noise alone"
 CAPTION = "Held-out error, rung by rung"
 
 
@@ -38,28 +43,29 @@ def head(joints: Sequence[str]) -> str:
         names = [f"[{i + 1}]" for i in range(len(names))]
         legend = ", ".join(f"[{i + 1}] {joint}" for i, joint in enumerate(joints))
         lines = wrapped(f"held-out error of {legend}", "  ")
-    return "\n".join([*lines, _row("effect", names, "fall")])
+    return "\n".join([*lines, _row("effect", names, "")])
 
 
 def rung(step: Step, joints: Sequence[str]) -> str:
-    """Return one rung: what was added, errors, the fall of the held-out weighted squares."""
+    """Return one rung: what was added, and errors; ≈ marks those that are announced, not fitted."""
     numbered = len(_row("", joints, "")) > WIDTH
     width = [0 if numbered else len(joint) for joint in joints]
-    lines = [_row(changed(step), _cells(step.errors, joints), _fall(step), width)]
+    name, *rest = textwrap.wrap(changed(step), NAME, subsequent_indent="  ")
+    lines = [_row(name, _cells(step.errors, joints), "" if step.fit else "≈", width), *rest]
     for log, errors in step.fit.validation.items() if step.fit else ():
         name = log if len(log) <= NAME - 4 else f"…{log[-(NAME - 5) :]}"
         lines.append(_row(f"  on {name}", _cells(errors, joints), "", width))
     if step.rivals:
-        lines += wrapped(f"    or {labels(step.rivals, 'or')}: not distinguishable", "      ")
-    if step.removed and (step.added is not None or len(step.removed) > 1):
-        lines += wrapped(f"    without {labels(step.removed)}: superfluous now", "      ")
+        lines += wrapped(f"    or {named(step.rivals, 'or')}: not distinguishable", "      ")
+    if step.removed and (step.added or len(step.removed) > 1):
+        lines += wrapped(f"    without {named(step.removed)}: superfluous now", "      ")
     return "\n".join(lines)
 
 
 def changed(step: Step) -> str:
     """Return what this rung adds to the one before, or removes from it."""
-    if step.added is not None:
-        return f"+ {step.added.label}"
+    if step.added:
+        return f"+ {named(step.added)}"
     if len(step.removed) == 1:
         return f"− {step.removed[0].label}"
     return f"− {len(step.removed)} effects" if step.removed else "as given"
@@ -68,12 +74,14 @@ def changed(step: Step) -> str:
 def _row(first: str, cells: Sequence[str], last: str, least: Sequence[int] = ()) -> str:
     widths = (max(CELL, each) for each in least or [0] * len(cells))
     middle = [cell.rjust(width) for cell, width in zip(cells, widths, strict=True)]
-    return "  ".join([first.ljust(NAME), *middle, last.rjust(FALL)]).rstrip()
+    return "  ".join([first.ljust(NAME), *middle, last]).rstrip()
 
 
-def _fall(step: Step) -> str:
-    about = "" if step.fit else "≈ "  # announced by the search, not fitted
-    return "" if step.added is None else f"{about}{100 * step.fall:.1f} %"
+def noise_rung(history: History) -> str:
+    """Return the last row of the ladder: what noise alone would leave."""
+    joints = history.fit.motion.independent
+    width = [0 if len(_row("", joints, "")) > WIDTH else len(joint) for joint in joints]
+    return _row(NOISE, _cells(noise_errors(history.diagnosis), joints), "", width)
 
 
 def _cells(errors: Mapping[str, Error], joints: Sequence[str]) -> list[str]:
@@ -92,22 +100,23 @@ renders(Step, "text")(lambda step: rung(step, list(step.errors)))
 def text(history: History) -> str:
     """Return the whole ladder."""
     joints = history.fit.motion.independent
-    return "\n".join([head(joints), *(rung(step, joints) for step in history.steps)])
+    steps = (rung(step, joints) for step in history.steps)
+    return "\n".join([head(joints), *steps, noise_rung(history)])
 
 
 @renders(History, "ladder")
 def rows(history: History) -> list[list[str]]:
-    """Return a table: effect, a column a joint, fall, rivals."""
+    """Return a table: effect, a column a joint, rivals; ≈ marks errors that are announced."""
     joints = history.fit.motion.independent
-    found = [["effect", *joints, "fall", "rivals"]]
+    found = [["effect", *joints, "rivals"]]
     for step in history.steps:
         removed = ""
-        if step.added is not None or len(step.removed) > 1:
+        if step.added or len(step.removed) > 1:
             removed = "".join(f" − {effect.label}" for effect in step.removed)
-        cells = [*_cells(step.errors, joints), _fall(step)]
-        rivals = labels(step.rivals, "or") if step.rivals else ""
+        cells = [f"{'' if step.fit else '≈ '}{cell}" for cell in _cells(step.errors, joints)]
+        rivals = named(step.rivals, "or") if step.rivals else ""
         found.append([f"{changed(step)}{removed}", *cells, rivals])
-    return found
+    return [*found, [NOISE, *_cells(noise_errors(history.diagnosis), joints), ""]]
 
 
 @renders(History, "sheet")
@@ -119,23 +128,36 @@ def sheet(history: History) -> Sheet:
 @renders(History, "plot")
 def plot(history: History) -> Chart:
     """Draw the held-out error of every joint against the rungs."""
-    names = [changed(step) for step in history.steps]
-    return plot_rungs(names, [step.errors for step in history.steps])
+    names = [_brief(step) for step in history.steps]
+    noise = noise_errors(history.diagnosis)
+    return plot_rungs(names, [step.errors for step in history.steps], noise)
 
 
-def plot_rungs(names: Sequence[str], errors: Sequence[Mapping[str, Error]]) -> Chart:
-    """Draw the held-out error of every joint against models one after the other."""
+def _brief(step: Step) -> str:
+    """Return what a rung changes as it fits below a chart."""
+    if len(step.added) > 1:
+        return f"+ {step.added[0].kind} in {len(step.added)}"
+    return changed(step)
+
+
+def plot_rungs(
+    names: Sequence[str], errors: Sequence[Mapping[str, Error]], noise: Mapping[str, Error]
+) -> Chart:
+    """Draw the held-out error of every joint against models one after the other; dashed: noise."""
     at = np.arange(len(names), dtype=float)
-    lines = []
+    lines: list[Mark] = []
     for i, joint in enumerate(errors[0]):
         y = [each[joint].relative or 0.0 for each in errors]
         if all(y):  # else there is no torque to be relative to
             lines.append(Line(at, 100 * np.array(y), joint, i, 1.6, dotted=True))
+        if floor := joint in noise and noise[joint].relative:
+            lines.append(Level(100 * floor, colour=i, dashed=True))
     panel = Panel(
-        tuple(lines), "", "held-out error [%]", logarithmic=True, height=4.0,
+        tuple(lines), "model", "held-out error [%]", logarithmic=True, height=4.0,
         x_names=tuple(names),
     )  # fmt: skip
-    return Chart("Held-out error of every joint, rung by rung", ((panel,),))
+    dashed = "; dashed: what noise alone would leave" if noise else ""
+    return Chart(f"Held-out error of every joint, rung by rung{dashed}", ((panel,),))
 
 
 # --- report and files -----------------------------------------------------------------------------
@@ -144,7 +166,7 @@ def plot_rungs(names: Sequence[str], errors: Sequence[Mapping[str, Error]]) -> C
 def history_card(history: History) -> Card:
     """Return what was added, the verdict on what is left, and the error before and after."""
     d = history.diagnosis
-    added = ", ".join(effect.label for effect in history.added) or "nothing"
+    added = named(history.added) if history.added else "nothing"
     first = history.steps[0].errors
     bars = tuple(
         Bar(joint, first[joint], error, d.floor[joint]) for joint, error in errors_of(d).items()
@@ -166,7 +188,32 @@ def write(history: History, folder: str | Path) -> list[Path]:
     sections = (ladder, *diagnosis_sections(history.diagnosis))
     page = Page(f"{history.mechanism.name}: grown model", history_card(history), sections)
     data = {**diagnosis_files(history.diagnosis), "report.html": page.html()}
+    data["grow.json"] = json_bytes(history_json(history))
     return write_all(Path(folder), model_files(history.fit) | data)
+
+
+@renders(History, "json")
+def history_json(history: History) -> dict[str, Any]:
+    """Return the content of grow.json."""
+    d = history.diagnosis
+    return {
+        "schema": "ident.grow/1",
+        "mechanism": history.mechanism.name,
+        "logs": [e.name for e in d.fit.motion.experiments],
+        "added": [name_of(effect) for effect in history.added],
+        "verdict": d.verdict,
+        "steps": [
+            {
+                "added": [name_of(effect) for effect in step.added],
+                "removed": [name_of(effect) for effect in step.removed],
+                "rivals": [name_of(effect) for effect in step.rivals],
+                "fitted": step.fit is not None,
+                "errors": {joint: asdict(error) for joint, error in step.errors.items()},
+            }
+            for step in history.steps
+        ],
+        "noise": {joint: asdict(error) for joint, error in noise_errors(d).items()},
+    }  # fmt: skip
 
 
 def model_files(fit: Fit) -> dict[str, bytes]:

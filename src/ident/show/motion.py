@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -45,23 +46,36 @@ def _facts(x: Motion) -> dict[str, str]:
     }
 
 
-def joint_rows(mechanism: Mechanism, motion: Motion | None = None) -> list[list[str]]:
-    """Return a row a joint: its state, its limits, and how far a motion takes it."""
-    rows = [["joint", "", "unit", "lower", "upper"]]
-    if motion is not None:
-        rows[0] += ["from", "to", "top speed"]
+def joints_json(mechanism: Mechanism, motion: Motion | None = None) -> list[dict[str, Any]]:
+    """Return by joint its state, its limits, and how far a motion takes it."""
+    found = []
     for i, joint in enumerate(mechanism.joints):
         state = "driven" if joint.name in mechanism.driven else "passive"
         if joint.name.startswith("closure."):
             state = "of a closure"
-        ends = ("–" if np.isinf(x) else f"{x:.4g}" for x in (joint.lower, joint.upper))
-        rows.append([joint.name, state, joint.unit, *ends])
+        found.append({
+            "joint": joint.name, "state": state, "unit": joint.unit, "lower": joint.lower,
+            "upper": joint.upper,
+        })  # fmt: skip
         if motion is not None:
             y, yd = (
                 np.concatenate([getattr(e, name)[:, i] for e in motion.experiments])
                 for name in ("y", "yd")
             )
-            rows[-1] += [f"{y.min():.4g}", f"{y.max():.4g}", f"{np.abs(yd).max():.3g}/s"]
+            found[-1] |= {"from": y.min(), "to": y.max(), "top_speed": np.abs(yd).max()}
+    return found
+
+
+def joint_rows(mechanism: Mechanism, motion: Motion | None = None) -> list[list[str]]:
+    """Return the same as a table."""
+    rows = [["joint", "", "unit", "lower", "upper"]]
+    if motion is not None:
+        rows[0] += ["from", "to", "top speed"]
+    for x in joints_json(mechanism, motion):
+        ends = ("–" if np.isinf(x[end]) else f"{x[end]:.4g}" for end in ("lower", "upper"))
+        rows.append([x["joint"], x["state"], x["unit"], *ends])
+        if motion is not None:
+            rows[-1] += [f"{x['from']:.4g}", f"{x['to']:.4g}", f"{x['top_speed']:.3g}/s"]
     return rows
 
 
@@ -99,11 +113,15 @@ def made_of(mechanism: Mechanism, motion: Motion, more: Sequence[Path] = ()) -> 
 # --- what a motion determines ---------------------------------------------------------------------
 
 
+def _assembled(mechanism: Mechanism) -> np.ndarray:
+    """Return the coordinates (joints,) of the assembled mechanism."""
+    names = tuple(joint.name for joint in mechanism.joints)
+    return LoopSolver(mechanism, names).coordinates(mechanism.assembled[None]).value[0]
+
+
 def describe(mechanism: Mechanism, motion: Motion | None = None) -> str:
     """Return joints with limits, assembled positions, and how far a motion moves them."""
-    names = tuple(joint.name for joint in mechanism.joints)
-    assembled = LoopSolver(mechanism, names).coordinates(mechanism.assembled[None]).value[0]
-    column = ["assembled", *(f"{x:.4g}" for x in assembled)]
+    column = ["assembled", *(f"{x:.4g}" for x in _assembled(mechanism))]
     rows = joint_rows(mechanism, motion)
     rows = [[*row, cell] for row, cell in zip(rows, column, strict=True)]
     return "\n".join([str(mechanism), *text_table(rows)])
@@ -129,20 +147,58 @@ def channels(mechanism: Mechanism, motion: Motion) -> str:
 
 def structure(mechanism: Mechanism, motion: Motion | None = None) -> str:
     """Return which base parameters a motion identifies, or could at best if none is given."""
-    columns = Columns.of(mechanism)
-    if not len(columns):
+    found = identifiable(mechanism, motion)
+    if not found["unknowns"]:
         return "nothing is unknown"
     what = "this motion identifies" if motion else "a motion can identify"
+    lines = [
+        f"{what} {found['rank']} base parameters of {found['unknowns']} unknowns "
+        f"(condition number {found['condition_number']:.3g}):",
+        *(f"  {name}" for name in found["base_parameters"]),
+    ]
+    if nothing := found["without_effect"]:
+        lines.append(f"without effect on any torque: {', '.join(nothing)}")
+    return "\n".join(lines)
+
+
+def identifiable(mechanism: Mechanism, motion: Motion | None = None) -> dict[str, Any]:
+    """Return the base parameters of a motion, of a lively one if none is given."""
+    columns = Columns.of(mechanism)
+    if not len(columns):
+        return {"unknowns": 0, "rank": 0, "base_parameters": []}
     motion = motion or excitation(mechanism)
     information = information_of(mechanism, columns, motion, initial(mechanism, motion))
     ones = np.ones(information.d)
     base = estimate(information.totals, columns.prior, ones, sigma=ones).base
-    lines = [
-        f"{what} {base.rank} base parameters of {len(columns)} unknowns "
-        f"(condition number {base.condition_number:.3g}):"
-    ]
-    lines += [f"  {name}" for name in base_names(columns, base)]
     nothing = [name for name, carrier in absorbed_by(columns, base).items() if not carrier]
-    if nothing:
-        lines.append(f"without effect on any torque: {', '.join(nothing)}")
-    return "\n".join(lines)
+    return {
+        "unknowns": len(columns), "rank": base.rank, "condition_number": base.condition_number,
+        "base_parameters": list(base_names(columns, base)), "without_effect": nothing,
+    }  # fmt: skip
+
+
+def check_json(mechanism: Mechanism, motion: Motion | None = None) -> dict[str, Any]:
+    """Return what `ident check` shows."""
+    joints = zip(joints_json(mechanism, motion), _assembled(mechanism), strict=True)
+    logs = [] if motion is None else motion.experiments
+    return {
+        "schema": "ident.check/1",
+        "mechanism": mechanism.name,
+        "degrees_of_freedom": mechanism.degrees_of_freedom,
+        "joints": [{**joint, "assembled": at} for joint, at in joints],
+        "closures": [{"name": each.name, "kind": each.kind} for each in mechanism.closures],
+        "effects": [each.label for each in mechanism.effects],
+        "logs": [
+            {
+                "log": e.name, "samples": len(e), "used": int(e.usable.sum()), "rate": e.rate,
+                "channels": [
+                    {"column": x.column, "noise": x.noise, "residual": x.residual}
+                    for x in e.channels
+                ],
+            }
+            for e in logs
+        ],
+        "cutoff": None if motion is None else motion.band.cutoff,
+        "identifiable": identifiable(mechanism, motion),
+        "notes": [*mechanism.notes, *(() if motion is None else motion.notes)],
+    }  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -14,22 +14,24 @@ from ident.errors import FitError, one_of
 from ident.files import json_bytes
 from ident.fit.compare import Comparison
 from ident.fit.multipliers import identifiable_multipliers
-from ident.fit.prediction import DRIVES, RIGID, Prediction
+from ident.fit.prediction import DRIVES, RIGID, Prediction, Trace
 from ident.fit.residual import Failure, Residual, zero_of
 from ident.fit.result import Fit
 from ident.information.blocks import Error
 from ident.show.card import Bar, Card
-from ident.show.charts import MEASURED, RESIDUAL, Chart, Colour, Level, Line, Panel, Points
+from ident.show.charts import FAINT, MEASURED, RESIDUAL, Chart, Colour, Level, Line, Panel, Points
 from ident.show.html import Block, Choice, Option, Page, Section, by_log, items, paragraph
 from ident.show.html import table as html_table
 from ident.show.motion import made_of, understood
 from ident.show.sheet import Sheet
-from ident.text import percent, table, wrapped
+from ident.text import percent, places, table, wrapped
 
 SCHEMA = "ident.compare/1"
 ROUNDING = 1e-12  # of the measured torque: below, a part is nil
 MOST = 3  # windows and regimes that are shown; all are in compare.json
 LABEL = 28  # characters of a model's name in a chart or table
+CLEARLY = 0.01  # R² by which another signal must determine an effect better
+CURVE = 120  # points of an effect's curve
 BINS = 30  # of the mean that is drawn through a cloud
 OWN = ("q", "v", "a", "load")  # of a joint, against which its residual is drawn
 SUM = "the sum taken apart, rms: rigid bodies + effects = predicted"
@@ -162,30 +164,79 @@ def short(name: str) -> str:
     return f"…{name[-LABEL:]}" if "/" in name else f"{name[:LABEL]}…"
 
 
+def told_apart(names: Iterable[str]) -> dict[str, str]:
+    """Return names of models as they are shown: of paths only the parts in which they differ.
+
+    >>> told_apart(["a/old/fit.json", "a/new/fit.json"])
+    {'a/old/fit.json': 'old', 'a/new/fit.json': 'new'}
+    """
+    paths = {name: name.split("/") for name in names}
+    parts = list(paths.values())
+    if len(parts) < 2 or min(map(len, parts)) < 2:
+        return {name: short(name) for name in paths}
+    least = min(map(len, parts)) - 1
+    head = min(_same(parts), least)
+    tail = min(_same([each[::-1] for each in parts]), least - head)
+    return {name: short("/".join(x[head : len(x) - tail])) for name, x in paths.items()}
+
+
+def _same(parts: Sequence[Sequence[str]]) -> int:
+    """Return how many words all begin with."""
+    columns = enumerate(zip(*parts, strict=False))
+    return next((i for i, words in columns if len(set(words)) > 1), min(map(len, parts)))
+
+
 def plot_predictions(
-    predictions: Mapping[str, list[Prediction]], units: Sequence[str], experiment: int = 0
+    predictions: Mapping[str, list[Prediction]],
+    residuals: Models,
+    experiment: int = 0,
+    first: str = "",
+    prior: Sequence[Prediction] = (),
 ) -> Chart:
-    """Draw measured torque and every model's prediction, with residuals below, per joint."""
+    """Draw measured torque and every model's prediction, with residuals below, per joint.
+
+    Args:
+        predictions, residuals: by model, unfiltered and filtered; of one model alone the unfiltered
+            residual is a pale band.
+        experiment: number of the log.
+        first: joint that is drawn first, as the others are in the mechanism's order.
+        prior: what the URDF predicts.
+    """
     models = {name: each[experiment] for name, each in predictions.items()}
-    one = next(iter(models.values()))
+    shown, one = told_apart(models), next(iter(models.values()))
     zero = zero_of(one.t)
     t, clock = one.t - zero, time_label(zero)
     rows = []
-    for u, joint in enumerate(one.joints):
-        measured = np.where(one.usable, one.measured[:, u], np.nan)
-        above, below = [Line(t, measured, "measured", MEASURED, 2.2)], []
+    for u, joint in sorted(enumerate(one.joints), key=lambda pair: pair[1] != first):
+
+        def known(p: Prediction, x: np.ndarray, u: int = u) -> np.ndarray:
+            return np.where(p.usable, x[:, u], np.nan)
+
+        above = [Line(t, known(one, one.measured), "measured", MEASURED, 2.2)]
+        above += [Line(t, known(p, p.predicted), "the URDF alone", 5, 1.0)
+                  for p in prior[experiment : experiment + 1]]  # fmt: skip
+        below = []
         for i, (name, p) in enumerate(models.items()):
-            alone = len(models) == 1
-            label, rest = ("predicted", "difference") if alone else (short(name), "")
-            predicted, off = (
-                np.where(p.usable, x[:, u], np.nan) for x in (p.predicted, p.residual)
+            alone, trace = len(models) == 1, residuals[name].traces[experiment]
+            above.append(
+                Line(t, known(p, p.predicted), "predicted" if alone else shown[name], i, 1.1)
             )
-            above.append(Line(t, predicted, label, i, 1.1))
-            below.append(Line(t, off, rest, RESIDUAL if alone else i, 0.8))
-        rows.append((Panel(tuple(above), clock, f"{joint} [{units[u]}]"),))
-        rows.append((Panel((Level(), *below), clock, "difference", height=1.5),))
+            if alone:
+                below.append(Line(t, known(p, p.residual), "difference, unfiltered", FAINT, 0.8))
+            label = "difference" if alone else ""
+            colour: Colour = RESIDUAL if alone else i
+            below.append(Line(trace.t - zero, broken(trace, u), label, colour, 1.3))
+        unit = next(iter(residuals.values())).units[u]
+        rows.append((Panel(tuple(above), clock, f"{joint} [{unit}]"),))
+        rows.append((Panel((Level(), *below), clock, f"difference [{unit}]", height=1.5),))
     words = f"Measured and predicted torque of every joint over time, {one.name}"
     return Chart(words, tuple(rows), shared_x=True, clock=one.name)
+
+
+def broken(trace: Trace, u: int) -> np.ndarray:
+    """Return the filtered residual (n,) of a coordinate, broken where rows are left out."""
+    gaps = np.diff(trace.segment, prepend=trace.segment[:1]) > 0
+    return np.where(gaps, np.nan, trace.residual[:, u])
 
 
 def plot_parts(residuals: Models, experiment: int = 0, own: bool = False) -> Chart:
@@ -197,7 +248,7 @@ def plot_parts(residuals: Models, experiment: int = 0, own: bool = False) -> Cha
     first = next(iter(residuals.values()))
     last = min(experiment, len(first.traces) - 1)
     colours: dict[str, int] = {}
-    rows = []
+    shown, rows = told_apart(residuals), []
     for u, joint in enumerate(first.joints):
         row: list[Panel] = []
         for name, residual in residuals.items():
@@ -218,7 +269,7 @@ def plot_parts(residuals: Models, experiment: int = 0, own: bool = False) -> Cha
                 Line(trace.t - zero, np.where(gaps, np.nan, x), key.split(":")[0], colour, width)
                 for key, (x, colour, width) in series.items()
             )
-            title = f"{short(name)}, {short(trace.name)}" if u == 0 and len(residuals) > 1 else ""
+            title = f"{shown[name]}, {short(trace.name)}" if u == 0 and len(residuals) > 1 else ""
             label = "" if row else f"{joint} [{first.units[u]}]"
             row.append(Panel(lines, time_label(zero), label, title))
         rows.append(tuple(row))
@@ -226,33 +277,66 @@ def plot_parts(residuals: Models, experiment: int = 0, own: bool = False) -> Cha
     if own:
         words = "Each joint by itself: rigid bodies, closure forces"
     log, width = first.traces[last].name, max(9.0, 6.0 * len(residuals))
-    return Chart(
-        f"{words}, {log}", tuple(rows), shared_x=True, shared_y=True, width=width, clock=log
-    )
+    return Chart(f"{words}, {log}", tuple(rows), shared_x=True, width=width, clock=log)
 
 
-def plot_maps(residuals: Models, joint: str) -> Chart:
+def plot_maps(residuals: Models, joint: str, effect: str = "") -> Chart:
     """Draw a joint's residual and its mean against t, q, v, a and load, a row a model.
 
     If it depends most on a signal of another joint, against that too; the most important is framed.
+    With the label of an `effect` of the last model, its torque is drawn through the points of the
+    first one, and the signal that determines it most is framed.
     """
     models = list(residuals.values())
     scores = [_scores(residual, joint) for residual in models]
+    own: list[np.ndarray] = []
+    if effect:
+        u = models[-1].joints.index(joint)
+        own = [trace.parts[effect][:, u] for trace in models[-1].traces]
+        scores = [_determined(models[-1], joint, own), *({} for _ in models[1:])]
     names = ["t", *(f"{kind}.{joint}" for kind in OWN)]
     foreign = [(r2, name) for each in scores for name, r2 in each.items() if name not in names]
     names += [max(foreign)[1]] if foreign else []
-    marked, rows = [], []
+    shown, marked = told_apart(residuals), list[str]()
+    rows: list[tuple[Panel, ...]] = []
     for title, residual, score in zip(residuals, models, scores, strict=True):
         most = next((name for name in score if name in names), "")
         marked += [most] if most else []
-        row = [_map(residual, joint, name, score.get(name, 0.0), name == most) for name in names]
+        curve = own if not rows else []
+        row = [
+            _map(residual, joint, name, score.get(name, 0.0), name == most, curve) for name in names
+        ]
         unit = f"{joint} [{residual.units[residual.joints.index(joint)]}]"
-        label = unit if len(residuals) == 1 else f"{short(title)}\n{unit}"
+        label = unit if len(residuals) == 1 else f"{shown[title]}\n{unit}"
         rows.append((replace(row[0], y=label), *row[1:]))
     words = f"Residual of {joint} against time, its position, speed, acceleration and load"
     if marked:
         words += f"; framed: {', '.join(dict.fromkeys(marked))}, on which it depends most"
+    if effect:
+        words += f"; the line: {effect}"
     return Chart(words, tuple(rows), shared_y=True, width=2.6 * len(names))
+
+
+def _determined(residual: Residual, joint: str, torque: Sequence[np.ndarray]) -> dict[str, float]:
+    """Return the signal whose mean explains most of a torque, the joint's own first, and R²."""
+    y, best = np.concatenate(torque), {"": -np.inf}
+    names = [joint, *(each for each in residual.signals if each != joint)]
+    for name in [*(f"{kind}.{each}" for each in names for kind in "vqa"), f"load.{joint}", "t"]:
+        x = np.concatenate(residual.signal(name)[0])
+        rest = y - np.interp(x, *_means(x, y, CURVE))
+        r2 = 1 - float(rest @ rest) / max(float(y @ y), 1e-300)
+        if r2 > next(iter(best.values())) + CLEARLY:
+            best = {name: r2}
+    return best
+
+
+def _means(x: np.ndarray, y: np.ndarray, bins: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the means of x and y in bins of as many points each."""
+    order = np.argsort(x)
+    parts = np.array_split(order, min(bins, max(len(x) // 3, 1)))
+    return np.array([x[part].mean() for part in parts]), np.array(
+        [y[part].mean() for part in parts]
+    )
 
 
 def _scores(residual: Residual, joint: str) -> dict[str, float]:
@@ -264,8 +348,11 @@ def _scores(residual: Residual, joint: str) -> dict[str, float]:
     return found
 
 
-def _map(residual: Residual, joint: str, name: str, r2: float, marked: bool) -> Panel:
-    """Draw points, one colour an experiment, and their mean in bins."""
+def _map(
+    residual: Residual, joint: str, name: str, r2: float, marked: bool,
+    curve: Sequence[np.ndarray] = (),
+) -> Panel:  # fmt: skip
+    """Draw points, one colour an experiment, and their mean in bins, or a curve through them."""
     u = residual.joints.index(joint)
     x, unit = residual.signal(name)
     if name == "t":
@@ -279,6 +366,10 @@ def _map(residual: Residual, joint: str, name: str, r2: float, marked: bool) -> 
     known = count >= 3
     middle = (edges[1:] + edges[:-1])[known] / 2
     mean = Line(middle, total[known] / count[known], "mean", "mean", 1.8)
+    if curve and marked:
+        mean = Line(
+            *_means(whole, np.concatenate(curve), CURVE), "the effect itself", RESIDUAL, 2.6
+        )
     own = name.removesuffix(f".{joint}")
     return Panel(
         (Level(), *clouds, mean),
@@ -298,8 +389,8 @@ def _models(x: Fit | Comparison) -> Models:
 def plot(x: Fit | Comparison, experiment: int = 0) -> Chart:
     """Draw measured torque and every model's prediction, with residuals below, per joint."""
     if isinstance(x, Comparison):
-        return plot_predictions(x.predictions, x.units, experiment)
-    return plot_predictions({x.name: x.predictions}, x.problem.units, experiment)
+        return plot_predictions(x.predictions, x.residuals, experiment)
+    return plot_predictions({x.name: x.predictions}, _models(x), experiment)
 
 
 @renders(Fit, "plot_parts")
@@ -334,13 +425,23 @@ def errors_section(rows: Sequence[Sequence[str]], *more: Block) -> Section:
 
 
 def residual_sections(
-    predictions: Mapping[str, list[Prediction]], residuals: Models
+    predictions: Mapping[str, list[Prediction]],
+    residuals: Models,
+    first: str = "",
+    prior: Sequence[Prediction] = (),
 ) -> tuple[Section, ...]:
-    """Return measured against predicted, where the last model fails, and the sum taken apart."""
+    """Return measured against predicted, where the last model fails, and the sum taken apart.
+
+    Args:
+        predictions, residuals: by model.
+        first: joint that comes first; default: the one in which the last model fails most.
+        prior: what the URDF predicts.
+    """
     last = list(residuals.values())[-1]
+    first = first or last.where[0].joint
     logs = [trace.name for trace in last.traces]
     options = []
-    for failure in last.where:
+    for failure in sorted(last.where, key=lambda each: each.joint != first):
         said = items(failure_lines(failure, len(logs) > 1))
         options.append(Option(failure.joint, (said, plot_maps(residuals, failure.joint))))
     parts: list[Block] = []
@@ -351,7 +452,7 @@ def residual_sections(
     parts += by_log(logs, lambda i: plot_parts(residuals, i))
     if last.own:
         parts += by_log(logs, lambda i: plot_parts(residuals, i, own=True))
-    torques = by_log(logs, lambda i: plot_predictions(predictions, last.units, i))
+    torques = by_log(logs, lambda i: plot_predictions(predictions, residuals, i, first, prior))
     return (
         Section("Measured against predicted", torques),
         Section("Residual maps", (paragraph(MAPS), Choice("Of which joint", tuple(options)))),
@@ -377,14 +478,14 @@ def comparison_summary(c: Comparison) -> str:
     """Return how far the error falls, errors on this motion, and those of the fits."""
     first = next(iter(c.residuals.values()))
     tables = {}
-    names = list(c.residuals)
+    names, shown = list(c.residuals), told_apart(c.residuals)
     for i in range(0, len(names), 2):
-        pair = {short(name): c.errors[name] for name in names[i : i + 2]}
+        pair = {shown[name]: c.errors[name] for name in names[i : i + 2]}
         title = f"error of the predicted torque{_below(first)}"
         tables[title if i == 0 else ", ".join(pair)] = error_rows(pair)
     for name, errors in c.fitted.items():
         if any(errors.values()):
-            tables[f"errors of {name} as it was fitted"] = error_rows(errors)
+            tables[f"errors of {shown[name]} as it was fitted"] = error_rows(errors)
     return "\n".join([*comparison_card(c).text(), Sheet("", tables=tables).summary()])
 
 
@@ -393,15 +494,30 @@ def comparison_card(c: Comparison) -> Card:
     first, last = (list(c.residuals.values())[i] for i in (0, -1))
     logs = ", ".join(trace.name for trace in first.traces)
     if first is last:
-        return Card(f"{first.name} on {logs}")
-    falls = [
-        f"{joint} {100 * (1 - last.errors[joint].rms / error.rms):.3g} %"
+        bars = tuple(Bar(joint, error) for joint, error in first.errors.items())
+        return Card(f"{short(first.name)} on {logs}", bars=bars)
+    bars = tuple(
+        Bar(joint, first.errors[joint], last.errors[joint]) for joint in _changed(first, last)
+    )
+    shown = told_apart(c.residuals)
+    what = " and ".join(
+        f"{word} in {places(bar.joint for bar in own)}"
+        for word, own in (
+            ("falls", [bar for bar in bars if bar.after and bar.after.rms < bar.before.rms]),
+            ("rises", [bar for bar in bars if bar.after and bar.after.rms > bar.before.rms]),
+        )
+        if own
+    ) or "stays"  # fmt: skip
+    return Card(f"{shown[first.name]} → {shown[last.name]} on {logs}: the error {what}", bars=bars)
+
+
+def _changed(first: Residual, last: Residual) -> list[str]:
+    """Return the joints, the one whose error changes most against its torque first."""
+    change = {
+        joint: abs(error.rms - last.errors[joint].rms) * ((error.relative or 0) / (error.rms or 1))
         for joint, error in first.errors.items()
-        if error.rms > 0
-    ]
-    bars = tuple(Bar(joint, error, last.errors[joint]) for joint, error in first.errors.items())
-    names = f"error falls from {short(first.name)} to {short(last.name)} on {logs}"
-    return Card(f"{names}: {', '.join(falls)}", bars=bars)
+    }
+    return sorted(change, key=lambda joint: -change[joint])
 
 
 @renders(Comparison, "sheet")
@@ -419,16 +535,17 @@ def comparison_sheet(c: Comparison) -> Sheet:
 def comparison_files(c: Comparison) -> dict[str, bytes]:
     """Return report.html and compare.json."""
     residuals = c.residuals
-    first = next(iter(residuals.values()))
+    first, shown = next(iter(residuals.values())), told_apart(residuals)
     mechanism, motion = first.model.mechanism, first.motion
+    changed = _changed(first, list(residuals.values())[-1])[0] if len(residuals) > 1 else ""
     fitted = [
-        html_table(error_rows(errors), f"{name} as it was fitted")
+        html_table(error_rows(errors), f"{shown[name]} as it was fitted")
         for name, errors in c.fitted.items()
         if any(errors.values())
     ]
     sections = (
-        errors_section(error_rows(c.errors), *fitted),
-        *residual_sections(c.predictions, residuals),
+        errors_section(error_rows({shown[name]: each for name, each in c.errors.items()}), *fitted),
+        *residual_sections(c.predictions, residuals, changed),
         Section("Parameters", _parameters(residuals)),
         Section("Multipliers", _multipliers(c)),
         understood(mechanism, motion),
@@ -436,18 +553,19 @@ def comparison_files(c: Comparison) -> dict[str, bytes]:
     )
     title = f"{mechanism.name}: model against measurement"
     report = Page(title, comparison_card(c), sections).html()
-    return {"report.html": report, "compare.json": json_bytes(_json(c))}
+    return {"report.html": report, "compare.json": json_bytes(comparison_json(c))}
 
 
 def _parameters(residuals: Models) -> tuple[Block, ...]:
     """Return values of the effects and of the bodies' unknowns, model beside model."""
     models = [residual.model for residual in residuals.values()]
     values = [dict(model.point.values) for model in models]
-    effects = [["effect", *residuals]]
+    names = told_apart(residuals).values()
+    effects = [["effect", *names]]
     for name in dict.fromkeys(name for own in values for name in own):
         effects.append([name, *(f"{own[name]:.5g}" if name in own else "–" for own in values)])
     mechanism = models[0].mechanism
-    bodies = [["parameter about the joint", "prior", *residuals]]
+    bodies = [["parameter about the joint", "prior", *names]]
     for i, name in enumerate(mechanism.bodies.names):
         if name in mechanism.unknown:
             found = (mechanism.prior[i], *(model.point.pi[i] for model in models))
@@ -466,11 +584,11 @@ def _multipliers(c: Comparison) -> tuple[Block, ...]:
     known = identifiable_multipliers(first.model.mechanism, first.motion)
 
     def draw(i: int) -> Chart:
-        models = {}
+        models, shown = {}, told_apart(c.predictions)
         for name, predictions in c.predictions.items():
             p = predictions[i]
             values = np.where(p.usable[:, None], p.multipliers, np.nan)
-            models[short(name)] = (p.t, values[:, known])
+            models[shown[name]] = (p.t, values[:, known])
         names, units = (np.array(x)[known] for x in (kinematics.multipliers, kinematics.units))
         return plot_forces(names, units, models, first.motion.experiments[i].name)
 
@@ -508,7 +626,9 @@ def plot_forces(
     return Chart(words, tuple(rows), shared_x=True, clock=log)
 
 
-def _json(c: Comparison) -> dict[str, Any]:
+def comparison_json(c: Comparison) -> dict[str, Any]:
+    """Return the content of compare.json."""
+
     def errors(named: Mapping[str, Error]) -> dict[str, Any]:
         return {joint: asdict(error) for joint, error in named.items()}
 

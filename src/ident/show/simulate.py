@@ -111,9 +111,13 @@ def files(x: Replay) -> dict[str, bytes]:
         Section("Warnings", (items(x.notes),) if x.notes else ()),
     )
     page = Page("Simulated against measured motion", ", ".join(x.runs), sections)
+    return {"replay.html": page.html(), "replay.json": json_bytes(replay_json(x))}
+
+
+def replay_json(x: Replay) -> dict[str, Any]:
+    """Return the content of replay.json."""
     models = {name: [_data(run) for run in logs] for name, logs in x.runs.items()}
-    content = {"schema": SCHEMA, "window": x.window, "models": models}
-    return {"replay.html": page.html(), "replay.json": json_bytes(content)}
+    return {"schema": SCHEMA, "window": x.window, "models": models}
 
 
 def _data(run: ReplayedLog) -> dict[str, Any]:

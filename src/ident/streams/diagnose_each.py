@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 
 from ident.diagnosis import Diagnosis, diagnose
 from ident.display import Displayed, render
 from ident.errors import FitError
+from ident.files import json_bytes
 from ident.fit import identify
 from ident.log import read_log
 from ident.log.read import names_of
@@ -92,6 +94,15 @@ class Verdicts(Displayed):
     logs: tuple[Verdict, ...]
 
     @property
+    def verdicts(self) -> set[str]:
+        """Every verdict there is: that of all logs together and that of each."""
+        return {self.together.verdict, *(each.verdict for each in self.logs if each.verdict)}
+
+    def json(self) -> dict[str, Any]:
+        """The diagnosis of all logs together, with `each`: the rows of the table."""
+        return {**self.together.json(), "each": self.table.to_dicts()}
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """Which logs were left out and why, and notes of the fit of all logs."""
         out = [f"{each.log}: left out: {each.left_out}" for each in self.logs if each.left_out]
@@ -153,7 +164,10 @@ class Verdicts(Displayed):
         Raises:
             IdentError: if the folder cannot be written.
         """
-        more = {"logs.csv": self.table.write_csv().encode()}
+        more = {
+            "diagnosis.json": json_bytes(self.json()),
+            "logs.csv": self.table.write_csv().encode(),
+        }
         sections = [render(self, "section")]
         paths: list[Path] = render(self.together, "files", folder, more, sections)
         return paths
@@ -166,6 +180,9 @@ def diagnose_each(
     cutoff: float | str | None = "auto",
     smoothing: float | str | None = AUTO,
     seed: int = 0,
+    alpha: float = 0.01,
+    material: float = 0.003,
+    rival_se: float = 2.0,
     jobs: int | None = None,
     scheduler: str | None = None,
     progress: Progress | None = None,
@@ -178,7 +195,7 @@ def diagnose_each(
         mechanism: with what is unknown and which effects it has.
         logs: paths of logs and of folders of logs.
         cutoff, smoothing: as `complete` takes them.
-        seed: of the residuals in which nothing is missing.
+        seed, alpha, material, rival_se: as `diagnose` takes them.
         jobs: processes; None: one a core; 1: this one alone.
         scheduler: address of a Dask scheduler whose workers do it, in place of processes.
         progress: called with (what is being done, share done).
@@ -191,6 +208,12 @@ def diagnose_each(
     """
     paths = log_paths(logs, scheduler)
     names, settings = names_of(paths), (mechanism, cutoff, smoothing)
+    rule: dict[str, Any] = {
+        "seed": seed,
+        "alpha": alpha,
+        "material": material,
+        "rival_se": rival_se,
+    }
 
     def on_progress(what: str, share: float) -> None:
         if progress:
@@ -198,7 +221,7 @@ def diagnose_each(
 
     workers = Workers(jobs, scheduler, False, on_progress)
     tasks = list(zip(names, paths, strict=True))
-    done = workers.over(_verdict, tasks, (settings, seed), names, "logs")
+    done = workers.over(_verdict, tasks, (settings, rule), names, "logs")
     verdicts = tuple(
         verdict or Verdict(name, left_out=workers.broken[name]) for (name, _), verdict in done
     )
@@ -218,16 +241,16 @@ def diagnose_each(
         motion = replace(some, notes=(*some.notes, note))
     fit = identify(mechanism, motion, estimator="least-squares")
     last = progress and (lambda what, share: progress(what, EACH + (1 - EACH) * share))
-    return Verdicts(diagnose(fit, seed=seed, progress=last), verdicts)
+    return Verdicts(diagnose(fit, progress=last, **rule), verdicts)
 
 
-def _verdict(common: tuple[Settings, int], task: tuple[str, Path]) -> Verdict:
+def _verdict(common: tuple[Settings, dict[str, Any]], task: tuple[str, Path]) -> Verdict:
     """Diagnose one log."""
-    (settings, seed), (name, path) = common, task
+    (settings, rule), (name, path) = common, task
     motion = _motion(*settings, [path])
     fit = identify(settings[0], motion, estimator="least-squares")
     samples = sum(len(each) for each in motion.experiments)
-    return Verdict.of(name, samples, diagnose(fit, seed=seed))
+    return Verdict.of(name, samples, diagnose(fit, **rule))
 
 
 def _motion(

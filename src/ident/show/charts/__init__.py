@@ -177,7 +177,7 @@ class Chart:
     Attributes:
         words: text alternative, for readers who cannot see the chart.
         rows: of panels, all of one length.
-        shared_x: whether all panels have one x axis, as of time; shared_y: all of a row one y axis.
+        shared_x: whether all panels have one x axis, as of time; shared_y: whether one y axis.
         width: [inch] of a still chart.
         clock: the log whose time x is, if any: all charts of one clock are zoomed together.
     """
@@ -352,7 +352,7 @@ def figure_of(chart: Chart) -> Figure:
     figure = Figure(figsize=(chart.width, 0.9 + sum(heights)), layout="constrained")
     grid = figure.subplots(
         rows, columns, squeeze=False, height_ratios=heights,
-        sharex=chart.shared_x, sharey="row" if chart.shared_y else False,
+        sharex=chart.shared_x, sharey="all" if chart.shared_y else False,
     )  # fmt: skip
     for i, (axes, panels) in enumerate(zip(grid, chart.thinned(POINTS).rows, strict=True), 1):
         for axis, panel in zip(axes, panels, strict=False):

@@ -2,6 +2,7 @@
 function drawChart(chart, place) {
   const {Plotting, Range1d, DataRange1d, PlainText, ColumnDataSource} = Bokeh, GREY = "#767c86"
   const POINTS = 1000 // buckets of a line in view
+  const NARROW = 165 // pixels, below which no panel gets
   const numbers = chart.arrays.map((text) => {
     const bytes = Uint8Array.from(atob(text.slice(3)), (c) => c.charCodeAt(0))
     return text.startsWith("<f4") ? new Float32Array(bytes.buffer) : new Float64Array(bytes.buffer)
@@ -10,6 +11,9 @@ function drawChart(chart, place) {
     source: new ColumnDataSource({data}),
     ...Object.fromEntries(Object.keys(data).map((name) => [name, {field: name}]))})
   const plain = (text) => new PlainText({text: text ?? ""}) // never read as mathematics
+  const width = place.clientWidth || 1000, most = Math.max(1, Math.floor(width / NARROW))
+  const pieces = (row) => row.length > most ? [row.slice(0, most), ...pieces(row.slice(most))] : [row]
+  const rows = chart.rows.flatMap(pieces) // on a narrow page panels stand below each other
   const labelled = new Map() // a mark and all renderers by their label in the legend
   const long = [] // lines that are drawn by the extremes of the samples in view
 
@@ -115,15 +119,15 @@ function drawChart(chart, place) {
   }
 
   function figureOf(panel, row, left) {
-    const last = row === chart.rows.length - 1, along = chart.shared_x ? "width" : "both"
+    const last = row === rows.length - 1, along = chart.shared_x ? "width" : "both"
     const inner = left !== null && chart.shared_y // its y axis stands at the left of the row
     const across = (names) => ({start: -0.5, end: names.length - 0.5})
-    const rows = () => ({start: panel.y_names.length - 0.5, end: -0.5}) // run downwards
+    const downwards = () => ({start: panel.y_names.length - 0.5, end: -0.5}) // run downwards
     const fig = new Plotting.Figure({
       height: panel.height, sizing_mode: "stretch_width", toolbar_location: null,
       x_range: shared ?? (panel.x_names.length ? new Range1d(across(panel.x_names)) : new DataRange1d()),
-      y_range: left !== null && chart.shared_y ? left.y_range
-        : panel.y_names.length ? new Range1d(rows()) : new DataRange1d(),
+      y_range: chart.shared_y && scale ? scale
+        : panel.y_names.length ? new Range1d(downwards()) : new DataRange1d(),
       y_axis_type: panel.logarithmic ? "log" : "linear",
       tools: [
         new Bokeh.BoxZoomTool({dimensions: along}), new Bokeh.PanTool({dimensions: along}),
@@ -139,7 +143,7 @@ function drawChart(chart, place) {
     const bare = chart.shared_x && !last // numbers stand below the last row
     const tilted = Math.max(0, ...panel.x_names.map((name) => name.length)) > 6
     for (const axis of fig.xaxes) {
-      if (!panel.x_names.length) axis.ticker.setv({desired_num_ticks: chart.rows[0].length > 3 ? 3 : 6})
+      if (!panel.x_names.length) axis.ticker.setv({desired_num_ticks: width / rows[0].length < 300 ? 3 : 6})
       named(axis, panel.x_names, bare ? "" : panel.x, {
         major_label_text_font_size: bare ? "0px" : "11px",
         major_label_orientation: tilted ? 0.45 : "horizontal"})
@@ -153,33 +157,41 @@ function drawChart(chart, place) {
     return fig
   }
 
-  const figures = chart.rows.map((row, number) => {
+  let scale = null // of y, where all panels have the same
+  const figures = rows.map((row, number) => {
     let left = null
-    return row.map((panel) => { const fig = figureOf(panel, number, left); left ??= fig; return fig })
-  })
-  legend(figures)
-
-  // above the first panel, of all panels; a click on a name hides it everywhere
-  function legend([row]) {
-    if (!labelled.size) return
-    const nothing = {x: [NaN], y: [NaN], at: [NaN], values: [NaN], errors: [NaN], quantiles: Array(5).fill(NaN)}
-    const items = [...labelled].map(([label, {mark, renderers}]) => {
-      const [leader] = glyphs[mark.kind](row[0], mark, nothing)
-      leader.properties.visible.change.connect(() => {
-        for (const each of renderers) each.visible = leader.visible
-      })
-      return new Bokeh.LegendItem({label: {value: label}, renderers: [leader]})
+    return row.map((panel) => {
+      const fig = figureOf(panel, number, left)
+      left ??= fig
+      scale ??= fig.y_range
+      return fig
     })
-    const looks = {background_fill_color: null, border_line_color: null, label_text_color: GREY}
-    row[0].add_layout(new Bokeh.Legend({
-      items, orientation: "horizontal", click_policy: "hide", spacing: 14, location: "top_left",
-      padding: 2, margin: 2, ...looks}), "above")
-    for (const fig of row) { // all panels of the row stay on one line
-      fig.height += 28
-      if (fig === row[0]) continue
-      if (row[0].title.text && fig.title.text) fig.title.standoff += 28 // the legend may run below it
-      else fig.min_border_top = 28
+  })
+  place.append(legend())
+
+  // above all panels, in as many lines as it takes; a click on a name hides it everywhere
+  function legend() {
+    const names = document.createElement("div")
+    names.style = "display: flex; flex-wrap: wrap; gap: 0 14px; padding: 2px 0"
+    for (const [label, {mark, renderers}] of labelled) {
+      const sign = document.createElement("span"), button = document.createElement("button")
+      const line = mark.kind === "Line"
+      sign.style = `display: inline-block; width: 16px; height: ${line ? 3 : 10}px; margin-right: 5px;
+        vertical-align: middle; background: ${mark.colour}; border-radius: ${mark.kind === "Points" || mark.kind === "Dots" ? 5 : 0}px`
+      if (!line) sign.style.width = "10px"
+      button.type = "button"
+      button.style = `all: unset; cursor: pointer; font: 12px/1.6 system-ui, sans-serif; color: ${GREY}`
+      button.setAttribute("aria-pressed", "true")
+      button.append(sign, label)
+      button.addEventListener("click", () => {
+        const shown = button.getAttribute("aria-pressed") === "false"
+        button.setAttribute("aria-pressed", String(shown))
+        button.style.opacity = shown ? 1 : 0.45
+        for (const each of renderers) each.visible = shown
+      })
+      names.append(button)
     }
+    return names
   }
 
   if (shared && long.length) {
@@ -204,5 +216,18 @@ function drawChart(chart, place) {
   grid.toolbar.active_drag = tool(Bokeh.BoxZoomTool)
   grid.toolbar.active_scroll = tool(Bokeh.WheelZoomTool)
   const shown = Plotting.show(grid, place)
-  return Promise.resolve(shown).then(() => ({document: grid.document, range: shared}))
+  return Promise.resolve(shown).then(() => {
+    grid.document.idle.connect(() => cleared(place))
+    setTimeout(() => cleared(place), 100)
+    return {document: grid.document, range: shared}
+  })
+}
+
+// BokehJS paints once before it has a layout, and never clears the left half of the first pixels
+function cleared(place) {
+  for (const each of place.children) {
+    if (each instanceof HTMLCanvasElement) each.getContext("2d").clearRect(-1, 0, 1.5, each.height)
+    cleared(each)
+    if (each.shadowRoot) cleared(each.shadowRoot)
+  }
 }

@@ -12,6 +12,7 @@ from markupsafe import Markup
 from ident.diagnosis import Diagnosis
 from ident.fit import Fit
 from ident.show.charts import Chart
+from ident.show.diagnosis import noise_errors
 from ident.show.explore.exploration import Exploration, error_text, share
 from ident.show.explore.predicted import PredictedGain
 from ident.show.fit import value_tables
@@ -105,7 +106,9 @@ def contents(e: Exploration, view: str, joint: str) -> list[Chart | Markup]:
         return [e.fit.plot().thinned(POINTS)]
     if view == "Ladder":
         remarks = [text for a, b in pairwise(e.rungs) for text in b.risen(a)]
-        ladder = plot_rungs([rung.name for rung in e.rungs], [rung.errors for rung in e.rungs])
+        noise = noise_errors(e.now.diagnosis) if e.now.diagnosis else {}
+        names = [rung.name for rung in e.rungs]
+        ladder = plot_rungs(names, [rung.errors for rung in e.rungs], noise)
         return [items(remarks), ladder]
     if view == "Numbers":
         return _numbers(e.fit)
@@ -120,8 +123,8 @@ def _joint(e: Exploration, joint: str) -> list[Chart | Markup]:
     names = ("before", "now")[-len(last) :]
     predicted = {name: rung.fit.predict() for name, rung in zip(names, last, strict=True)}
     u = e.fit.motion.independent.index(joint)
-    units = [e.mechanism.joint(each).force_unit for each in e.fit.motion.independent]
-    whole = plot_predictions(predicted, units, 0)
+    residuals = {name: rung.fit.residual for name, rung in zip(names, last, strict=True)}
+    whole = plot_predictions(predicted, residuals)
     words = f"Measured and predicted torque of {joint} over time"
     torque = replace(whole, words=words, rows=whole.rows[2 * u : 2 * u + 2])
     failure = next(each for each in e.fit.residual.where if each.joint == joint)

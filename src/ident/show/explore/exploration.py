@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ident.diagnosis import Diagnosis, History, diagnose
-from ident.diagnosis.diagnosis import errors_of, fall_of
+from ident.diagnosis.diagnosis import errors_of
 from ident.diagnosis.grow import Step
 from ident.display import Displayed
 from ident.effects import Effect
@@ -36,7 +36,6 @@ class ModelStep:
         fit: everything refitted.
         announced: the fall that was announced for this change, as a share; None if none was.
         delivered: the fall that the refit brought, in the same rows; None where they are others.
-        fall: of the held-out squares on all rows, as on the ladder of `grow`.
         candidates: what is announced for the next change; None before that has been worked out.
         diagnosis: None before it was asked for.
     """
@@ -46,7 +45,6 @@ class ModelStep:
     fit: Fit
     announced: float | None = None
     delivered: float | None = None
-    fall: float = 0.0
     candidates: tuple[PredictedGain, ...] | None = None
     diagnosis: Diagnosis | None = None
 
@@ -82,8 +80,8 @@ class ModelStep:
     @property
     def step(self) -> Step:
         """As `grow` has it."""
-        removed = () if self.removed is None else (self.removed,)
-        return Step(self.added, removed, (), self.fit, self.fall, self.errors)
+        added, removed = (() if x is None else (x,) for x in (self.added, self.removed))
+        return Step(added, removed, (), self.fit, self.errors)
 
 
 def share(value: float | None) -> str:
@@ -276,10 +274,7 @@ class Exploration(Displayed):
         fit = identify(  # least squares throughout, as the prediction has it
             mechanism, self.fit.motion, start=start, estimator="least-squares", progress=progress
         )
-        step = ModelStep(
-            added, removed, fit, announced, delivered=delivered(self.fit, fit),
-            fall=fall_of(errors_of(self.fit), errors_of(fit)),
-        )  # fmt: skip
+        step = ModelStep(added, removed, fit, announced, delivered=delivered(self.fit, fit))
         return replace(self, rungs=(*self.rungs, step), before=self)
 
     def __str__(self) -> str:

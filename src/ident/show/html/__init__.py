@@ -65,6 +65,7 @@ strong = partial(piece, "strong")  # a paragraph that is to be read first
 headed = partial(piece, "headed")  # a heading within a section
 code = partial(piece, "preformatted")
 items = partial(piece, "items")  # a list of words
+folded = partial(piece, "folded")  # what is shown on demand below its title
 definitions = partial(piece, "definitions")  # words and their meanings, those that have one
 table = partial(piece, "table")  # rows of cells, the head first; caption; tied=False breaks cells
 
