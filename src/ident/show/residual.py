@@ -494,8 +494,7 @@ def comparison_card(c: Comparison) -> Card:
     first, last = (list(c.residuals.values())[i] for i in (0, -1))
     logs = ", ".join(trace.name for trace in first.traces)
     if first is last:
-        bars = tuple(Bar(joint, error) for joint, error in first.errors.items())
-        return Card(f"{short(first.name)} on {logs}", bars=bars)
+        return Card(f"{first.name} on {logs}")
     bars = tuple(
         Bar(joint, first.errors[joint], last.errors[joint]) for joint in _changed(first, last)
     )
