@@ -124,6 +124,23 @@ def test_places_are_those_of_mujoco(make):
             np.testing.assert_allclose(frame.translation, origin, atol=1e-12)
 
 
+def test_missing_meshes_are_one_note(make):
+    """Kinematics and stated inertias need no shapes; nor do textures."""
+    model = (
+        '<mujoco><asset><mesh file="gone/b.stl"/><mesh name="c" file="c.obj"/>'
+        '<texture name="t" type="2d" file="t.png"/><material name="m" texture="t"/></asset>'
+        '<worldbody><body name="a"><joint axis="0 1 0"/><inertial pos="0 0 .1" mass="2" '
+        'diaginertia=".1 .2 .3"/><geom type="mesh" mesh="b" material="m"/></body>'
+        '<body name="d"><joint axis="1 0 0"/><geom type="mesh" mesh="c"/></body>'
+        "</worldbody></mujoco>"
+    )
+    mechanism = load(make(model))
+    (note,) = [each for each in mechanism.notes if "missing files" in each]
+    assert "3, the first gone/b.stl" in note
+    assert mechanism.model.inertias[1].mass == 2
+    assert mechanism.model.inertias[2].mass < 1e-4
+
+
 def test_meshes_stand_where_their_file_has_them(make, tmp_path):
     """MuJoCo moves a mesh into its principal axes and says so; the URDF has the file's own."""
     trimesh = pytest.importorskip("trimesh")

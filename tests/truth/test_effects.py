@@ -367,3 +367,16 @@ def test_create_refuses(kind, joints, values, says):
     with pytest.raises(MechanismError) as caught:
         create(kind, joints, values)
     assert says in str(caught.value)
+
+
+def test_joints_share_a_delay():
+    """One unknown for all drives, proposed beside one a drive; a single joint's effect stays so."""
+    delay = create("delay", "a, b")
+    assert delay.names == ("delay.a,b.d",)
+    s = signals(delay)
+    assert delay.correction(replace(s, shape={"d": 0.01})).delay == {"a": 0.01, "b": 0.01}
+    drives = KINDS["delay"].candidates(Sites(driven=("a", "b", "c")))
+    assert drives == [("a", "b", "c"), ("a",), ("b",), ("c",)]
+    assert KINDS["delay"].candidates(Sites(driven=("a",))) == [("a",)]
+    with pytest.raises(MechanismError, match="acts on 1 joint"):
+        create("viscous", "a, b")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from ident.cli.console import notes, progress, result
 from ident.cli.options import (
     Absolute,
     AllowCode,
+    Lock,
     MechanismPath,
     Paths,
     Smoothing,
@@ -77,7 +79,11 @@ def view(
     fit: Path | None = setting("Fit whose reactions and residuals are shown.", "FIT.json"),
     port: int = setting("Port of the page, on 127.0.0.1; 0: a free one.", "N", default=0),
     out: Path | None = setting("Write a page that plays by itself, and no server.", "FILE.html"),
+    mesh_path: Paths = setting(
+        "Folder of the packages that package:// names, beside those of ROS_PACKAGE_PATH.", "DIR"
+    ),
     smoothing: Smoothing = "auto",
+    lock: Lock = None,
     absolute: Absolute = False,
     allow_code: AllowCode = False,
 ) -> None:
@@ -94,7 +100,12 @@ def view(
     output_file(out, SUFFIXES, logs or ())
     if fit is not None and not logs:
         raise IdentError(f"--fit {fit}: a fit can be shown with a motion only; give a LOG too")
-    model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute)
+    for folder in reversed(mesh_path or ()):
+        if not folder.is_dir():
+            raise IdentError(f"--mesh-path {folder}: is no folder; give one that contains packages")
+        known = os.environ.get("ROS_PACKAGE_PATH", "")
+        os.environ["ROS_PACKAGE_PATH"] = f"{folder.resolve()}{os.pathsep}{known}"
+    model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute, lock=lock)
     saved = None if fit is None else read_fit(fit, model)
     model = model if saved is None else saved.mechanism
     experiments: Sequence[Any] = ()

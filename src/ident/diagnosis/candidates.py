@@ -189,6 +189,14 @@ class Contest:
         whole[:, felt] = C
         return [whole[self.use[:, p.coordinate], p.coordinate] for p in self.regression.parts]
 
+    def passed(self, joint: str, waves: float) -> float:
+        """Share of the samples at which the rows' filter passes waves of a joint's position, so
+        many a radian (a metre).
+        """
+        cutoff, at = self.table.motion.band.cutoff, self.table.mechanism.joint_index[joint]
+        speed = np.concatenate([np.abs(s.e.yd[s.e.usable, at]) for s in self.table.scenes])
+        return float((waves * speed < 2 * np.pi * (cutoff or np.inf)).mean())
+
     def added(self, C: Sequence[np.ndarray]) -> tuple[Contest, np.ndarray]:
         """The contest with further columns C (m, u) of each part, and which they are."""
         new = self.regression.columns + np.arange(C[0].shape[1])

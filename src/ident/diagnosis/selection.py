@@ -4,7 +4,8 @@ A candidate is credible if
 
 * its gain G exceeds the (1 − alpha) quantile of the largest gain over all candidates on residuals
   in which nothing is missing, and no single block of time makes most of it: what happens once
-  has many explanations;
+  has many explanations. Waves of position must pass the filter at most speeds, not only around
+  reversals, where friction that is not quite sign(v) looks like some wave;
 * its torque exceeds the share `material` of its joint's;
 * its values are such as this kind of effect can have.
 
@@ -31,6 +32,7 @@ PARSIMONY = 0.10  # share of the best gain within which fewer numbers are prefer
 ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same part
 NEGATIVE = 2.0  # standard errors below zero at which a value is one that no such effect can have
 ONE_BLOCK = 2 / 3  # share of a gain that one block of time may make
+PASSED = 0.5  # share of the samples at which the filter must pass waves of position
 RARE = 2.0  # times the quantile for effects that few machines have and noise of positions resembles
 HIDDEN = 0.02  # visible share below which the data cannot speak of an effect
 CLOSEST = 12  # candidates that are looked at in detail though they are not credible
@@ -284,6 +286,8 @@ class Weigh:
         plausible = sensible(self.contest, effect, refit.theta, stderr)
         material = size > self.decision.material and refit.visible > HIDDEN
         steady = float(refit.D.max()) < ONE_BLOCK * refit.G
+        if effect.waves:
+            steady &= self.contest.passed(effect.joints[0], shape[effect.waves]) > PASSED
         return Evidence(
             effect,
             shape,

@@ -119,9 +119,10 @@ class Drift(Effect):
 
 
 class Delay(Correcting):
-    """A torque channel that is late against the positions."""
+    """A torque channel that is late against the positions, or several by the same time."""
 
     kind = "delay"
+    shared = True
     watched = "request"
     fault = "delay"
     margin = LATEST
@@ -134,4 +135,4 @@ class Delay(Correcting):
     source = "Björklund, Ljung, IEEE CDC 2003"
 
     def correction(self, s: Signals) -> Correction:
-        return Correction(delay={self.joints[0]: s.shape["d"]})
+        return Correction(delay=dict.fromkeys(self.joints, s.shape["d"]))

@@ -127,6 +127,7 @@ class Effect(ABC):
     # identity and site
     kind: ClassVar[str]
     arity: ClassVar[int] = 1
+    shared: ClassVar[bool] = False  # whether several joints may have it with the same parameters
     sits: ClassVar[str] = "joint"  # a field of `Sites`, or `mechanism` for the whole of it
     tried: ClassVar[str] = ""  # the field of `Sites` where a diagnosis tries it, if not `sits`
     unknowns: ClassVar[tuple[Unknown, ...]] = ()
@@ -158,6 +159,7 @@ class Effect(ABC):
     rare: ClassVar[bool] = False  # few have it, and noise resembles it: more evidence is required
     slow: ClassVar[bool] = False  # it shows at low speed
     descriptive: ClassVar[bool] = False  # a curve rather than a law: a formula may replace it
+    waves: ClassVar[str] = ""  # of position: the shape parameter that is their number a radian
     companions: ClassVar[tuple[str, ...]] = ()  # kinds that act and change with it at a joint
     fault: ClassVar[str] = ""  # the wrong torque channel, by the code of its finding, that it is
     # words for it in MuJoCo and SDF models, beside a joint
@@ -178,6 +180,7 @@ class Effect(ABC):
                 f"write {self.call}"
             )
         if len(self.joints) != self.arity:
+        if len(self.joints) != self.arity and not (self.shared and len(self.joints) > 1):
             what = f"{self.arity} {self.site}(s)" if self.arity else "the whole mechanism"
             raise MechanismError(
                 f"effect '{self.kind}' acts on {what}, given: "
@@ -254,6 +257,13 @@ class Effect(ABC):
         """Return the `joints` with which a diagnosis tries this kind, given a mechanism's sites."""
         places = getattr(sites, cls.tried or cls.sits, ())
         return list(combinations(places, cls.arity)) if places else []
+        """Return the `joints` with which a diagnosis tries this kind, given a mechanism's sites.
+
+        One that joints may share is tried at all of them together, too.
+        """
+        every = getattr(sites, cls.tried or cls.sits, ())
+        together = [tuple(every)] if cls.shared and len(every) > 1 else []
+        return [*together, *combinations(every, cls.arity)]
 
     def reads(self) -> tuple[str, ...]:
         """Columns of the log that it needs beside the motion."""

@@ -106,6 +106,7 @@ class Ripple(Effect):
     """A torque that repeats with position: cogging, gear teeth, an eccentric gear."""
 
     kind = "ripple"
+    waves = "N"
     unknowns = (
         Unknown("A", ("N m", "N"), "of the sine"),
         Unknown("B", ("N m", "N"), "of the cosine"),

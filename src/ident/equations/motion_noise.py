@@ -102,7 +102,8 @@ def motion_noise(mechanism: Mechanism, e: State, point: Point, cutoff: float | N
         inside = (chosen >= run.start) & (chosen < run.stop)
         if inside.any():
             P = _spread(spline, e.t[chosen[inside]])
-            total += np.einsum("nuir,nirjs,nujs->u", G[inside], P, G[inside])
+            g = G[inside].reshape(len(P), G.shape[1], -1)
+            total += ((g @ P.reshape(len(P), g.shape[2], -1)) * g).sum(axis=(0, 2))
     return total / max(len(chosen), 1)
 
 
@@ -121,6 +122,12 @@ def torque_noise(mechanism: Mechanism, e: State, cutoff: float | None) -> np.nda
 def _spread(spline: Spline, t: np.ndarray) -> np.ndarray:
     """P (n, d, 3, d, 3) of u, u̇, ü at times t (n,)."""
     basis, (count, d) = spline.basis, spline.c.shape
+    if d == len(spline.roots) > 1:  # each coordinate has channels of its own
+        P = np.zeros((len(t), d, 3, d, 3))
+        for i, root in enumerate(spline.roots):
+            alone = Spline(basis, spline.c[:, [i]], (root,))
+            P[:, i, :, i] = _spread(alone, t)[:, 0, :, 0]
+        return P
     size = min(count, LONGEST) * d  # N's leading block is that of U
     first = spline.first[:size]
     row = np.repeat(np.arange(size), WIDTH * d)

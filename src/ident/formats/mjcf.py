@@ -11,7 +11,7 @@ A URDF's link has its origin at its joint: at the anchor of the body's last one.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,6 +34,7 @@ from ident.mechanism.urdf import MOST, parse_xml, words
 if TYPE_CHECKING:
     import mujoco
 
+DOT = 1e-3  # [m] radius of a sphere in the place of a missing mesh
 DEEPEST = 20  # includes within includes
 SHOWN = 2  # the last group of shapes that MuJoCo shows unasked
 FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
@@ -59,10 +60,16 @@ def _compiled(path: Path, data: bytes) -> tuple[mujoco.MjModel, list[str]]:
         ) from None
     _check_includes(path, data, path.parent.resolve(), ())
     warnings: list[str] = []
+    notes: list[str] = []
     before = getattr(mujoco, "get_mju_user_warning", lambda: None)()  # not in every version
     mujoco.set_mju_user_warning(warnings.append)  # else it writes a MUJOCO_LOG.TXT
     try:
-        model = mujoco.MjModel.from_xml_path(str(path))
+        try:
+            model = mujoco.MjModel.from_xml_path(str(path))
+        except ValueError as error:
+            if "opening file" not in str(error):
+                raise
+            model, notes = _without_missing_files(path)
     except Exception as error:  # a compiler given anything: every fault is the file's
         what = " ".join(str(error).split())[:300]
         raise MechanismError(f"{path}: MuJoCo refuses it: {what or type(error).__name__}") from None
@@ -72,7 +79,45 @@ def _compiled(path: Path, data: bytes) -> tuple[mujoco.MjModel, list[str]]:
         raise MechanismError(f"{path}: has flexible bodies (flex); a mechanism is of rigid ones")
     if model.njnt > MOST:
         raise MechanismError(f"{path}: {model.njnt} joints; a mechanism has at most {MOST}")
-    return model, [f"MuJoCo: {' '.join(each.split())}" for each in warnings]
+    return model, [*notes, *(f"MuJoCo: {' '.join(each.split())}" for each in warnings)]
+
+
+def _without_missing_files(path: Path) -> tuple[mujoco.MjModel, list[str]]:
+    """Compile a model whose meshes or textures are not on this machine; dots are in their place.
+
+    Kinematics and every stated inertia are as with them. An inertia that MuJoCo would take from a
+    missing shape is next to nothing.
+    """
+    import mujoco
+
+    spec = mujoco.MjSpec.from_file(str(path))
+
+    def missing(assets: Iterable[Any], folder: str) -> list[Any]:
+        """Return assets with a file that is not there."""
+        named = [(each, Path(each.file)) for each in assets if each.file]
+        place = path.parent / folder
+        return [
+            each
+            for each, file in named
+            if not (place / (file.name if spec.strippath else file)).is_file()
+        ]
+
+    meshes, textures = missing(spec.meshes, spec.meshdir), missing(spec.textures, spec.texturedir)
+    files = [each.file for each in (*meshes, *textures)]
+    names = {mesh.name or Path(mesh.file).stem for mesh in meshes}
+    for geom in [each for each in spec.geoms if each.meshname in names]:
+        geom.type, geom.size, geom.meshname = mujoco.mjtGeom.mjGEOM_SPHERE, [DOT, 0, 0], ""
+    gone = {texture.name or Path(texture.file).stem for texture in textures}
+    for material in spec.materials:
+        material.textures = ["" if each in gone else each for each in material.textures]
+    for asset in (*meshes, *textures):
+        spec.delete(asset)
+    model = spec.compile()
+    note = (
+        f"missing files of meshes and textures: {len(files)}, the first {files[0]}; shapes are for "
+        "`view` only, but links without <inertial> have next to no mass in the prior"
+    )
+    return model, [note]
 
 
 def _check_includes(path: Path, data: bytes, folder: Path, above: tuple[Path, ...]) -> None:

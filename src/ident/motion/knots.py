@@ -14,8 +14,8 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
-from ident.information import linear
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.closures import best_conditioned
 from ident.motion.recipe import Band
@@ -39,7 +39,8 @@ SAMPLES = 1000  # of a log, at which torques are predicted
 FOLDS = 10  # stretches of time that are left out in turn
 SLOW = 0.01  # share of a joint's top speed below which its dry friction is gradual
 ROUNDING = 1e-9  # of the largest torque
-RANK = 1e-9  # of the largest eigenvalue of unit columns
+RIDGE = 1e-9  # of a column's square, in directions that the motion does not determine
+VALUES = 40_000_000  # of the regressor in memory; of larger mechanisms fewer samples are taken
 
 
 def doubtful(derived: Sequence[Derived], band: Band) -> bool:
@@ -123,7 +124,8 @@ def _scene(
 ) -> tuple[np.ndarray, State]:
     """The clock of a log, and its state at some samples."""
     at = np.flatnonzero(signals.usable)
-    at = at[:: max(1, len(at) // SAMPLES)]
+    most = min(SAMPLES, VALUES // (mechanism.model.nv * len(mechanism.prior)))
+    at = at[:: max(1, len(at) // most)]
     tau = np.stack([signals.columns[f"tau.{name}"] for name in mechanism.driven], axis=1)
     e = State(
         name=signals.log.name, t=signals.t, tau=tau, usable=signals.usable, logged=names,
@@ -141,24 +143,35 @@ def torque_errors(mechanism: Mechanism, e: State) -> np.ndarray:
     gamma, lever = regressor(mechanism.model, e.q, e.v, e.a), e.leverage
     if e.loop is not None:
         gamma = e.pinv[:, :, -lever.shape[2] :].transpose(0, 2, 1) @ gamma
-    n, spread = len(e), lever.transpose(0, 2, 1)
+    spread = lever.transpose(0, 2, 1)
     dry = np.tanh(e.yd / (SLOW * np.abs(e.yd).max(axis=0) + 1e-300))
-    X = np.concatenate([gamma, spread * e.yd[:, None], spread * dry[:, None], spread], axis=2)
+    parts = (gamma, spread * e.yd[:, None], spread * dry[:, None], spread)
     driven = [mechanism.joint_index[name] for name in mechanism.driven]
     b = np.einsum("njd,nj->nd", lever[:, driven], e.tau)
-    edges = np.linspace(0, n, FOLDS + 1).astype(int)
+    X, columns = [], []  # of each coordinate, what acts on it: in a tree, the bodies it carries
+    for u in range(b.shape[1]):
+        x = np.concatenate([part[:, u] for part in parts], axis=1)
+        columns.append(np.flatnonzero(x.any(axis=0)))
+        X.append(x[:, columns[u]])
+    count = sum(part.shape[2] for part in parts)
+    edges = np.linspace(0, len(e), FOLDS + 1).astype(int)
+    folds = [slice(i, j) for i, j in pairwise(edges)]
     largest = float(np.abs(b).max()) or 1.0
     sigma = np.full(b.shape[1], largest)  # a passive joint has no torque
     for _ in range(2):  # the second time with weights by the errors of the first
-        W, y = X / sigma[:, None], b / sigma
-        size = np.sqrt((W**2).sum(axis=(0, 1)))
-        W /= np.where(size > 0, size, 1.0)
-        parts = [slice(i, j) for i, j in pairwise(edges)]
-        rows = [W[part].reshape(-1, W.shape[2]) for part in parts]
-        H = np.array([x.T @ x for x in rows])
-        g = np.array([x.T @ y[part].ravel() for x, part in zip(rows, parts, strict=True)])
-        others = linear.pinv(H.sum(axis=0) - H, rcond=RANK, hermitian=True)
-        x = (others @ (g.sum(axis=0) - g)[:, :, None])[:, :, 0]
-        off = np.concatenate([y[part] - W[part] @ x[i] for i, part in enumerate(parts)])
-        sigma = np.maximum(sigma * np.sqrt((off**2).mean(axis=0)), ROUNDING * largest)
+        H, g = np.zeros((FOLDS, count, count)), np.zeros((FOLDS, count))
+        for x, at, y, s in zip(X, columns, b.T, sigma, strict=True):
+            for i, fold in enumerate(folds):
+                H[i][np.ix_(at, at)] += x[fold].T @ x[fold] / s**2
+                g[i, at] += x[fold].T @ y[fold] / s**2
+        total, right = H.sum(axis=0), g.sum(axis=0)
+        size = np.sqrt(np.where(np.diag(total) > 0, np.diag(total), 1.0))
+        off = np.empty_like(b)
+        for i, fold in enumerate(folds):
+            others = (total - H[i]) / np.outer(size, size)
+            others.flat[:: count + 1] += RIDGE
+            found = cho_solve(cho_factor(others), (right - g[i]) / size) / size
+            for u, (x, at) in enumerate(zip(X, columns, strict=True)):
+                off[fold, u] = b[fold, u] - x[fold] @ found[at]
+        sigma = np.maximum(np.sqrt((off**2).mean(axis=0)), ROUNDING * largest)
     return sigma

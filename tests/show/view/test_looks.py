@@ -98,6 +98,19 @@ def test_what_cannot_be_shown_is_a_note(tmp_path, visual, word):
     assert bodies(view)  # its inertia stands in
 
 
+def test_several_missing_meshes_are_one_note(tmp_path):
+    (note,) = arm(tmp_path, mesh("package://p/a.stl") + mesh("b.stl")).view().notes
+    assert "2 shapes are left out" in note
+    assert "--mesh-path" in note
+
+
+def test_packages_are_found_where_the_environment_says(tmp_path, monkeypatch):
+    (tmp_path / "elsewhere" / "p").mkdir(parents=True)
+    (tmp_path / "elsewhere" / "p" / "part.stl").write_text(CUBE)
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "elsewhere"))
+    assert arm(tmp_path / "own", mesh("package://p/part.stl")).view().notes == ()
+
+
 def test_a_mesh_that_is_none_is_a_note(tmp_path):
     (tmp_path / "part.stl").write_bytes(b"\x00" * 10)
     (note,) = arm(tmp_path, mesh("part.stl")).view().notes

@@ -215,7 +215,7 @@ def urdf_shapes(urdf: Path) -> tuple[dict[str, list[Shape]], list[str]]:
         return {}, [f"{urdf.name}: is no URDF, so simple bodies are shown"]
     colours = _colours(robot.findall("material"))
     shapes: dict[str, list[Shape]] = {}
-    notes: list[str] = []
+    left_out: list[str] = []
     for link in robot.findall("link"):
         for visual in link.findall("visual"):
             own = visual.findall("material")
@@ -223,11 +223,14 @@ def urdf_shapes(urdf: Path) -> tuple[dict[str, list[Shape]], list[str]]:
             try:
                 shape = _shape(visual, urdf)
             except MechanismError as error:
-                notes.append(f"link '{link.get('name')}': a shape is left out: {error}")
+                left_out.append(f"link '{link.get('name')}': a shape is left out: {error}")
             else:
                 shape = replace(shape, colour=next(filter(None, known), None))
                 shapes.setdefault(link.get("name"), []).append(shape)
-    return shapes, notes
+    if len(left_out) > 1:
+        where = "--mesh-path DIR, or ROS_PACKAGE_PATH, says where packages are"
+        left_out = [f"{len(left_out)} shapes are left out, the first: {left_out[0]}; {where}"]
+    return shapes, left_out
 
 
 def _shape(visual: etree._Element, urdf: Path) -> Shape:
@@ -285,10 +288,12 @@ def _candidates(name: str, url: ParseResult, urdf: Path) -> list[Path]:
         return [urdf.parent / name]
     package, path = unquote(url.netloc), unquote(url.path).strip("/")
     places = [place for folder in above for place in (folder, folder / "share")]
+    given: list[Path] = []
     for variable, inside in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
         listed = os.environ.get(variable, "").split(os.pathsep)
-        places += [Path(place) / inside for place in listed if place]
-    files = [place / package / path for place in places]
+        given += [Path(place) / inside for place in listed if place]
+    files = [place / package / path for place in (*places, *given)]
+    files += [place / path for place in given]
     files += [folder / path for folder in above if folder.name == package]
     return files + [folder / path for folder in above[:3]]  # a package that was renamed
 
