@@ -179,7 +179,6 @@ class Effect(ABC):
                 f"effect '{self.kind}' has no signal to choose, given: {self.signal}; "
                 f"write {self.call}"
             )
-        if len(self.joints) != self.arity:
         if len(self.joints) != self.arity and not (self.shared and len(self.joints) > 1):
             what = f"{self.arity} {self.site}(s)" if self.arity else "the whole mechanism"
             raise MechanismError(
@@ -254,16 +253,13 @@ class Effect(ABC):
 
     @classmethod
     def candidates(cls, sites: Sites) -> list[tuple[str, ...]]:
-        """Return the `joints` with which a diagnosis tries this kind, given a mechanism's sites."""
-        places = getattr(sites, cls.tried or cls.sits, ())
-        return list(combinations(places, cls.arity)) if places else []
         """Return the `joints` with which a diagnosis tries this kind, given a mechanism's sites.
 
         One that joints may share is tried at all of them together, too.
         """
-        every = getattr(sites, cls.tried or cls.sits, ())
-        together = [tuple(every)] if cls.shared and len(every) > 1 else []
-        return [*together, *combinations(every, cls.arity)]
+        places = getattr(sites, cls.tried or cls.sits, ())
+        together = [tuple(places)] if cls.shared and len(places) > 1 else []
+        return [*together, *combinations(places, cls.arity)] if places else []
 
     def reads(self) -> tuple[str, ...]:
         """Columns of the log that it needs beside the motion."""
