@@ -17,7 +17,8 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence, S
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
+from importlib import metadata
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,8 @@ HANDED_OUT = 5  # [s] within which a submitted task reaches its process
 ANSWER = 5  # [s] within which a scheduler answers and has workers
 EMPTY = 60  # [s] without any worker after which the run is given up
 LOOK = 1  # [s] between looks at whether there are workers
+# whose results and pickles differ between versions; as pip and conda call them
+NUMERICAL = {"NumPy": ("numpy",), "Pinocchio": ("pin", "pinocchio"), "CasADi": ("casadi",)}
 LIBRARIES = ("OMP", "OPENBLAS", "MKL", "BLIS", "VECLIB_MAXIMUM", "NUMEXPR")
 # two processes with two threads of linear algebra each are slower on two cores than with one each
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in LIBRARIES}
@@ -155,9 +158,20 @@ def cores() -> int:
         return os.cpu_count() or 1
 
 
+@cache
 def versions() -> dict[str, str]:
     """Return the versions that must be equal on all machines, by name."""
-    return {"ident": version(), "Python": ".".join(platform.python_version_tuple()[:2])}
+    found = {"ident": version(), "Python": ".".join(platform.python_version_tuple()[:2])}
+    for name, packages in NUMERICAL.items():
+        found[name] = next(filter(None, map(_version_of, packages)), "of an unknown version")
+    return found
+
+
+def _version_of(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return ""
 
 
 def _outcome(function: Function, common: Any, task: Any) -> tuple[Any, str | None]:
@@ -334,7 +348,7 @@ def _client(scheduler: str) -> Iterator[Any]:
 def _check_worker(ours: dict[str, str]) -> None:
     """Raise UnfitWorker on a worker that has other versions."""
     for package, theirs in versions().items():
-        if theirs != ours[package]:
+        if theirs != ours.get(package, theirs):
             raise UnfitWorker(
                 f"worker on {platform.node()}: has {package} {theirs}, here it is "
                 f"{ours[package]}; install the same on both"

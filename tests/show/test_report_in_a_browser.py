@@ -206,3 +206,35 @@ def test_titles_are_in_the_order_of_reading(diagnosed):
     found = titles(read_page(diagnosed[1]))
     assert found[0] == "Where it fails"
     assert found[-1] == "How to reproduce"
+
+
+PROBE = """async () => {
+  const refused = [];
+  document.addEventListener("securitypolicyviolation", e => refused.push(e.effectiveDirective));
+  for (const address of ["http://127.0.0.1:9/", "data:,x"]) {
+    try { await fetch(address); refused.push("answered"); } catch (error) { }
+  }
+  for (const kind of [WebSocket, EventSource]) {
+    try { new kind("http://127.0.0.1:9/"); } catch (error) { }
+  }
+  navigator.sendBeacon("http://127.0.0.1:9/", "x");
+  for (const tag of ["img", "script", "iframe", "link"]) {
+    const element = document.createElement(tag);
+    element.rel = "stylesheet";
+    element[tag == "link" ? "href" : "src"] = "http://127.0.0.1:9/";
+    document.body.append(element);
+  }
+  await new Promise(resolve => setTimeout(resolve, 500));
+  return refused;
+}"""
+
+
+def test_a_report_connects_to_nothing_whatever_runs_in_it(diagnosed, opened):
+    page, wrong = opened(diagnosed[1])
+    assert not wrong
+    refused = page.evaluate(PROBE)
+    assert "answered" not in refused
+    assert {"connect-src", "img-src", "script-src-elem", "frame-src", "style-src-elem"} <= set(
+        refused
+    )
+    assert refused.count("connect-src") >= 5
