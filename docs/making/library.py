@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
-from ident.effects import KINDS
+from ident.effects import KINDS, Unknown
 from ident.show.effects import facts
 from making.signatures import SHOWN, picture
 
@@ -42,15 +43,17 @@ def overview() -> str:
     rows = ["| effect | torque | unknowns | shapes | sits on |", "|---|---|---|---|---|"]
     for kind in KINDS.values():
         effect = kind.example()
-        unknowns, shapes = (
-            ", ".join(each.name for each in some) for some in (effect.unknowns, effect.shapes)
-        )
-        if len(effect.unknowns) >= 8:
-            unknowns = "ten parameters of a body"
+        unknowns, shapes = map(_named, (effect.unknowns, effect.shapes))
         cells = [f"`{effect.call}`", kind.equation, unknowns, shapes, *facts(kind)["sits on"]]
         safe = (cell.replace("|", "\\|").replace("<", "\\<") for cell in cells)
         rows.append(f"| {' | '.join(safe)} |")
     return "\n".join(rows)
+
+
+def _named(parameters: Sequence[Unknown]) -> str:
+    """`k, b`; of more than five, the first and the last."""
+    names = [each.name for each in parameters]
+    return ", ".join(names if len(names) < 6 else [names[0], "…", names[-1]])
 
 
 def _text(line: str) -> str:

@@ -222,7 +222,7 @@ def test_what_a_kind_states_refers_to_what_exists(kind):
     assert related <= {*KINDS} - {kind.kind}
     assert {kind.sits, kind.tried or kind.sits} <= {*vars(Sites()), "mechanism", "nowhere"}
     assert kind.watched in ("always", "request", "never")
-    assert {*kind.asks} <= {"a", "torque", "load"}
+    assert {*made(kind.kind).asks} <= {"a", "torque", "load"}
     acts = {unknown.acts for unknown in made(kind.kind).unknowns}
     assert acts <= {"torque", "linear", "inertia", "dry", "level", "state", "body"}
 

@@ -137,7 +137,7 @@ def test_a_law_is_a_file_that_works(tmp_path):
     own = ident.read_user_effect(tmp_path / "law_elbow.py", "law", allow_code=True)
     fit = ident.identify(d.fit.mechanism + own(("elbow",)), d.fit.motion)
     (law,) = json.loads((tmp_path / "diagnosis.json").read_text())["laws"]
-    assert fit.held_out["elbow"].relative == pytest.approx(law["error_after"], rel=0.05)
+    assert fit.held_out["elbow"].relative == pytest.approx(law["error_after"], rel=0.2)
     for each in law["parameters"]:
         assert fit[f"law.elbow.{each['name']}"].unit == each["unit"]
     (curve,) = json.loads((tmp_path / "diagnosis.json").read_text())["curves"]

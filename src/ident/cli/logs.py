@@ -279,8 +279,8 @@ def diagnose(
     verbose: Verbose = False,
     json: Json = False,
     out: Path | None = setting(
-        "Write diagnosis.json and report.html into this folder, and suggestion.py where an "
-        "expression is suggested.",
+        "Write diagnosis.json and report.html into this folder, and law_JOINT.py and "
+        "curve_JOINT.csv where a law is found that no effect of the library is.",
         "DIR",
     ),
 ) -> None:

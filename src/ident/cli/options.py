@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 LOGS = (".csv", ".parquet", ".npz")  # suffixes of logs that can be written
 CHARTS = (".png", ".svg", ".pdf", ".html")  # suffixes of charts
 FIT_FILES = ("fit.json", "multipliers.csv", "identified.urdf", "report.html", "identified")
-DIAGNOSIS_FILES = ("diagnosis.json", "report.html", "suggestion.py")
+DIAGNOSIS_FILES = ("diagnosis.json", "report.html")
 
 
 def option(text: str, metavar: str | None = None, *names: str, **more: Any) -> Any:

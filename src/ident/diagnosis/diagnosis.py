@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -136,12 +137,13 @@ class Law:
     @property
     def file(self) -> str:
         """Name of its effect file."""
-        return f"law_{self.joint}.py"
+        return f"{self.found.formula.name}_{self.joint}.py"
 
     @property
     def effect(self) -> str:
         """The text by which `--with` takes it."""
-        return f"{self.file}:law:{','.join(self.found.formula.joints)}"
+        law = self.found.formula
+        return f"{self.file}:{law.name}:{','.join(law.joints)}"
 
     @property
     def code(self) -> str:
@@ -429,10 +431,18 @@ def _verdict(selection: Selection, best: Member | None, loud: bool, periods: Per
     return "undecided" if loud else "nothing"
 
 
+def _law_name(number: int) -> str:
+    return f"law{number}" if number > 1 else "law"
+
+
 def refitted(fit: Fit, law: FoundLaw) -> Law:
     """Refit everything with a law; its constants set out from where they were found."""
-    names = (f"law.{law.joint}.{name}" for name in law.found.shape)
-    shapes = dict(zip(names, law.found.shape.values(), strict=True))
+    taken = {effect.kind for effect in fit.mechanism.effects}
+    number = next(n for n in count(1) if _law_name(n) not in taken)
+    formula = replace(law.formula, name=_law_name(number))
+    law = replace(law, found=replace(law.found, formula=formula))
+    full = dict(zip((p.name for p in formula.parameters), formula.names, strict=True))
+    shapes = {full[name]: value for name, value in law.found.shape.items()}
     start = Point(fit.point.pi, {**fit.point.values, **shapes})
     refit = identify(
         fit.mechanism + law.formula, fit.motion, start=start, estimator="least-squares"
@@ -447,8 +457,7 @@ def found_curves(
 ) -> tuple[FoundCurve, ...]:  # fmt: skip
     """Find the curves of the joints that have a law, or where the model fails unexplained."""
     limit, last = selection.last.limit_with_curves, selection.last
-    if laws:
-        limit = 0.0  # the law has the evidence
+    least = 0.0 if laws else limit  # a law has the evidence
     places = {law.joint: law.beside for law in laws}
     if verdict == "unexplained" and not places:
         rest = last.regression.judging([p.Y[:, :1] for p in last.regression.parts])
@@ -458,7 +467,7 @@ def found_curves(
         curves += [m.curve for m in selection.members if m.curve is not None]
         places = {curve.joints[0]: rest for curve in curves[:1]}
     found = (
-        curve_of(last.contest, beside, joint, limit, decision.rival_se)
+        curve_of(last.contest, beside, joint, limit, decision.rival_se, least)
         for joint, beside in places.items()
     )
     return tuple(each for each in found if each is not None)

@@ -67,16 +67,18 @@ class FoundCurve:
 
 
 def curve_of(
-    contest: Contest, beside: PartialRegression, joint: str, limit: float, rival_se: float
-) -> FoundCurve | None:
+    contest: Contest, beside: PartialRegression, joint: str, limit: float, rival_se: float,
+    least: float,
+) -> FoundCurve | None:  # fmt: skip
     """Find the curve that explains most in a joint beside a model; None where none does.
 
     Args:
         contest: rows and all curves.
         beside: the model, without what has the wrong form.
         joint: of the torque.
-        limit: share of the left-out squared error that it must explain.
+        limit: share of the left-out squared error that chance explains.
         rival_se: standard errors within which two curves are equal.
+        least: share of the left-out squared error that it must explain.
     """
     mine = [
         e for e in contest.candidates if isinstance(e.effect, Curve) and e.effect.joints[0] == joint
@@ -85,7 +87,7 @@ def curve_of(
         return None
     total = float(beside.loss.sum())
     G = beside.gains([each.groups[0] for each in mine]).G / total
-    if G.max() <= limit:
+    if G.max() <= least:
         return None
     near = [i for i in range(len(mine)) if G[i] >= (1 - PARSIMONY) * G.max()]
     best = min(near, key=lambda i: (len(mine[i].effect.depends_on), -G[i]))  # type: ignore[attr-defined]

@@ -147,6 +147,7 @@ class Formula(Effect):
     signature: ClassVar[str] = "the residual against the signals is this formula"
     source: ClassVar[str] = "found in the data"
     terms: tuple[Term, ...] = field(default=(), kw_only=True)
+    name: str = field(default="law", kw_only=True)
 
     @property
     def arity(self) -> int:  # type: ignore[override]
@@ -164,7 +165,8 @@ class Formula(Effect):
 
     @property
     def names(self) -> tuple[str, ...]:
-        return tuple(f"law.{self.joints[0]}.{p.name}" for p in self.parameters)
+        stem = f"{self.name}.{','.join(self.joints)}"
+        return tuple(f"{stem}.{p.name}" for p in self.parameters)
 
     @cached_property
     def renamed(self) -> tuple[Term, ...]:
@@ -317,7 +319,7 @@ class Formula(Effect):
                      '    """A sign that is smooth around zero, so that it can be simulated."""',
                      "    return ca.tanh(x / 1e-3)"]  # fmt: skip
         return "\n".join([
-            *head, "", "", f"def law(s{given}):", f'    """{self.text}"""', *lines,
+            *head, "", "", f"def {self.name}(s{given}):", f'    """{self.text}"""', *lines,
             "    return {", *columns, "    }", "",
         ])  # fmt: skip
 
