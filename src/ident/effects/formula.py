@@ -243,7 +243,7 @@ class Formula(Effect):
     def text(self) -> str:
         """The formula in Python, with its constants' names: `k*sin(q + b)`."""
         parts = zip(self.unknowns, self.columns_text, strict=True)
-        products = (u.name if text == "1" else f"{u.name}*{_factor(text)}" for u, text in parts)
+        products = (_product(unknown.name, text) for unknown, text in parts)
         return self.written(" + ".join(products))
 
     # --- evaluation -----------------------------------------------------------------------------
@@ -326,6 +326,13 @@ class Formula(Effect):
 
 def _within(value: float, low: float, high: float) -> tuple[float, float]:
     return min(low, value), max(high, value)
+
+
+def _product(name: str, text: str) -> str:
+    """Return `name*text`, `name` for a text of 1, `name/x` for one of 1/x."""
+    if text == "1" or text.startswith("1/"):
+        return f"{name}{text[1:]}"
+    return f"{name}*{_factor(text)}"
 
 
 def _factor(text: str) -> str:

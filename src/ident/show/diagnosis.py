@@ -95,7 +95,7 @@ def verdict_line(d: Diagnosis) -> str:
     return {
         "nothing": "nothing is missing that this data could show",
         "unexplained": "unexplained: something is missing, and no effect of the library explains "
-        "it",
+        + ("it, but a formula does" if d.laws else "it"),
         "undecided": f"undecided: more is left in {listed(d.loud)} than the sensors' noise, and "
         "this log cannot tell coloured noise from physics",
     }[d.verdict]
@@ -119,6 +119,10 @@ def card(d: Diagnosis) -> Card:
         certain = f"{_tried(d)} effects were tried, and none explains more than chance does."
         if d.selection.members:
             certain = f"{_tried(d)} effects were tried, and none explains it."
+        if d.laws:
+            law = d.laws[0]
+            after = law.after
+            command = f"{add_command(d.fit.mechanism, [])} {law.effect} --allow-code"
     bars = tuple(
         Bar(f.joint, errors[f.joint], after.get(f.joint), d.floor[f.joint]) for f in d.where
     )
@@ -503,9 +507,9 @@ def laws(d: Diagnosis) -> list[str]:
         rivals = [f"`{one.formula.text}`" for one in law.rivals]
         or_ = f" This motion cannot tell it from {listed(rivals[:MOST], 'or')}." if rivals else ""
         instead = f" It takes the place of {listed(law.replaced)}." if law.replaced else ""
+        formula = f"torque of {each.joint} = {each.formula}, with {numbers(each.parameters)}"
         found.append(
-            f"A formula explains it: torque of {each.joint} = {each.formula}, with "
-            f"{numbers(each.parameters)} ({close or 'no known relative'});{error} "
+            f"A formula explains it: {formula} ({close or 'no known relative'});{error} "
             f"{100 * law.explained:.0f} % of what exceeds the noise.{or_}{instead} It is a "
             f"description, not yet a cause. `--out` writes it as {each.file}: `--with "
             f"{each.effect} --allow-code`."

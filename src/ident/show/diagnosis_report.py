@@ -154,9 +154,9 @@ def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
     )
     return (
         Section("Where it fails", (where,)),
+        Section("Curve and formula", law_blocks(d)),
         Section(title.get(d.verdict, "What comes nearest"), _candidates(d)),
         Section("In words", tuple(paragraph(each) for each in d.text.split("\n\n"))),
-        Section("Curve and formula", law_blocks(d)),
         Section("Invisible in this data", (hidden,) if hidden else ()),
         Section("In the model, but not supported", (idle,) if idle else ()),
         Section("Health of the data", health.blocks()),
