@@ -67,13 +67,12 @@ def main() -> None:
             else None
             for logs in (train, other)
         )
-        fit = ident.identify(plain, motion, validate=judge)
-        print_rows(train, model, fit, judge)
+        print_rows(train, model, ident.identify(plain, motion), judge)
 
 
 def print_rows(train: str, model: pin.Model, fit: ident.Fit, judge: ident.Motion | None) -> None:
     """One row for what is found of a2, each."""
-    states = fit.motion.experiments
+    states, known = fit.motion.experiments, fit.mechanism.effects
     a2 = np.concatenate([e.q[:, fit.mechanism.driven.index(JOINT)] for e in states])
     tau = np.concatenate([e.tau for e in states])
     X = np.concatenate([columns(model, e) for e in states])
@@ -102,38 +101,26 @@ def print_rows(train: str, model: pin.Model, fit: ident.Fit, judge: ident.Motion
         off = off - gravity @ np.linalg.lstsq(gravity, off, rcond=None)[0]
         return float(np.linalg.norm(off) / np.linalg.norm(f))
 
-    before = relative(fit)
-    for name, found in proposed(fit, judge):
-        (f_hat,) = (
-            np.concatenate([p.parts[part][:, k] for p in found.predict()])
-            for part in [next(part for part in found.predict()[0].parts if name_of(part, name))]
-        )
+    for name, found in proposed(fit):
+        label = next(iter({e.label for e in found.mechanism.effects} - {e.label for e in known}))
+        f_hat = np.concatenate([p.parts[label][:, k] for p in found.predict()])
         off = float(np.linalg.norm(left(f_hat - sign * f)) / np.linalg.norm(seen))
         cells = (
-            train, name, f"{np.linalg.norm(seen) / size:.2%}", f"{amplitude:.2f}", f"{off:.2f}",
-            f"{beside_gravity(f_hat):.1%}", f"{beside_gravity(0 * f):.1%}", before, relative(found),
+            train, name, f"{np.linalg.norm(seen) / size:.2%}", f"{amplitude:.2f}", f"{off:.1f}",
+            f"{beside_gravity(f_hat):.1%}", f"{beside_gravity(0 * f):.1%}",
+            relative(fit, judge), relative(found, judge),
         )  # fmt: skip
         print(f"| {' | '.join(cells)} |", flush=True)
 
 
-def proposed(fit: ident.Fit, judge: ident.Motion | None) -> list[tuple[str, ident.Fit]]:
+def proposed(fit: ident.Fit) -> list[tuple[str, ident.Fit]]:
     """A curve of a2, and the formulas that a diagnosis proposes for a2, each refitted."""
-    mechanism, effects = fit.mechanism, [f"curve:{JOINT}:q"]
-    found = []
-    for each in effects:
-        grown = mechanism.with_effect(each)
-        found.append((each, ident.identify(grown, fit.motion, validate=judge)))
+    curve = f"curve:{JOINT}:q"
+    found = [(curve, ident.identify(fit.mechanism.with_effect(curve), fit.motion))]
     for law in ident.diagnose(fit).laws:
         if law.joint == JOINT:
-            grown = mechanism + law.effect
-            refit = ident.identify(grown, fit.motion, validate=judge)
-            found.append((f"{law.effect.label}: {law.formula}", refit))
+            found.append((f"{law.nearest}: {law.formula}", law.fit))
     return found
-
-
-def name_of(part: str, name: str) -> bool:
-    """Whether a part of a prediction is that of the effect."""
-    return part == name or name.startswith(f"{part}: ")
 
 
 def columns(model: pin.Model, e: ident.motion.State) -> np.ndarray:
@@ -161,11 +148,12 @@ def scaled(x: np.ndarray) -> np.ndarray:
     return x[:, size > 0] / size[size > 0]
 
 
-def relative(fit: ident.Fit) -> str:
+def relative(fit: ident.Fit, judge: ident.Motion | None) -> str:
     """Error of a2 on the other log, or held out in time without one."""
-    logs = list(fit.validation.values())
-    error = (logs[0] if logs else fit.held_out)[JOINT]
-    return f"{error.relative:.1%}"
+    if judge is None:
+        return f"{fit.held_out[JOINT].relative:.1%}"
+    (errors,) = ident.compare(fit, motion=judge).errors.values()
+    return f"{errors[JOINT].relative:.1%}"
 
 
 if __name__ == "__main__":

@@ -117,11 +117,14 @@ def identified(recorded: list[Recorded]) -> tuple[list[ident.Fit], str]:
     history = ident.grow(plain, motion)
     last, diagnosis, laws = history.fit, history.diagnosis, []
     for _ in range(MOST):
-        proposed = [*getattr(diagnosis, "laws", ()), *getattr(diagnosis, "curves", ())]
-        if not proposed:
+        if diagnosis.laws:
+            last, name = diagnosis.laws[0].fit, diagnosis.laws[0].formula
+        elif diagnosis.curves:
+            effect = diagnosis.curves[0].effect
+            last, name = ident.identify(last.mechanism + effect, motion), effect.label
+        else:
             break
-        last = ident.identify(last.mechanism + proposed[0].effect, motion)
-        laws.append(getattr(proposed[0], "formula", proposed[0].effect.label))
+        laws.append(name)
         diagnosis = ident.diagnose(last)
     added = ", ".join(effect.label for effect in history.added) or "nothing"
     words = f"grown with {added}; then {', '.join(laws) or 'nothing'}; verdict {diagnosis.verdict}"

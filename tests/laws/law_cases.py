@@ -144,6 +144,8 @@ NAMED = (
     law("spring", "arm3.yaw", "k*(q - b)", "q", kind="spring", b=0.2),
     law("spring", "arm3.elbow", "k*(q - b)", "q", kind="spring", b=0.5),
     law("spring", "five_bar.left", "k*(q - b)", "q", kind="spring", b=2.0),
+    law("cable", "arm3.yaw", "k*(q + c*q**3)", "q", kind="cable", c=4.0),
+    law("cable", "arm3.elbow", "k*(q + c*q**3)", "q", kind="cable", c=1.0),
     law("end_stop", "arm3.yaw", "k*(abs(q - b) + q - b)/2", "q", kind="end_stop", b=0.7),
     law("end_stop", "arm3.elbow", "k*(abs(q - b) + q - b)/2", "q", kind="end_stop", b=1.3),
     law("rotor_inertia", "arm3.elbow", "k*a", "a", kind="rotor_inertia"),

@@ -103,8 +103,9 @@ def gap_closed(r: Result) -> bool:
 
 
 def keeps_name(r: Result) -> bool:
-    """No formula in place of a named effect."""
-    return not r.get("laws") and "error" not in r
+    """No formula; or one beside the right name, which stays."""
+    kept = bool(r.get("kind")) and r.get("best") == f"{r['kind']}:{r['joint']}"
+    return "error" not in r and (kept or not r.get("laws"))
 
 
 def lines_of(results: Sequence[Result]) -> str:

@@ -25,7 +25,7 @@ from ident.diagnosis.selection import Decision
 from ident.effects.formula import Formula, Term
 from ident.information.hypotheses import Array, PartialRegression, Refit, zscore
 
-WIDE = 14  # terms whose constants are refined
+WIDE = 24  # terms whose constants are refined
 STARTS = 3  # of a term whose constants are refined
 NUMBERS = 8  # of a formula: more is a curve, not a law
 BEAM = 3  # formulas to which a further term is added
@@ -44,7 +44,8 @@ PARSIMONY = 0.1  # of the least left-out squares, within which the least complex
 ONE_SE = 1.0
 WRONG_FORM = 1.5  # times a formula's left-out squares, from which an effect has the wrong form
 MINE = 0.1  # share of a fall that makes a coordinate one that a law mends
-RIVALS = 6  # formulas that are listed beside the law
+RIVALS = 12  # formulas that are listed beside the law
+CUBIC = Term(("1", "q", "q**2", "q**3"))
 OnProgress = Callable[[str, float], None]
 
 
@@ -457,15 +458,21 @@ def _law(
     compare = Comparison([int(u) for u in mends], decision.rival_se)
     law = compare.equal(found, ONE_SE)[0]
     equal = compare.equal(found, decision.rival_se)
-    fewer = 2 * len(law.formula.parameters) <= sum(len(m.effect.parameters) for m in named)
+    loose = any(m.effect.descriptive for m in named)
+    kept = False
+    if loose:  # where a cubic does as well as a law, the names stay, and the law stands beside them
+        cubic = search.fitted(replace(law.formula, joints=(joint,), terms=(CUBIC,)), {})
+        kept = not compare.clear(cubic.refit.loss, law.refit.loss, 1.0)
+    numbers = sum(len(m.effect.parameters) for m in named)
+    fewer = (1 if loose else 2) * len(law.formula.parameters) <= numbers
     wrong = compare.clear(with_names.losses, law.refit.loss, WRONG_FORM)
     as_good = not compare.clear(law.refit.loss, with_names.losses, 1.0)
-    if named and not wrong and not (fewer and as_good):
+    if named and not (kept or wrong or (fewer and as_good)):
         return None  # the names do as well
     whole, new = replace(last.contest, regression=regression).added(law.C)
     richer = whole.regression.extended(new)
     for m in selection.members:
-        if joint in m.effect.joints[:1] and m.effect.common:
+        if not kept and joint in m.effect.joints[:1] and m.effect.common:
             bare = richer.without(m.columns)
             if not compare.clear(bare.losses, richer.losses, 1.0):
                 doubtful.append(m)
@@ -484,7 +491,7 @@ def _law(
         distance=distance,
         rivals=tuple(each for each in equal if each is not law)[:RIVALS],
         front=tuple(_front(found, compare, before)),
-        replaced=tuple(m.label for m in doubtful),
+        replaced=tuple(m.label for m in doubtful if not kept),
         beside=regression,
         bounds=contest.table.bounds(law.formula),
     )

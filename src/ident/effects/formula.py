@@ -22,6 +22,7 @@ from ident.effects.friction import direction
 
 FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "sign", "tanh")
 OTHER = re.compile(r"\b([qv])_o\b")  # a signal of the second joint, before its name is known
+WAVES = 1.25  # [1/travel] between the wave numbers at which a search begins
 WIDEST = 40  # exponents beyond which exp is not evaluated
 FUNCTION_OF = {
     **{name: getattr(np, name) for name in FUNCTIONS},
@@ -82,11 +83,11 @@ class Scale:
                     float(s) for s in np.linspace(0.7 * low + 0.3 * high, 0.3 * low + 0.7 * high, 4)
                 ]
             case "wave":
-                return [float(k) for k in np.geomspace(2 * low, high, 24)]
+                return [float(k) for k in np.arange(1.5 * low, high, WAVES * low)]
             case "angle":
                 return [-2.75, -1.96, -1.18, -0.39, 0.39, 1.18, 1.96, 2.75]
             case "share":
-                return [-0.6, 0.6]
+                return [-0.9, -0.5, 0.5, 0.9]
             case _:
                 return [0.5, 1.5, 2.5]
 
