@@ -75,7 +75,7 @@ def noise_errors(d: Diagnosis) -> dict[str, Error]:
 
 def curve_name(curve: Effect) -> str:
     """Return `curve of v at elbow`."""
-    return curve.label.replace(":", " at ")
+    return f"curve of {curve.signal} at {listed(curve.joints)}"
 
 
 def failing(d: Diagnosis) -> list[Failure]:

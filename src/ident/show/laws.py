@@ -44,7 +44,7 @@ def plot_curve(curve: FoundCurve, law: Law | None) -> Chart:
     ]
     if law is not None and (y := _on_curve(curve, law)) is not None:
         marks.append(Line(curve.x, y, law.formula, 0, 1.5))
-    label = f"{effect.first} of {effect.joints[-1]}"
+    label = f"{effect.first} of {effect.joints[-1]} [{effect.units[len(effect.unknowns)]}]"
     times = {
         "": "",
         "sign": " for positive speed",
