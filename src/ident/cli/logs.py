@@ -72,7 +72,7 @@ def check(
     """
     from ident.show.motion import channels, check_json, describe, structure
 
-    mechanism = model.load()
+    mechanism = model.load(logs)
     motion = seen = None
     with progress() as on_progress:
         if logs:
@@ -122,7 +122,7 @@ def identify(
     from ident.log.read import expanded
     from ident.mechanism import Consistency
 
-    mechanism = model.load()
+    mechanism = model.load(logs)
     remedy = (
         "is no bound; write NAME=LOW:HIGH, such as rod.m=0.4:0.6, or one of the two, rod.m=0.4:"
     )
@@ -233,7 +233,7 @@ def compare(
     from ident.show.residual import comparison_json
     from ident.show.simulate import replay_json
 
-    model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute)
+    model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute, logs=logs)
     if window is not None and not simulated:
         raise IdentError("--window: applies to --simulate only; add that")
     saved = [read_fit(path, model) for path in fit]
@@ -297,7 +297,7 @@ def diagnose(
         if each not in VERDICTS:
             raise IdentError(f"--fail-on {each}: is no verdict; {one_of(each, VERDICTS)}")
     decision = rule.given
-    mechanism = model.load()
+    mechanism = model.load(logs)
     output_folder(out, [*DIAGNOSIS_FILES, "logs.csv"], logs)
     found: Diagnosis | Verdicts
     with progress() as on_progress:
@@ -357,7 +357,7 @@ def grow(
     from ident.show.ladder import head, noise_rung, refuse_own, rung
 
     decision = rule.given
-    mechanism = model.load()
+    mechanism = model.load(logs)
     if resume and out is None:
         raise IdentError("--resume: goes on in the folder of --out; give the one of that run")
     if out is not None:
@@ -416,7 +416,7 @@ def explore(
     from ident.show.explore import Board, Exploration
     from ident.show.local import wait
 
-    mechanism = model.load()
+    mechanism = model.load(logs)
     board = Board(mechanism.name, out or f"{mechanism.name}_explored")
     with board.serve(port) as address:
         result(f"{mechanism.name}: {address}")

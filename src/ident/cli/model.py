@@ -105,7 +105,7 @@ def view(
             raise IdentError(f"--mesh-path {folder}: is no folder; give one that contains packages")
         known = os.environ.get("ROS_PACKAGE_PATH", "")
         os.environ["ROS_PACKAGE_PATH"] = f"{folder.resolve()}{os.pathsep}{known}"
-    model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute, lock=lock)
+    model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute, lock=lock, logs=logs)
     saved = None if fit is None else read_fit(fit, model)
     model = model if saved is None else saved.mechanism
     experiments: Sequence[Any] = ()

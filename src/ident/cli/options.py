@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ident.cli.console import notes
 from ident.errors import IdentError
 from ident.files import check_writable
 
@@ -138,9 +139,11 @@ class ModelOptions:
     lock: Lock = None
     allow_code: AllowCode = False
 
-    def load(self) -> Mechanism:
-        """Return the mechanism that the options describe."""
-        return mechanism_of(self.mechanism, self.with_, allow_code=self.allow_code, lock=self.lock)
+    def load(self, logs: Paths = None) -> Mechanism:
+        """Return the mechanism that the options describe, without hands that `logs` do not have."""
+        return mechanism_of(
+            self.mechanism, self.with_, allow_code=self.allow_code, lock=self.lock, logs=logs
+        )
 
 
 @dataclass(frozen=True)
@@ -153,14 +156,15 @@ class FitOptions(ModelOptions):
     smoothing: Smoothing = "auto"
     absolute: Absolute = False
 
-    def load(self) -> Mechanism:
-        """Return the mechanism that the options describe."""
+    def load(self, logs: Paths = None) -> Mechanism:
+        """Return the mechanism that the options describe, without hands that `logs` do not have."""
         mechanism = mechanism_of(
             self.mechanism,
             self.with_,
             allow_code=self.allow_code,
             absolute=self.absolute,
             lock=self.lock,
+            logs=logs,
         )
         return with_basis(mechanism, self.basis, self.spacing)
 
@@ -209,17 +213,43 @@ def mechanism_of(
     allow_code: bool = False,
     absolute: bool = False,
     lock: Texts = None,
+    logs: Paths = None,
 ) -> Mechanism:
-    """Return the mechanism of a path with further effects, in absolute coordinates if wanted."""
+    """Return the mechanism of a path with further effects, in absolute coordinates if wanted.
+
+    Hands and fingers of which `logs` have no column are held.
+    """
     from ident.mechanism import load
     from ident.mechanism.absolute import absolute as in_absolute
 
     at = named([text for text in lock or () if "=" in text], "--lock", "--lock finger=0.02", finite)
     locked = at | {text: None for text in lock or () if "=" not in text}
     mechanism = load(path, allow_code=allow_code, locked=locked)
+    if hands := _unlogged_hands(mechanism, logs):
+        locked |= dict.fromkeys(hands, None)
+        mechanism = load(path, allow_code=allow_code, locked=locked)
+        notes([f"nothing is logged of {', '.join(hands)}, parts of a hand: held where they start"])
     for effect in effects or ():
         mechanism = with_effect(mechanism, effect, allow_code=allow_code)
     return in_absolute(mechanism) if absolute else mechanism
+
+
+def _unlogged_hands(mechanism: Mechanism, logs: Paths) -> tuple[str, ...]:
+    """Return the joints of hands that the first of some logs lacks; it is read only for these."""
+    from ident.log.read import expanded, log_file
+    from ident.mechanism.hands import unlogged_hands
+
+    if not logs or not unlogged_hands(mechanism, ()):
+        return ()
+    first = next(iter(expanded(logs)), None)
+    try:
+        return (
+            ()
+            if first is None
+            else unlogged_hands(mechanism, log_file(first, None).table().columns)
+        )
+    except IdentError:  # whatever is wrong with the log is said when it is read
+        return ()
 
 
 def with_effect(mechanism: Mechanism, text: str, *, allow_code: bool) -> Mechanism:

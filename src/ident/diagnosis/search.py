@@ -186,7 +186,7 @@ class Search:
         if first is None:
             first = self.ranked(now, fresh=True)
         self.limit, self.null_of, self.first = first.limit, now.labels, first
-        now = self.grouped(now)
+        now = self.grouped(self.joined(now, first))
         for number in range(MOST):
             self.on_progress(f"set of {len(now.members)} effects", 0.4 + 0.3 * number / MOST)
             ranking = first if now is self.start else self.ranked(now, fresh=False)
@@ -244,6 +244,14 @@ class Search:
             D = (bare.regression.losses - now.regression.losses).sum(axis=1)
             return zscore(D) < self.decision.rival_se
         return bare.loss / now.loss - 1 < self.limit
+
+    def joined(self, now: EffectSet, ranking: Ranking) -> EffectSet:
+        """The set with what all drives have in common, before what else single joints may have."""
+        for each in ranking.credible:
+            if each.effect.joined:
+                new = now.plus(each, rivals(each, ranking, self.decision))
+                return self.accepted(now, new) or now
+        return now
 
     def grouped(self, now: EffectSet) -> EffectSet:
         """The set with all effects that every machine has, where they explain more together."""

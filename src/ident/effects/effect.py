@@ -276,6 +276,11 @@ class Effect(ABC):
         return self.site == "joint" and self.arity > 0 and not self.corrects
 
     @property
+    def joined(self) -> bool:
+        """Return whether several joints have it with the same parameters."""
+        return self.shared and len(self.joints) > self.arity
+
+    @property
     def loaded_link(self) -> str | None:
         """The link whose columns of Γ, times the unknowns, are this effect; None for torques."""
         return self.joints[0] if any(each.acts == "body" for each in self.unknowns) else None
