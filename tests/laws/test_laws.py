@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 pytest.importorskip("mujoco", reason="rigid-body torques of the battery are MuJoCo's")
 
 from law_cases import SCORE, SETS, TUNE, Case, cases
-from law_judge import apart, closed, equal, variables
+from law_judge import apart, closed, equal, judge, variables
 from law_logs import RATE, Complement, Made, bodies, make, rms
 
 MACHINES = ("arm3", "five_bar", "crank_rocker")
@@ -122,3 +122,30 @@ def test_a_log_without_a_law_has_nothing_added() -> None:
     case = Case("x", None, "five_bar", 0.0, 3)
     silent = make(replace(case))
     assert np.array_equal(silent.tau, silent.motion.rigid)
+
+
+ENGINE = (  # one of speed, one of position, one of another joint
+    "tune/arm3/friction_saturating.yaw", "tune/arm3/magnet_rational.elbow",
+    "tune/arm3/cross_cam.yaw",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ENGINE)
+def test_a_hidden_law_is_found(name: str) -> None:
+    """Its variables, its form and the prediction of another log; as the contract writes it."""
+    result = judge(next(case for case in cases("tune") if case.name == name))
+    assert "error" not in result, result["error"]
+    assert result["contract"] == []
+    assert result["formula_variables"], result["laws"]
+    assert result["apart"] < 0.02, result["laws"]
+    assert result["closed"] > 0.95
+    assert result["verdict"] == "unexplained"
+
+
+@pytest.mark.parametrize("name", ["clean/arm3/1", "named/arm3/stribeck.yaw"])
+def test_no_formula_on_clean_data_or_in_place_of_a_name(name: str) -> None:
+    of = name.partition("/")[0]
+    result = judge(next(case for case in cases(of) if case.name == name))
+    assert "error" not in result, result["error"]
+    assert result["laws"] == []
+    assert result["best"] == (None if of == "clean" else "stribeck:yaw")

@@ -1,0 +1,272 @@
+"""The search of formulas: terms of a grammar, their constants refined, sums of several terms.
+
+Terms of a grammar are columns like any effect's. Each is projected off the model, which makes a
+candidate a matrix product, and the fall of the squared error orders them. The best ones have their
+constants refined,
+
+    [C̃ D̃] [c; δs] = r        D = ∂(C c)/∂s, everything else refitted (variable projection)
+
+and are judged by the left-out error. Sums of two and three terms grow from the best single ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ident.diagnosis.candidates import Contest
+from ident.diagnosis.grammar import terms
+from ident.effects.formula import Formula, Term
+from ident.information.hypotheses import Array, PartialRegression, Refit
+
+WIDE = 24  # terms whose constants are refined
+STARTS = 3  # of a term whose constants are refined
+NUMBERS = 8  # of a formula: more is a curve, not a law
+BEAM = 3  # formulas to which a further term is added
+TERMS = 3  # of a formula
+STEPS = 8  # of Gauss-Newton
+LONGEST = 0.3  # of a constant's range, the longest step
+RISE = 1e-3  # of the error, that a further step must bring
+RANK = 1e-6  # of a unit column's square: less of it is new
+SLOPE = 1e-4  # of a constant's range, for its slope
+MINE = 0.1  # share of a fall that makes a coordinate one that a law mends
+OnProgress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class FittedFormula:
+    """A formula with its constants refined, judged by the left-out error.
+
+    Attributes:
+        formula, shape: which, at which constants.
+        C: its columns and slopes (m, u) in each part.
+        refit: everything refitted with them.
+    """
+
+    formula: Formula
+    shape: Mapping[str, float]
+    C: tuple[Array, ...]
+    refit: Refit
+
+    @property
+    def loss(self) -> Array:
+        """(blocks,) left-out squares."""
+        return np.asarray(self.refit.loss.sum(axis=1))
+
+
+@dataclass(eq=False)
+class LawSearch:
+    """Searches the formula that explains most beside a model.
+
+    Args:
+        contest: rows and effects; regression: the model.
+        joint: whose torque.
+        other: a joint on whose signals, with the own ones, the terms depend; empty for terms of
+            the own signals alone.
+        limit: share of the left-out squared error that a term must explain.
+        noise: (d,) left-out squares that the sensors' noise alone makes, at most.
+        decision: the rule of evidence.
+        on_progress: called with (what is being done, share done).
+    """
+
+    contest: Contest
+    regression: PartialRegression
+    joint: str
+    other: str
+    limit: float
+    noise: Array
+    on_progress: OnProgress
+
+    @cached_property
+    def terms(self) -> list[Formula]:
+        """All terms as formulas of one term."""
+        table = self.contest.table
+        rotational = table.mechanism.joint(self.joint).rotational
+        one = frozenset({"q", "v", "a", "t"})
+        if self.joint in table.mechanism.sites.loaded:
+            one |= {"load"}
+        if all(f"temperature.{self.joint}" in s.e.extra for s in table.scenes):
+            one |= {"temperature"}
+        if self.other:
+            one = frozenset({"q_o", "v_o"})
+        joints = (self.joint, self.other) if self.other else (self.joint,)
+        return [Formula(joints, {}, rotational, terms=(t,)) for t in terms(one, rotational)]
+
+    @cached_property
+    def starts(self) -> list[list[Mapping[str, float]]]:
+        """Constants at which each term is screened."""
+        return [self.contest.table.starts(each) for each in self.terms]
+
+    @cached_property
+    def columns(self) -> list[list[np.ndarray]]:
+        """Columns (m, starts · u) of each term in each part, in single precision."""
+        found = []
+        for formula, starts in zip(self.terms, self.starts, strict=True):
+            C, felt = self.contest.table.effect_columns(formula, starts)
+            place = {int(u): i for i, u in enumerate(felt)}
+            found.append(
+                [
+                    C[self.contest.use[:, p.coordinate], place[p.coordinate]].astype(np.float32)
+                    if p.coordinate in place
+                    else np.zeros((0, C.shape[2]), dtype=np.float32)
+                    for p in self.regression.parts
+                ]
+            )
+        return found
+
+    def run(self) -> list[FittedFormula]:
+        """All formulas that were fitted, those of one term first."""
+        beam: list[FittedFormula | None] = [None]
+        found: list[FittedFormula] = []
+        least = float(self.regression.loss.sum())
+        for number in range(TERMS):
+            new: list[FittedFormula] = []
+            for i, before in enumerate(beam):
+                share = (number + i / len(beam)) / TERMS
+                self.on_progress(f"formulas of {number + 1} term(s)", share)
+                new += self.extended(before)
+            found += [each for each in new if float(each.loss.sum()) < (1 - self.limit) * least]
+            new = [each for each in new if each in found]
+            if not new:
+                break
+            new.sort(key=lambda each: float(each.loss.sum()))
+            least = float(new[0].loss.sum())
+            if self.explained(new[0]):
+                break
+            beam = list(new[:BEAM])
+        return found
+
+    def explained(self, best: FittedFormula) -> bool:
+        """Whether a formula leaves no more than noise in the coordinates that it mends."""
+        mends = best.refit.by >= MINE * best.refit.by.sum()
+        return bool((best.refit.loss.sum(axis=0) < self.noise)[mends].all())
+
+    def extended(self, before: FittedFormula | None) -> list[FittedFormula]:
+        """The best formulas with one term more; all terms are screened beside those before."""
+        regression, terms = self.regression, tuple[Term, ...]()
+        values: list[float] = []
+        if before is not None:
+            contest, new = replace(self.contest, regression=regression).added(before.C)
+            regression = contest.regression.extended(new)
+            terms = before.formula.terms
+            values = [before.shape[scale.name] for scale in before.formula.scales]
+        falls = []
+        for i, (one, starts) in enumerate(zip(self.terms, self.starts, strict=True)):
+            if before is not None and not _fits(before.formula, one):
+                continue
+            each = screened(regression, self.columns[i], len(starts))
+            falls += [(float(each[k]), i, int(k)) for k in np.argsort(-each)[:STARTS]]
+        falls.sort(reverse=True)
+        wide = WIDE if before is None else WIDE // 2
+        chosen = list(dict.fromkeys(i for _, i, _ in falls))[:wide]
+        found: dict[int, FittedFormula] = {}
+        for gain, i, start in falls:
+            if i not in chosen or gain < self.limit * float(regression.loss.sum()):
+                continue
+            one = self.terms[i]
+            joints = max([one.joints, before.formula.joints if before else ()], key=len)
+            formula = replace(one, joints=joints, terms=(*terms, *one.terms))
+            every = [*values, *(self.starts[i][start][scale.name] for scale in one.scales)]
+            names = (scale.name for scale in formula.scales)
+            fitted = self.fitted(formula, dict(zip(names, every, strict=True)))
+            if i not in found or fitted.loss.sum() < found[i].loss.sum():
+                found[i] = fitted
+        return list(found.values())
+
+    def fitted(self, formula: Formula, shape: dict[str, float]) -> FittedFormula:
+        """The formula with its constants refined from where they are."""
+        bounds = self.contest.table.bounds(formula)
+        u = len(formula.unknowns)
+        low, high = (np.array([bounds[name][i] for name in shape]) for i in (0, 1))
+        C = self.contest.columns(formula, shape)
+        S, g = normal_equations(self.regression, C)
+        now = fall(S, g)
+        for _ in range(STEPS if shape else 0):
+            both = self.with_slopes(formula, shape, C, solved(S, g), bounds)
+            step = solved(*normal_equations(self.regression, both))[u:]
+            before, at = now, np.array(list(shape.values()))
+            for half in range(4):
+                most = LONGEST * (high - low)
+                new = np.clip(at + np.clip(0.5**half * step, -most, most), low, high)
+                tried = dict(zip(shape, map(float, new), strict=True))
+                trial = self.contest.columns(formula, tried)
+                S_new, g_new = normal_equations(self.regression, trial)
+                if fall(S_new, g_new) > now:
+                    shape, C, S, g, now = tried, trial, S_new, g_new, fall(S_new, g_new)
+                    break
+            if now - before < RISE * max(self.squares(C) - now, 0.0):
+                break
+        if shape:
+            C = self.with_slopes(formula, shape, C, solved(S, g), bounds)
+        return FittedFormula(formula, shape, tuple(C), self.regression.refit_with(C))
+
+    def squares(self, C: Sequence[Array]) -> float:
+        """|r|² in the coordinates in which columns are."""
+        pairs = zip(self.regression.residual, C, strict=True)
+        return sum(float(r[:, 0] @ r[:, 0]) for r, c in pairs if c.any())
+
+    def with_slopes(
+        self, formula: Formula, shape: Mapping[str, float], C: list[Array], theta: Array,
+        bounds: Mapping[str, tuple[float, float]],
+    ) -> list[Array]:  # fmt: skip
+        """C(s), then ∂(C θ)/∂s by central differences."""
+        for name, (low, high) in bounds.items():
+            h = SLOPE * (high - low)
+            up, down = (
+                self.contest.columns(formula, {**shape, name: shape[name] + sign * h})
+                for sign in (1, -1)
+            )
+            C = [
+                np.column_stack([c, (a - b) @ theta / (2 * h)])
+                for c, a, b in zip(C, up, down, strict=True)
+            ]
+        return C
+
+
+def _fits(before: Formula, one: Formula) -> bool:
+    """Return whether a term can be added: a new one, of no third joint, and few numbers in all."""
+    numbers = len(before.parameters) + len(one.parameters)
+    other = before.joints[1:] in ((), one.joints[1:]) or not one.joints[1:]
+    return one.terms[0] not in before.terms and other and numbers <= NUMBERS
+
+
+def screened(regression: PartialRegression, C: Sequence[np.ndarray], groups: int) -> Array:
+    """(groups,) in-sample fall of the squares by each group of columns, equal in number."""
+    S, g = normal_equations(regression, C)
+    u = len(g) // groups
+    parts = (slice(k * u, (k + 1) * u) for k in range(groups))
+    return np.array([fall(S[at, at], g[at]) for at in parts])
+
+
+def normal_equations(regression: PartialRegression, C: Sequence[np.ndarray]) -> tuple[Array, Array]:
+    """C̃ᵀC̃ and C̃ᵀr, weighted, of columns C (m, u) in each part; (0, u) where they are zero.
+
+    What is left of a column is set to zero where it is less than RANK of its squares.
+    """
+    u = C[0].shape[1]
+    S, g, P = np.zeros((u, u)), np.zeros(u), np.zeros((regression.rank, u))
+    for part, Q, r, c in zip(regression.parts, regression.Q, regression.residual, C, strict=True):
+        if len(c):
+            c = c * regression.weight[part.coordinate]
+            S += c.T @ c
+            g += c.T @ r[:, 0]
+            P += Q.T @ c
+    rest = S - P.T @ P
+    new = np.diag(rest) > RANK * np.diag(S)
+    return rest * np.outer(new, new), g * new
+
+
+def fall(S: Array, g: Array) -> float:
+    """gᵀ S⁺ g in the directions that are new."""
+    return float(g @ solved(S, g))
+
+
+def solved(S: Array, g: Array) -> Array:
+    """S⁺ g in the directions that are new."""
+    size = np.sqrt(np.where(np.diag(S) > 0, np.diag(S), 1.0))
+    values, V = np.linalg.eigh(S / size[:, None] / size)
+    good = values > RANK
+    return np.asarray((V[:, good] / values[good]) @ (V[:, good].T @ (g / size)) / size)
