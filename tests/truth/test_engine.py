@@ -11,7 +11,7 @@ import pytest
 
 import ident
 from ident import Diagnosis, Mechanism, Motion, Noise
-from ident.diagnosis.candidates import GUARD, Contest, away_from_reversals, blocks_of
+from ident.diagnosis.candidates import GUARD, Contest, away_from_reversals
 from ident.diagnosis.null import noise
 from ident.effects import Effect
 from ident.fit.table import Table
@@ -99,7 +99,7 @@ def test_in_a_loop_a_row_feels_all_joints_that_move_with_it():
 
 def test_blocks_are_stretches_of_time():
     contest = contest_of(planted())
-    assert (np.diff(blocks_of(contest.table)) >= 0).all()
+    assert (np.diff(contest.table.blocks) >= 0).all()
     regression = contest.regression
     inside = sum(float((y[:, 0] ** 2).sum()) for y in regression.residual)
     assert regression.loss.sum() > inside  # held out is worse than fitted

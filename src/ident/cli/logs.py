@@ -52,7 +52,6 @@ if TYPE_CHECKING:
     from ident.streams.gather import Gathered
 
 MOST_IN_MEMORY = 1_000_000  # samples of all logs that are read at once
-DOUBTFUL = 0.1  # relative error of a joint from which wrong channels are looked for
 ADVICE = 4  # sentences on motions that would determine more
 Verbose = Annotated[
     bool,
@@ -192,11 +191,6 @@ def _show(
         if known is not None:
             result(f"\n{known}")
     notes(gathered.notes if gathered else fit.warnings)
-    worst = max((error.relative or 0.0 for error in fit.train.values()), default=0.0)
-    if not gathered and worst > DOUBTFUL:
-        from ident.diagnosis import health
-
-        notes(str(each) for each in health(fit).findings if each not in fit.findings)
     try:
         advice = list(fit.unexcited.advice)
     except IdentError:

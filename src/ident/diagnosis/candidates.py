@@ -17,7 +17,6 @@ from ident.information.hypotheses import Part, PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 
-BLOCKS = 20  # of time, in all logs together
 SLOW = 0.03  # share of a joint's top speed below which it counts as reversing
 GUARD = 0.06  # s on either side that are left out; 0.3 periods of the motion, where that is less
 ENOUGH = 0.5  # share of a coordinate's rows that must stay
@@ -95,17 +94,6 @@ def _away(table: Table, number: int, guard: float) -> np.ndarray:
         most = farthest[j]
         feels = (most > ROUNDING * most.max()) & (np.abs(e.leverage[at, j]) > LEVER * most)
         found &= ~(near[:, j][:, None] & feels)
-    return found
-
-
-def blocks_of(table: Table) -> np.ndarray:
-    """(N,) contiguous stretches of time, about BLOCKS in all, none over two experiments."""
-    each = max(2, -(-BLOCKS // len(table.scenes)))
-    found = np.empty(len(table.t), dtype=int)
-    for number in range(len(table.scenes)):
-        mine = table.experiment == number
-        rank = np.arange(mine.sum()) * each // max(mine.sum(), 1)
-        found[mine] = number * each + rank
     return found
 
 
@@ -231,7 +219,7 @@ class ColumnStore:
 
     def parts(self) -> tuple[Part, ...]:
         """One part a coordinate."""
-        block = blocks_of(self.table)
+        block = self.table.blocks
         numbers = np.unique(np.concatenate([block[rows] for rows in self.rows]))
         found = []
         for u, rows in enumerate(self.rows):

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from ident.diagnosis.candidates import Contest, OnProgress, candidates_of
-from ident.diagnosis.data_checks import Health, health_beside
 from ident.diagnosis.found_curves import FoundCurve, curve_of
 from ident.diagnosis.laws import FoundLaw, laws_of
 from ident.diagnosis.null import NoiseDraws, noise
@@ -32,6 +31,8 @@ from ident.effects import Effect
 from ident.equations.unknowns import Point
 from ident.errors import FitError, IdentError
 from ident.fit import Fit, identify
+from ident.fit.channel_fits import LEAVES
+from ident.fit.data_checks import DataChecks, Health
 from ident.fit.residual import Failure, Periods, residual_of
 from ident.fit.values import Value
 from ident.information.blocks import Error
@@ -41,6 +42,7 @@ SHOWN = 3  # candidates that are listed though nothing speaks for them
 LISTED = 8  # candidates that are listed at most
 LOUD = 1.25  # times the largest of the noise's draws, from which a residual is more than noise
 VERDICTS = ("missing", "nothing", "unexplained", "undecided")
+THIRD = 1 / 3  # of a length, by which no drawing is off
 AGAIN = 0.6  # correlation of a residual between periods that noise does not have
 
 
@@ -388,16 +390,19 @@ def concluded(
     candidates = _explanations(fit, selection, best)
     if best is not None and (not candidates or candidates[0].effect.label != best.label):
         best = None  # what cannot be refitted is no name
+    last = selection.last.regression
+    data = _health_beside(contest, last.losses / last.weight**2)
+    if best is not None and (data.faults or not _explains(candidates[0], contest, draws, last)):
+        best = None
     residual = residual_of(fit)
     verdict = _verdict(selection, best, bool(loud), residual.periods)
     curves = found_curves(contest, selection, found, verdict, decision)
     on_progress("where it fails", 0.9)
-    last = selection.last.regression
     return Diagnosis(
         fit=fit,
         verdict=verdict,
         decision=decision,
-        health=health_beside(contest, last.losses / last.weight**2),
+        health=data,
         where=residual.where,
         periods=residual.periods,
         candidates=tuple(candidates),
@@ -409,6 +414,41 @@ def concluded(
         floor=floor,
         loud=loud,
     )
+
+
+def _explains(
+    found: Explanation, contest: Contest, draws: NoiseDraws, last: PartialRegression
+) -> bool:
+    """Whether the best is a cause: of a possible size, a length changed by no more than a third,
+    and of a joint of which it and what was found with it do not leave most of the torque.
+    """
+    lengths = contest.fit.mechanism.lengths if found.effect.sits == "place" else {}
+    length = abs(lengths.get(found.effect.joints[0], np.inf)) if found.effect.joints else np.inf
+    if any(abs(value.value) > THIRD * length for value in found.parameters):
+        return False
+    u = found.evidence.coordinate
+    rows = max(float(last.rows[u]), 1.0)
+    left = float(last.losses[:, u].sum()) / rows / last.weight[u] ** 2 - draws.floor[u] ** 2
+    torque = float(torque_squares(contest, last)[u]) / rows / last.weight[u] ** 2
+    return bool(left < LEAVES**2 * torque)
+
+
+def health(fit: Fit) -> Health:
+    """Judge the data behind a fit, from `identify`.
+
+    Returns:
+        Its findings, gravest first; `print` shows them in words.
+    """
+    return fit.health
+
+
+def _health_beside(contest: Contest, explained: np.ndarray) -> Health:
+    """The same beside a diagnosis, on its rows: a wrong channel must explain more than the effects
+    that it found, which leave squares (blocks, d) of blocks that were left out.
+    """
+    fit = contest.fit
+    checks = DataChecks(fit.problem, fit.estimate, fit.train, contest.table, contest.use, explained)
+    return checks.health()
 
 
 def louder(contest: Contest, noise: NoiseDraws, last: Ranking, decision: Decision) -> np.ndarray:

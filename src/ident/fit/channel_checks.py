@@ -7,7 +7,6 @@ remedy, or None where nothing is wrong; its name is the finding's code.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -39,9 +38,6 @@ COARSE = 0.01  # step of a torque over √12, of its rms: no model can explain t
 ROUGH = 0.1  # noise in the accelerations by the steps of an encoder, of their rms
 ROUNDING = 1e-9  # of a channel's largest value: nearer values are one
 SAME = 1e-6  # of a channel's size, by which it may differ from a command and still be it
-TIMES = 8.0  # of the URDF's torques: masses in a URDF are rarely so wrong, units are
-ALIKE = 0.3  # difference of the logarithms of two factors that are one
-LIKE = 0.9  # correlation from which the URDF's torque is like the measured one
 COMMAND = re.compile(
     r"(des|cmd|command|ref|set|target|goal|con)(ired|erence|point|trol)?[\W_\d]*", re.I
 )
@@ -250,8 +246,6 @@ CHECKS = {
     "q": (frozen, steps),
     "v": (frozen, steps),
 }
-CODES = {check.__name__ for checks in CHECKS.values() for check in checks} | {"magnitude"}
-
 
 # --- all channels -------------------------------------------------------------------------------
 
@@ -278,28 +272,4 @@ def channel_findings(problem: Problem) -> list[Finding]:
                     found.append(
                         Finding(check.__name__, meaning, remedy, (name,), number, threshold)
                     )
-    return [*found, *_magnitude(problem)]
-
-
-def _magnitude(problem: Problem) -> Iterator[Finding]:
-    """Report that all torques are off by one factor from what the URDF's bodies need."""
-    columns, gains = problem.columns, {}
-    prior = np.where(np.arange(len(columns)) < len(columns.rigid), columns.prior, 0.0)
-    if not prior.any():
-        return
-    for name, triangle in zip(problem.motion.independent, problem.information.totals, strict=True):
-        predicted = triangle.R @ prior
-        sizes = np.linalg.norm(predicted), float(np.hypot(np.linalg.norm(triangle.d), triangle.rho))
-        if name not in problem.mechanism.driven or not all(sizes):
-            continue
-        if predicted @ triangle.d > LIKE * sizes[0] * sizes[1]:
-            gains[name] = sizes[1] / sizes[0]
-    logs = np.log(list(gains.values()))
-    if len(gains) > 1 and np.abs(logs).min() > np.log(TIMES) and np.ptp(logs) < ALIKE:
-        names, gain = tuple(f"tau.{name}" for name in gains), float(np.exp(logs.mean()))
-        text = (
-            f"the torques of {', '.join(gains)} are {gain:.3g} times what the URDF's bodies need, "
-            "and of the same shape: their unit, unless the URDF's masses are no real ones"
-        )
-        remedy = f'[log] "{names[0]}" = {{ column = …, scale = {1 / gain:.2g} }}, all alike'
-        yield Finding("magnitude", text, remedy, names, gain, TIMES)
+    return found

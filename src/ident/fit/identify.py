@@ -7,7 +7,6 @@ from dataclasses import replace
 
 from ident.equations.unknowns import Point
 from ident.errors import FitError, one_of
-from ident.fit.channel_checks import channel_findings
 from ident.fit.consistency import nearest_possible
 from ident.fit.findings import Finding, basis_bias, findings_of
 from ident.fit.likelihood import Likelihood, weighed
@@ -70,7 +69,6 @@ def identify(
     problem = Problem.of(mechanism, motion, point, progress)
     estimate = estimate_of(problem)
     problem, estimate, likelihood, findings = weighed(problem, estimate, estimator, progress)
-    findings = [*channel_findings(problem), *findings]
     fit = fit_of(problem, estimate, consistent, findings, likelihood, progress)
     return fit if validate is None else replace(fit, validation=_errors_on(fit, validate, progress))
 

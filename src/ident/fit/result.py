@@ -16,6 +16,7 @@ from ident.equations.motion_noise import EliminatedRun
 from ident.equations.unknowns import Columns, Point
 from ident.errors import one_of
 from ident.fit.consistency import Binding
+from ident.fit.data_checks import DataChecks, Health
 from ident.fit.determined import Essential, Unexcited, essential, unexcited
 from ident.fit.findings import Finding
 from ident.fit.likelihood import Likelihood
@@ -100,9 +101,24 @@ class Fit(Charted):
         return {"train": self.train, "held out": self.held_out, **self.validation}
 
     @cached_property
+    def checks(self) -> DataChecks:
+        """What may be wrong with the data, as questions to the equations."""
+        return DataChecks.of(self.problem, self.estimate, self.train)
+
+    @cached_property
+    def health(self) -> Health:
+        """Errors in the logged data: wrong signs, units, columns, clocks, gravity, …"""
+        return self.checks.health()
+
+    @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """The findings as text, to be read before the numbers are trusted."""
-        return tuple(map(str, self.findings))
+        """Errors in the data, then all other findings, to be read before numbers are trusted."""
+        return tuple(map(str, self.all_findings))
+
+    @cached_property
+    def all_findings(self) -> tuple[Finding, ...]:
+        """Errors in the data, torques that the model leaves unexplained, then all others."""
+        return (*self.health.findings, *self.checks.poor(), *self.findings)
 
     @cached_property
     def parameters(self) -> tuple[Value, ...]:

@@ -24,6 +24,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 
 MOST = 20_000  # rows; of more, one in so many is kept: they decide, they are not fitted
+BLOCKS = 20  # of time, in all experiments together
 FINE = 16.0  # samples a period of the cut-off at which smooth sensitivities are evaluated
 
 
@@ -69,6 +70,18 @@ class Table:
         return cls(mechanism, columns, motion, point, scenes, t, experiment, *arrays)
 
     @cached_property
+    def blocks(self) -> np.ndarray:
+        """(N,) numbers of contiguous stretches of time, about BLOCKS in all, none over two
+        experiments.
+        """
+        each = max(2, -(-BLOCKS // len(self.scenes)))
+        found = np.empty(len(self.t), dtype=int)
+        for number in range(len(self.scenes)):
+            mine = self.experiment == number
+            found[mine] = number * each + np.arange(mine.sum()) * each // max(mine.sum(), 1)
+        return found
+
+    @cached_property
     def _filters(self) -> tuple[sp.csr_array | None, ...]:
         """The rows' filter (N_e, n) of every experiment; None: the rows are samples."""
         found: list[sp.csr_array | None] = []
@@ -89,7 +102,8 @@ class Table:
         filter_matrix = self._filters[number]
         if filter_matrix is None:
             return x[self.sample[self.experiment == number]]
-        return (filter_matrix @ x.reshape(len(x), -1)).reshape(-1, *x.shape[1:])
+        flat = filter_matrix @ x.reshape(len(x), int(np.prod(x.shape[1:])))
+        return flat.reshape(len(flat), *x.shape[1:])
 
     def effect_columns(
         self, effect: Effect, shapes: Sequence[Mapping[str, float]]

@@ -202,22 +202,29 @@ class Mechanism(Displayed):
         """Everything on which an effect can sit; `logged` are all joints, as no log is known."""
         names = tuple(self.joint_index)
         own = tuple(joint.name for joint in self.joints if not joint.in_tree)
+        return Sites(
+            joint=names, driven=self.driven, loaded=(*self.driven, *own), logged=names,
+            link=self.bodies.links, place=tuple(self.lengths),
+            closure=tuple(closure.name for closure in self.closures),
+            loop=tuple(closure.name for closure in self.closures if closure.frames),
+            length=tuple(place for place, x in self.lengths.items() if abs(x) > SHORTEST),
+        )  # fmt: skip
+
+    @cached_property
+    def lengths(self) -> Mapping[str, float]:
+        """Coordinates [m] of joints and closures in the drawing, by place; those of the first
+        joint, on which torques do not depend, are zero.
+        """
         places: dict[str, float] = {}
         for joint in self.joints:
             if joint.in_tree:
                 index = self.model.getJointId(joint.name)
                 at = self.model.jointPlacements[index].translation
-                inside = self.model.parents[index] > 0  # torques do not depend on the first one's
+                inside = self.model.parents[index] > 0
                 places |= {f"{joint.name}.{a}": x * inside for a, x in zip("xyz", at, strict=True)}
         for closure in self.closures:
             places |= closure.places
-        return Sites(
-            joint=names, driven=self.driven, loaded=(*self.driven, *own), logged=names,
-            link=self.bodies.links, place=tuple(places),
-            closure=tuple(closure.name for closure in self.closures),
-            loop=tuple(closure.name for closure in self.closures if closure.frames),
-            length=tuple(place for place, x in places.items() if abs(x) > SHORTEST),
-        )  # fmt: skip
+        return places
 
     def candidates(
         self, logged: Collection[str] | None = None, columns: Collection[str] = ()

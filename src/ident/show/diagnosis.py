@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from ident.diagnosis.data_checks import Health
 from ident.diagnosis.diagnosis import LOUD, Diagnosis, Explanation
 from ident.diagnosis.selection import Evidence
 from ident.diagnosis.unobservable import Invisible
 from ident.display import renders
 from ident.effects import Effect
+from ident.fit.data_checks import Health
 from ident.fit.residual import Failure
 from ident.fit.values import Value
 from ident.information.blocks import Error

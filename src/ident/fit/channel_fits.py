@@ -10,30 +10,37 @@ negative friction): only that tells a torque of the wrong sign from one of the r
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from ident.diagnosis.candidates import blocks_of
 from ident.effects import Effect
-from ident.fit import Fit
-from ident.fit.channel_checks import LIKE
 from ident.fit.table import Table
-from ident.information import linear
+from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array, zscore
+from ident.mechanism.mechanism import Mechanism
 from ident.motion.regressor import regressor
 
-UNITS = {  # by which factors units of torque differ; their inverses are tried as well
+UNITS = {  # by which factors units of torque differ, or their inverses
     1e3: "mN m for N m",
     100.0: "N cm for N m",
     180 / np.pi: "degrees for radians",
     10.0: "a factor of ten",
     9.81: "kgf m for N m",
+    8.851: "lbf in for N m",
 }
+UNIT = 0.1  # difference of logarithms within which a factor is that of a unit
+FACTORS = np.geomspace(1e-4, 1e4, 17)  # between two of which the best factor of a torque is sought
+LEAST_FACTOR = 1.5  # a smaller one is an effect's: a gain, a load-dependent friction
+LEAVES = 0.3  # error of a torque at which nothing is explained: a cause that leaves it is none
+FAR = 7  # shifts round the log by so many parts of it: torques of another time
+AS_WELL = 1.5  # times the error that all effects of the library leave: a fault leaves no more
+AS_GOOD = 0.8  # of the best error at another time, with which a torque is not of this motion
 LONGEST = 0.1  # s; a torque that is later still is another log's
 NODES = 12  # shifts on either side, from one sample up to LONGEST
 SMALL = 0.01  # relative error below which no channel is blamed, and none is better than another
@@ -42,7 +49,7 @@ ALPHA = 0.01  # chance that a channel is blamed where nothing is wrong
 RIVAL = 2.0  # standard errors of the paired difference within which two causes are rivals
 CLOSEST = 6  # hypotheses that are looked at in detail
 ROUNDS = 3  # in which weights settle
-REST = 0.04  # of a torque's squares, that no effect at its joint makes, for a factor to be seen
+ROUNDING = 1e-12  # of the largest torque's squares: a smaller torque is none
 RIDGE = 1e-10  # of unit columns' squares: settles what no row determines
 POSTURES = 40  # samples at which the mean inertia must be positive
 
@@ -94,7 +101,8 @@ class ChannelEquations:
         driven: names of the J driven joints; own: by coordinate its only drive; empty if there are
             other drives.
         gram: (blocks, d, k + r, k + r) of k columns X and r right-hand sides.
-        rows: (blocks, d); lags: (1 + L,) [s], first 0.
+        rows: (blocks, d); lags: (1 + L,) [s], first 0; near: how many of them can be a delay, the
+            others turn the log round.
         limits: G (m, k), g (m,) with G x + g ≥ 0 for a machine that can exist.
     """
 
@@ -104,6 +112,7 @@ class ChannelEquations:
     k: int
     rows: Array
     lags: Array
+    near: int
     limits: tuple[Array, Array]
     memo: dict[Any, Any] = field(default_factory=dict)
 
@@ -113,20 +122,32 @@ class ChannelEquations:
         return np.asarray(self.gram.sum(axis=0))
 
     @classmethod
-    def of(cls, fit: Fit, table: Table, use: Array, shifts: bool = True) -> ChannelEquations:
-        """Reduce the rows `use` (N, d) of a table."""
-        driven, names = fit.mechanism.driven, fit.motion.independent
+    def of(
+        cls,
+        estimate: Estimate,
+        table: Table,
+        use: np.ndarray,
+        shifts: bool = False,
+        kinds: Collection[str] = (),
+    ) -> ChannelEquations:
+        """Reduce the rows `use` (N, d) of a table; what an estimate holds stays at its value.
+
+        With what every machine has at its driven joints, and further `kinds` of effects.
+        """
+        driven, names = table.mechanism.driven, table.motion.independent
         own = tuple(map(driven.index, names)) if sorted(driven) == sorted(names) else ()
-        held = fit.estimate.held
+        held = estimate.held
         some = use.any(axis=1)
-        numbers, block = np.unique(blocks_of(table)[some], return_inverse=True)
-        prior = fit.estimate.solution.x[held]
-        effects = _usual(fit)
+        numbers, block = np.unique(table.blocks[some], return_inverse=True)
+        prior = estimate.solution.x[held]
+        effects = [
+            each for each in linear_effects(table.mechanism) if each.common or each.kind in kinds
+        ]
         columns = [table.effect_columns(each, [{}]) for each in effects]
-        steps = _steps(table) if shifts and own else np.zeros(1, dtype=int)
+        steps, near = _steps(table) if shifts and own else (np.zeros(1, dtype=int), 1)
         torques = _own_torques(table, own, steps) if own else _spread_torques(table, driven)
         k = int((~held).sum()) + sum(C.shape[2] for C, _ in columns)
-        shape = len(numbers), len(names)
+        shape, edges = (len(numbers), len(names)), np.searchsorted(block, range(len(numbers) + 1))
         gram = np.zeros((*shape, *2 * (k + 1 + torques.shape[2],)))
         rows = np.zeros(shape)
         for u in range(len(names)):
@@ -136,13 +157,15 @@ class ChannelEquations:
             ]
             known = table.b[:, u] - table.tau[:, u] - table.A[:, u, held] @ prior
             stack = np.column_stack([table.A[:, u, ~held], *extra, known, torques[:, u]])[some]
+            stack[~use[some, u]] = 0.0
             felt = np.flatnonzero(stack.any(axis=0))
-            for n in range(shape[0]):
-                mine = stack[(block == n) & use[some, u]][:, felt]
-                gram[n, u][np.ix_(felt, felt)] = mine.T @ mine
-                rows[n, u] = len(mine)
+            X = stack[:, felt]
+            for n, (i, j) in enumerate(pairwise(edges)):
+                gram[n, u, felt[:, None], felt] = X[i:j].T @ X[i:j]
+                rows[n, u] = use[some, u][i:j].sum()
         lags = steps / table.scenes[0].e.rate
-        return cls(driven, own, gram, k, rows, lags, _limits(fit, table, effects, k))
+        limits = _limits(estimate, table, effects, k)
+        return cls(driven, own, gram, k, rows, lags, near, limits)
 
     @cached_property
     def torque(self) -> Array:
@@ -168,7 +191,7 @@ class ChannelEquations:
         for j in range(0 if self.own else J):
             c[:, 1 + j * J + cause.take[j]] = cause.gain[j]
         torque = squares(self.total[:, self.k + 1 :, self.k + 1 :], c[:, 1:])
-        return c, np.maximum(torque, 1e-300)
+        return c, np.maximum(torque, ROUNDING * torque.max() or 1.0)
 
     def errors(self, cause: ChannelCause, noise: Array, block: int | None = None) -> Array:
         """Squared errors (d,) of all rows as shares of the torque's squares, everything fitted with
@@ -239,36 +262,56 @@ class ChannelEquations:
         J = range(len(self.driven))
         for j in J:
             yield now.with_("sign", -1.0, gain={j: -now.gain[j]})
+        if len(J) > 2:
+            yield now.with_("sign", -1.0, gain={j: -now.gain[j] for j in J})
         for j in J:
             for i in range(j):
                 yield now.with_("swapped", 1.0, take={i: now.take[j], j: now.take[i]})
                 yield now.with_("sign", -1.0, gain={i: -now.gain[i], j: -now.gain[j]})
-            for factor in (*UNITS, *(1 / each for each in UNITS)):
-                yield now.with_("scale", factor, gain={j: factor * now.gain[j]})
-        for shift, lag in enumerate(self.lags):
+        for shift, lag in enumerate(self.lags[: self.near]):
             if shift and now.take == self.as_logged.take:
                 for some in (*((j,) for j in J), tuple(J) if len(J) > 1 else ()):
                     if some:
                         yield now.with_("delay", float(lag), shift=dict.fromkeys(some, shift))
 
-    def magnitudes(self, prior: Array) -> dict[str, float]:
-        """By joint, the factor of a torque that is like the one of the URDF's parameters, the first
-        columns (k₀,), apart from what the library's effects at the joint make.
+    def scaled(self, now: ChannelCause, noise: Array) -> Iterator[ChannelCause]:
+        """Yield, of each poor joint, the factor of its torque that explains the log best, and its
+        neighbours, which explain as much where the data determine no factor.
         """
-        found, k, k0 = {}, self.k, len(prior)
+        from scipy.optimize import minimize_scalar  # takes 0.2 s to import
+
+        for j in range(len(self.driven)):
+
+            def at(factor: float, j: int = j) -> ChannelCause:
+                return now.with_("scale", float(factor), gain={j: float(factor) * now.gain[j]})
+
+            if not (noise > POOR)[self.rows_of(at(1.0))].any():
+                continue
+            scores = [self.score(at(factor), noise) for factor in FACTORS]
+            i = int(np.clip(np.argmax(scores), 1, len(FACTORS) - 2))
+            low, high = np.log(FACTORS[[i - 1, i + 1]])
+            found = minimize_scalar(
+                lambda x, at=at: -self.score(at(np.exp(x)), noise),
+                bounds=(low, high), method="bounded", options={"xatol": 0.01},
+            )  # fmt: skip
+            best = float(np.exp(found.x))
+            if max(best, 1 / best) > LEAST_FACTOR:
+                yield from (at(best), at(2.5 * best), at(0.4 * best))
+
+    def strangers(self, noise: Array) -> tuple[int, ...]:
+        """Driven joints of which the torque is explained no better than at another time of the log:
+        it is not of this motion, or is noise. `noise` (d,) is that of the log as it is.
+        """
+        found, now = [], self.as_logged
         for u, j in enumerate(self.own):
-            predicted = np.r_[prior, np.zeros(k - k0), -1.0, np.zeros(self.total.shape[2] - k - 1)]
-            pair = np.stack([predicted, np.eye(self.total.shape[2])[k + 1 + j]])
-            G = self.total[u]
-            E = G[k0:k, k0:k]
-            across = pair @ G[:, k0:k]
-            whole = pair @ G @ pair.T
-            S = whole - across @ linear.pinv(E, rcond=RIDGE) @ across.T
-            size = np.sqrt(np.maximum(np.diag(S), 1e-300))
-            like = S[0, 1] > LIKE * size[0] * size[1]
-            if like and (size**2 > REST * np.diag(whole)).all():
-                found[self.driven[j]] = size[1] / size[0]
-        return found
+            if noise[u] > LEAVES and self.near < len(self.lags):
+                turned = [
+                    self.noise(now.with_("delay", 0.0, shift={j: shift}), noise)[u]
+                    for shift in range(self.near, len(self.lags))
+                ]
+                if noise[u] > AS_GOOD * min(turned):
+                    found.append(j)
+        return tuple(found)
 
     def refined_delay(self, cause: ChannelCause) -> float:
         """The delay [s] of a cause between the shifts that were tried, by a parabola."""
@@ -282,19 +325,24 @@ class ChannelEquations:
         bend, slope, _ = np.polyfit(self.lags[near] - cause.number, scores, 2)
         return cause.number - slope / (2 * bend) if bend < 0 else cause.number
 
-    def credible(self, explained: Array | None = None) -> list[CredibleCause]:
-        """Return the causes that explain the log, one after the other, best first.
+    def credible(
+        self, reference: Array, explained: Array | None = None
+    ) -> tuple[list[CredibleCause], Array]:
+        """Return the causes that explain the log, one after the other, best first, and the relative
+        errors (d,) that they leave: together no more than `reference`, what all effects of the
+        library leave.
 
         `explained` are left-out squares (blocks, d) [(N m)² | N²] of the log as it is, with effects
         that a diagnosis found: a cause must do better than these.
         """
         now, found = self.as_logged, list[CredibleCause]()
         noise = self.noise(now, np.ones(len(self.total)))
+        first = noise
         while len(found) < len(self.driven):
             poor = noise > POOR
             tried = [
                 (self.score(each, noise), each)
-                for each in self.causes(now)
+                for each in (*self.causes(now), *self.scaled(now, noise))
                 if poor[self.rows_of(each)].any()
             ]
             if not tried:
@@ -311,7 +359,8 @@ class ChannelEquations:
             mine = self.rows_of(cause)
             D = left[0] - base
             t = min(zscore(D.sum(axis=1)), zscore(D[:, mine].sum(axis=1)))
-            edge = cause.kind == "delay" and abs(cause.number) == np.abs(self.lags).max()
+            longest = np.abs(self.lags[: self.near]).max()
+            edge = cause.kind == "delay" and abs(cause.number) == longest
             if not t > limit or edge:  # a later torque would be better still: it is no delay
                 break
             rivals = tuple(
@@ -323,9 +372,12 @@ class ChannelEquations:
             if any(_another_factor(cause, each) for each in rivals):
                 break
             was, now_ = (float(np.sqrt(np.mean(x[mine] ** 2))) for x in (noise, after[0]))
+            if now_ > LEAVES:
+                break
             found.append(CredibleCause(cause, was, now_, rivals))
             now, noise = cause, after[0]
-        return found
+        enough = np.log(noise).mean() < np.log(AS_WELL * reference).mean()
+        return (found, noise) if enough else ([], first)
 
 
 def _another_factor(a: ChannelCause, b: ChannelCause) -> bool:
@@ -348,12 +400,20 @@ def squares(gram: Array, z: Array) -> Array:
     return np.array([v @ G @ v for G, v in zip(gram, z, strict=True)])
 
 
-def _usual(fit: Fit) -> list[Effect]:
+def unit_of_factor(factor: float) -> str:
+    """Which unit a factor or its inverse may come from, or what else."""
+    size = max(factor, 1 / factor)
+    near = min(UNITS, key=lambda known: abs(np.log(size / known)))
+    known = abs(np.log(size / near)) < UNIT
+    return f"{UNITS[near]}?" if known else "a gear ratio, a torque constant or a unit?"
+
+
+def linear_effects(mechanism: Mechanism) -> list[Effect]:
     """The library's linear effects at every driven joint that the model lacks."""
-    driven, has = set(fit.mechanism.driven), {each.label for each in fit.mechanism.effects}
+    driven, has = set(mechanism.driven), {each.label for each in mechanism.effects}
     return [
         each
-        for each in fit.mechanism.candidates()
+        for each in mechanism.candidates()
         if each.local
         and each.linear
         and not each.shapes
@@ -363,12 +423,15 @@ def _usual(fit: Fit) -> list[Effect]:
     ]
 
 
-def _steps(table: Table) -> Array:
-    """Shifts of the torques [samples], the first 0; a delay is not longer than a block of time."""
+def _steps(table: Table) -> tuple[Array, int]:
+    """Shifts of the torques [samples], the first 0, and how many can be a delay, not longer than a
+    block of time; the others turn the log round.
+    """
     e = table.scenes[0].e
     most = min(LONGEST * e.rate, 0.05 * len(e))
     some = {max(1, round(i * most / NODES)) for i in range(1, NODES + 1)}
-    return np.array([0, *sorted(-k for k in some), *sorted(some)])
+    near = [0, *sorted(-k for k in some), *sorted(some)]
+    return np.array([*near, *(len(e) * k // FAR for k in range(1, FAR))]), len(near)
 
 
 def _own_torques(table: Table, own: tuple[int, ...], steps: Array) -> Array:
@@ -376,7 +439,9 @@ def _own_torques(table: Table, own: tuple[int, ...], steps: Array) -> Array:
     found = []
     for number, scene in enumerate(table.scenes):
         tau, n = scene.e.tau, len(scene.e)
-        shifted = np.clip(np.arange(n)[:, None] + steps[1:], 0, n - 1)
+        shifted = np.arange(n)[:, None] + steps[1:]
+        far = np.abs(steps[1:]) > LONGEST * scene.e.rate + 1
+        shifted = np.where(far, shifted % n, np.clip(shifted, 0, n - 1))
         late = table.filtered(number, tau[shifted][:, :, list(own)]).transpose(0, 2, 1)
         every = np.repeat(table.filtered(number, tau)[:, None], len(own), axis=1)
         found.append(np.concatenate([every, late], axis=2))
@@ -395,16 +460,16 @@ def _spread_torques(table: Table, driven: tuple[str, ...]) -> Array:
     return np.concatenate(found)
 
 
-def _limits(fit: Fit, table: Table, effects: list[Effect], k: int) -> tuple[Array, Array]:
+def _limits(estimate: Estimate, table: Table, effects: list[Effect], k: int) -> tuple[Array, Array]:
     """G (m, k), g (m,) of what no machine has: the inertia of an independent coordinate,
 
         u ↦ (Zᵀ Γ(q, 0, Z e_u) x)_u ≥ 0, mean over the log
 
     and the coefficients of effects that every machine has and that cannot be negative.
     """
-    mechanism, columns = fit.mechanism, fit.columns
-    model, d = mechanism.model, len(fit.motion.independent)
-    held, x = fit.estimate.held, fit.estimate.solution.x
+    mechanism, columns, independent = table.mechanism, table.columns, table.motion.independent
+    model, d = mechanism.model, len(independent)
+    held, x = estimate.held, estimate.solution.x
     e = table.motion.experiments[0]
     some = e.at_samples(np.flatnonzero(e.usable)[:: max(1, int(e.usable.sum()) // POSTURES)])
     inertia = np.zeros((d, len(columns)))
@@ -429,8 +494,8 @@ def _limits(fit: Fit, table: Table, effects: list[Effect], k: int) -> tuple[Arra
             if name not in places or not (each.common and unknown.nonnegative):
                 continue
             positive.append(np.eye(k)[places[name]])
-            if unknown.acts == "inertia" and each.joints[0] in fit.motion.independent:
-                G[fit.motion.independent.index(each.joints[0]), places[name]] += 1.0
+            if unknown.acts == "inertia" and each.joints[0] in independent:
+                G[independent.index(each.joints[0]), places[name]] += 1.0
     return np.concatenate([G, *([positive] if positive else [])]), np.concatenate(
         [offset, np.zeros(len(positive))]
     )
