@@ -540,7 +540,8 @@ def lengths(factor: float, only: bool = False) -> Callable[[Case], Case]:
 
         parent = next_parent(c)
         inside = r"<origin[^>]*>"
-        head = rf'<joint name="[^"]*" type=(?:(?!</joint>).)*?<parent link="{parent}"(?:(?!</joint>).)*</joint>'
+        inner = r"(?:(?!</joint>).)*"
+        head = rf'<joint name="[^"]*" type={inner}?<parent link="{parent}"{inner}</joint>'
         whole = head if only else r'<joint name="[^"]*" type=.*?</joint>'
         urdf = re.sub(whole, lambda m: re.sub(inside, edit, m[0]), c.subject.urdf, flags=re.S)
 

@@ -112,12 +112,16 @@ def recorded(
         for name in effect.names:
             values[name] = random.uniform(0.1, 0.3)
     usual = subject.moving(lambda joint: 1.0)
-    columns = usual if motion is None else motion
-    log = Log.from_arrays("run.csv", columns["t"], {k: x for k, x in columns.items() if k != "t"})
-    made, _ = ident.simulate(mechanism, log, values=values)
-    reference = made if motion is None else ident.simulate(
-        mechanism, Log.from_arrays("run.csv", usual["t"], {k: x for k, x in usual.items() if k != "t"}),
-        values=values)[0]  # fmt: skip
+
+    def of(columns: Columns) -> Log:
+        motion = {name: x for name, x in columns.items() if name != "t"}
+        made, _ = ident.simulate(
+            mechanism, Log.from_arrays("run.csv", columns["t"], motion), values=values
+        )
+        return made
+
+    made = of(usual if motion is None else motion)
+    reference = made if motion is None else of(usual)  # noise is that of the usual torques
     noise = np.random.default_rng(seed)
     found: Columns = {"t": made.t}
     for name, x in made.columns.items():

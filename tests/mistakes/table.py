@@ -1,10 +1,13 @@
-"""Makes the table of mistakes: `python tests/mistakes/table.py [--markdown FILE] [PATTERN]`.
+"""Makes the table of mistakes: `python tests/mistakes/table.py [PATTERN] [--keep FILE] [--said]`.
 
-Every mistake is made on every machine; the table says what `ident identify` makes of it.
+Every mistake is made on every machine; the table says what `ident identify` makes of it. With
+`--keep FILE` verdicts go into a file, and a run that was interrupted goes on from it; `--said`
+prints what was said as well; `--markdown` prints the table of docs/trust.md.
 """
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 import tempfile
@@ -20,38 +23,67 @@ from verdict import OUTCOMES, Verdict, judge
 Results = dict[str, dict[str, Verdict]]
 
 
-def results(pattern: str, folder: Path, verbose: bool = True) -> Results:
+def results(pattern: str, folder: Path, keep: Path | None = None) -> Results:
     """Verdicts by mistake and machine."""
     cases = [clean(each, folder / each.name / "truth") for each in subjects()]
     found: Results = {}
+    if keep is not None and keep.exists():
+        for line in keep.read_text().splitlines():
+            name, machine, *rest = json.loads(line)
+            found.setdefault(name, {})[machine] = Verdict(rest[0], tuple(rest[1]), *rest[2:])
     for mistake in MADE:
         if not re.search(pattern, mistake.name):
             continue
-        found[mistake.name] = {case.subject.name: judge(case, mistake, folder) for case in cases}
-        if verbose:
-            row = "  ".join(f"{each.outcome:10}" for each in found[mistake.name].values())
-            sys.stderr.write(f"{mistake.name[:54]:54} {row}\n")
+        row = found.setdefault(mistake.name, {})
+        for case in cases:
+            if case.subject.name in row:
+                continue
+            each = row[case.subject.name] = judge(case, mistake, folder)
+            if keep is not None:
+                values = [each.outcome, each.said, each.off, each.seconds]
+                with keep.open("a") as file:
+                    file.write(json.dumps([mistake.name, case.subject.name, *values]) + "\n")
+        words = "  ".join(f"{each.outcome:10}" for each in row.values())
+        sys.stderr.write(f"{mistake.name[:54]:54} {words}\n")
     return found
 
 
+def markdown(found: Results) -> str:
+    """The table, and why what is hidden is hidden."""
+    machines = list(next(iter(found.values())))
+    lines = [f"| mistake | {' | '.join(machines)} |", "|---" * (len(machines) + 1) + "|"]
+    notes = []
+    for mistake in MADE:
+        if mistake.name not in found:
+            continue
+        cells = []
+        for machine, verdict in found[mistake.name].items():
+            why = mistake.hidden.get(machine) or mistake.hidden.get("every")
+            wrong = verdict.outcome in ("silent", "wrong name")
+            cells.append(f"**{verdict.outcome}**" if wrong and not why else verdict.outcome)
+            if wrong and why:
+                cells[-1] = "hidden"
+                notes.append(f"* {mistake.name}, {machine}: {why}")
+        lines.append(f"| {mistake.name} | {' | '.join(cells)} |")
+    return "\n".join([*lines, "", *dict.fromkeys(notes)])
+
+
 def main() -> None:
-    words = [word for word in sys.argv[1:] if not word.startswith("--")]
-    verbose = "--said" in sys.argv
+    words = sys.argv[1:]
+    keep = Path(words.pop(words.index("--keep") + 1)) if "--keep" in words else None
+    patterns = [word for word in words if not word.startswith("--")]
     with tempfile.TemporaryDirectory() as folder:
-        found = results(words[0] if words else "", Path(folder))
-    count: Counter[str] = Counter()
+        found = results(patterns[0] if patterns else "", Path(folder), keep)
     for name, row in found.items():
         for machine, verdict in row.items():
-            count[verdict.outcome] += 1
-            if verbose or (
-                verdict.outcome in ("silent", "wrong name") and "--short" not in sys.argv
-            ):
-                print(
-                    f"\n{name} · {machine}: {verdict.outcome}, {verdict.off:.3g} s.e. off, {verdict.seconds:.2f} s"
-                )
-                for text in verdict.said:
-                    print(f"    {text[:400]}")
-    print("\n", len(found), "kinds:", ", ".join(f"{each} {count[each]}" for each in OUTCOMES))
+            if "--said" in words or verdict.outcome in ("silent", "wrong name"):
+                off, seconds = f"{verdict.off:.3g} s.e. off", f"{verdict.seconds:.2f} s"
+                print(f"\n{name} · {machine}: {verdict.outcome}, {off}, {seconds}")
+                print("\n".join(f"    {text[:400]}" for text in verdict.said))
+    if "--markdown" in words:
+        print(markdown(found))
+    count = Counter(each.outcome for row in found.values() for each in row.values())
+    print(f"\n{len(found)} kinds:", ", ".join(f"{each} {count[each]}" for each in OUTCOMES))
 
 
 if __name__ == "__main__":

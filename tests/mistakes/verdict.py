@@ -22,7 +22,7 @@ CAUSES = {  # codes of findings that blame something
     "sign", "scale", "swapped", "delay", "position sign", "position scale", "position swapped",
     "magnitude", "gravity", "time", "axis", "another run",
 }  # fmt: skip
-WEAK = ("note ", "held ", "impossible body ", "excitation ", "short runs ", "rest on priors ")
+WEAK = ("note ", "held ", "excitation ", "short runs ", "rest on priors ")
 OUTCOMES = ("error", "named", "doubt", "right", "wrong name", "silent")
 
 

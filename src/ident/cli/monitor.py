@@ -31,12 +31,15 @@ from ident.cli.options import (
 )
 from ident.errors import FitError, IdentError, LogError, missing_file
 from ident.fit import Fit, identify
+from ident.log import Log
 from ident.log.follow import CsvLines, follow
+from ident.motion import complete
 from ident.streams.monitor import Alarm, Monitor
 from ident.streams.online import Forces, Online, Snapshot
 from ident.streams.stream import Setting, Stream
 from ident.streams.suspects import STICKING
 
+CHECKED = 20.0, 5000  # s and samples from the beginning, in which errors of the data are looked for
 MOST_NOTED = 20  # lines that are left out, of which each is noted; then they are counted
 PARAMETERS = ("t", "quantity", "value", "stderr", "unit", "state")
 ALARMS = ("onset", "detected", "named", "verdict", "suspects", "evidence", "text")
@@ -86,7 +89,7 @@ def monitor(
         with progress() as on_progress:
             motion = motion_of(model, like, cut, on_progress, smoothing=smoothing)
             fit = identify(model, motion, progress=on_progress)
-        notes(motion.notes)
+        notes(fit.warnings)
         watch = _watch(fit)
         if watch is not None and len(like) == 1:
             notes(
@@ -171,6 +174,7 @@ class Session(contextlib.ExitStack):
         self._online, self._watch, self._every = online, watch, every
         self._due, self._left_out = -float("inf"), 0
         self.raised: list[Alarm] = []
+        self._first: list[Mapping[str, np.ndarray]] | None = []
         self._tables: dict[str, Any] = {}
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
@@ -187,6 +191,7 @@ class Session(contextlib.ExitStack):
         """Take lines of the log that came together."""
         for number, why in lines.bad:
             self._leave_out(number, why)
+        self._check(lines.columns)
         source = self._online.mechanism.columns.get("t")
         t = lines.columns.get(source.column if source else "t", np.zeros(len(lines)))
         t = t if source is None else source.scale * t + source.offset
@@ -224,8 +229,30 @@ class Session(contextlib.ExitStack):
 
     def end(self) -> Snapshot:
         """Return the last snapshot, after the last alarms."""
+        self._check(None)
         self._warn(None)
         return self._snapshot(self._online.finish())
+
+    def _check(self, samples: Mapping[str, np.ndarray] | None) -> None:
+        """Look once for errors of the data, in the first samples; None: there are no more."""
+        if self._first is None:
+            return
+        model = self._online.mechanism
+        source = model.columns.get("t")
+        clock, scale = (source.column, source.scale) if source else ("t", 1.0)
+        if samples is not None and len(samples.get(clock, ())):
+            self._first.append(samples)
+            seconds = scale * (samples[clock][-1] - self._first[0][clock][0])
+            if seconds < CHECKED[0] and sum(len(x[clock]) for x in self._first) < CHECKED[1]:
+                return
+        elif samples is not None or not self._first:
+            return
+        columns = {name: np.concatenate([x[name] for x in self._first]) for name in self._first[0]}
+        self._first, t = None, scale * columns.pop(clock)
+        with contextlib.suppress(IdentError):  # too few: the stream says what it lacks
+            log = Log.from_arrays("first samples", t, columns)
+            fit = identify(model, complete(model, log), estimator="least-squares")
+            notes(map(str, (*fit.health.findings, *fit.checks.poor())))
 
     def _snapshot(self, found: Snapshot) -> Snapshot:
         self._record("multipliers", _multiplier_rows(self._online.multipliers))

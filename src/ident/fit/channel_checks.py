@@ -253,18 +253,23 @@ CHECKS = {
 def channel_findings(problem: Problem) -> list[Finding]:
     """Return what is wrong with the channels of a problem's logs, where these are at hand."""
     mechanism, motion = problem.mechanism, problem.motion
-    states = {e.name: e for e in motion.experiments}
+    states = {  # the motion of a long log is that of stretches, and its samples are the first's
+        log.name: next(
+            (e for e in motion.experiments if f"{e.name}, ".startswith(f"{log.name}, ")), None
+        )
+        for log in motion.logs
+    }
     found = []
     for log in motion.logs:
         for name in log.columns:
             kind, _, joint = name.partition(".")
-            if joint not in mechanism.joint_index or log.name not in states:
+            if joint not in mechanism.joint_index or (state := states[log.name]) is None:
                 continue
             if kind == "tau" and joint not in mechanism.driven:
                 continue
             t, x = log.series(name)
             t, x = t[np.abs(x) < LARGEST], x[np.abs(x) < LARGEST]
-            channel = LoggedChannel(name, t, x, log, states[log.name], mechanism, motion)
+            channel = LoggedChannel(name, t, x, log, state, mechanism, motion)
             for check in CHECKS.get(kind, ()) if len(x) > SHORTEST else ():
                 if (judgement := check(channel)) is not None:
                     number, threshold, meaning, remedy = judgement

@@ -158,10 +158,8 @@ class ChannelEquations:
             known = table.b[:, u] - table.tau[:, u] - table.A[:, u, held] @ prior
             stack = np.column_stack([table.A[:, u, ~held], *extra, known, torques[:, u]])[some]
             stack[~use[some, u]] = 0.0
-            felt = np.flatnonzero(stack.any(axis=0))
-            X = stack[:, felt]
             for n, (i, j) in enumerate(pairwise(edges)):
-                gram[n, u, felt[:, None], felt] = X[i:j].T @ X[i:j]
+                np.matmul(stack[i:j].T, stack[i:j], out=gram[n, u])
                 rows[n, u] = use[some, u][i:j].sum()
         lags = steps / table.scenes[0].e.rate
         limits = _limits(estimate, table, effects, k)
