@@ -31,33 +31,35 @@ def results(pattern: str, folder: Path, keep: Path | None = None) -> Results:
         for line in keep.read_text().splitlines():
             name, machine, *rest = json.loads(line)
             found.setdefault(name, {})[machine] = Verdict(rest[0], tuple(rest[1]), *rest[2:])
-    for mistake in MADE:
-        if not re.search(pattern, mistake.name):
-            continue
-        row = found.setdefault(mistake.name, {})
-        for case in cases:
-            if case.subject.name in row:
+    chosen = [mistake for mistake in MADE if re.search(pattern, mistake.name)]
+    for case in cases:
+        for mistake in chosen:
+            row, machine = found.setdefault(mistake.name, {}), case.subject.name
+            if machine in row:
                 continue
-            each = row[case.subject.name] = judge(case, mistake, folder)
+            each = row[machine] = judge(case, mistake, folder)
+            sys.stderr.write(f"{machine:14}{each.outcome:12}{mistake.name}\n")
             if keep is not None:
                 values = [each.outcome, each.said, each.off, each.seconds]
                 with keep.open("a") as file:
-                    file.write(json.dumps([mistake.name, case.subject.name, *values]) + "\n")
-        words = "  ".join(f"{each.outcome:10}" for each in row.values())
-        sys.stderr.write(f"{mistake.name[:54]:54} {words}\n")
+                    file.write(json.dumps([mistake.name, machine, *values]) + "\n")
     return found
 
 
 def markdown(found: Results) -> str:
     """The table, and why what is hidden is hidden."""
-    machines = list(next(iter(found.values())))
+    machines = list(dict.fromkeys(machine for row in found.values() for machine in row))
     lines = [f"| mistake | {' | '.join(machines)} |", "|---" * (len(machines) + 1) + "|"]
     notes = []
     for mistake in MADE:
         if mistake.name not in found:
             continue
         cells = []
-        for machine, verdict in found[mistake.name].items():
+        for machine in machines:
+            verdict = found[mistake.name].get(machine)
+            if verdict is None:
+                cells.append("–")
+                continue
             why = mistake.hidden.get(machine) or mistake.hidden.get("every")
             wrong = verdict.outcome in ("silent", "wrong name")
             cells.append(f"**{verdict.outcome}**" if wrong and not why else verdict.outcome)
