@@ -32,6 +32,10 @@ from ident.version import version
 TRIES = 3  # of a task whose process dies
 IDLE = 300  # [s] after which a process that has nothing to do ends
 HANDED_OUT = 5  # [s] within which a submitted task reaches its process
+CERTIFICATES = (
+    "name them by DASK_DISTRIBUTED__COMM__TLS__CA_FILE, …__TLS__CLIENT__CERT and …__CLIENT__KEY in "
+    "the environment, as docs/large_logs.md shows"
+)
 ANSWER = 5  # [s] within which a scheduler answers and has workers
 EMPTY = 60  # [s] without any worker after which the run is given up
 LOOK = 1  # [s] between looks at whether there are workers
@@ -311,14 +315,21 @@ def _done_on_worker(index: int, future: Any) -> Done:
 def _client(scheduler: str) -> Iterator[Any]:
     """Connect, and check that there are workers and that ident is installed on them."""
     try:
-        from distributed import Client  # Dask is an extra, and slow to import
+        from distributed import Client, Security  # Dask is an extra, and slow to import
     except ImportError:
         raise IdentError(
             'a scheduler needs Dask, which is not installed; pip install "ident[cluster]", on '
             "the workers too, or leave it out for processes on this machine"
         ) from None
     try:
-        client = Client(scheduler, set_as_default=False, timeout=ANSWER)
+        security = Security()
+        args = security.get_connection_args("client")
+    except (OSError, ValueError, TypeError) as error:  # files that are named and cannot be read
+        raise IdentError(f"scheduler {scheduler}: {line_of(error)}; {CERTIFICATES}") from None
+    if scheduler.startswith("tls:") and args.get("ssl_context") is None:
+        raise IdentError(f"scheduler {scheduler}: needs certificates; {CERTIFICATES}")
+    try:
+        client = Client(scheduler, set_as_default=False, timeout=ANSWER, security=security)
     except (OSError, ValueError) as error:
         raise IdentError(
             f"scheduler {scheduler}: does not answer ({line_of(error)}); valid: an address as "

@@ -137,7 +137,7 @@ def judging(
         more = [part.Y[:, :1], s * rms / _rms(s)]
         if noise is not None:  # of a size that the residual has, at most
             x = noise.rows[rows, u]
-            more.append(x * np.minimum(1.0, rms / _rms(x)))
+            more.append(x * rms / np.maximum(_rms(x), rms))
         Y.append(np.column_stack(more))
     return regression.judging(Y)
 

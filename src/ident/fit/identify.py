@@ -123,14 +123,15 @@ def fit_of(
         on_progress("errors", 0.9)
     names, units = problem.motion.independent, problem.units
     train = problem.information.squares(estimate.x).errors(names, units)
+    left_out = {} if outside is None else outside.errors(names, units)
     effects = effect_values(problem.columns, estimate, cov, problem.point_at(estimate.x))
     return Fit(
         problem=problem,
         estimate=estimate,
         covariance=cov,
         train=train,
-        held_out={} if outside is None else outside.errors(names, units),
-        findings=findings_of(problem, estimate, train, effects, findings),
+        held_out=left_out,
+        findings=findings_of(problem, estimate, train, effects, findings, left_out),
         binding=binding,
         likelihood=likelihood,
     )
