@@ -58,11 +58,19 @@ class Cluster:
 
 
 @contextlib.contextmanager
-def cluster(folder: Path) -> Iterator[Cluster]:
+def cluster(folder: Path, *options: str) -> Iterator[Cluster]:
     """A scheduler; it ends with its workers, whatever happens."""
     file = folder / "scheduler.json"
     scheduler = _dask(
-        folder, "scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(file)
+        folder,
+        "scheduler",
+        "--host",
+        "127.0.0.1",
+        "--port",
+        "0",
+        "--scheduler-file",
+        str(file),
+        *options,
     )
     made = Cluster(folder, "", [scheduler])
     try:

@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("distributed")
 
 from ident.errors import IdentError, LogError
-from ident.pool import Done, spread
+from ident.pool import Done, spread, versions
 from workers import cluster, until
 
 
@@ -116,3 +116,13 @@ def test_a_worker_with_another_version_is_refused(started, monkeypatch):
         list(spread(plus_square, range(3), scheduler=started.address))
     monkeypatch.undo()
     assert len(list(spread(plus_square, range(3), common=0, scheduler=started.address))) == 3
+
+
+@pytest.mark.parametrize("library", ["NumPy", "Pinocchio", "CasADi"])
+def test_a_worker_with_another_numerical_library_is_refused(started, monkeypatch, library):
+    other = {**versions(), library: "0.1"}
+    monkeypatch.setattr("ident.pool.versions", lambda: other)
+    with pytest.raises(
+        IdentError, match=rf"has {library} [\d.]+, here it is 0\.1; install the same"
+    ):
+        list(spread(plus_square, range(3), scheduler=started.address))
