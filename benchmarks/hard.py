@@ -227,7 +227,13 @@ def cases() -> list[Case]:
 def identified(case: Case, seed: int, place: Path) -> tuple[Fit, Planted]:
     """The fit of one log of a case, and the truth."""
     rng = np.random.default_rng(seed)
-    planted = plant(machine(case, place), motion(case), frictions(case, place, seed), seed=seed)
+    planted = plant(
+        machine(case, place),
+        motion(case),
+        frictions(case, place, seed),
+        offset=0.01 if case.size == 1.0 else 0.0,
+        seed=seed,
+    )
     mechanism = planted.mechanism
     kept_effects = tuple(e for e in mechanism.effects if e.kind not in case.without)
     mechanism = replace(mechanism, effects=kept_effects)

@@ -60,6 +60,7 @@ def plant(
     effects: Mapping[str, float] | None = None,
     *,
     spread: float = 0.3,
+    offset: float = 0.01,
     noise: Sequence[Noise] = (),
     seed: int = 0,
 ) -> Planted:
@@ -70,6 +71,7 @@ def plant(
         motion: what moves.
         effects: values of effects' parameters by full name; those left out are drawn in 0.1 … 0.3.
         spread: of the dynamic parameters that are unknown, as a share.
+        offset: of the dynamic parameters that are unknown, in their units, times `spread`.
         noise: on the log.
         seed: of parameters and noise.
     """
@@ -77,7 +79,7 @@ def plant(
     values = dict(zip(mechanism.bodies.names, mechanism.prior, strict=True))
     for name in mechanism.unknown:
         values[name] *= 1 + spread * random.uniform(-1, 1)
-        values[name] += 0.01 * spread * random.uniform(-1, 1)
+        values[name] += offset * spread * random.uniform(-1, 1)
     for effect in mechanism.effects:
         for name, parameter in zip(effect.names, effect.parameters, strict=True):
             known = effect.values.get(parameter.name, random.uniform(0.1, 0.3))
