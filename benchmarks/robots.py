@@ -248,6 +248,7 @@ def log_of(robot: Simulated, seed: int) -> ident.Log:
 
 def measured(path: Path, seed: int = 1) -> dict[str, Any]:
     """Return what a robot's own log says about its identification."""
+    ident.load(path)  # first: what is no robot is refused in words
     robot = by_mujoco(path) if path.suffix == ".xml" else by_pinocchio(path)
     logs = [log_of(robot, seed), log_of(robot, seed + 1)]
     begun = time.process_time()
@@ -304,7 +305,7 @@ def rows(paths: list[Path]) -> Iterator[tuple[bool | None, str]]:
         run = subprocess.run(command, capture_output=True, text=True, check=False)
         if run.returncode:
             why = (run.stderr.strip().splitlines() or ["no reason"])[-1].replace(str(path), "")
-            why = re.sub(r"^[\w.]*Error: [:\d]*\s*", "", why)
+            why = re.sub(r"^[\w.]*Error: *[:\d]*\s*", "", why)
             moves = not re.search("no joint that moves|has no <link>", why)
             yield (False if moves else None), f"| {title(path)} | {'–' if moves else ''} {why} |"
             continue
