@@ -10,6 +10,13 @@ from collections.abc import Iterator
 
 from ident.effects.formula import Scale, Term
 
+PROBE = Term(
+    (
+        "q_o", "q_o**2", "q_o**3", "sin(2*q_o)", "cos(2*q_o)", "sin(3*q_o)", "cos(3*q_o)",
+        "q*q_o", "v*q_o", "sign(v)*q_o", "v_o", "sign(v_o)",
+    ),
+)  # fmt: skip
+"""What tells whether another joint's signals matter at all."""
 Powers = tuple[tuple[str, float], ...]
 
 
@@ -35,6 +42,8 @@ def terms(signals: frozenset[str], rotational: bool) -> Iterator[Term]:
     if {"t", "v"} <= signals:
         for f in _of_time():
             yield f
+            if f.known_as == "disturbance":
+                continue
             yield _product(f, "sign(v)", (), "running_in")
             yield _product(f, "v", (("v", 1),), "running_in")
             yield _product(f, "q", (("q", 1),), "")

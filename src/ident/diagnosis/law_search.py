@@ -6,7 +6,7 @@ constants refined,
 
     [C̃ D̃] [c; δs] = r        D = ∂(C c)/∂s, everything else refitted (variable projection)
 
-and are judged by the left-out error. Sums of two and three terms grow from the best single ones.
+and are judged by the left-out error. Sums of two terms grow from the best single ones.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from ident.diagnosis.grammar import terms
 from ident.effects.formula import Formula, Term
 from ident.information.hypotheses import Array, PartialRegression, Refit
 
-WIDE = 24  # terms whose constants are refined
-STARTS = 3  # of a term whose constants are refined
+WIDE = 16  # terms whose constants are refined
+WAVES = 4  # wave numbers of sines with which other functions of a wave are screened
 NUMBERS = 8  # of a formula: more is a curve, not a law
-BEAM = 3  # formulas to which a further term is added
-TERMS = 3  # of a formula
+BEAM = 2  # formulas to which a further term is added
+TERMS = 2  # of a formula
 STEPS = 8  # of Gauss-Newton
 LONGEST = 0.3  # of a constant's range, the longest step
 RISE = 1e-3  # of the error, that a further step must bring
@@ -34,6 +34,7 @@ RANK = 1e-6  # of a unit column's square: less of it is new
 SLOPE = 1e-4  # of a constant's range, for its slope
 MINE = 0.1  # share of a fall that makes a coordinate one that a law mends
 OnProgress = Callable[[str, float], None]
+Starts = Sequence[Mapping[str, float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,26 +97,43 @@ class LawSearch:
         return [Formula(joints, {}, rotational, terms=(t,)) for t in terms(one, rotational)]
 
     @cached_property
-    def starts(self) -> list[list[Mapping[str, float]]]:
-        """Constants at which each term is screened."""
-        return [self.contest.table.starts(each) for each in self.terms]
+    def screened(self) -> list[tuple[Starts, list[np.ndarray]]]:
+        """Constants at which each term is screened, and its columns (m, starts · u) there in each
+        part, in single precision.
 
-    @cached_property
-    def columns(self) -> list[list[np.ndarray]]:
-        """Columns (m, starts · u) of each term in each part, in single precision."""
+        A wave with an angle within another function has the wave numbers of the best sines.
+        """
         found = []
-        for formula, starts in zip(self.terms, self.starts, strict=True):
-            C, felt = self.contest.table.effect_columns(formula, starts)
-            place = {int(u): i for i, u in enumerate(felt)}
-            found.append(
-                [
-                    C[self.contest.use[:, p.coordinate], place[p.coordinate]].astype(np.float32)
-                    if p.coordinate in place
-                    else np.zeros((0, C.shape[2]), dtype=np.float32)
-                    for p in self.regression.parts
-                ]
-            )
+        numbers: list[float] = []
+        for formula in self.terms:
+            starts: Starts = self.contest.table.starts(formula)
+            if {"wave", "angle"} <= {each.of for each in formula.scales}:
+                angles = dict.fromkeys(start["b"] for start in starts)
+                near = dict.fromkeys(n / k for n in numbers for k in (1, 2))
+                starts = [{"n": n, "b": b} for n in near for b in angles]
+            columns = self.columns(formula, starts)
+            if formula.terms[0].columns == ("sin(n*q)", "cos(n*q)"):
+                falls = screened(self.regression, columns, len(starts))
+                numbers = [starts[int(k)]["n"] for k in np.argsort(-falls)[:WAVES]]
+            found.append((starts, columns))
         return found
+
+    def columns(self, formula: Formula, starts: Starts) -> list[np.ndarray]:
+        """Columns (m, starts · u) of a term in each part; (0, starts · u) where they are zero."""
+        C, felt = self.contest.table.effect_columns(formula, starts)
+        place = {int(u): i for i, u in enumerate(felt)}
+        return [
+            C[self.contest.use[:, p.coordinate], place[p.coordinate]].astype(np.float32)
+            if p.coordinate in place
+            else np.zeros((0, C.shape[2]), dtype=np.float32)
+            for p in self.regression.parts
+        ]
+
+    def probed(self, term: Term) -> float:
+        """The share of the squared error that a term without constants explains, in sample."""
+        formula = replace(self.terms[0], terms=(term,))
+        fall_ = float(screened(self.regression, self.columns(formula, [{}]), 1)[0])
+        return fall_ / float(self.regression.loss.sum())
 
     def run(self) -> list[FittedFormula]:
         """All formulas that were fitted, those of one term first."""
@@ -154,11 +172,12 @@ class LawSearch:
             terms = before.formula.terms
             values = [before.shape[scale.name] for scale in before.formula.scales]
         falls = []
-        for i, (one, starts) in enumerate(zip(self.terms, self.starts, strict=True)):
+        for i, one in enumerate(self.terms):
             if before is not None and not _fits(before.formula, one):
                 continue
-            each = screened(regression, self.columns[i], len(starts))
-            falls += [(float(each[k]), i, int(k)) for k in np.argsort(-each)[:STARTS]]
+            starts, columns = self.screened[i]
+            each = screened(regression, columns, len(starts))
+            falls += [(float(each[k]), i, int(k)) for k in np.argsort(-each)[: 1 + len(one.scales)]]
         falls.sort(reverse=True)
         wide = WIDE if before is None else WIDE // 2
         chosen = list(dict.fromkeys(i for _, i, _ in falls))[:wide]
@@ -169,7 +188,7 @@ class LawSearch:
             one = self.terms[i]
             joints = max([one.joints, before.formula.joints if before else ()], key=len)
             formula = replace(one, joints=joints, terms=(*terms, *one.terms))
-            every = [*values, *(self.starts[i][start][scale.name] for scale in one.scales)]
+            every = [*values, *(self.screened[i][0][start][scale.name] for scale in one.scales)]
             names = (scale.name for scale in formula.scales)
             fitted = self.fitted(formula, dict(zip(names, every, strict=True)))
             if i not in found or fitted.loss.sum() < found[i].loss.sum():

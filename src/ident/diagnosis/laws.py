@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.diagnosis.candidates import Contest
+from ident.diagnosis.grammar import PROBE
 from ident.diagnosis.law_search import MINE, FittedFormula, LawSearch, OnProgress
 from ident.diagnosis.search import Member, Selection
 from ident.diagnosis.selection import Decision
@@ -18,7 +19,7 @@ from ident.effects.formula import Formula, Term
 from ident.information.hypotheses import Array, PartialRegression, zscore
 
 LOUD = 1.25  # times the rms of noise, from which more than noise is left
-OTHERS = 6  # joints whose signals are tried beside the own ones
+OTHERS = 1  # joint whose signals are tried beside the own ones
 JOINTS = 2  # whose laws are searched
 PARSIMONY = 0.1  # of the least left-out squares, within which the least complex formula is chosen
 # standard errors within which the simplest formula is preferred to the best one (Breiman,
@@ -176,19 +177,16 @@ def _law(
     for m in named:
         regression = regression.without(m.columns)
     limit = max(last.limit, last.limit_with_curves)
-    others = [
-        curve.joints[1]
-        for curve, _ in (*selection.first.curves, *last.curves)
-        if curve.arity > 1 and curve.joints[0] == joint
-    ]
     one = replace(last.contest, regression=regression)
     noise = regression.rows * (_floors(contest, floor) * regression.weight) ** 2
-    found: list[FittedFormula] = []
-    for other in ("", *dict.fromkeys((*others, *_moving(contest, joint)))):
-        search = LawSearch(one, regression, joint, other, limit, LOUD**2 * noise, on_progress)
-        found += search.run()
-        if found and search.explained(min(found, key=lambda each: float(each.loss.sum()))):
-            break
+    search = LawSearch(one, regression, joint, "", limit, LOUD**2 * noise, on_progress)
+    found = search.run()
+    best = min(found, key=lambda each: float(each.loss.sum()), default=None)
+    if best is None or not search.explained(best):
+        others = [replace(search, other=name) for name in _moving(contest, joint)]
+        shares = {each.other: each.probed(PROBE) for each in others}
+        for each in sorted(others, key=lambda each: -shares[each.other])[:OTHERS]:
+            found += each.run() if shares[each.other] > limit else []
     if not found:
         return None
     best = min(found, key=lambda each: float(each.loss.sum()))
@@ -236,9 +234,9 @@ def _law(
 
 
 def _moving(contest: Contest, joint: str) -> list[str]:
-    """Other joints that move, at most OTHERS."""
+    """Other joints that move."""
     curves = [e.effect for e in contest.candidates if e.curve and len(e.effect.joints) > 1]
-    return [c.joints[1] for c in curves if c.joints[0] == joint][:OTHERS]
+    return [c.joints[1] for c in curves if c.joints[0] == joint]
 
 
 def _floors(contest: Contest, floor: Mapping[str, float]) -> Array:

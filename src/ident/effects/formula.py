@@ -85,7 +85,9 @@ class Scale:
             case "wave":
                 return [float(k) for k in np.arange(1.5 * low, high, WAVES * low)]
             case "angle":
-                return [-2.75, -1.96, -1.18, -0.39, 0.39, 1.18, 1.96, 2.75]
+                return [
+                    float(b) for b in np.arange(8) * np.pi / 8
+                ]  # within π: a sign is the coefficient's
             case "share":
                 return [-0.9, -0.5, 0.5, 0.9]
             case _:
