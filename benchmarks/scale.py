@@ -28,6 +28,7 @@ MODULES = {
     "banded": "The solve at the paper's size, against banded normal equations",
     "whole_way": "From CSV to fit, and what is not arithmetic",
     "online": "Online, a sample at a time",
+    "hours": "A long run of monitor, beside a batch",
     "stream": "Growth from a thousand to ten million samples",
     "faults": "Faults that begin while a machine runs",
 }

@@ -93,6 +93,78 @@ def test_bad_lines_are_said_and_the_rest_goes_on(spoken, log, tmp_path):
     assert "note: line 22 is left out: slider_crank: a sample at t = " in noted
 
 
+@pytest.fixture(scope="module")
+def long(tmp_path_factory):
+    """The arm's log with noisy torques, and friction."""
+    mechanism = robot("arm").with_effect("viscous").with_effect("coulomb")
+    case = plant(mechanism, motion_log("arm", 200.0, 30.0),
+                 noise=[Noise("tau", 0.01, relative=True)], spread=0.2)  # fmt: skip
+    return case.log
+
+
+def watched(spoken, log, path, *words):
+    log.write(path)
+    arm = [ROBOTS / "arm", path, "--with", "viscous", "--with", "coulomb", "--every", 10]
+    status, out, noted = spoken("monitor", *arm, *words)
+    assert status == 0, noted
+    return out, noted
+
+
+def test_what_the_samples_show_of_their_channels_is_a_note(spoken, long, tmp_path):
+    """A torque that is held from the middle on, and one in thousandths from the beginning."""
+    late = dict(long.columns)
+    late["tau.elbow"] = np.where(long.t < 12.0, late["tau.elbow"], 1.25)
+    _, noted = watched(spoken, Log.from_arrays("late", long.t, late), tmp_path / "late.csv")
+    assert re.search(
+        r"since t = 1\d(\.\d+)? s or later: .*tau\.elbow: (always|stays at) 1\.25", noted
+    )
+    unit = long.columns | {"tau.yaw": 1000 * long.columns["tau.yaw"]}
+    _, noted = watched(spoken, Log.from_arrays("unit", long.t, unit), tmp_path / "unit.csv")
+    assert re.search(r"tau\.yaw.*1e\+03 times", noted)
+    dead = long.columns | {"tau.yaw": 0 * long.t}
+    _, noted = watched(spoken, Log.from_arrays("dead", long.t, dead), tmp_path / "dead.csv")
+    assert "tau.yaw: always 0 while the joint moves" in noted
+
+
+def test_garbage_changes_no_parameter_and_raises_no_alarm(spoken, long, tmp_path):
+    """100 rad in a sample, 1e20 N m in a cell, a time of 1e9 s, binary rubbish: named by line."""
+    path = tmp_path / "bad.csv"
+    clean, _ = watched(spoken, long, path, "--like", path)
+    reference, _ = watched(spoken, long, tmp_path / "like.csv", "--like", path)
+    lines = (tmp_path / "like.csv").read_text().splitlines()
+    names = lines[0].split(",")
+
+    def put(number, name, text):
+        cells = lines[number - 1].split(",")
+        cells[names.index(name)] = text
+        lines[number - 1] = ",".join(cells)
+
+    put(2002, "q.elbow", "100")
+    put(3003, "tau.yaw", "1e20")
+    put(4004, "t", "1e9")
+    lines.insert(5004, "\x07\x01garbage")
+    path.write_text("\n".join(lines) + "\n")
+    words = [ROBOTS / "arm", path, "--like", tmp_path / "like.csv", "--every", 10]
+    words += ["--with", "viscous", "--with", "coulomb"]
+    status, said, noted = spoken("monitor", *words)
+    assert status == 0
+    for number, what in (
+        (2002, "q.elbow = 100"), (3003, "tau.yaw = 1e+20"), (4004, "t = 1e+09 s"), (5005, "cells"),
+    ):  # fmt: skip
+        assert re.search(rf"line {number} is left out: .*{re.escape(what)}", noted), noted
+    assert "alarm" not in said
+
+    def values(text):
+        found = re.findall(r"^  (\S+\.F[vc]) +(\S+) ± (\S+)", text, re.M)
+        return {name: (float(x), float(s)) for name, x, s in found}
+
+    before, after = values(reference), values(said)
+    assert len(before) == 8
+    for name, (x, stderr) in before.items():
+        assert abs(after[name][0] - x) < stderr
+    assert values(clean) == before
+
+
 @pytest.mark.parametrize("change", ["tau.theta", "t"])
 def test_a_column_that_is_missing_is_an_error(spoken, log, tmp_path, change):
     text = log.read_text()

@@ -173,6 +173,7 @@ class Session(contextlib.ExitStack):
         super().__init__()
         self._online, self._watch, self._every = online, watch, every
         self._due, self._left_out = -float("inf"), 0
+        self._waiting = 0  # line of the sample that may wait for its successor
         self.raised: list[Alarm] = []
         self._first: list[Mapping[str, np.ndarray]] | None = []
         self._tables: dict[str, Any] = {}
@@ -210,8 +211,11 @@ class Session(contextlib.ExitStack):
             left_out = online.left_out
         except LogError as error:
             left_out = [(0, str(error))]
-        for row, why in left_out:
-            self._leave_out(int(lines.numbers[row]) if row >= 0 else None, why)
+        for row, why in left_out:  # a negative one has waited since the lines before
+            self._leave_out(int(lines.numbers[row]) if row >= 0 else self._waiting, why)
+        rows = set(range(len(lines))) - {row for row, _ in left_out}
+        self._waiting = int(lines.numbers[max(rows)]) if rows else self._waiting
+        notes(map(str, online.findings))
         self._record("multipliers", _multiplier_rows(online.multipliers))
         self._warn(lines.columns)
         if online.warm and online.t >= self._due:
@@ -219,11 +223,10 @@ class Session(contextlib.ExitStack):
             with contextlib.suppress(FitError):  # no equation yet, so soon
                 result(self._snapshot(online.snapshot()).line)
 
-    def _leave_out(self, number: int | None, why: str) -> None:
+    def _leave_out(self, number: int, why: str) -> None:
         self._left_out += 1
         if self._left_out <= MOST_NOTED:
-            where = "a line" if number is None else f"line {number}"
-            notes([f"{where} is left out: {why}"])
+            notes([f"line {number} is left out: {why}"])
         elif self._left_out == MOST_NOTED + 1:
             notes(["further lines are left out, without a note"])
 

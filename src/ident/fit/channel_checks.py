@@ -252,7 +252,11 @@ CHECKS = {
 
 def channel_findings(problem: Problem) -> list[Finding]:
     """Return what is wrong with the channels of a problem's logs, where these are at hand."""
-    mechanism, motion = problem.mechanism, problem.motion
+    return log_findings(problem.mechanism, problem.motion)
+
+
+def log_findings(mechanism: Mechanism, motion: Motion) -> list[Finding]:
+    """Return what is wrong with the channels of a motion's logs, where these are at hand."""
     states = {  # the motion of a long log is that of stretches, and its samples are the first's
         log.name: next(
             (e for e in motion.experiments if f"{e.name}, ".startswith(f"{log.name}, ")), None

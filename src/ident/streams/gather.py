@@ -18,7 +18,7 @@ from ident.errors import FitError
 from ident.files import check_writable
 from ident.fit import Fit
 from ident.fit.files import multipliers_rows, write_fit
-from ident.fit.findings import note
+from ident.fit.findings import Finding, note
 from ident.fit.identify import estimate_of, fit_of
 from ident.fit.likelihood import MATTERS, share_of_motion
 from ident.fit.multipliers import Reactions, identifiable_multipliers
@@ -88,7 +88,9 @@ class Gathered(Displayed):
     @property
     def notes(self) -> tuple[str, ...]:
         """Warnings of the fit, and logs that were left out."""
-        return (*self.fit.warnings, *(self.each.notes if self.several else ()))
+        return tuple(
+            dict.fromkeys((*self.fit.warnings, *(self.each.notes if self.several else ())))
+        )
 
     @property
     def summary(self) -> str:
@@ -215,7 +217,7 @@ def gather(
     plan = with_logs(common, looked_at, samples, workers)
     plan = replace(plan, point=working_point(mechanism, some, None, progress))
     saved = None if checkpoint is None else Checkpoint(Path(checkpoint), plan)
-    blocks, notes, worked, resumed = _summed(plan, workers, saved)
+    blocks, notes, findings, worked, resumed = _summed(plan, workers, saved)
     information = Information.of(blocks, len(plan.columns), some.experiments[0].leverage.shape[2])
     regression = Problem(mechanism, some, plan.point, plan.columns, information)
     fitted = estimate_of(regression)
@@ -225,7 +227,7 @@ def gather(
             "effects that are not linear were estimated on the excerpt and refined by one "
             "Gauss-Newton step over all samples"
         )
-    fit = _fit_of(regression, fitted, notes, workers, consistent)
+    fit = _fit_of(regression, fitted, notes, findings, workers, consistent)
     if others:
         x = fitted.solution.x
         fit = replace(fit, validation=_validation(plan, regression, x, workers, others, samples))
@@ -250,12 +252,14 @@ def _check_portionable(mechanism: Mechanism, consistent: bool | Consistency) -> 
 
 def _summed(
     plan: Plan, workers: Workers, saved: Checkpoint | None
-) -> tuple[list[Block], list[str], int, int]:
+) -> tuple[list[Block], list[str], list[Finding], int, int]:
     """Sum the triangles of all portions, without those of broken logs.
 
-    Returns the blocks, notes, and how many portions were done now and before an interruption.
+    Returns the blocks, notes, the gravest finding of each kind and channel, and how many portions
+    were done now and before an interruption.
     """
     total, messages, resumed = Sum(), [], 0
+    gravest: dict[tuple[str, str, tuple[str, ...]], Finding] = {}
     if saved is not None and (before := saved.read()) is not None:
         total, resumed = Sum(before.blocks, before.absorbed), before.absorbed
         workers.broken.update(before.broken)
@@ -267,6 +271,10 @@ def _summed(
     for _, done in workers.over(absorbed, remaining, plan, names, "equations"):
         total.add(done)
         messages += done.notes if done else ()
+        for each in done.findings if done else ():
+            key = plan.parts[done.portion.log].name, each.code, each.where
+            if key not in gravest or (each.number or 0.0) > (gravest[key].number or 0.0):
+                gravest[key] = each
         if saved is not None and saved.due(total.absorbed):
             so_far = tuple(total.blocks.values())
             saved.write(Progress(total.absorbed, so_far, dict(workers.broken)))
@@ -280,13 +288,15 @@ def _summed(
             + (f" filtered at {cut:.3g} Hz" if cut else "")
             + f"; {why or 'give a longer log or a higher --cutoff'}"
         )
-    return blocks, [*dict.fromkeys(messages)], total.absorbed - resumed, resumed
+    found = [each for (name, *_), each in gravest.items() if name not in workers.broken]
+    return blocks, [*dict.fromkeys(messages)], found, total.absorbed - resumed, resumed
 
 
 def _fit_of(
     r: Problem,
     fitted: Estimate,
     notes: Sequence[str],
+    findings: Sequence[Finding],
     workers: Workers,
     consistent: bool | Consistency,
 ) -> Fit:
@@ -307,7 +317,8 @@ def _fit_of(
             f"{r.motion.samples} samples were read in portions; pictures, unfiltered errors and "
             f"the table of multipliers show {shown} of them"
         )
-    return fit_of(r, fitted, consistent, [*map(note, notes)], on_progress=workers.on_progress)
+    findings = [*findings, *map(note, notes)]
+    return fit_of(r, fitted, consistent, findings, on_progress=workers.on_progress)
 
 
 def _validation(

@@ -39,6 +39,7 @@ from ident.information.estimate import Estimate, estimate
 from ident.log import Log
 from ident.mechanism import Mechanism
 from ident.motion import Motion, complete
+from ident.streams.data_watch import DataWatch, Since
 from ident.streams.stream import (
     LATENCY,
     Sample,
@@ -297,6 +298,7 @@ class Online:
         self._solved: _Solved | None = None
         self._ahead = Squares.zero(0)
         self.left_out: list[tuple[int, str]] = []  # (row, why) of samples of the last `update`
+        self.findings: list[Since] = []  # new ones of its channels
         if like is not None:
             self._begin(like)
 
@@ -343,8 +345,11 @@ class Online:
             MotionError: if the first seconds do not determine the motion.
         """
         if self._stream is not None:
-            self._absorb(self._stream, self._stream.push(sample))
-            self.left_out = self._stream.left_out
+            stream = self._stream
+            self._absorb(stream, stream.push(sample))
+            self.left_out = stream.left_out
+            states = [each.e.at_samples(each.inside) for each in stream.windows]
+            self.findings = self._watch.add(stream.last, states)
             return
         X, _ = self._parser(sample)
         self.left_out = self._parser.left_out
@@ -398,7 +403,7 @@ class Online:
             rank=base.rank,
             condition_number=base.condition_number,
             lag=stream.lag,
-            notes=(*self.notes, *left_out),
+            notes=(*self.notes, *map(str, self._watch.found.values()), *left_out),
         )
 
     def _start(self) -> Stream:
@@ -438,6 +443,7 @@ class Online:
         self._most = 0  # base parameters that were known at once
         self._ahead = Squares.zero(len(setting.independent))
         self._last: SampleWindow | None = None
+        self._watch = DataWatch(mechanism, motion, stream.columns_of_samples)
         self._stream = stream
         return stream
 

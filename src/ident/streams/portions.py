@@ -22,9 +22,12 @@ from ident.equations.filter import Decimator
 from ident.equations.rows import row_supports, rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, MotionError, one_of
+from ident.fit.channel_checks import log_findings
+from ident.fit.findings import Finding
 from ident.fit.prediction import predict
 from ident.fit.problem import block_edges, blocks_of, split_rows
 from ident.information.blocks import Block, Key
+from ident.log import Log
 from ident.log.read import names_of
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
@@ -204,10 +207,15 @@ def _anchors(plan: Plan, number: int) -> np.ndarray:
     return np.array(anchors)
 
 
-def motion_of(plan: Plan, portion: Portion) -> tuple[State | None, list[str]]:
+def log_of(plan: Plan, portion: Portion) -> Log:
+    """Read a portion with its margins."""
+    part = plan.parts[portion.log]
+    return replace(part.file.piece(portion.begin, portion.end), name=part.name)
+
+
+def motion_of(plan: Plan, portion: Portion, log: Log) -> tuple[State | None, list[str]]:
     """Complete the motion of a portion with its margins, as the whole log would have made it."""
     part, mechanism = plan.parts[portion.log], plan.mechanism
-    log = replace(part.file.piece(portion.begin, portion.end), name=part.name)
     if part.recipe is None:  # the whole log: what `complete` makes of it
         signals = measure(mechanism, log)
         derived = derive(signals, plan.logged, plan.band, plan.smoothing)
@@ -238,12 +246,14 @@ class PortionRows:
     portion: Portion  # where they are from
     blocks: tuple[Block, ...]  # triangles
     notes: tuple[str, ...] = ()  # what a person should know
+    findings: tuple[Finding, ...] = ()  # of its channels
 
 
 def absorbed(plan: Plan, portion: Portion) -> PortionRows:
     """Absorb the rows of a portion."""
     part, columns, cutoff = plan.parts[portion.log], plan.columns, plan.band.cutoff
-    e, notes = motion_of(plan, portion)
+    log = log_of(plan, portion)
+    e, notes = motion_of(plan, portion, log)
     if e is None:
         return PortionRows(portion, (), tuple(notes))
     supports = row_supports(plan.mechanism, columns, e)
@@ -258,7 +268,9 @@ def absorbed(plan: Plan, portion: Portion) -> PortionRows:
         own = (piece.t >= portion.since) & (piece.t < portion.until)
         for block, some in split_rows(rows_at(piece, own), edges) if own.any() else ():
             total.absorb(blocks_of(portion.log, block, [some], supports))
-    return PortionRows(portion, tuple(total.blocks.values()), tuple(notes))
+    motion = Motion((e,), plan.independent, plan.band, 0.0, (), (log,), plan.mechanism)
+    findings = log_findings(plan.mechanism, motion)
+    return PortionRows(portion, tuple(total.blocks.values()), tuple(notes), tuple(findings))
 
 
 class Sum:
@@ -284,7 +296,7 @@ class Sum:
 
 def multipliers_of(plan: Plan, portion: Portion) -> tuple[np.ndarray, np.ndarray]:
     """Compute t (n,) [s] and multipliers (n, m) [N | N m] of the samples of a portion."""
-    e, _ = motion_of(plan, portion)
+    e, _ = motion_of(plan, portion, log_of(plan, portion))
     if e is None:
         return np.empty(0), np.empty((0, len(plan.mechanism.kinematics.multipliers)))
     own = (e.t >= portion.since) & (e.t < portion.until)

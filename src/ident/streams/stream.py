@@ -447,6 +447,7 @@ class Stream:
         windows: the samples of which the last call made rows.
         samples: how many have come.
         left_out: (row, why) of the samples of the last call that are left out.
+        last: (n, columns) those that are not.
 
     Raises:
         FitError: for an effect that a whole log decides, naming it.
@@ -478,6 +479,7 @@ class Stream:
         self._centre, self._reach = np.array(usual).T
         self._absurd = 0  # samples in a row that are no measurements
         self.left_out: list[tuple[int, str]] = []
+        self.last = np.empty((0, len(self._parser.columns)))
         self._others = {name: place(name) for name in others}
         self._torques = [place(name) for name in torques]
         self._margin = margin_of(mechanism, setting.rate, setting.cutoff)
@@ -498,6 +500,11 @@ class Stream:
     def t(self) -> float:
         """Time of the last sample [s]."""
         return self._parser.last
+
+    @property
+    def columns_of_samples(self) -> tuple[str, ...]:
+        """Columns of the samples, `t` first."""
+        return self._parser.columns
 
     @property
     def lag(self) -> float:
@@ -527,7 +534,7 @@ class Stream:
         self._parser.refuse_one()
         for _, why in self.left_out:
             self._follower.lose(1, why)
-        self.samples += len(X)
+        self.samples, self.last = self.samples + len(X), X
         if len(X):
             self._waiting.append(X)
         if sum(map(len, self._waiting)) >= self._block:
