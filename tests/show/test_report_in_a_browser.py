@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,17 +21,64 @@ DRAWN = "figure.chart[data-drawn] canvas"
 N = 100_000
 
 
+# every text that is painted into a canvas since it was cleared, with its box in the canvas
+WRITTEN = """
+window.written = new Map()
+const art = CanvasRenderingContext2D.prototype
+const {fillText, clearRect} = art
+art.clearRect = function (...area) {
+  if (area[2] > 2) written.set(this.canvas, [])
+  return clearRect.apply(this, area)
+}
+art.fillText = function (text, x, y, ...more) {
+  const size = this.measureText(text), to = this.getTransform()
+  const corners = [-size.actualBoundingBoxLeft, size.actualBoundingBoxRight].flatMap((dx) =>
+    [-size.actualBoundingBoxAscent, size.actualBoundingBoxDescent].map((dy) =>
+      to.transformPoint(new DOMPoint(x + dx, y + dy))))
+  const xs = corners.map((p) => p.x), ys = corners.map((p) => p.y)
+  if (!written.has(this.canvas)) written.set(this.canvas, [])
+  const drawn = text.trim() && size.width > 0, tilted = to.a * to.b !== 0
+  if (drawn) written.get(this.canvas).push(
+    [text, Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys), tilted])
+  return fillText.call(this, text, x, y, ...more)
+}
+"""
+PAINTED = """() => [...written].filter(([canvas]) => canvas.isConnected && canvas.width > 40)
+  .map(([canvas, texts]) => [canvas.width, canvas.height, texts])"""
+# words of the page that are cut, or leave it: [what, right edge]; tables scroll in their own boxes
+CUT = """() => [...document.querySelectorAll(
+    "h1, h2, h3, p, li, dt, dd, caption, figcaption, button, pre, a, summary")]
+  .filter((e) => e.offsetParent && !e.closest(".skip") && e.textContent.trim())
+  .filter((e) => e.getBoundingClientRect().right > innerWidth + 1 && !e.closest(".wide")
+                 || e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).overflowX === "hidden")
+  .map((e) => [e.textContent.slice(0, 40), Math.round(e.getBoundingClientRect().right)])"""
+
+
+def overlapping(texts):
+    """Pairs of texts whose boxes overlap by more than a pixel."""
+    return [
+        (a[0], b[0])
+        for i, a in enumerate(texts)
+        for b in texts[:i]
+        if not a[5]
+        and not b[5]  # tilted names run beside each other, their boxes do not
+        and min(a[3], b[3]) - max(a[1], b[1]) > 1
+        and min(a[4], b[4]) - max(a[2], b[2]) > 1
+    ]
+
+
 @pytest.fixture
 def opened(browser):
     """`opened(path, scheme)`: the page, and what its console complained of or fetched."""
     contexts = []
 
-    def open_(path, scheme="light"):
+    def open_(path, scheme="light", width=1280):
         context = browser.new_context(
-            viewport={"width": 1280, "height": 900}, color_scheme=scheme, offline=True
+            viewport={"width": width, "height": 900}, color_scheme=scheme, offline=True
         )
         contexts.append(context)
         page, wrong = context.new_page(), []
+        page.add_init_script(WRITTEN)
         page.set_default_timeout(PATIENCE)
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.on("console", lambda m: wrong.append(m.text) if m.type in ("error", "warning") else 0)
@@ -57,6 +105,29 @@ def diagnosed(tmp_path_factory):
     return found, folder / "report.html"
 
 
+@pytest.fixture(scope="module")
+def fitted(diagnosed, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("fitted")
+    diagnosed[0].fit.write(folder)
+    return folder / "report.html"
+
+
+@pytest.fixture(scope="module")
+def compared(diagnosed, tmp_path_factory):
+    found = diagnosed[0]
+    folder = tmp_path_factory.mktemp("compared")
+    ident.compare(found.fit, found.candidates[0].fit).write(folder)
+    return folder / "report.html"
+
+
+@pytest.fixture(scope="module")
+def grew(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("grew")
+    case = plant(robot("arm").with_effect("viscous"), motion_log("arm", 100.0, 8.0), seed=2)
+    ident.grow(robot("arm"), ident.complete(robot("arm"), case.log)).write(folder)
+    return folder / "report.html"
+
+
 def drawn(figure):
     """Whether marks are in a figure's picture: axes and words are grey, series have a colour."""
     figure.scroll_into_view_if_needed()
@@ -73,6 +144,28 @@ def test_the_pictures_are_there_and_nothing_complains(opened, diagnosed):
     assert figures.count() >= 5
     for i in range(figures.count()):
         assert drawn(figures.nth(i))
+    assert not wrong
+
+
+@pytest.mark.parametrize("width", [1400, 400])
+@pytest.mark.parametrize("report", ["diagnosed", "fitted", "compared", "grew"])
+def test_no_label_overlaps_or_is_cut(opened, report, width, request):
+    path = request.getfixturevalue(report)
+    path = path if isinstance(path, Path) else path[1]
+    page, wrong = opened(path, "light" if width > 400 else "dark", width)
+    figures = page.locator("figure.chart:visible")
+    for i in range(figures.count()):
+        figures.nth(i).scroll_into_view_if_needed()
+    page.wait_for_function("documents.length && documents.every((each) => each.is_idle)")
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert not page.evaluate(CUT)
+    painted = page.evaluate(PAINTED)
+    assert sum(len(texts) for *_, texts in painted) > 20
+    for wide, high, texts in painted:
+        assert not overlapping(texts)
+        outside = [each for each in texts if each[1] < -1 or each[2] < -1
+                   or each[3] > wide + 1 or each[4] > high + 1]  # fmt: skip
+        assert not outside
     assert not wrong
 
 

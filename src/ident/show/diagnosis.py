@@ -64,13 +64,12 @@ def errors_of(d: Diagnosis) -> Mapping[str, Error]:
 def noise_errors(d: Diagnosis) -> dict[str, Error]:
     """Return what noise alone would leave in each joint, beside the errors of its diagnosis."""
     return {
-        joint: replace(
-            e,
-            rms=d.floor[joint],
-            relative=e.relative and e.relative * d.floor[joint] / max(e.rms, 1e-300),
-        )
-        for joint, e in errors_of(d).items()
+        joint: _scaled(e, d.floor[joint] / max(e.rms, 1e-300)) for joint, e in errors_of(d).items()
     }
+
+
+def _scaled(error: Error, by: float) -> Error:
+    return replace(error, rms=error.rms * by, relative=error.relative and error.relative * by)
 
 
 def curve_name(curve: Effect) -> str:
@@ -412,7 +411,7 @@ def _by_chance(d: Diagnosis) -> str:
     found = []
     for joint, error in errors_of(d).items():
         share = first.limit * first.total / max(float(losses[joint]), 1e-300)
-        after = replace(error, rms=error.rms * max(1 - share, 0.0) ** 0.5)
+        after = _scaled(error, max(1 - share, 0.0) ** 0.5)
         found.append(f"{joint} {Bar(joint, error, after).words}")
     return some(found, 8)
 

@@ -159,7 +159,7 @@ def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
         Section("In words", tuple(paragraph(each) for each in d.text.split("\n\n"))),
         Section("Invisible in this data", (hidden,) if hidden else ()),
         Section("In the model, but not supported", (idle,) if idle else ()),
-        Section("Health of the data", health.blocks()),
+        Section("Health of the data", (paragraph(health.title), *health.blocks())),
         *fit_sections(d.fit, first=d.candidates[0].joint if d.best else ""),
     )
 

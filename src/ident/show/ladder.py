@@ -22,9 +22,9 @@ from ident.mechanism import Mechanism
 from ident.mechanism.write import folder_files
 from ident.show.card import Bar, Card, named
 from ident.show.charts import Chart, Level, Line, Mark, Panel
-from ident.show.diagnosis import errors_of, noise_errors, verdict_line
+from ident.show.diagnosis import errors_of, noise_errors, numbers, verdict_line
 from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections
-from ident.show.html import Page, Section, table
+from ident.show.html import Page, Section, folded, table
 from ident.show.sheet import Sheet
 from ident.text import WIDTH, percent, wrapped
 
@@ -184,7 +184,13 @@ def write(history: History, folder: str | Path) -> list[Path]:
         IdentError: if it is the folder of the mechanism itself, or cannot be written.
     """
     refuse_own(history.mechanism, Path(folder))
-    ladder = Section("The error falls", (plot(history), table(rows(history), CAPTION, tied=False)))
+    parts = [["effect", "value"]]
+    parts += [
+        [each.effect.label, numbers(each.parameters)]
+        for each in history.fit.effects if each.effect.label in {e.label for e in history.added}
+    ]  # fmt: skip
+    blocks = (plot(history), table(rows(history), CAPTION, tied=False))
+    ladder = Section("The error falls", (*blocks, folded("Each effect", table(parts, "Added"))))
     sections = (ladder, *diagnosis_sections(history.diagnosis))
     page = Page(f"{history.mechanism.name}: grown model", history_card(history), sections)
     data = {**diagnosis_files(history.diagnosis), "report.html": page.html()}
