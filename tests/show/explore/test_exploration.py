@@ -12,7 +12,7 @@ from explored import given, grown, screened
 import ident
 from helpers import ROBOTS
 from ident import IdentError
-from ident.show.explore.exploration import share
+from ident.show.explore.exploration import error_text
 
 
 def test_an_effect_is_added_and_the_error_falls():
@@ -136,9 +136,9 @@ def test_judged_it_is_saved_as_grow_saves_it(tmp_path):
 def test_it_prints_as_a_ladder():
     e = grown("viscous:elbow")
     lines = str(e).splitlines()
-    assert lines[0].split() == ["model", "announced", "delivered", *given().fit.motion.independent]
+    assert lines[0].split() == ["model", *given().fit.motion.independent]
     assert lines[2].startswith("+ viscous:elbow")
-    assert share(e.now.delivered) in lines[2]
+    assert error_text(e.now.errors["elbow"]) in lines[2]
 
 
 def test_the_noun_needs_no_page():

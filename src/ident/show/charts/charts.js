@@ -143,10 +143,13 @@ function drawChart(chart, place) {
     const bare = chart.shared_x && !last // numbers stand below the last row
     const tilted = Math.max(0, ...panel.x_names.map((name) => name.length)) > 6
     for (const axis of fig.xaxes) {
-      if (!panel.x_names.length) axis.ticker.setv({desired_num_ticks: width / rows[0].length < 300 ? 3 : 6})
+      if (!panel.x_names.length) axis.ticker.setv({desired_num_ticks: width / rows[0].length < 450 ? 3 : 6})
       named(axis, panel.x_names, bare ? "" : panel.x, {
         major_label_text_font_size: bare ? "0px" : "11px",
         major_label_orientation: tilted ? 0.45 : "horizontal"})
+    }
+    for (const axis of fig.yaxes) {
+      if (!panel.y_names.length && panel.height < 200) axis.ticker.setv({desired_num_ticks: 4})
     }
     for (const axis of fig.yaxes) named(axis, panel.y_names, panel.y, {visible: !inner})
     for (const axis of [...fig.xaxes, ...fig.yaxes]) {

@@ -208,7 +208,7 @@ class Board:
         changes: dict[str, Any] = {"stale": True, "note": "announced for another model …"}
         if (found := e.now.candidates) is not None:
             rows = effect_rows(found, e.now.diagnosis)
-            note = f"{len(rows)} effects; fall of the held-out squares ± standard error"
+            note = f"{len(rows)} effects; held-out error of the joint without → with each"
             if beside_verdict(found, e.now.diagnosis):
                 note += "; none of them is judged to be missing"
             changes = {"effects": rows, "stale": False, "note": note}
@@ -303,8 +303,8 @@ def _summary(e: Exploration) -> str:
     if best is None:
         return "No effect lowers the error by more than chance would; judge it to be sure."
     return (
-        f"The largest fall is announced for {best.label}. A fall is no proof of a cause: judge it "
-        "to weigh what speaks for it."
+        f"The first candidate is {best.label}. A falling error is no proof of a cause: judge it to "
+        "weigh what speaks for it."
     )
 
 

@@ -11,9 +11,10 @@ from markupsafe import Markup
 
 from ident.diagnosis import Diagnosis
 from ident.fit import Fit
+from ident.show.card import Bar
 from ident.show.charts import Chart
 from ident.show.diagnosis import noise_errors
-from ident.show.explore.exploration import Exploration, error_text, share
+from ident.show.explore.exploration import Exploration, error_text
 from ident.show.explore.predicted import PredictedGain
 from ident.show.fit import value_tables
 from ident.show.html import code, items, paragraph, table
@@ -60,17 +61,19 @@ def effect_rows(found: Sequence[PredictedGain], d: Diagnosis | None = None) -> l
 
 
 def _effect_row(x: PredictedGain, mark: str) -> dict[str, Any]:
-    fall = "not linear" if x.present else ""
-    if x.fall is not None and x.error is not None:
+    change, fall = "not linear" if x.present else "", 0.0
+    if x.before is not None and x.after is not None:
         about = "" if x.effect.linear else "≈ "  # exact for what is linear in its unknowns
-        fall = f"{about}{share(x.fall)} ± {100 * x.error:.1f}"
+        change = f"{about}{Bar('', x.before, x.after).words}"
+        fall = 1 - x.after.rms / max(x.before.rms, 1e-300)
     about = type(x.effect).summary()
-    if x.joints and not x.present and (x.fall or 0.0) > 0:
+    if x.joints and (x.fall or 0.0) > 0:
         about += f"; lowers the error of {listed(x.joints)}"
     behind = (("not told apart from", x.rivals), ("explained better by", x.better))
     return {
-        "label": x.label, "present": x.present, "mark": mark, "sure": x.sure, "fall": fall,
-        "share": min(max(x.fall or 0.0, 0.0), 1.0), "about": about, "why": x.why,
+        "label": x.label, "kind": x.effect.kind, "present": x.present, "mark": mark,
+        "sure": x.sure, "fall": change, "share": min(max(fall, 0.0), 1.0), "about": about,
+        "why": x.why,
         "rivals": "; ".join(f"{head} {some(names, NAMED)}" for head, names in behind if names),
         "group": GROUPS[0 if x.present else 3 if x.fall is None else 1 if x.sure else 2],
     }  # fmt: skip
@@ -81,14 +84,14 @@ def beside_verdict(found: Sequence[PredictedGain], d: Diagnosis | None) -> str:
     falling = [each for each in found if each.sure and not each.present]
     if d is None or d.verdict == "missing" or not falling:
         return ""
-    best = max(falling, key=lambda each: each.fall or 0.0)
+    best = falling[0]
     named = "nothing is missing" if d.verdict == "nothing" else "no effect explains what is left"
+    change = "" if best.before is None else Bar("", best.before, best.after).words
     return (
-        f"Judged: {named} that this data could show. Falls are announced all the same, "
-        f"{best.label} {share(best.fall)} ± {100 * (best.error or 0.0):.1f} the largest: a fall is "
-        "a share of what is left, however little that is. To be named, an effect must also do "
-        "more than effects do by chance in logs without them, matter against the torque, and have "
-        "values that it can have."
+        f"Judged: {named} that this data could show. Changes are announced all the same, first "
+        f"{best.label} ({change}, of {listed(best.joints[:1])}): to be named, an "
+        "effect must also do more than effects do by chance in logs without them, matter "
+        "against the torque, and have values that it can have."
     )
 
 

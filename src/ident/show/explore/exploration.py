@@ -84,17 +84,6 @@ class ModelStep:
         return Step(added, removed, (), self.fit, self.errors)
 
 
-def share(value: float | None) -> str:
-    """A fall of error as a percentage; what rises has a minus, or is so many times as large.
-
-    >>> share(0.1234)
-    '12.3 %'
-    """
-    if value is None:
-        return "–"
-    return f"×{1 - value:.3g}" if value < -1 else f"{100 * value:.1f} %".replace("-", "−")
-
-
 def error_text(error: Error | None) -> str:
     """Relative to the torque, or the rms where there is none."""
     if error is None:
@@ -251,13 +240,10 @@ class Exploration(Displayed):
         return write_all(folder, model_files(now.fit))
 
     def table(self) -> list[list[str]]:
-        """The ladder: the change, its fall announced and delivered, every joint's error."""
+        """The ladder: the change, and every joint's held-out error."""
         joints = self.rungs[0].fit.motion.independent
-        rows = [["model", "announced", "delivered", *joints]]
-        for i, rung in enumerate(self.rungs):
-            falls = [share(rung.announced), share(rung.delivered)] if i else ["", ""]
-            rows.append([rung.name, *falls, *(error_text(rung.errors.get(j)) for j in joints)])
-        return rows
+        rungs = ([r.name, *(error_text(r.errors.get(j)) for j in joints)] for r in self.rungs)
+        return [["model", *joints], *rungs]
 
     def _announced(self, label: str, *, present: bool) -> PredictedGain | None:
         found = (x for x in self.candidates if x.label == label and x.present == present)

@@ -14,10 +14,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ident.diagnosis.candidates import Contest, absorbed, possible
+from ident.diagnosis.diagnosis import announced_errors, errors_of
 from ident.diagnosis.selection import Decision, Evidence, Weigh, alike, torque_squares
 from ident.diagnosis.unobservable import invisible, unsupported
 from ident.effects import Effect
 from ident.fit import Fit
+from ident.information.blocks import Error
 from ident.information.hypotheses import zscore
 from ident.progress import Progress
 
@@ -34,7 +36,10 @@ class PredictedGain:
         effect: which; present: whether it is in the model, with an unknown in it.
         fall, error: of the held-out squares and its standard error, as shares: what adding it would
             take away, or what it takes away now. None where that cannot be said.
-        joints: whose errors it lowers, the one it lowers most first.
+        joints: whose errors it lowers, the one it lowers most first; before, after: the held-out
+            error of that one without it and with it.
+        gain: fall of the squares as a diagnosis weighs them, by which candidates are ordered; below
+            zero of one whose values no such effect can have.
         rivals: labels of effects that explain the same part as well, as far as can be told;
             better: that explain it better, by more than falls are known.
         shape: of a search, from which a refit sets out.
@@ -46,6 +51,9 @@ class PredictedGain:
     fall: float | None = None
     error: float | None = None
     joints: tuple[str, ...] = ()
+    before: Error | None = None
+    after: Error | None = None
+    gain: float = 0.0
     rivals: tuple[str, ...] = ()
     better: tuple[str, ...] = ()
     shape: Mapping[str, float] = field(default_factory=dict)
@@ -112,14 +120,20 @@ def predicted_gains(fit: Fit, progress: Progress | None = None) -> tuple[Predict
     hidden = {each.effect.label: each.why for each in invisible(fit, contest)}
     found = _weighed(contest, hidden)
     after = [each.refit.loss @ w for each in found]
+    errors, losses = errors_of(fit), regression.losses.sum(axis=0)
     open_ = []
     for each, squares in zip(found, after, strict=True):
         mends = sorted(each.mends, key=lambda u: -each.refit.by[u])
         joints = tuple(fit.motion.independent[u] for u in mends)
+        joint = fit.motion.independent[each.coordinate]
+        with_it = announced_errors(errors, losses, each.refit.loss.sum(axis=0))[joint]
         open_.append(
-            PredictedGain(each.effect, False, *_fall(now, squares), joints, shape=each.shape)
-        )
-    open_ = sorted(_with_rivals(found, after, open_), key=_largest)
+            PredictedGain(
+                each.effect, False, *_fall(now, squares), joints, errors[joint], with_it,
+                each.gain if each.sensible else -1.0, shape=each.shape,
+            )
+        )  # fmt: skip
+    open_ = sorted(_with_rivals(found, after, open_), key=lambda each: -each.gain)
     shut = [PredictedGain(e, why=hidden[e.label]) for e in every if e.label in hidden]
     doubts = {x.effect.label: x.why for x in unsupported(fit, contest, Decision())}
     present = []
@@ -128,8 +142,14 @@ def predicted_gains(fit: Fit, progress: Progress | None = None) -> tuple[Predict
         if len(mine):
             own = PredictedGain(effect, True, why=doubts.get(effect.label, ""))
             if not effect.corrects:  # a correction is undone by another motion, not by a column
-                fall, error = _fall(regression.without(mine).losses @ w, now)
-                own = replace(own, fall=fall, error=error)
+                bare = regression.without(mine).losses
+                fall, error = _fall(bare @ w, now)
+                without = announced_errors(errors, losses, bare.sum(axis=0))
+                joint = max(errors, key=lambda name: without[name].rms / (errors[name].rms or 1.0))
+                own = replace(
+                    own, fall=fall, error=error, joints=(joint,), before=without[joint],
+                    after=errors[joint],
+                )  # fmt: skip
             present.append(own)
     return (*open_, *shut, *sorted(present, key=_largest))
 
