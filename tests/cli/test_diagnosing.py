@@ -170,3 +170,55 @@ def test_a_full_disk_leaves_nothing_half_written(arm_folder, tmp_path, monkeypat
     assert outcome.status == 1
     assert "No space left on device" in outcome.err.splitlines()[-1]
     assert not out.exists()
+
+
+def test_json_is_one_line_with_the_content_of_the_file(arm_folder, tmp_path, ident):
+    log, out = arm_folder / "run.csv", tmp_path / "out"
+    words = ("diagnose", arm_folder, log, *given(*LACKING), "--json", "--alpha", "0.02")
+    outcome = ident(*words, "--fail-on", "nothing", "--fail-on", "missing", "--out", out)
+    assert outcome.status == 3
+    assert outcome.out.count("\n") == 1
+    data = json.loads(outcome.out)
+    assert data == json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
+    assert data["decision"]["alpha"] == 0.02
+    assert len(data["candidates"]) == data["judged"]
+    first = data["candidates"][0]
+    where = next(each for each in data["where"] if each["joint"] == first["joint"])
+    assert where["relative"] == first["error_before"]
+    assert where["relative_after"] == first["error_after"]
+    assert first["fall"] == pytest.approx(1 - first["error_after"] / first["error_before"])
+
+
+@pytest.mark.parametrize("command", ["check", "identify"])
+def test_other_commands_print_json_too(command, arm_folder, done):
+    outcome = done(command, arm_folder, arm_folder / "run.csv", "--json")
+    assert json.loads(outcome.out)["schema"].startswith("ident.")
+
+
+def test_what_decides_is_refused_before_the_work(arm_folder, tmp_path, refused):
+    log = arm_folder / "run.csv"
+    refused(("alpha = 0", "0.01 to 0.5"), "diagnose", arm_folder, log, "--alpha", "0")
+    refused(("--fail-on mising", "missing"), "diagnose", arm_folder, log, "--fail-on", "mising")
+    refused(("--resume", "--out"), "grow", arm_folder, log, "--resume")
+    refused(("growing.json",), "grow", arm_folder, log, "--resume", "--out", tmp_path / "no")
+
+
+def test_grow_goes_on_where_it_was(arm_folder, tmp_path):
+    mechanism = api.load(arm_folder).with_effect("viscous")
+    motion = api.complete(mechanism, arm_folder / "run.csv")
+    whole = api.grow(mechanism, motion)
+    steps = []
+
+    def stop(step):
+        steps.append(step)
+        if step.added and step.fit is not None:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        api.grow(mechanism, motion, checkpoint=tmp_path, step=stop)
+    assert (tmp_path / "growing.json").is_file()
+    again = api.grow(mechanism, motion, checkpoint=tmp_path, resume=True)
+    assert not (tmp_path / "growing.json").exists()
+    assert [str(step) for step in again.steps] == [str(step) for step in whole.steps]
+    with pytest.raises(api.FitError, match="growing"):
+        api.grow(mechanism, motion, checkpoint=tmp_path, resume=True)

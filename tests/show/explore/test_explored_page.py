@@ -48,11 +48,9 @@ def test_the_error_falls_by_hand(serve, visit, tmp_path):
     add(page, "viscous:elbow")
     ladder = rungs(page)
     assert [line[0] for line in ladder] == ["as given", "+ viscous:elbow"]
-    announced, delivered = ladder[1][1:3]
-    assert announced == delivered != ""
-    assert percent(ladder[1][5]) < 0.5 * percent(ladder[0][5])
+    assert percent(ladder[1][3]) < 0.5 * percent(ladder[0][3])
     add(page, "coulomb:elbow")
-    assert percent(rungs(page)[2][5]) < 1
+    assert percent(rungs(page)[2][3]) < 1
 
     page.get_by_role("button", name="remove coulomb:elbow", exact=True).click()
     page.get_by_text("− coulomb:elbow", exact=True).wait_for()
