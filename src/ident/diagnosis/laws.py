@@ -145,16 +145,21 @@ def laws_of(
 
 
 def _joints(contest: Contest, selection: Selection, loud: Collection[str]) -> list[str]:
-    """Joints where a law may be missing: those of curves first, then of doubtful effects."""
+    """Joints where a law may be missing: those of curves and of doubtful effects; if there are
+    none, one where more than noise is left beside what is named.
+    """
     known = contest.table.mechanism.joint_index
     found = [curve.joints[0] for curve, _ in selection.last.curves[:1]]
+    quiet = []
     for m in selection.members:
         joint = m.effect.joints[0] if m.effect.joints else ""
         if joint in known and not m.effect.common:
             several = len(_doubtful(selection, joint)) > 1
-            if m.rejected or m.effect.descriptive or several or joint in loud:
+            if m.rejected or m.effect.descriptive or several:
                 found.append(joint)
-    return list(dict.fromkeys(found))
+            elif joint in loud:
+                quiet.append(joint)
+    return list(dict.fromkeys(found or quiet[:1]))
 
 
 def _doubtful(selection: Selection, joint: str) -> list[Member]:
