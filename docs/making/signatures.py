@@ -46,6 +46,9 @@ class Shown:
 
 BODY = {"m": 0.5, "mx": 0.03, "my": 0.0, "mz": 0.0, "Lxx": 1e-4, "Lyy": 2e-3, "Lzz": 2e-3,
         "Lxy": 0.0, "Lxz": 0.0, "Lyz": 0.0}  # fmt: skip
+HUMP = {f"x{i}": 0.4 + 0.28 * i for i in range(6)} | {
+    f"c{i}": c for i, c in enumerate((0.0, 0.1, 0.5, 0.9, 0.4, 0.1, 0.2, 0.6))
+}
 SHOWN: Mapping[str, Shown] = {
     "viscous": Shown("elbow", {"Fv": 0.5}, "v"),
     "coulomb": Shown("elbow", {"Fc": 0.9}, "v"),
@@ -75,6 +78,7 @@ SHOWN: Mapping[str, Shown] = {
     "closure_compliance": Shown("pin", {"C": 5e-5}, "t", ("crank",), "four_bar"),
     "temperature_friction": Shown("elbow", {"kappa": -0.01}, "v"),
     "drift": Shown("elbow", {"c": 0.1}, "t"),
+    "curve": Shown("elbow:q", HUMP, "q"),
 }
 
 
