@@ -137,6 +137,12 @@ class Law:
         return self.found.formula.text
 
     @property
+    def determined(self) -> bool:
+        """Whether the data determine some coefficient: else it is a simpler law in disguise."""
+        count = len(self.found.formula.unknowns)
+        return any(v.stderr and abs(v.value) > 2 * v.stderr for v in self.parameters[:count])
+
+    @property
     def file(self) -> str:
         """Name of its effect file."""
         return f"{self.found.formula.name}_{self.joint}.py"
@@ -385,7 +391,17 @@ def concluded(
     loud = tuple(name for name, each in zip(names, left, strict=True) if each)
     selection, found = laws_of(contest, selection, loud, floor, decision, on_progress)
     on_progress("refitting", 0.8)
-    laws = tuple(refitted(fit, each) for each in found)
+    every = [refitted(fit, each) for each in found]
+    laws = tuple(law for law in every if law.determined)
+    kept = {law.found.formula.text for law in laws}
+    selection = replace(
+        selection,
+        members=tuple(
+            m if m.law is None or m.law.text in kept else replace(m, law=None)
+            for m in selection.members
+        ),
+    )
+    found = tuple(law.found for law in laws)
     best = selection.named[0] if selection.named else None
     candidates = _explanations(fit, selection, best)
     if best is not None and (not candidates or candidates[0].effect.label != best.label):

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -29,6 +30,7 @@ BEAM = 2  # formulas to which a further term is added
 TERMS = 2  # of a formula
 STEPS = 8  # of Gauss-Newton
 LONGEST = 0.3  # of a constant's range, the longest step
+CERTAIN = 2.0  # standard errors of a coefficient that is determined
 RISE = 1e-3  # of the error, that a further step must bring
 RANK = 1e-6  # of a unit column's square: less of it is new
 SLOPE = 1e-4  # of a constant's range, for its slope
@@ -56,6 +58,21 @@ class FittedFormula:
     def loss(self) -> Array:
         """(blocks,) left-out squares."""
         return np.asarray(self.refit.loss.sum(axis=1))
+
+    def determined(self, regression: PartialRegression) -> bool:
+        """Whether the rows determine all constants: no combination of their columns vanishes, and
+        each term has a coefficient larger than its error.
+
+        Else the formula is another, simpler one in disguise.
+        """
+        S, _ = normal_equations(regression, self.C)
+        size = np.sqrt(np.where(np.diag(S) > 0, np.diag(S), 1.0))
+        least = np.linalg.eigvalsh(S / size[:, None] / size)[0]
+        noise = np.sqrt(float(self.loss.sum()) / max(float(regression.rows.sum()), 1.0))
+        count = len(self.formula.unknowns)
+        large = (np.abs(self.refit.theta) > CERTAIN * noise * self.refit.stderr)[:count]
+        ends = np.cumsum([0, *(len(term.columns) for term in self.formula.terms)])
+        return least > RANK and all(large[a:b].any() for a, b in pairwise(ends))
 
 
 @dataclass(eq=False)
@@ -146,6 +163,7 @@ class LawSearch:
                 share = (number + i / len(beam)) / TERMS
                 self.on_progress(f"formulas of {number + 1} term(s)", share)
                 new += self.extended(before)
+            new = [each for each in new if each.determined(self.regression)]
             found += [each for each in new if float(each.loss.sum()) < (1 - self.limit) * least]
             new = [each for each in new if each in found]
             if not new:

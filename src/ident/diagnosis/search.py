@@ -35,6 +35,7 @@ from ident.diagnosis.selection import (
     simplest,
 )
 from ident.effects import Effect
+from ident.effects.formula import Formula
 from ident.information import linear
 from ident.information.hypotheses import Index, PartialRegression, zscore
 
@@ -66,7 +67,7 @@ class Member:
     gain: float = np.nan
     curve: Effect | None = None
     impossible: Effect | None = None
-    law: Effect | None = None
+    law: Formula | None = None
 
     @property
     def rejected(self) -> bool:

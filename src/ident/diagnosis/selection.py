@@ -6,8 +6,7 @@ A candidate is credible if
   in which nothing is missing, and no single block of time makes most of it: what happens once
   has many explanations. Waves of position must pass the filter at most speeds, not only around
   reversals, where friction that is not quite sign(v) looks like some wave;
-* its torque exceeds the share `material` of its joint's, or all drives have it in common: then it
-  is the log's, and would be taken for causes in single joints;
+* its torque exceeds the share `material` of its joint's;
 * its values are such as this kind of effect can have.
 
 Of candidates that explain the same part within PARSIMONY of the best gain, the one with the fewest
@@ -285,7 +284,7 @@ class Weigh:
         noise = np.sqrt(refit.loss.sum() / self.total)  # that is left with the effect
         stderr = refit.stderr * noise
         plausible = sensible(self.contest, effect, refit.theta, stderr)
-        material = (size > self.decision.material or effect.joined) and refit.visible > HIDDEN
+        material = size > self.decision.material and refit.visible > HIDDEN
         steady = float(refit.D.max()) < ONE_BLOCK * refit.G
         if effect.waves:
             steady &= self.contest.passed(effect.joints[0], shape[effect.waves]) > PASSED

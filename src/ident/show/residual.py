@@ -284,13 +284,13 @@ def plot_maps(residuals: Models, joint: str, effect: str = "") -> Chart:
     """Draw a joint's residual and its mean against t, q, v, a and load, a row a model.
 
     If it depends most on a signal of another joint, against that too; the most important is framed.
-    With the label of an `effect` of the last model, its torque is drawn through the points of the
-    first one, and the signal that determines it most is framed.
+    With the label of an `effect` of the last model, its torque, if it is one, is drawn through the
+    points of the first one, and the signal that determines it most is framed.
     """
     models = list(residuals.values())
     scores = [_scores(residual, joint) for residual in models]
     own: list[np.ndarray] = []
-    if effect:
+    if effect and all(effect in trace.parts for trace in models[-1].traces):
         u = models[-1].joints.index(joint)
         own = [trace.parts[effect][:, u] for trace in models[-1].traces]
         scores = [_determined(models[-1], joint, own), *({} for _ in models[1:])]
