@@ -28,6 +28,7 @@ from ident.diagnosis.selection import (
 from ident.diagnosis.unobservable import Invisible, Unsupported, invisible, name_of, unsupported
 from ident.display import Plotted, render
 from ident.effects import Effect
+from ident.effects.formula import plain
 from ident.equations.unknowns import Point
 from ident.errors import FitError, IdentError
 from ident.fit import Fit, identify
@@ -145,7 +146,7 @@ class Law:
     @property
     def file(self) -> str:
         """Name of its effect file."""
-        return f"{self.found.formula.name}_{self.joint}.py"
+        return f"{self.found.formula.name}_{plain(self.joint)}.py"
 
     @property
     def effect(self) -> str:
@@ -157,7 +158,7 @@ class Law:
     def code(self) -> str:
         """The content of its effect file."""
         law = self.found
-        title = f"A law found in the data of {self.joint}: a description, not yet a cause."
+        title = f"A law found in the data of {plain(self.joint)}: a description, not yet a cause."
         values = {v.name.rpartition(".")[2]: v.value for v in self.parameters}
         shape = {each.name: values[each.name] for each in law.formula.shapes}
         return law.formula.code(shape, law.bounds, title)
@@ -389,30 +390,22 @@ def concluded(
     floor = dict(zip(names, map(float, draws.floor), strict=True))
     left = louder(contest, draws, selection.last, decision)
     loud = tuple(name for name, each in zip(names, left, strict=True) if each)
-    selection, found = laws_of(contest, selection, loud, floor, decision, on_progress)
-    on_progress("refitting", 0.8)
-    every = [refitted(fit, each) for each in found]
-    laws = tuple(law for law in every if law.determined)
-    kept = {law.found.formula.text for law in laws}
-    selection = replace(
-        selection,
-        members=tuple(
-            m if m.law is None or m.law.text in kept else replace(m, law=None)
-            for m in selection.members
-        ),
-    )
-    found = tuple(law.found for law in laws)
+    last = selection.last.regression
+    data = _health_beside(contest, last.losses / last.weight**2)
+    laws: tuple[Law, ...] = ()
+    if not data.faults:
+        lawful, found = laws_of(contest, selection, loud, floor, decision, on_progress)
+        on_progress("refitting", 0.8)
+        selection, laws = _refitted(fit, lawful, found)
     best = selection.named[0] if selection.named else None
     candidates = _explanations(fit, selection, best)
     if best is not None and (not candidates or candidates[0].effect.label != best.label):
         best = None  # what cannot be refitted is no name
-    last = selection.last.regression
-    data = _health_beside(contest, last.losses / last.weight**2)
     if best is not None and (data.faults or not _explains(candidates[0], contest, draws, last)):
         best = None
     residual = residual_of(fit)
     verdict = _verdict(selection, best, bool(loud), residual.periods)
-    curves = found_curves(contest, selection, found, verdict, decision)
+    curves = found_curves(contest, selection, [law.found for law in laws], verdict, decision)
     on_progress("where it fails", 0.9)
     return Diagnosis(
         fit=fit,
@@ -430,6 +423,23 @@ def concluded(
         floor=floor,
         loud=loud,
     )
+
+
+def _refitted(
+    fit: Fit, selection: Selection, found: Collection[FoundLaw]
+) -> tuple[Selection, tuple[Law, ...]]:
+    """Refit the laws; without those that cannot be, and what they replaced has its name again."""
+    laws = []
+    for each in found:
+        with suppress(IdentError):
+            laws.append(refitted(fit, each))
+    good = tuple(law for law in laws if law.determined)
+    texts = {law.formula for law in good}
+    members = tuple(
+        m if m.law is None or m.law.text in texts else replace(m, law=None)
+        for m in selection.members
+    )
+    return replace(selection, members=members), good
 
 
 def _explains(

@@ -18,6 +18,7 @@ from ident.diagnosis.law_search import normal_equations
 from ident.diagnosis.laws import Comparison
 from ident.effects import Signals
 from ident.effects.curve import Curve
+from ident.effects.formula import plain
 from ident.information.hypotheses import Array, PartialRegression
 
 PIECES = (2, 3, 5, 8, 12, 20)  # that are compared
@@ -55,7 +56,7 @@ class FoundCurve:
     @property
     def file(self) -> str:
         """Name of its file."""
-        return f"curve_{self.joint}.csv"
+        return f"curve_{plain(self.joint)}.csv"
 
     @property
     def csv(self) -> str:
@@ -108,7 +109,8 @@ def curve_of(
     V = V[:, values > NEW] / size[:, None]
     values = values[values > NEW]
     theta = (V / values) @ (V.T @ g)
-    noise = float(refit.loss.sum()) / max(float(beside.rows.sum()), 1.0)
+    own = sorted({p.coordinate for p, c in zip(beside.parts, C, strict=True) if c.any()})
+    noise = float(refit.loss[:, own].sum()) / max(float(beside.rows[own].sum()), 1.0)
     x, B = _on_grid(effect, shape)
     torque = B @ theta
     half = BAND * np.sqrt(noise * ((B @ V) ** 2 / values).sum(axis=1))

@@ -1,12 +1,12 @@
 """The terms of which formulas are made: functions of a signal, and products of two of them.
 
-A term with a name is a law of the literature that the library of effects does not have; the others
-are steps on the way to one.
+A term with a name is a law of the literature; the others are steps on the way to one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from ident.effects.formula import Scale, Term
 
@@ -16,7 +16,7 @@ PROBE = Term(
         "q*q_o", "v*q_o", "sign(v)*q_o", "v_o", "sign(v_o)",
     ),
 )  # fmt: skip
-"""What tells whether another joint's signals matter at all."""
+"""Columns that show whether another joint's signals matter."""
 Powers = tuple[tuple[str, float], ...]
 
 
@@ -37,7 +37,7 @@ def terms(signals: frozenset[str], rotational: bool) -> Iterator[Term]:
             yield _product(f, "v", (("v", 1),), "position_dependent_friction")
     if {"load", "v"} <= signals:
         yield from _of_load()
-    if {"a", "v"} & signals:
+    if "a" in signals:
         yield from _of_rates(signals)
     if {"t", "v"} <= signals:
         for f in _of_time():
@@ -47,11 +47,6 @@ def terms(signals: frozenset[str], rotational: bool) -> Iterator[Term]:
             yield _product(f, "sign(v)", (), "running_in")
             yield _product(f, "v", (("v", 1),), "running_in")
             yield _product(f, "q", (("q", 1),), "")
-    if "temperature" in signals:
-        for word, power in (("1", ()), ("sign(v)", ()), ("v", (("v", 1),)), ("q", (("q", 1),))):
-            yield _product(Term(("temperature",), (), "", (("temperature", 1),)), word, power, "")
-            e = Term(("exp(-temperature/x0)",), (Scale("x0", "width", "temperature"),))
-            yield _product(e, word, power, "")
     if "q_o" in signals:
         yield from _of_two(rotational)
 
@@ -125,12 +120,10 @@ def _of_load() -> Iterator[Term]:
     yield Term(("load",), (), "torque_gain", load)
     yield Term(("abs(load)",), (), "", load)
     yield Term(("abs(load)*sign(v)",), (), "load_friction", load)
-    yield Term(("load*sign(load*v)",), (), "load_friction", load)
     yield Term(("load + abs(load)*sign(v)",), (), "worm_gear", load)
-    yield Term(("load*(1 + sign(load*v))",), (), "worm_gear", load)
-    yield Term(("load*(1 - sign(load*v))",), (), "worm_gear", load)
-    yield Term(("sign(v)*(1 + sign(load*v))",), (), "worm_gear")
-    yield Term(("sign(v)*(1 - sign(load*v))",), (), "worm_gear")
+    yield Term(("load - abs(load)*sign(v)",), (), "worm_gear", load)
+    yield Term(("sign(v) + sign(load)",), (), "worm_gear")
+    yield Term(("sign(v) - sign(load)",), (), "worm_gear")
     yield Term(("load**2*sign(v)",), (), "load_friction", (("load", 2),))
     yield Term(("sqrt(abs(load))*sign(v)",), (), "load_friction", (("load", 0.5),))
     yield Term(("tanh(load/l0)*sign(v)",), (width,), "load_friction")
@@ -189,7 +182,7 @@ def _factors(q: str, rotational: bool) -> Iterator[Term]:
 def _product(f: Term, word: str, powers: Powers, name: str) -> Term:
     """Return a term times another signal."""
     if word == "1":
-        return f
+        return replace(f, known_as=name or f.known_as)
     columns = tuple(
         f"({c})*{word}" if " " in c and not c.startswith(("exp", "sin", "cos", "abs", "tanh"))
         else f"{c}*{word}" for c in f.columns

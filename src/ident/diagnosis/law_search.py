@@ -86,7 +86,6 @@ class LawSearch:
             the own signals alone.
         limit: share of the left-out squared error that a term must explain.
         noise: (d,) left-out squares that the sensors' noise alone makes, at most.
-        decision: the rule of evidence.
         on_progress: called with (what is being done, share done).
     """
 
@@ -106,8 +105,6 @@ class LawSearch:
         one = frozenset({"q", "v", "a", "t"})
         if self.joint in table.mechanism.sites.loaded:
             one |= {"load"}
-        if all(f"temperature.{self.joint}" in s.e.extra for s in table.scenes):
-            one |= {"temperature"}
         if self.other:
             one = frozenset({"q_o", "v_o"})
         joints = (self.joint, self.other) if self.other else (self.joint,)

@@ -149,7 +149,7 @@ def _joints(contest: Contest, selection: Selection, loud: Collection[str]) -> li
     none, one where more than noise is left beside what is named.
     """
     known = contest.table.mechanism.joint_index
-    found = [curve.joints[0] for curve, _ in selection.last.curves[:1]]
+    found = [curve.joints[0] for curve, _ in selection.last.curves[:1] if loud]
     quiet = []
     for m in selection.members:
         joint = m.effect.joints[0] if m.effect.joints else ""

@@ -49,7 +49,9 @@ class Curve(Effect):
             )
         pieces = self.setting("pieces")
         if pieces not in range(41):
-            raise MechanismError(f"effect '{self.label}': pieces = {pieces:g}; valid: 1 to 40")
+            raise MechanismError(
+                f"effect '{self.label}': pieces = {pieces:g}; valid: 1 to 40, or 0"
+            )
         super().__post_init__()
 
     @classmethod

@@ -1,6 +1,6 @@
 """Formulas: torques c₁ f₁(signals; s) + c₂ f₂(signals; s) + … of terms that a grammar builds.
 
-A formula is written in Python over the signals q, v, a, load, t and temperature of its joint and
+A formula is written in Python over the signals q, v, a, load and t of its joint and
 q_<other>, v_<other> of another one. The same text is evaluated with NumPy in a search, and is the
 content of an effect file, which CasADi evaluates.
 """
@@ -38,7 +38,7 @@ class Scale:
     Attributes:
         name: in the term's text.
         of: the signal that has its range: `width` of it, a `place` in it, a `wave` of it; or an
-            `angle`, a `share` between −1 and 1, a `power`, a `time`.
+            `angle`, a `share` between −1 and 1, a `power`.
         signal: whose range; empty where that does not matter.
     """
 
@@ -55,8 +55,7 @@ class Scale:
 
     def bounds(self, x: np.ndarray) -> tuple[float, float]:
         """Return the lowest and highest value, given the signal x (n,)."""
-        low, high = float(x.min(initial=0.0)), float(x.max(initial=0.0))
-        low, high = (float(x.min()), float(x.max())) if len(x) else (low, high)
+        low, high = (float(x.min()), float(x.max())) if len(x) else (0.0, 0.0)
         span = max(high - low, 1e-9)
         match self.of:
             case "width":
@@ -102,7 +101,7 @@ class Term:
         columns: Python texts.
         scales: the constants.
         known_as: name of the law in the literature; empty where it has none.
-        unit: of the columns, as powers of the units of signals.
+        powers: of the units of signals, that the columns have.
     """
 
     columns: tuple[str, ...]
@@ -121,7 +120,7 @@ class Term:
     def signals(self) -> frozenset[str]:
         """Signals in its text."""
         words = set(re.findall(r"\b[a-z]+(?:_o)?\b", " ".join(self.columns)))
-        return frozenset(words & {"q", "v", "a", "load", "t", "temperature", "q_o", "v_o"})
+        return frozenset(words & {"q", "v", "a", "load", "t", "q_o", "v_o"})
 
     def renamed(self, suffix: str) -> Term:
         """Return the term with a suffix on its constants, so that a sum has each name once."""
@@ -180,7 +179,7 @@ class Formula(Effect):
 
     @cached_property
     def columns_text(self) -> tuple[str, ...]:
-        """Texts of all columns, with the other joint's name in them."""
+        """Texts of all columns; signals of the other joint end in `_o`."""
         return tuple(text for term in self.renamed for text in term.columns)
 
     @cached_property
@@ -197,7 +196,7 @@ class Formula(Effect):
     @cached_property
     def shapes(self) -> tuple[Unknown, ...]:  # type: ignore[override]
         return tuple(
-            Unknown(each.name, (each.unit(True), each.unit(False)), "constant", acts=each.of)
+            Unknown(each.name, (each.unit(True), each.unit(False)), "constant")
             for term in self.renamed
             for each in term.scales
         )
@@ -220,6 +219,10 @@ class Formula(Effect):
         return tuple({"a", "load"} & self.signals_used)
 
     @property
+    def not_integrable(self) -> str:
+        return ""
+
+    @property
     def signals_used(self) -> frozenset[str]:
         """Signals in its text; those of the other joint end in `_o`."""
         return frozenset().union(*(term.signals for term in self.terms))
@@ -239,7 +242,7 @@ class Formula(Effect):
 
     def written(self, text: str) -> str:
         """Return a text with the other joint's name."""
-        other = re.sub(r"\W", "_", self.joints[1]) if len(self.joints) > 1 else "o"
+        other = plain(self.joints[1]).replace("-", "_").replace(".", "_") if self.arity > 1 else "o"
         return OTHER.sub(rf"\1_{other}", text)
 
     @property
@@ -327,6 +330,11 @@ class Formula(Effect):
         ])  # fmt: skip
 
 
+def plain(text: str) -> str:
+    """Return a name that is safe as a file's name and within a text of Python."""
+    return re.sub(r"[^A-Za-z0-9_.-]", "_", text).replace("..", "_")
+
+
 def _within(value: float, low: float, high: float) -> tuple[float, float]:
     return min(low, value), max(high, value)
 
@@ -354,7 +362,7 @@ def _per(force: str, powers: tuple[tuple[str, float], ...], place: int) -> str:
     for signal, power in powers:
         unit = UNITS.get(signal.removesuffix("_o"), ("K", "K"))[place]
         if signal == "load":
-            force = "1" if power == 1 else force
+            force = {1: "1", 2: f"1/({force})", 0.5: f"({force})^0.5"}.get(power, force)
             continue
         base, _, time = unit.partition("/")
         found[base] = found.get(base, 0) + power
@@ -382,7 +390,4 @@ def _namespace(s: Signals, load: bool = False) -> dict[str, Any]:
         found["load"] = s.load[:, 0]
     if s.q.shape[1] > 1:
         found |= {"q_o": s.q[:, 1], "v_o": s.v[:, 1]}
-    for name, x in s.extra.items():
-        if name.startswith("temperature."):
-            found["temperature"] = x
     return found

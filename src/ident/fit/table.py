@@ -185,7 +185,7 @@ class Table:
 
         return replace(
             each[0],
-            t=joined("t"),
+            t=np.concatenate([s.t - s.t[0] for s in each]),  # of each log's own beginning
             q=joined("q"),
             v=joined("v"),
             a=joined("a"),

@@ -13,8 +13,8 @@ from ident.show.diagnosis import curves, laws
 from ident.show.html import Block, code, headed, paragraph, table
 
 FRONT = (
-    "Every formula that no simpler one explains as much as: its complexity (operators and "
-    "constants) against the share of the squared error that it leaves."
+    "Formulas for which no simpler one leaves as little error: complexity (operators and "
+    "constants) against the share of the squared error that is left."
 )
 
 
@@ -48,8 +48,8 @@ def plot_curve(curve: FoundCurve, law: Law | None) -> Chart:
     times = {
         "": "",
         "sign": " for positive speed",
-        "v": " a unit of speed",
-        "q": " a unit of position",
+        "v": " per unit of speed",
+        "q": " per unit of position",
     }
     title = f"What is left in {curve.joint}, as a curve of {effect.signal}"
     axis = f"torque of {curve.joint}{times[effect.second]} [{unit}]"

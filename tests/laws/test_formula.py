@@ -1,0 +1,65 @@
+"""Every term of the grammar: finite columns, units, and an effect file that gives the same torque."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ident
+from ident.diagnosis.grammar import terms
+from ident.effects import Signals
+from ident.effects.formula import Formula, Term
+
+OWN = frozenset({"q", "v", "a", "load", "t"})
+TWO = frozenset({"q_o", "v_o"})
+CASES = [
+    pytest.param(term, joints, rotational, id=f"{term.columns[0]}-{rotational}")
+    for joints, signals in ((("j.1-a",), OWN), (("j.1-a", '2b"""/..'), TWO))
+    for rotational in (True, False)
+    for term in terms(signals, rotational)
+]
+
+
+def signals(joints: int) -> Signals:
+    """Noise, away from standstill."""
+    rng = np.random.default_rng(0)
+    q, v, a, load = rng.normal(size=(4, 50, joints))
+    v += np.sign(v)
+    return Signals(
+        t=5.0 + np.arange(50) / 10, q=q, v=v, a=a, still=np.full(joints, 1e-3),
+        predicted=lambda: (load, load),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("term", "joints", "rotational"), CASES)
+def test_its_file_gives_its_torque(term, joints, rotational, tmp_path):
+    formula = Formula(joints, {}, rotational, terms=(term,))
+    s = signals(len(joints))
+    shape = dict(formula.starts(s)[0])
+    s = replace(s, shape=shape)
+    E = formula.columns(s)
+    assert np.isfinite(E).all()
+    assert all(unit for unit in formula.units)
+    path = tmp_path / "law.py"
+    path.write_text(formula.code(shape, formula.bounds(s), "A law."), encoding="utf-8")
+    kind = ident.read_user_effect(path, "law", allow_code=True)
+    own = kind(joints, {}, rotational)
+    np.testing.assert_allclose(own.columns(s)[:, 0], E[:, 0], rtol=1e-5, atol=1e-9)
+
+
+def test_units_of_powers():
+    def unit(*powers: tuple[str, float]) -> str:
+        return Formula(("j",), {}, True, terms=(terms_of(powers),)).units[0]
+
+    def terms_of(powers):
+        return Term(("q",), (), "", powers)
+
+    assert unit(("q", 1)) == "N m/rad"
+    assert unit(("v", 1)) == "N m s/rad"
+    assert unit(("v", 2)) == "N m s²/rad²"
+    assert unit(("load", 1)) == "1"
+    assert unit(("load", 2)) == "1/(N m)"
+    assert unit(("load", 1), ("v", 1)) == "s/rad"
+    assert unit(("a", 1)) == "N m s²/rad"
