@@ -1,4 +1,4 @@
-"""Every term of the grammar: finite columns, units, and an effect file that gives the same torque."""
+"""Every term of the grammar: finite columns, units, and a file that gives the same torque."""
 
 from __future__ import annotations
 

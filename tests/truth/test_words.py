@@ -91,7 +91,7 @@ def test_a_law_is_a_description_and_says_how_to_use_it():
     (law,) = d.laws
     assert d.verdict == "unexplained"
     text = text_of(d, "")
-    assert f"--with law_elbow.py:law:{','.join(law.found.formula.joints)} --allow-code" in text
+    assert f"--with DIR/law_elbow.py:law:{','.join(law.found.formula.joints)} --allow-code" in text
     assert law.formula in text
     assert "not yet a cause" in text
 

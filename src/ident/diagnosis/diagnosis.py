@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import count
+from itertools import count, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -38,8 +38,11 @@ from ident.fit.residual import Failure, Periods, residual_of
 from ident.fit.values import Value
 from ident.information.blocks import Error
 from ident.information.hypotheses import PartialRegression
+from ident.text import rounded
 
 SHOWN = 3  # candidates that are listed though nothing speaks for them
+CERTAIN = 2.0  # standard errors of a coefficient that is determined
+TRIED = 3  # rivals of a formula whose constants are not determined
 LISTED = 8  # candidates that are listed at most
 LOUD = 1.25  # times the largest of the noise's draws, from which a residual is more than noise
 VERDICTS = ("missing", "nothing", "unexplained", "undecided")
@@ -111,7 +114,7 @@ class Explanation:
         }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Law:
     """A formula for what no effect of the library explains, everything refitted with it.
 
@@ -139,9 +142,23 @@ class Law:
 
     @property
     def determined(self) -> bool:
-        """Whether the data determine some coefficient: else it is a simpler law in disguise."""
-        count = len(self.found.formula.unknowns)
-        return any(v.stderr and abs(v.value) > 2 * v.stderr for v in self.parameters[:count])
+        """Whether the data determine a coefficient of each term: else it is a simpler law in
+        disguise.
+        """
+        large = [
+            v.stderr is not None and abs(v.value) > CERTAIN * v.stderr for v in self.parameters
+        ]
+        ends = np.cumsum([0, *(len(term.columns) for term in self.found.formula.terms)])
+        return all(any(large[a:b]) for a, b in pairwise(ends))
+
+    def __str__(self) -> str:
+        constants = ", ".join(
+            f"{v.name.rpartition('.')[2]} = {rounded(v.value, v.stderr)} {v.unit}"
+            for v in self.parameters
+        )
+        return f"torque of {self.joint} = {self.formula}: {constants}"
+
+    __repr__ = __str__
 
     @property
     def file(self) -> str:
@@ -192,6 +209,7 @@ class Law:
             "nearest": law.nearest,
             "distance": law.distance,
             "effect": self.effect,
+            "code": self.code,
             "rivals": [each.formula.text for each in law.rivals],
             "replaced": list(law.replaced),
             "front": [
@@ -431,12 +449,16 @@ def _refitted(
     """Refit the laws; without those that cannot be, and what they replaced has its name again."""
     laws = []
     for each in found:
-        with suppress(IdentError):
-            laws.append(refitted(fit, each))
-    good = tuple(law for law in laws if law.determined)
-    texts = {law.formula for law in good}
+        for formula in (each.found, *each.rivals[:TRIED]):  # the next, where one is not determined
+            with suppress(IdentError):
+                law = refitted(fit, replace(each, found=formula))
+                if law.determined:
+                    laws.append(law)
+                    break
+    good = tuple(laws)
+    joints = {law.joint for law in good}
     members = tuple(
-        m if m.law is None or m.law.text in texts else replace(m, law=None)
+        m if m.law is None or m.law.joints[0] in joints else replace(m, law=None)
         for m in selection.members
     )
     return replace(selection, members=members), good
@@ -474,7 +496,10 @@ def _health_beside(contest: Contest, explained: np.ndarray) -> Health:
     """
     fit = contest.fit
     checks = DataChecks(fit.problem, fit.estimate, fit.train, contest.table, contest.use, explained)
-    return checks.health()
+    health = checks.health()
+    # a joint swings freely by the fitted terms, which wrong channels spoil
+    freely = () if health.faults else (e for e in fit.findings if e.code == "swings freely")
+    return Health((*health.findings, *freely))
 
 
 def louder(contest: Contest, noise: NoiseDraws, last: Ranking, decision: Decision) -> np.ndarray:

@@ -28,7 +28,7 @@ BAND = 1.96  # standard errors of a 95 % band
 NEW = 1e-6  # share of a column's squares that must be new
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FoundCurve:
     """A curve that explains what is left in a joint.
 
@@ -52,6 +52,10 @@ class FoundCurve:
     absorbable: float
     depends: tuple[str, ...]
     independent: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        left = f"{100 * self.ratio:.0f} % of the squared error of {self.joint} left"
+        return f"{self.effect.label}, {self.effect.pieces} pieces: {left}"
 
     @property
     def file(self) -> str:

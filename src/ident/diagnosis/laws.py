@@ -45,7 +45,7 @@ class FoundLaw:
             complexity.
         replaced: labels of effects of the library in whose place it stands.
         beside: the model's rows without those effects.
-        bounds: of its constants.
+        bounds: of its constants, and of its rivals'.
     """
 
     found: FittedFormula
@@ -234,7 +234,7 @@ def _law(
         front=tuple(_front(found, compare, before)),
         replaced=tuple(m.label for m in doubtful if not kept),
         beside=regression,
-        bounds=contest.table.bounds(law.formula),
+        bounds={k: v for e in (*equal, law) for k, v in contest.table.bounds(e.formula).items()},
     )
 
 

@@ -24,7 +24,7 @@ from ident.mechanism.mechanism import Mechanism
 def add_effects(mechanism: Mechanism, effects: Sequence[Effect]) -> Path:
     """Append effects to the mechanism.toml, which a bare URDF gets beside it; return its path.
 
-    An effect that was there with known values is replaced.
+    An effect that was there with known values is replaced. Python files are copied beside it.
     """
     path = mechanism.toml or mechanism.urdf.parent / "mechanism.toml"
     if mechanism.toml is None and path.exists():
@@ -40,12 +40,26 @@ def add_effects(mechanism: Mechanism, effects: Sequence[Effect]) -> Path:
     for i, effect in reversed(list(enumerate(mechanism.effects[: len(tables)]))):
         if effect.label in new:
             del tables[i]
+    files: dict[str, bytes] = {}
     for effect in effects:
         file = _own_file(effect)
-        beside = None if file is None else Path(os.path.relpath(file, path.parent)).as_posix()
+        beside = None if file is None else _beside(path.parent, file, effect.kind, files)
         tables.append(tomlkit.item(_effect_table(effect, effect.values, beside)))
-    write_all(path.parent, {path.name: tomlkit.dumps(document).encode()})
+    write_all(path.parent, {**files, path.name: tomlkit.dumps(document).encode()})
     return path
+
+
+def _beside(folder: Path, file: Path, owner: str, files: dict[str, bytes]) -> str:
+    """Return the path of a file within a mechanism's folder, where it is copied if it is not.
+
+    A result's folder, where a law may come from, is written again by the next command.
+    """
+    if file.resolve().is_relative_to(folder.resolve()):
+        return Path(os.path.relpath(file, folder)).as_posix()
+    there = folder / file.name
+    if there.exists() and there.read_bytes() != file.read_bytes():
+        files.setdefault(file.name, there.read_bytes())
+    return _copied(files, file, owner)
 
 
 def folder_files(

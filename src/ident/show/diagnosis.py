@@ -121,7 +121,7 @@ def card(d: Diagnosis) -> Card:
         if d.laws:
             law = d.laws[0]
             after = law.after
-            command = f"{add_command(d.fit.mechanism, [])} {law.effect} --allow-code"
+            command = f"{add_command(d.fit.mechanism, [])} DIR/{law.effect} --allow-code"
     bars = tuple(
         Bar(f.joint, errors[f.joint], after.get(f.joint), d.floor[f.joint]) for f in d.where
     )
@@ -486,7 +486,8 @@ def curves(d: Diagnosis) -> list[str]:
         found.append(
             f"A {curve_name(each.effect)} explains {100 * (1 - each.ratio):.0f} % of the squared "
             f"error there; {100 * each.absorbable:.0f} % of its torque is such as the model's own "
-            f"parameters can make. {also}. In the model: `--with {each.effect.label}`."
+            f"parameters can make. {also}. In the model: `--with {each.effect.label}`, and "
+            f"pieces = {each.effect.pieces} in mechanism.toml for as many intervals."
         )
     return found
 
@@ -510,8 +511,8 @@ def laws(d: Diagnosis) -> list[str]:
         found.append(
             f"A formula explains it: {formula} ({close or 'no known relative'});{error} "
             f"{100 * law.explained:.0f} % of what exceeds the noise.{or_}{instead} It is a "
-            f"description, not yet a cause. `--out` writes it as {each.file}: `--with "
-            f"{each.effect} --allow-code`."
+            f"description, not yet a cause. `--out DIR` writes it as {each.file}: `--with "
+            f"DIR/{each.effect} --allow-code`."
         )
     return found
 
