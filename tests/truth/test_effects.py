@@ -227,6 +227,12 @@ def test_what_a_kind_states_refers_to_what_exists(kind):
     assert acts <= {"torque", "linear", "inertia", "dry", "level", "state", "body"}
 
 
+def test_an_effect_of_the_whole_mechanism_is_a_candidate_and_a_curve_is_none():
+    assert KINDS["gravity_tilt"].candidates(Sites()) == [()]
+    assert KINDS["viscous"].candidates(Sites(joint=("a", "b"))) == [("a",), ("b",)]
+    assert KINDS["curve"].candidates(Sites(joint=("a", "b"))) == []
+
+
 def test_every_kind_with_columns_has_its_formula_here():
     assert set(FORMULAS) == set(WITH_COLUMNS)
 

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ident.effects.effect import Bounds, Effect, Shape, Signals, Unknown
+from ident.effects.effect import NOWHERE, Bounds, Effect, Shape, Signals, Unknown
 from ident.effects.friction import direction
 from ident.errors import MechanismError, one_of
 
@@ -29,7 +29,7 @@ class Curve(Effect):
     """A torque that is a smooth curve of a signal, or of a signal times another one."""
 
     kind = "curve"
-    tried = "nowhere"  # a diagnosis compares laws with curves, and proposes one where no law holds
+    tried = NOWHERE  # a diagnosis compares laws with curves, and proposes one where no law holds
     signals = (*UNITS, *PRODUCTS, OF_TWO)
     settings: ClassVar = {"pieces": 0.0}
     equation = "Σ c_k B_k(x) w, B_k cubic B-splines of x, with x w the signal: q, v, a, load, t, …"

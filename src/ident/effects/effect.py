@@ -108,6 +108,7 @@ class Correction:
     gap: Mapping[str, float] = field(default_factory=dict)
 
 
+NOWHERE = "nowhere"  # `Effect.tried` of a kind that a diagnosis does not try by itself
 Bounds = Mapping[str, tuple[float, float]]
 Shape = Mapping[str, float]
 
@@ -257,9 +258,11 @@ class Effect(ABC):
 
         One that joints may share is tried at all of them together, too.
         """
+        if cls.tried == NOWHERE:
+            return []
         places = getattr(sites, cls.tried or cls.sits, ())
         together = [tuple(places)] if cls.shared and len(places) > 1 else []
-        return [*together, *combinations(places, cls.arity)] if places else []
+        return [*together, *combinations(places, cls.arity)]
 
     def reads(self) -> tuple[str, ...]:
         """Columns of the log that it needs beside the motion."""
