@@ -96,7 +96,7 @@ def interrupted() -> str:
     files = f"complete: {', '.join(map(str, _written))}" if _written else "no file was written"
     if _resumed and not _written:
         again = running.get() + " --resume" * ("--resume" not in running.get())
-        files = f"what is done is kept; go on with: {again}"
+        files = f"finished work is saved; go on with: {again}"
     return f"interrupted{''.join(f' while {step}' for step in _steps)}; {files}"
 
 

@@ -191,7 +191,7 @@ class DecisionOptions:
         float, option("Share of a joint's torque below which an effect does not matter.", "SHARE")
     ] = 0.003
     rival_se: Annotated[
-        float, option("Standard errors within which two effects are not told apart.", "Z")
+        float, option("Standard errors within which two effects are rivals.", "Z")
     ] = 2.0
     seed: Annotated[
         int, option("Seed of the random residuals that show the effect of chance.", "N", min=0)
@@ -248,7 +248,7 @@ def _unlogged_hands(mechanism: Mechanism, logs: Paths) -> tuple[str, ...]:
             if first is None
             else unlogged_hands(mechanism, log_file(first, None).table().columns)
         )
-    except IdentError:  # whatever is wrong with the log is said when it is read
+    except IdentError:  # reading the log reports what is wrong with it
         return ()
 
 

@@ -185,6 +185,21 @@ class Contest:
         speed = np.concatenate([np.abs(s.e.yd[s.e.usable, at]) for s in self.table.scenes])
         return float((waves * speed < 2 * np.pi * (cutoff or np.inf)).mean())
 
+    def with_slopes(
+        self, effect: Effect, shape: Shape, C: list[np.ndarray], theta: np.ndarray,
+        steps: Mapping[str, float],
+    ) -> list[np.ndarray]:  # fmt: skip
+        """C(s), then ∂(C θ)/∂s of shape parameters by central differences with these steps."""
+        for name, h in steps.items():
+            up, down = (
+                self.columns(effect, {**shape, name: shape[name] + sign * h}) for sign in (1, -1)
+            )
+            C = [
+                np.column_stack([c, (a - b) @ theta / (2 * h)])
+                for c, a, b in zip(C, up, down, strict=True)
+            ]
+        return C
+
     def added(self, C: Sequence[np.ndarray]) -> tuple[Contest, np.ndarray]:
         """The contest with further columns C (m, u) of each part, and which they are."""
         new = self.regression.columns + np.arange(C[0].shape[1])

@@ -29,7 +29,7 @@ from ident.diagnosis.diagnosis import (
     fall_of,
     started,
 )
-from ident.diagnosis.growing import Kept, by_label
+from ident.diagnosis.growing import SavedRounds, by_label
 from ident.diagnosis.null import noise
 from ident.diagnosis.search import EffectSet, Member, Search, reweighted
 from ident.diagnosis.selection import Ranking
@@ -148,7 +148,7 @@ def grow(
     given = frozenset(effect.label for effect in mechanism.effects if not effect.known)
     # least squares throughout, as the rows that announce an effect's fall
     folder = None if checkpoint is None else Path(checkpoint)
-    kept = Kept.of(folder, mechanism, motion, (decision, seed), resume)
+    saved = SavedRounds.of(folder, mechanism, motion, (decision, seed), resume)
     fit = identify(mechanism, motion, validate=validate, estimator="least-squares")
     steps = [Step((), (), (), fit, errors_of(fit))]
 
@@ -161,11 +161,11 @@ def grow(
     if step:
         step(steps[0])
     visited: set[frozenset[str]] = set()
-    for done in kept.rounds:
+    for done in saved.rounds:
         rungs, fit = _again(done, fit, validate)
         visited |= set(map(frozenset, done["visited"]))
         reached(rungs)
-    for number in range(len(kept.rounds), ROUNDS):
+    for number in range(len(saved.rounds), ROUNDS):
         # curves judge what is left in the end, the search needs none
         contest = Contest.of(fit, candidates_of(fit), on_progress, curved=number > 0)
         draws = noise(contest, seed)
@@ -187,7 +187,7 @@ def grow(
         if not better(errors_of(fit), errors_of(again)):
             break
         rungs = ladder(search.start, found, removed, fit, again, search.first)
-        kept.add(rungs, start.values, visited)
+        saved.add(rungs, start.values, visited)
         reached(rungs)
         fit = again
     else:
@@ -196,16 +196,16 @@ def grow(
         contest = Contest.of(fit, candidates_of(fit), on_progress)
         draws = noise(contest, seed)
     diagnosis = concluded(contest, draws, decision, seed, on_progress)
-    kept.remove()
+    saved.remove()
     return History(tuple(steps), diagnosis)
 
 
-def _again(kept: Mapping[str, Any], fit: Fit, validate: Motion | None) -> tuple[list[Step], Fit]:
-    """Return the rungs and the fit of a round that was kept."""
+def _again(saved: Mapping[str, Any], fit: Fit, validate: Motion | None) -> tuple[list[Step], Fit]:
+    """Return the rungs and the fit of a round that was saved."""
     model = fit.mechanism
     known = by_label([*possible(model, fit.motion), *model.effects])
     rungs = []
-    for rung in kept["rungs"]:
+    for rung in saved["rungs"]:
         added, removed, rivals = (
             tuple(known[label] for label in rung[name]) for name in ("added", "removed", "rivals")
         )
@@ -215,7 +215,7 @@ def _again(kept: Mapping[str, Any], fit: Fit, validate: Motion | None) -> tuple[
             model = model + effect
         errors = {joint: Error(**error) for joint, error in rung["errors"].items()}
         rungs.append(Step(added, removed, rivals, None, errors))
-    start = Point(fit.point.pi, kept["start"])
+    start = Point(fit.point.pi, saved["start"])
     fit = identify(model, fit.motion, validate=validate, start=start, estimator="least-squares")
     rungs[-1] = replace(rungs[-1], fit=fit, errors=errors_of(fit))
     return rungs, fit

@@ -1,4 +1,4 @@
-"""What `grow` has reached, in a file, so that an interrupted run can go on where it was."""
+"""Finished rounds of `grow` in a file, from which an interrupted run goes on."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ SCHEMA = "ident.growing/1"
 
 
 @dataclass(eq=False)
-class Kept:
+class SavedRounds:
     """Rounds of `grow`, each written as soon as it is fitted.
 
     Attributes:
-        folder: where they are; None: nowhere.
+        folder: where they are written; None: nowhere.
         key: of all that they depend on.
         rounds: by round the `rungs` as (added, removed, rivals, errors), effects by label, and the
             `start` of the fit's shapes, and the sets `visited` so far.
@@ -38,7 +38,7 @@ class Kept:
     @classmethod
     def of(
         cls, folder: Path | None, mechanism: Mechanism, motion: Motion, rule: Any, resume: bool
-    ) -> Kept:
+    ) -> SavedRounds:
         """Return what an earlier run has left there, with `resume`; else nothing.
 
         Raises:
@@ -52,9 +52,9 @@ class Kept:
             digest.update(path.read_bytes())
         for log in motion.logs:
             digest.update((log.sha256 or log.name).encode())
-        kept = cls(folder, digest.hexdigest())
+        saved = cls(folder, digest.hexdigest())
         if not resume:
-            return kept
+            return saved
         file = None if folder is None else folder / NAME
         if file is None or not file.is_file():
             raise FitError(
@@ -63,15 +63,15 @@ class Kept:
             )
         try:
             content = json.loads(file.read_text(encoding="utf-8"))
-            known, kept.rounds = content["key"], list(content["rounds"])
+            known, saved.rounds = content["key"], list(content["rounds"])
         except (ValueError, KeyError, TypeError):
             raise FitError(f"{file}: is broken; leave --resume out to begin anew") from None
-        if known != kept.key:
+        if known != saved.key:
             raise FitError(
                 f"{file}: was made with other logs, another model, other options or another "
                 "version; give the same ones, or leave --resume out to begin anew"
             )
-        return kept
+        return saved
 
     def add(
         self,

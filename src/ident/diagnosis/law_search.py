@@ -215,11 +215,12 @@ class LawSearch:
         bounds = self.contest.table.bounds(formula)
         u = len(formula.unknowns)
         low, high = (np.array([bounds[name][i] for name in shape]) for i in (0, 1))
+        steps = {name: SLOPE * (b - a) for name, (a, b) in bounds.items()}
         C = self.contest.columns(formula, shape)
         S, g = normal_equations(self.regression, C)
         now = fall(S, g)
         for _ in range(STEPS if shape else 0):
-            both = self.with_slopes(formula, shape, C, solved(S, g), bounds)
+            both = self.contest.with_slopes(formula, shape, C, solved(S, g), steps)
             step = solved(*normal_equations(self.regression, both))[u:]
             before, at = now, np.array(list(shape.values()))
             for half in range(4):
@@ -234,30 +235,13 @@ class LawSearch:
             if now - before < RISE * max(self.squares(C) - now, 0.0):
                 break
         if shape:
-            C = self.with_slopes(formula, shape, C, solved(S, g), bounds)
+            C = self.contest.with_slopes(formula, shape, C, solved(S, g), steps)
         return FittedFormula(formula, shape, tuple(C), self.regression.refit_with(C))
 
     def squares(self, C: Sequence[Array]) -> float:
         """|r|² in the coordinates in which columns are."""
         pairs = zip(self.regression.residual, C, strict=True)
         return sum(float(r[:, 0] @ r[:, 0]) for r, c in pairs if c.any())
-
-    def with_slopes(
-        self, formula: Formula, shape: Mapping[str, float], C: list[Array], theta: Array,
-        bounds: Mapping[str, tuple[float, float]],
-    ) -> list[Array]:  # fmt: skip
-        """C(s), then ∂(C θ)/∂s by central differences."""
-        for name, (low, high) in bounds.items():
-            h = SLOPE * (high - low)
-            up, down = (
-                self.contest.columns(formula, {**shape, name: shape[name] + sign * h})
-                for sign in (1, -1)
-            )
-            C = [
-                np.column_stack([c, (a - b) @ theta / (2 * h)])
-                for c, a, b in zip(C, up, down, strict=True)
-            ]
-        return C
 
 
 def _fits(before: Formula, one: Formula) -> bool:

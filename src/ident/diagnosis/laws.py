@@ -16,7 +16,7 @@ from ident.diagnosis.law_search import MINE, FittedFormula, LawSearch, OnProgres
 from ident.diagnosis.search import Member, Selection
 from ident.diagnosis.selection import Decision
 from ident.effects.formula import Formula, Term
-from ident.information.hypotheses import Array, PartialRegression, zscore
+from ident.information.hypotheses import Array, PartialRegression, paired
 
 LOUD = 1.25  # times the rms of noise, from which more than noise is left
 OTHERS = 1  # joint whose signals are tried beside the own ones
@@ -88,12 +88,8 @@ class Comparison:
         return float(self.loss(worse).sum() / max(float(self.loss(best).sum()), 1e-300))
 
     def better(self, worse: Array, best: Array) -> float:
-        """Return standard errors of paired blocks by which the second is better: of the
-        differences of the squares, or of their logarithms, the larger.
-        """
-        a, b = self.loss(worse), self.loss(best)
-        tiny = 1e-12 * max(float(a.sum()), float(b.sum())) + 1e-300
-        return max(zscore(a - b), zscore(np.log((a + tiny) / (b + tiny))))
+        """Return standard errors of paired blocks by which the second is better."""
+        return paired(self.loss(worse), self.loss(best))
 
     def clear(self, worse: Array, best: Array, ratio: float) -> bool:
         """Return whether the second is better by `rival_se` and by a ratio."""
@@ -200,20 +196,20 @@ def _law(
     law = compare.equal(found, ONE_SE)[0]
     equal = compare.equal(found, decision.rival_se)
     loose = any(m.effect.descriptive for m in named)
-    kept = False
+    names_stay = False
     if loose:  # where a cubic does as well as a law, the names stay, and the law stands beside them
         cubic = search.fitted(replace(law.formula, joints=(joint,), terms=(CUBIC,)), {})
-        kept = not compare.clear(cubic.refit.loss, law.refit.loss, 1.0)
+        names_stay = not compare.clear(cubic.refit.loss, law.refit.loss, 1.0)
     numbers = sum(len(m.effect.parameters) for m in named)
     fewer = (1 if loose else 2) * len(law.formula.parameters) <= numbers
     wrong = compare.clear(with_names.losses, law.refit.loss, WRONG_FORM)
     as_good = not compare.clear(law.refit.loss, with_names.losses, 1.0)
-    if named and not (kept or wrong or (fewer and as_good)):
+    if named and not (names_stay or wrong or (fewer and as_good)):
         return None  # the names do as well
     whole, new = replace(last.contest, regression=regression).added(law.C)
     richer = whole.regression.extended(new)
     for m in selection.members:
-        if not kept and joint in m.effect.joints[:1] and m.effect.common:
+        if not names_stay and joint in m.effect.joints[:1] and m.effect.common:
             bare = richer.without(m.columns)
             if not compare.clear(bare.losses, richer.losses, 1.0):
                 doubtful.append(m)
@@ -232,7 +228,7 @@ def _law(
         distance=distance,
         rivals=tuple(each for each in equal if each is not law)[:RIVALS],
         front=tuple(_front(found, compare, before)),
-        replaced=tuple(m.label for m in doubtful if not kept),
+        replaced=tuple(m.label for m in doubtful if not names_stay),
         beside=regression,
         bounds={k: v for e in (*equal, law) for k, v in contest.table.bounds(e.formula).items()},
     )

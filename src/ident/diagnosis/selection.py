@@ -26,7 +26,15 @@ from ident.diagnosis.candidates import CandidateColumns, Contest, Shape
 from ident.diagnosis.null import SURROGATES, NoiseDraws, judging
 from ident.effects import Effect
 from ident.errors import FitError
-from ident.information.hypotheses import Array, Index, PartialRegression, Refit, quantile, zscore
+from ident.information.hypotheses import (
+    Array,
+    Index,
+    PartialRegression,
+    Refit,
+    paired,
+    quantile,
+    zscore,
+)
 
 PARSIMONY = 0.10  # share of the best gain within which fewer numbers are preferred
 ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same part
@@ -342,20 +350,11 @@ class Weigh:
         C = self.contest.columns(effect, shape)
         theta = self.regression.refit_with(C).theta
         bounds = self.contest.table.bounds(effect)
-        for each in effect.searched:
-            if each.discrete:
-                continue
-            low, high = bounds[each.name]
-            h = max(min(SLOPE * (high - low), 1e-2 * abs(shape[each.name]) or np.inf), 1e-9)
-            up, down = (
-                self.contest.columns(effect, {**shape, each.name: shape[each.name] + sign * h})
-                for sign in (1, -1)
-            )
-            C = [
-                np.column_stack([c, (a - b) @ theta / (2 * h)])
-                for c, a, b in zip(C, up, down, strict=True)
-            ]
-        return C
+        steps = {}
+        for name in (each.name for each in effect.searched if not each.discrete):
+            low, high = bounds[name]
+            steps[name] = max(min(SLOPE * (high - low), 1e-2 * abs(shape[name]) or np.inf), 1e-9)
+        return self.contest.with_slopes(effect, shape, C, theta, steps)
 
 
 def torque_squares(contest: Contest, regression: PartialRegression) -> Array:
@@ -393,12 +392,8 @@ def alike(a: Evidence, b: Evidence) -> bool:
 
 
 def behind(a: Evidence, b: Evidence) -> float:
-    """Standard errors of paired blocks by which b is better than a: of the differences of their
-    squared errors, or of the logarithms, the larger.
-    """
-    one, other = (each.refit.loss.sum(axis=1) for each in (a, b))
-    tiny = 1e-12 * max(float(one.sum()), float(other.sum())) + 1e-300
-    return max(zscore(one - other), zscore(np.log((one + tiny) / (other + tiny))))
+    """Standard errors of paired blocks by which b is better than a."""
+    return paired(a.refit.loss.sum(axis=1), b.refit.loss.sum(axis=1))
 
 
 def by_chance(a: Evidence, b: Evidence, rows: Array, limit: float) -> bool:

@@ -107,9 +107,9 @@ def _without_missing_files(path: Path) -> tuple[mujoco.MjModel, list[str]]:
     names = {mesh.name or Path(mesh.file).stem for mesh in meshes}
     for geom in [each for each in spec.geoms if each.meshname in names]:
         geom.type, geom.size, geom.meshname = mujoco.mjtGeom.mjGEOM_SPHERE, [DOT, 0, 0], ""
-    gone = {texture.name or Path(texture.file).stem for texture in textures}
+    lost = {texture.name or Path(texture.file).stem for texture in textures}
     for material in spec.materials:
-        material.textures = ["" if each in gone else each for each in material.textures]
+        material.textures = ["" if each in lost else each for each in material.textures]
     for asset in (*meshes, *textures):
         spec.delete(asset)
     model = spec.compile()

@@ -537,6 +537,14 @@ def quantile(null: Array, alpha: float) -> float:
     return float(np.quantile(null.max(axis=0), 1 - alpha, method="higher"))
 
 
+def paired(a: Array, b: Array) -> float:
+    """Standard errors of paired blocks by which squares b (blocks,) are lower than a: of the
+    differences, or of the differences of the logarithms, the larger.
+    """
+    tiny = 1e-12 * max(float(a.sum()), float(b.sum())) + 1e-300
+    return max(zscore(a - b), zscore(np.log((a + tiny) / (b + tiny))))
+
+
 def zscore(D: Array) -> float:
     """Mean over standard error of differences (blocks,); 0 where nothing differs."""
     spread = float(D.std(ddof=1)) / np.sqrt(len(D)) if len(D) > 1 else 0.0

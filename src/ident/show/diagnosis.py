@@ -479,8 +479,9 @@ def curves(d: Diagnosis) -> list[str]:
     """Return the curves that explain what no effect does, and on which signals they depend."""
     found = []
     for each in d.curves:
-        more = [n for n in each.depends if n not in each.effect.depends_on]
-        also = f"It depends on {listed(sorted(each.effect.depends_on))}"
+        own = {*each.effect.depends_on, *(f"q.{name}" for name in each.effect.joints[1:])}
+        more = [n for n in each.depends if n not in own]
+        also = f"It depends on {listed(sorted(own))}"
         also += f", and beside the curve on {listed(more)}" if more else ""
         also += f"; not on {listed(each.independent)}" if each.independent else ""
         found.append(
