@@ -124,6 +124,31 @@ class FilterRun:
         return centres[:ready], informed
 
 
+def decimated(x: np.ndarray, taps: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Filtered series Σ_i taps_i x[at − half + i] (N, c) at samples `at` (N,) of series x (n, c).
+
+    Rows in equal steps h share products: x in blocks X_r of h samples and taps in blocks T_j give
+    y_r = Σ_j T_j X_(r+j), each block product made once.
+    """
+    out, half = np.empty((len(at), x.shape[1])), len(taps) // 2
+    step = np.diff(at, append=at[-1:])
+    first = 0
+    while first < len(at):
+        h = int(step[first]) or len(taps)
+        other = np.flatnonzero(step[first:-1] != h)
+        last = first + int(other[0]) + 1 if len(other) else len(at)
+        count, J = last - first, -(-len(taps) // h)
+        T = np.zeros(J * h)
+        T[: len(taps)] = taps
+        start = at[first] - half
+        X = x[start : start + (count + J - 1) * h]
+        X = np.concatenate([X, np.zeros(((count + J - 1) * h - len(X), x.shape[1]))])
+        Y = T.reshape(J, h) @ X.reshape(count + J - 1, h, -1)
+        out[first:last] = sum(Y[j : j + count, j] for j in range(J))
+        first = last
+    return out
+
+
 def filtered_windows(
     decimator: Decimator,
     basis: Basis,

@@ -12,11 +12,10 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
-import scipy.sparse as sp
 
 from ident.effects import Effect, Signals
 from ident.equations.corrections import Scene, beside, corrected, residual
-from ident.equations.filter import Decimator
+from ident.equations.filter import Decimator, decimated
 from ident.equations.rows import Rows, rows
 from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
@@ -81,28 +80,13 @@ class Table:
             found[mine] = number * each + np.arange(mine.sum()) * each // max(mine.sum(), 1)
         return found
 
-    @cached_property
-    def _filters(self) -> tuple[sp.csr_array | None, ...]:
-        """The rows' filter (N_e, n) of every experiment; None: the rows are samples."""
-        found: list[sp.csr_array | None] = []
-        for number, scene in enumerate(self.scenes):
-            taps = Decimator.of(self.motion.band.cutoff, scene.e.rate).taps
-            if taps is None:
-                found.append(None)
-                continue
-            at = self.sample[self.experiment == number]
-            column = (at[:, None] + np.arange(len(taps)) - len(taps) // 2).astype(np.int32)
-            ends = np.arange(len(at) + 1, dtype=np.int32) * len(taps)
-            entries = np.tile(taps, len(at)), column.ravel(), ends
-            found.append(sp.csr_array(entries, shape=(len(at), len(scene.e))))
-        return tuple(found)
-
     def filtered(self, number: int, x: np.ndarray) -> np.ndarray:
         """Return a series x (n, …) of one experiment at full rate, in its rows (N_e, …)."""
-        filter_matrix = self._filters[number]
-        if filter_matrix is None:
-            return x[self.sample[self.experiment == number]]
-        flat = filter_matrix @ x.reshape(len(x), int(np.prod(x.shape[1:])))
+        at = self.sample[self.experiment == number]
+        taps = Decimator.of(self.motion.band.cutoff, self.scenes[number].e.rate).taps
+        if taps is None:
+            return x[at]
+        flat = decimated(x.reshape(len(x), -1), taps, at)
         return flat.reshape(len(flat), *x.shape[1:])
 
     def effect_columns(
@@ -121,14 +105,15 @@ class Table:
         felt, u = np.array(joints) if own_rows else np.arange(d), len(effect.unknowns)
         series = []
         for number, s in enumerate(self.samples):
-            out = np.zeros((len(s), len(felt), len(shapes) * u))
-            for i, shape in enumerate(shapes):
-                mine = out[:, :, i * u : (i + 1) * u]
+            found = []
+            for shape in shapes:
                 if own_rows:
-                    mine += s.columns(effect, shape)
+                    out = s.columns(effect, shape)
                 else:
-                    s.add_effect(mine, effect, np.eye(u), shape)
-            series.append(self.filtered(number, out))
+                    out = np.zeros((len(s), len(felt), u))
+                    s.add_effect(out, effect, np.eye(u), shape)
+                found.append(self.filtered(number, out))
+            series.append(np.concatenate(found, axis=2))
         return np.concatenate(series), felt
 
     def sensitivity(self, effect: Effect, shape: Mapping[str, float], name: str) -> np.ndarray:
