@@ -279,7 +279,7 @@ def main() -> None:
                 z.append(covered(fit, planted))
                 held += int(fit.estimate.held.sum())
                 if case.wrong:
-                    said = said or "; ".join(x.code for x in fit.findings if x.code != "note")
+                    said = said or "; ".join(x.code for x in fit.health.findings)
             every = np.concatenate(z) if z else np.zeros(0)
             if not case.wrong:
                 total.append(every)

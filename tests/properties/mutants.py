@@ -6,17 +6,27 @@ returns what it did in words; its name is in `MUTANTS`, by the file that it chan
 
 from __future__ import annotations
 
+import io
 import json
 import re
+import sys
+import tomllib
+import warnings
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from random import Random
 
 import numpy as np
 import polars as pl
+import tomlkit
 from lxml import etree
+from tomlkit.exceptions import TOMLKitError
 
 import ident
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "formats"))
+from formats import MJCF, SDF
 
 Mutant = Callable[[Random, Path], str]
 NUMBER = re.compile(rb"(?<![\w.])[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w.])")
@@ -95,11 +105,12 @@ def _word(random: Random, data: bytes) -> bytes:
 
 
 def _structure(random: Random, data: bytes) -> bytes:
-    """An element or attribute of XML, or a value of JSON, elsewhere or gone."""
-    if data.lstrip()[:1] == b"{":
-        content = json.loads(data)
+    """An element or attribute of XML, or a value of JSON or TOML, elsewhere or gone."""
+    if data.lstrip()[:1] != b"<":
+        form = json if data.lstrip()[:1] == b"{" else tomlkit
+        content = json.loads(data) if form is json else tomllib.loads(data.decode())
         _shake(random, content)
-        return json.dumps(content).encode()
+        return form.dumps(content).encode()
     root = etree.fromstring(data)
     elements = [each for each in root.iter() if isinstance(each.tag, str) and each is not root]
     one, other = random.choice(elements), random.choice(elements)
@@ -139,6 +150,14 @@ def _shake(random: Random, content: object) -> None:
 
 TEXTS = {"flip": _flip, "cut": _cut, "twice": _twice, "noise": _noise, "end": _end,
          "lines": _lines, "number": _number, "word": _word, "structure": _structure}  # fmt: skip
+ANY = tuple(TEXTS)
+MODELS = {"mjcf": "drawn", "sdf": "drawn", "identified": "out/identified"}  # folders by kind
+
+
+NOTHING_LEFT = (  # of the kind that is to be changed, after the last change
+    ValueError, OverflowError, TypeError, IndexError, RecursionError, etree.XMLSyntaxError,
+    TOMLKitError,
+)  # fmt: skip
 
 
 def _of_file(pick: Callable[[Path], Path], *kinds: str) -> Mutant:
@@ -148,8 +167,8 @@ def _of_file(pick: Callable[[Path], Path], *kinds: str) -> Mutant:
             data = path.read_bytes()
             try:
                 path.write_bytes(TEXTS[kind](random, data) if data else data)
-            except (ValueError, OverflowError, etree.XMLSyntaxError, RecursionError, IndexError):
-                break  # the last change left nothing of this kind to be changed
+            except NOTHING_LEFT:
+                break
         return kind
 
     return mutant
@@ -311,6 +330,168 @@ def types(random: Random, folder: Path) -> str:
     return f"{name} as {kind}"
 
 
+def table(random: Random, folder: Path) -> str:
+    """The same numbers, written as other programs and hands write them."""
+    path = folder / "run.csv"
+    lines = path.read_text().splitlines()
+    kind = random.choice((
+        "semicolons", "decimal commas", "tabs", "mark", "utf-16", "crlf", "cr", "quotes",
+        "comments", "units", "header again", "blank lines", "trailing commas", "column twice",
+        "no header", "spaces", "words for nothing", "index", "last row cut", "row too long", "nul",
+        "dates", "long line", "latin", "row too short", "header twice", "two tables", "empty",
+    ))  # fmt: skip
+    head, rows = lines[0], lines[1:]
+    at = random.randrange(len(rows))
+    change: dict[str, Callable[[], object]] = {
+        "semicolons": lambda: [each.replace(",", ";") for each in lines],
+        "decimal commas": lambda: [x.replace(",", ";").replace(".", ",") for x in lines],
+        "tabs": lambda: [each.replace(",", "\t") for each in lines],
+        "quotes": lambda: [",".join(f'"{x}"' for x in each.split(",")) for each in lines],
+        "comments": lambda: ["# recorded on Monday", *lines[:at], "# paused", *lines[at:]],
+        "units": lambda: [head, ",".join("rad" for _ in head.split(",")), *rows],
+        "header again": lambda: [head, *rows[:at], head, *rows[at:]],
+        "header twice": lambda: [head, head, *rows],
+        "two tables": lambda: [*lines, "", head, *rows],
+        "blank lines": lambda: [x for each in lines for x in (each, "")],
+        "trailing commas": lambda: [f"{each}," for each in lines],
+        "column twice": lambda: [f"{each},{each.split(',')[1]}" for each in lines],
+        "no header": lambda: rows,
+        "spaces": lambda: [each.replace(",", " , ") for each in lines],
+        "words for nothing": lambda: [
+            head,
+            *(
+                each.replace(each.split(",")[1], random.choice(("NaN", "-", "#N/A", "null", "nil")))
+                if random.random() < 0.1
+                else each
+                for each in rows
+            ),
+        ],
+        "index": lambda: [f",{head}", *(f"{i},{each}" for i, each in enumerate(rows))],
+        "last row cut": lambda: [*lines[:-1], lines[-1][: len(lines[-1]) // 2]],
+        "row too long": lambda: [head, *rows[:at], f"{rows[at]},1,2", *rows[at + 1 :]],
+        "row too short": lambda: [head, *rows[:at], rows[at].rpartition(",")[0], *rows[at + 1 :]],
+        "dates": lambda: [head, *(f"2024-01-01T00:00:{each}" for each in rows)],
+        "long line": lambda: [head, *rows[:at], "9" * 10**6, *rows[at:]],
+        "empty": list,
+    }
+    text = "\n".join(change.get(kind, lambda: lines)()) + "\n"  # type: ignore[arg-type]
+    if kind in ("crlf", "cr"):
+        text = text.replace("\n", "\r\n" if kind == "crlf" else "\r")
+    data = text.encode({"utf-16": "utf-16", "mark": "utf-8-sig"}.get(kind, "utf-8"))
+    if kind in ("nul", "latin"):
+        middle = len(data) // 2
+        data = (
+            data[:middle] + (bytes(3) if kind == "nul" else "é".encode("latin-1")) + data[middle:]
+        )
+    path.write_bytes(data)
+    return kind
+
+
+def archive(random: Random, folder: Path) -> str:
+    """An .npz whose members are not what they should be."""
+    columns = pl.read_csv(folder / "run.csv")
+    (folder / "run.csv").unlink()
+    kind = random.choice((
+        "twice", "no suffix", "folder", "text", "pickle", "claims", "fortran", "version", "empty",
+        "inner", "path", "stored",
+    ))  # fmt: skip
+    name = random.choice(columns.columns)
+    members = {}
+    for each in columns.columns:
+        stream = io.BytesIO()
+        np.lib.format.write_array(stream, columns[each].to_numpy())
+        members[f"{each}.npy"] = stream.getvalue()
+    own = members[f"{name}.npy"]
+    other: dict[str, dict[str, bytes]] = {
+        "no suffix": {name: own}, "folder": {f"{name}.npy/": b""},
+        "text": {f"{name}.npy": b"1,2,3\n"}, "claims": {
+            f"{name}.npy": own.replace(b"'shape': (", b"'shape': (9", 1)},
+        "fortran": {f"{name}.npy": own.replace(b"False", b"True ", 1)},
+        "version": {f"{name}.npy": own[:6] + b"\x09\x00" + own[8:]},
+        "empty": {f"{name}.npy": b""}, "inner": {f"{name}.npz": own},
+        "path": {f"../../{name}.npy": own},
+    }  # fmt: skip
+    if kind == "pickle":
+        stream = io.BytesIO()
+        np.save(stream, np.array([{"a": 1}, None], dtype=object))
+        other[kind] = {f"{name}.npy": stream.getvalue()}
+    if kind in other:
+        del members[f"{name}.npy"]
+        members |= other[kind]
+    with zipfile.ZipFile(folder / "run.npz", "w") as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a name that is there twice
+        for each, data in members.items():
+            file.writestr(each, data)
+        if kind == "twice":
+            file.writestr(f"{name}.npy", own)
+    return f"{kind} {name}"
+
+
+DRAWN = {"mjcf": ("four_bar.xml", MJCF), "sdf": ("four_bar.sdf", SDF)}
+
+
+def drawn_model(kind: str, folder: Path) -> Path:
+    """Write the four-bar as a model of another format, with friction; return its file."""
+    name, text = DRAWN[kind]
+    (folder / "drawn").mkdir()
+    effects = "".join(
+        f'\n[[effect]]\nkind = "{each}"\njoint = "crank"\n' for each in ("viscous", "coulomb")
+    )
+    (folder / "drawn" / "mechanism.toml").write_text(
+        f'urdf = "{name}"\n[joints]\npassive = ["coupler", "rocker"]\n{effects}'
+    )
+    (folder / "drawn" / name).write_text(text)
+    return folder / "drawn" / name
+
+
+def _model(kind: str) -> Mutant:
+    return lambda random, folder: _of_file(lambda f: drawn_model(kind, f), *ANY)(random, folder)
+
+
+def identified(random: Random, folder: Path) -> str:
+    """A file of the folder that `--out` writes, in which everything is known."""
+    path = random.choice(sorted((folder / "out" / "identified").iterdir()))
+    return f"{path.name} {_of_file(lambda f: path, *ANY)(random, folder)}"
+
+
+CODE = """import casadi as ca
+import numpy as np
+
+
+def bump(s, w=(0.1, 0.01, 1.0)):
+    \"\"\"A bump.\"\"\"
+    return {"A [N m]": ca.exp(-(((s.q - 0.3) / w) ** 2)), "B": s.v * ca.fabs(s.v)}
+"""
+
+
+def code(random: Random, folder: Path) -> str:
+    """The file of an effect of one's own."""
+    path = folder / "mine.py"
+    path.write_text(CODE)
+    wrong = (
+        "return None", "return {}", "return 5", 'return {"A": "x"}', 'return {"A": float("nan")}',
+        'return {"A": 1 / 0}', 'raise KeyError("no")', "raise SystemExit(3)", 'return {"": s.q}',
+        'return {"A": s.q, "A ": s.q}', 'return {5: s.q}', 'return {"A": ca.log(s.q - 100)}',
+        'return {"A": ca.DM.zeros(3, 3)}', 'return {"A": np.sin(0.3)}', 'return {"A": s.nothing}',
+        'return {"A": 0 * s.q}', 'return {"A": 1e300 * s.q * 1e300}', 'return {"A": s.q[5]}',
+        'return {"A": 1 / s.v}', 'return {"A [": s.q}', 'print("hello"); return {"A": s.q}',
+        'return {"A": ca.sqrt(s.v)}', 'return [("A", s.q)]', 'return {"A": s.a, "B": s.a}',
+    )  # fmt: skip
+    if random.random() < 0.6:
+        line = random.choice(wrong)
+        path.write_text(CODE[: CODE.index("    return")] + f"    {line}\n")
+        return line
+    if random.random() < 0.3:
+        shape = random.choice(("w=1", "w=()", "w=(1, 2)", "w=(5, 0, 1)", "w=(0.1, 1, 0)", "*w",
+                               "w=('a', 'b', 'c')", "w", "w=(0, 0, 0)", "**w",
+                               "w=(0.1, 0, nan)"))  # fmt: skip
+        path.write_text(CODE.replace("w=(0.1, 0.01, 1.0)", shape))
+        return shape
+    return _of_file(lambda f: f / "mine.py", "flip", "cut", "twice", "lines", "number", "word")(
+        random, folder
+    )
+
+
 def _as(suffix: str) -> Mutant:
     """Bytes of the log in another format."""
 
@@ -336,13 +517,18 @@ def nothing(random: Random, folder: Path) -> str:
     return "options"
 
 
-ANY = tuple(TEXTS)
 MUTANTS: dict[str, Mutant] = {
     "urdf": _of_file(urdf_of, *ANY),
-    "toml": _of_file(lambda f: f / "mechanism.toml", *ANY[:-1]),
+    "toml": _of_file(lambda f: f / "mechanism.toml", *ANY),
+    "mjcf": _model("mjcf"),
+    "sdf": _model("sdf"),
+    "identified": identified,
+    "code": code,
     "csv": _of_file(lambda f: f / "run.csv", *ANY[:-1]),
     "values": values,
     "types": types,
+    "table": table,
+    "archive": archive,
     "npz": _as(".npz"),
     "parquet": _as(".parquet"),
     "fit.json": _of_file(lambda f: f / "fit.json", *ANY),
@@ -350,5 +536,6 @@ MUTANTS: dict[str, Mutant] = {
     "options": nothing,
 }
 # of a hundred mutants, how many
-SHARES = {"urdf": 16, "toml": 12, "csv": 10, "values": 32, "types": 6, "npz": 4, "parquet": 4,
-          "fit.json": 7, "checkpoint": 3, "options": 6}  # fmt: skip
+SHARES = {"urdf": 12, "toml": 12, "csv": 8, "values": 24, "types": 5, "npz": 3, "parquet": 3,
+          "fit.json": 6, "checkpoint": 3, "options": 5, "mjcf": 3, "sdf": 3, "identified": 3,
+          "code": 3, "table": 5, "archive": 2}  # fmt: skip

@@ -10,6 +10,7 @@ traceback, slow, absurd      faults
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import re
 import resource
@@ -18,22 +19,26 @@ import signal
 import subprocess
 import sys
 import tempfile
+import traceback
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from random import Random
 
 import numpy as np
 from bases import Base, base
-from mutants import MUTANTS
+from mutants import MODELS, MUTANTS, drawn_model
 
 import ident
 from ident import Fit, IdentError
+from ident.cli.app import main
 from ident.fit.residual import residual_of
 
 LIMIT = 20.0  # s of a processor, beyond which a mutant hangs
 WAIT = 120  # s that are waited for it on a busy machine
+APART = 0.2  # share of the commands that run in a process of their own
 USELESS = 0.5  # relative error, held out, that must not be there without a finding
 ABSURD = 1e3  # times the base's value, its prior or its error: no value without a finding
 FAULTS = ("traceback", "slow", "absurd")
@@ -55,12 +60,14 @@ class Hung(BaseException):
 
 def outcome_in_library(name: str, kind: str, seed: int, place: Path) -> Outcome:
     """Change a copy of a base at random, and let the library have it."""
+    name = "four_bar" if kind in ("mjcf", "sdf") else name  # which is drawn in these formats
     own, random = base(name, place), Random(seed)
     return _timed(name, kind, seed, lambda folder: _library(own, kind, random, folder), own)
 
 
 def outcome_of_command(name: str, kind: str, seed: int, place: Path) -> Outcome:
     """The same for the command, in a process of its own."""
+    name = "four_bar" if kind in ("mjcf", "sdf") else name
     own, random = base(name, place), Random(seed)
     return _timed(name, kind, seed, lambda folder: _command(own, kind, random, folder), own)
 
@@ -129,6 +136,8 @@ def _verb(kind: str, random: Random) -> str:
         return "compare"
     if kind == "checkpoint":
         return "gather"
+    if kind == "identified":
+        return random.choice(("identify", "simulate"))
     verbs = ("identify",) * 14 + ("residual",) * 3 + ("gather", "online", "diagnose", "simulate")
     return random.choice(verbs)
 
@@ -152,7 +161,10 @@ def _interrupt(own: Base, folder: Path) -> None:
 
 
 def _judged(own: Base, kind: str, verb: str, random: Random, folder: Path) -> tuple[str, str]:
-    mechanism = ident.load(folder)
+    mechanism = ident.load(folder / MODELS.get(kind, ""))
+    if kind == "code":
+        effect = ident.read_user_effect(folder / "mine.py", "bump", allow_code=True)
+        mechanism = mechanism + effect((mechanism.driven[0],))
     if verb == "compare":
         saved = ident.read_fit(folder / "fit.json", mechanism)
         compared = ident.compare(saved, motion=own.fit.motion)
@@ -168,7 +180,7 @@ def _judged(own: Base, kind: str, verb: str, random: Random, folder: Path) -> tu
             samples=128,
             checkpoint=folder / "out" if kind == "checkpoint" else None,
         )
-        return judged(own, gathered.fit, gathered.fit.warnings)
+        return judged(own, kind, gathered.fit, gathered.fit.warnings)
     if verb == "online":
         log = ident.read_log(_log(folder), mechanism.columns)
         online = ident.Online(mechanism, warmup=1.5)
@@ -187,8 +199,8 @@ def _judged(own: Base, kind: str, verb: str, random: Random, folder: Path) -> tu
     if verb == "diagnose":
         str(ident.diagnose(fit))
     if consistent or options:
-        return judged(own, fit, [*fit.warnings, "an option"])
-    return judged(own, fit, fit.warnings)
+        return judged(own, kind, fit, [*fit.warnings, "an option"])
+    return judged(own, kind, fit, fit.warnings)
 
 
 def _options(random: Random) -> dict[str, object]:
@@ -196,9 +208,25 @@ def _options(random: Random) -> dict[str, object]:
     return {random.choice(("cutoff", "smoothing")): random.choice((number, None, "auto", "x"))}
 
 
-def judged(own: Base, fit: Fit, said: object) -> tuple[str, str]:
+@cache
+def usual(own: Base, kind: str) -> frozenset[str]:
+    """What is said of a base that is not changed."""
+    said = own.fit.warnings
+    if kind in MODELS:
+        with tempfile.TemporaryDirectory() as scrap:
+            folder = Path(scrap) / own.name
+            shutil.copytree(own.folder, folder)
+            if kind != "identified":
+                drawn_model(kind, folder)
+            mechanism = ident.load(folder / MODELS[kind])
+            fit = ident.identify(mechanism, ident.complete(mechanism, own.log))
+            said += (*fit.warnings, *mechanism.notes)
+    return frozenset(map(_bare, said))
+
+
+def judged(own: Base, kind: str, fit: Fit, said: Iterable[str]) -> tuple[str, str]:
     """Return the verdict on a fit, and why."""
-    new = {_bare(each) for each in said} - {_bare(each) for each in own.fit.warnings}  # type: ignore[attr-defined]
+    new = {_bare(each) for each in said} - usual(own, kind)
     before = {value.name: value for value in own.fit.parameters}
     off = ""
     for value in fit.parameters:
@@ -232,21 +260,51 @@ def _bare(line: str) -> str:
 # --- the command ---------------------------------------------------------------------------------
 
 
+def _apart(words: list[str]) -> tuple[int, str, str]:
+    """Status, standard output and standard error of `ident WORDS` in a process of its own."""
+    done = subprocess.run(
+        [sys.executable, "-m", "ident", *words], capture_output=True, text=True, timeout=WAIT,
+        errors="replace", check=False,
+    )  # fmt: skip
+    return done.returncode, done.stdout, done.stderr
+
+
+def _here(words: list[str]) -> tuple[int, str, str]:
+    """The same in this process, without the second that imports take."""
+    output, errors, before, status = io.StringIO(), io.StringIO(), sys.argv, 0
+    sys.argv = ["ident", *words]
+    try:
+        with (
+            _alarm(), warnings.catch_warnings(),
+            contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors),
+        ):  # fmt: skip
+            warnings.simplefilter("always")
+            main()
+    except SystemExit as stop:
+        status = int(stop.code or 0)
+    except Exception:
+        return 70, output.getvalue(), traceback.format_exc()
+    finally:
+        sys.argv = before
+    return status, output.getvalue(), errors.getvalue()
+
+
 def _command(own: Base, kind: str, random: Random, folder: Path) -> tuple[str, str, str]:
     if kind == "checkpoint":
         _interrupt(own, folder)
     what = MUTANTS[kind](random, folder)
     log, fit = str(_log(folder)), str(folder / "fit.json")
+    folder, where = folder / MODELS.get(kind, ""), folder
     verbs: list[list[str]] = [
         ["identify", str(folder), log],
-        ["identify", str(folder), log, "--out", str(folder / "new")],
+        ["identify", str(folder), log, "--out", str(where / "new")],
         ["check", str(folder), log],
         ["compare", str(folder), log, "--fit", fit],
-        ["simulate", str(folder), log, "--out", str(folder / "made.csv")],
-        ["identify", str(folder), log, "--stream", "--out", str(folder / "out")],
+        ["simulate", str(folder), log, "--out", str(where / "made.csv")],
+        ["identify", str(folder), log, "--stream", "--out", str(where / "out")],
         ["diagnose", str(folder), log],
         ["monitor", str(folder), log, "--every", "1"],
-        ["view", str(folder), log, "--out", str(folder / "view.html")],
+        ["view", str(folder), log, "--out", str(where / "view.html")],
     ]
     verb = verbs[3] if kind == "fit.json" else verbs[5] if kind == "checkpoint" else (
         random.choice(verbs)
@@ -257,31 +315,30 @@ def _command(own: Base, kind: str, random: Random, folder: Path) -> tuple[str, s
         texts = ("-1", "0", "nan", "1e9", "abc", "", "viscous:nobody", "auto", "tau=1%", "x=1:0",
                  "/dev/null", "linear", "..", "inf")  # fmt: skip
         verb = [*verb, random.choice(more), random.choice(texts)]
+    if kind == "code":
+        verb = ["identify", str(folder), log, "--allow-code", "--with",
+                f"{where / 'mine.py'}:bump:{own.mechanism.driven[0]}"]  # fmt: skip
     what += " (" + " ".join(Path(word).name for word in verb) + ")"
     try:
-        done = subprocess.run(
-            [sys.executable, "-m", "ident", *verb], capture_output=True, text=True, timeout=WAIT,
-            errors="replace", check=False,
-        )  # fmt: skip
-    except subprocess.TimeoutExpired:
+        status, output, errors = (_apart if random.random() < APART else _here)(verb)
+    except (subprocess.TimeoutExpired, Hung):
         return what, "slow", f"more than {WAIT} s"
-    errors = done.stderr
     if "Traceback" in errors or "a fault of ident" in errors or "Warning:" in errors:
         return what, "traceback", errors.strip()[-400:]
-    if done.returncode not in (0, 1, 2):
-        return what, "traceback", f"status {done.returncode}: {errors[-300:]}"
-    if done.returncode:
+    if status not in (0, 1, 2):
+        return what, "traceback", f"status {status}: {errors[-300:]}"
+    if status:
         lines = [line for line in errors.splitlines() if line.startswith("error: ")]
-        if done.returncode == 1 and len(lines) != 1:
+        if status == 1 and len(lines) != 1:
             return what, "traceback", f"no line of an error: {errors[-300:]}"
         return what, "error", (lines or [errors.strip()[-200:]])[0]
-    if re.search(r"(?<![\w.])(nan|inf)(?![\w.])", done.stdout):
-        return what, "absurd", re.findall(r".*(?<![\w.])(?:nan|inf)(?![\w.]).*", done.stdout)[0]
+    if re.search(r"(?<![\w.])(nan|inf)(?![\w.])", output):
+        return what, "absurd", re.findall(r".*(?<![\w.])(?:nan|inf)(?![\w.]).*", output)[0]
     new = {_bare(line) for line in errors.splitlines() if line.startswith("note: ")} - {
-        "note: " + _bare(each) for each in own.fit.warnings
+        "note: " + each for each in usual(own, kind)
     }
-    if verb[0] == "identify" and (folder / "new" / "fit.json").exists():
-        written = json.loads((folder / "new" / "fit.json").read_text())
+    if verb[0] == "identify" and (where / "new" / "fit.json").exists():
+        written = json.loads((where / "new" / "fit.json").read_text())
         if any(value["value"] is None for value in written["parameters"]):
             return what, "absurd", "fit.json holds numbers that are not finite"
     return what, "finding" if new else "same", sorted(new)[0] if new else ""

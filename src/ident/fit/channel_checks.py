@@ -19,7 +19,7 @@ from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion import Motion, State
 from ident.motion.recipe import ROWS_OVER_MOTION
-from ident.motion.signals import LARGEST, noise_level, noise_share, runs
+from ident.motion.signals import CLIPPED, LARGEST, at_limit, noise_level, noise_share, runs
 
 Judgement = tuple[float, float, str, str] | None  # number, threshold, meaning, remedy
 
@@ -32,8 +32,6 @@ REGULAR = 0.8  # share of the steps that are of one length
 SHORTEST = 20  # samples of a channel that can be judged
 FROZEN = 0.25  # s for which a channel stays at a value while its joint moves
 JUMP = 5.0  # times the largest other step, by which a position that was frozen goes on
-CLIPPED = 0.005  # share of the samples at an extreme, in runs of 3 or more
-PILED = 5.0  # times as many at the extreme as one step below it; 2.4 where a sine turns
 COARSE = 0.01  # step of a torque over √12, of its rms: no model can explain this error
 ROUGH = 0.1  # noise in the accelerations by the steps of an encoder, of their rms
 ROUNDING = 1e-9  # of a channel's largest value: nearer values are one
@@ -159,20 +157,13 @@ def frozen(c: LoggedChannel) -> Judgement:
 
 def clipped(c: LoggedChannel) -> Judgement:
     """A torque that stays at an extreme of its channel."""
-    share = 0.0
-    for x in (c.x, -c.x):
-        top = x == x.max()
-        if top.sum() <= CLIPPED * len(x) or not (x.max() > 0 and np.ptp(x) > 0):
-            continue
-        below = (x == x[~top].max()).sum()
-        if top.sum() > PILED * below:
-            share += sum(r.stop - r.start for r in runs(top) if r.stop - r.start >= 3) / len(x)
+    share = float(at_limit(c.x).mean())
     text = (
         f"{100 * share:.2g} % of the samples stay at an extreme ({np.abs(c.x).max():.4g}): the "
         "range of the drive or of its sensor ends there"
     )
     remedy = "leave these stretches empty, or move within that range"
-    return (share, CLIPPED, text, remedy) if share > CLIPPED else None
+    return (share, CLIPPED, text, remedy) if share else None
 
 
 def steps(c: LoggedChannel) -> Judgement:

@@ -275,9 +275,12 @@ class DataChecks:
                 last, equations = each.state, None
                 with suppress(IdentError, np.linalg.LinAlgError):  # a motion that does not close
                     equations = self._moved(each, thin)
-            if equations is not None:
+            # of an absurd motion, as of a clock far off, no rows may be left
+            if equations is not None and len(equations.rows) == len(base):
                 after = equations.noise(_with(equations, each), np.ones(len(noise)))
                 tried.append((float(np.log(after).mean()), each, after, equations))
+        if not tried:
+            return None
         tried = sorted(tried, key=lambda each: each[0])[:CLOSEST]
         best, suspect, after, equations = tried[0]
         left = equations.left_out(_with(equations, suspect), after).sum(axis=1)

@@ -41,7 +41,8 @@ from ident.fit.residual_maps import (
 )
 from ident.information.blocks import Error, Squares
 from ident.mechanism.mechanism import Mechanism
-from ident.motion import Motion, State
+from ident.motion import Motion
+from ident.motion.repetition import period_of
 from ident.motion.signals import runs
 
 FAR = 1e4  # s, beyond which no experiment begins by its own clock
@@ -57,12 +58,8 @@ TOP = 0.75  # quantile above which a speed, an acceleration or a load is high
 LARGER = 1.5  # ratio of rms that stands out
 SURE = 3.0  # standard errors by which it must
 FULL = 2 * np.pi  # rad; a joint that turns further has no ends
-ALIKE = 0.98  # likeness of two periods of one motion
-APART = 0.5  # likeness below which the motion has left where it was
 CHANCE = 0.4  # correlation between periods that the noise of good logs has
-MOVING = 0.05  # share of samples in which a joint moves, for it to count
-FINE = 16  # samples a period of the motion's bandwidth, from which periods are found
-FEWEST = 16  # samples, and pairs of rows, from which a period can be determined
+FEWEST = 16  # pairs of rows from which a correlation between periods can be determined
 SHORT = 3  # rows without a gap, too few for a spectrum
 
 
@@ -517,7 +514,8 @@ def _periods(residual: Residual) -> Periods | None:
         if not traces or traces[0].name != e.name or traces[0].t[0] < e.t[0]:
             continue
         trace = traces.pop(0)
-        if (period := _period(e, residual)) is not None:
+        at = np.array([residual.signals.index(joint) for joint in residual.joints])
+        if (period := period_of(e, at, residual.motion.band.motion)) is not None:
             name = e.name if e.name not in periods else f"{e.name} ({len(periods) + 1})"
             periods[name] = period
             pairs.append(_pairs(trace, period))
@@ -530,45 +528,6 @@ def _periods(residual: Residual) -> Periods | None:
     independent = len(first) / float(1 + 2 * (own**2).sum())
     chance = max(CHANCE, ERRORS / float(np.sqrt(max(independent, 1.0))))
     return Periods(periods, dict(zip(residual.joints, map(float, rho), strict=True)), chance)
-
-
-def _period(e: State, residual: Residual) -> float | None:
-    """Return the period [s] of a motion, in its longest run."""
-    run = max(e.segments(), key=lambda each: each.stop - each.start, default=slice(0, 0))
-    stride = max(1, int(e.rate / (FINE * max(residual.motion.band.motion, 1e-9))))
-    t, y, yd = (x[run][::stride] for x in (e.t, e.y, e.yd))
-    if len(t) < FEWEST:
-        return None
-    at = np.array([residual.signals.index(joint) for joint in residual.joints])
-    moves = (np.abs(yd[:, at]) > e.still[at]).mean(axis=0) > MOVING
-    if not moves.any():
-        return None
-    likeness = np.min([_likeness(y[:, i]) for i in at[moves]], axis=0)
-    inner = likeness[1:-1]
-    peak = (inner >= likeness[:-2]) & (inner >= likeness[2:]) & (inner >= ALIKE)
-    away = np.flatnonzero(likeness < APART)
-    lags = 1 + np.flatnonzero(peak)
-    lags = lags[lags > away[0]] if len(away) else lags[:0]
-    if not len(lags):
-        return None
-    low, mid, high = likeness[lags[0] - 1 : lags[0] + 2]
-    bend = low - 2 * mid + high
-    exact = lags[0] + (0.5 * (low - high) / bend if bend < 0 else 0.0)
-    return float(exact * (t[-1] - t[0]) / (len(t) - 1))
-
-
-def _likeness(q: np.ndarray) -> np.ndarray:
-    """Return the likeness by lag (n // 2 + 3,); whole turns between periods do not count."""
-    n = len(q)
-    x = q - np.linspace(q[0], q[-1], n)  # a joint that turns on and on varies about this
-    x -= x.mean()
-    lags = np.arange(n // 2 + 3)
-    product = np.fft.irfft(np.abs(np.fft.rfft(x, 2 * n)) ** 2)[: len(lags)]
-    s, ss = (np.concatenate([[0.0], np.cumsum(y)]) for y in (x, x**2))
-    pairs = n - lags
-    mean = (s[n] - s[lags] - s[pairs]) / pairs
-    difference = (ss[n] - ss[lags] + ss[pairs] - 2 * product) / pairs - mean**2
-    return np.asarray(1 - difference / (2 * max(float(np.var(x)), 1e-300)))
 
 
 def _pairs(trace: Trace, T: float) -> tuple[np.ndarray, np.ndarray]:

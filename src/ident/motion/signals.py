@@ -37,6 +37,10 @@ NO_MEASUREMENT = f"is no measurement: more than {ABSURD:g} times what is usual"
 NIL = 1e-12  # rad, m and their rates: what moves less stands still, but for rounding
 ROUNDING = 1e-9  # of its spread, or of 1 rad or m: no channel is trusted better
 WINDOW = 0.01  # s; increments over it are compared, in which noise is small
+CLIPPED = 0.005  # share of a torque's samples at an extreme, in runs of 3 or more
+PILED = 5.0  # times as many at the extreme as one step below it; 2.4 where a sine turns
+SWITCHED = 0.5  # share of all samples that are too many to be left out
+AT_REST = 0.02  # of what a joint usually moves in the same time, below which it is held
 FACTORS = {
     180 / np.pi: "the first in degrees",
     np.pi / 180: "the second in degrees",
@@ -160,6 +164,8 @@ def measure(mechanism: Mechanism, log: Log, clock: Clock | None = None) -> LogSi
             )
             own[name] = own[name].astype(float)
             own[name][lone] = np.nan
+    if clock is None:
+        notes += _without_limits(own)
     log = replace(log, columns=own)
     names = [joint.name for joint in mechanism.joints]
     for column in own:
@@ -186,6 +192,11 @@ def measure(mechanism: Mechanism, log: Log, clock: Clock | None = None) -> LogSi
             )
         if len(x) < 2:
             continue
+        if is_signal(name) and clock is None and len(x) < min(SHORTEST, n):
+            raise MotionError(
+                f"{log.name}: {name} has {len(x)} samples in {n} rows; valid: "
+                f"{SHORTEST:.0f} or more, or leave out the column"
+            )
         columns[name] = x if even and len(x) == n else np.interp(t, at, x)
         if not is_signal(name):
             continue
@@ -242,6 +253,46 @@ def absurd_samples(x: np.ndarray) -> np.ndarray:
         abs(x[i] - np.nanmedian(near)) > half_range for i, near in zip(far, around, strict=True)
     ]
     return far[np.array(lone, dtype=bool)]
+
+
+def at_limit(x: np.ndarray) -> np.ndarray:
+    """Return where (n,) a torque (n,) stays at an extreme of its channel; nowhere if that is rare.
+
+    Of a signal that turns there, as many samples are one step below the extreme.
+    """
+    found = np.zeros(len(x), dtype=bool)
+    for y in (x, -x):
+        known = y[np.isfinite(y)]
+        if not len(known) or not (known.max() > 0 and np.ptp(known) > 0):
+            continue
+        top = y == known.max()
+        below = (y == known[known < known.max()].max()).sum()
+        if top.sum() > max(CLIPPED * len(known), PILED * below):
+            for run in runs(top):
+                found[run] = run.stop - run.start >= 3
+    return found if found.sum() > CLIPPED * len(x) else np.zeros(len(x), dtype=bool)
+
+
+def _without_limits(own: dict[str, np.ndarray]) -> list[str]:
+    """Empty the torques of moving joints at the limits of their channels; return what is said."""
+    found = {}
+    for name in (each for each in own if each.startswith("tau.")):
+        clipped, q = at_limit(own[name].astype(float)), own.get("q." + name.partition(".")[2])
+        for run in runs(clipped) if q is not None and np.isfinite(q).all() else ():
+            n = run.stop - run.start - 1
+            moved = float(np.sqrt(np.mean((q[n:] - q[:-n]) ** 2)))
+            clipped[run] = np.ptp(q[run]) > AT_REST * moved
+        if clipped.any():
+            found[name] = clipped
+    if not found or np.any(list(found.values()), axis=0).mean() > SWITCHED:
+        return []
+    for name, clipped in found.items():
+        own[name] = np.where(clipped, np.nan, own[name])
+    return [
+        f"{name} stays at an extreme in {clipped.sum()} of {len(clipped)} samples, where the range "
+        "of its drive or its sensor may end; left out"
+        for name, clipped in found.items()
+    ]
 
 
 def is_signal(name: str) -> bool:
@@ -328,7 +379,8 @@ def motion_bandwidth(x: np.ndarray, dt: float, order: int = 0) -> float:
     power = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(n))) ** 2
     # of white noise in the channel: differenced, as it is, or integrated
     shape = (2 * np.sin(np.pi * f * dt)) ** 2 if order == 0 else np.ones(len(f))
-    noise = np.median(power[n // 4 :] / shape[n // 4 :]) / np.log(2) * shape
+    high = slice(max(n // 4, 1), None)
+    noise = np.median(power[high] / shape[high]) / np.log(2) * shape
     power = np.where(power > VISIBLE * noise, power - noise, 0.0)
     if order == 2:
         power = power / np.maximum(2 * np.pi * f, 2 * np.pi * f[1]) ** 2
