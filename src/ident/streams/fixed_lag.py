@@ -21,12 +21,12 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from ident.information.splines import Basis
 from ident.motion.signals import SHORTEST
+from ident.motion.smoothing import ENDS
 from ident.motion.spline import BRIDGE, DEGREE, HEAVIEST, WIDTH
+from ident.streams.setting import EXACT, ORDERS, Setting
 
-LAG = 10.0  # knots after a sample, of splines that smooth
-EXACT = 16  # samples after it, of splines that interpolate: each moves them by 0.43 of the last
 BEFORE = 30  # knots before a sample
-ORDERS = "qva"
+SHARPEST = 1e-9  # of what a channel of unit size can be trusted to, as `complete` has it
 # difference of coefficients that fills missing ones, and its weight: as in a batch, and beyond the
 # ends of samples that are interpolated, where rounding over a step squared would be acceleration
 SMOOTHED, INTERPOLATED = (3, BRIDGE), (5, 1e-4)
@@ -39,36 +39,29 @@ class FixedLag:
     """Smooths the joints of a stream; nothing is smoothed across a gap.
 
     Args:
-        channels: by joint, what is logged of "qva"; columns: by joint, their places in a sample.
-        noise: by joint, of these channels.
-        taken: places of the joints whose q, v and a are taken as they are.
-        spacing: of the knots [s].
-        lag: samples after the one that is smoothed.
-        ends: time [s] at the ends of a run where splines are not to be trusted.
+        setting: which channels are logged, their noise, the knots, joints that are not smoothed.
+        columns: of a sample, `t` first.
     """
 
-    def __init__(
-        self,
-        channels: Sequence[str],
-        columns: Sequence[Sequence[int]],
-        noise: Sequence[Sequence[float]],
-        taken: Sequence[int],
-        spacing: float,
-        lag: int,
-        ends: float,
-    ) -> None:
-        self._h, self._lag, self._ends = spacing, lag, ends
-        order, self._bridge = INTERPOLATED if lag == EXACT else SMOOTHED
-        self._rough = np.diff(np.eye(order + 1), order, axis=0)[0]
-        self._basis = Basis(DEGREE, 0.0, spacing, WIDTH)  # of one interval
-        self._taken, self._d = list(taken), len(channels)
-        self._columns = columns
+    def __init__(self, setting: Setting, columns: Sequence[str]) -> None:
+        pairs = list(zip(setting.logged, setting.channels, strict=True))
+        names = [[f"{order}.{name}" for order in orders] for name, orders in pairs]
+        self._columns = [[columns.index(name) for name in own] for own in names]
+        noise = [[max(setting.noise.get(name, 0.0), SHARPEST) for name in own] for own in names]
+        self._taken = [i for i, name in enumerate(setting.logged) if name in setting.taken]
+        self._d = len(pairs)
         self._smooth = [i for i in range(self._d) if i not in self._taken]
-        u = np.linspace(0.0, spacing, 200)
+        rough = any("a" not in setting.channels[i] for i in self._smooth)
+        self._ends = ENDS * setting.knots if rough else 0.0  # [s] not to be trusted
+        self._h, self._lag = setting.spacing, setting.smoothing_lag
+        order, self._bridge = INTERPOLATED if self._lag == EXACT else SMOOTHED
+        self._rough = np.diff(np.eye(order + 1), order, axis=0)[0]
+        self._basis = Basis(DEGREE, 0.0, self._h, WIDTH)  # of one interval
+        u = np.linspace(0.0, self._h, 200)
         size = [float(np.abs(self._basis.window(u, k)[1]).max()) for k in range(len(ORDERS))]
         self._weight = np.zeros((len(ORDERS), self._d))  # 1/σ, no heavier than rounding allows
         for i in self._smooth:
-            own = [ORDERS.index(each) for each in channels[i]]
+            own = [ORDERS.index(each) for each in setting.channels[i]]
             most = HEAVIEST * min(size[k] / s for k, s in zip(own, noise[i], strict=True))
             for k, s in zip(own, noise[i], strict=True):
                 self._weight[k, i] = min(1.0 / s, most / size[k])

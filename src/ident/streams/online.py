@@ -40,12 +40,12 @@ from ident.log import Log
 from ident.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.streams.data_watch import DataWatch, Since
+from ident.streams.setting import Setting
 from ident.streams.stream import (
     LATENCY,
     Sample,
     SampleParser,
     SampleWindow,
-    Setting,
     Stream,
     check_causal,
     concatenated,

@@ -17,135 +17,23 @@ import numpy as np
 
 from ident.equations.corrections import WIDER, Scene
 from ident.equations.filter import STICKING, Decimator, FilterRun
-from ident.equations.rows import CHUNK, Rows, largest_transmission, raw_rows
+from ident.equations.rows import CHUNK, Rows, raw_rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, LogError, MotionError, one_of
 from ident.log import Column, Log
 from ident.mechanism.mechanism import Mechanism, Multipliers
-from ident.motion import Motion
 from ident.motion.closures import LoopSolver
-from ident.motion.recipe import Recipe
-from ident.motion.signals import (
-    GAP,
-    LARGEST,
-    LONE,
-    NO_MEASUREMENT,
-    UNEVEN,
-    Clock,
-    is_signal,
-    usual_range,
-)
-from ident.motion.smoothing import AS_LOGGED, ENDS
-from ident.motion.state import State, largest_nearness, nearness, wrenches
-from ident.streams.fixed_lag import EXACT, LAG, FixedLag
+from ident.motion.signals import GAP, LARGEST, LONE, NO_MEASUREMENT, UNEVEN, is_signal
+from ident.motion.state import State, nearness, wrenches
+from ident.streams.fixed_lag import FixedLag
+from ident.streams.setting import Setting
 
 LATENCY = 0.02  # [s] that samples may wait for others
 TOGETHER = 32  # samples that need not wait longer
-ORDERS = "qva"
-PLACES = 64  # configurations from which a stream may set out
-SHARPEST = 1e-9  # of what a channel of unit size can be trusted to, as `complete` has it
 SPLINE, TWICE = 12, 2  # samples: where a cubic spline forgets its ends; lost by two differences
 
 Sample = Mapping[str, Any] | Log
 """One sample, or a block of them, by column: numbers, or arrays (n,)."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Setting(Recipe):
-    """The recipe of logs of the same machine, and what else a stream must know beforehand."""
-
-    channels: tuple[str, ...]  # what is logged of each of `logged`, of "qva"
-    wrenches: tuple[str, ...]  # columns of external wrenches
-    taken: tuple[str, ...]  # joints of `logged` whose q, v and a are taken as they are
-    scale: np.ndarray  # (logged,) of coordinates, where more are logged than needed
-    y: np.ndarray  # (places, logged) configurations on the way of this machine
-    q: np.ndarray  # (places, nq)
-    # by column, median and distance from it beyond which a sample is absurd
-    usual: Mapping[str, tuple[float, float]]
-
-    @classmethod
-    def of(cls, mechanism: Mechanism, motion: Motion) -> Setting:
-        """Take what `complete` chose from logs of the same machine."""
-        if not motion.logs:
-            raise MotionError(
-                "this motion has no log, so nothing says what is logged; one of "
-                "ident.complete(mechanism, log) has"
-            )
-        e, log = motion.experiments[0], motion.logs[0]
-        at = [mechanism.joint_index[name] for name in e.logged]
-        some = np.flatnonzero(e.usable)
-        some = some[:: max(1, len(some) // PLACES)]
-        far = [x for x in map(largest_transmission, motion.experiments) if x is not None]
-        channels = tuple(
-            "".join(o for o in ORDERS if f"{o}.{name}" in log.columns) for name in e.logged
-        )
-        clean = {channel.column for channel in e.channels if channel.how == AS_LOGGED}
-        taken = tuple(
-            name
-            for name, orders in zip(e.logged, channels, strict=True)
-            if orders == ORDERS and f"q.{name}" in clean
-        )
-        return cls(
-            clock=Clock(float(e.t[0]), 1 / e.rate, len(e), even=True),
-            knots=max((channel.spacing for channel in e.channels), default=0.0),
-            noise={channel.column: channel.noise for channel in e.channels} | dict(e.noise),
-            logged=e.logged,
-            independent=motion.independent,
-            band=motion.band,
-            still=np.max([each.still for each in motion.experiments], axis=0),
-            farthest=np.max(far, axis=0) if far else None,
-            singular=np.inf if e.loop is None else largest_nearness(nearness(e)),
-            channels=channels,
-            wrenches=tuple(name for name in log.columns if name.startswith("wrench.")),
-            taken=taken,
-            scale=np.maximum(e.y[:, at].std(axis=0), 1e-9),
-            y=e.y[some][:, at],
-            q=e.q[some],
-            usual={name: usual_range(x) for name, x in log.columns.items() if is_signal(name)},
-        )
-
-    @property
-    def rate(self) -> float:
-        """Samples a second [Hz]."""
-        return 1 / self.clock.step
-
-    @property
-    def cutoff(self) -> float | None:
-        """Cut-off of the rows' zero-phase filter [Hz]; None: no filter."""
-        return self.band.cutoff
-
-    @property
-    def spacing(self) -> float:
-        """Distance of the knots of the joints that are not taken as logged [s]."""
-        return self.knots or 1 / self.rate
-
-    @property
-    def smoothing_lag(self) -> int:
-        """Samples after one that its splines need; 0: all is taken as logged."""
-        if self.taken == self.logged:
-            return 0
-        return max(EXACT, int(np.ceil(LAG * self.spacing * self.rate)))
-
-    def smoother(self, columns: Sequence[str]) -> FixedLag:
-        """Return the smoother of the logged joints; `columns` of the samples."""
-        pairs = list(zip(self.logged, self.channels, strict=True))
-        names = [[f"{order}.{name}" for order in orders] for name, orders in pairs]
-        rough = any("a" not in orders for name, orders in pairs if name not in self.taken)
-        return FixedLag(
-            self.channels,
-            [[columns.index(name) for name in own] for own in names],
-            [[max(self.noise.get(name, 0.0), SHARPEST) for name in own] for own in names],
-            [i for i, name in enumerate(self.logged) if name in self.taken],
-            self.spacing,
-            self.smoothing_lag,
-            ENDS * self.knots if rough else 0.0,
-        )
-
-    @property
-    def motion_columns(self) -> tuple[str, ...]:
-        """Columns of the log from which the motion is made."""
-        pairs = zip(self.logged, self.channels, strict=True)
-        return tuple(f"{order}.{name}" for name, orders in pairs for order in orders)
 
 
 class SampleParser:
@@ -483,7 +371,7 @@ class Stream:
         self._others = {name: place(name) for name in others}
         self._torques = [place(name) for name in torques]
         self._margin = margin_of(mechanism, setting.rate, setting.cutoff)
-        self._smoother = setting.smoother(self._parser.columns)
+        self._smoother = FixedLag(setting, self._parser.columns)
         self._completed = Overlap(2 * self._margin)
         self._follower = ClosureFollower(mechanism, setting)
         self._decimator, self._sticking = Decimator.of(setting.cutoff, setting.rate), sticking
