@@ -43,15 +43,27 @@ def test_its_file_gives_its_torque(term, joints, rotational, tmp_path):
     assert np.isfinite(E).all()
     assert all(unit for unit in formula.units)
     path = tmp_path / "law.py"
-    path.write_text(formula.code(shape, formula.bounds(s), "A law."), encoding="utf-8")
+    bounds = formula.bounds(s)
+    found = replace(formula, found={n: (x, *bounds[n]) for n, x in shape.items()})
+    constants = {p.name: (shape.get(p.name, 1.0), 0.1) for p in formula.parameters}
+    _, content = found.source_file(constants)
+    path.write_bytes(content)
     kind = ident.read_user_effect(path, "law", allow_code=True)
     own = kind(joints, {}, rotational)
     np.testing.assert_allclose(own.columns(s)[:, 0], E[:, 0], rtol=1e-5, atol=1e-9)
+    slow = replace(s, v=s.v * 2e-4, still=np.full(len(joints), 1e-3))  # the same sign at standstill
+    np.testing.assert_allclose(
+        own.columns(slow)[:, 0], formula.columns(slow)[:, 0], rtol=1e-5, atol=1e-9
+    )
+    assert (own.informed(slow) == formula.informed(slow)).all()
+    assert kind.__doc__.count("±") == len(constants)
 
 
 def test_units_of_powers():
     def unit(*powers: tuple[str, float]) -> str:
-        return Formula(("j",), {}, True, terms=(terms_of(powers),)).units[0]
+        joints = ("j", "k") if "_o" in str(powers) else ("j",)
+        formula = Formula(joints, {}, True, terms=(terms_of(powers),), second_rotational=False)
+        return formula.units[0]
 
     def terms_of(powers):
         return Term(("q",), (), "", powers)
@@ -63,3 +75,6 @@ def test_units_of_powers():
     assert unit(("load", 2)) == "1/(N m)"
     assert unit(("load", 1), ("v", 1)) == "s/rad"
     assert unit(("a", 1)) == "N m s²/rad"
+    assert unit(("temperature", 1)) == "N m/K"
+    assert unit(("q_o", 1)) == "N m/m"  # of a prismatic joint beside a revolute one
+    assert unit(("q", 1), ("v_o", 1)) == "N m s/(rad m)"

@@ -230,7 +230,7 @@ def compare(
     model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute, logs=logs)
     if window is not None and not simulated:
         raise IdentError("--window: applies to --simulate only; add that")
-    saved = [read_fit(path, model) for path in fit]
+    saved = [read_fit(path, model, allow_code=allow_code) for path in fit]
     inputs = [*logs, *fit]
     output_file(plot, CHARTS, inputs)
     output_folder(

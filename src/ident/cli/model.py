@@ -106,7 +106,7 @@ def view(
         known = os.environ.get("ROS_PACKAGE_PATH", "")
         os.environ["ROS_PACKAGE_PATH"] = f"{folder.resolve()}{os.pathsep}{known}"
     model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute, lock=lock, logs=logs)
-    saved = None if fit is None else read_fit(fit, model)
+    saved = None if fit is None else read_fit(fit, model, allow_code=allow_code)
     model = model if saved is None else saved.mechanism
     experiments: Sequence[Any] = ()
     predictions: Sequence[Any] = ()

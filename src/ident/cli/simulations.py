@@ -110,7 +110,7 @@ def simulate(
     values = named(set_, "--set", "write NAME=NUMBER, as viscous.elbow.Fv=0.4", finite)
     pi = None
     if fit is not None:
-        saved = read_fit(fit, mechanism)
+        saved = read_fit(fit, mechanism, allow_code=model.allow_code)
         mechanism, pi = saved.mechanism, saved.dynamic_parameters
         values = {**saved.point.values, **values}
     levels = named(noise, "--noise", "write CHANNEL=LEVEL, as tau=2% or q=1e-5", share)

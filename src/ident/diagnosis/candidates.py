@@ -33,9 +33,13 @@ def possible(mechanism: Mechanism, motion: Motion) -> list[Effect]:
     """
     first, *others = (e.logged for e in motion.experiments)
     logged = [name for name in first if all(name in names for names in others)]
-    columns = set.intersection(*(set(e.extra) for e in motion.experiments))
-    found = mechanism.candidates(logged, columns)
+    found = mechanism.candidates(logged, columns_of(motion))
     return found + [effect.freed for effect in mechanism.effects if effect.known]
+
+
+def columns_of(motion: Motion) -> set[str]:
+    """Further columns that all logs have."""
+    return set.intersection(*(set(e.extra) for e in motion.experiments))
 
 
 def absorbed(mechanism: Mechanism, effect: Effect) -> str:
@@ -155,8 +159,8 @@ class Contest:
         prior = table.columns.prior_at(table.point.values)
         b = table.b - table.A[:, :, held] @ prior[held]
         store = ColumnStore(table, use, table.A, b)
-        moving = _moving(table)
-        wanted = [*effects, *(curves(moving, moving) if curved else ())]
+        moving, columns = _moving(table), columns_of(fit.motion)
+        wanted = [*effects, *(curves(moving, moving, columns) if curved else ())]
         found, failed = [], []
         for i, effect in enumerate(wanted):
             on_progress(f"columns of {effect.label}", i / len(wanted))

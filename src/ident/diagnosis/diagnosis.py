@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from itertools import count, pairwise
+from functools import cached_property, reduce
+from itertools import chain, count, pairwise, product
+from operator import add
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from ident.diagnosis.selection import (
 from ident.diagnosis.unobservable import Invisible, Unsupported, invisible, name_of, unsupported
 from ident.display import Plotted, render
 from ident.effects import Effect
-from ident.effects.formula import plain
+from ident.effects.formula import Formula
 from ident.equations.unknowns import Point
 from ident.errors import FitError, IdentError
 from ident.fit import Fit, identify
@@ -38,6 +39,7 @@ from ident.fit.residual import Failure, Periods, residual_of
 from ident.fit.values import Value
 from ident.information.blocks import Error
 from ident.information.hypotheses import PartialRegression
+from ident.mechanism.mechanism import Mechanism
 from ident.text import rounded
 
 SHOWN = 3  # candidates that are listed though nothing speaks for them
@@ -119,16 +121,24 @@ class Law:
     """A formula for what no effect of the library explains, everything refitted with it.
 
     Attributes:
-        found: the formula, and how it was found.
+        found: how it was found.
+        effect: the formula with its constants; `mechanism + law` is a model with it.
+        beside: effects that the diagnosis names beside it, and laws of other joints.
+        fit: everything refitted with it and those.
         parameters: values of its constants.
-        before, after: held-out errors by joint, without it and with it.
+        before, after: held-out errors by joint, without them and with them.
     """
 
     found: FoundLaw
+    effect: Formula
+    beside: tuple[Effect, ...]
     fit: Fit
     parameters: tuple[Value, ...]
     before: dict[str, Error]
     after: dict[str, Error]
+
+    def __radd__(self, mechanism: Mechanism) -> Mechanism:
+        return mechanism + self.effect
 
     @property
     def joint(self) -> str:
@@ -138,7 +148,7 @@ class Law:
     @property
     def formula(self) -> str:
         """Its formula in Python, over the signals q, v, a, load, t of its joint."""
-        return self.found.formula.text
+        return self.effect.text
 
     @property
     def determined(self) -> bool:
@@ -148,7 +158,7 @@ class Law:
         large = [
             v.stderr is not None and abs(v.value) > CERTAIN * v.stderr for v in self.parameters
         ]
-        ends = np.cumsum([0, *(len(term.columns) for term in self.found.formula.terms)])
+        ends = np.cumsum([0, *(len(term.columns) for term in self.effect.terms)])
         return all(any(large[a:b]) for a, b in pairwise(ends))
 
     def __str__(self) -> str:
@@ -163,22 +173,19 @@ class Law:
     @property
     def file(self) -> str:
         """Name of its effect file."""
-        return f"{self.found.formula.name}_{plain(self.joint)}.py"
+        return self.effect.file_name
 
     @property
-    def effect(self) -> str:
+    def option(self) -> str:
         """The text by which `--with` takes it."""
-        law = self.found.formula
-        return f"{self.file}:{law.name}:{','.join(law.joints)}"
+        return f"{self.file}:{self.effect.name}:{','.join(self.effect.joints)}"
 
     @property
     def code(self) -> str:
         """The content of its effect file."""
-        law = self.found
-        title = f"A law found in the data of {plain(self.joint)}: a description, not yet a cause."
-        values = {v.name.rpartition(".")[2]: v.value for v in self.parameters}
-        shape = {each.name: values[each.name] for each in law.formula.shapes}
-        return law.formula.code(shape, law.bounds, title)
+        own = self.effect.source_file(self.fit.found[self.effect.label])
+        assert own is not None  # its constants are found
+        return own[1].decode()
 
     def json(self) -> dict[str, Any]:
         """Return the entry of diagnosis.json."""
@@ -208,7 +215,8 @@ class Law:
             "complexity": law.formula.cost,
             "nearest": law.nearest,
             "distance": law.distance,
-            "effect": self.effect,
+            "effect": self.option,
+            "beside": [each.label for each in self.beside],
             "code": self.code,
             "rivals": [each.formula.text for each in law.rivals],
             "replaced": list(law.replaced),
@@ -446,12 +454,16 @@ def concluded(
 def _refitted(
     fit: Fit, selection: Selection, found: Collection[FoundLaw]
 ) -> tuple[Selection, tuple[Law, ...]]:
-    """Refit the laws; without those that cannot be, and what they replaced has its name again."""
-    laws = []
+    """Refit the laws, with what is named beside them; without those that cannot be refitted, and
+    what these replaced has its name again.
+    """
+    laws: list[Law] = []
     for each in found:
-        for formula in (each.found, *each.rivals[:TRIED]):  # the next, where one is not determined
+        formulas = (each.found, *each.rivals[:TRIED])  # the next, where one is not determined
+        with_names: list[Sequence[Member | Law]] = [[*selection.named, *laws], laws]
+        for formula, others in product(formulas, with_names[not selection.named :]):
             with suppress(IdentError):
-                law = refitted(fit, replace(each, found=formula))
+                law = refitted(fit, replace(each, found=formula), others)
                 if law.determined:
                     laws.append(law)
                     break
@@ -522,24 +534,30 @@ def _verdict(selection: Selection, best: Member | None, loud: bool, periods: Per
     return "undecided" if loud else "nothing"
 
 
-def _law_name(number: int) -> str:
-    return f"law{number}" if number > 1 else "law"
-
-
-def refitted(fit: Fit, law: FoundLaw) -> Law:
-    """Refit everything with a law; its constants set out from where they were found."""
-    taken = {effect.kind for effect in fit.mechanism.effects}
-    number = next(n for n in count(1) if _law_name(n) not in taken)
-    formula = replace(law.formula, name=_law_name(number))
-    law = replace(law, found=replace(law.found, formula=formula))
-    full = dict(zip((p.name for p in formula.parameters), formula.names, strict=True))
-    shapes = {full[name]: value for name, value in law.found.shape.items()}
-    start = Point(fit.point.pi, {**fit.point.values, **shapes})
+def refitted(fit: Fit, found: FoundLaw, beside: Collection[Member | Law]) -> Law:
+    """Refit everything with a law and what is beside it; searches set out from where they ended."""
+    others = [each.effect for each in beside]
+    taken = {effect.kind for effect in (*fit.mechanism.effects, *others)}
+    name = next(n for n in chain(["law"], map("law{}".format, count(2))) if n not in taken)
+    at = {n: (x, *found.bounds[n]) for n, x in found.found.shape.items()}
+    law = replace(found.formula, name=name, found=at)
+    evidence = [e.evidence for e in beside if isinstance(e, Member) and e.evidence is not None]
+    point = started(fit.point, fit, evidence)
+    full = dict(zip((p.name for p in law.parameters), law.names, strict=True))
+    start = Point(point.pi, {**point.values, **{full[n]: x for n, (x, *_) in at.items()}})
     refit = identify(
-        fit.mechanism + law.formula, fit.motion, start=start, estimator="least-squares"
+        reduce(add, (*others, law), fit.mechanism),
+        fit.motion,
+        start=start,
+        estimator="least-squares",
     )
-    values = next(e.parameters for e in refit.effects if e.effect.label == law.formula.label)
-    return Law(law, refit, tuple(values), errors_of(fit), errors_of(refit))
+    own = next(e for e in refit.effects if e.effect.label == law.label)
+    assert isinstance(own.effect, Formula)
+    values = {v.name.rpartition(".")[2]: v.value for v in own.parameters}
+    effect = replace(own.effect, found={n: (values[n], *at[n][1:]) for n in at})
+    return Law(
+        found, effect, tuple(others), refit, tuple(own.parameters), errors_of(fit), errors_of(refit)
+    )  # fmt: skip
 
 
 def found_curves(

@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -19,12 +20,21 @@ FEW = 3  # of a curve that multiplies another signal, and of each half of a curv
 DEGREE = 3
 UNITS: Mapping[str, tuple[str, str]] = {
     "q": ("rad", "m"), "v": ("rad/s", "m/s"), "a": ("rad/s²", "m/s²"), "t": ("s", "s"),
-    "load": ("N m", "N"),
+    "load": ("N m", "N"), "temperature": ("°C", "°C"),
 }  # fmt: skip
-PRODUCTS = ("q*sign", "t*sign", "load*sign", "q*v", "t*v")  # the curve's signal, what it multiplies
+PRODUCTS = (
+    "q*sign",
+    "t*sign",
+    "load*sign",
+    "temperature*sign",
+    "q*v",
+    "t*v",
+    "temperature*v",
+)  # the curve's signal, what it multiplies
 OF_TWO = "q*q"  # a curve of the second joint's position, times the first joint's
 
 
+@dataclass(frozen=True)
 class Curve(Effect):
     """A torque that is a smooth curve of a signal, or of a signal times another one."""
 
@@ -33,6 +43,7 @@ class Curve(Effect):
     signals = (*UNITS, *PRODUCTS, OF_TWO)
     settings: ClassVar = {"pieces": 0.0}
     equation = "Σ c_k B_k(x) w, B_k cubic B-splines of x, with x w the signal: q, v, a, load, t, …"
+    second_rotational: bool = field(default=True, kw_only=True)
     signature = "the residual against the signal is a curve"
     confused_with = ("cable", "ripple", "gravity over a small range")
     source = "de Boor, A Practical Guide to Splines, 1978"
@@ -101,6 +112,8 @@ class Curve(Effect):
     def shapes(self) -> tuple[Unknown, ...]:  # type: ignore[override]
         """The ends of its intervals, as the data have them."""
         units = UNITS[self.first]
+        if self.arity > 1:  # knots are of the second joint
+            units = (units[0 if self.second_rotational else 1],) * 2
         return tuple(Unknown(f"x{i}", units, "knot", discrete=True) for i in range(self.pieces + 1))
 
     @property
@@ -124,6 +137,12 @@ class Curve(Effect):
         """It acts on its first joint alone."""
         return True
 
+    def placed(self, rotational: Sequence[bool]) -> Effect:
+        return replace(self, rotational=rotational[0], second_rotational=rotational[-1])
+
+    def reads(self) -> tuple[str, ...]:
+        return (f"temperature.{self.joints[0]}",) if self.first == "temperature" else ()
+
     def _argument(self, s: Signals) -> np.ndarray:
         """x (n,) of the curve; of speed its size."""
         match self.first:
@@ -135,6 +154,8 @@ class Curve(Effect):
                 return s.q[:, -1]
             case "a":
                 return s.a[:, 0]
+            case "temperature":
+                return s.extra[self.reads()[0]]
             case _:
                 return s.load[:, 0]
 
@@ -181,11 +202,13 @@ def basis(x: np.ndarray, knots: np.ndarray) -> np.ndarray:
     return np.asarray(BSpline.design_matrix(x, every, DEGREE).toarray())
 
 
-def curves(joints: tuple[str, ...], moving: tuple[str, ...]) -> Iterator[Curve]:
-    """Yield all curves of all joints, and of pairs of those that move."""
+def curves(
+    joints: tuple[str, ...], moving: tuple[str, ...], columns: Collection[str] = ()
+) -> Iterator[Curve]:
+    """Yield all curves of all joints, and of pairs of those that move, given a log's columns."""
     for name in joints:
-        for signal in (*UNITS, *PRODUCTS):
-            yield Curve((name,), signal=signal)
+        every = (Curve((name,), signal=signal) for signal in (*UNITS, *PRODUCTS))
+        yield from (curve for curve in every if {*columns}.issuperset(curve.reads()))
     for name in moving:
         for other in moving:
             if other != name:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
@@ -111,6 +111,7 @@ class Correction:
 NOWHERE = "nowhere"  # `Effect.tried` of a kind that a diagnosis does not try by itself
 Bounds = Mapping[str, tuple[float, float]]
 Shape = Mapping[str, float]
+Found = Mapping[str, tuple[float, float | None]]  # value ± standard error of parameters, by name
 
 
 @dataclass(frozen=True)
@@ -250,6 +251,14 @@ class Effect(ABC):
     def __str__(self) -> str:
         return self.label
 
+    def source_file(self, found: Found) -> tuple[str, bytes] | None:
+        """Return name and content of the Python file that defines a kind outside of the library.
+
+        Args:
+            found: values of its parameters, by short name, for a file that is written from them.
+        """
+        return None if self.file is None else (self.file.name, self.file.read_bytes())
+
     # --- sites ----------------------------------------------------------------------------------
 
     @classmethod
@@ -263,6 +272,10 @@ class Effect(ABC):
         places = getattr(sites, cls.tried or cls.sits, ())
         together = [tuple(places)] if cls.shared and len(places) > 1 else []
         return [*together, *combinations(places, cls.arity)]
+
+    def placed(self, rotational: Sequence[bool]) -> Effect:
+        """Return the effect with the units of its joints' types."""
+        return replace(self, rotational=rotational[0])
 
     def reads(self) -> tuple[str, ...]:
         """Columns of the log that it needs beside the motion."""

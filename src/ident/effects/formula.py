@@ -1,6 +1,6 @@
 """Formulas: torques c₁ f₁(signals; s) + c₂ f₂(signals; s) + … of terms that a grammar builds.
 
-A formula is written in Python over the signals q, v, a, load and t of its joint and
+A formula is written in Python over the signals q, v, a, load, t and temperature of its joint and
 q_<other>, v_<other> of another one. The same text is evaluated with NumPy in a search, and is the
 content of an effect file, which CasADi evaluates.
 """
@@ -8,8 +8,8 @@ content of an effect file, which CasADi evaluates.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from types import CodeType
 from typing import Any, ClassVar
@@ -17,12 +17,17 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ident.effects.curve import UNITS
-from ident.effects.effect import Bounds, Effect, Shape, Signals, Unknown
+from ident.effects.effect import Bounds, Effect, Found, Shape, Signals, Unknown
 from ident.effects.friction import direction
+from ident.text import rounded
 
 FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "sign", "tanh")
 OTHER = re.compile(r"\b([qv])_o\b")  # a signal of the second joint, before its name is known
 WAVES = 1.25  # [1/travel] between the wave numbers at which a search begins
+SMOOTH = 1e-3  # [rad/s | N m | 1] within which the sign of what is no joint's speed is smooth
+SIGN = re.compile(r"sign\((v|v_o)\)")  # of a joint's own speed
+SIGNALS = frozenset({"q", "v", "a", "load", "t", "temperature", "q_o", "v_o"})
+DESCRIPTION = "a description, not yet a cause"
 WIDEST = 40  # exponents beyond which exp is not evaluated
 FUNCTION_OF = {
     **{name: getattr(np, name) for name in FUNCTIONS},
@@ -50,6 +55,7 @@ class Scale:
         """Return its unit."""
         of_signal = UNITS.get(self.signal[:1] if self.signal[1:2] == "_" else self.signal)
         own = of_signal[0 if rotational else 1] if of_signal else "1"
+        own = own.replace("°C", "K")
         return {"width": own, "place": own, "wave": f"1/{own}" if own != "rad" else "1",
                 "angle": "rad"}.get(self.of, "1")  # fmt: skip
 
@@ -120,7 +126,7 @@ class Term:
     def signals(self) -> frozenset[str]:
         """Signals in its text."""
         words = set(re.findall(r"\b[a-z]+(?:_o)?\b", " ".join(self.columns)))
-        return frozenset(words & {"q", "v", "a", "load", "t", "q_o", "v_o"})
+        return frozenset(words & SIGNALS)
 
     def renamed(self, suffix: str) -> Term:
         """Return the term with a suffix on its constants, so that a sum has each name once."""
@@ -142,14 +148,26 @@ def _code(text: str) -> CodeType:
 
 @dataclass(frozen=True)
 class Formula(Effect):
-    """A sum of terms of one joint's signals, and of another joint's."""
+    """A sum of terms of one joint's signals, and of another joint's.
 
-    kind: ClassVar[str] = "law"
+    Args:
+        terms: of the sum.
+        name: of the function in its file, and of the kind.
+        found: of each constant within the terms, where a search begins, and its bounds.
+        second_rotational: whether the second joint is rotational.
+    """
+
     equation: ClassVar[str] = "a formula of the signals"
     signature: ClassVar[str] = "the residual against the signals is this formula"
     source: ClassVar[str] = "found in the data"
     terms: tuple[Term, ...] = field(default=(), kw_only=True)
     name: str = field(default="law", kw_only=True)
+    found: Mapping[str, tuple[float, float, float]] = field(default_factory=dict, kw_only=True)
+    second_rotational: bool = field(default=True, kw_only=True)
+
+    @property
+    def kind(self) -> str:  # type: ignore[override]
+        return self.name
 
     @property
     def arity(self) -> int:  # type: ignore[override]
@@ -187,7 +205,10 @@ class Formula(Effect):
         many = len(self.columns_text) > 1
         found: list[Unknown] = []
         for term in self.renamed:
-            units = tuple(_per(force, term.powers, i) for i, force in enumerate(("N m", "N")))
+            units = tuple(
+                _per(force, term.powers, (i, 0 if self.second_rotational else 1))
+                for i, force in enumerate(("N m", "N"))
+            )
             for _ in term.columns:
                 name = f"k{len(found) + 1}" if many else "k"
                 found.append(Unknown(name, units, "coefficient"))
@@ -196,7 +217,13 @@ class Formula(Effect):
     @cached_property
     def shapes(self) -> tuple[Unknown, ...]:  # type: ignore[override]
         return tuple(
-            Unknown(each.name, (each.unit(True), each.unit(False)), "constant")
+            Unknown(
+                each.name,
+                (each.unit(self.second_rotational),) * 2
+                if each.signal.endswith("_o")
+                else (each.unit(True), each.unit(False)),
+                "constant",
+            )
             for term in self.renamed
             for each in term.scales
         )
@@ -235,6 +262,12 @@ class Formula(Effect):
             for name in sorted(self.signals_used)
         )
 
+    def placed(self, rotational: Sequence[bool]) -> Effect:
+        return replace(self, rotational=rotational[0], second_rotational=rotational[-1])
+
+    def reads(self) -> tuple[str, ...]:
+        return tuple(name for name in self.logged if name.startswith("temperature."))
+
     @property
     def cost(self) -> int:
         """Complexity of all terms, with the sums between them."""
@@ -255,7 +288,7 @@ class Formula(Effect):
     # --- evaluation -----------------------------------------------------------------------------
 
     def columns(self, s: Signals) -> np.ndarray:
-        names = {**_namespace(s, self.implicit), **s.shape}
+        names = {**_namespace(s, self.implicit, self.reads()), **s.shape}
         with np.errstate(all="ignore"):
             E = np.stack(
                 [
@@ -278,16 +311,20 @@ class Formula(Effect):
 
     def informed(self, s: Signals) -> np.ndarray:
         found = np.ones(s.q.shape, dtype=bool)
-        if any("sign(v)" in text for text in self.columns_text):
-            found[:, 0] = np.abs(s.v[:, 0]) >= s.still[0]
+        if any(SIGN.search(text) for text in self.columns_text):
+            found[:, 0] = (np.abs(s.v) >= s.still).all(axis=1)
         return found
 
     def bounds(self, s: Signals) -> Bounds:
-        names = _namespace(s, self.implicit)
+        if self.found:
+            return {name: (low, high) for name, (_, low, high) in self.found.items()}
+        names = _namespace(s, self.implicit, self.reads())
         return {each.name: each.bounds(names.get(each.signal, s.t)) for each in self.scales}
 
     def starts(self, s: Signals) -> list[Shape]:
-        names = _namespace(s, self.implicit)
+        if self.found:
+            return [{name: start for name, (start, _, _) in self.found.items()}]
+        names = _namespace(s, self.implicit, self.reads())
         found: list[Shape] = [{}]
         for each in self.scales:
             values = each.starts(names.get(each.signal, s.t))
@@ -296,47 +333,64 @@ class Formula(Effect):
 
     # --- effect file ----------------------------------------------------------------------------
 
-    def code(self, shape: Shape, bounds: Bounds, title: str) -> str:
-        """Return an effect file, for `--with FILE:law:joint`, with shapes to begin a search at."""
-        used = sorted(self.signals_used)
+    @property
+    def file_name(self) -> str:
+        """Name of its effect file."""
+        return f"{self.name}_{plain(self.joints[0])}.py"
+
+    def source_file(self, found: Found) -> tuple[str, bytes] | None:
+        """Return name and content of its effect file, for `--with FILE:law:joint`; None of one
+        whose constants were not found yet.
+
+        Args:
+            found: values and standard errors, for its docstring; a search begins there.
+        """
+        if len(self.found) < len(self.shapes):
+            return None
         several = len(self.joints) > 1
+        texts = [SIGN.sub(r"sign_\1", text) for text in self.columns_text]
+        words = {*re.findall(r"\w+", " ".join(texts))}
         lines = []
-        for name in used:
+        for name in sorted(self.signals_used & words):
             own = name.removesuffix("_o")
             at = "" if not several or name == "t" else "[1]" if own != name else "[0]"
             lines.append(f"    {self.written(name)} = s.{'lam' if own == 'load' else own}{at}")
+        for i, name in enumerate(("sign_v", "sign_v_o")):
+            if name in words:
+                lines.append(f"    {name} = s.direction{f'[{i}]' if several else ''}")
         units = dict(zip((u.name for u in self.parameters), self.units, strict=True))
-        given = "".join(
-            f', {name}: "{units[name]}" = ({shape[name]:.6g}, {low:.6g}, {high:.6g})'
-            for name, (low, high) in ((n, _within(shape[n], *bounds[n])) for n in shape)
-        )
+        given = ""
+        for name, (start, low, high) in self.found.items():
+            start = found.get(name, (start, None))[0]
+            low, high = min(low, start), max(high, start)
+            given += f', {name}: "{units[name]}" = ({start:.6g}, {low:.6g}, {high:.6g})'
         columns = [
             f'        "{u.name} [{units[u.name]}]": {self.written(text)},'
-            for u, text in zip(self.unknowns, self.columns_text, strict=True)
+            for u, text in zip(self.unknowns, texts, strict=True)
         ]
-        functions = [
-            f for f in FUNCTIONS if f != "sign" and any(f"{f}(" in t for t in self.columns_text)
-        ]
-        head = [f'"""{title}"""', "", "import casadi as ca"]
-        if functions:
+        title = f'"""A law found in the data of {plain(self.joints[0])}: {DESCRIPTION}."""'
+        head = [title, "", "import casadi as ca"]
+        if functions := [word for word in FUNCTIONS if word in words and word != "sign"]:
             head.append(f"from casadi import {', '.join(functions)}")
-        if any("sign(" in text for text in self.columns_text):
-            head += ["", "", "def sign(x):",
-                     '    """A sign that is smooth around zero, so that it can be simulated."""',
-                     "    return ca.tanh(x / 1e-3)"]  # fmt: skip
-        return "\n".join([
-            *head, "", "", f"def {self.name}(s{given}):", f'    """{self.text}"""', *lines,
-            "    return {", *columns, "    }", "",
+        if "sign" in words:
+            head += ["", "", "def sign(x):", '    """Return a sign that is smooth around zero."""',
+                     f"    return ca.tanh(x / {SMOOTH:g})"]  # fmt: skip
+        values = [f"    {n} = {rounded(*found[n])} {units[n]}" for n in units if n in found]
+        doc = (
+            [f'    """{self.text}', "", *values, '    """']
+            if values
+            else [f'    """{self.text}"""']
+        )
+        content = "\n".join([
+            *head, "", "", f"def {self.name}(s{given}):", *doc, *lines, "    return {", *columns,
+            "    }", "",
         ])  # fmt: skip
+        return self.file_name, content.encode()
 
 
 def plain(text: str) -> str:
     """Return a name that is safe as a file's name and within a text of Python."""
     return re.sub(r"[^A-Za-z0-9_.-]", "_", text).replace("..", "_")
-
-
-def _within(value: float, low: float, high: float) -> tuple[float, float]:
-    return min(low, value), max(high, value)
 
 
 def _product(name: str, text: str) -> str:
@@ -356,11 +410,17 @@ def _factor(text: str) -> str:
     return text
 
 
-def _per(force: str, powers: tuple[tuple[str, float], ...], place: int) -> str:
-    """Return the unit of a coefficient: force per unit of its column."""
+def _per(force: str, powers: tuple[tuple[str, float], ...], places: tuple[int, int]) -> str:
+    """Return the unit of a coefficient: force per unit of its column.
+
+    Args:
+        force: without a column.
+        powers: of the signals.
+        places: of the units of the own signals and of the other joint's, 0 of one that turns.
+    """
     found: dict[str, float] = {}
     for signal, power in powers:
-        unit = UNITS.get(signal.removesuffix("_o"), ("K", "K"))[place]
+        unit = UNITS[signal.removesuffix("_o")][places[signal.endswith("_o")]].replace("°C", "K")
         if signal == "load":
             force = {1: "1", 2: f"1/({force})", 0.5: f"({force})^0.5"}.get(power, force)
             continue
@@ -379,15 +439,20 @@ def _raised(unit: str, power: float) -> str:
     return f"{unit}{marks[int(power)]}" if power in marks else f"{unit}^{power:g}"
 
 
-def _namespace(s: Signals, load: bool = False) -> dict[str, Any]:
-    v = s.v[:, 0]
-    turn = direction(v, s.still[0])
+def _namespace(s: Signals, load: bool, heat: Sequence[str]) -> dict[str, Any]:
     found: dict[str, Any] = {
-        **FUNCTION_OF, "q": s.q[:, 0], "v": v, "a": s.a[:, 0], "t": s.t - s.t[0],
-        "sign": lambda x: turn if x is v else np.sign(x),
+        **FUNCTION_OF, "q": s.q[:, 0], "v": s.v[:, 0], "a": s.a[:, 0], "t": s.t - s.t[0],
     }  # fmt: skip
     if load:  # the model predicts it, which takes time
         found["load"] = s.load[:, 0]
     if s.q.shape[1] > 1:
         found |= {"q_o": s.q[:, 1], "v_o": s.v[:, 1]}
-    return found
+    for name in heat:
+        found["temperature"] = s.extra[name]
+    turns = {id(found[name]): i for i, name in enumerate(("v", "v_o")) if name in found}
+
+    def sign(x: np.ndarray) -> np.ndarray:
+        i = turns.get(id(x))
+        return np.tanh(x / SMOOTH) if i is None else direction(s.v[:, i], s.still[i])
+
+    return {**found, "sign": sign}

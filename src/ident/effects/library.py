@@ -71,15 +71,24 @@ def create(
     return kind_of(kind)(tuple(joints), dict(values or {}), rotational, signal)
 
 
-def parse(text: str) -> tuple[str, tuple[str, ...], str]:
-    """Return (kind, joints, signal) of `kind:joint[,joint][:signal]`, or of `kind` alone."""
-    kind, colon, rest = text.partition(":")
-    joints, _, signal = rest.partition(":")
+def parse(text: str) -> tuple[str, tuple[str, ...], str, dict[str, float]]:
+    """Return (kind, joints, signal, values) of `kind[:joint[,joint][:signal]][:name=value,…]`."""
+    kind, *parts = text.split(":")
     kind_of(kind, f"effect '{text}': ")
-    names = tuple(part.strip() for part in joints.split(",")) if colon else ()
-    if colon and not all(names):
+    values = {}
+    for part in parts.pop().split(",") if parts and "=" in parts[-1] else ():
+        name, _, number = part.partition("=")
+        try:
+            values[name.strip()] = float(number)
+        except ValueError:
+            raise MechanismError(
+                f"effect '{text}': '{part}' is no value; write {kind}:joint:{name or 'name'}=1"
+            ) from None
+    joints, _, signal = ":".join(parts).partition(":")
+    names = tuple(part.strip() for part in joints.split(",")) if parts else ()
+    if parts and not all(names):
         raise MechanismError(f"effect '{text}': a joint's name is missing; write {kind}:joint")
-    return kind, names, signal.strip()
+    return kind, names, signal.strip(), values
 
 
 def candidates(

@@ -3,8 +3,8 @@
     def bump(s, w: "rad" = (0.1, 0.01, 1.0)):             # a shape: start, lowest, highest
         return {"A [N m]": ca.exp(-(((s.q - 0.3) / w) ** 2))}   # torque = A · column
 
-Units, as an annotation of a shape and in brackets behind an unknown, may be left out. `s` has q, v,
-a, tau, lam and t (from the log's first sample), as `SIGNALS` describes them. With several joints
+Units, as an annotation of a shape and in brackets behind an unknown, may be left out. `s` has t
+(from the log's first sample), and q, v, … as `SIGNALS` describes them. With several joints
 the torque acts on the first, and each signal but t is a vector: s.q[0], s.q[1] …
 """
 
@@ -21,6 +21,7 @@ import casadi as ca
 import numpy as np
 
 from ident.effects.effect import Effect, Shape, Signals, Unknown
+from ident.effects.friction import direction
 from ident.effects.library import KINDS
 from ident.errors import MechanismError, line_of
 from ident.files import function_of
@@ -31,8 +32,11 @@ SIGNALS = {
     "a": "its acceleration",
     "tau": "torque that the model predicts for the joint [N m | N]",
     "lam": "the part of it that the links need, in a closure's own joint |λ| [N m | N]",
+    "direction": "sign of v, smooth below the speed of standstill, so that it can be simulated",
+    "temperature": "the log's column temperature.<joint> [°C]",
 }
 PREDICTED = {"a": 2, "torque": 3, "load": 4}  # `Effect.asks`, by their place among the inputs
+PLACES = tuple(SIGNALS)  # of the inputs, before t and the shapes
 STARTS = 12  # of the search, for each shape
 MOST = 3  # joints whose signals a function is tried with
 UserFunction = Callable[..., Mapping[str, Any]]
@@ -59,27 +63,43 @@ class UserEffect(Effect):
     def arity(self) -> int:  # type: ignore[override]
         return len(self.joints)
 
+    def _uses(self, place: int) -> bool:
+        """Return whether its columns depend on the input at a place."""
+        return bool(_compiled(type(self), len(self.joints)).jac_sparsity(0, place).nnz())
+
     @property
     def asks(self) -> tuple[str, ...]:  # type: ignore[override]
-        compiled = _compiled(type(self), len(self.joints))
-        return tuple(w for w, i in PREDICTED.items() if compiled.jac_sparsity(0, i).nnz())
+        return tuple(word for word, place in PREDICTED.items() if self._uses(place))
+
+    def reads(self) -> tuple[str, ...]:
+        names = self.joints if self._uses(PLACES.index("temperature")) else ()
+        return tuple(f"temperature.{name}" for name in names)
+
+    def informed(self, s: Signals) -> np.ndarray:
+        found = np.ones(s.q.shape, dtype=bool)
+        if self._uses(PLACES.index("direction")):
+            found[:, 0] = (np.abs(s.v) >= s.still).all(axis=1)
+        return found
 
     @property
     def not_integrable(self) -> str:
         compiled = _compiled(type(self), len(self.joints))
         used = {compiled.instruction_id(i) for i in range(compiled.n_instructions())}
         if ca.OP_SIGN in used:
-            return "its function has sign(), which jumps; write ca.tanh(s.v / 1e-3), or use coulomb"
+            return "its function has sign(), which jumps; write s.direction for that of s.v"
         return ""
 
     def columns(self, s: Signals) -> np.ndarray:
         """E (n, joints, unknowns): the function's columns at the first joint, 0 at the others."""
         n, compiled = len(s.t), _compiled(type(self), len(self.joints))
-        asked = (s.torque, s.load) if self.implicit else (np.zeros_like(s.q),) * 2
+        zero = np.zeros_like(s.q)
+        asked = (s.torque, s.load) if self.implicit else (zero, zero)
+        heat = np.stack([s.extra[name] for name in self.reads()] or list(zero.T))
         shape = np.array([s.shape[each.name] for each in self.shapes]).reshape(-1, 1)
         values = compiled(
-            *(x.T for x in (s.q, s.v, s.a, *asked)), (s.t - s.t[0])[None], np.tile(shape, n)
-        )
+            *(x.T for x in (s.q, s.v, s.a, *asked, direction(s.v, s.still))), heat,
+            (s.t - s.t[0])[None], np.tile(shape, n),
+        )  # fmt: skip
         E = np.zeros((*s.q.shape, len(self.unknowns)))
         E[:, 0] = values.full().T
         if not np.isfinite(E).all():
@@ -111,8 +131,8 @@ def user_effect(name: str, function: UserFunction, file: Path | None = None) -> 
 
     Args:
         name: of the kind, as in parameters' names.
-        function: `s -> {unknown: column}`, CasADi expressions of s.q, s.v, s.a, s.tau, s.lam, s.t
-            (from the log's first sample);
+        function: `s -> {unknown: column}`, CasADi expressions of s.q, s.v, s.a, … of `SIGNALS`, and
+            s.t (from the log's first sample);
             keyword arguments with defaults (start, lowest, highest) are shapes, to be searched.
         file: where it was read from, if it was.
 
@@ -151,7 +171,7 @@ def user_effect(name: str, function: UserFunction, file: Path | None = None) -> 
     )
     kind.equation = " + ".join(f"{key} ({column})" for key, (column, _) in columns.items())
     every = ca.vertcat(*(column for column, _ in columns.values()))
-    kind.memory = bool(ca.depends_on(every, inputs[5]))  # t from the start
+    kind.memory = bool(ca.depends_on(every, inputs[len(PLACES)]))  # t from the start
     kind.implicit = bool(ca.depends_on(every, ca.vertcat(*inputs[3:5])))
     _compiled(kind, joints)
     return kind

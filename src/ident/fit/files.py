@@ -14,7 +14,7 @@ import polars as pl
 from lxml import etree
 
 from ident.display import render
-from ident.effects import KINDS
+from ident.effects import KINDS, Effect, read_user_effect
 from ident.effects import create as create_effect
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, MechanismError, missing_file, one_of
@@ -66,14 +66,26 @@ def write_fit(
         "multipliers.csv": multipliers or multipliers_csv(fit),
         "identified.urdf": urdf,
         "report.html": render(fit, "report", reactions, sections),
+        **dict(own_files(fit).values()),
         **(more or {}),
     }
     known = [
         (effect, {u.name: float(v) for u, v in zip(effect.parameters, values, strict=True)})
         for effect, values in fit.effect_solution
     ]
-    inside = folder_files(fit.mechanism, urdf, known, unknown=[])
+    inside = folder_files(fit.mechanism, urdf, known, [], fit.found)
     return write_all(Path(folder), files | {f"identified/{name}": x for name, x in inside.items()})
+
+
+def own_files(fit: Fit) -> dict[str, tuple[str, bytes]]:
+    """Return name and content of the files that define effects outside of the library, by label."""
+    found, files = fit.found, dict[str, tuple[str, bytes]]()
+    for effect in fit.mechanism.effects:
+        own = None if effect.kind in KINDS else effect.source_file(found[effect.label])
+        if own is not None:
+            taken = dict(files.values()).get(own[0], own[1]) != own[1]
+            files[effect.label] = (f"{effect.kind}_{own[0]}" if taken else own[0], own[1])
+    return files
 
 
 def write_urdf(fit: Fit, path: str | Path) -> Path:
@@ -120,7 +132,7 @@ def multipliers_rows(
 def fit_json(fit: Fit) -> dict[str, Any]:
     """Return the content of fit.json."""
     kinematics, multipliers = fit.mechanism.kinematics, fit.mechanism.multipliers
-    band = fit.motion.band
+    band, files = fit.motion.band, own_files(fit)
     return {
         "schema": SCHEMA,
         "mechanism": fit.mechanism.name,
@@ -137,6 +149,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
                 "kind": each.effect.kind,
                 "joint": ",".join(each.effect.joints),
                 **({"signal": each.effect.signal} if each.effect.signal else {}),
+                **({"file": files[each.effect.label][0]} if each.effect.label in files else {}),
                 "settings": {name: each.effect.setting(name) for name in each.effect.settings},
                 "parameters": [_value(value) for value in each.parameters],
             }
@@ -225,12 +238,14 @@ class Saved:
         return self.point.pi
 
 
-def read_fit(path: str | Path, mechanism: Mechanism) -> Saved:
+def read_fit(path: str | Path, mechanism: Mechanism, *, allow_code: bool = False) -> Saved:
     """Read the model that a fit.json describes, for a mechanism that it was made with.
 
     Args:
         path: of the fit.json, or of the folder that holds it.
         mechanism: with its links and joints; effects may differ.
+        allow_code: whether effects of one's own that the mechanism lacks may run their Python
+            files, which are beside fit.json.
 
     Raises:
         FitError: if the file is no fit.json or speaks of links, joints or effects that the
@@ -252,7 +267,7 @@ def read_fit(path: str | Path, mechanism: Mechanism) -> Saved:
     if schema != SCHEMA:
         raise FitError(f"{path}: schema is {schema!r}; a fit.json of schema '{SCHEMA}' is expected")
     try:
-        return _model(path, data, mechanism)
+        return _model(path, data, mechanism, allow_code)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise FitError(
             f"{path}: is no complete fit.json: {error} is missing or wrong; identify again"
@@ -265,7 +280,7 @@ def _refuse(constant: str) -> None:
     raise ValueError(f"{constant} is no number")
 
 
-def _model(path: Path, data: dict[str, Any], mechanism: Mechanism) -> Saved:
+def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: bool) -> Saved:
     lists = data["multipliers"]["names"], mechanism.kinematics.multipliers
     theirs, ours = ([n for n in names if not n.startswith("joint.")] for names in lists)
     if theirs != ours:  # another mechanism, whose links happen to have the same names
@@ -282,13 +297,10 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism) -> Saved:
         if own is not None and own.known:  # the fit's values count, which may be others
             settings = {name: own.setting(name) for name in own.settings}
             grown = grown + replace(own, values=settings)
-        if own is None:
-            if kind not in KINDS:
-                raise FitError(
-                    f"{path}: effect '{label}' is none of the library: {one_of(kind, KINDS)}; if "
-                    "it is one of your own, give a mechanism whose mechanism.toml has it"
-                )
+        if own is None and kind in KINDS:
             grown = grown + create_effect(kind, joint, effect.get("settings"), signal=signal)
+        elif own is None:
+            grown = grown + _own_kind(path, label, effect, allow_code)(tuple(joint.split(",")))
         values |= {str(entry["name"]): entry["value"] for entry in effect["parameters"]}
     effects = {full for effect in grown.effects for full in effect.names}
     for name in values:
@@ -312,6 +324,20 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism) -> Saved:
             x[at] = value + shift["xyz".index(word[1]), "xyz".index(word[2])]
     point = Point.prior(grown).with_values(given)
     return Saved(str(path), grown, point.at(grown, columns, x), _cutoff(data), _read_errors(data))
+
+
+def _own_kind(path: Path, label: str, entry: dict[str, Any], allow_code: bool) -> type[Effect]:
+    """Return the kind of an effect that is none of the library, from the file beside fit.json."""
+    name = entry.get("file")
+    if name is None or Path(str(name)).name != name:
+        raise FitError(
+            f"{path}: effect '{label}' is none of the library: {one_of(entry['kind'], KINDS)}; if "
+            "it is one of your own, give a mechanism whose mechanism.toml has it"
+        )
+    try:
+        return read_user_effect(path.parent / name, entry["kind"], allow_code=allow_code)
+    except MechanismError as error:
+        raise FitError(f"{path}: effect '{label}' is none of the library: {error}") from None
 
 
 def _cutoff(data: dict[str, Any]) -> float | str | None:

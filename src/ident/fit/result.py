@@ -12,6 +12,7 @@ import numpy as np
 
 from ident.display import render
 from ident.effects import Effect
+from ident.effects.effect import Found
 from ident.equations.motion_noise import EliminatedRun
 from ident.equations.unknowns import Columns, Point
 from ident.errors import one_of
@@ -180,6 +181,15 @@ class Fit(Charted):
     def effect_solution(self) -> list[tuple[Effect, np.ndarray]]:
         """Every effect with the values (parameters,) of its unknowns and shapes."""
         return [(effect, self.point.all_of(effect)) for effect in self.mechanism.effects]
+
+    @property
+    def found(self) -> dict[str, Found]:
+        """Values and standard errors of all effects' parameters: by label, then short name."""
+        return {
+            each.effect.label: {v.name.rpartition(".")[2]: (v.value, v.stderr)
+                                for v in each.parameters}
+            for each in self.effects
+        }  # fmt: skip
 
     def __getitem__(self, name: str) -> Value | BaseValue:
         """Return a parameter, effect's parameter or base parameter by its name.

@@ -237,12 +237,15 @@ class Mechanism(Displayed):
         """
         sites = self.sites if logged is None else replace(self.sites, logged=tuple(logged))
         return [
-            replace(effect, rotational=self._rotational(effect))
+            effect.placed(self._rotational(effect))
             for effect in candidates(sites, self.effects, columns)
         ]
 
     def with_effect(self, text: str, values: Mapping[str, float] | None = None) -> Mechanism:
         """This mechanism with the effect(s) that `kind:joint[,joint]` or `kind` names.
+
+        `curve:elbow:q:pieces=8` has the signal of a kind that is a curve of one, and values that
+        are known.
 
         `kind` alone stands for every driven joint that does not have it yet, or for the whole
         mechanism, where the effect has no joint. One that it has with known values is unknown then.
@@ -254,7 +257,8 @@ class Mechanism(Displayed):
         Raises:
             MechanismError: for a kind or joint that is not there, or an effect it has already.
         """
-        kind, joints, signal = parse(text)
+        kind, joints, signal, stated = parse(text)
+        values = {**stated, **(values or {})}
         cls = KINDS[kind]
         if joints or cls.arity != 1 or cls.sits == "place":
             return self + create(kind, joints, values, signal=signal)
@@ -286,7 +290,7 @@ class Mechanism(Displayed):
     def __add__(self, effect: Effect) -> Mechanism:
         if not isinstance(effect, Effect):
             return NotImplemented
-        new = replace(effect, rotational=self._rotational(effect))
+        new = effect.placed(self._rotational(effect))
         labels = [own.label for own in self.effects]
         if effect.label not in labels:
             return replace(self, effects=(*self.effects, new))
@@ -296,7 +300,7 @@ class Mechanism(Displayed):
         # its known values become unknown
         return replace(self, effects=(*self.effects[:at], new, *self.effects[at + 1 :]))
 
-    def _rotational(self, effect: Effect) -> bool:
+    def _rotational(self, effect: Effect) -> list[bool]:
         valid = getattr(self.sites, effect.sits, ())
         of_joint = effect.site == "joint"
         for name in effect.joints:
@@ -308,7 +312,8 @@ class Mechanism(Displayed):
                 raise MechanismError(
                     f"{self.name}: effect '{effect.label}'{what}; {one_of(name, valid)}"
                 )
-        return not (of_joint and effect.joints) or self.joint(effect.joints[0]).rotational
+        joints = effect.joints if of_joint else ()
+        return [self.joint(name).rotational for name in joints] or [True]
 
     # --- changed --------------------------------------------------------------------------------
 

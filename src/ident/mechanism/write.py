@@ -14,6 +14,7 @@ from typing import Any
 import tomlkit
 
 from ident.effects import KINDS, Effect
+from ident.effects.effect import Found
 from ident.errors import MechanismError
 from ident.files import write_all
 from ident.mechanism.description import Description, description_of, read_description
@@ -42,24 +43,27 @@ def add_effects(mechanism: Mechanism, effects: Sequence[Effect]) -> Path:
             del tables[i]
     files: dict[str, bytes] = {}
     for effect in effects:
-        file = _own_file(effect)
-        beside = None if file is None else _beside(path.parent, file, effect.kind, files)
+        beside = _beside(path.parent, effect, files)
         tables.append(tomlkit.item(_effect_table(effect, effect.values, beside)))
     write_all(path.parent, {**files, path.name: tomlkit.dumps(document).encode()})
     return path
 
 
-def _beside(folder: Path, file: Path, owner: str, files: dict[str, bytes]) -> str:
-    """Return the path of a file within a mechanism's folder, where it is copied if it is not.
+def _beside(folder: Path, effect: Effect, files: dict[str, bytes]) -> str | None:
+    """Return the path of an effect's file within a mechanism's folder, where it is copied if it is
+    not; None of an effect of the library.
 
     A result's folder, where a law may come from, is written again by the next command.
     """
-    if file.resolve().is_relative_to(folder.resolve()):
-        return Path(os.path.relpath(file, folder)).as_posix()
-    there = folder / file.name
-    if there.exists() and there.read_bytes() != file.read_bytes():
-        files.setdefault(file.name, there.read_bytes())
-    return _copied(files, file, owner)
+    if effect.file and effect.file.resolve().is_relative_to(folder.resolve()):
+        return Path(os.path.relpath(effect.file, folder)).as_posix()
+    own = own_file(effect)
+    if own is None:
+        return None
+    there = folder / own[0]
+    if there.exists() and there.read_bytes() != own[1]:
+        files.setdefault(own[0], there.read_bytes())
+    return _copied(files, *own, effect.kind)
 
 
 def folder_files(
@@ -67,11 +71,13 @@ def folder_files(
     urdf: bytes,
     effects: Sequence[tuple[Effect, Mapping[str, float]]],
     unknown: Sequence[str] | None,
+    found: Mapping[str, Found],
 ) -> dict[str, bytes]:
     """Return a mechanism folder's files by name, its mechanism.toml taken over from a mechanism.
 
     `urdf` is the content of the URDF, or of the file in its place; `effects` come with their known
-    values; `unknown` is for [parameters], where None leaves it as it is.
+    values; `unknown` is for [parameters], where None leaves it as it is; `found` are values of
+    effects by label, of which a law's file is written.
     """
     document = _document(mechanism)
     source = read_description(mechanism.urdf)
@@ -87,12 +93,12 @@ def folder_files(
     for closure in document.get("closure", []):
         if "file" in closure and mechanism.toml is not None:
             file = mechanism.toml.parent / str(closure["file"])
-            closure["file"] = _copied(files, file, str(closure["name"]))
+            closure["file"] = _copied(files, file.name, file.read_bytes(), str(closure["name"]))
     document.pop("effect", None)
     tables = []
     for effect, values in effects:
-        own = _own_file(effect)
-        name = None if own is None else _copied(files, own, effect.kind)
+        own = own_file(effect, found.get(effect.label, {}))
+        name = None if own is None else _copied(files, *own, effect.kind)
         tables.append(_effect_table(effect, values, name))
     if tables:
         document["effect"] = _array(tables)
@@ -131,15 +137,17 @@ def _effect_table(effect: Effect, values: Mapping[str, float], file: str | None)
     return table | {name: float(value) for name, value in {**settings, **values}.items()}
 
 
-def _own_file(effect: Effect) -> Path | None:
+def own_file(effect: Effect, found: Found | None = None) -> tuple[str, bytes] | None:
+    """Return name and content of the file that defines an effect; None of one of the library."""
     if effect.kind in KINDS:
         return None
-    if effect.file is None:
+    own = effect.source_file(found or {})
+    if own is None:
         raise MechanismError(
             f"effect '{effect.label}': its function is in no file, so no mechanism.toml can name "
             "it; write the function into a .py file and read it with ident.read_user_effect"
         )
-    return effect.file
+    return own
 
 
 def _spell_out(document: tomlkit.TOMLDocument, mechanism: Mechanism, source: Description) -> None:
@@ -160,8 +168,7 @@ def _spell_out(document: tomlkit.TOMLDocument, mechanism: Mechanism, source: Des
         document["closure"] = _array(tables)
 
 
-def _copied(files: dict[str, bytes], file: Path, owner: str) -> str:
-    content, name = file.read_bytes(), file.name
+def _copied(files: dict[str, bytes], name: str, content: bytes, owner: str) -> str:
     if files.get(name, content) != content:
         name = f"{owner}_{name}"
     files[name] = content

@@ -121,7 +121,7 @@ def card(d: Diagnosis) -> Card:
         if d.laws:
             law = d.laws[0]
             after = law.after
-            command = f"{add_command(d.fit.mechanism, [])} DIR/{law.effect} --allow-code"
+            command = f"{add_command(d.fit.mechanism, [])} DIR/{law.option} --allow-code"
     bars = tuple(
         Bar(f.joint, errors[f.joint], after.get(f.joint), d.floor[f.joint]) for f in d.where
     )
@@ -501,8 +501,9 @@ def laws(d: Diagnosis) -> list[str]:
         close = f"closest known law: {law.nearest.replace('_', ' ')}" if law.nearest else ""
         close += f" ({100 * law.distance:.0f} % different)" if law.distance > DIFFERENT else ""
         before, after = (errors.get(each.joint) for errors in (each.before, each.after))
+        with_ = f" with {labels(each.beside)} beside it" if each.beside else ""
         error = "" if before is None or after is None else (
-            f" the error of {each.joint} falls from {percent(before.relative)} to "
+            f"{with_} the error of {each.joint} falls from {percent(before.relative)} to "
             f"{percent(after.relative)},"
         )  # fmt: skip
         rivals = [f"`{one.formula.text}`" for one in law.rivals]
@@ -513,7 +514,7 @@ def laws(d: Diagnosis) -> list[str]:
             f"A formula explains it: {formula} ({close or 'no known relative'});{error} "
             f"{100 * law.explained:.0f} % of what exceeds the noise.{or_}{instead} It is a "
             f"description, not yet a cause. `--out DIR` writes it as {each.file}: `--with "
-            f"DIR/{each.effect} --allow-code`."
+            f"DIR/{each.option} --allow-code`."
         )
     return found
 

@@ -16,7 +16,7 @@ from ident.display import renders
 from ident.errors import IdentError
 from ident.files import json_bytes, write_all
 from ident.fit import Fit
-from ident.fit.files import fit_json, multipliers_csv
+from ident.fit.files import fit_json, multipliers_csv, own_files
 from ident.information.blocks import Error
 from ident.mechanism import Mechanism
 from ident.mechanism.write import folder_files
@@ -226,8 +226,12 @@ def model_files(fit: Fit) -> dict[str, bytes]:
     """Return the folder of a fit's mechanism, its unknowns unknown, with fit.json, multipliers."""
     mechanism = fit.mechanism
     effects = [(effect, effect.values) for effect in mechanism.effects]
-    files = folder_files(mechanism, mechanism.urdf.read_bytes(), effects, unknown=None)
-    return files | {"fit.json": json_bytes(fit_json(fit)), "multipliers.csv": multipliers_csv(fit)}
+    files = folder_files(mechanism, mechanism.urdf.read_bytes(), effects, None, fit.found)
+    return (
+        files
+        | dict(own_files(fit).values())
+        | {"fit.json": json_bytes(fit_json(fit)), "multipliers.csv": multipliers_csv(fit)}
+    )
 
 
 def refuse_own(mechanism: Mechanism, folder: Path) -> None:

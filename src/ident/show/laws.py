@@ -62,7 +62,7 @@ def _on_curve(curve: FoundCurve, law: Law) -> np.ndarray | None:
     None where it depends on more than the curve's signals. Offset and slope, which the model's own
     parameters often make, are taken from the curve.
     """
-    formula, effect = law.found.formula, curve.effect
+    formula, effect = law.effect, curve.effect
     if len(formula.joints) > 1 or effect.second or formula.signals_used != {effect.first}:
         return None
     values = {v.name.rpartition(".")[2]: v.value for v in law.parameters}
@@ -77,7 +77,7 @@ def plot_front(law: Law) -> Chart:
     """Draw complexity against the squared error that is left."""
     cost, left, _ = zip(*law.found.front, strict=True)
     x, y = np.array(cost, float), 100 * np.array(left)
-    chosen = Level(float(law.found.formula.cost), upright=True, label="chosen", dashed=True)
+    chosen = Level(float(law.effect.cost), upright=True, label="chosen", dashed=True)
     panel = Panel(
         (Line(x, y, "formulas", MEASURED, 1.0, dotted=True), chosen),
         "complexity: operators and constants",

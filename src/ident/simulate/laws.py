@@ -24,6 +24,7 @@ from ident.equations.unknowns import Point
 from ident.errors import MechanismError
 from ident.mechanism.mechanism import Mechanism
 
+SMOOTH = 1e-3  # [rad/s | m/s] speed below which the sign of a law that is no dry friction is smooth
 SIGN_ONLY = 1e-200  # [rad/s | m/s] a speed that has a sign and no size
 Extra = Mapping[str, Callable[[float], float]]
 
@@ -57,15 +58,15 @@ class EffectLaw:
 
     def torque(self, s: InstantSignals, yd: np.ndarray | None = None) -> np.ndarray:
         """Return E c (arity,) [N m | N] that the joints must supply, at other rates if given."""
-        at = list(self.at)
-        yd = s.yd[at] if yd is None else yd
+        at, given = list(self.at), yd
+        yd = s.yd[at] if given is None else given
         # two samples, the first being the log's: some effects count time from there
         signals = Signals(
             t=np.array([s.since, s.t]),
             q=s.y[[at, at]],
             v=np.stack([yd, yd]),
             a=s.a[[at, at]],
-            still=np.full(len(at), SIGN_ONLY),
+            still=np.full(len(at), SMOOTH if given is None else SIGN_ONLY),
             extra={name: np.full(2, s.extra[name](s.t)) for name in self.effect.reads()},
             shape=self.shape,
             present=self.present,
