@@ -36,7 +36,7 @@ SIGNALS = {
     "temperature": "the log's column temperature.<joint> [°C]",
 }
 PREDICTED = {"a": 2, "torque": 3, "load": 4}  # `Effect.asks`, by their place among the inputs
-PLACES = tuple(SIGNALS)  # of the inputs, before t and the shapes
+DIRECTION, TEMPERATURE, TIME = 5, 6, 7  # their places among the inputs
 STARTS = 12  # of the search, for each shape
 MOST = 3  # joints whose signals a function is tried with
 UserFunction = Callable[..., Mapping[str, Any]]
@@ -63,21 +63,21 @@ class UserEffect(Effect):
     def arity(self) -> int:  # type: ignore[override]
         return len(self.joints)
 
-    def _uses(self, place: int) -> bool:
-        """Return whether its columns depend on the input at a place."""
-        return bool(_compiled(type(self), len(self.joints)).jac_sparsity(0, place).nnz())
-
     @property
     def asks(self) -> tuple[str, ...]:  # type: ignore[override]
-        return tuple(word for word, place in PREDICTED.items() if self._uses(place))
+        return tuple(
+            word
+            for word, place in PREDICTED.items()
+            if place in _used(type(self), len(self.joints))
+        )
 
     def reads(self) -> tuple[str, ...]:
-        names = self.joints if self._uses(PLACES.index("temperature")) else ()
-        return tuple(f"temperature.{name}" for name in names)
+        used = _used(type(self), len(self.joints))
+        return tuple(f"temperature.{name}" for name in self.joints if TEMPERATURE in used)
 
     def informed(self, s: Signals) -> np.ndarray:
         found = np.ones(s.q.shape, dtype=bool)
-        if self._uses(PLACES.index("direction")):
+        if DIRECTION in _used(type(self), len(self.joints)):
             found[:, 0] = (np.abs(s.v) >= s.still).all(axis=1)
         return found
 
@@ -171,7 +171,7 @@ def user_effect(name: str, function: UserFunction, file: Path | None = None) -> 
     )
     kind.equation = " + ".join(f"{key} ({column})" for key, (column, _) in columns.items())
     every = ca.vertcat(*(column for column, _ in columns.values()))
-    kind.memory = bool(ca.depends_on(every, inputs[len(PLACES)]))  # t from the start
+    kind.memory = bool(ca.depends_on(every, inputs[TIME]))  # t from the start
     kind.implicit = bool(ca.depends_on(every, ca.vertcat(*inputs[3:5])))
     _compiled(kind, joints)
     return kind
@@ -240,6 +240,13 @@ def _compiled(kind: type[UserEffect], joints: int) -> ca.Function:
             f"effect '{kind.kind}': its expression has other symbols than those of s: "
             f"{line_of(error)}"
         ) from None
+
+
+@cache
+def _used(kind: type[UserEffect], joints: int) -> frozenset[int]:
+    """Return the places of the inputs on which its columns depend."""
+    compiled = _compiled(kind, joints)
+    return frozenset(i for i in range(compiled.n_in()) if compiled.jac_sparsity(0, i).nnz())
 
 
 def parse_user(text: str) -> tuple[Path, str, tuple[str, ...]] | None:
