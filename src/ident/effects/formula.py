@@ -157,7 +157,6 @@ class Formula(Effect):
         second_rotational: whether the second joint is rotational.
     """
 
-    equation: ClassVar[str] = "a formula of the signals"
     signature: ClassVar[str] = "the residual against the signals is this formula"
     source: ClassVar[str] = "found in the data"
     terms: tuple[Term, ...] = field(default=(), kw_only=True)
@@ -168,6 +167,10 @@ class Formula(Effect):
     @property
     def kind(self) -> str:  # type: ignore[override]
         return self.name
+
+    @property
+    def equation(self) -> str:  # type: ignore[override]
+        return self.text
 
     @property
     def arity(self) -> int:  # type: ignore[override]

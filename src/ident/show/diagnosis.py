@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from ident.diagnosis.diagnosis import LOUD, Diagnosis, Explanation
+from ident.diagnosis.diagnosis import LOUD, Diagnosis, Explanation, Law
+from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.selection import Evidence
 from ident.diagnosis.unobservable import Invisible
 from ident.display import renders
@@ -475,22 +476,35 @@ def _nearest(d: Diagnosis) -> list[str]:
     ]
 
 
-def curves(d: Diagnosis) -> list[str]:
-    """Return the curves that explain what no effect does, and on which signals they depend."""
-    found = []
-    for each in d.curves:
-        own = {*each.effect.depends_on, *(f"q.{name}" for name in each.effect.joints[1:])}
-        more = [n for n in each.depends if n not in own]
+def law_words(found: Law | FoundCurve) -> str:
+    """Return what a law or a curve is: constants and relative, or how much it explains."""
+    if isinstance(found, FoundCurve):
+        own = {*found.effect.depends_on, *(f"q.{name}" for name in found.effect.joints[1:])}
+        more = [n for n in found.depends if n not in own]
         also = f"It depends on {listed(sorted(own))}"
         also += f", and beside the curve on {listed(more)}" if more else ""
-        also += f"; not on {listed(each.independent)}" if each.independent else ""
-        found.append(
-            f"A {curve_name(each.effect)} explains {100 * (1 - each.ratio):.0f} % of the squared "
-            f"error there; {100 * each.absorbable:.0f} % of its torque is such as the model's own "
-            f"parameters can make. {also}. In the model: `--with {each.effect.label}`, and "
-            f"pieces = {each.effect.pieces} in mechanism.toml for as many intervals."
+        also += f"; not on {listed(found.independent)}" if found.independent else ""
+        return (
+            f"a {curve_name(found.effect)} explains {100 * (1 - found.ratio):.0f} % of the squared "
+            f"error there; {100 * found.absorbable:.0f} % of its torque is such as the model's own "
+            f"parameters can make. {also}"
         )
-    return found
+    law = found.found
+    close = f"closest known law: {law.nearest.replace('_', ' ')}" if law.nearest else ""
+    close += f" ({100 * law.distance:.0f} % different)" if law.distance > DIFFERENT else ""
+    return (
+        f"torque of {found.joint} = {found.formula}, with {numbers(found.parameters)} "
+        f"({close or 'no known relative'})"
+    )
+
+
+def curves(d: Diagnosis) -> list[str]:
+    """Return the curves that explain what no effect does, and on which signals they depend."""
+    return [
+        f"A{law_words(each)[1:]}. In the model: `--with "
+        f"{each.effect.label}:pieces={each.effect.pieces}`."
+        for each in d.curves
+    ]
 
 
 def laws(d: Diagnosis) -> list[str]:
@@ -498,8 +512,6 @@ def laws(d: Diagnosis) -> list[str]:
     found = []
     for each in d.laws:
         law = each.found
-        close = f"closest known law: {law.nearest.replace('_', ' ')}" if law.nearest else ""
-        close += f" ({100 * law.distance:.0f} % different)" if law.distance > DIFFERENT else ""
         before, after = (errors.get(each.joint) for errors in (each.before, each.after))
         with_ = f" with {labels(each.beside)} beside it" if each.beside else ""
         error = "" if before is None or after is None else (
@@ -509,9 +521,8 @@ def laws(d: Diagnosis) -> list[str]:
         rivals = [f"`{one.formula.text}`" for one in law.rivals]
         or_ = f" This motion cannot tell it from {listed(rivals[:MOST], 'or')}." if rivals else ""
         instead = f" It takes the place of {listed(law.replaced)}." if law.replaced else ""
-        formula = f"torque of {each.joint} = {each.formula}, with {numbers(each.parameters)}"
         found.append(
-            f"A formula explains it: {formula} ({close or 'no known relative'});{error} "
+            f"A formula explains it: {law_words(each)};{error} "
             f"{100 * law.explained:.0f} % of what exceeds the noise.{or_}{instead} It is a "
             f"description, not yet a cause. `--out DIR` writes it as {each.file}: `--with "
             f"DIR/{each.option} --allow-code`."

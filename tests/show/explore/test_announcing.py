@@ -115,7 +115,7 @@ def test_better_is_said_only_where_falls_differ_by_more_than_they_are_known():
 
 
 def test_what_would_raise_the_error_lowers_none():
-    rows = {row["label"]: row for row in effect_rows(screened().candidates)}
+    rows = {row["label"]: row for row in effect_rows(screened())}
     falls = {x.label: x.fall for x in screened().candidates if x.fall is not None}
     for label, fall in falls.items():
         assert ("lowers the error" in rows[label]["about"]) == (fall > 0)

@@ -6,7 +6,7 @@ import sys
 import threading
 
 import pytest
-from explored import given, screened
+from explored import given, odd, screened
 
 import ident
 from helpers import ROBOTS
@@ -179,3 +179,31 @@ def test_a_motion_that_cannot_be_fitted_is_refused():
     mechanism = ident.load(ROBOTS / "arm")
     with pytest.raises(FitError, match="needs a motion"):
         ident.Exploration.of(mechanism, ident.read_log(ROBOTS / "arm" / "run.csv"))
+
+
+def test_laws_and_curves_are_offered_accepted_and_refused(tmp_path):
+    board = Board("arm", tmp_path / "out")
+    board.begin(lambda progress: odd(), lambda what, share: None)
+    law = odd().offered[0]
+    rows = {row["label"]: row for row in board.state["effects"] if row.get("offered")}
+    assert list(rows) == [law.effect.label, "curve:elbow:q"]
+    assert "magnetic spring" in rows[law.effect.label]["about"]
+    assert "%" in rows[law.effect.label]["fall"]
+    board.act({"do": "refuse", "label": "curve:elbow:q"})
+    assert [row["label"] for row in board.state["effects"] if row.get("offered")] == [
+        law.effect.label
+    ]
+    board.act({"do": "refuse", "label": "curve:elbow:q"})
+    assert "is not offered" in board.state["status"]["text"]
+    board.act({"do": "add", "label": law.effect.label})
+    assert law.effect.label in present(board)
+    e = board.exploration
+    assert e.now.errors["elbow"].rms < 0.1 * e.rungs[0].errors["elbow"].rms
+    assert "curve:elbow:q" in e.refused
+    board.act({"do": "save", "name": "grown"})
+    folder = tmp_path / "out" / "grown"
+    assert (folder / "law_elbow.py").exists(), board.state["status"]
+    again = ident.load(folder, allow_code=True)
+    assert "law:elbow" in [effect.label for effect in again.effects]
+    board.act({"do": "back", "rung": 0})
+    assert [x.effect.label for x in board.exploration.offered] == [law.effect.label]

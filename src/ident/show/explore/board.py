@@ -18,6 +18,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from ident.effects import Effect
 from ident.errors import IdentError, MechanismError
 from ident.log import Log
 from ident.mechanism import Mechanism
@@ -108,9 +109,11 @@ class Board:
                 case "look":
                     self._tell(view=str(message["view"]), joint=str(message["joint"]))
                 case "add":
-                    effects = (x.effect for x in before.candidates if x.label == label)
-                    self._show(before.with_effect(next(effects, label), progress))
-                    self._tell(joint=self._joint_of(before, label))
+                    effect = before.effect(label)
+                    self._show(before.with_effect(effect, progress))
+                    self._tell(joint=self._joint_of(before, effect))
+                case "refuse":
+                    self._show(before.refuse(label))
                 case "remove":
                     self._show(before.without(label, progress))
                 case "back":
@@ -207,7 +210,7 @@ class Board:
         self.exploration = e
         changes: dict[str, Any] = {"stale": True, "note": "announced for another model …"}
         if (found := e.now.candidates) is not None:
-            rows = effect_rows(found, e.now.diagnosis)
+            rows = effect_rows(e)
             note = f"{len(rows)} effects; held-out error of the joint without → with each"
             if beside_verdict(found, e.now.diagnosis):
                 note += "; none of them is judged to be missing"
@@ -245,12 +248,13 @@ class Board:
         if self._turn == turn:
             self._say(words, "bad" if words.startswith("error: ") else "done")
 
-    def _joint_of(self, e: Exploration, label: str) -> str:
+    def _joint_of(self, e: Exploration, effect: Effect | str) -> str:
         """Return the joint to look at: the effect's own, or the one whose error it lowers most."""
-        for x in e.candidates:
-            if x.label == label and x.joints:
-                return next((j for j in x.joints if j in x.effect.joints), x.joints[0])
-        return str(self.state["joint"])
+        own = () if isinstance(effect, str) else effect.joints
+        mends = next(
+            (x.joints for x in e.candidates if x.effect is effect), e.fit.motion.independent
+        )
+        return next((j for j in own if j in mends), (*mends, self.state["joint"])[0])
 
     def _save(self, name: str) -> str:
         """Write the present model into the folder, or one below it; return where."""

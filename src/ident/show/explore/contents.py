@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -10,10 +11,13 @@ from typing import Any
 from markupsafe import Markup
 
 from ident.diagnosis import Diagnosis
+from ident.diagnosis.diagnosis import Law
+from ident.diagnosis.found_curves import FoundCurve
+from ident.effects.formula import Formula
 from ident.fit import Fit
 from ident.show.card import Bar
 from ident.show.charts import Chart
-from ident.show.diagnosis import noise_errors
+from ident.show.diagnosis import law_words, noise_errors
 from ident.show.explore.exploration import Exploration, error_text
 from ident.show.explore.predicted import PredictedGain
 from ident.show.fit import value_tables
@@ -27,14 +31,16 @@ NAMED = 5  # rivals that are listed, the others counted
 VIEWS = ("Joint", "All joints", "Ladder", "Numbers", "Verdict")
 GROUPS = (
     "In the model",
+    "Found in these data, of no effect's form: accept or refuse",
     "Would lower the error",
     "Would change little, or no more than chance",
     "Cannot be seen in this data",
 )
 UNJUDGED = (
     "Not judged yet. What is announced is a fall of error, and a falling error is no proof of a "
-    "cause. `Judge it` weighs every effect against what logs without it show by chance, and says "
-    "what this data cannot tell apart."
+    "cause. `Judge it` weighs every effect against what logs without it show by chance, says what "
+    "this data cannot tell apart, and offers a curve or a formula where no effect has the "
+    "right form."
 )
 
 
@@ -46,18 +52,36 @@ def error_rows(e: Exploration) -> list[list[str]]:
     return [["joint", "as given", "before", "now"], *rows]
 
 
-def effect_rows(found: Sequence[PredictedGain], d: Diagnosis | None = None) -> list[dict[str, Any]]:
-    """Return one row an effect, group by group, best first in each.
-
-    Args:
-        found: what is announced.
-        d: of the same model, whose verdict is shown beside its effects.
-    """
+def effect_rows(e: Exploration) -> list[dict[str, Any]]:
+    """Return one row an effect that is announced or offered, group by group, best first in each."""
+    d = e.now.diagnosis
     marks = {} if d is None else {each.label: "as likely" for each in d.rivals}
     if d is not None and d.best is not None:
         marks[d.best.label] = "judged to be missing"
-    rows = [_effect_row(x, "in the model" if x.present else marks.get(x.label, "")) for x in found]
+    rows = [_offer(each) for each in e.offered]
+    rows += [
+        _effect_row(x, "in the model" if x.present else marks.get(x.label, ""))
+        for x in e.candidates
+    ]
     return sorted(rows, key=lambda row: GROUPS.index(row["group"]))
+
+
+def _offer(x: Law | FoundCurve) -> dict[str, Any]:
+    """Return the row of a law or a curve, which can be accepted or refused."""
+    rivals, fall, share = "", "", 1 - math.sqrt(x.ratio) if isinstance(x, FoundCurve) else 0.0
+    if isinstance(x, Law):
+        bar = Bar(x.joint, x.before[x.joint], x.after[x.joint])
+        fall, share = bar.words, 1 - bar.sizes[1] / (bar.sizes[0] or 1.0)
+        rivals = "; ".join(each.formula.text for each in x.found.rivals[:NAMED])
+        rivals = f"not told apart from {rivals}" if rivals else ""
+    else:
+        fall = f"{100 * share:.0f} % less"
+    return {
+        "label": x.effect.label, "kind": x.effect.kind, "present": False, "offered": True,
+        "mark": "law" if isinstance(x, Law) else "curve", "sure": True, "fall": fall,
+        "share": min(max(share, 0.0), 1.0), "about": law_words(x), "why": "", "rivals": rivals,
+        "group": GROUPS[1],
+    }  # fmt: skip
 
 
 def _effect_row(x: PredictedGain, mark: str) -> dict[str, Any]:
@@ -66,7 +90,7 @@ def _effect_row(x: PredictedGain, mark: str) -> dict[str, Any]:
         about = "" if x.effect.linear else "≈ "  # exact for what is linear in its unknowns
         change = f"{about}{Bar('', x.before, x.after).words}"
         fall = 1 - x.after.rms / max(x.before.rms, 1e-300)
-    about = type(x.effect).summary()
+    about = x.effect.equation if isinstance(x.effect, Formula) else type(x.effect).summary()
     if x.joints and (x.fall or 0.0) > 0:
         about += f"; lowers the error of {listed(x.joints)}"
     behind = (("not told apart from", x.rivals), ("explained better by", x.better))
@@ -75,7 +99,7 @@ def _effect_row(x: PredictedGain, mark: str) -> dict[str, Any]:
         "sure": x.sure, "fall": change, "share": min(max(fall, 0.0), 1.0), "about": about,
         "why": x.why,
         "rivals": "; ".join(f"{head} {some(names, NAMED)}" for head, names in behind if names),
-        "group": GROUPS[0 if x.present else 3 if x.fall is None else 1 if x.sure else 2],
+        "group": GROUPS[0 if x.present else 4 if x.fall is None else 2 if x.sure else 3],
     }  # fmt: skip
 
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ident.diagnosis import Diagnosis, History, diagnose
-from ident.diagnosis.diagnosis import errors_of
+from ident.diagnosis.diagnosis import Law, errors_of
+from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.grow import Step
 from ident.display import Displayed
 from ident.effects import Effect
@@ -98,10 +99,12 @@ class Exploration(Displayed):
     Attributes:
         rungs: from the model that was given to the present one.
         before: what it was before the last change; None at the beginning.
+        refused: labels of laws and curves that are not offered again.
     """
 
     rungs: tuple[ModelStep, ...]
     before: Exploration | None = None
+    refused: frozenset[str] = frozenset()
 
     @classmethod
     def of(
@@ -139,6 +142,29 @@ class Exploration(Displayed):
     def candidates(self) -> tuple[PredictedGain, ...]:
         """Predicted gain of every effect; empty before `screened`."""
         return self.now.candidates or ()
+
+    @property
+    def offered(self) -> tuple[Law | FoundCurve, ...]:
+        """Laws and curves that the diagnosis of the present model found and nobody refused."""
+        d = self.now.diagnosis
+        every: tuple[Law | FoundCurve, ...] = () if d is None else (*d.laws, *d.curves)
+        return tuple(each for each in every if each.effect.label not in self.refused)
+
+    def effect(self, label: str) -> Effect | str:
+        """Return the effect with a label among what is announced or offered; else the label."""
+        every = (each.effect for each in (*self.offered, *self.candidates))
+        return next((effect for effect in every if effect.label == label), label)
+
+    def refuse(self, label: str) -> Exploration:
+        """Without the offer of a law or a curve.
+
+        Raises:
+            FitError: if it is not offered.
+        """
+        labels = [each.effect.label for each in self.offered]
+        if label not in labels:
+            raise FitError(f"'{label}' is not offered; {one_of(label, labels)}")
+        return replace(self, refused=self.refused | {label}, before=self)
 
     def screened(self, progress: Progress | None = None) -> Exploration:
         """With the fall of error announced for every effect of the library.
