@@ -53,6 +53,8 @@ def drawn(
             if outcomes[-1].verdict in FAULTS:
                 print(f"{outcomes[-1].verdict}: {outcomes[-1].what}\n   {outcomes[-1].detail}",
                       flush=True)  # fmt: skip
+            if len(outcomes) % 100 == 0:
+                print(f"{len(outcomes)} of {count}", file=sys.stderr, flush=True)
 
         every()
     return outcomes

@@ -258,3 +258,31 @@ def test_blocks_cover_every_row_once():
         measured = e.tau[:, fit.mechanism.driven.index(motion.independent[u])]
         assert sum(block.torque for block in mine) == pytest.approx(measured @ measured)
     assert fit.rows == len(case.log.t)
+
+
+# --- errors that every period repeats ----------------------------------------------------------
+
+
+def test_steps_of_an_encoder_that_a_repeated_motion_repeats_are_one_witness():
+    """Of five equal periods the fit is no better than of one, and says so."""
+    mechanism = robot("five_bar").with_effect("viscous")
+    case = plant(mechanism, motion_log("five_bar", 100.0, 20.0), noise=NOISE, seed=4)
+    step = 2 * np.pi / 2**10
+
+    def logged(zero):
+        columns = {k: x for k, x in case.log.columns.items() if k[:2] in ("q.", "ta")}
+        for name in (name for name in columns if name[0] == "q"):
+            columns[name] = step * (np.round(columns[name] / step + zero) - zero)
+        return ident.identify(
+            mechanism, ident.complete(mechanism, Log.from_arrays("q.csv", case.log.t, columns))
+        )
+
+    again = logged(0.3)
+    every = logged(np.repeat(np.random.default_rng(0).uniform(size=5), len(case.log.t) / 5))
+    said = [each for each in again.findings if each.code == "repeated errors"]
+    assert said
+    assert "every 4 s" in str(said[0])
+    assert not [each for each in every.findings if each.code == "repeated errors"]
+    assert again["viscous.left.Fv"].stderr > 1.4 * every["viscous.left.Fv"].stderr
+    clean = case.fit()  # noise of the torques is another one in every period
+    assert not [each for each in clean.findings if each.code == "repeated errors"]

@@ -6,6 +6,7 @@ import pytest
 import ident
 from helpers import ROBOTS
 from ident.fit.residual import residual_of
+from ident.show.explore.exploration import Exploration
 from identification import robot
 
 FRICTION = ("coulomb.elbow.Fc", "viscous.elbow.Fv")
@@ -93,3 +94,52 @@ def test_a_long_filter_leaves_rows_between_gaps(log, mechanism):
     fit = ident.identify(mechanism, motion)
     assert not any("equations for" in note for note in fit.warnings)
     assert all(error.relative < 0.1 for error in fit.held_out.values())
+
+
+# --- every verb ----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def gappy(log):
+    """Two gaps that leave a few rows between them, a third of the cells empty, rates of its own."""
+    random = np.random.default_rng(3)
+    cut = without(log, (1001, 1061), (1206, 1266))
+    columns = {
+        name: np.where(random.random(len(x)) < 0.3, np.nan, x) for name, x in cut.columns.items()
+    }
+    columns["q.wrist"] = np.where(np.arange(len(cut.t)) % 2, np.nan, cut.columns["q.wrist"])
+    return ident.Log.from_arrays("gappy", cut.t, columns)
+
+
+def test_diagnose_and_compare_on_a_log_with_gaps(gappy, mechanism, tmp_path):
+    lacking = mechanism.without("coulomb:elbow")
+    motion = ident.complete(mechanism, gappy)
+    fit = ident.identify(lacking, motion)
+    found = ident.diagnose(fit)
+    assert found.best is not None
+    assert found.best.label == "coulomb:elbow"
+    found.write(tmp_path / "diagnosed")
+    full = ident.identify(mechanism, motion)
+    full.write(tmp_path / "fitted")
+    compared = ident.compare(fit, full)
+    assert "nan" not in str(compared)
+    compared.write(tmp_path / "compared")
+
+
+def test_explore_and_grow_on_a_log_with_gaps(gappy, mechanism):
+    lacking = mechanism.without("viscous:elbow")
+    motion = ident.complete(mechanism, gappy)
+    explored = Exploration.of(lacking, motion).screened()
+    assert max(explored.candidates, key=lambda each: each.fall or 0).label == "viscous:elbow"
+    grown = ident.grow(lacking, motion)
+    assert [each.label for each in grown.mechanism.effects if each.joints == ("elbow",)]
+
+
+def test_one_absurd_cell_beside_gaps(gappy, mechanism, reference):
+    columns = dict(gappy.columns)
+    k = int(np.flatnonzero(np.isfinite(columns["tau.elbow"]))[500])
+    columns["tau.elbow"] = columns["tau.elbow"].copy()
+    columns["tau.elbow"][k] = 1e20
+    fit = described(mechanism, ident.Log.from_arrays("absurd", gappy.t, columns))
+    alike(fit, reference, 12.0)
+    assert any("tau.elbow = 1e+20 in row" in warning for warning in fit.warnings)

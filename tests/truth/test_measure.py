@@ -367,3 +367,53 @@ def test_a_real_log_with_jittering_stamps(shared_data):
     for i in range(2):
         rise = np.gradient(e.y[:, i], e.t)
         assert np.sqrt(np.mean((rise - e.yd[:, i])[inner] ** 2)) < 0.01 * np.std(e.yd[:, i])
+
+
+# --- torques at the limit of their channel -------------------------------------------------------
+
+
+def saturated(robots, **options):
+    t, columns = drive("arm", **options)
+    x = columns["tau.elbow"] + 1e-3 * np.random.default_rng(0).normal(size=len(t))
+    limit = np.quantile(np.abs(x), 0.8)
+    columns["tau.elbow"] = np.clip(x, -limit, limit)
+    return t, columns
+
+
+def test_torques_at_the_limit_of_their_channel_are_left_out(robots):
+    t, columns = saturated(robots)
+    _, motion = run(robots, "arm", t, positions(columns))
+    (said,) = [note for note in motion.notes if "stays at an extreme" in note]
+    assert "tau.elbow" in said
+    assert "left out" in said
+    e = motion.experiments[0]
+    clipped = np.abs(np.interp(e.t, t, columns["tau.elbow"])) == np.abs(columns["tau.elbow"]).max()
+    assert clipped.any()
+    assert (e.usable & clipped).sum() < 0.1 * clipped.sum()  # short runs are interpolated
+    assert e.usable.sum() > 0.5 * len(t)
+
+
+def test_a_held_torque_is_that_of_a_joint_at_rest(robots):
+    """No limit is what holds a joint, and half of all samples are too many to be a limit."""
+    t, columns = saturated(robots)
+    top = np.abs(columns["tau.elbow"]) == np.abs(columns["tau.elbow"]).max()
+    for x in "va":
+        columns[f"{x}.elbow"] = np.zeros_like(t)
+    columns["q.elbow"] = np.full_like(t, 1.0)
+    assert top.any()
+    _, motion = run(robots, "arm", t, columns)
+    assert not any("stays at an extreme" in note for note in motion.notes)
+    t, columns = saturated(robots)
+    columns["tau.elbow"] = np.where(np.sin(5 * t) > -0.5, 1.0, np.cos(3 * t) * 0.9)
+    _, motion = run(robots, "arm", t, positions(columns))
+    assert not any("stays at an extreme" in note for note in motion.notes)
+
+
+def test_a_channel_of_few_samples_is_refused(robots):
+    t, columns = drive("arm")
+    columns = positions(columns)
+    columns["q.elbow"] = np.where(
+        np.arange(len(t)) % (len(t) // 4) == 0, columns["q.elbow"], np.nan
+    )
+    with pytest.raises(MotionError, match=r"q\.elbow has \d samples.*valid: 12 or more"):
+        run(robots, "arm", t, columns)

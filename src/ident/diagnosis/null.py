@@ -144,4 +144,4 @@ def judging(
 
 def _rms(x: Array) -> Array:
     """Return the rms of each column of x (m, draws), at least rounding."""
-    return np.maximum(np.sqrt((x**2).mean(axis=0)), 1e-300)
+    return np.maximum(np.sqrt((x**2).mean(axis=0)), np.finfo(x.dtype).tiny)

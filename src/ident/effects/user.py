@@ -212,7 +212,7 @@ def _evaluated(
         for key, column in returned.items():
             name, _, unit = str(key).partition(" [")
             columns[name] = ca.SX(column), unit.removesuffix("]") or "?"
-    except Exception as error:  # it is the user's code
+    except (Exception, SystemExit) as error:  # it is the user's code
         raise MechanismError(
             f"effect '{kind.kind}': its function fails: {line_of(error)}; it is given s with "
             f"{', '.join(SIGNALS)}, t and returns {{'unknown': CasADi expression}}"
@@ -282,4 +282,5 @@ def read_user_effect(
     try:
         return user_effect(name, function_of(file, name, allow_code=allow_code), file)
     except MechanismError as error:
-        raise MechanismError(f"{before}effect '{name}': {error}") from None
+        effect = f"effect '{name}': "
+        raise MechanismError(f"{before}{effect}{str(error).removeprefix(effect)}") from None

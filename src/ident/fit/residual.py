@@ -406,7 +406,8 @@ def _failure(
         mine = own_maps(residual.signal, joint, maps)
         if not rows.all():
             mine = [replace(each, columns=each.columns[rows]) for each in mine]
-        steps, threshold = depends_on(r[rows], fold[rows], mine, together)
+        if together:
+            steps, threshold = depends_on(r[rows], fold[rows], mine, together)
     repeats = again is not None and again.rho[joint] > again.chance
     return Failure(
         joint=joint,

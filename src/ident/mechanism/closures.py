@@ -361,7 +361,7 @@ class FunctionClosure(Closure):
             if value is None or isinstance(value, str):  # CasADi's message does not help here
                 raise TypeError(f"it returned {value!r}")
             phi = ca.SX(ca.vertcat(*value) if isinstance(value, (list, tuple)) else value)
-        except Exception as error:  # it is the user's code
+        except (Exception, SystemExit) as error:  # it is the user's code
             raise MechanismError(
                 f"closure '{self.name}': its function fails: {line_of(error)}; it is "
                 f'given q["<joint>"] of {", ".join(joints)} and returns Φ written with CasADi'
