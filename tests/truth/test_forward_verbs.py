@@ -163,8 +163,6 @@ def test_a_replay_tells_models_apart(fitted, tmp_path):
     (a,), (b,) = replay.runs.values()
     assert a.errors["crank"].rms < 0.3 * b.errors["crank"].rms
     assert a.errors["crank"].relative < 0.02
-    later = [x.within["crank"] if x.within["crank"] is not None else np.inf for x in (a, b)]
-    assert later[0] > later[1]
     assert "windows of 0.25 s, each from the measured state" in str(replay)
     paths = replay.write(tmp_path)
     said = json.loads((tmp_path / "replay.json").read_text())

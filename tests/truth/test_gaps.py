@@ -37,7 +37,7 @@ def without(log, *cuts):
 
 
 def described(mechanism, log):
-    """A fit whose residual's maps, regimes and repetitions were all asked for."""
+    """A fit whose residual's maps and repetitions were all asked for."""
     motion = ident.complete(mechanism, log)
     fit = ident.identify(mechanism, motion)
     residual = residual_of(fit, motion)

@@ -14,7 +14,6 @@ from helpers import ROBOTS
 from ident.cli.app import main
 from ident.errors import FitError, IdentError
 from ident.montecarlo import monte_carlo
-from ident.streams.diagnose_each import Verdict
 
 
 @pytest.fixture(scope="module")
@@ -54,20 +53,10 @@ def test_each_log_says_what_is_missing_in_it(verdicts):
     assert "10 are needed" in by_log["run_1b.csv"].left_out
 
 
-def test_together_they_say_it_and_who_says_otherwise(verdicts):
+def test_together_they_say_it(verdicts):
     together = verdicts.together
     assert "coulomb:elbow" in {effect.label for effect in (together.best, *together.rivals)}
-    (vote,) = [each for each in verdicts.votes if each.startswith("coulomb:elbow:")]
-    assert vote == "coulomb:elbow: named by 2 of 3 logs; not missing in run_2.csv"
     assert "run_1b.csv: left out" in " ".join(verdicts.notes)
-
-
-@pytest.mark.parametrize(
-    ("verdict", "about"),
-    [("nothing", "no"), ("undecided", "open"), ("unexplained", "open"), ("missing", "open")],
-)
-def test_only_a_log_without_anything_missing_excludes_an_effect(verdict, about):
-    assert Verdict("run.csv", 500, verdict).about("coulomb:elbow") == about
 
 
 def test_a_logs_verdict_is_that_of_the_log_alone(without_elbow, folder, verdicts):
@@ -83,7 +72,7 @@ def test_a_logs_verdict_is_that_of_the_log_alone(without_elbow, folder, verdicts
 def test_verdicts_become_files(verdicts, tmp_path):
     names = {path.name for path in verdicts.write(tmp_path)}
     assert names == {"diagnosis.json", "logs.csv", "report.html"}
-    assert pl.read_csv(tmp_path / "logs.csv")["coulomb:elbow"].to_list()[0] == "named"
+    assert "coulomb:elbow" in pl.read_csv(tmp_path / "logs.csv")["named"].to_list()[0]
     assert "Log by log" in (tmp_path / "report.html").read_text()
 
 

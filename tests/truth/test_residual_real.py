@@ -26,7 +26,6 @@ def test_joints_5_and_6_fail_by_each_other_s_speed(failures):
     assert not any(each.white for each in (fifth, sixth))
 
 
-def test_joint_2_fails_at_standstill(failures):
+def test_joint_2_fails_at_one_time(failures):
     (second,) = (each for each in failures if each.joint == "joint_2")
-    assert [regime.name for regime in second.stands_out] == ["standstill"]
     assert second.worst[0].stop == pytest.approx(8.94, abs=0.05)

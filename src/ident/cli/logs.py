@@ -219,8 +219,8 @@ def compare(
 ) -> None:
     """Compare models with measurements, joint by joint.
 
-    Errors, the parts of the sum, and where each model fails: in which joint, when, in which regime
-    of its motion, and on which signals what is left depends.
+    Errors, the parts of the sum, and where each model fails: in which joint, when, and on
+    which signals what is left depends.
     """
     from ident.fit.compare import compare as compare_
     from ident.fit.files import read_fit

@@ -15,7 +15,7 @@ from ident.fit.values import EffectValues, absorbed_by, rigid_values
 from ident.information.blocks import Error
 from ident.information.estimate import Estimate, term_sizes
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import COUNT, DYNAMIC, pseudo_inertia
+from ident.mechanism.parameters import pseudo_inertia
 from ident.motion import Motion
 
 BIASED = 1e-4  # share of a parameter that a time basis may move unmentioned
@@ -78,7 +78,6 @@ def findings_of(
         *_missed(errors, held_out or {}),
         *_held(problem.columns, estimate),
         *_short_runs(problem.motion),
-        *_partly_known(problem.mechanism),
         *_absorbed(problem.columns, estimate),
         *_multipliers(problem, estimate),
         *more,
@@ -155,23 +154,6 @@ def _short_runs(motion: Motion) -> Iterator[Finding]:
                 f"out: shorter than the filter ({(2 * half + 1) / e.rate:.3g} s)"
             )
             yield Finding("short runs", text, "a higher cut-off keeps them", (e.name,))
-
-
-def _partly_known(mechanism: Mechanism) -> Iterator[Finding]:
-    """Report bodies of which mass or first moments are unknown, but not all that they enter."""
-    links: dict[tuple[str, ...], list[str]] = {}
-    for link in mechanism.bodies.links:
-        unknown = tuple(word for word in DYNAMIC if f"{link}.{word}" in mechanism.unknown)
-        if {*unknown} & {"m", "mx", "my", "mz"} and len(unknown) < COUNT:
-            links.setdefault(unknown, []).append(link)
-    for unknown, some in links.items():
-        text = (
-            f"of {_some(some, 6)} {', '.join(unknown)} is unknown while "
-            f"{', '.join(word for word in DYNAMIC if word not in unknown)} are held: first "
-            "moments and moments about the joint frame, so that centre of mass and inertia "
-            "about it move"
-        )
-        yield Finding("partly known", text, where=tuple(some))
 
 
 def _multipliers(problem: Problem, estimate: Estimate) -> Iterator[Finding]:

@@ -13,7 +13,7 @@ decimated as they are, so that its residual is b − A x.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
@@ -101,7 +101,6 @@ class Trace(TorqueParts):
         q, v, a: (n, J) [rad | m], [.../s], [.../s²] of all named joints.
         direction: (n, J), sign(v), v/still at standstill.
         informed: (n, d), false where dry friction at standstill leaves the torque open.
-        still: (J,) speed below which a joint stands still.
     """
 
     segment: np.ndarray
@@ -112,7 +111,6 @@ class Trace(TorqueParts):
     a: np.ndarray
     direction: np.ndarray
     informed: np.ndarray
-    still: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def __len__(self) -> int:
         return len(self.t)
@@ -193,7 +191,7 @@ def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Tr
     in_rows = dict(zip(own, parts[len(names) :], strict=True))
     return Trace(
         e.name, t, measured, by_name, segments, gravity, in_rows,
-        q, v, a, direction, informed, e.still,
+        q, v, a, direction, informed,
     )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ Near 1, physics is missing; near 0, none is.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -51,13 +51,6 @@ PARTS = 50  # of an experiment that one window is
 SHORTEST, LONGEST = 0.1, 1.0  # s, of a window
 WINDOW_LARGER = 2.0  # times the median of local rms values
 MOST = 5  # windows
-NEAR = 0.06  # s on either side of a reversal
-SLOW = 0.25  # of the top speed: a faster joint is not about to reverse
-END = 0.1  # of the range at either end
-TOP = 0.75  # quantile above which a speed, an acceleration or a load is high
-LARGER = 1.5  # ratio of rms that stands out
-SURE = 3.0  # standard errors by which it must
-FULL = 2 * np.pi  # rad; a joint that turns further has no ends
 CHANCE = 0.4  # correlation between periods that the noise of good logs has
 FEWEST = 16  # pairs of rows from which a correlation between periods can be determined
 SHORT = 3  # rows without a gap, too few for a spectrum
@@ -125,25 +118,6 @@ class Window:
 
 
 @dataclass(frozen=True)
-class Regime:
-    """The residual of a joint in one regime.
-
-    Attributes:
-        name: `reversal`, `standstill`, `high speed`, `lower end`, `upper end`,
-            `high acceleration` or `high load`.
-        ratio: of the rms in it to that of all other rows.
-        stands_out: whether the ratio is above 1.5 by more than chance.
-    """
-
-    name: str
-    ratio: float
-    stands_out: bool
-
-    def __str__(self) -> str:
-        return f"{self.name} ×{self.ratio:.2g}"
-
-
-@dataclass(frozen=True)
 class Dependence:
     """A signal on which a residual depends.
 
@@ -170,7 +144,6 @@ class Failure(Displayed):
         rms, relative: of the residual; share: of the weighted sum of squares over all joints.
         offset: mean of the residual [N m | N].
         worst: stretches of time that stand out, the worst first.
-        regimes: of the joint's motion, the most conspicuous first.
         depends_on: signals, the most important first.
         memory: autocorrelation beyond the filter's length, and its threshold.
         repeats: correlation of the residual between periods of the motion, if the log has any.
@@ -186,17 +159,11 @@ class Failure(Displayed):
     share: float
     offset: float
     worst: tuple[Window, ...]
-    regimes: tuple[Regime, ...]
     depends_on: tuple[Dependence, ...]
     memory: Memory
     repeats: float | None
     threshold: float
     white: bool
-
-    @property
-    def stands_out(self) -> tuple[Regime, ...]:
-        """The regimes in which the residual is larger than elsewhere."""
-        return tuple(regime for regime in self.regimes if regime.stands_out)
 
     @property
     def json(self) -> dict[str, Any]:
@@ -210,8 +177,6 @@ class Failure(Displayed):
             "r2_threshold": self.threshold,
             "worst": [[each.start, each.stop] for each in self.worst],
             "worst_log": [each.experiment for each in self.worst],
-            "regimes": {each.name: each.ratio for each in self.regimes},
-            "stands_out": [each.name for each in self.stands_out],
             "autocorrelation": self.memory.value,
             "autocorrelation_threshold": self.memory.threshold,
         }
@@ -417,7 +382,6 @@ def _failure(
         share=share,
         offset=float(r.mean()),
         worst=() if nothing else _worst(residual, u, memory.effective),
-        regimes=() if nothing else _regimes(residual, u, memory.effective),
         depends_on=tuple(
             Dependence(step.map.name, step.r2, described(step, error.unit)) for step in steps
         ),
@@ -453,55 +417,6 @@ def _worst(residual: Residual, u: int, effective: float) -> tuple[Window, ...]:
                 window = Window(name, float(t[run][0]), float(t[run][-1]))
                 windows.append((-float((r[run] ** 2).sum()), window))
     return tuple(window for _, window in sorted(windows, key=lambda each: each[0])[:MOST])
-
-
-def _regimes(residual: Residual, u: int, effective: float) -> tuple[Regime, ...]:
-    """Return the regimes that occur, the most conspicuous first; `effective`: independent rows."""
-    r = np.concatenate([trace.residual[:, u] for trace in residual.traces])
-    regimes = []
-    for name, inside in _masks(residual, u):
-        n, others = int(inside.sum()), int((~inside).sum())
-        if min(n, others) < 5:
-            continue
-        rms, rest = np.sqrt(np.mean(r[inside] ** 2)), np.sqrt(np.mean(r[~inside] ** 2))
-        ratio = float(rms / rest) if rest > 0 else 1.0
-        error = np.sqrt(0.5 * len(r) / effective * (1 / n + 1 / others))  # of ln(rms / rest)
-        out = ratio > LARGER and np.log(ratio) > SURE * error
-        regimes.append(Regime(name, ratio, bool(out)))
-    return tuple(sorted(regimes, key=lambda each: -each.ratio))
-
-
-def _masks(residual: Residual, u: int) -> Iterator[tuple[str, np.ndarray]]:
-    """Return the regimes of a joint with their rows (n,) of all traces."""
-    i, traces = residual.signals.index(residual.joints[u]), residual.traces
-    q, v, a = (np.concatenate([getattr(trace, x)[:, i] for trace in traces]) for x in "qva")
-    load = np.abs(np.concatenate([trace.load[:, u] for trace in traces]))
-    still = np.concatenate([np.abs(trace.v[:, i]) < trace.still[i] for trace in traces])
-    turning = np.concatenate([_reversals(trace, i, residual.rate) for trace in traces])
-    yield "reversal", turning
-    yield "standstill", still & ~turning
-    moving = ~still
-    if moving.sum() < 5:
-        return
-    yield "high speed", moving & (np.abs(v) >= np.quantile(np.abs(v[moving]), TOP))
-    low, high = q.min(), q.max()
-    if high - low <= FULL or residual.coordinate_units[i] != "rad":
-        yield "lower end", q < low + END * (high - low)
-        yield "upper end", q > high - END * (high - low)
-    yield "high acceleration", np.abs(a) >= np.quantile(np.abs(a), TOP)
-    yield "high load", load >= np.quantile(load, TOP)
-
-
-def _reversals(trace: Trace, i: int, rate: float) -> np.ndarray:
-    """Return the slow rows (n,) within 60 ms of which joint i moves in both directions."""
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d  # takes 0.1 s to import
-
-    v, still, size = trace.v[:, i], trace.still[i], 2 * round(NEAR * rate) + 1
-    both = np.zeros(len(trace), dtype=bool)
-    for run in trace.runs():
-        fastest, slowest = maximum_filter1d(v[run], size), minimum_filter1d(v[run], size)
-        both[run] = (fastest >= still) & (slowest <= -still)
-    return both & (np.abs(v) < max(SLOW * np.abs(v).max(initial=0.0), still))
 
 
 # --- repetition ----------------------------------------------------------------------------------

@@ -28,7 +28,7 @@ from ident.text import percent, places, table, wrapped
 
 SCHEMA = "ident.compare/1"
 ROUNDING = 1e-12  # of the measured torque: below, a part is nil
-MOST = 3  # windows and regimes that are shown; all are in compare.json
+MOST = 3  # windows that are shown; all are in compare.json
 LABEL = 28  # characters of a model's name in a chart or table
 CLEARLY = 0.01  # R² by which another signal must determine an effect better
 CURVE = 120  # points of an effect's curve
@@ -90,11 +90,10 @@ def parts_tables(residual: Residual) -> dict[str, list[list[str]]]:
 
 
 def details(failure: Failure, several: bool) -> dict[str, str]:
-    """Return on what one joint's residual depends, in which regimes it is larger, and when."""
+    """Return on what one joint's residual depends, and when it is worst."""
     found = {"depends on": "; ".join(str(each) for each in failure.depends_on)}
     if not failure.depends_on and not failure.white:
         found["depends on"] = "no single signal that was tried; but it is correlated in time"
-    found["larger at"] = ", ".join(str(regime) for regime in failure.stands_out[:MOST])
     if not failure.white:
         windows = (f"{x} of {x.experiment}" if several else str(x) for x in failure.worst[:MOST])
         found["worst in"] = ", ".join(windows)

@@ -53,19 +53,16 @@ def summary(x: Run) -> str:
 
 
 def _rows(x: Replay) -> list[list[str]]:
-    rows = [["", "rms", "of the way", "without restarts within 5 % for"]]
+    rows = [["", "rms", "of the way"]]
     for model, logs in x.runs.items():
         for run in logs:
             title = " ".join(
                 ([model] if len(x.runs) > 1 else []) + ([run.name] if len(logs) > 1 else [])
             )
-            rows += [[title, "", "", ""]] if title else []
-            within = run.within
+            rows += [[title, "", ""]] if title else []
             for joint, error in run.errors.items():
-                seconds = within[joint]
-                stays = f"all {run.lasted:.3g} s" if seconds is None else f"{seconds:.3g} s"
                 rms = "–" if np.isnan(error.rms) else f"{error.rms:.3g} {error.unit}"
-                rows.append([joint, rms, percent(error.relative), stays])
+                rows.append([joint, rms, percent(error.relative)])
     return rows
 
 
@@ -121,18 +118,9 @@ def replay_json(x: Replay) -> dict[str, Any]:
 
 
 def _data(run: ReplayedLog) -> dict[str, Any]:
-    within = run.within
-    joints = {
-        joint: {
-            **asdict(error),
-            "within": within[joint],
-        }
-        for joint, error in run.errors.items()
-    }
     return {
         "log": run.name,
         "windows": len(run.starts),
-        "without_restarts": run.lasted,
-        "joints": joints,
+        "joints": {joint: asdict(error) for joint, error in run.errors.items()},
         "failures": list(run.failures),
     }

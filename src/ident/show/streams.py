@@ -17,7 +17,7 @@ from ident.streams.gather import Gathered
 from ident.streams.many_logs import RATE, Disagreement, LogComparison
 from ident.streams.monitor import Alarm, Cause, Monitor, ParameterChange
 from ident.streams.online import Forces, Snapshot
-from ident.text import listed, percent, rounded
+from ident.text import percent, rounded
 
 NAMED = 6  # logs in a sentence; more are counted
 SHOWN = 6  # parameters in one line
@@ -25,12 +25,6 @@ POOR = 0.05  # of the torque: a model that leaves more hides differences between
 MOSTLY = 0.9  # of a log's difference, that a part must explain to be named
 TINY = 1e-12  # a smaller chance is printed as this
 BLIND = 10.0  # times a change: a standard error beyond which it is not printed
-OTHERWISE = {
-    "likely": "likely, but not first, in",
-    "no": "not missing in",
-    "hidden": "not to be seen in",
-    "open": "neither named nor excluded in",
-}
 
 
 # --- many logs -----------------------------------------------------------------------------------
@@ -109,20 +103,6 @@ def gathered_text(x: Gathered) -> str:
 # --- many diagnoses ------------------------------------------------------------------------------
 
 
-@renders(Verdicts, "votes")
-def votes(x: Verdicts) -> list[str]:
-    """Return for each effect that is asked for how many logs name it, and which say otherwise."""
-    sentences, used = [], [each for each in x.logs if each.verdict]
-    for label in x.asked:
-        by: dict[str, list[str]] = {}
-        for each in used:
-            by.setdefault(each.about(label), []).append(each.log)
-        parts = [f"named by {len(by.get('named', ()))} of {len(used)} logs"]
-        parts += [f"{words} {listed(by[kind])}" for kind, words in OTHERWISE.items() if kind in by]
-        sentences.append(f"{label}: {'; '.join(parts)}")
-    return sentences
-
-
 def verdict_rows(x: Verdicts) -> list[list[str]]:
     """Return one row a log, the head first."""
     rows = [["log", "samples", "verdict", "of", "error", "with it"]]
@@ -137,12 +117,12 @@ def verdict_rows(x: Verdicts) -> list[list[str]]:
 
 
 def _each_sheet(x: Verdicts) -> Sheet:
-    return Sheet("each log by itself", tables={"logs": verdict_rows(x)}, lines=votes(x))
+    return Sheet("each log by itself", tables={"logs": verdict_rows(x)})
 
 
 @renders(Verdicts, "text")
 def verdicts_text(x: Verdicts, together: Callable[[Diagnosis], str] = str) -> str:
-    """Return each log's verdict, the votes, and the diagnosis of all logs together."""
+    """Return each log's verdict, and the diagnosis of all logs together."""
     return f"{_each_sheet(x).summary()}\n\nall logs together\n{together(x.together)}"
 
 
@@ -160,7 +140,7 @@ def verdicts_section(x: Verdicts) -> Section:
 
 @renders(Verdicts, "html")
 def verdicts_html(x: Verdicts) -> str:
-    """Return the tables and the votes, and the diagnosis of all logs together."""
+    """Return the tables, and the diagnosis of all logs together."""
     return _each_sheet(x).html() + x.together._repr_html_()
 
 

@@ -31,7 +31,6 @@ WATCHED = 0.01  # [s] longest step where a joint has dry friction
 MOST = 100_000, 30_000  # evaluations of the right side, in all cases and a simulated second
 LOOSE = 1e-9  # tolerance above which a method of order 5 is cheaper than one of order 8
 WILD = 1e4  # [rad | m | …/s] beyond which no machine moves
-Until = Callable[[InstantTerms], bool]
 States = Callable[[float], np.ndarray]  # the states within a step by time [s]
 ModeChange = tuple[float, np.ndarray, bool]  # t [s], sliding joints that stop (dry,), a break-away
 
@@ -57,8 +56,8 @@ class Integration:
     """One integration over time; `run` performs it, and what it has reached is in the attributes.
 
     Steps have the relative error `tolerance` and are no longer than `longest` [s]; they end at the
-    times `knots`, where an input is not smooth. The integration ends where `until` is true of a
-    sample's terms. Whole turns are counted from coordinates `near` (J,).
+    times `knots`, where an input is not smooth. Whole turns are counted from coordinates `near`
+    (J,).
 
     Attributes:
         samples: terms, forces and modes (dry,) at the times passed so far.
@@ -71,10 +70,9 @@ class Integration:
         tolerance: float,
         longest: float = np.inf,
         knots: np.ndarray | None = None,
-        until: Until | None = None,
         near: np.ndarray | None = None,
     ) -> None:
-        self.dynamics, self.tolerance, self.knots, self.until = dynamics, tolerance, knots, until
+        self.dynamics, self.tolerance, self.knots = dynamics, tolerance, knots
         self.plant, self._near = dynamics.plant, near
         self.names = [each.name for each in self.plant.laws.dry]
         self.longest = min(longest, WATCHED) if self.names else longest
@@ -101,13 +99,14 @@ class Integration:
         self._decide(t, x, np.abs(self._speeds(x)) <= REST, broke=False)
         x = self._projected(t, x)
         self._sample(t, x)
-        while not self._done(times):
+        while len(self.samples) < len(times):
             solver, change = self._piece(t, x, end), None
-            while change is None and not self._done(times):
+            while change is None and len(self.samples) < len(times):
                 states, change = self._step(solver)
                 t = solver.t if change is None else change[0]
                 x = self._projected(t, solver.y) if change is None else states(t)
-                while not self._done(times) and (at := float(times[len(self.samples)])) <= t:
+                while len(self.samples) < len(times) and times[len(self.samples)] <= t:
+                    at = float(times[len(self.samples)])
                     self._sample(at, self._projected(at, states(at)) if at < t else x)
                 if on_progress:
                     on_progress("integrating", float((t - times[0]) / (end - times[0])))
@@ -118,11 +117,6 @@ class Integration:
                 stuck = (self.modes == STICK) | (np.abs(self._speeds(x)) <= REST)
                 self._decide(t, x, stopped | stuck, broke)
                 x = self._projected(t, x)
-
-    def _done(self, times: np.ndarray) -> bool:
-        return len(self.samples) == len(times) or (
-            self.until is not None and self.until(self.samples[-1][0])
-        )
 
     def _sample(self, t: float, x: np.ndarray) -> None:
         m = self._terms(t, x)

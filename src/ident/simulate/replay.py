@@ -3,8 +3,7 @@
 Each window begins in the measured state and is driven by the measured torques. A machine without
 feedback leaves its measured motion sooner or later, however good the model is: errors of the start
 and of the torques grow, exponentially where the motion is unstable. Short windows (multiple
-shooting; Bock, 1987) show the model and not this growth; one run without restarts shows how long it
-takes.
+shooting; Bock, 1987) show the model and not this growth.
 """
 
 from __future__ import annotations
@@ -29,12 +28,11 @@ from ident.progress import Progress
 from ident.simulate.balance import Dynamics
 from ident.simulate.drives import torque_series
 from ident.simulate.integrate import STEPS, interpolated, rough_times
-from ident.simulate.integration import Integration, Until
-from ident.simulate.plant import InstantTerms, Plant
+from ident.simulate.integration import Integration
+from ident.simulate.plant import Plant
 
 WINDOW = 0.5  # [s]
 TOLERANCE = 1e-8  # the torques are measured: a smaller one gains nothing
-AWAY = 0.05  # of a joint's travel: farther away, the simulation has left the measurement
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +44,6 @@ class ReplayedLog:
         measured: (n, j), NaN where there is none.
         simulated: (n, j), at a restart the end of the window before; NaN where there is none.
         starts: samples at which a window begins.
-        since, free: a run without restarts, from this sample on, (≤ n, j).
         failures: reasons why windows could not be integrated to their end.
     """
 
@@ -57,8 +54,6 @@ class ReplayedLog:
     measured: np.ndarray
     simulated: np.ndarray
     starts: tuple[int, ...]
-    since: int
-    free: np.ndarray
     failures: tuple[str, ...] = ()
 
     @property
@@ -76,23 +71,6 @@ class ReplayedLog:
             size = float(np.sqrt(np.mean(way[known, j] ** 2))) if known.any() else 0.0
             errors[joint] = Error(rms, rms / size if size > 0 else None, unit)
         return errors
-
-    @property
-    def within(self) -> dict[str, float | None]:
-        """By joint: seconds without restart until it is 5 % of its travel away; None: never."""
-        own = slice(self.since, self.since + len(self.free))
-        travel = np.nanmax(self.measured, axis=0) - np.nanmin(self.measured, axis=0)
-        away = np.abs(self.free - self.measured[own]) > AWAY * travel
-        t = self.t[own] - self.t[self.since]
-        return {
-            joint: float(t[away[:, j].argmax()]) if away[:, j].any() else None
-            for j, joint in enumerate(self.joints)
-        }
-
-    @property
-    def lasted(self) -> float:
-        """Length [s] of the run without restarts."""
-        return float(self.t[self.since + max(len(self.free) - 1, 0)] - self.t[self.since])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -180,29 +158,21 @@ def _replayed(
     states = [s.columns(law.effect, law.shape)[:, 0, 0] for law in plant.laws.states]
     z = np.stack(states, axis=1) if states else np.zeros((len(e), 0))
     knots, since = rough_times(e), float(e.t[0])
-    tree = [i for i in logged if mechanism.joints[i].in_tree]
-    travel = np.ptp(e.y[e.usable], axis=0)
 
-    def is_far(m: InstantTerms) -> bool:
-        k = int(np.searchsorted(e.t, m.t - 1e-9))
-        return bool((np.abs(m.y[tree] - e.y[k, tree]) > travel[tree]).any())
-
-    def play(
-        a: int, b: int, until: Until | None = None, on_progress: Progress | None = None
-    ) -> tuple[np.ndarray, str]:
+    def play(a: int, b: int) -> tuple[np.ndarray, str]:
         """Return y (≤ b − a + 1, J) at the samples a to b, and why it ended before, if it did."""
         dynamics, failure = Dynamics(plant, torques, motion.independent, extra, since), ""
-        integration = Integration(dynamics, TOLERANCE, STEPS / e.rate, knots, until, e.y[a])
+        integration = Integration(dynamics, TOLERANCE, STEPS / e.rate, knots, e.y[a])
         try:
-            integration.run((e.q[a], e.v[a], z[a]), e.t[a : b + 1], on_progress)
+            integration.run((e.q[a], e.v[a], z[a]), e.t[a : b + 1])
         except MotionError as error:
             failure = str(error)
         y = np.array([m.y for m, _, _ in integration.samples])
         return y.reshape(-1, len(mechanism.joints)), failure
 
     simulated, starts, failures = np.full(e.y.shape, np.nan), [], []
-    segments, length = list(e.segments()), max(2, round(window * e.rate))
-    for segment in segments:
+    length = max(2, round(window * e.rate))
+    for segment in e.segments():
         for a in range(segment.start, segment.stop - 1, length):
             if on_progress:
                 on_progress(f"simulating {e.name}", a / len(e))
@@ -212,9 +182,6 @@ def _replayed(
             else:
                 simulated[a + 1 : a + len(y)] = y[1:]
             starts.append(a)
-    longest = max(segments, key=lambda run: run.stop - run.start)
-    # far from the measurement the motion may meet anything, so its failure is no news
-    free, _ = play(longest.start, longest.stop - 1, is_far, on_progress)
     return ReplayedLog(
         e.name,
         e.t,
@@ -223,7 +190,5 @@ def _replayed(
         np.where(e.usable[:, None], e.y[:, logged], np.nan),
         simulated[:, logged],
         tuple(starts),
-        longest.start,
-        free[:, logged],
         tuple(dict.fromkeys(failures)),
     )

@@ -37,8 +37,6 @@ class Verdict:
         log: its name; samples: of it.
         verdict: as `Diagnosis.verdict`.
         named: labels of the effect that it names and of those it cannot tell from it.
-        likely: of all effects for which something speaks in this log; hidden: of those that it
-            cannot show.
         joint: whose error the first of `named` lowers; before, after: held out, as a share.
         left_out: why there is no diagnosis; empty if there is.
     """
@@ -47,8 +45,6 @@ class Verdict:
     samples: int = 0
     verdict: str = ""
     named: tuple[str, ...] = ()
-    likely: tuple[str, ...] = ()
-    hidden: tuple[str, ...] = ()
     joint: str = ""
     before: float | None = None
     after: float | None = None
@@ -64,21 +60,10 @@ class Verdict:
             samples,
             d.verdict,
             named,
-            tuple(e.effect.label for e in d.choice.evidence if e.credible),
-            tuple(each.effect.label for each in d.invisible),
             first.joint if first else "",
             first.error_before if first else None,
             first.error_after if first else None,
         )
-
-    def about(self, label: str) -> str:
-        """Return what the log says about an effect: `named`, `likely`, `hidden`, `no` or `open`.
-
-        Only a log in which nothing is missing excludes an effect.
-        """
-        kinds = {"named": self.named, "likely": self.likely, "hidden": self.hidden}
-        other = "no" if self.verdict == "nothing" else "open"
-        return next((kind for kind, labels in kinds.items() if label in labels), other)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -108,19 +93,10 @@ class Verdicts(Displayed):
         out = [f"{each.log}: left out: {each.left_out}" for each in self.logs if each.left_out]
         return (*out, *self.together.fit.warnings)
 
-    @property
-    def asked(self) -> tuple[str, ...]:
-        """Labels of effects that the logs together name, else of those that any names."""
-        d = self.together
-        if d.best is not None:
-            return tuple(each.label for each in (d.best, *d.rivals))
-        return tuple(dict.fromkeys(label for each in self.logs for label in each.named))
-
     @cached_property
     def table(self) -> pl.DataFrame:
         """One row a log: `log`, `samples`, `verdict`, `named`, `joint`, `error_before`,
-        `error_after` (held out, as a share), `left_out` (why), and for each of `asked` a column
-        with `named`, `likely`, `hidden`, `no` or `open`.
+        `error_after` (held out, as a share), `left_out` (why).
         """
         rows = [
             {
@@ -132,24 +108,18 @@ class Verdicts(Displayed):
                 "error_before": each.before,
                 "error_after": each.after,
                 "left_out": each.left_out or None,
-                **{label: each.about(label) if each.verdict else None for label in self.asked},
             }
             for each in self.logs
         ]
-        words = ("log", "verdict", "named", "joint", "left_out", *self.asked)
+        words = ("log", "verdict", "named", "joint", "left_out")
         types = dict.fromkeys(words, pl.String) | dict.fromkeys(
             ("error_before", "error_after"), pl.Float64
         )
         return pl.DataFrame(rows, schema_overrides=types)
 
     @property
-    def votes(self) -> tuple[str, ...]:
-        """For each of `asked`, how many logs name it, and which say otherwise."""
-        return tuple(render(self, "votes"))
-
-    @property
     def short(self) -> str:
-        """Verdicts and votes, and what to read first of the diagnosis of all logs together."""
+        """Verdicts, and what to read first of the diagnosis of all logs together."""
         return str(render(self, "short"))
 
     def write(self, folder: str | Path) -> list[Path]:
