@@ -48,7 +48,7 @@ def test_each_log_says_what_is_missing_in_it(verdicts):
         assert by_log[name].verdict == "missing"
         assert "coulomb:elbow" in by_log[name].named
         assert by_log[name].joint == "elbow"
-        assert by_log[name].after < 0.1 * by_log[name].before
+        assert by_log[name].error_after < 0.1 * by_log[name].error_before
     assert (by_log["run_2.csv"].verdict, by_log["run_2.csv"].named) == ("nothing", ())
     assert "10 are needed" in by_log["run_1b.csv"].left_out
 

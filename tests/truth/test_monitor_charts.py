@@ -21,7 +21,6 @@ from ident.streams.charts import (
     moved_reference,
     statistics,
 )
-from ident.streams.stream import rows_at
 from ident.streams.suspects import (
     Naming,
     Suspect,
@@ -79,7 +78,7 @@ def test_intervals_are_the_same_however_rows_come():
     whole = [part.t for part in Cutter(0.5).cut(piece)]
     cutter, split = Cutter(0.5), []
     for i in range(0, len(piece.t), 5):
-        split += [part.t for part in cutter.cut(rows_at(piece, slice(i, i + 5)))]
+        split += [part.t for part in cutter.cut(piece[i : i + 5])]
     assert len(whole) == len(split) == 5
     for a, b in zip(whole, split, strict=True):
         np.testing.assert_array_equal(a, b)

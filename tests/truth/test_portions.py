@@ -13,8 +13,9 @@ import pytest
 import ident
 from helpers import ROBOTS
 from ident.errors import FitError, IdentError
+from ident.information.blocks import summed
 from ident.pool import Done
-from ident.streams.portions import Sum, absorbed
+from ident.streams.portions import absorbed
 
 ROWS = 5000
 EXACT = 1e-9  # relative: rounding
@@ -208,10 +209,8 @@ def test_the_order_in_which_portions_end_changes_no_bit(arm, run, monkeypatch):
     for _ in range(3):
         ended = [Done(int(i), done[i]) for i in rng.permutation(len(done))]
         monkeypatch.setattr(pool, "spread", lambda *_, ended=ended, **__: (x for x in ended))
-        joined = Sum()
-        for _, each in pool.Workers().over(absorbed, done, plan, ["log"] * len(done), "rows"):
-            joined.add(each)
-        cells = list(joined.blocks.values())
+        over = pool.Workers().over(absorbed, done, plan, ["log"] * len(done), "rows")
+        cells = list(summed({}, (block for _, each in over for block in each.blocks)).values())
         first = first or cells
         for one, other in zip(first, cells, strict=True):
             assert np.array_equal(one.triangle.R, other.triangle.R)

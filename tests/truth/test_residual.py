@@ -50,27 +50,6 @@ def test_the_parts_add_up(name):
     assert (np.abs(trace.gravity) <= np.abs(trace.parts["rigid bodies"]).max() + 10).all()
 
 
-@pytest.mark.parametrize("name", ["four_bar", "five_bar", "slider_crank"])
-def test_closure_forces_are_those_of_the_multipliers(name):
-    """In the joint's own row: rigid bodies + effects + Jᵀλ = its torque."""
-    case = planted(name, "viscous", "coulomb")
-    fit = case.fit()
-    mechanism = fit.mechanism
-    (trace,), (said,) = ident.residual_of(fit).traces, fit.predict()
-    np.testing.assert_allclose(sum(trace.own.values()), trace.predicted, atol=1e-9)
-    (e,) = fit.motion.experiments
-    J = mechanism.kinematics.closure_rows(e.q).rate
-    forces = np.einsum("nmv,nm->nv", J, said.multipliers)
-    rows = [mechanism.joint(joint).index for joint in said.joints]
-    np.testing.assert_allclose(trace.own["closure forces"], forces[:, rows], atol=1e-8)
-    assert np.abs(trace.own["closure forces"]).max() > 1e-3
-
-
-def test_a_tree_has_no_closure_forces():
-    (trace,) = ident.residual_of(planted("arm").fit()).traces
-    assert trace.own == {}
-
-
 def test_gravity_is_what_a_slow_motion_needs():
     case = planted("arm")
     (trace,) = ident.residual_of(case.fit()).traces

@@ -9,7 +9,7 @@ is the error of the predicted torque of the independent joint u, which is what i
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -39,6 +39,21 @@ class Rows:
     b: np.ndarray  # (n, d), with all that is known moved to the right
     tau: np.ndarray  # (n, d), the measured torques Zᵀτ alone
     informed: np.ndarray  # (n, d), false where dry friction at standstill leaves the torque open
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __getitem__(self, which: slice | np.ndarray) -> Rows:
+        """Some of the rows."""
+        return Rows(*(getattr(self, each.name)[which] for each in fields(self)))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Rows]) -> Rows:
+        """Rows one after the other."""
+        if len(parts) == 1:
+            return parts[0]
+        names = [each.name for each in fields(cls)]
+        return cls(*(np.concatenate([getattr(x, name) for x in parts]) for name in names))
 
 
 def raw_rows(scene: Scene, part: slice, farthest: np.ndarray | None = None) -> Rows:

@@ -60,14 +60,6 @@ class Comparison(Charted):
         """Errors on this motion, those of the fits, and how far the error falls."""
         return str(render(self, "summary"))
 
-    def save(self, path: Path) -> None:
-        """Save the plot of the first experiment in `path`: a .png, .svg, .pdf or .html file.
-
-        Raises:
-            IdentError: for another suffix.
-        """
-        self.plot().save(path)
-
     def write(self, folder: str | Path) -> list[Path]:
         """Write report.html, with all charts in it, and compare.json.
 

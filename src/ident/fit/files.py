@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from ident.files import regular, write_all
 from ident.fit.findings import LEAST_MASS, bodies_with_unknowns
 from ident.fit.multipliers import Reactions
 from ident.fit.result import Fit
-from ident.fit.values import Value
+from ident.fit.values import BaseValue, Value
 from ident.information.blocks import Error
 from ident.mechanism.description import read_description
 from ident.mechanism.mechanism import Mechanism
@@ -139,11 +139,8 @@ def fit_json(fit: Fit) -> dict[str, Any]:
         "logs": list(fit.motion.names),
         "samples": fit.motion.samples,
         "rows": fit.rows,
-        "parameters": [_value(value) for value in fit.parameters],
-        "base_parameters": [
-            {"name": v.name, "value": v.value, "stderr": _number(v.stderr), "unit": v.unit}
-            for v in fit.base_parameters
-        ],
+        "parameters": [_entry(value) for value in fit.parameters],
+        "base_parameters": [_entry(value) for value in fit.base_parameters],
         "effects": [
             {
                 "kind": each.effect.kind,
@@ -151,7 +148,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
                 **({"signal": each.effect.signal} if each.effect.signal else {}),
                 **({"file": files[each.effect.label][0]} if each.effect.label in files else {}),
                 "settings": {name: each.effect.setting(name) for name in each.effect.settings},
-                "parameters": [_value(value) for value in each.parameters],
+                "parameters": [_entry(value) for value in each.parameters],
             }
             for each in fit.effects
         ],
@@ -194,22 +191,15 @@ def _number(value: float | None) -> float | None:
     return None if value is None or not np.isfinite(value) else float(value)
 
 
-def _value(value: Value) -> dict[str, Any]:
-    return {
-        "name": value.name,
-        "value": _number(value.value),
-        "stderr": _number(value.stderr),
-        "unit": value.unit,
-        "identifiable": value.identifiable,
-        "prior": _number(value.prior),
-    }
+def _entry(value: Value | BaseValue | Error) -> dict[str, Any]:
+    """Return a value or an error as fit.json has it, with null for what is no number."""
+    entry = asdict(value)
+    entry.pop("at_bound", None)
+    return {key: _number(x) if isinstance(x, float) else x for key, x in entry.items()}
 
 
 def _errors(errors: Mapping[str, Error]) -> dict[str, Any]:
-    return {
-        name: {"rms": _number(e.rms), "relative": _number(e.relative), "unit": e.unit}
-        for name, e in errors.items()
-    }
+    return {name: _entry(error) for name, error in errors.items()}
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,7 +31,6 @@ from ident.motion.regressor import rigid_forces
 
 CHUNK = 2048  # samples whose regressor is in memory at once
 RIGID, WRENCHES = "rigid bodies", "external wrenches"
-DRIVES, CLOSURES = "other drives", "closure forces"
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +94,6 @@ class Trace(TorqueParts):
     Attributes:
         segment: (n,), rows of one number follow each other without a gap.
         gravity: (n, d), what of the rigid bodies' part is there without motion.
-        own: (n, d) by name, in each joint's own row of the generalised forces: rigid bodies and
-            effects of that row, `other drives`, and `closure forces` (Jᵀλ); they add up to the
-            joint's own torque. Empty for a tree; NaN for a closure's own joint, which has no row.
         q, v, a: (n, J) [rad | m], [.../s], [.../s²] of all named joints.
         direction: (n, J), sign(v), v/still at standstill.
         informed: (n, d), false where dry friction at standstill leaves the torque open.
@@ -105,7 +101,6 @@ class Trace(TorqueParts):
 
     segment: np.ndarray
     gravity: np.ndarray
-    own: Mapping[str, np.ndarray]
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
@@ -162,22 +157,20 @@ def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Tr
     scene = Scene.of(mechanism, NOTHING, e, point, motion.band.cutoff)
     mechanism, e = scene.mechanism, scene.e
     farthest, names = largest_transmission(e), _names(mechanism, e)
-    own = [*names, DRIVES, CLOSURES] if e.loop is not None else []
 
     def make(part: slice) -> list[np.ndarray]:
-        """Return measured torque, gravity, parts, parts in own rows, joint signals, informed."""
+        """Return measured torque, gravity, parts; joint signals; informed."""
         s, u = scene.generalised(part), scene.samples(part)
         forces = _generalised(s, scene.point)
         gravity = rigid_forces(mechanism.model, e.q[part], 0 * e.v[part], 0 * e.v[part], point.pi)
         direction = np.clip(e.yd[part] / e.still, -1.0, 1.0)
         informs = [each for effect in mechanism.effects for each in informative_joints(u, effect)]
         rows = [u.measured(mechanism.driven), u.reduce(gravity), *map(u.reduce, forces)]
-        rows += _own_rows(s, u, motion, forces) if own else []
         joints = np.stack([e.y[part], e.yd[part], e.ydd[part], direction], axis=1)
         return [np.stack(rows, axis=1), joints, informing(u, informs, farthest)]
 
     d, J = len(motion.independent), len(mechanism.joints)
-    counts = 2 + len(names) + len(own)
+    counts = 2 + len(names)
     empty = np.zeros((0, counts, d)), np.zeros((0, 4, J)), np.ones((0, d), bool)
     found: list[list[np.ndarray]] = [[np.zeros(0), np.zeros(0, int), *empty]]
     for number, segment in enumerate(e.segments()):
@@ -187,12 +180,8 @@ def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Tr
     t, segments, torques, joints, informed = (np.concatenate(x) for x in zip(*found, strict=True))
     measured, gravity, *parts = (torques[:, i] for i in range(counts))
     q, v, a, direction = (joints[:, i] for i in range(4))
-    by_name = dict(zip(names, parts, strict=False))
-    in_rows = dict(zip(own, parts[len(names) :], strict=True))
-    return Trace(
-        e.name, t, measured, by_name, segments, gravity, in_rows,
-        q, v, a, direction, informed,
-    )  # fmt: skip
+    by_name = dict(zip(names, parts, strict=True))
+    return Trace(e.name, t, measured, by_name, segments, gravity, q, v, a, direction, informed)
 
 
 def _names(mechanism: Mechanism, e: State) -> list[str]:
@@ -211,21 +200,3 @@ def _generalised(s: Samples, point: Point) -> list[np.ndarray]:
     if s.e.wrench is not None:
         forces.append(-s.e.wrench[s.part])
     return forces
-
-
-def _own_rows(s: Samples, u: Samples, motion: Motion, forces: list[np.ndarray]) -> list[np.ndarray]:
-    """Return each part (n, d) in the rows of the independent joints, then other drives, Jᵀλ.
-
-    Jᵀ λ = W_uᵀ τ̂_u + W_oᵀ τ_o − f of the drives u that are predicted and the others o.
-    """
-    mechanism = s.mechanism
-    drives = s.measured(name for name in mechanism.driven if name not in motion.independent)
-    f = sum(forces, np.zeros(s.shape))
-    tau = u.reduce(f - drives)
-    for i, name in enumerate(motion.independent):
-        s.add_torque(drives, name, tau[:, i])
-    rows = [mechanism.joint(name) for name in motion.independent]
-    at = [row.index if row.in_tree else 0 for row in rows]
-    missing = np.where([row.in_tree for row in rows], 0.0, np.nan)
-    own = [*(x[:, at] for x in forces), tau - drives[:, at], (drives - f)[:, at]]
-    return [x + missing for x in own]

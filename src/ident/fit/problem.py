@@ -8,7 +8,7 @@ where the multipliers have a time basis, the paper's stack [A | L] is eliminated
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import groupby, pairwise
@@ -175,13 +175,11 @@ def information_of(
         supports = row_supports(mechanism, columns, e)
         edges = block_edges(cutoff, e.t[0], e.t[-1], len(e))
         scene = Scene.of(mechanism, columns, e, point, cutoff)
-        pieces = (part for piece in rows(scene, cutoff) for part in split_rows(piece, edges))
-        for block, group in groupby(pieces, itemgetter(0)):
-            parts = [part for _, part in group]
-            blocks += blocks_of(number, block, parts, supports)
+        for block in triangles(number, rows(scene, cutoff), edges, supports):
+            blocks.append(block)
             if on_progress:
-                done = (number + parts[-1].sample[-1] / len(e)) / len(motion.experiments)
-                on_progress(f"equations of {e.name}", float(done))
+                done = number + (block.span[1] - e.t[0]) / (e.t[-1] - e.t[0])
+                on_progress(f"equations of {e.name}", float(done / len(motion.experiments)))
     if not blocks:
         raise too_short(motion)
     return Information.of(blocks, len(columns), motion.experiments[0].leverage.shape[2])
@@ -202,24 +200,25 @@ def block_edges(cutoff: float | None, first: float, last: float, samples: int) -
     return np.linspace(first, last, count + 1)[1:-1]
 
 
-def split_rows(piece: Rows, edges: np.ndarray) -> list[tuple[int, Rows]]:
-    """Part rows by the number of their block."""
-    block = np.searchsorted(edges, piece.t, side="right")
-    cuts = [0, *(np.flatnonzero(np.diff(block)) + 1), len(block)]
-    names = Rows.__dataclass_fields__
-    return [
-        (int(block[i]), Rows(*(getattr(piece, name)[i:j] for name in names)))
-        for i, j in pairwise(cuts)
-        if j > i
-    ]
+def triangles(
+    log: int, pieces: Iterable[Rows], edges: np.ndarray, supports: Sequence[np.ndarray]
+) -> Iterator[Block]:
+    """Yield the blocks of a log's rows in their order, parted at the times `edges` [s]."""
+
+    def parted() -> Iterator[tuple[int, Rows]]:
+        for piece in pieces:
+            block = np.searchsorted(edges, piece.t, side="right")
+            cuts = [0, *(np.flatnonzero(np.diff(block)) + 1), len(block)]
+            yield from ((int(block[i]), piece[i:j]) for i, j in pairwise(cuts) if j > i)
+
+    for block, group in groupby(parted(), itemgetter(0)):
+        yield from blocks_of(log, block, [part for _, part in group], supports)
 
 
 def blocks_of(
     log: int, block: int, parts: Sequence[Rows], supports: Sequence[np.ndarray]
 ) -> list[Block]:
     """Return the blocks of some rows of one block of time, one a coordinate."""
-    if not parts:
-        return []
     b, tau, informed = (
         np.concatenate([getattr(part, name) for part in parts]) for name in ("b", "tau", "informed")
     )

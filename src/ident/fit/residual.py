@@ -79,15 +79,6 @@ class Model(Protocol):
 class Charted(Plotted):
     """A noun with charts of torques and residuals: a fit, or a comparison."""
 
-    def plot(self, experiment: int = 0, **options: Any) -> Any:
-        """Return a chart of measured and predicted torques, with residuals below, per joint.
-
-        Args:
-            experiment: number of the log, from 0.
-            options: of the chart.
-        """
-        return render(self, "plot", experiment, **options)
-
     def plot_parts(self, experiment: int = 0) -> Any:
         """Return a chart of rigid bodies, effects and residual over time, per joint and model.
 
@@ -232,18 +223,14 @@ class Residual(Displayed):
         def rms(name: str) -> np.ndarray:
             return _rms([getattr(trace, name) for trace in self.traces])
 
-        parts = {name: self.rms_together("parts", [name]) for name in self.traces[0].parts}
+        parts = {name: self.rms_together([name]) for name in self.traces[0].parts}
         ends = {"gravity": rms("gravity"), "residual": rms("residual")}
         return {"measured": rms("measured"), **parts, **ends}
 
-    @cached_property
-    def own(self) -> dict[str, np.ndarray]:
-        """rms (d,) of the parts of each joint's own row; empty for a tree."""
-        return {name: self.rms_together("own", [name]) for name in self.traces[0].own}
-
-    def rms_together(self, which: str, names: Sequence[str]) -> np.ndarray:
-        """Return the rms (d,) of the sum of some parts, by `names`; `which`: `parts` or `own`."""
-        return _rms([sum(getattr(trace, which)[name] for name in names) for trace in self.traces])
+    def rms_together(self, names: Sequence[str]) -> np.ndarray:
+        """Return the rms (d,) of the sum of some parts, by `names`."""
+        parts = [[trace.parts[name] for name in names] for trace in self.traces]
+        return _rms([np.sum(each, axis=0) for each in parts])
 
     @cached_property
     def where(self) -> tuple[Failure, ...]:

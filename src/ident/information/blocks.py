@@ -114,6 +114,14 @@ class Block:
         )
 
 
+def summed(found: dict[Key, Block], blocks: Iterable[Block]) -> dict[Key, Block]:
+    """Add further blocks to those that were found, by key."""
+    for block in blocks:
+        key = block.key
+        found[key] = found[key] + block if key in found else block
+    return found
+
+
 def _sum(a: Triangle, b: Triangle) -> Triangle:
     if not (a.rows and b.rows):
         return a if a.rows else b
@@ -136,11 +144,7 @@ class Information:
     @classmethod
     def of(cls, blocks: Iterable[Block], k: int, d: int) -> Information:
         """Collect blocks; those of one key are added in the order in which they come."""
-        found: dict[Key, Block] = {}
-        for block in blocks:
-            key = block.key
-            found[key] = found[key] + block if key in found else block
-        return cls(dict(sorted(found.items())), k, d)
+        return cls(dict(sorted(summed({}, blocks).items())), k, d)
 
     def __iter__(self) -> Iterator[Block]:
         return iter(self.blocks.values())

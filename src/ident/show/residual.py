@@ -14,7 +14,7 @@ from ident.errors import FitError, one_of
 from ident.files import json_bytes
 from ident.fit.compare import Comparison
 from ident.fit.multipliers import identifiable_multipliers
-from ident.fit.prediction import DRIVES, RIGID, Prediction, Trace
+from ident.fit.prediction import RIGID, Prediction, Trace
 from ident.fit.residual import Failure, Residual, zero_of
 from ident.fit.result import Fit
 from ident.information.blocks import Error
@@ -35,7 +35,6 @@ CURVE = 120  # points of an effect's curve
 BINS = 30  # of the mean that is drawn through a cloud
 OWN = ("q", "v", "a", "load")  # of a joint, against which its residual is drawn
 SUM = "the sum taken apart, rms: rigid bodies + effects = predicted"
-OWN_ROW = "the joint's own row, rms: rigid bodies + effects + closure forces = its torque"
 MAPS = (
     "Each dot is a row of the fit; the dark line is the mean. A model that lacks nothing leaves a "
     "flat band. What the residual depends on most is framed."
@@ -58,35 +57,21 @@ def error_rows(named: Mapping[str, Mapping[str, Error]]) -> list[list[str]]:
     return rows
 
 
-def parts_rows(residual: Residual, own: bool = False) -> list[list[str]]:
-    """Return one row a joint, the rms of each part; effects of one kind act as one.
-
-    With `own`, the parts of each joint's own row of the generalised forces.
-    """
-    which = "own" if own else "parts"
+def parts_rows(residual: Residual) -> list[list[str]]:
+    """Return one row a joint, the rms of each part; effects of one kind act as one."""
     kinds: dict[str, list[str]] = {}
-    for name in getattr(residual.traces[0], which):
+    for name in residual.traces[0].parts:
         kinds.setdefault(name.split(":")[0], []).append(name)
-    total = {kind: residual.rms_together(which, names) for kind, names in kinds.items()}
+    total = {kind: residual.rms_together(names) for kind, names in kinds.items()}
     measured = residual.parts["measured"]
-    if not own:
-        gravity = {"(gravity)": residual.parts["gravity"]}
-        total = {"measured": measured, RIGID: total.pop(RIGID), **gravity, **total}
-        total["residual"] = residual.parts["residual"]
-    elif DRIVES in total and not np.nanmax(total[DRIVES]) > 0:
-        del total[DRIVES]
+    gravity = {"(gravity)": residual.parts["gravity"]}
+    total = {"measured": measured, RIGID: total.pop(RIGID), **gravity, **total}
+    total["residual"] = residual.parts["residual"]
     columns = [["joint", *residual.joints], ["unit", *residual.units]]
     for name, values in total.items():
         nil = values < ROUNDING * measured
-        cells = ("–" if np.isnan(x) else f"{x:.3g}" for x in np.where(nil, 0.0, values))
-        columns.append([name, *cells])
+        columns.append([name, *(f"{x:.3g}" for x in np.where(nil, 0.0, values))])
     return [list(row) for row in zip(*columns, strict=True)]
-
-
-def parts_tables(residual: Residual) -> dict[str, list[list[str]]]:
-    """Return the parts of the sum and, with closures, those of each joint's own row."""
-    tables = {SUM: parts_rows(residual)}
-    return tables | {OWN_ROW: parts_rows(residual, own=True)} if residual.own else tables
 
 
 def details(failure: Failure, several: bool) -> dict[str, str]:
@@ -120,12 +105,10 @@ def failure_text(failure: Failure, several: bool = True) -> str:
 
 def where_text(residual: Residual) -> list[str]:
     """Return where the model fails, joint by joint, and before it the parts of the sum."""
-    lines = []
-    for caption, rows in parts_tables(residual).items():
-        lines += ["", caption, *table(rows)]
     several = len(residual.traces) > 1
     failures = "\n".join(failure_text(failure, several) for failure in residual.where)
-    return [*lines, "", "where it fails", *(f"  {line}" for line in failures.splitlines())]
+    where = [f"  {line}" for line in failures.splitlines()]
+    return ["", SUM, *table(parts_rows(residual)), "", "where it fails", *where]
 
 
 @renders(Residual, "text")
@@ -140,7 +123,7 @@ def residual_text(residual: Residual) -> str:
 def residual_sheet(residual: Residual) -> Sheet:
     """Return the same as tables and sentences."""
     lines = [line for failure in residual.where for line in failure_lines(failure, True)]
-    return Sheet(f"Residual of {residual.name}", tables=parts_tables(residual), lines=lines)
+    return Sheet(f"Residual of {residual.name}", tables={SUM: parts_rows(residual)}, lines=lines)
 
 
 def _below(residual: Residual) -> str:
@@ -238,12 +221,8 @@ def broken(trace: Trace, u: int) -> np.ndarray:
     return np.where(gaps, np.nan, trace.residual[:, u])
 
 
-def plot_parts(residuals: Models, experiment: int = 0, own: bool = False) -> Chart:
-    """Draw measured torque and the parts of the predicted one: a row a joint, a column a model.
-
-    With `own`, each joint's own row of the generalised forces: rigid bodies, effects and closure
-    forces add up to the joint's torque.
-    """
+def plot_parts(residuals: Models, experiment: int = 0) -> Chart:
+    """Draw measured torque and the parts of the predicted one: a row a joint, a column a model."""
     first = next(iter(residuals.values()))
     last = min(experiment, len(first.traces) - 1)
     colours: dict[str, int] = {}
@@ -253,17 +232,16 @@ def plot_parts(residuals: Models, experiment: int = 0, own: bool = False) -> Cha
         for name, residual in residuals.items():
             trace = residual.traces[last]
             zero, gaps = residual.zero(trace), np.diff(trace.segment, prepend=trace.segment[0]) > 0
-            parts = {key: x[:, u] for key, x in (trace.own if own else trace.parts).items()}
+            parts = {key: x[:, u] for key, x in trace.parts.items()}
             whole = np.sum(list(parts.values()), axis=0)
-            total = whole if own else trace.measured[:, u]
+            total = trace.measured[:, u]
             series: dict[str, tuple[np.ndarray, Colour, float]] = {}
-            series["torque of the joint" if own else "measured"] = (total, MEASURED, 2.2)
+            series["measured"] = (total, MEASURED, 2.2)
             for key, x in parts.items():
                 if key == RIGID or np.abs(x).max() > 0:
                     kind = key.split(":")[0]
                     series[key] = (x, colours.setdefault(kind, len(colours)), 1.2)
-            if not own:
-                series["residual"] = (total - whole, RESIDUAL, 0.8)
+            series["residual"] = (total - whole, RESIDUAL, 0.8)
             lines = tuple(
                 Line(trace.t - zero, np.where(gaps, np.nan, x), key.split(":")[0], colour, width)
                 for key, (x, colour, width) in series.items()
@@ -273,8 +251,6 @@ def plot_parts(residuals: Models, experiment: int = 0, own: bool = False) -> Cha
             row.append(Panel(lines, time_label(zero), label, title))
         rows.append(tuple(row))
     words = "The sum taken apart: rigid bodies, effects and what is left, over time"
-    if own:
-        words = "Each joint by itself: rigid bodies, closure forces"
     log, width = first.traces[last].name, max(9.0, 6.0 * len(residuals))
     return Chart(f"{words}, {log}", tuple(rows), shared_x=True, width=width, clock=log)
 
@@ -445,12 +421,9 @@ def residual_sections(
         options.append(Option(failure.joint, (said, plot_maps(residuals, failure.joint))))
     parts: list[Block] = []
     for name, residual in residuals.items():
-        for caption, rows in parts_tables(residual).items():
-            title = caption[:1].upper() + caption[1:]
-            parts.append(html_table(rows, title if len(residuals) == 1 else f"{name}: {caption}"))
+        title = SUM[:1].upper() + SUM[1:] if len(residuals) == 1 else f"{name}: {SUM}"
+        parts.append(html_table(parts_rows(residual), title))
     parts += by_log(logs, lambda i: plot_parts(residuals, i))
-    if last.own:
-        parts += by_log(logs, lambda i: plot_parts(residuals, i, own=True))
     torques = by_log(logs, lambda i: plot_predictions(predictions, residuals, i, first, prior))
     return (
         Section("Measured against predicted", torques),
@@ -640,7 +613,6 @@ def comparison_json(c: Comparison) -> dict[str, Any]:
             "error": errors(residual.errors),
             "fitted": {key: errors(each) for key, each in c.fitted[name].items()},
             "parts": parts(residual, residual.parts),
-            "own_row": parts(residual, residual.own),
             "where": [failure.json for failure in residual.where],
         }
         for name, residual in c.residuals.items()

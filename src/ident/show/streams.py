@@ -111,7 +111,7 @@ def verdict_rows(x: Verdicts) -> list[list[str]]:
             rows.append([each.log, "–", "left out", "", "", ""])
             continue
         verdict = each.verdict + (f": {' or '.join(each.named)}" if each.named else "")
-        errors = (percent(each.before), percent(each.after)) if each.named else ("", "")
+        errors = (percent(each.error_before), percent(each.error_after)) if each.named else ("", "")
         rows.append([each.log, str(each.samples), verdict, each.joint, *errors])
     return rows
 

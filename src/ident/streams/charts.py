@@ -35,7 +35,6 @@ import numpy as np
 from ident.equations.rows import Rows
 from ident.information import linear
 from ident.information.triangle import Triangle
-from ident.streams.stream import concatenated, rows_at
 
 SIZES = 2.0 ** np.arange(6)  # times the least change watched for
 RATIOS = np.array([3.0, 9.0, 27.0])  # c: noise may grow by a third and is no fault
@@ -99,9 +98,9 @@ class Cutter:
 
     def cut(self, rows: Rows) -> Iterator[Rows]:
         """Yield the rows of every interval that these rows complete."""
-        rows = concatenated([*self.waiting, rows])
+        rows = Rows.joined([*self.waiting, rows])
         edges = np.flatnonzero(np.diff(np.floor(rows.t / self._seconds))) + 1
-        *whole, last = (rows_at(rows, slice(*x)) for x in pairwise([0, *edges, len(rows.t)]))
+        *whole, last = (rows[a:b] for a, b in pairwise([0, *edges, len(rows)]))
         self.waiting = [last]
         return filter(self._is_usual, whole)
 
@@ -111,8 +110,8 @@ class Cutter:
         return filter(self._is_usual, waiting)
 
     def _is_usual(self, rows: Rows) -> bool:
-        self._usual = max(self._usual, len(rows.t))
-        return len(rows.t) >= USUAL * self._usual
+        self._usual = max(self._usual, len(rows))
+        return len(rows) >= USUAL * self._usual
 
 
 def intervals_of(

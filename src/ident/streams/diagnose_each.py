@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -37,7 +37,8 @@ class Verdict:
         log: its name; samples: of it.
         verdict: as `Diagnosis.verdict`.
         named: labels of the effect that it names and of those it cannot tell from it.
-        joint: whose error the first of `named` lowers; before, after: held out, as a share.
+        joint: whose error the first of `named` lowers; error_before, error_after: held out, as a
+            share.
         left_out: why there is no diagnosis; empty if there is.
     """
 
@@ -46,8 +47,8 @@ class Verdict:
     verdict: str = ""
     named: tuple[str, ...] = ()
     joint: str = ""
-    before: float | None = None
-    after: float | None = None
+    error_before: float | None = None
+    error_after: float | None = None
     left_out: str = ""
 
     @classmethod
@@ -98,24 +99,11 @@ class Verdicts(Displayed):
         """One row a log: `log`, `samples`, `verdict`, `named`, `joint`, `error_before`,
         `error_after` (held out, as a share), `left_out` (why).
         """
-        rows = [
-            {
-                "log": each.log,
-                "samples": each.samples,
-                "verdict": each.verdict or None,
-                "named": " ".join(each.named) or None,
-                "joint": each.joint or None,
-                "error_before": each.before,
-                "error_after": each.after,
-                "left_out": each.left_out or None,
-            }
-            for each in self.logs
-        ]
-        words = ("log", "verdict", "named", "joint", "left_out")
-        types = dict.fromkeys(words, pl.String) | dict.fromkeys(
-            ("error_before", "error_after"), pl.Float64
-        )
-        return pl.DataFrame(rows, schema_overrides=types)
+        rows = [{**asdict(each), "named": " ".join(each.named)} for each in self.logs]
+        words = ("verdict", "named", "joint", "left_out")
+        types = dict.fromkeys(("error_before", "error_after"), pl.Float64)
+        table = pl.DataFrame(rows, schema_overrides=types)
+        return table.with_columns(pl.col(words).replace("", None))
 
     @property
     def short(self) -> str:

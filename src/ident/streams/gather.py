@@ -24,7 +24,7 @@ from ident.fit.likelihood import MATTERS, share_of_motion
 from ident.fit.multipliers import Reactions, identifiable_multipliers
 from ident.fit.problem import Problem
 from ident.fit.shapes import working_point
-from ident.information.blocks import Block, Error, Information
+from ident.information.blocks import Block, Error, Information, Key, summed
 from ident.information.estimate import Estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Consistency
@@ -36,7 +36,6 @@ from ident.streams.logs import Excerpt, Given, excerpt, log_paths
 from ident.streams.many_logs import LogComparison, compare_logs
 from ident.streams.portions import (
     Plan,
-    Sum,
     absorbed,
     multipliers_of,
     summaries,
@@ -258,28 +257,30 @@ def _summed(
     Returns the blocks, notes, the gravest finding of each kind and channel, and how many portions
     were done now and before an interruption.
     """
-    total, messages, resumed = Sum(), [], 0
+    total: dict[Key, Block] = {}
+    messages, resumed = [], 0
     gravest: dict[tuple[str, str, tuple[str, ...]], Finding] = {}
     if saved is not None and (before := saved.read()) is not None:
-        total, resumed = Sum(before.blocks, before.absorbed), before.absorbed
+        total, resumed = summed({}, before.blocks), before.absorbed
         workers.broken.update(before.broken)
         messages.append(f"went on from {saved.file}: {resumed} portions were done")
     elif saved is not None and saved.unused:
         messages.append(f"{saved.file}: {saved.unused}; not used, all portions are read")
     remaining = list(plan.portions())[resumed:]
     names = [plan.parts[portion.log].name for portion in remaining]
+    count = resumed
     for _, done in workers.over(absorbed, remaining, plan, names, "equations"):
-        total.add(done)
+        summed(total, done.blocks if done else ())
+        count += 1
         messages += done.notes if done else ()
         for each in done.findings if done else ():
             key = plan.parts[done.portion.log].name, each.code, each.where
             if key not in gravest or (each.number or 0.0) > (gravest[key].number or 0.0):
                 gravest[key] = each
-        if saved is not None and saved.due(total.absorbed):
-            so_far = tuple(total.blocks.values())
-            saved.write(Progress(total.absorbed, so_far, dict(workers.broken)))
+        if saved is not None and saved.due(count):
+            saved.write(Progress(count, tuple(total.values()), dict(workers.broken)))
     out = {i for i, part in enumerate(plan.parts) if part.name in workers.broken}
-    blocks = [each for each in total.blocks.values() if each.log not in out]
+    blocks = [each for each in total.values() if each.log not in out]
     if not blocks:
         cut = plan.band.cutoff
         why = "; ".join(f"{name}: {each}" for name, each in list(workers.broken.items())[:1])
@@ -289,7 +290,7 @@ def _summed(
             + f"; {why or 'give a longer log or a higher --cutoff'}"
         )
     found = [each for (name, *_), each in gravest.items() if name not in workers.broken]
-    return blocks, [*dict.fromkeys(messages)], found, total.absorbed - resumed, resumed
+    return blocks, [*dict.fromkeys(messages)], found, count - resumed, resumed
 
 
 def _fit_of(
@@ -327,11 +328,10 @@ def _validation(
     """Errors of the parameters x (k,) in other logs, by log, then joint."""
     alone = replace(workers, alone=True, broken={})
     plan = with_logs(plan, summaries(r.mechanism, paths, alone), samples, alone)
-    portions, names, total = list(plan.portions()), [part.name for part in plan.parts], Sum()
+    portions, names = list(plan.portions()), [part.name for part in plan.parts]
     logs = [names[portion.log] for portion in portions]
-    for _, each in alone.over(absorbed, portions, plan, logs, "validation"):
-        total.add(each)
-    information = Information.of(total.blocks.values(), len(x), r.d)
+    done = alone.over(absorbed, portions, plan, logs, "validation")
+    information = Information.of((block for _, each in done for block in each.blocks), len(x), r.d)
     return {
         name: information.of_log(i).squares(x).errors(r.motion.independent, r.units)
         for i, name in enumerate(names)

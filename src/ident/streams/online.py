@@ -48,8 +48,6 @@ from ident.streams.stream import (
     SampleWindow,
     Stream,
     check_causal,
-    concatenated,
-    rows_at,
     with_free_multipliers,
 )  # fmt: skip
 
@@ -208,7 +206,7 @@ class Accumulator:
         self.now = float(rows.t[-1])
         if (informed := rows.informed.any(axis=1)).any():
             self.informed = float(rows.t[informed][-1])
-        if sum(len(each.t) for each in self._waiting) >= TOGETHER:
+        if sum(map(len, self._waiting)) >= TOGETHER:
             self._absorb_waiting()
 
     def information(self, k: int) -> Information:
@@ -222,15 +220,15 @@ class Accumulator:
     def _absorb_waiting(self) -> None:
         """Absorb what waits, interval by interval."""
         waiting, self._waiting = self._waiting, []
-        rows = concatenated(waiting) if waiting else None
-        while rows is not None and len(rows.t):
+        rows = Rows.joined(waiting) if waiting else None
+        while rows is not None and len(rows):
             start = self._open.start if self._open else float(rows.t[0])
             inside = int(np.searchsorted(rows.t, start + self._length - 0.5 * self._period))
             if inside:
-                new = Interval.of(rows_at(rows, slice(inside)), self._supports, self._T)
+                new = Interval.of(rows[:inside], self._supports, self._T)
                 self._open = self._open.merged(new, self._T) if self._open else new
-                rows = rows_at(rows, slice(inside, None))
-            if len(rows.t) and self._open:
+                rows = rows[inside:]
+            if len(rows) and self._open:
                 self._close(self._open)
 
     def _close(self, last: Interval) -> None:

@@ -10,7 +10,7 @@ longer log decides once for all of its portions, on some stretches of it. What s
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -25,8 +25,8 @@ from ident.errors import FitError, MotionError, one_of
 from ident.fit.channel_checks import log_findings
 from ident.fit.findings import Finding
 from ident.fit.prediction import predict
-from ident.fit.problem import block_edges, blocks_of, split_rows
-from ident.information.blocks import Block, Key
+from ident.fit.problem import block_edges, triangles
+from ident.information.blocks import Block, summed
 from ident.log import Log
 from ident.log.read import names_of
 from ident.mechanism.mechanism import Mechanism
@@ -39,7 +39,7 @@ from ident.motion.smoothing import derive
 from ident.motion.state import State
 from ident.pool import Workers
 from ident.streams.logs import LogOnDisk, summarise
-from ident.streams.stream import margin_of, rows_at
+from ident.streams.stream import margin_of
 
 KNOTS = 40  # from a sample to another whose noise moves a spline there by 1e-7 of itself
 MEMORY = 4096  # samples after which an effect has forgotten where its memory began
@@ -263,35 +263,12 @@ def absorbed(plan: Plan, portion: Portion) -> PortionRows:
         clock, farthest = part.recipe.clock, part.recipe.farthest
         edges = block_edges(cutoff, clock.t0, clock.t_end, clock.count)
     scene = Scene.of(plan.mechanism, columns, e, plan.point, cutoff)
-    total = Sum()
-    for piece in rows(scene, cutoff, farthest=farthest, keep=False):
-        own = (piece.t >= portion.since) & (piece.t < portion.until)
-        for block, some in split_rows(rows_at(piece, own), edges) if own.any() else ():
-            total.absorb(blocks_of(portion.log, block, [some], supports))
+    made = rows(scene, cutoff, farthest=farthest, keep=False)
+    own = (piece[(piece.t >= portion.since) & (piece.t < portion.until)] for piece in made)
+    blocks = summed({}, triangles(portion.log, own, edges, supports))
     motion = Motion((e,), plan.independent, plan.band, 0.0, (), (log,), plan.mechanism)
     findings = log_findings(plan.mechanism, motion)
-    return PortionRows(portion, tuple(total.blocks.values()), tuple(notes), tuple(findings))
-
-
-class Sum:
-    """The sum of portions' triangles by key, and the number of portions."""
-
-    def __init__(self, blocks: Iterable[Block] = (), absorbed: int = 0) -> None:
-        self.blocks: dict[Key, Block] = {}
-        self.absorb(blocks)
-        self.absorbed = absorbed
-
-    def absorb(self, blocks: Iterable[Block]) -> None:
-        """Add triangles."""
-        for block in blocks:
-            old = self.blocks.get(block.key)
-            self.blocks[block.key] = block if old is None else old + block
-
-    def add(self, done: PortionRows | None) -> None:
-        """Add the next portion; None for one that failed."""
-        self.absorbed += 1
-        if done is not None:
-            self.absorb(done.blocks)
+    return PortionRows(portion, tuple(blocks.values()), tuple(notes), tuple(findings))
 
 
 def multipliers_of(plan: Plan, portion: Portion) -> tuple[np.ndarray, np.ndarray]:

@@ -307,19 +307,6 @@ class ClosureFollower:
         self.lost, self.why = self.lost + count, why
 
 
-def concatenated(parts: Sequence[Rows]) -> Rows:
-    """Put rows one after the other."""
-    if len(parts) == 1:
-        return parts[0]
-    names = [each.name for each in fields(Rows)]
-    return Rows(*(np.concatenate([getattr(x, name) for x in parts]) for name in names))
-
-
-def rows_at(rows: Rows, which: slice | np.ndarray) -> Rows:
-    """Return some of the rows."""
-    return Rows(*(getattr(rows, each.name)[which] for each in fields(Rows)))
-
-
 @dataclass(frozen=True, eq=False)
 class SampleWindow:
     """Consecutive samples, of which those `inside` have all neighbours that they need."""
