@@ -56,6 +56,11 @@ class Displayed:
 
     __repr__ = __str__
 
+    @property
+    def summary(self) -> str:
+        """The text without notes and details, of nouns that have one."""
+        return str(render(self, "summary"))
+
     def _repr_html_(self) -> str:
         return str(render(self, "html"))
 

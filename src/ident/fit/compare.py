@@ -55,11 +55,6 @@ class Comparison(Charted):
         """Units of the independent joints' torques."""
         return next(iter(self.residuals.values())).units
 
-    @property
-    def summary(self) -> str:
-        """Errors on this motion, those of the fits, and how far the error falls."""
-        return str(render(self, "summary"))
-
     def write(self, folder: str | Path) -> list[Path]:
         """Write report.html, with all charts in it, and compare.json.
 

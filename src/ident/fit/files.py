@@ -26,7 +26,7 @@ from ident.fit.values import BaseValue, Value
 from ident.information.blocks import Error
 from ident.mechanism.description import read_description
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import about_origin, pseudo_inertia, split
+from ident.mechanism.parameters import DYNAMIC, beyond_centroidal, pseudo_inertia
 from ident.mechanism.urdf import fixed_parameters, lock, parse_urdf, with_inertials
 from ident.mechanism.write import folder_files
 from ident.motion import Motion
@@ -310,8 +310,8 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
         link, _, word = name.rpartition(".")
         at = columns.index.get(f"{link}.L{word[1:]}", -1)
         if word[:1] == "I" and at >= 0 and link in grown.bodies.links:
-            shift = about_origin(*split(pi[grown.bodies.columns(link)])[:2])
-            x[at] = value + shift["xyz".index(word[1]), "xyz".index(word[2])]
+            shift = beyond_centroidal(pi[grown.bodies.columns(link)])
+            x[at] = value + shift[DYNAMIC.index(f"L{word[1:]}")]
     point = Point.prior(grown).with_values(given)
     return Saved(str(path), grown, point.at(grown, columns, x), _cutoff(data), _read_errors(data))
 

@@ -17,7 +17,13 @@ from ident.equations.unknowns import Columns, Point
 from ident.information.base import Base
 from ident.information.estimate import Estimate
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import CENTROIDAL, COUNT, DYNAMIC, about_origin, split, unit_of
+from ident.mechanism.parameters import (
+    CENTROIDAL,
+    COUNT,
+    DYNAMIC,
+    beyond_centroidal,
+    unit_of,
+)
 from ident.text import rounded
 
 STRONG = 0.95  # |r| at which two parameters are known only together
@@ -144,19 +150,12 @@ def rigid_values(
             value, error, before = mine[k], errors[k], prior[k]
             if word in CENTROIDAL and centred:
                 name = f"{link}.{CENTROIDAL[word]}"
-                value -= _shift(mine)[k]
-                before -= _shift(prior)[k]
+                value -= beyond_centroidal(mine)[k]
+                before -= beyond_centroidal(prior)[k]
                 if np.isfinite(error):
                     error = _centroidal_error(estimate, cov, mine, names, at, k)
             found.append(_value(name, value, error, unit_of(word), before, bounds))
     return tuple(found)
-
-
-def _shift(pi: np.ndarray) -> np.ndarray:
-    """Return L − I in the places of the ten parameters."""
-    m, moments, _ = split(pi)
-    S = about_origin(m, moments)
-    return np.array([0, 0, 0, 0, S[0, 0], S[0, 1], S[1, 1], S[0, 2], S[1, 2], S[2, 2]])
 
 
 def _centroidal_error(
@@ -175,7 +174,7 @@ def _centroidal_error(
             continue
         step = np.zeros(COUNT)
         step[j] = 1e-6 * max(abs(pi[j]), abs(pi[0]))
-        slope = -(_shift(pi + step)[k] - _shift(pi - step)[k]) / (2 * step[j])
+        slope = -(beyond_centroidal(pi + step)[k] - beyond_centroidal(pi - step)[k]) / (2 * step[j])
         gradient[place[at[names[j]]]] = 1.0 if j == k else slope
     return float(np.sqrt(gradient @ cov @ gradient))
 

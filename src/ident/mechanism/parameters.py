@@ -176,6 +176,14 @@ def about_origin(m: float, moments: np.ndarray) -> np.ndarray:
     return (moments @ moments * np.eye(3) - np.outer(moments, moments)) / m
 
 
+def beyond_centroidal(pi: np.ndarray) -> np.ndarray:
+    """L − I in the places of the ten parameters: what moments about the frame's origin have more
+    than those about the centre of mass.
+    """
+    m, moments, _ = split(pi)
+    return join(0.0, np.zeros(3), about_origin(m, moments))
+
+
 def pseudo_inertia(pi: Sequence[float] | np.ndarray) -> np.ndarray:
     """The 4 × 4 matrix that is positive semidefinite for a possible body (Wensing et al. 2018)."""
     m, moments, L = split(pi)

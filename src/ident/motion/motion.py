@@ -100,11 +100,6 @@ class Motion(Displayed):
             rows.append([e.name, str(len(e)), time, f"{e.rate:.4g} Hz", str(out) if out else "–"])
         return rows
 
-    @property
-    def summary(self) -> str:
-        """Logs, independent coordinates, bandwidth and filter, without the notes."""
-        return str(render(self, "summary"))
-
     def view(self) -> Any:
         """The mechanism moving in 3-D: a recording in a notebook, `.serve()` a page with controls.
 

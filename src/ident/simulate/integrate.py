@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import interp1d
 
-from ident.display import Displayed, render
+from ident.display import Displayed
 from ident.equations.corrections import Scene, check_needs
 from ident.equations.terms import Samples
 from ident.equations.unknowns import NOTHING, Point
@@ -74,11 +74,6 @@ class Run(Displayed):
     transitions: tuple[Transition, ...]
     closure_error: float
     evaluations: int
-
-    @property
-    def summary(self) -> str:
-        """A few lines: samples, closure error, friction."""
-        return str(render(self, "summary"))
 
 
 def integrate(

@@ -15,7 +15,7 @@ from ident.errors import MechanismError, MotionError, one_of
 from ident.fit.prediction import Prediction, predict
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import CENTROIDAL, DYNAMIC, about_origin, split
+from ident.mechanism.parameters import CENTROIDAL, DYNAMIC, beyond_centroidal
 from ident.motion import Motion, State, complete
 from ident.simulate.plant import constant_correction
 
@@ -182,12 +182,11 @@ def point_of(
         parameters[i] = given.pop(name, parameters[i])
     for link in bodies.links:  # moments about the centre of mass, as a URDF has them
         at = bodies.columns(link)
-        shift = about_origin(*split(parameters[at])[:2])
+        shift = beyond_centroidal(parameters[at])
         for k, word in enumerate(DYNAMIC):
             name = f"{link}.{CENTROIDAL.get(word)}"
-            if word in CENTROIDAL and name in given:
-                row, column = ("xyz".index(letter) for letter in word[1:])
-                parameters[at.start + k] = given.pop(name) + shift[row, column]
+            if name in given:
+                parameters[at.start + k] = given.pop(name) + shift[k]
     own: dict[str, float] = {}
     for effect in mechanism.effects:
         for name, unknown in zip(effect.names, effect.parameters, strict=True):

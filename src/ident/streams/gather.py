@@ -91,11 +91,6 @@ class Gathered(Displayed):
             dict.fromkeys((*self.fit.warnings, *(self.each.notes if self.several else ())))
         )
 
-    @property
-    def summary(self) -> str:
-        """Text of `print` without the notes."""
-        return str(render(self, "summary"))
-
     def write(self, folder: str | Path, reactions: Reactions | None = None) -> list[Path]:
         """Write what `Fit.write` writes, multipliers of all samples, and end the checkpoint.
 
