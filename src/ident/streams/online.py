@@ -40,11 +40,10 @@ from ident.log import Log
 from ident.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.streams.data_watch import DataWatch, Since
+from ident.streams.samples import Sample, SampleParser
 from ident.streams.setting import Setting
 from ident.streams.stream import (
     LATENCY,
-    Sample,
-    SampleParser,
     SampleWindow,
     Stream,
     check_causal,
@@ -349,9 +348,8 @@ class Online:
             states = [each.e.at_samples(each.inside) for each in stream.windows]
             self.findings = self._watch.add(stream.last, states)
             return
-        X, _ = self._parser(sample)
+        X = self._parser(sample)
         self.left_out = self._parser.left_out
-        self._parser.refuse_one()
         if not len(X):
             return
         self._first.append(X)

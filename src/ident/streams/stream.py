@@ -8,7 +8,7 @@ Rows are made for a few samples together, since most of the time that one takes 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from typing import Any
@@ -19,137 +19,18 @@ from ident.equations.corrections import WIDER, Scene
 from ident.equations.filter import STICKING, Decimator, FilterRun
 from ident.equations.rows import CHUNK, Rows, raw_rows
 from ident.equations.unknowns import Columns, Point
-from ident.errors import FitError, LogError, MotionError, one_of
-from ident.log import Column, Log
+from ident.errors import FitError, MotionError
 from ident.mechanism.mechanism import Mechanism, Multipliers
 from ident.motion.closures import LoopSolver
-from ident.motion.signals import GAP, LARGEST, LONE, NO_MEASUREMENT, UNEVEN, is_signal
+from ident.motion.signals import GAP, UNEVEN
 from ident.motion.state import State, nearness, wrenches
 from ident.streams.fixed_lag import FixedLag
+from ident.streams.samples import Sample, SampleParser
 from ident.streams.setting import Setting
 
 LATENCY = 0.02  # [s] that samples may wait for others
 TOGETHER = 32  # samples that need not wait longer
 SPLINE, TWICE = 12, 2  # samples: where a cubic spline forgets its ends; lost by two differences
-
-Sample = Mapping[str, Any] | Log
-"""One sample, or a block of them, by column: numbers, or arrays (n,)."""
-
-
-class SampleParser:
-    """Takes samples under this robot's own names or ident's, checks them and scales them to SI.
-
-    A time far ahead of the last one waits for its successor: if that comes before it, the time that
-    jumped was wrong, and not all that follow.
-
-    Attributes:
-        columns: of the arrays that it makes, `t` first; empty before the first sample.
-        last: time of the last sample [s].
-        left_out: (row, why) of the samples of the last call that are left out; of one that waited
-            since an earlier call the row is negative.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        mapping: Mapping[str, Column],
-        columns: Sequence[str] | None = None,
-        reads: Sequence[str] = (),
-        gap: float = np.inf,
-    ) -> None:
-        self._name, self._mapping, self._reads = name, dict(mapping), {"t", *reads}
-        self._any, self._gap = columns is None, gap  # [s] by which a time is far ahead
-        self.columns: tuple[str, ...] = () if columns is None else ("t", *columns)
-        self.last = -np.inf
-        self._ahead: np.ndarray | None = None  # the sample that waits
-        self.left_out: list[tuple[int, str]] = []
-
-    def __call__(self, sample: Sample) -> tuple[np.ndarray, np.ndarray]:
-        """Return the samples that are whole and in order (n, columns), and their rows (n,)."""
-        given = self._renamed(sample)
-        names = self.columns or tuple(dict.fromkeys(("t", *given)))
-        if lacking := [name for name in (("t",) if self._any else names) if name not in given]:
-            source = self._mapping.get(lacking[0])
-            wanted = f"{source.column!r}, which [log] makes " if source else ""
-            raise MotionError(
-                f"{self._name}: a sample has no column {wanted}{lacking[0]!r}; "
-                f"{one_of(lacking[0], given)}"
-            )
-        if self._any and (off := {*names} ^ {*given}):
-            raise LogError(
-                f"{self._name}: a sample has other columns than those before "
-                f"({', '.join(sorted(off))}); every sample needs the same"
-            )
-        values = [given[name] for name in names]
-        try:
-            X = np.array(values, dtype=float).reshape(len(values), -1).T
-        except (TypeError, ValueError):
-            raise LogError(
-                f"{self._name}: a sample is neither numbers nor arrays of equal length; give one "
-                "number a column, or one array (n,) a column"
-            ) from None
-        self.left_out, self._given, row = [], len(X), np.arange(len(X))
-        bad = ~(np.abs(X) < LARGEST)
-        if self._any:
-            bad &= np.array([n in self._reads or is_signal(n) for n in names])
-        for i in np.flatnonzero(bad.any(axis=1)):
-            at = int(bad[i].argmax())
-            why = "every column needs a finite number in every sample"
-            self.leave_out(int(i), names[at], X[i], at, why)
-        X, row = X[~bad.any(axis=1)], row[~bad.any(axis=1)]
-        if self._ahead is not None and len(X):
-            X, row = np.concatenate([self._ahead[None], X]), np.append(-1, row)
-            self._ahead = None
-        good = self._ordered(X[:, 0], row)
-        X, row = X[good], row[good]
-        before = X[-2, 0] if len(X) > 1 else self.last
-        if len(X) and np.isfinite(before) and X[-1, 0] - before > self._gap:
-            X, row, self._ahead = X[:-1], row[:-1], X[-1]
-        self.columns, self.last = names, float(X[-1, 0]) if len(X) else self.last
-        return X, row
-
-    def refuse_one(self) -> None:
-        """Raise LogError if the last call was given one sample, which is left out."""
-        if self._given == 1 and self.left_out and self.left_out[-1][0] == 0:
-            raise LogError(self.left_out[-1][1])
-
-    def _ordered(self, t: np.ndarray, row: np.ndarray) -> np.ndarray:
-        """(n,) samples whose times increase."""
-        good = np.ones(len(t), dtype=bool)
-        whole = np.append(self.last, t)
-        if (np.diff(whole) > 0).all():
-            return good
-        before, follows = self.last, np.append(t[1:], np.inf)
-        for i in range(len(t)):
-            if t[i] > before and t[i] - before > self._gap and before < follows[i] <= t[i]:
-                good[i], why = False, f"comes before one at {follows[i]:.6g} s"
-            elif t[i] <= before:
-                good[i], why = False, f"comes after one at {before:.6g} s"
-            else:
-                before = t[i]
-                continue
-            text = f"{self._name}: a sample at t = {t[i]:.6g} s {why}; times must increase"
-            self.left_out.append((int(row[i]), text))
-        return good
-
-    def leave_out(self, row: int, column: str, x: np.ndarray, at: int, why: str) -> None:
-        """Note that a sample x is left out for one of its columns."""
-        where = f"in the sample at t = {x[0]:.6g} s"
-        self.left_out.append((row, f"{self._name}: {column} = {x[at]:.4g} {where}; {why}"))
-
-    def _renamed(self, sample: Sample) -> Mapping[str, Any]:
-        """Return the columns of a sample under ident's names, in SI."""
-        if isinstance(sample, Log):
-            return {"t": sample.t, **sample.columns}
-        own = {source.column for source in self._mapping.values()}
-        given = {name: x for name, x in sample.items() if name not in own}
-        for name, source in self._mapping.items():
-            if source.column in sample and (self._any or name in self.columns):
-                x = sample[source.column]
-                x = x if np.ndim(x) == 0 else np.asarray(x)
-                given[name] = source.scale * x + source.offset
-        return given
-
 
 Block = tuple[int, np.ndarray, np.ndarray]
 """Number of the first sample in steps of the clock, samples (n, columns) without a gap, and the
@@ -347,12 +228,9 @@ class Stream:
         others = tuple(dict.fromkeys((*torques, *setting.wrenches, *reads)))
         needed = (*setting.motion_columns, *others)
         self._parser = SampleParser(
-            mechanism.name, mechanism.columns, needed, gap=GAP / setting.rate
+            mechanism.name, mechanism.columns, needed, gap=GAP / setting.rate, usual=setting.usual
         )
         place = self._parser.columns.index
-        usual = [setting.usual.get(name, (0.0, np.inf)) for name in self._parser.columns]
-        self._centre, self._reach = np.array(usual).T
-        self._absurd = 0  # samples in a row that are no measurements
         self.left_out: list[tuple[int, str]] = []
         self.last = np.empty((0, len(self._parser.columns)))
         self._others = {name: place(name) for name in others}
@@ -404,9 +282,8 @@ class Stream:
             LogError: for a sample that is not whole, or absurd; of a block, absurd ones are left
                 out.
         """
-        X = self._measured(*self._parser(sample))
+        X = self._parser(sample)
         self.left_out = self._parser.left_out
-        self._parser.refuse_one()
         for _, why in self.left_out:
             self._follower.lose(1, why)
         self.samples, self.last = self.samples + len(X), X
@@ -416,23 +293,6 @@ class Stream:
             return self.flush()
         self.windows = []
         return []
-
-    def _measured(self, X: np.ndarray, row: np.ndarray) -> np.ndarray:
-        """Leave out samples far from what is usual, unless several follow each other."""
-        far = np.abs(X - self._centre) > self._reach
-        odd = far.any(axis=1)
-        if not odd.any():
-            self._absurd = 0 if len(X) else self._absurd
-            return X
-        good = np.ones(len(X), dtype=bool)
-        for i in range(len(X)):
-            self._absurd = self._absurd + 1 if odd[i] else 0
-            if 0 < self._absurd < LONE:
-                good[i], at = False, int(far[i].argmax())
-                self._parser.leave_out(
-                    int(row[i]), self._parser.columns[at], X[i], at, f"it {NO_MEASUREMENT}"
-                )
-        return X[good]
 
     def flush(self) -> list[Rows]:
         """Return the rows of samples that wait for others."""

@@ -1,0 +1,152 @@
+"""Samples as they come: renamed, checked and scaled; what cannot be right is left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ident.errors import LogError, MotionError, one_of
+from ident.log import Column, Log
+from ident.motion.signals import LARGEST, LONE, NO_MEASUREMENT, is_signal
+
+Sample = Mapping[str, Any] | Log
+"""One sample, or a block of them, by column: numbers, or arrays (n,)."""
+
+
+class SampleParser:
+    """Takes samples under this robot's own names or ident's, checks them and scales them to SI.
+
+    A time far ahead of the last one waits for its successor: if that comes before it, the time that
+    jumped was wrong, and not all that follow.
+
+    Attributes:
+        columns: of the arrays that it makes, `t` first; empty before the first sample.
+        last: time of the last sample [s].
+        left_out: (row, why) of the samples of the last call that are left out; of one that waited
+            since an earlier call the row is negative.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        mapping: Mapping[str, Column],
+        columns: Sequence[str] | None = None,
+        reads: Sequence[str] = (),
+        gap: float = np.inf,
+        usual: Mapping[str, tuple[float, float]] | None = None,
+    ) -> None:
+        self._name, self._mapping, self._reads = name, dict(mapping), {"t", *reads}
+        self._any, self._gap = columns is None, gap  # [s] by which a time is far ahead
+        self.columns: tuple[str, ...] = () if columns is None else ("t", *columns)
+        self.last = -np.inf
+        self._ahead: np.ndarray | None = None  # the sample that waits
+        ranges = [(usual or {}).get(name, (0.0, np.inf)) for name in self.columns]
+        self._centre, self._reach = np.array(ranges).reshape(-1, 2).T
+        self._absurd = 0  # samples in a row that are no measurements
+        self.left_out: list[tuple[int, str]] = []
+
+    def __call__(self, sample: Sample) -> np.ndarray:
+        """Return the samples (n, columns) that are whole, in order and no absurd numbers.
+
+        Raises:
+            LogError: for one sample that is left out, or for other columns than before.
+            MotionError: if a column is missing.
+        """
+        given = self._renamed(sample)
+        names = self.columns or tuple(dict.fromkeys(("t", *given)))
+        if lacking := [name for name in (("t",) if self._any else names) if name not in given]:
+            source = self._mapping.get(lacking[0])
+            wanted = f"{source.column!r}, which [log] makes " if source else ""
+            raise MotionError(
+                f"{self._name}: a sample has no column {wanted}{lacking[0]!r}; "
+                f"{one_of(lacking[0], given)}"
+            )
+        if self._any and (off := {*names} ^ {*given}):
+            raise LogError(
+                f"{self._name}: a sample has other columns than those before "
+                f"({', '.join(sorted(off))}); every sample needs the same"
+            )
+        values = [given[name] for name in names]
+        try:
+            X = np.array(values, dtype=float).reshape(len(values), -1).T
+        except (TypeError, ValueError):
+            raise LogError(
+                f"{self._name}: a sample is neither numbers nor arrays of equal length; give one "
+                "number a column, or one array (n,) a column"
+            ) from None
+        self.left_out, count, row = [], len(X), np.arange(len(X))
+        bad = ~(np.abs(X) < LARGEST)
+        if self._any:
+            bad &= np.array([n in self._reads or is_signal(n) for n in names])
+        for i in np.flatnonzero(bad.any(axis=1)):
+            at = int(bad[i].argmax())
+            why = "every column needs a finite number in every sample"
+            self._leave_out(int(i), names[at], X[i], at, why)
+        X, row = X[~bad.any(axis=1)], row[~bad.any(axis=1)]
+        if self._ahead is not None and len(X):
+            X, row = np.concatenate([self._ahead[None], X]), np.append(-1, row)
+            self._ahead = None
+        good = self._ordered(X[:, 0], row)
+        X, row = X[good], row[good]
+        before = X[-2, 0] if len(X) > 1 else self.last
+        if len(X) and np.isfinite(before) and X[-1, 0] - before > self._gap:
+            X, row, self._ahead = X[:-1], row[:-1], X[-1]
+        self.columns, self.last = names, float(X[-1, 0]) if len(X) else self.last
+        X = X if self._any else self._usual(X, row)
+        if count == 1 and self.left_out and self.left_out[-1][0] == 0:
+            raise LogError(self.left_out[-1][1])
+        return X
+
+    def _ordered(self, t: np.ndarray, row: np.ndarray) -> np.ndarray:
+        """(n,) samples whose times increase."""
+        good = np.ones(len(t), dtype=bool)
+        whole = np.append(self.last, t)
+        if (np.diff(whole) > 0).all():
+            return good
+        before, follows = self.last, np.append(t[1:], np.inf)
+        for i in range(len(t)):
+            if t[i] > before and t[i] - before > self._gap and before < follows[i] <= t[i]:
+                good[i], why = False, f"comes before one at {follows[i]:.6g} s"
+            elif t[i] <= before:
+                good[i], why = False, f"comes after one at {before:.6g} s"
+            else:
+                before = t[i]
+                continue
+            text = f"{self._name}: a sample at t = {t[i]:.6g} s {why}; times must increase"
+            self.left_out.append((int(row[i]), text))
+        return good
+
+    def _usual(self, X: np.ndarray, row: np.ndarray) -> np.ndarray:
+        """Leave out samples far from what is usual, unless several follow each other."""
+        far = np.abs(X - self._centre) > self._reach
+        odd = far.any(axis=1)
+        if not odd.any():
+            self._absurd = 0 if len(X) else self._absurd
+            return X
+        good = np.ones(len(X), dtype=bool)
+        for i in range(len(X)):
+            self._absurd = self._absurd + 1 if odd[i] else 0
+            if 0 < self._absurd < LONE:
+                good[i], at = False, int(far[i].argmax())
+                self._leave_out(int(row[i]), self.columns[at], X[i], at, f"it {NO_MEASUREMENT}")
+        return X[good]
+
+    def _leave_out(self, row: int, column: str, x: np.ndarray, at: int, why: str) -> None:
+        """Note that a sample x is left out for one of its columns."""
+        where = f"in the sample at t = {x[0]:.6g} s"
+        self.left_out.append((row, f"{self._name}: {column} = {x[at]:.4g} {where}; {why}"))
+
+    def _renamed(self, sample: Sample) -> Mapping[str, Any]:
+        """Return the columns of a sample under ident's names, in SI."""
+        if isinstance(sample, Log):
+            return {"t": sample.t, **sample.columns}
+        own = {source.column for source in self._mapping.values()}
+        given = {name: x for name, x in sample.items() if name not in own}
+        for name, source in self._mapping.items():
+            if source.column in sample and (self._any or name in self.columns):
+                x = sample[source.column]
+                x = x if np.ndim(x) == 0 else np.asarray(x)
+                given[name] = source.scale * x + source.offset
+        return given
