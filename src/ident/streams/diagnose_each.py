@@ -15,10 +15,9 @@ from ident.display import Displayed, render
 from ident.errors import FitError
 from ident.files import json_bytes
 from ident.fit import identify
-from ident.log import read_log
 from ident.log.read import names_of
 from ident.mechanism.mechanism import Mechanism
-from ident.motion import Motion, complete
+from ident.motion import complete
 from ident.motion.recipe import AUTO
 from ident.pool import Workers
 from ident.progress import Progress
@@ -190,7 +189,7 @@ def diagnose_each(
             if verdicts else "no log given; valid: paths of logs, and of folders of them"
         )  # fmt: skip
     if sum(each.samples for each in verdicts) <= TOGETHER:
-        motion = _motion(*settings, good)
+        motion = complete(mechanism, good, cutoff=cutoff, smoothing=smoothing)
     else:
         looked_at = [summarise(mechanism, path) for path in good]
         some = excerpt(mechanism, looked_at, cutoff, smoothing, {})
@@ -204,18 +203,7 @@ def diagnose_each(
 
 def _verdict(common: tuple[Settings, dict[str, Any]], task: tuple[str, Path]) -> Verdict:
     """Diagnose one log."""
-    (settings, rule), (name, path) = common, task
-    motion = _motion(*settings, [path])
-    fit = identify(settings[0], motion, estimator="least-squares")
-    samples = sum(len(each) for each in motion.experiments)
-    return Verdict.of(name, samples, diagnose(fit, **rule))
-
-
-def _motion(
-    mechanism: Mechanism,
-    cutoff: float | str | None,
-    smoothing: float | str | None,
-    paths: Sequence[Path],
-) -> Motion:
-    logs = [read_log(path, mechanism.columns) for path in paths]
-    return complete(mechanism, logs, cutoff=cutoff, smoothing=smoothing)
+    ((mechanism, cutoff, smoothing), rule), (name, path) = common, task
+    motion = complete(mechanism, path, cutoff=cutoff, smoothing=smoothing)
+    fit = identify(mechanism, motion, estimator="least-squares")
+    return Verdict.of(name, motion.samples, diagnose(fit, **rule))
