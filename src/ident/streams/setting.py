@@ -92,11 +92,16 @@ class Setting(Recipe):
         return self.knots or 1 / self.rate
 
     @property
+    def together(self) -> int:
+        """Samples that are smoothed at once: those from one knot to the next."""
+        return max(1, round(self.knots * self.rate))
+
+    @property
     def smoothing_lag(self) -> int:
-        """Samples after one that its splines need; 0: all is taken as logged."""
+        """Samples after one that its splines may wait for; 0: all is taken as logged."""
         if self.taken == self.logged:
             return 0
-        return max(EXACT, int(np.ceil(LAG * self.spacing * self.rate)))
+        return max(EXACT, int(np.ceil(LAG * self.spacing * self.rate))) + self.together - 1
 
     @property
     def motion_columns(self) -> tuple[str, ...]:
