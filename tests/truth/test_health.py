@@ -257,6 +257,6 @@ def test_it_prints_and_is_json():
 def test_it_is_fast():
     p = planted("arm", seed=24, rate=2500.0)
     fit = p.fit()
-    start = time.perf_counter()
+    start = time.process_time()
     health(fit)
-    assert time.perf_counter() - start < 3.0
+    assert time.process_time() - start < 3.0

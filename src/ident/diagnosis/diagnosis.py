@@ -507,7 +507,9 @@ def _health_beside(contest: Contest, explained: np.ndarray) -> Health:
     that it found, which leave squares (blocks, d) of blocks that were left out.
     """
     fit = contest.fit
-    checks = DataChecks(fit.problem, fit.estimate, fit.train, contest.table, contest.use, explained)
+    checks = DataChecks(
+        fit.problem, fit.estimate, fit.relative, contest.table, contest.use, explained
+    )
     health = checks.health()
     # a joint swings freely by the fitted terms, which wrong channels spoil
     freely = () if health.faults else (e for e in fit.findings if e.code == "swings freely")

@@ -13,7 +13,6 @@ from functools import cached_property
 import numpy as np
 
 from ident.fit.findings import Finding
-from ident.fit.problem import Problem
 from ident.information.triangle import Array
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
@@ -27,7 +26,8 @@ ZERO = 0.2  # share of the samples at which a joint moves, where its torque is e
 NOISE = 0.7  # noise over rms from which a torque channel is no torque
 NOISELESS = 1e-3  # of the other torques' share of noise: a channel with less has none
 NOISY = 1e-3  # share of noise from which the others count as measured
-HELD = 3  # samples for which most values stay: a staircase of a slower controller
+HELD = 2  # samples for which most values stay: a staircase of a slower controller
+ALWAYS = 0.98  # share of pairs from which rows are repeated: a slow channel repeats some
 REGULAR = 0.8  # share of the steps that are of one length
 SHORTEST = 20  # samples of a channel that can be judged
 FROZEN = 0.25  # s for which a channel stays at a value while its joint moves
@@ -125,13 +125,17 @@ def noise_only(c: LoggedChannel) -> Judgement:
 
 
 def staircase(c: LoggedChannel) -> Judgement:
-    """A torque held for the same number of samples again and again."""
+    """A channel held for the same number of samples again and again."""
     lengths = np.diff(np.flatnonzero(np.diff(c.x)))
     usual = float(np.median(lengths)) if len(lengths) >= 10 else 0.0
-    # steps of a coarse sensor are as long as the torque is flat
-    if usual < HELD or (np.abs(lengths - usual) <= 1).mean() < REGULAR:
+    # steps of a coarse sensor are as long as the channel is flat, only two samples are never by it
+    alike = np.abs(lengths - usual) <= (usual > HELD)
+    if usual < HELD or alike.mean() < (REGULAR if usual > HELD else ALWAYS):
         return None
-    text = f"held for {usual:.0f} samples at a time, as a slower controller does: {MEASURED}"
+    text = (
+        f"held for {usual:.0f} samples at a time: rows are repeated, or a slower controller "
+        "commands it, and it is no measurement"
+    )
     return usual, HELD, text, c.entry
 
 
@@ -234,16 +238,11 @@ def copied(c: LoggedChannel) -> Judgement:
 
 CHECKS = {
     "tau": (constant, zero, noise_only, staircase, frozen, clipped, steps, noiseless, copied),
-    "q": (frozen, steps),
+    "q": (frozen, steps, staircase),
     "v": (frozen, steps),
 }
 
 # --- all channels -------------------------------------------------------------------------------
-
-
-def channel_findings(problem: Problem) -> list[Finding]:
-    """Return what is wrong with the channels of a problem's logs, where these are at hand."""
-    return log_findings(problem.mechanism, problem.motion)
 
 
 def log_findings(mechanism: Mechanism, motion: Motion) -> list[Finding]:

@@ -10,7 +10,7 @@ negative friction): only that tells a torque of the wrong sign from one of the r
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -36,9 +36,11 @@ UNITS = {  # by which factors units of torque differ, or their inverses
 }
 UNIT = 0.1  # difference of logarithms within which a factor is that of a unit
 FACTORS = np.geomspace(1e-4, 1e4, 17)  # between two of which the best factor of a torque is sought
+LARGEST_FACTOR = 3e3  # beyond units and gears: the torque is only taken out of the equations
 LEAST_FACTOR = 1.5  # a smaller one is an effect's: a gain, a load-dependent friction
 LEAVES = 0.3  # error of a torque at which nothing is explained: a cause that leaves it is none
 FAR = 7  # shifts round the log by so many parts of it: torques of another time
+SEVERAL = 3  # joints from which on torques of another run are told from a missing effect
 AS_WELL = 1.5  # times the error that all effects of the library leave: a fault leaves no more
 AS_GOOD = 0.8  # of the best error at another time, with which a torque is not of this motion
 LONGEST = 0.1  # s; a torque that is later still is another log's
@@ -127,22 +129,21 @@ class ChannelEquations:
         estimate: Estimate,
         table: Table,
         use: np.ndarray,
+        effects: Sequence[Effect],
         shifts: bool = False,
-        kinds: Collection[str] = (),
+        blocks: Array | None = None,
     ) -> ChannelEquations:
         """Reduce the rows `use` (N, d) of a table; what an estimate holds stays at its value.
 
-        With what every machine has at its driven joints, and further `kinds` of effects.
+        With further linear effects; `blocks` (N,) number stretches of time, by default the table's.
         """
         driven, names = table.mechanism.driven, table.motion.independent
         own = tuple(map(driven.index, names)) if sorted(driven) == sorted(names) else ()
         held = estimate.held
         some = use.any(axis=1)
-        numbers, block = np.unique(table.blocks[some], return_inverse=True)
+        blocks = table.blocks if blocks is None else blocks
+        numbers, block = np.unique(blocks[some], return_inverse=True)
         prior = estimate.solution.x[held]
-        effects = [
-            each for each in linear_effects(table.mechanism) if each.common or each.kind in kinds
-        ]
         columns = [table.effect_columns(each, [{}]) for each in effects]
         steps, near = _steps(table) if shifts and own else (np.zeros(1, dtype=int), 1)
         torques = _own_torques(table, own, steps) if own else _spread_torques(table, driven)
@@ -189,7 +190,8 @@ class ChannelEquations:
         for j in range(0 if self.own else J):
             c[:, 1 + j * J + cause.take[j]] = cause.gain[j]
         torque = squares(self.total[:, self.k + 1 :, self.k + 1 :], c[:, 1:])
-        return c, np.maximum(torque, ROUNDING * torque.max() or 1.0)
+        least = torque.max() or 1.0  # of a joint without torque: what it leaves is small beside it
+        return c, np.where(torque > ROUNDING * least, torque, least)
 
     def errors(self, cause: ChannelCause, noise: Array, block: int | None = None) -> Array:
         """Squared errors (d,) of all rows as shares of the torque's squares, everything fitted with
@@ -228,10 +230,11 @@ class ChannelEquations:
         """Which coordinates (d,) feel the joints of a cause."""
         return np.array([j in cause.joints for j in self.own] or [True] * len(self.total))
 
-    def noise(self, cause: ChannelCause, start: Array) -> Array:
+    def noise(self, cause: ChannelCause, start: Array | None = None) -> Array:
         """Relative errors (d,), each coordinate weighted by its own: a joint with a missing effect
         does not spoil the others.
         """
+        start = np.ones(len(self.total)) if start is None else start
         for _ in range(ROUNDS):
             start = np.sqrt(self.errors(cause, start) + SMALL**2)
         return start
@@ -293,16 +296,17 @@ class ChannelEquations:
                 bounds=(low, high), method="bounded", options={"xatol": 0.01},
             )  # fmt: skip
             best = float(np.exp(found.x))
-            if max(best, 1 / best) > LEAST_FACTOR:
+            if LEAST_FACTOR < max(best, 1 / best) < LARGEST_FACTOR:
                 yield from (at(best), at(2.5 * best), at(0.4 * best))
 
     def strangers(self, noise: Array) -> tuple[int, ...]:
         """Driven joints of which the torque is explained no better than at another time of the log:
-        it is not of this motion, or is noise. `noise` (d,) is that of the log as it is.
+        it is not of this motion, or is noise. `noise` (d,) is that of the log as it is. Of less
+        than SEVERAL joints, effects that the library does not have may make the torques.
         """
         found, now = [], self.as_logged
         for u, j in enumerate(self.own):
-            if noise[u] > LEAVES and self.near < len(self.lags):
+            if noise[u] > LEAVES and self.near < len(self.lags) and len(self.own) >= SEVERAL:
                 turned = [
                     self.noise(now.with_("delay", 0.0, shift={j: shift}), noise)[u]
                     for shift in range(self.near, len(self.lags))
@@ -315,7 +319,7 @@ class ChannelEquations:
         """The delay [s] of a cause between the shifts that were tried, by a parabola."""
         order = np.argsort(self.lags)
         i = int(np.flatnonzero(self.lags[order] == cause.number)[0])
-        near, noise = order[i - 1 : i + 2], self.noise(cause, np.ones(len(self.total)))
+        near, noise = order[i - 1 : i + 2], self.noise(cause)
         scores = [
             self.score(cause.with_("delay", 0.0, shift=dict.fromkeys(cause.joints, int(s))), noise)
             for s in near
@@ -334,7 +338,7 @@ class ChannelEquations:
         that a diagnosis found: a cause must do better than these.
         """
         now, found = self.as_logged, list[CredibleCause]()
-        noise = self.noise(now, np.ones(len(self.total)))
+        noise = self.noise(now)
         first = noise
         while len(found) < len(self.driven):
             poor = noise > POOR
@@ -458,7 +462,9 @@ def _spread_torques(table: Table, driven: tuple[str, ...]) -> Array:
     return np.concatenate(found)
 
 
-def _limits(estimate: Estimate, table: Table, effects: list[Effect], k: int) -> tuple[Array, Array]:
+def _limits(
+    estimate: Estimate, table: Table, effects: Sequence[Effect], k: int
+) -> tuple[Array, Array]:
     """G (m, k), g (m,) of what no machine has: the inertia of an independent coordinate,
 
         u ↦ (Zᵀ Γ(q, 0, Z e_u) x)_u ≥ 0, mean over the log

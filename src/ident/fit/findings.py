@@ -24,7 +24,6 @@ POOR = 1e3  # condition number above which the motion excites some base paramete
 CERTAIN = 3.0  # standard errors below zero at which a negative coefficient is no accident
 LEAST_MASS = 1e-9  # kg below which a body with first moments cannot be written in a URDF
 FREELY = 0.1  # torque over its terms: an error of 5 % in one of them is half the torque or more
-MISSED = 0.3  # share of a torque, held out, that is more than noise and small effects leave
 POSSIBLE = -1e-6  # of a body's largest eigenvalue: what rounding may leave below zero
 
 
@@ -61,7 +60,6 @@ def findings_of(
     errors: Mapping[str, Error],
     effects: Sequence[EffectValues],
     more: Iterable[Finding] = (),
-    held_out: Mapping[str, Error] | None = None,
 ) -> tuple[Finding, ...]:
     """Return the findings of a fit, in the order in which a person should read them.
 
@@ -70,12 +68,10 @@ def findings_of(
         errors: in the data that were fitted, by joint.
         effects: with their values.
         more: findings of the way in which the estimate was made.
-        held_out: errors in stretches of time that were left out, by joint.
     """
     pi = problem.point_at(estimate.x).pi
     found = [
         *_equations(problem, estimate),
-        *_missed(errors, held_out or {}),
         *_held(problem.columns, estimate),
         *_short_runs(problem.motion),
         *_absorbed(problem.columns, estimate),
@@ -201,25 +197,6 @@ def basis_bias(problem: Problem, estimate: Estimate) -> list[Finding]:
         f"where free multipliers put them: {_some(moved, 6)}"
     )
     return [Finding("basis", text, "standard errors do not hold this bias")] if moved else []
-
-
-def _missed(errors: Mapping[str, Error], held_out: Mapping[str, Error]) -> Iterator[Finding]:
-    """Report joints of which a large part of the torque is not predicted, held out in time."""
-    shares = {
-        joint: error.relative
-        for joint, error in held_out.items()
-        if error.relative is not None
-        and error.relative > MISSED
-        and (errors[joint].relative or 0.0) < 1
-    }
-    if shares:
-        listed = ", ".join(f"{joint} {100 * share:.3g} %" for joint, share in shares.items())
-        text = (
-            f"in time that was left out, much of the torque is not predicted ({listed}): the model "
-            "lacks something, or a channel is wrong, and parameters and their errors say little"
-        )
-        remedy = "ident diagnose looks for the cause"
-        yield Finding("large error", text, remedy, tuple(shares), max(shares.values()), MISSED)
 
 
 def _swinging(

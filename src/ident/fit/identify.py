@@ -136,7 +136,7 @@ def fit_of(
         covariance=cov,
         train=train,
         held_out=left_out,
-        findings=findings_of(problem, estimate, train, effects, findings, left_out),
+        findings=findings_of(problem, estimate, train, effects, findings),
         binding=binding,
         likelihood=likelihood,
     )

@@ -101,10 +101,18 @@ class Fit(Charted):
         """`train`, `held out`, and those of each validation log; by joint."""
         return {"train": self.train, "held out": self.held_out, **self.validation}
 
+    @property
+    def relative(self) -> dict[str, float]:
+        """Relative error by joint, fitted or held out, the larger."""
+        both = (self.train, self.held_out)
+        return {
+            joint: max(e[joint].relative or 0.0 for e in both if joint in e) for joint in self.train
+        }
+
     @cached_property
     def checks(self) -> DataChecks:
         """What may be wrong with the data, as questions to the equations."""
-        return DataChecks.of(self.problem, self.estimate, self.train)
+        return DataChecks.of(self.problem, self.estimate, self.relative)
 
     @cached_property
     def health(self) -> Health:

@@ -56,6 +56,7 @@ TWICE = 2.0  # times the noise of a rate: a larger residual contradicts other ch
 NEAREST = 0.1  # periods of a given cut-off between two knots: the least of automatic choices
 CONTRADICTION = 0.3  # share of its own motion by which a logged joint may miss the closures
 ROUNDING = 1e-6  # of a sampling step, within which two times are the same
+LISTED = 4  # cuts near singular positions that a note lists
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -520,8 +521,11 @@ def left_out(before: State, after: State) -> list[str]:
     singular = before.usable & ~after.usable
     if not singular.any():
         return []
+    cut = [(after.t[each.start], after.t[each.stop - 1]) for each in runs(singular)]
+    listed = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in cut[:LISTED])
+    more = f" and {len(cut) - LISTED} more" if len(cut) > LISTED else ""
     return [
-        f"{after.name}: {int(singular.sum())} of {len(after)} samples are near a singular "
-        f"position of {', '.join(after.independent)} (first at t = "
-        f"{after.t[np.argmax(singular)]:.4g} s) and are left out"
+        f"{after.name}: {int(singular.sum())} of {len(after)} samples are left out, near a singular "
+        f"position of {', '.join(after.independent)}: t = {listed} s{more}; nothing is filtered "
+        "across these cuts"
     ]
