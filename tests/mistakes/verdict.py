@@ -20,7 +20,7 @@ OFF = 6.0  # standard errors by which a base parameter may be off, …
 MATTERS = 0.01  # … where that is so much of a joint's torque
 CAUSES = {  # codes of findings that blame something
     "sign", "scale", "swapped", "delay", "position sign", "position scale", "position swapped",
-    "magnitude", "gravity", "time", "axis", "another run",
+    "magnitude", "gravity", "time", "axis", "another run", "wrench", "joints swapped",
 }  # fmt: skip
 WEAK = ("note ", "held ", "excitation ", "short runs ", "rest on priors ")
 OUTCOMES = ("error", "named", "doubt", "right", "wrong name", "silent")

@@ -13,6 +13,7 @@ import pytest
 
 import ident
 from ident import Column, Log, Noise, health
+from helpers import ROBOTS
 from identification import motion_log, plant, robot
 
 NAMES = ("arm", "five_bar", "four_bar", "slider_crank")
@@ -260,3 +261,25 @@ def test_it_is_fast():
     start = time.process_time()
     health(fit)
     assert time.process_time() - start < 3.0
+
+
+def test_a_copy_of_a_log_counts_once_and_validates_nothing():
+    p = planted("arm", seed=25)
+    copy = Log.from_arrays("copy.csv", p.log.t, p.log.columns)
+    both = ident.identify(p.mechanism, ident.complete(p.mechanism, [p.log, copy]))
+    assert ("copy", ("copy.csv",)) in found(health(both))
+    motions = (ident.complete(p.mechanism, log) for log in (p.log, copy))
+    fit = ident.identify(p.mechanism, next(motions), validate=next(motions))
+    assert any("no validation" in text for text in fit.warnings)
+
+
+def test_a_locked_joint_that_moves_is_found():
+    p = planted("arm", seed=26)
+    mechanism = ident.load(ROBOTS / "arm", locked={"elbow": 0.0})
+    assert ("locked", ("q.elbow",)) in found(judged(mechanism, p.log))
+
+
+def test_a_delay_that_explains_little_is_none():
+    p = planted("four_bar", seed=27)
+    log = changed(p.log, q__crank=p.log.columns["q.crank"] + np.pi / 2)
+    assert "delay" not in {name for name, _ in found(judged(p.mechanism, log))}

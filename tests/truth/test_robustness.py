@@ -131,7 +131,7 @@ def test_a_useless_prediction_is_called_so():
     fit = ident.identify(
         known, ident.complete(known, Log.from_arrays("n.csv", log.t, {**log.columns, **noise}))
     )
-    assert any("no better than zero torque" in note for note in fit.warnings)
+    assert any("parameters are not to be trusted" in note for note in fit.warnings)
 
 
 def test_multipliers_that_rest_on_priors_are_named():

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
@@ -39,6 +40,7 @@ SAME = 1e-6  # of a channel's size, by which it may differ from a command and st
 COMMAND = re.compile(
     r"(des|cmd|command|ref|set|target|goal|con)(ired|erence|point|trol)?[\W_\d]*", re.I
 )
+LOCKED = 0.05  # [rad | m] by which a joint that is held may move: fingers give way a little
 MEASURED = "a command, not a measurement"
 
 
@@ -257,6 +259,8 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> list[Finding]:
     for log in motion.logs:
         for name in log.columns:
             kind, _, joint = name.partition(".")
+            if kind == "q" and joint in mechanism.locked:
+                found += _moving_lock(log, name, mechanism.locked[joint])
             if joint not in mechanism.joint_index or (state := states[log.name]) is None:
                 continue
             if kind == "tau" and joint not in mechanism.driven:
@@ -271,4 +275,27 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> list[Finding]:
                     found.append(
                         Finding(check.__name__, meaning, remedy, (name,), number, threshold)
                     )
-    return found
+    texts = "standard errors are too small by √2", "leave it out"
+    return [
+        *found,
+        *(copy for a, b in combinations(motion.logs, 2) for copy in copies(a, b, *texts)),
+    ]
+
+
+def _moving_lock(log: Log, name: str, at: float) -> list[Finding]:
+    """Return a finding if a joint that is held moves in a log."""
+    off = float(np.nanmax(np.abs(log.columns[name] - at), initial=0.0))
+    if off < LOCKED:
+        return []
+    text = f"{log.name}: {name} is up to {off:.3g} off {at:.4g}, at which the joint is locked"
+    return [Finding("locked", text, "give its position, or do not lock it", (name,), off, LOCKED)]
+
+
+def copies(a: Log, b: Log, harm: str, remedy: str) -> list[Finding]:
+    """Return a finding if two logs hold the same positions and torques."""
+    names = [name for name in a.columns if name in b.columns and name.startswith(("q.", "tau."))]
+    if len(a.t) != len(b.t) or not names:
+        return []
+    if not all(np.array_equal(a.columns[n], b.columns[n], equal_nan=True) for n in names):
+        return []
+    return [Finding("copy", f"{b.name} holds the samples of {a.name}: {harm}", remedy, (b.name,))]

@@ -45,7 +45,9 @@ AS_WELL = 1.5  # times the error that all effects of the library leave: a fault 
 AS_GOOD = 0.8  # of the best error at another time, with which a torque is not of this motion
 LONGEST = 0.1  # s; a torque that is later still is another log's
 NODES = 12  # shifts on either side, from one sample up to LONGEST
+HALF = 0.5  # of the relative error: what explains less of it is an effect, no fault
 SMALL = 0.01  # relative error below which no channel is blamed, and none is better than another
+DOUBT = 2.5 * SMALL  # relative error of some torque from which a fit is doubted
 POOR = np.sqrt(2) * SMALL  # with SMALL counted in: of a joint that something may be wrong with
 ALPHA = 0.01  # chance that a channel is blamed where nothing is wrong
 RIVAL = 2.0  # standard errors of the paired difference within which two causes are rivals
@@ -374,7 +376,7 @@ class ChannelEquations:
             if any(_another_factor(cause, each) for each in rivals):
                 break
             was, now_ = (float(np.sqrt(np.mean(x[mine] ** 2))) for x in (noise, after[0]))
-            if now_ > LEAVES:
+            if now_ > LEAVES or now_ > max(HALF * was, DOUBT):
                 break
             found.append(CredibleCause(cause, was, now_, rivals))
             now, noise = cause, after[0]

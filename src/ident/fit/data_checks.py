@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -22,6 +22,8 @@ from ident.fit.channel_checks import log_findings
 from ident.fit.channel_fits import (
     AS_WELL,
     CLOSEST,
+    DOUBT,
+    HALF,
     LEAVES,
     RIVAL,
     SEVERAL,
@@ -51,9 +53,7 @@ FAULTS = {  # codes of findings that explain a log better than any effects that 
     "joints swapped", "time", "gravity", "another run",
 }  # fmt: skip
 FEW = 300  # samples that tell a right motion from a wrong one
-DOUBT = 2.5 * SMALL  # relative error of some torque from which time and gravity are doubted
-BAD = 0.05  # the same for positions, of which there are many wrong ones
-HALF = 0.5  # of the rms relative error: what explains less of it is an effect, no fault
+BAD = 0.05  # relative error from which positions are doubted, of which there are many wrong ones
 NEARLY = 1.2  # times the error of a fault that one missing effect may leave to be its rival
 LIKE = 0.9  # correlation from which the URDF's torque is like the identified one
 TIMES = 30.0  # of the URDF's torque at one joint, where a rotor behind its gears may be missing
@@ -80,25 +80,6 @@ class Health(Displayed):
     def json(self) -> list[dict[str, Any]]:
         """One dictionary a finding."""
         return [asdict(finding) for finding in self.findings]
-
-
-@dataclass(frozen=True, eq=False)
-class _Trial:
-    """A hypothesis on the motion: its equations, their relative errors `after` (d,), their mean."""
-
-    cause: MotionCause = field(repr=False)
-    equations: ChannelEquations
-    after: Array
-
-    @property
-    def score(self) -> float:
-        return float(np.log(self.after).mean())
-
-    @cached_property
-    def left_out(self) -> Array:
-        """Log density (blocks,) of blocks of time, fitted to the others."""
-        torques = self.cause.torques(self.equations)
-        return np.asarray(self.equations.left_out(torques, self.after).sum(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,21 +206,19 @@ class DataChecks:
         text = "the model leaves " + ", ".join(
             f"{100 * x:.3g} % of {name}" for name, x in zip(where, errors[bad], strict=True)
         )
-        remedy = "check units, signs, columns and lengths; ident diagnose shows where it fails"
         if left.max() < LEAVES / 2:
             text += (
-                f" (fitted, or held out in time), linear effects at all drives {100 * left.max():.2g}"
-                " %: an effect is missing, or what is known of a body is wrong, and parameters "
-                "make up for it"
+                " (fitted, or held out in time), linear effects at all drives "
+                f"{100 * left.max():.2g} %: an effect is missing, or what is known of a body is "
+                "wrong, and parameters make up for it"
             )
-            remedy = "see ident diagnose"
         else:
-            listed = ", ".join(f"{100 * x:.0f} %" for x in left)
             strange = [f"tau.{equations.driven[j]}" for j in equations.strangers(self.reference)]
-            text += f", and {listed} with friction and springs: parameters are not to be trusted. "
-            if strange:
-                text += f"{', '.join(strange)} may be of another run or no measurement. "
+            text += f", and {', '.join(f'{100 * x:.0f} %' for x in left)} with friction and "
+            text += "springs: parameters are not to be trusted. "
+            text += f"{', '.join(strange)} may be of another run. " if strange else ""
             text += "If no fault of the data is named above, none that was tried explains it"
+        remedy = "check units, signs, columns and lengths; ident diagnose shows where it fails"
         yield Finding("poor fit", text, remedy, where, None, LEAVES)
 
     def _magnitudes(self) -> Iterator[Finding]:
@@ -289,7 +268,7 @@ class DataChecks:
         base = logged.left_out(logged.as_logged, before).sum(axis=1)
         names = zip(motion.independent, noise, strict=True)
         causes = motion_causes(mechanism, thin, {name for name, x in names if x > BAD})
-        tried: list[_Trial] = []
+        tried: list[tuple[float, MotionCause, ChannelEquations, Array]] = []
         equations: ChannelEquations | None = None
         last: object = None
         for each in causes:
@@ -298,21 +277,26 @@ class DataChecks:
                 with suppress(IdentError, np.linalg.LinAlgError):  # a motion that does not close
                     equations = self._moved(each, thin, table)
             if equations is not None and len(equations.rows) == len(base):
-                tried.append(_Trial(each, equations, equations.noise(each.torques(equations))))
-                tried = sorted(tried, key=lambda trial: trial.score)[:CLOSEST]  # others take memory
+                after = equations.noise(each.torques(equations))
+                tried.append((float(np.log(after).mean()), each, equations, after))
+                tried = sorted(tried, key=lambda trial: trial[0])[:CLOSEST]  # others take memory
         enough = float(np.log(AS_WELL * self.reference).mean())
-        tried = [each for each in tried if each.score < enough]
-        if not tried:
+        best = [
+            (each, after, own.left_out(each.torques(own), after).sum(axis=1))
+            for score, each, own, after in tried
+            if score < enough
+        ]
+        if not best:
             return
-        best, cause, after = tried[0], tried[0].cause, tried[0].after
+        (cause, after, left), *others = best
         clear = _rms(after) < HALF * min(_rms(before), _rms(noise)) and after.max() < LEAVES
         if (
             not clear
-            or zscore(best.left_out - base) <= credible_t(len(causes), len(base))
+            or zscore(left - base) <= credible_t(len(causes), len(base))
             or self._rivalled(after, table, table.informed)
         ):
             return
-        near = [e.cause for e in tried[1:] if zscore(best.left_out - e.left_out) < RIVAL]
+        near = [each for each, _, other in others if zscore(left - other) < RIVAL]
         if cause.kind == "time":
 
             def error(each: MotionCause) -> float:

@@ -227,13 +227,6 @@ def _implausible(
     pi: np.ndarray,
 ) -> Iterator[Finding]:
     """Report results that cannot be right, or not of a real machine."""
-    useless = tuple(joint for joint, e in errors.items() if (e.relative or 0.0) >= 1)
-    if useless:
-        text = (
-            f"the prediction for {', '.join(useless)} is no better than zero torque: check sign, "
-            "unit and column of its torque and position, and that the torque is a measurement"
-        )
-        yield Finding("no prediction", text, where=useless)
     negative = tuple(
         value.name
         for each in effects

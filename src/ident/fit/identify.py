@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.equations.unknowns import Point
 from ident.errors import FitError, one_of
+from ident.fit.channel_checks import copies
 from ident.fit.consistency import nearest_possible
 from ident.fit.findings import Finding, basis_bias, findings_of
 from ident.fit.likelihood import Likelihood, weighed
@@ -75,7 +76,12 @@ def identify(
     estimate = estimate_of(problem)
     problem, estimate, likelihood, findings = weighed(problem, estimate, estimator, progress)
     fit = wider_by_periods(fit_of(problem, estimate, consistent, findings, likelihood, progress))
-    return fit if validate is None else replace(fit, validation=_errors_on(fit, validate, progress))
+    if validate is None:
+        return fit
+    texts = "its errors are no validation", "validate on another log"
+    same = [each for a in motion.logs for b in validate.logs for each in copies(a, b, *texts)]
+    errors = _errors_on(fit, validate, progress)
+    return replace(fit, validation=errors, findings=(*fit.findings, *same))
 
 
 def estimate_of(problem: Problem) -> Estimate:

@@ -153,38 +153,48 @@ def _positions(
 
 def motion_cause_in_words(mechanism: Mechanism, cause: MotionCause, fall: str) -> tuple[str, str]:
     """Return what a cause is, and the remedy."""
-    joints, number = " and ".join(cause.joints), cause.number[0]
+    number, joints = cause.number[0], " and ".join(cause.joints)
     channels = tuple(f"q.{name}" for name in cause.joints)
-    if cause.kind == "gravity":
-        g, given = (
-            "[" + ", ".join(f"{x:.4g}" for x in vector) + "]"
-            for vector in (cause.number, mechanism.model.gravity.linear)
-        )
-        text = f"gravity: with {g} m/s² instead of {given} {fall}"
-        return text, f"write gravity = {g}, or turn the base of the URDF"
-    if cause.kind == "time":
-        remedy = f"check the unit of t and the rate of the log; {log_entry(mechanism, 't', number)}"
-        text = (
+    both, swap = " and ".join(channels), cause.kind.endswith("swapped")
+    exchanged = exchange(mechanism, channels) if swap else ""
+    own = log_entry(mechanism, channels[0], number) if channels else ""
+    torque = log_entry(mechanism, f"tau.{joints}", number)
+    g, given = (
+        "[" + ", ".join(f"{x:.4g}" for x in vector) + "]"
+        for vector in (cause.number, mechanism.model.gravity.linear)
+    )
+    what, remedy = {
+        "gravity": (
+            f"gravity: with {g} m/s² instead of {given}",
+            f"write gravity = {g}, or turn the base of the URDF",
+        ),
+        "time": (
             f"time or lengths: with a clock {number:.4g} times as long, or lengths in the URDF "
-            f"{number**-2:.3g} times as long, which torques can hardly tell apart, {fall}"
-        )
-        return text, remedy
-    if cause.kind == "wrench":
-        how = "with the other sign" if number < 0 else "left out"
-        text = f"columns wrench.…: {how}, {fall}"
-        return text, "a wrench is what acts on the link, in the link's frame; check its sign"
-    if cause.kind == "axis":
-        entries = ", ".join(log_entry(mechanism, f"{k}.{joints}", -1.0) for k in ("q", "tau"))
-        text = f"{joints}: the axis points the other way: with position and torque turned {fall}"
-        return text, f"turn the axis of {joints} in the URDF, or write {entries}"
-    if cause.kind in ("position sign", "position scale"):
-        wrong = "the sign is wrong" if number < 0 else "in degrees, not in radians"
-        remedy = f"write {log_entry(mechanism, channels[0], number)}, velocity alike"
-        return f"{channels[0]}: {wrong}: corrected, {fall}", remedy
-    torques = ", torques" if cause.kind == "joints swapped" else ""
-    alike = " alike" if torques else ""
-    text = f"{' and '.join(channels)} look exchanged{torques}{alike}: with one in the other's place"
-    return f"{text} {fall}", f"write {exchange(mechanism, channels)}, velocities{torques} alike"
+            f"{(number or 1.0) ** -2:.3g} times as long, which torques can hardly tell apart,",
+            f"check the unit of t and the rate of the log; {log_entry(mechanism, 't', number)}",
+        ),
+        "wrench": (
+            f"columns wrench.…: {'with the other sign' if number else 'left out'},",
+            "a wrench is what acts on the link, in the link's frame; check its sign",
+        ),
+        "axis": (
+            f"{joints}: the axis points the other way: with position and torque turned",
+            f"turn the axis of {joints} in the URDF, or write {own}, {torque}",
+        ),
+        "position sign": (f"{both}: the sign is wrong: corrected,", f"write {own}, velocity alike"),
+        "position scale": (
+            f"{both}: in degrees, not in radians: corrected,", f"write {own}, velocity alike",
+        ),
+        "position swapped": (
+            f"{both} look exchanged: with one in the other's place",
+            f"write {exchanged}, velocities alike",
+        ),
+        "joints swapped": (
+            f"{both} look exchanged, torques alike: with one in the other's place",
+            f"write {exchanged}, velocities, torques alike",
+        ),
+    }[cause.kind]  # fmt: skip
+    return f"{what} {fall}", remedy
 
 
 def torque_finding(
@@ -194,35 +204,31 @@ def torque_finding(
     cause, number = found.cause, found.cause.number
     names = [mechanism.driven[j] for j in cause.joints]
     channels = tuple(f"tau.{name}" for name in names)
-    fall = f"the error of the predicted torque falls from {100 * found.before:.3g} % to "
-    fall += f"{100 * found.after:.3g} %"
     if cause.kind == "swapped":
-        text = f"exchanged: with one in the other's place {fall}"
-        remedy = exchange(mechanism, channels)
+        text, remedy = "exchanged: with one in the other's place", exchange(mechanism, channels)
     elif cause.kind == "sign":
         joints = " and ".join(f"q.{name}" for name in names)
         text = f"the sign is against that of {joints}: as logged, inertia or friction would be "
-        text += f"negative; turned, {fall}"
+        text += "negative; turned,"
         entries = ", ".join(log_entry(mechanism, c, -1.0) for c in channels)
         remedy = f"write {entries}, or turn {joints}"
     elif cause.kind == "scale":
         known = len(mechanism.unknown) < len(mechanism.bodies.names)
         bodies = " and what is known of bodies" if known else ""
         text = f"reads {1 / number:.3g} times what the other joints' torques{bodies} require "
-        text += f"({unit_of_factor(number)}): scaled, {fall}"
+        text += f"({unit_of_factor(number)}): scaled,"
         remedy = f"check its unit; {log_entry(mechanism, channels[0], number)}"
     else:
         number = 1e3 * equations.refined_delay(cause)
-        late = f"{abs(number):.3g} ms {'late' if number > 0 else 'early'} against the positions"
+        text = f"{abs(number):.3g} ms {'late' if number > 0 else 'early'} against the positions"
+        kinds = [kind for kind, each in KINDS.items() if each.fault == cause.kind]
+        remedy = "shift the column" + "".join(f", or add the effect {k}:{names[0]}" for k in kinds)
         if len(names) > 1 and len(names) == len(mechanism.driven):
-            text = f"all torques are {late}: two clocks, or a filter on one of them; without it "
+            text = f"all torques are {text}: two clocks, or a filter on one of them"
             remedy = "shift the torque columns together, or filter positions and torques alike"
-        else:
-            text = f"{late}; without the delay "
-            kinds = [kind for kind, each in KINDS.items() if each.fault == cause.kind]
-            effect = "".join(f", or add the effect {kind}:{names[0]}" for kind in kinds)
-            remedy = f"shift the column{effect}"
-        text += fall
+        text += "; without the delay"
+    text += f" the error of the predicted torque falls from {100 * found.before:.3g} % to "
+    text += f"{100 * found.after:.3g} %"
     for each in found.rivals:
         how = {
             "swapped": "exchanging",

@@ -525,7 +525,7 @@ def left_out(before: State, after: State) -> list[str]:
     listed = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in cut[:LISTED])
     more = f" and {len(cut) - LISTED} more" if len(cut) > LISTED else ""
     return [
-        f"{after.name}: {int(singular.sum())} of {len(after)} samples are left out, near a singular "
-        f"position of {', '.join(after.independent)}: t = {listed} s{more}; nothing is filtered "
-        "across these cuts"
+        f"{after.name}: {int(singular.sum())} of {len(after)} samples are left out, near a "
+        f"singular position of {', '.join(after.independent)}: t = {listed} s{more}; nothing is "
+        "filtered across these cuts"
     ]
