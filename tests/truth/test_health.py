@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import ident
-from ident import Column, Log, Noise, health
 from helpers import ROBOTS
+from ident import Column, Log, Noise, health
 from identification import motion_log, plant, robot
 
 NAMES = ("arm", "five_bar", "four_bar", "slider_crank")
