@@ -31,6 +31,10 @@ HEAD = 1 << 16  # bytes of a text from which its number of rows is estimated
 STRIDE = 1024  # rows of a CSV file from one kept place to the next
 
 
+Rows = Callable[[int, int, Collection[str] | None], RawTable]
+"""`table(first, stop, only)`: rows first … stop - 1; of the columns `only`, if that saves work."""
+
+
 @dataclass(frozen=True, eq=False)
 class Pieces:
     """A recorded experiment on disk, opened by `open_log`."""
@@ -38,18 +42,10 @@ class Pieces:
     path: Path
     name: str  # in messages and tables
     mapping: Mapping[str, Column]  # ident's names to the file's columns
-    file: FileRows
+    rows: int  # of the file, repeated time stamps among them
+    sha256: str  # of the file's bytes
+    table: Rows
     columns: tuple[str, ...]  # ident's names of all columns of numbers, t among them
-
-    @property
-    def rows(self) -> int:
-        """Number of rows of the file, repeated time stamps among them."""
-        return self.file.rows
-
-    @property
-    def sha256(self) -> str:
-        """SHA-256 of the file's bytes."""
-        return self.file.sha256
 
     def piece(self, first: int, stop: int, only: Collection[str] | None = None) -> Log:
         """Return the samples of the rows first … stop - 1, checked and repaired as by `read_log`.
@@ -61,7 +57,7 @@ class Pieces:
             mapping = {name: source for name, source in mapping.items() if name in only}
             wanted = {mapping[name].column if name in mapping else name for name in only}
         with file_errors(self.path):
-            table = self.file.table(first, min(stop, self.rows), wanted)
+            table = self.table(first, min(stop, self.rows), wanted)
         if wanted is not None:
             columns = {name: x for name, x in table.columns.items() if name in wanted}
             table = replace(table, columns=columns)
@@ -71,19 +67,6 @@ class Pieces:
                 f"(from {table.where(0)} on); leave cells empty where there is no value"
             )
         return Log.from_table(self.name, table, mapping, self.sha256)
-
-
-@dataclass(frozen=True, eq=False)
-class FileRows:
-    """A file whose rows can be read by number.
-
-    `table(first, stop, only)` returns the rows first … stop - 1; of the columns `only`, if that
-    saves work.
-    """
-
-    rows: int
-    sha256: str
-    table: Callable[[int, int, Collection[str] | None], RawTable]
 
 
 def open_log(
@@ -102,26 +85,25 @@ def open_log(
     with file_errors(source.path):
         regular(source.path)
         if suffix == ".csv":
-            file = _open_csv(source.path)
+            rows, sha256, table = _open_csv(source.path)
         elif suffix == ".parquet":
-            file = _open_parquet(source)
+            (rows, table), sha256 = _open_parquet(source.path), source.sha256()
         else:
             whole = _whole(source, source.path.stat().st_mtime_ns)
-            rows = len(next(iter(whole.columns.values()), ()))
-            file = FileRows(rows, source.sha256(), partial(_rows_of_whole, source))
-        head = renamed(file.table(0, min(file.rows, STRIDE), None), mapping)
-    return Pieces(source.path, source.name, mapping, file, tuple(head.columns))
+            rows, sha256 = len(next(iter(whole.columns.values()), ())), source.sha256()
+            table = partial(_rows_of_whole, source)
+        names = tuple(renamed(table(0, min(rows, STRIDE), None), mapping).columns)
+    return Pieces(source.path, source.name, mapping, rows, sha256, table, names)
 
 
-def _open_parquet(file: LogFile) -> FileRows:
-    path = file.path
+def _open_parquet(path: Path) -> tuple[int, Rows]:
     with parquet_errors(path):
         lazy = pl.scan_parquet(path)
         rows = int(lazy.select(pl.len()).collect().item())
         times = [name for name, kind in lazy.collect_schema().items() if kind.is_temporal()]
         firsts = lazy.select(pl.col(times).drop_nulls().first()).collect()
     since = {name: first_tick(firsts[name]) for name in times}
-    return FileRows(rows, file.sha256(), partial(_rows_of_parquet, path, since))
+    return rows, partial(_rows_of_parquet, path, since)
 
 
 def _rows_of_parquet(
@@ -135,7 +117,7 @@ def _rows_of_parquet(
     return table_of(str(path), frame, first=first, since=since)
 
 
-def _open_csv(path: Path) -> FileRows:
+def _open_csv(path: Path) -> tuple[int, str, Rows]:
     file, sha256 = str(path), hashlib.sha256()
     offsets: list[NDArray[np.int64]] = []  # [bytes] where rows 0, STRIDE, … begin, and the end
     numbers: list[NDArray[np.int64]] = []  # of lines before these rows
@@ -160,7 +142,7 @@ def _open_csv(path: Path) -> FileRows:
     if not rows:
         rows_of(b"", head, file, before)
     offset, line = np.append(np.concatenate(offsets), at), np.concatenate(numbers)
-    return FileRows(rows, sha256.hexdigest(), partial(_rows_of_csv, path, head, offset, line))
+    return rows, sha256.hexdigest(), partial(_rows_of_csv, path, head, offset, line)
 
 
 def _rows_of_csv(

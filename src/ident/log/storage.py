@@ -70,15 +70,7 @@ def read_npz(path: Path) -> RawTable:
                 raise LogError(f"{path}: a single array, not an archive; write it with np.savez")
             check_claims(archive, path)
             arrays = {name: _array(archive, name, path) for name in archive.files}
-        except (
-            ValueError,
-            EOFError,
-            OSError,
-            RuntimeError,
-            KeyError,
-            zipfile.BadZipFile,
-            zlib.error,
-        ) as e:
+        except BROKEN as e:
             raise LogError(
                 f"{path}: not a NumPy archive, or a damaged one; write it with np.savez"
             ) from e

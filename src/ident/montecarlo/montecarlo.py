@@ -373,16 +373,13 @@ def _checked(snr: float | Sequence[float], runs: int, seed: int) -> tuple[float,
         if not whole or number < least:
             raise FitError(f"{name} {number!r}; valid: a whole number, {least} or more")
     valid = "valid: numbers of dB, as snr=(60, 40, 30)"
-    given = np.atleast_1d(np.asarray(snr, dtype=object))
-    ratios = []
-    for each in given:
-        number = isinstance(each, int | float | np.number)
-        if not (number and np.isfinite(each)):
+    ratios = np.atleast_1d(np.asarray(snr, dtype=object))
+    for each in ratios:
+        if not (isinstance(each, int | float | np.number) and np.isfinite(each)):
             raise FitError(f"SNR {each!r}; {valid}")
-        ratios.append(float(each))
-    if not ratios:
+    if not len(ratios):
         raise FitError(f"no SNR given; {valid}")
-    return tuple(sorted(set(ratios), reverse=True))
+    return tuple(sorted(set(map(float, ratios)), reverse=True))
 
 
 def _plan(common: tuple[Any, ...], log: AnyLog) -> TrialPlan:

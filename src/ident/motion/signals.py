@@ -277,8 +277,9 @@ def _without_limits(own: dict[str, np.ndarray]) -> list[str]:
     """Empty the torques of moving joints at the limits of their channels; return what is said."""
     found = {}
     for name in (each for each in own if each.startswith("tau.")):
-        clipped, q = at_limit(own[name].astype(float)), own.get("q." + name.partition(".")[2])
-        for run in runs(clipped) if q is not None and np.isfinite(q).all() else ():
+        clipped = at_limit(own[name].astype(float))
+        q = own.get("q." + name.partition(".")[2], np.array([np.nan]))
+        for run in runs(clipped) if np.isfinite(q).all() else ():
             n = run.stop - run.start - 1
             moved = float(np.sqrt(np.mean((q[n:] - q[:-n]) ** 2)))
             clipped[run] = np.ptp(q[run]) > AT_REST * moved
