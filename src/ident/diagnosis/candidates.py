@@ -160,7 +160,8 @@ class Contest:
         b = table.b - table.A[:, :, held] @ prior[held]
         store = ColumnStore(table, use, table.A, b)
         moving, columns = _moving(table), columns_of(fit.motion)
-        wanted = [*effects, *(curves(moving, moving, columns) if curved else ())]
+        every = curves(moving, moving, columns) if curved else ()
+        wanted = [*effects, *map(fit.mechanism.placed, every)]
         found, failed = [], []
         for i, effect in enumerate(wanted):
             on_progress(f"columns of {effect.label}", i / len(wanted))

@@ -271,6 +271,11 @@ class Diagnosis(Plotted):
         """Effects that this data cannot tell from the best."""
         return self.candidates[0].rivals if self.verdict == "missing" else ()
 
+    def of_same_form(self, law: Law) -> tuple[Law, ...]:
+        """Laws of other joints that have a law's form, with constants of their own."""
+        others = (each for each in self.laws if each is not law)
+        return tuple(each for each in others if each.effect.terms == law.effect.terms)
+
     @property
     def together(self) -> tuple[Member, ...]:
         """Further effects of the set that explains most."""
@@ -458,7 +463,7 @@ def _refitted(
     what these replaced has its name again.
     """
     laws: list[Law] = []
-    for each in found:
+    for each in of_one_form(found):
         formulas = (each.found, *each.rivals[:TRIED])  # the next, where one is not determined
         with_names: list[Sequence[Member | Law]] = [[*selection.named, *laws], laws]
         for formula, others in product(formulas, with_names[not selection.named :]):
@@ -474,6 +479,25 @@ def _refitted(
         for m in selection.members
     )
     return replace(selection, members=members), good
+
+
+def of_one_form(found: Collection[FoundLaw]) -> list[FoundLaw]:
+    """Give laws of several joints one form, with constants of its own at each, where a formula of
+    these terms is the law or a rival of it at every joint; of several forms the best in all.
+    """
+    forms = [{e.formula.terms: e for e in (*law.rivals, law.found)} for law in found]
+    common = set(forms[0]).intersection(*forms[1:]) if len(forms) > 1 else set()
+    if not common:
+        return list(found)
+    losses = [float(law.found.loss.sum()) for law in found]
+    best = min(
+        common,
+        key=lambda t: sum(float(f[t].loss.sum()) / x for f, x in zip(forms, losses, strict=True)),
+    )
+    return [
+        replace(law, found=form[best], rivals=tuple(e for t, e in form.items() if t != best))
+        for law, form in zip(found, forms, strict=True)
+    ]
 
 
 def _explains(

@@ -236,10 +236,7 @@ class Mechanism(Displayed):
             columns: further columns of the logs, such as `temperature.elbow`.
         """
         sites = self.sites if logged is None else replace(self.sites, logged=tuple(logged))
-        return [
-            effect.placed(self._rotational(effect))
-            for effect in candidates(sites, self.effects, columns)
-        ]
+        return [self.placed(effect) for effect in candidates(sites, self.effects, columns)]
 
     def with_effect(self, text: str, values: Mapping[str, float] | None = None) -> Mechanism:
         """This mechanism with the effect(s) that `kind:joint[,joint]` or `kind` names.
@@ -290,7 +287,7 @@ class Mechanism(Displayed):
     def __add__(self, effect: Effect) -> Mechanism:
         if not isinstance(effect, Effect):
             return NotImplemented
-        new = effect.placed(self._rotational(effect))
+        new = self.placed(effect)
         labels = [own.label for own in self.effects]
         if effect.label not in labels:
             return replace(self, effects=(*self.effects, new))
@@ -300,7 +297,12 @@ class Mechanism(Displayed):
         # its known values become unknown
         return replace(self, effects=(*self.effects[:at], new, *self.effects[at + 1 :]))
 
-    def _rotational(self, effect: Effect) -> list[bool]:
+    def placed(self, effect: Effect) -> Effect:
+        """Return an effect with the units of its joints.
+
+        Raises:
+            MechanismError: if the mechanism has no such joint, link, closure or place.
+        """
         valid = getattr(self.sites, effect.sits, ())
         of_joint = effect.site == "joint"
         for name in effect.joints:
@@ -313,7 +315,7 @@ class Mechanism(Displayed):
                     f"{self.name}: effect '{effect.label}'{what}; {one_of(name, valid)}"
                 )
         joints = effect.joints if of_joint else ()
-        return [self.joint(name).rotational for name in joints] or [True]
+        return effect.placed([self.joint(name).rotational for name in joints] or [True])
 
     # --- changed --------------------------------------------------------------------------------
 

@@ -137,8 +137,9 @@ def short(d: Diagnosis) -> str:
     """Return what a person needs first, in some twenty lines: verdict, errors, what to do."""
     top = card(d)
     paragraphs = _health(d)
-    if d.verdict in ("unexplained", "undecided"):
-        paragraphs += laws(d) or [*_nearest(d), *curves(d)]
+    paragraphs += laws(d)
+    if d.verdict in ("unexplained", "undecided") and not d.laws:
+        paragraphs += [*_nearest(d), *curves(d)]
     if experiment := d.next_experiment:
         # whole sentences of some three lines, the first one in any case
         end = experiment.find(". ") if len(experiment) > BRIEF else -1
@@ -257,6 +258,7 @@ def words(d: Diagnosis, experiment: str | None = None) -> str:
         "undecided": _undecided,
     }
     paragraphs = [*_health(d), *_where(d), *claims[d.verdict](d), *_rest(d)]
+    paragraphs += [*curves(d), *laws(d)] if d.best is not None else []
     paragraphs += [*_invisible(d), *_unsupported(d)]
     next_ = d.next_experiment if experiment is None else experiment
     return "\n\n".join([*paragraphs, *([f"Next experiment: {next_}"] if next_ else [])])
@@ -521,9 +523,12 @@ def laws(d: Diagnosis) -> list[str]:
         rivals = [f"`{one.formula.text}`" for one in law.rivals]
         or_ = f" This motion cannot tell it from {listed(rivals[:MOST], 'or')}." if rivals else ""
         instead = f" It takes the place of {listed(law.replaced)}." if law.replaced else ""
+        head = "A formula explains it:" if d.best is None else "Beside it a formula explains more:"
+        same = [other.joint for other in d.of_same_form(each)]
+        one = f" {listed(same)} has the same form, with constants of its own." if same else ""
         found.append(
-            f"A formula explains it: {law_words(each)};{error} "
-            f"{100 * law.explained:.0f} % of what exceeds the noise.{or_}{instead} It is a "
+            f"{head} {law_words(each)};{error} "
+            f"{100 * law.explained:.0f} % of what exceeds the noise.{or_}{one}{instead} It is a "
             f"description, not yet a cause. `--out DIR` writes it as {each.file}: `--with "
             f"DIR/{each.option} --allow-code`."
         )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -12,7 +14,7 @@ import numpy as np
 from ident.diagnosis.diagnosis import Diagnosis, Explanation
 from ident.diagnosis.unobservable import name_of
 from ident.display import renders
-from ident.files import json_bytes, plain, write_all
+from ident.files import json_bytes, plain, regular, write_all
 from ident.fit.prediction import predict
 from ident.fit.residual import Failure, Residual, residual_of
 from ident.information.blocks import Error
@@ -238,7 +240,28 @@ def write_diagnosis(
     """
     title = f"{d.fit.mechanism.name}: diagnosis"
     report = Page(title, card(d), (*sections, *diagnosis_sections(d))).html()
-    return write_all(Path(folder), {**diagnosis_files(d), **(more or {}), "report.html": report})
+    files = {**diagnosis_files(d), **(more or {}), "report.html": report}
+    return write_instead(d, Path(folder), files)
+
+
+def write_instead(d: Diagnosis, folder: Path, files: Mapping[str, bytes]) -> list[Path]:
+    """Write the files of a diagnosis; laws and curves that the folder's last one wrote are removed,
+    unless the model uses them.
+    """
+    try:
+        last = json.loads(regular(folder / "diagnosis.json").read_text(encoding="utf-8"))
+        every = [str(each["effect"]).partition(":")[0] for each in last.get("laws", ())]
+        every += [str(each["file"]) for each in last.get("curves", ())]
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        every = []  # none, or no diagnosis
+    written = write_all(folder, files)
+    used = {effect.file.resolve() for effect in d.fit.mechanism.effects if effect.file}
+    for name in every:
+        path = folder / name
+        own = re.fullmatch(r"(law\d*_[\w.-]*\.py|curve_[\w.-]*\.csv)", name)
+        if own and name not in files and path.resolve() not in used:
+            path.unlink(missing_ok=True)
+    return written
 
 
 def diagnosis_files(d: Diagnosis) -> dict[str, bytes]:
@@ -305,7 +328,10 @@ def diagnosis_json(d: Diagnosis) -> dict[str, Any]:
             "invisible": [each.json() for each in d.invisible],
             "unsupported": [each.json() for each in d.unsupported],
             "curves": [curve_json(d, each) for each in d.curves],
-            "laws": [each.json() for each in d.laws],
+            "laws": [
+                {**each.json(), "same_form": [one.joint for one in d.of_same_form(each)]}
+                for each in d.laws
+            ],
             "health": d.health.json(),
             "judged": sum(not each.curve for each in first.contest.candidates),
             "next_experiment": d.next_experiment,

@@ -14,7 +14,7 @@ from ident.diagnosis.grow import History, Step
 from ident.diagnosis.unobservable import name_of
 from ident.display import renders
 from ident.errors import IdentError
-from ident.files import json_bytes, write_all
+from ident.files import json_bytes
 from ident.fit import Fit
 from ident.fit.files import fit_json, multipliers_csv, own_files
 from ident.information.blocks import Error
@@ -23,7 +23,7 @@ from ident.mechanism.write import folder_files
 from ident.show.card import Bar, Card, named
 from ident.show.charts import Chart, Level, Line, Mark, Panel
 from ident.show.diagnosis import errors_of, noise_errors, numbers, verdict_line
-from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections
+from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, write_instead
 from ident.show.html import Page, Section, folded, table
 from ident.show.sheet import Sheet
 from ident.text import WIDTH, percent, wrapped
@@ -195,7 +195,7 @@ def write(history: History, folder: str | Path) -> list[Path]:
     page = Page(f"{history.mechanism.name}: grown model", history_card(history), sections)
     data = {**diagnosis_files(history.diagnosis), "report.html": page.html()}
     data["grow.json"] = json_bytes(history_json(history))
-    return write_all(Path(folder), model_files(history.fit) | data)
+    return write_instead(history.diagnosis, Path(folder), model_files(history.fit) | data)
 
 
 @renders(History, "json")

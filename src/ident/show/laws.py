@@ -8,7 +8,7 @@ import numpy as np
 
 from ident.diagnosis.diagnosis import Diagnosis, Law
 from ident.diagnosis.found_curves import FoundCurve
-from ident.show.charts import FAINT, MEASURED, Chart, Level, Line, Panel
+from ident.show.charts import FAINT, Chart, Level, Line, Panel
 from ident.show.diagnosis import curves, laws
 from ident.show.html import Block, code, headed, paragraph, table
 
@@ -40,7 +40,7 @@ def plot_curve(curve: FoundCurve, law: Law | None) -> Chart:
     marks = [
         Line(curve.x, curve.lower, "95 % band", FAINT, 1.0),
         Line(curve.x, curve.upper, "", FAINT, 1.0),
-        Line(curve.x, curve.torque, "curve", MEASURED, 2.0),
+        Line(curve.x, curve.torque, "curve", 1, 3.0),
     ]
     if law is not None and (y := _on_curve(curve, law)) is not None:
         marks.append(Line(curve.x, y, law.formula, 0, 1.5))
@@ -79,11 +79,11 @@ def plot_front(law: Law) -> Chart:
     x, y = np.array(cost, float), 100 * np.array(left)
     chosen = Level(float(law.effect.cost), upright=True, label="chosen", dashed=True)
     panel = Panel(
-        (Line(x, y, "formulas", MEASURED, 1.0, dotted=True), chosen),
+        (Line(x, y, "formulas", 0, 1.4, dotted=True), chosen),
         "complexity: operators and constants",
         "squared error left [%]",
         logarithmic=True,
-        height=2.8,
+        height=3.6,
     )
     return Chart(f"Formulas for {law.joint}: complexity against error", ((panel,),), width=6.5)
 
