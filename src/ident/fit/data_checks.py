@@ -213,9 +213,9 @@ class DataChecks:
                 "wrong, and parameters make up for it"
             )
         else:
-            strange = [f"tau.{equations.driven[j]}" for j in equations.strangers(self.reference)]
             text += f", and {', '.join(f'{100 * x:.0f} %' for x in left)} with friction and "
             text += "springs: parameters are not to be trusted. "
+            strange = [f"tau.{equations.driven[j]}" for j in equations.strangers(self.reference)]
             text += f"{', '.join(strange)} may be of another run. " if strange else ""
             text += "If no fault of the data is named above, none that was tried explains it"
         remedy = "check units, signs, columns and lengths; ident diagnose shows where it fails"
@@ -289,9 +289,9 @@ class DataChecks:
         if not best:
             return
         (cause, after, left), *others = best
-        clear = _rms(after) < HALF * min(_rms(before), _rms(noise)) and after.max() < LEAVES
         if (
-            not clear
+            _rms(after) > HALF * min(_rms(before), _rms(noise))
+            or after.max() > LEAVES
             or zscore(left - base) <= credible_t(len(causes), len(base))
             or self._rivalled(after, table, table.informed)
         ):

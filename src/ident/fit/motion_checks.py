@@ -153,48 +153,35 @@ def _positions(
 
 def motion_cause_in_words(mechanism: Mechanism, cause: MotionCause, fall: str) -> tuple[str, str]:
     """Return what a cause is, and the remedy."""
-    number, joints = cause.number[0], " and ".join(cause.joints)
+    joints, number = " and ".join(cause.joints), cause.number[0]
     channels = tuple(f"q.{name}" for name in cause.joints)
-    both, swap = " and ".join(channels), cause.kind.endswith("swapped")
-    exchanged = exchange(mechanism, channels) if swap else ""
-    own = log_entry(mechanism, channels[0], number) if channels else ""
-    torque = log_entry(mechanism, f"tau.{joints}", number)
-    g, given = (
-        "[" + ", ".join(f"{x:.4g}" for x in vector) + "]"
-        for vector in (cause.number, mechanism.model.gravity.linear)
-    )
-    what, remedy = {
-        "gravity": (
-            f"gravity: with {g} m/s² instead of {given}",
-            f"write gravity = {g}, or turn the base of the URDF",
-        ),
-        "time": (
-            f"time or lengths: with a clock {number:.4g} times as long, or lengths in the URDF "
-            f"{(number or 1.0) ** -2:.3g} times as long, which torques can hardly tell apart,",
-            f"check the unit of t and the rate of the log; {log_entry(mechanism, 't', number)}",
-        ),
-        "wrench": (
-            f"columns wrench.…: {'with the other sign' if number else 'left out'},",
-            "a wrench is what acts on the link, in the link's frame; check its sign",
-        ),
-        "axis": (
-            f"{joints}: the axis points the other way: with position and torque turned",
-            f"turn the axis of {joints} in the URDF, or write {own}, {torque}",
-        ),
-        "position sign": (f"{both}: the sign is wrong: corrected,", f"write {own}, velocity alike"),
-        "position scale": (
-            f"{both}: in degrees, not in radians: corrected,", f"write {own}, velocity alike",
-        ),
-        "position swapped": (
-            f"{both} look exchanged: with one in the other's place",
-            f"write {exchanged}, velocities alike",
-        ),
-        "joints swapped": (
-            f"{both} look exchanged, torques alike: with one in the other's place",
-            f"write {exchanged}, velocities, torques alike",
-        ),
-    }[cause.kind]  # fmt: skip
-    return f"{what} {fall}", remedy
+    if cause.kind == "gravity":
+        g, given = (
+            "[" + ", ".join(f"{x:.4g}" for x in vector) + "]"
+            for vector in (cause.number, mechanism.model.gravity.linear)
+        )
+        text = f"gravity: with {g} m/s² instead of {given}"
+        remedy = f"write gravity = {g}, or turn the base of the URDF"
+    elif cause.kind == "time":
+        text = f"time or lengths: with a clock {number:.4g} times as long, or lengths in the URDF "
+        text += f"{number**-2:.3g} times as long, which torques can hardly tell apart,"
+        remedy = f"check the unit of t and the rate of the log; {log_entry(mechanism, 't', number)}"
+    elif cause.kind == "wrench":
+        text = f"columns wrench.…: {'with the other sign' if number else 'left out'},"
+        remedy = "a wrench is what acts on the link, in the link's frame; check its sign"
+    elif cause.kind == "axis":
+        entries = ", ".join(log_entry(mechanism, f"{k}.{joints}", -1.0) for k in ("q", "tau"))
+        text = f"{joints}: the axis points the other way: with position and torque turned"
+        remedy = f"turn the axis of {joints} in the URDF, or write {entries}"
+    elif cause.kind in ("position sign", "position scale"):
+        wrong = "the sign is wrong" if number < 0 else "in degrees, not in radians"
+        text = f"{channels[0]}: {wrong}: corrected,"
+        remedy = f"write {log_entry(mechanism, channels[0], number)}, velocity alike"
+    else:
+        torques = ", torques" if cause.kind == "joints swapped" else ""
+        text = f"{' and '.join(channels)} look exchanged{torques}: with one in the other's place"
+        remedy = f"write {exchange(mechanism, channels)}, velocities{torques} alike"
+    return f"{text} {fall}", remedy
 
 
 def torque_finding(
@@ -229,15 +216,13 @@ def torque_finding(
         text += "; without the delay"
     text += f" the error of the predicted torque falls from {100 * found.before:.3g} % to "
     text += f"{100 * found.after:.3g} %"
+    how = {"swapped": "exchanging", "sign": "turning", "scale": "scaling", "delay": "shifting"}
     for each in found.rivals:
-        how = {
-            "swapped": "exchanging",
-            "sign": "turning",
-            "scale": f"scaling by {each.number:.3g}",
-            "delay": f"shifting by {1e3 * each.number:.3g} ms",
-        }[each.kind]
         rival = " and ".join(f"tau.{mechanism.driven[j]}" for j in each.joints)
-        text += f"; {how} {rival} would do nearly as well"
+        text += f"; {how[each.kind]} {rival}"
+        unit = {"scale": "", "delay": " s"}.get(each.kind)
+        text += "" if unit is None else f" by {each.number:.3g}{unit}"
+        text += " would do nearly as well"
     return Finding(cause.kind, f"{', '.join(channels)}: {text}", remedy, channels, number)
 
 
