@@ -71,24 +71,30 @@ def create(
     return kind_of(kind)(tuple(joints), dict(values or {}), rotational, signal)
 
 
-def parse(text: str) -> tuple[str, tuple[str, ...], str, dict[str, float]]:
-    """Return (kind, joints, signal, values) of `kind[:joint[,joint][:signal]][:name=value,…]`."""
-    kind, *parts = text.split(":")
+def parse(text: str) -> tuple[str, tuple[str, ...], str]:
+    """Return (kind, joints, signal) of `kind:joint[,joint][:signal]`, or of `kind` alone."""
+    kind, colon, rest = text.partition(":")
+    joints, _, signal = rest.partition(":")
     kind_of(kind, f"effect '{text}': ")
+    names = tuple(part.strip() for part in joints.split(",")) if colon else ()
+    if colon and not all(names):
+        raise MechanismError(f"effect '{text}': a joint's name is missing; write {kind}:joint")
+    return kind, names, signal.strip()
+
+
+def with_values(text: str) -> tuple[str, dict[str, float]]:
+    """Return what precedes the values of `kind:joint:name=value,name=value`, and the values."""
+    bare, _, last = text.rpartition(":")
     values = {}
-    for part in parts.pop().split(",") if parts and "=" in parts[-1] else ():
+    for part in last.split(",") if bare and "=" in last else ():
         name, _, number = part.partition("=")
         try:
             values[name.strip()] = float(number)
         except ValueError:
             raise MechanismError(
-                f"effect '{text}': '{part}' is no value; write {kind}:joint:{name or 'name'}=1"
+                f"effect '{text}': '{part}' is no value; write {bare}:{name or 'name'}=1"
             ) from None
-    joints, _, signal = ":".join(parts).partition(":")
-    names = tuple(part.strip() for part in joints.split(",")) if parts else ()
-    if parts and not all(names):
-        raise MechanismError(f"effect '{text}': a joint's name is missing; write {kind}:joint")
-    return kind, names, signal.strip(), values
+    return (bare if values else text), values
 
 
 def candidates(

@@ -195,7 +195,7 @@ def with_rivals(mechanism: Mechanism, pair: tuple[str, str]) -> Mechanism:
         own = {effect.label: effect for effect in mechanism.effects}
         if label in own and not own[label].known:
             continue
-        kind, joints, *_ = parse(label)
+        kind, joints, _ = parse(label)
         if not joints and KINDS[kind].sits != "mechanism":
             raise MechanismError(f"separate {label}: of which joint? write {label}:JOINT")
         mechanism = mechanism.with_effect(label)

@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from ident.display import Displayed, render
 from ident.effects import KINDS, Correction, Effect, Sites, candidates, create, parse
+from ident.effects.library import with_values
 from ident.errors import MechanismError, one_of
 from ident.information import linear
 from ident.log import Column
@@ -254,7 +255,8 @@ class Mechanism(Displayed):
         Raises:
             MechanismError: for a kind or joint that is not there, or an effect it has already.
         """
-        kind, joints, signal, stated = parse(text)
+        text, stated = with_values(text)
+        kind, joints, signal = parse(text)
         values = {**stated, **(values or {})}
         cls = KINDS[kind]
         if joints or cls.arity != 1 or cls.sits == "place":
