@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterable, Sequence
 
@@ -73,15 +74,13 @@ def places(names: Iterable[str]) -> str:
     >>> places(["b1", "a4", "a3", "a5", "b2"])
     'a3 to a5, b1 and b2'
     """
-    order = list(names)
-    parts = [(name.rstrip("0123456789"), name) for name in order]
-    if all(name != stem for stem, name in parts):
-        order = [name for _, name in sorted(parts, key=lambda p: (p[0], int(p[1][len(p[0]) :])))]
+    parts = [(name, re.fullmatch(r"(.*?)(\d*)", name)) for name in names]
+    if all(part and part[2] for _, part in parts):
+        parts.sort(key=lambda p: (p[1][1], int(p[1][2])) if p[1] else ("", 0))
     runs: list[list[str]] = []
-    for name in order:
-        stem = name.rstrip("0123456789")
-        number = int(name[len(stem) :] or 0)
-        if runs and number and runs[-1][-1] == f"{stem}{number - 1}":
+    for name, part in parts:
+        before = part and part[2] and f"{part[1]}{int(part[2]) - 1}"
+        if runs and before == runs[-1][-1]:
             runs[-1].append(name)
         else:
             runs.append([name])

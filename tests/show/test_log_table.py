@@ -28,7 +28,7 @@ def test_a_model_that_leaves_much_is_not_said_to_fit_all_logs():
 
 
 def test_two_logs_disagree_with_each_other():
-    assert "0.csv, 1.csv disagree with each other" in render(logs(odd(), odd()), "sentence")
+    assert "0.csv and 1.csv disagree with each other" in render(logs(odd(), odd()), "sentence")
     assert "0.csv disagrees with the others" in render(
         logs(odd(), odd(clear=False), odd(clear=False)), "sentence"
     )

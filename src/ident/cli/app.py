@@ -38,7 +38,7 @@ COMMANDS = {  # in which module of this package, and the first line of its docst
     "montecarlo": ("simulations", "Study what noise does to the estimates: bias and spread."),
     "monitor": ("monitor", "Identify a machine while it runs; say when it changes."),
     "view": ("model", "Show the moving mechanism in 3-D, in a browser."),
-    "demo": ("simulations", "Show how a hidden effect is found, step by step."),
+    "demo": ("demo", "Show how a hidden effect is found, step by step."),
 }
 
 

@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bar
+from rich.text import Text
 
 from ident.files import json_line
 from ident.progress import Progress, running
@@ -34,6 +35,11 @@ def result(text: object) -> None:
     sys.stdout.flush()
     if bar is not None:
         bar.start()
+
+
+def styled(text: str, style: str) -> None:
+    """Write a line to standard output, in a style where that is a terminal."""
+    Console(highlight=False, soft_wrap=True).print(Text(text, style))
 
 
 def result_json(content: Mapping[str, Any]) -> None:

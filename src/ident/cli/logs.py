@@ -53,15 +53,12 @@ if TYPE_CHECKING:
 
 MOST_IN_MEMORY = 1_000_000  # samples of all logs that are read at once
 ADVICE = 4  # sentences on motions that would determine more
-Verbose = Annotated[
-    bool,
-    option("All candidates, what the log cannot show, and the reasons.", None, "--verbose"),
-]
+Verbose = Annotated[bool, option("All candidates, and all reasons.", None, "--verbose")]
 
 
 def check(
     model: FitOptions,
-    logs: Paths = argument("Logs to be checked for what they could identify.", "LOG", default=None),
+    logs: Paths = argument("Logs to be checked.", "LOG", default=None),
     json: Json = False,
 ) -> None:
     """Show what was understood, and what could be identified.
@@ -69,19 +66,17 @@ def check(
     Joints, closures, degrees of freedom; of logs their columns, gaps and noise, and what smoothing
     left of each channel; base parameters.
     """
-    from ident.show.motion import channels, check_json, describe, structure
+    from ident.show.motion import check_json, check_text
 
     mechanism = model.load(logs)
-    motion = seen = None
+    motion = None
     with progress() as on_progress:
         if logs:
             motion = model.motion(mechanism, logs, on_progress, torques=False)
-            seen = channels(mechanism, motion)
         if json:
             result_json(check_json(mechanism, motion))
-            return
-        parts = [describe(mechanism, motion), motion, seen, structure(mechanism, motion)]
-    result("\n\n".join(str(part) for part in parts if part is not None))
+        else:
+            result(check_text(mechanism, motion))
 
 
 def identify(
@@ -89,22 +84,13 @@ def identify(
     logs: LogPaths,
     validate: Paths = setting("Report errors on this log; nothing is fitted to it.", "LOG"),
     reactions: Path | None = setting("Known reactions to compare the multipliers with.", "LOG"),
-    consistent: bool = flag(
-        "Possible bodies, no negative friction or stiffness, bounds of [parameters].",
-        "--consistent",
-    ),
-    bound: Texts = setting(
-        "Keep a parameter between two values, either of which may be left out; implies "
-        "--consistent.",
-        "NAME=LOW:HIGH",
-    ),
+    consistent: bool = flag("Only bodies, friction and stiffness that can exist.", "--consistent"),
+    bound: Texts = setting("Keep a parameter there; implies --consistent.", "NAME=LOW:HIGH"),
     total_mass: float | None = setting("Mass of all moving bodies; implies --consistent.", "KG"),
-    refine: bool = flag(
-        "Let the motion move within its noise until torques and channels agree best.", "--refine"
-    ),
+    refine: bool = flag("Iterate the likelihood of motion and torques.", "--refine"),
     stream: bool = flag(
-        "Read the logs in portions, never all at once; so are logs of more than a million "
-        "samples anyway. With --out, a run that was interrupted goes on where it was.",
+        "Read logs in portions, as those of a million samples are anyway. With --out, a run that "
+        "was interrupted goes on.",
         "--stream",
     ),
     jobs: Jobs = None,
@@ -211,8 +197,7 @@ def compare(
     json: Json = False,
     out: Path | None = setting("Write report.html and compare.json into this folder.", "DIR"),
     simulated: bool = flag(
-        "Integrate the motion too, against the measured one; --plot draws that, --out adds "
-        "replay.html and replay.json.",
+        "Integrate the motion too; --plot draws it, --out adds replay.html and replay.json.",
         "--simulate",
     ),
     window: float | None = setting("Time between the restarts of --simulate. Default: 0.5", "S"),
@@ -272,11 +257,7 @@ def diagnose(
     fail_on: Texts = setting("End with status 3 where this is the verdict.", "VERDICT"),
     verbose: Verbose = False,
     json: Json = False,
-    out: Path | None = setting(
-        "Write diagnosis.json and report.html into this folder, and law_JOINT.py and "
-        "curve_JOINT.csv where a law is found that no effect of the library is.",
-        "DIR",
-    ),
+    out: Path | None = setting("Write diagnosis.json, report.html, laws and curves there.", "DIR"),
 ) -> None:
     """Find where the model fails, and which effect is missing.
 
@@ -337,11 +318,7 @@ def grow(
     resume: bool = flag("Go on where an interrupted run with the same --out was.", "--resume"),
     verbose: Verbose = False,
     json: Json = False,
-    out: Path | None = setting(
-        "Write the grown mechanism into this folder, with the last fit, diagnosis and report. "
-        "Refused for the mechanism's own folder.",
-        "DIR",
-    ),
+    out: Path | None = setting("Write the grown mechanism, its fit and its report there.", "DIR"),
 ) -> None:
     """Add the best effect, refit, and repeat until none is missing.
 

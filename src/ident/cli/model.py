@@ -73,15 +73,11 @@ def effects(
 
 def view(
     mechanism: MechanismPath,
-    logs: Paths = argument(
-        "Logs to show; without one the mechanism stands still.", "LOG", default=None
-    ),
+    logs: Paths = argument("Without one the mechanism stands still.", "LOG", default=None),
     fit: Path | None = setting("Fit whose reactions and residuals are shown.", "FIT.json"),
     port: int = setting("Port of the page, on 127.0.0.1; 0: a free one.", "N", default=0),
     out: Path | None = setting("Write a page that plays by itself, and no server.", "FILE.html"),
-    mesh_path: Paths = setting(
-        "Folder of the packages that package:// names, beside those of ROS_PACKAGE_PATH.", "DIR"
-    ),
+    mesh_path: Paths = setting("Packages of package://, as ROS_PACKAGE_PATH.", "DIR"),
     smoothing: Smoothing = "auto",
     lock: Lock = None,
     absolute: Absolute = False,

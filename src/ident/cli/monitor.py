@@ -8,7 +8,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, TextIO
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -23,11 +23,12 @@ from ident.cli.options import (
     With,
     argument,
     cutoff_of,
+    flag,
     knots_of,
     mechanism_of,
     motion_of,
-    option,
     output_folder,
+    setting,
 )
 from ident.errors import FitError, IdentError, LogError, missing_file
 from ident.fit import Fit, identify
@@ -47,32 +48,17 @@ ALARMS = ("onset", "detected", "named", "verdict", "suspects", "evidence", "text
 
 def monitor(
     mechanism: MechanismPath,
-    log: Annotated[str, argument("A .csv file, or - for standard input.", "LOG")],
+    log: str = argument("A .csv file, or - for standard input.", "LOG", default=...),
     with_: With = None,
-    like: Annotated[
-        Paths,
-        option(
-            "A log of normal running, best several, as varied as it is: they decide the "
-            "filter and shapes, and what differs from them raises an alarm.",
-            "LOG",
-        ),
-    ] = None,
-    forget: Annotated[
-        float | None,
-        option("After so many seconds an equation counts e times less.", "S"),
-    ] = None,
-    every: Annotated[float, option("Seconds of the log between two lines.", "S", min=0.0)] = 1.0,
-    follow_: Annotated[
-        bool, option("Wait for more at the end of the file.", None, "--follow")
-    ] = False,
+    like: Paths = setting("Logs of normal running; what differs raises an alarm.", "LOG"),
+    forget: float | None = setting("An equation counts e times less after that.", "S"),
+    every: float = setting("Seconds between two lines.", "S", default=1.0, min=0.0),
+    follow_: bool = flag("Wait for more at the end of the file.", "--follow"),
     cutoff: Cutoff = "auto",
     smoothing: Smoothing = "auto",
     absolute: Absolute = False,
     allow_code: AllowCode = False,
-    out: Annotated[
-        Path | None,
-        option("Append to parameters.csv, multipliers.csv, alarms.csv in it.", "DIR"),
-    ] = None,
+    out: Path | None = setting("Append parameters, multipliers and alarms to .csv.", "DIR"),
 ) -> None:
     """Identify a machine while it runs; say when it changes.
 

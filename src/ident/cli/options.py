@@ -63,19 +63,10 @@ def bases_beginning(incomplete: str) -> list[str]:
 Texts = list[str] | None
 Paths = list[Path] | None
 MechanismPath = Annotated[
-    Path,
-    argument(
-        "A folder with a mechanism.toml, such a file, or a .urdf, MuJoCo's .xml or an .sdf.",
-        "MECHANISM",
-    ),
+    Path, argument("A folder with mechanism.toml, or a .urdf, MuJoCo .xml or .sdf.", "MECHANISM")
 ]
 LogPaths = Annotated[
-    list[Path],
-    argument(
-        "Recorded experiments, one or several: .csv, .parquet, .npz, ROS 2 bag or .mcap; or "
-        "folders of them.",
-        "LOG",
-    ),
+    list[Path], argument(".csv, .parquet, .npz, ROS 2 bags or .mcap; or folders of them.", "LOG")
 ]
 With = Annotated[
     Texts,
@@ -87,22 +78,13 @@ With = Annotated[
         autocompletion=kinds_beginning,
     ),
 ]
-Lock = Annotated[
-    Texts,
-    option("Hold a joint at a coordinate in rad or m, by default at its start.", "JOINT[=VALUE]"),
-]
+Lock = Annotated[Texts, option("Hold a joint at rad or m, or at its start.", "JOINT[=VALUE]")]
 AllowCode = Annotated[
-    bool,
-    option("Run the Python files that mechanism.toml or --with names.", None, "--allow-code"),
+    bool, option("Run Python files that mechanism.toml or --with names.", None, "--allow-code")
 ]
 Cutoff = Annotated[str, option("Cut-off of the zero-phase filter: a number, auto or none.", "HZ")]
 Smoothing = Annotated[
-    str,
-    option(
-        "Knots of the smooth motion: their distance in seconds, auto, or none for the log's "
-        "positions, velocities and accelerations as they are.",
-        "S",
-    ),
+    str, option("Distance of the motion's knots, auto, or none for channels as they are.", "S")
 ]
 Basis = Annotated[
     str | None,
@@ -121,11 +103,7 @@ Json = Annotated[
 ]
 Jobs = Annotated[int | None, option("Processes on this machine. Default: one a core.", "N")]
 Scheduler = Annotated[
-    str | None,
-    option(
-        "Address of a Dask scheduler, as tcp://host:8786: its workers do it, not this machine.",
-        "ADDRESS",
-    ),
+    str | None, option("Dask scheduler whose workers do it, as tcp://host:8786.", "ADDRESS")
 ]
 
 
@@ -158,14 +136,10 @@ class FitOptions(ModelOptions):
 
     def load(self, logs: Paths = None) -> Mechanism:
         """Return the mechanism that the options describe, without hands that `logs` do not have."""
-        mechanism = mechanism_of(
-            self.mechanism,
-            self.with_,
-            allow_code=self.allow_code,
-            absolute=self.absolute,
-            lock=self.lock,
-            logs=logs,
-        )
+        from ident.mechanism.absolute import absolute
+
+        mechanism = super().load(logs)
+        mechanism = absolute(mechanism) if self.absolute else mechanism
         return with_basis(mechanism, self.basis, self.spacing)
 
     def motion(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,49 +37,29 @@ if TYPE_CHECKING:
 
 CONTROLS = ("none", "torque", "pd", "computed-torque")
 BOUND = "VALUE|JOINT=VALUE"
-UNNAMED = "picker"  # the folder in the commands of a demo whose files are not to stay
 
 
 def simulate(
     model: ModelOptions,
-    motion: Path | None = argument(
-        "A log whose positions are the motion; with --forward, whose torques drive it.",
-        "MOTION",
-        default=None,
-    ),
-    forward: bool = flag(
-        "Integrate the motion that forces make; then MOTION may be left out.", "--forward"
-    ),
+    motion: Path | None = argument("A log: its positions, or torques.", "MOTION", default=None),
+    forward: bool = flag("Integrate the motion that forces make.", "--forward"),
     fit: Path | None = setting("Parameters and effects of a fit.", "FIT.json"),
-    set_: Texts = setting(
-        "Give a parameter its value: rod.Izz=0.2, viscous.elbow.Fv=0.4.", "NAME=VALUE", "--set"
-    ),
+    set_: Texts = setting("A parameter's value: viscous.elbow.Fv=0.4.", "NAME=VALUE", "--set"),
     control: str | None = setting(
         "Drive of --forward: none (default without MOTION), torque (default: MOTION's "
         "torques), or pd or computed-torque, which follow MOTION's positions.",
         "NAME",
     ),
-    gains: Texts = setting(
-        "Gains of the controller, for all drives or as JOINT=KP,KD for one. Default: 5 Hz.", "KP,KD"
-    ),
-    start: Texts = setting(
-        "Initial state: q.crank=0.3, v.crank=2. Default: as MOTION, else at rest.", "NAME=VALUE"
-    ),
+    gains: Texts = setting("Of the controller; or JOINT=KP,KD. Default: 5 Hz.", "KP,KD"),
+    start: Texts = setting("q.crank=0.3, v.crank=2. Default: as MOTION, or rest.", "NAME=VALUE"),
     duration: float | None = setting("Default: MOTION's, else 10 s.", "S"),
     rate: float | None = setting("Samples a second. Default: MOTION's, else 250 Hz.", "HZ"),
     tolerance: float | None = setting("Relative error a step. Default: 1e-10.", "SIZE"),
-    noise: Texts = setting(
-        "White noise, its standard deviation: q=1e-5 in SI units, tau=2% of the column's.",
-        "CHANNEL=LEVEL",
-    ),
+    noise: Texts = setting("Standard deviation: q=1e-5 in SI units, tau=2%.", "CHANNEL=LEVEL"),
     seed: Seed = 0,
     columns: str = setting("Channels of the log.", "LIST", default="q,v,a,tau"),
-    joints: str | None = setting(
-        "Joints of the log. Default: those in MOTION; with --forward, the drives.", "LIST"
-    ),
-    multipliers: Path | None = setting(
-        "Write the true multipliers here, a .csv, .parquet or .npz.", "FILE"
-    ),
+    joints: str | None = setting("Joints of the log. Default: of MOTION, or drives.", "LIST"),
+    multipliers: Path | None = setting("Write the true multipliers here.", "FILE"),
     out: Path | None = setting("Write a .csv, .parquet or .npz; else CSV to the screen.", "FILE"),
 ) -> None:
     """Simulate a log of the model itself.
@@ -127,16 +105,9 @@ def simulate(
             common["tolerance"] = tolerance
         begin = named(start, "--start", "write NAME=NUMBER, as q.crank=0.3", finite)
         drive = _drive(mechanism, motion, control, gains)
+        common |= {"duration": duration, "rate": rate, "start": begin}
         with progress() as on_progress:
-            run = integrate(
-                mechanism,
-                drive,
-                duration=duration,
-                rate=rate,
-                start=begin,
-                progress=on_progress,
-                **common,
-            )
+            run = integrate(mechanism, drive, progress=on_progress, **common)
         log, t, forces = run.log, run.t, run.multipliers
     else:
         assert motion is not None
@@ -199,9 +170,7 @@ def _pair(text: str) -> tuple[float, float]:
 
 def excite(
     model: ModelOptions,
-    separate: tuple[str, str] | None = setting(
-        "Separate these two best, as coulomb:crank coulomb:rocker.", "EFFECT EFFECT"
-    ),
+    separate: tuple[str, str] | None = setting("Separate these two best.", "EFFECT EFFECT"),
     duration: float = setting("Length of the whole log.", "S", default=30.0),
     periods: int = setting("How often the motion is repeated.", "N", default=3),
     rate: float = setting("Samples a second.", "HZ", default=100.0),
@@ -210,12 +179,8 @@ def excite(
     speed: Texts = setting("Largest speed of all drives or of one joint.", BOUND),
     acceleration: Texts = setting("Largest acceleration; a URDF has no such limit.", BOUND),
     torque: Texts = setting("Largest torque of a drive.", BOUND),
-    reserve: str = setting(
-        "Share of the torque left to what is not modelled.", "SHARE", default="20%"
-    ),
-    singular: float = setting(
-        "Largest ‖K⁺‖, as a multiple of that at the start.", "X", default=3.0
-    ),
+    reserve: str = setting("Torque left to what is not modelled.", "SHARE", default="20%"),
+    singular: float = setting("Largest ‖K⁺‖ over that at the start.", "X", default=3.0),
     noise: Texts = setting("Expected noise of a torque. Default: 1 % of its limit.", "JOINT=VALUE"),
     balance: float = setting("Weight of the condition number beside log det.", "W", default=0.5),
     tries: int = setting("Searches; the best one counts.", "N", default=4),
@@ -256,12 +221,10 @@ def excite(
             seed=seed,
             progress=on_progress,
         )
-    if out is not None:
-        found.write(out)
-        wrote([out])
-    if plot is not None:
-        found.plot().save(plot)
-        wrote([plot])
+    for path, write in ((out, found.write), (plot, lambda path: found.plot().save(path))):
+        if path is not None:
+            write(path)
+            wrote([path])
     result(found)
 
 
@@ -273,27 +236,17 @@ def _limit(given: str, texts: Texts) -> float | dict[str, float] | None:
 
 def montecarlo(
     model: ModelOptions,
-    log: Path = argument(
-        "Without noise, best of a simulation; or a folder of such logs.", "LOG", default=...
-    ),
-    snr: str = setting(
-        "Signal-to-noise ratios of every channel, in dB.", "LIST", default="60,50,40,30"
-    ),
+    log: Path = argument("Without noise; or a folder of such logs.", "LOG", default=...),
+    snr: str = setting("Signal-to-noise ratios, in dB.", "LIST", default="60,50,40,30"),
     runs: int = setting("Draws of the noise at each.", "N", default=100),
     estimator: Texts = setting(
         "paper, default, least-squares, likelihood or consistent; may be repeated. Default: paper "
         "and default.",
         "NAME",
     ),
-    spacing: float | None = setting(
-        "Knot spacing of `paper`. Default: the mechanism's time basis, else 5 samples.", "S"
-    ),
-    truth: Texts = setting(
-        "A true value, as rod.Ixx=0.004. Default: that of the log as it is.", "NAME=VALUE"
-    ),
-    reactions: Path | None = setting(
-        "The true multipliers. Default: those of the log as it is.", "LOG"
-    ),
+    spacing: float | None = setting("Knots of `paper`. Default: as the basis, or 5 samples.", "S"),
+    truth: Texts = setting("As rod.Ixx=0.004. Default: of the log as it is.", "NAME=VALUE"),
+    reactions: Path | None = setting("True multipliers. Default: of the log as it is.", "LOG"),
     wrench: bool = flag("Noise on external wrenches too.", "--wrench"),
     seed: Seed = 0,
     jobs: Jobs = None,
@@ -348,31 +301,3 @@ def montecarlo(
             raise IdentError(
                 f"every run ended in an error, the first: {study.failures['error'][0]}"
             )
-
-
-def demo(
-    seed: int | None = setting("Seed of the machine; a new one each time by default.", "N", min=0),
-    puzzle: bool = flag(
-        "Only make the machine and its log in --out, for you to find out.", "--puzzle"
-    ),
-    out: Path | None = setting("Keep mechanism, log, fits and reports in this new folder.", "DIR"),
-) -> None:
-    """Show how a hidden effect is found, step by step.
-
-    A machine is simulated that has something its model lacks. Check, identify, compare, diagnose
-    and add find out what, and say which command does each step.
-    """
-    from ident.show.demo import make_puzzle, show_puzzle, show_story
-
-    seed = secrets.randbelow(1000) if seed is None else seed
-    if puzzle:
-        if out is None:
-            raise IdentError("--puzzle: needs a folder to put it into; add --out DIR")
-        show_puzzle(make_puzzle(out, seed=seed))
-        return
-    if out is not None:
-        show_story(make_puzzle(out, seed=seed), str(out), progress, keep=True)
-        notes([f"wrote {out}; open {out / 'diagnosis' / 'report.html'}"])
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        show_story(make_puzzle(Path(folder) / UNNAMED, seed=seed), UNNAMED, progress, keep=False)

@@ -378,7 +378,7 @@ class Mechanism(Displayed):
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
     def view(self) -> Any:
-        """The mechanism in 3-D, as it is assembled: a recording in a notebook, `.serve()` a page.
+        """The mechanism in 3-D as it is assembled, in a notebook or, by `.serve()`, in a browser.
 
         Loops that do not close are shown as they start, with a note of what is left open.
         """

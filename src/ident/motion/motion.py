@@ -102,7 +102,7 @@ class Motion(Displayed):
         return rows
 
     def view(self) -> Any:
-        """The mechanism moving in 3-D: a recording in a notebook, `.serve()` a page with controls.
+        """The mechanism moving in 3-D: a recording in a notebook, `.serve()` shows it in a browser.
 
         Raises:
             MotionError: for a motion that was made up without a mechanism.

@@ -18,13 +18,12 @@ from ident.information.blocks import Error
 from ident.show.card import Bar, Card, add_command, by_kind, named
 from ident.show.residual import details
 from ident.show.sheet import Sheet
-from ident.text import listed, percent, rounded, some, table, wrapped
+from ident.text import listed, percent, rounded, some
 
 BRIEF = 300  # characters of the next experiment in the first lines
 MOST = 3  # joints and candidates that are described
 ABSORBED = "absorbed"
 DIFFERENT = 0.005  # share of a law's torque from which a relative is called different
-VALUES = "values"
 CANDIDATES = "what adding an effect would do: held-out error of the joint that it mends most"
 SURE = ((8.0, "beyond doubt"), (4.0, "very sure"), (2.5, "sure"), (-1e9, "fairly sure"))
 Rows = list[list[str]]
@@ -135,7 +134,6 @@ def card(d: Diagnosis) -> Card:
 @renders(Diagnosis, "short")
 def short(d: Diagnosis) -> str:
     """Return what a person needs first, in some twenty lines: verdict, errors, what to do."""
-    top = card(d)
     paragraphs = _health(d)
     paragraphs += laws(d)
     if d.verdict in ("unexplained", "undecided") and not d.laws:
@@ -145,26 +143,22 @@ def short(d: Diagnosis) -> str:
         end = experiment.find(". ") if len(experiment) > BRIEF else -1
         end = max(end, experiment.rfind(". ", 0, BRIEF)) if end > 0 else len(experiment)
         paragraphs.append(f"Next experiment: {experiment[: end + 1]}")
-    lines = top.text()
-    for paragraph in paragraphs:
-        lines += ["", *wrapped(paragraph, "  ")]
     hidden = f", {len(d.invisible)} effects that this log cannot show" if d.invisible else ""
-    more = f"--verbose, or print(diagnosis): all candidates{hidden}, reasons"
-    return "\n".join([*lines, "", *wrapped(f"{more}; decided with {d.decision}", "  ")])
+    paragraphs.append(
+        f"--verbose, or print(diagnosis): all candidates{hidden}, reasons; decided with "
+        f"{d.decision}"
+    )
+    return Sheet(card(d), paragraphs=paragraphs, indent="  ").text()
 
 
-@renders(Diagnosis, "text")
-def text(d: Diagnosis) -> str:
+@renders(Diagnosis, "sheet")
+def sheet(d: Diagnosis) -> Sheet:
     """Return the verdict, two tables, and all of it in words."""
-    lines = [*card(d).text(), "", "where it fails", *table(where_rows(d))]
+    tables = {"where it fails": where_rows(d)}
     if d.candidates:
-        rows = candidate_rows(d, parts=True)
-        lines += ["", CANDIDATES]
-        for line, (*_, values) in zip(table([row[:-1] for row in rows]), rows, strict=True):
-            lines += [line, *wrapped(f"      {values}" * (values != VALUES), "      ")]
-    for paragraph in d.text.split("\n\n"):
-        lines += ["", *wrapped(paragraph)]
-    return "\n".join([*lines, "", f"decided with {d.decision}"])
+        tables[CANDIDATES] = [row[:-1] for row in candidate_rows(d)]
+    paragraphs = [*d.text.split("\n\n"), f"decided with {d.decision}"]
+    return Sheet(card(d), tables=tables, paragraphs=paragraphs)
 
 
 def where_rows(d: Diagnosis) -> Rows:
@@ -188,12 +182,12 @@ def where_rows(d: Diagnosis) -> Rows:
     return rows
 
 
-def candidate_rows(d: Diagnosis, parts: bool = False) -> Rows:
-    """Return a row a kind, best first, and with `parts` one a candidate below it.
+def candidate_rows(d: Diagnosis) -> Rows:
+    """Return a row a kind, best first, and below it one a candidate.
 
     `*` marks what is named, `=` what this data cannot tell from it.
     """
-    rows = [["effect", "joint", "error", "× chance", "visible", VALUES]]
+    rows = [["effect", "joint", "error", "× chance", "visible", "values"]]
     groups: dict[tuple[str, str], list[Explanation]] = {}
     for each in d.candidates:
         groups.setdefault((mark(d, each), each.effect.kind), []).append(each)
@@ -202,9 +196,8 @@ def candidate_rows(d: Diagnosis, parts: bool = False) -> Rows:
             name = named(each.effect for each in group)
             best = max(group, key=lambda each: each.evidence.gain)
             rows.append([f"{sign} {name}", *_cells(d, best)[:-1], ""])
-        if len(group) == 1 or parts:
-            indent = "  " * (len(group) > 1)
-            rows += [[f"{indent}{sign} {each.effect.label}", *_cells(d, each)] for each in group]
+        indent = "  " * (len(group) > 1)
+        rows += [[f"{indent}{sign} {each.effect.label}", *_cells(d, each)] for each in group]
     return rows
 
 
@@ -223,15 +216,6 @@ def mark(d: Diagnosis, each: Explanation) -> str:
     return "=" if any(effect.label == label for effect in d.rivals) else " "
 
 
-@renders(Diagnosis, "sheet")
-def sheet(d: Diagnosis) -> Sheet:
-    """Return the verdict, two tables, and the words."""
-    tables = {"Where the model fails": where_rows(d)}
-    if d.candidates:
-        tables[CANDIDATES] = candidate_rows(d)
-    return Sheet(verdict_line(d), tables=tables, notes=d.text.split("\n\n"))
-
-
 @renders(Health, "sheet")
 def health_sheet(h: Health) -> Sheet:
     """Return the findings as a table and in words."""
@@ -248,20 +232,41 @@ def health_sheet(h: Health) -> Sheet:
 # --- in words -------------------------------------------------------------------------------------
 
 
-@renders(Diagnosis, "words")
-def words(d: Diagnosis, experiment: str | None = None) -> str:
-    """Return all of a diagnosis in short paragraphs, parted by empty lines."""
+CLAIMS = {  # title of what each verdict says
+    "missing": "What is missing",
+    "nothing": "What adding an effect would do",
+    "unexplained": "What comes nearest",
+    "undecided": "What comes nearest",
+}
+
+
+def story(d: Diagnosis, experiment: str | None = None) -> dict[str, list[str]]:
+    """Return all of a diagnosis in words: paragraphs by title, as the report has them."""
     claims = {
         "missing": _missing,
         "nothing": _nothing,
         "unexplained": _unexplained,
         "undecided": _undecided,
     }
-    paragraphs = [*_health(d), *_where(d), *claims[d.verdict](d), *_rest(d)]
-    paragraphs += [*curves(d), *laws(d)] if d.best is not None else []
-    paragraphs += [*_invisible(d), *_unsupported(d)]
+    form = [*curves(d), *laws(d)] if d.best is not None else []
+    if d.verdict == "unexplained":
+        form = [*curves(d), *expression(d)]
     next_ = d.next_experiment if experiment is None else experiment
-    return "\n\n".join([*paragraphs, *([f"Next experiment: {next_}"] if next_ else [])])
+    return {
+        "Health of the data": _health(d),
+        "Where it fails": _where(d),
+        CLAIMS[d.verdict]: [*claims[d.verdict](d), *_rest(d)],
+        "Curve and formula": form,
+        "Invisible in this data": _invisible(d),
+        "In the model, but not supported": _unsupported(d),
+        "What to log next": [f"Next experiment: {next_}"] if next_ else [],
+    }
+
+
+@renders(Diagnosis, "words")
+def words(d: Diagnosis, experiment: str | None = None) -> str:
+    """Return all of a diagnosis in short paragraphs, parted by empty lines."""
+    return "\n\n".join(each for own in story(d, experiment).values() for each in own)
 
 
 def _health(d: Diagnosis) -> list[str]:
@@ -287,24 +292,23 @@ def _where(d: Diagnosis) -> list[str]:
 
 def _failure(d: Diagnosis, f: Failure) -> str:
     """Return how much a joint fails, when, on what that depends, and whether it repeats."""
-    error = errors_of(d)[f.joint]
-    relative = "" if error.relative is None else f" ({percent(error.relative)})"
     sentences = [
-        f"The model fails in {f.joint}: held out, its torque is off by {error.rms:.3g} {f.unit}"
-        f"{relative}, where noise alone would leave {d.floor[f.joint]:.2g} {f.unit}; that is "
-        f"{100 * f.share:.0f} % of the misfit of all joints."
+        f"The model fails in {f.joint}: held out, its torque is off by "
+        f"{_error(errors_of(d)[f.joint])}, where noise alone would leave "
+        f"{d.floor[f.joint]:.2g} {f.unit}; that is {100 * f.share:.0f} % of the misfit of all "
+        "joints."
     ]
-    found = details(f, len(d.fit.motion.experiments) > 1)
-    if found:
-        parts = "; ".join(f"{key} {what}" for key, what in found.items())
-        sentences.append(f"The residual: {parts}.")
+    if found := details(f, len(d.fit.motion.experiments) > 1):
+        sentences.append(f"The residual: {found}.")
     if d.periods is not None:
         rho = d.periods.rho[f.joint]
-        what = "comes back: physics, not noise" if rho >= 0.8 else "comes back in part"
-        if rho <= d.periods.chance:
-            what = "does not come back: noise, or something like warming up"
+        what = "comes back" if rho > d.periods.chance else "does not come back"
         sentences.append(f"The motion repeats, and the residual {what} (correlation {rho:.2f}).")
     return " ".join(sentences)
+
+
+def _error(e: Error) -> str:
+    return f"{e.rms:.3g} {e.unit}" + ("" if e.relative is None else f" ({percent(e.relative)})")
 
 
 def _missing(d: Diagnosis) -> list[str]:
@@ -323,10 +327,7 @@ def _missing(d: Diagnosis) -> list[str]:
             for v in best.parameters
         ]
         first += f" The model has it, as {some(known)}: that must have changed."
-    before, after = (
-        f"{x.rms:.3g} {x.unit}" + ("" if x.relative is None else f" ({percent(x.relative)})")
-        for x in (best.before[best.joint], best.after[best.joint])
-    )
+    before, after = (_error(x) for x in (best.before[best.joint], best.after[best.joint]))
     own = ""
     if effect.joints and best.joint not in effect.joints:
         own = f" against the signals of {', '.join(effect.joints)}"
@@ -348,25 +349,22 @@ def _missing(d: Diagnosis) -> list[str]:
 def _apart(d: Diagnosis, effect: Effect, rivals: tuple[Effect, ...]) -> str:
     """Return why this data cannot tell rivals apart."""
     mechanism = d.fit.mechanism
-    close = f"{d.decision.rival_se:g} standard errors"
-    reasons = [f"Their held-out errors differ by less than {close}."]
-    alike = [each for each in rivals if set(each.joints) == set(effect.joints)]
-    elsewhere = [each for each in rivals if each not in alike]
-    if elsewhere and len(mechanism.joints) > mechanism.degrees_of_freedom:
-        reasons.append(
-            "In a closed loop the torques of all joints end up in the same equation; only their "
-            "leverage, how far a joint goes when the drive does, tells one joint from another, and "
-            "over this range of motion it changes too little. That the error falls is no proof of "
-            "the cause here."
+    text = f"Their held-out errors differ by less than {d.decision.rival_se:g} standard errors."
+    if any(set(each.joints) == set(effect.joints) for each in rivals):
+        text += (
+            " Those at the same place differ only where this motion has little to show, at other "
+            "speeds, positions or loads."
         )
-    elif elsewhere:
-        reasons.append(f"In this motion {labels([effect, *elsewhere])} have almost equal torques.")
-    if alike:
-        reasons.append(
-            f"{labels([effect, *alike])} sit at the same place and differ only where this motion "
-            "has little to show, at other speeds, positions or loads."
-        )
-    return " ".join(reasons)
+    if all(set(each.joints) == set(effect.joints) for each in rivals):
+        return text
+    if len(mechanism.joints) == mechanism.degrees_of_freedom:
+        return f"{text} In this motion {labels([effect, *rivals])} have almost equal torques."
+    return (
+        f"{text} In a closed loop the torques of all joints end up in the same equation; only "
+        "their leverage, how far a joint goes when the drive does, tells one joint from another, "
+        "and over this range of motion it changes too little. That the error falls is no proof of "
+        "the cause here."
+    )
 
 
 def _rest(d: Diagnosis) -> list[str]:
@@ -388,17 +386,13 @@ def _rest(d: Diagnosis) -> list[str]:
 
 
 def _nothing(d: Diagnosis) -> list[str]:
-    first = (
-        "Nothing is missing that this data could show: what is left is the sensors' noise, or too "
-        f"small to matter. The residual's rms beside that of noise alone: {_beside(d)}."
-    )
-    if d.periods is not None and max(d.periods.rho.values()) < d.periods.chance:
-        first += " The motion repeats, and the residual does not repeat with it."
     return [
-        first,
-        f"How small an effect could still hide: below {100 * d.decision.material:g} % of a joint's "
-        "torque nothing is reported, nor what lowers the held-out error as little as chance does: "
-        f"{_by_chance(d)}. {_tried(d)} effects were tried at their places.",
+        "Nothing is missing that this data could show: what is left is the sensors' noise, or too "
+        f"small to matter. The residual's rms beside that of noise alone: {_beside(d)}.",
+        "How small an effect could still hide: nothing is reported below "
+        f"{100 * d.decision.material:g} % of a joint's torque, nor what explains, as chance does, "
+        f"less than {100 * d.selection.first.limit:.2g} % of the held-out squared errors. "
+        f"{_tried(d)} effects were tried at their places.",
     ]
 
 
@@ -407,50 +401,38 @@ def _beside(d: Diagnosis) -> str:
     return some([f"{n} {e.rms:.2g} beside {d.floor[n]:.2g} {e.unit}" for n, e in pairs], 8)
 
 
-def _by_chance(d: Diagnosis) -> str:
-    """Return for each joint to which error chance alone may lower the present one."""
-    first = d.selection.first
-    losses = dict(zip(d.fit.motion.independent, first.regression.losses.sum(axis=0), strict=True))
-    found = []
-    for joint, error in errors_of(d).items():
-        share = first.limit * first.total / max(float(losses[joint]), 1e-300)
-        after = _scaled(error, max(1 - share, 0.0) ** 0.5)
-        found.append(f"{joint} {Bar(joint, error, after).words}")
-    return some(found, 8)
-
-
 def _tried(d: Diagnosis) -> int:
     return sum(not each.curve for each in d.selection.first.contest.candidates)
 
 
 def _unexplained(d: Diagnosis) -> list[str]:
-    rejected = [
-        f"{m.label} explains a part, but beside it a {curve_name(m.curve)} explains much more, so "
-        "its form is wrong here"
-        for m in d.selection.members if m.curve is not None
-    ]  # fmt: skip
-    rejected += [
-        f"{m.label} explains a part, but a {m.impossible.label} with a value that no machine has "
-        "explains more of the same joint, so the cause is something else"
-        for m in d.selection.members
-        if m.curve is None and m.impossible is not None
-    ]
-    rejected += [
-        f"{m.label} explains a part, but a formula explains more or the same with fewer numbers"
-        for m in d.selection.members
-        if m.curve is None and m.impossible is None and m.law is not None
-    ]
+    rejected = []
+    for m in d.selection.members:
+        if m.curve is not None:
+            other = f"a {curve_name(m.curve)}"
+        elif m.impossible is not None:
+            other = f"a {m.impossible.label} with a value that no machine has"
+        elif m.law is not None:
+            other = "a formula with no more numbers"
+        else:
+            continue
+        rejected.append(f"{m.label} explains a part, but {other} explains more")
     first = (
         "Something is missing, and nothing in the library explains it, so no name is given. "
         f"{_tried(d)} effects were tried at their places, each with everything refitted."
     )
-    first += f" {listed(rejected)}." if rejected else ""
-    expression = laws(d) or [
+    if rejected:
+        first += f" {listed(rejected)}: these have not the form of the cause."
+    return [first, *_nearest(d)]
+
+
+def expression(d: Diagnosis) -> list[str]:
+    """Return the formulas, or that there is none."""
+    return laws(d) or [
         "No short formula of positions, speeds, accelerations, load and time explains it either; "
         "look at the maps of the residual, and at what the log does not hold: temperature, "
         "contact, play, cables, another load."
     ]
-    return [first, *_nearest(d), *curves(d), *expression]
 
 
 def _undecided(d: Diagnosis) -> list[str]:

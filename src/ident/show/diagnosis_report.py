@@ -17,7 +17,6 @@ from ident.display import renders
 from ident.files import json_bytes, plain, regular, write_all
 from ident.fit.prediction import predict
 from ident.fit.residual import Failure, Residual, residual_of
-from ident.information.blocks import Error
 from ident.show.card import Bar
 from ident.show.charts import (
     FAINT,
@@ -32,14 +31,15 @@ from ident.show.charts import (
     Panel,
 )
 from ident.show.diagnosis import (
+    CLAIMS,
     candidate_rows,
     card,
     errors_of,
     health_sheet,
     labels,
     mark,
-    noise_errors,
     numbers,
+    story,
     where_rows,
 )
 from ident.show.fit import fit_sections
@@ -49,7 +49,6 @@ from ident.show.html import (
     Option,
     Page,
     Section,
-    folded,
     headed,
     items,
     paragraph,
@@ -57,18 +56,10 @@ from ident.show.html import (
 )
 from ident.show.laws import curve_json, law_blocks
 from ident.show.residual import plot_maps, time_label
-from ident.text import percent
 
 SCHEMA = "ident.diagnosis/1"
 BARS = 12
 LOGS = 4  # whose residuals are drawn below each other
-MARKED = {"*": "named", "=": "not distinguishable from it"}
-KINDS: dict[str, Colour] = {
-    "named": 0,
-    "not distinguishable from it": 4,
-    "credible": 1,
-    "no more than chance, or impossible": MEASURED,
-}
 MARKS = "* named; = this data cannot tell it from the one named."
 FALLS = (
     "Error: held out, of the joint that it mends most, without it → with it. × chance: how many "
@@ -76,8 +67,8 @@ FALLS = (
     "missing. visible: how much of its torque no other parameter could take over."
 )
 EFFECT = (
-    "Above, all but the effect is taken off; the line is the effect itself, in the framed panel "
-    "against the signal that it depends on. Below, the effect is taken off too: a flat band."
+    "Above, all but the effect is taken off; the line is the effect itself. Below, the effect is "
+    "taken off too: a flat band."
 )
 
 
@@ -94,15 +85,16 @@ def plot_candidates(d: Diagnosis) -> Chart:
         100 * np.array([size or 0.0 for size in sizes])
         for sizes in zip(*(row.sizes for row in rows), strict=True)
     )
-    places: dict[str, list[int]] = {kind: [] for kind in KINDS}
-    for i, each in enumerate(shown):
-        other = "credible" if each.evidence.credible else "no more than chance, or impossible"
-        places[MARKED.get(mark(d, each), other)].append(i)
     at, none = np.arange(len(shown), dtype=float), np.zeros(len(shown))
     bars = [Bars(at, before, none, "as it is", FAINT)]
-    for kind, mine in places.items():
-        if mine:
-            bars.append(Bars(at[mine], after[mine], none[mine], f"with it: {kind}", KINDS[kind]))
+    kinds: dict[str, tuple[Colour, int, int]] = {
+        "with it: named, or not distinguishable from that": (0, 0, len(named)),
+        "with it: others": (MEASURED, len(named), len(shown)),
+    }
+    for label, (colour, first, end) in kinds.items():
+        if end > first:
+            own = slice(first, end)
+            bars.append(Bars(at[own], after[own], none[own], label, colour))
     panel = Panel(
         (*bars, Dots(at, noise, none, "noise alone", RESIDUAL)),
         "held-out error of the joint [%]",
@@ -146,55 +138,35 @@ def plot_before_after(before: Residual, after: Residual, best: Explanation) -> C
 
 
 def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
-    """Return where it fails, the candidates, all of it in words, and the fit that was diagnosed."""
-    where = table(where_rows(d), "Joint by joint: held-out error, and what noise would leave")
-    title = {"missing": "What is missing", "nothing": "What adding an effect would do"}
-    health = health_sheet(d.health)
-    hidden, idle = (
-        items(f"{each.effect.label}: {each.why}" for each in found) if found else None
-        for found in (d.invisible, d.unsupported)
-    )
-    return (
-        Section("Where it fails", (where,)),
-        Section("Curve and formula", law_blocks(d)),
-        Section(title.get(d.verdict, "What comes nearest"), _candidates(d)),
-        Section("In words", tuple(paragraph(each) for each in d.text.split("\n\n"))),
-        Section("Invisible in this data", (hidden,) if hidden else ()),
-        Section("In the model, but not supported", (idle,) if idle else ()),
-        Section("Health of the data", (paragraph(health.title), *health.blocks())),
-        *fit_sections(d.fit, first=d.candidates[0].joint if d.best else ""),
-    )
+    """Return the words with tables and charts to them, and the fit that was diagnosed."""
+    sections = []
+    for title, words in story(d).items():
+        blocks: list[Block] = [paragraph(each) for each in words]
+        if title == "Where it fails":
+            caption = "Joint by joint: held-out error, and what noise would leave"
+            blocks.append(table(where_rows(d), caption))
+        elif title == "Curve and formula":
+            blocks = list(law_blocks(d))
+        elif title == CLAIMS[d.verdict]:
+            blocks += _candidates(d)
+        elif title == "Health of the data":
+            health = health_sheet(d.health)
+            blocks += [paragraph(str(health.top)), *health.blocks()]
+        sections.append(Section(title, tuple(blocks)))
+    if d.health.good:  # else it comes first
+        sections.append(sections.pop(0))
+    return (*sections, *fit_sections(d.fit, first=d.candidates[0].joint if d.best else ""))
 
 
-def _candidates(d: Diagnosis) -> tuple[Block, ...]:
-    """Return all of them beside each other; each that is refitted, before and after; all joints."""
+def _candidates(d: Diagnosis) -> list[Block]:
+    """Return all of them beside each other, and each that is refitted before and after."""
     if not d.candidates:
-        return ()
-    rows, parts = candidate_rows(d), candidate_rows(d, parts=True)
-    options = tuple(_option(d, each) for each in d.candidates if each.fit is not None)
-    drawn = (headed("Its residual before and after"), Choice("Which candidate", options))
-    errors = errors_of(d)
-    matrix = [["", *errors], ["as it is", *map(_short, errors.values())]]
-    for each in d.candidates:
-        matrix.append(
-            [f"{mark(d, each)} {each.effect.label}".strip(), *map(_short, each.after.values())]
-        )
-    matrix.append(["noise alone", *map(_short, noise_errors(d).values())])
-    return (
-        *((paragraph(MARKS),) if d.best else ()),
-        plot_candidates(d),
-        paragraph(FALLS),
-        table(rows, "Candidates"),
-        *((folded("Each by itself", table(parts, "Candidates")),) if parts != rows else ()),
-        *(drawn if options else ()),
-        folded(
-            "Held-out error of every joint", table(matrix, "With each of them, share of the torque")
-        ),
-    )
-
-
-def _short(error: Error) -> str:
-    return f"{error.rms:.3g} {error.unit}" if error.relative is None else percent(error.relative)
+        return []
+    blocks: list[Block] = [paragraph(MARKS)] if d.best else []
+    blocks += [plot_candidates(d), paragraph(FALLS), table(candidate_rows(d), "Candidates")]
+    if options := tuple(_option(d, each) for each in d.candidates if each.fit is not None):
+        blocks += [headed("Its residual before and after"), Choice("Which candidate", options)]
+    return blocks
 
 
 def _option(d: Diagnosis, each: Explanation) -> Option:

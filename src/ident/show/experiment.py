@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 
 from numpy.linalg import LinAlgError
 
@@ -43,15 +42,6 @@ HOW = {
     "strokes": "move {spans} in strokes of constant speed, at {shares} of {top}",
     "alone": "move {spans} alone, at up to {top}, and hold the other drives still",
     "awake": "move {spans} too, at up to {top}",
-}
-WAYS = {  # what was tried, where no motion helps
-    "turn": "a full turn",
-    "limits": "wider",
-    "wider": "wider",
-    "faster": "faster",
-    "speeds": "slower",
-    "strokes": "slow strokes",
-    "alone": "drives one by one",
 }
 FOLLOWS = {  # by the first signal on which a residual depends
     "v": "repeat it at half and at twice the speed: what goes with speed then changes in step",
@@ -116,23 +106,17 @@ def _between(d: Diagnosis, rivals: Sequence[Evidence], tried: Sequence[Attempt])
     """Return the first question that a motion answers, and what to do about one that none does."""
     parts: list[str] = []
     for pairs in questions(rivals):
-        found = proposal(d, tried, pairs)
-        if found and parts:  # the place stays open, and what to do about it is said already
-            kinds = _proposed(d, replace(found, alike=()))
-            return f"{parts[0]} A motion tells in part of which kind it is. {kinds}"
-        if found:
-            return _proposed(d, found)
-        if not parts:
-            parts.append(_no_motion(d, tried, pairs))
+        if found := proposal(d, tried, pairs):
+            return " ".join([*parts, _proposed(d, found)])
+        parts = parts or [_no_motion(d, tried, pairs)]
     return " ".join(parts)
 
 
 def _proposed(d: Diagnosis, p: Proposal) -> str:
-    now = f" (in a motion like this one: {p.now:.2g})" if p.now < p.separation / 2 else ""
     text = (
         f"{_capital(described(p.trial, present(d.fit.mechanism, d.fit.motion)))}: "
         f"{some([each.label for each in p.apart])} then differ by at least {p.separation:.2g} "
-        f"standard errors in a log as long as this one{now}; log about "
+        f"standard errors in a log as long as this one; log about "
         f"{float(f'{p.seconds:.2g}'):g} s of it to be sure"
     )
     if p.alike:
@@ -143,16 +127,13 @@ def _proposed(d: Diagnosis, p: Proposal) -> str:
 
 def _no_motion(d: Diagnosis, tried: Sequence[Attempt], pairs: Sequence[Pair]) -> str:
     effects, names = _effects([tuple(each.effect for each in pair) for pair in pairs])
-    rest = without_motion(d, effects)
-    if not tried:
-        return f"No other motion could be followed to tell {names} apart. Instead, {rest}."
-    most = max(max(each.separation(pair) for pair in pairs) for each in tried)
-    why = "they need the same torques in all of them"
+    most = max((each.separation(pair) for pair in pairs for each in tried), default=0.0)
+    why = "they need the same torques in all that were tried"
     if most:
         why = f"at best they differ by {most:.2g} standard errors in a log as long as this one"
-    ways = ", ".join(dict.fromkeys(WAYS[t.trial.kind] for t in tried if t.trial.kind in WAYS))
     return (
-        f"No motion of this mechanism tells {names} apart: {why} (tried: {ways}). Instead, {rest}."
+        f"No motion of this mechanism tells {names} apart: {why}. Instead, "
+        f"{without_motion(d, effects)}."
     )
 
 
@@ -184,25 +165,19 @@ def without_motion(d: Diagnosis, effects: Sequence[Effect]) -> str:
 
 def unexplained(d: Diagnosis) -> str:
     """Return how to learn what a residual is that no effect explains."""
-    first = (
-        "Log the same motion at least twice in one log: what then repeats is the mechanism, "
-        "what does not is noise or drift."
-    )
-    if d.periods is not None:
-        joint, rho = max(d.periods.rho.items(), key=lambda pair: pair[1])
-        what = "it is physics" if rho > d.periods.chance else "much of it is noise or drift"
+    first, worst = "", d.where[0]
+    if d.periods is None:
         first = (
-            f"The log is periodic already: the residual of {joint} comes again with a "
-            f"correlation of {rho:.2f}, so {what}."
+            "Log the same motion at least twice in one log: what then repeats is the mechanism, "
+            "what does not is noise or drift. "
         )
-    worst = d.where[0]
     if not worst.depends_on:
         return (
-            f"{first} It depends on no single signal: repeat the motion of {worst.joint} with "
-            "reversals at different places, slowly, to look for memory."
+            f"{first}The residual of {worst.joint} depends on no single signal: repeat its motion "
+            "slowly with reversals at different places, to look for memory."
         )
     signal = worst.depends_on[0].signal
-    return f"{first} In {worst.joint} it depends on {signal}: {FOLLOWS[signal.partition('.')[0]]}."
+    return f"{first}In {worst.joint} it depends on {signal}: {FOLLOWS[signal.partition('.')[0]]}."
 
 
 def unseen(d: Diagnosis) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from ident.display import render, renders
 from ident.errors import FitError
 from ident.fit.consistency import Binding
-from ident.fit.determined import Essential, Lost, Unexcited
+from ident.fit.determined import Essential, Unexcited
 from ident.fit.files import Saved, write_fit, write_urdf
 from ident.fit.likelihood import Likelihood
 from ident.fit.multipliers import Reactions
@@ -22,12 +22,12 @@ from ident.fit.shapes import initial
 from ident.fit.values import STRONG, Correlation, Value
 from ident.show.card import Bar, Card
 from ident.show.charts import PRIOR, Chart, Dots, Panel
-from ident.show.html import Block, Page, Section, by_log, headed, items, paragraph
+from ident.show.html import Block, Page, Section, by_log, items, paragraph
 from ident.show.html import table as html_table
 from ident.show.motion import made_of, understood
 from ident.show.residual import error_rows, errors_section, plot_forces, residual_sections
 from ident.show.sheet import Sheet
-from ident.text import percent, rounded, shortened, some, table
+from ident.text import percent, rounded, shortened, some
 
 MOST = 60  # parameters in one chart
 WHY = {
@@ -75,14 +75,12 @@ def binding(x: Binding) -> str:
 @renders(Correlation, "text")
 def correlation(x: Correlation) -> str:
     """Return the pairs of base parameters that are known only together."""
-    if pairs := _pairs(x):
-        return "\n".join(["known only together:", *(f"  {pair}" for pair in pairs)])
-    most = "".join(f"; the most: {pair}" for pair in _pairs(x, 0.0)[:1])
-    return f"no two base parameters are known only together (|r| < {STRONG}){most}"
+    lines = [f"  {pair}" for pair in _pairs(x)] or [f"  none (|r| < {STRONG})"]
+    return "\n".join(["base parameters that are known only together:", *lines])
 
 
-def _pairs(x: Correlation, least: float = STRONG) -> list[str]:
-    return [f"{first} and {second} ({r:+.3f})" for first, second, r in x.pairs(least)]
+def _pairs(x: Correlation) -> list[str]:
+    return [f"{first} and {second} ({r:+.3f})" for first, second, r in x.pairs(STRONG)]
 
 
 @renders(Essential, "line")
@@ -125,15 +123,12 @@ def unexcited(x: Unexcited) -> str:
 @renders(Unexcited, "advice")
 def advice(x: Unexcited) -> list[str]:
     """Return one sentence for all unknowns that the same joints determine."""
-    groups: dict[str, list[Lost]] = {}
+    groups: dict[str, list[str]] = {}
     for each in x.lost:
-        groups.setdefault(each.joints[0] if each.joints else "", []).append(each)
+        groups.setdefault(each.joints[0] if each.joints else "", []).append(each.name)
     found = []
-    for joint, lost in groups.items():
-        what = (
-            "no swing of one joint beside this motion will do; move several at once, farther and "
-            "faster"
-        )
+    for joint, names in groups.items():
+        what = "move several joints at once, farther and faster: none alone would do"
         if joint:
             far, fast, unit = x.moved[joint]
             size, top = x.swing[joint]
@@ -141,7 +136,7 @@ def advice(x: Unexcited) -> list[str]:
                 f"swing {joint} by ±{size:.2g} {unit} with up to {top:.2g} {unit}/s² "
                 f"(it moved through {far:.2g} {unit} with up to {fast:.2g} {unit}/s²)"
             )
-        found.append(f"to tell {some([each.name for each in lost], 5)}: {what}")
+        found.append(f"to tell {some(names, 5)}: {what}")
     return found
 
 
@@ -157,10 +152,10 @@ def _reaction_rows(x: Reactions) -> Rows:
     return rows
 
 
-@renders(Reactions, "text")
-def reactions(x: Reactions) -> str:
+@renders(Reactions, "sheet")
+def reactions(x: Reactions) -> Sheet:
     """Return what identified multipliers miss known reactions by."""
-    return "\n".join(["multipliers against known reactions", *table(_reaction_rows(x))])
+    return Sheet("", tables={"multipliers against known reactions": _reaction_rows(x)})
 
 
 @renders(Reactions, "plot")
@@ -246,10 +241,9 @@ def sheet(fit: Fit) -> Sheet:
     if fit.essential is not None:
         lines.append(essential_line(fit.essential))
     if pairs := _pairs(fit.correlation):
-        names = "; ".join(pairs[:4]) + (f" and {len(pairs) - 4} more pairs" if pairs[4:] else "")
         lines.append(
-            f"known only together (correlation of errors): {names}: their sum or difference is "
-            "known better than each"
+            f"known only together (correlation of errors): {some(pairs)}: their sum or difference "
+            "is known better than each"
         )
     title = (
         f"fit of {fit.mechanism.name} to {', '.join(fit.motion.names)}: {fit.rows} rows of "
@@ -257,7 +251,7 @@ def sheet(fit: Fit) -> Sheet:
         + (f"zero-phase filter at {cut:.3g} Hz" if cut else "unfiltered")
     )
     tables = {caption: errors, **value_tables(fit)}
-    return Sheet(title, headline(fit), {}, tables, lines, fit.warnings)
+    return Sheet(title, headline(fit), tables=tables, lines=lines, notes=fit.warnings)
 
 
 def summary(fit: Fit) -> str:
@@ -275,23 +269,18 @@ def plot_parameters(fit: Fit) -> Chart:
     own = [value for effect in fit.effects for value in effect.parameters]
     own += [value for value in fit.parameters if value.identifiable]
     known = [v for v in own if v.stderr is not None and np.isfinite(v.stderr)]
-    units: dict[str, list[Value]] = {}
-    for value in known[:MOST]:
-        units.setdefault(value.unit, []).append(value)
-    if not units:
+    if not known:
         raise FitError(f"{fit.mechanism.name}: nothing was identified by itself")
     words = "Identified values with their 95 % intervals, beside what was assumed before"
     if len(known) > MOST:
         words += f"; the first {MOST} of {len(known)}, all are in the tables"
     rows = []
-    for unit, values in units.items():
+    for unit in dict.fromkeys(v.unit for v in known[:MOST]):
+        values = [v for v in known[:MOST] if v.unit == unit]
         at = np.arange(len(values), dtype=float)
         prior, found = (np.array([getattr(v, key) for v in values]) for key in ("prior", "value"))
-        half_width = np.array([1.96 * (v.stderr or 0.0) for v in values])
-        marks = (
-            Dots(at, prior, 0 * at, "prior", PRIOR),
-            Dots(at, found, half_width, "identified", 0),
-        )
+        half = np.array([1.96 * (v.stderr or 0.0) for v in values])
+        marks = Dots(at, prior, 0 * at, "prior", PRIOR), Dots(at, found, half, "identified", 0)
         names = tuple(v.name for v in values)
         rows.append((Panel(marks, f"[{unit}]", y_names=names, height=0.7 + 0.22 * len(values)),))
     return Chart(words, tuple(rows))
@@ -383,11 +372,8 @@ def _multipliers(fit: Fit, known: Reactions | None) -> tuple[Block, ...]:
     if not fit.mechanism.kinematics.multipliers:
         return ()
     blocks: list[Block] = [paragraph(LAMBDA)]
-    notes = [each for each in fit.warnings if each.startswith("multipliers ")]
-    blocks += [paragraph(each, "warning") for each in notes]
     if known is not None:
-        rows = html_table(_reaction_rows(known), "Multipliers against known reactions")
-        blocks += [headed("Against known reactions"), rows, plot_reactions(known)]
+        blocks += [*reactions(known).blocks(), plot_reactions(known)]
     names = [e.name for e in fit.motion.experiments]
     if known is None or len(names) > 1:
         blocks += by_log(names, fit.plot_multipliers)

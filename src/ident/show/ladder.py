@@ -22,9 +22,9 @@ from ident.mechanism import Mechanism
 from ident.mechanism.write import folder_files
 from ident.show.card import Bar, Card, named
 from ident.show.charts import Chart, Level, Line, Mark, Panel
-from ident.show.diagnosis import errors_of, noise_errors, numbers, verdict_line
+from ident.show.diagnosis import errors_of, noise_errors, verdict_line
 from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, write_instead
-from ident.show.html import Page, Section, folded, table
+from ident.show.html import Page, Section, table
 from ident.show.sheet import Sheet
 from ident.text import WIDTH, percent, wrapped
 
@@ -38,23 +38,31 @@ CAPTION = "Held-out error, rung by rung"
 
 def head(joints: Sequence[str]) -> str:
     """Return the ladder's head; joints whose names do not fit beside each other are numbered."""
-    names, lines = list(joints), ["held-out error"]
-    if len(_row("", names, "")) > WIDTH:
-        names = [f"[{i + 1}]" for i in range(len(names))]
-        legend = ", ".join(f"[{i + 1}] {joint}" for i, joint in enumerate(joints))
+    names, lines = _columns(joints), ["held-out error"]
+    if names != list(joints):
+        legend = ", ".join(f"{name} {joint}" for name, joint in zip(names, joints, strict=True))
         lines = wrapped(f"held-out error of {legend}", "  ")
-    return "\n".join([*lines, _row("effect", names, "")])
+    return "\n".join([*lines, _row("effect", names, joints)])
+
+
+def _columns(joints: Sequence[str]) -> list[str]:
+    """Return the names of the columns."""
+    width = NAME + sum(2 + max(CELL, len(joint)) for joint in joints)
+    return list(joints) if width <= WIDTH else [f"[{i + 1}]" for i in range(len(joints))]
+
+
+def _row(first: str, cells: Sequence[str], joints: Sequence[str], last: str = "") -> str:
+    columns = zip(cells, _columns(joints), strict=True)
+    middle = [cell.rjust(max(CELL, len(name))) for cell, name in columns]
+    return "  ".join([first.ljust(NAME), *middle, last]).rstrip()
 
 
 def rung(step: Step, joints: Sequence[str]) -> str:
     """Return one rung: what was added, and errors; ≈ marks those that are announced, not fitted."""
-    numbered = len(_row("", joints, "")) > WIDTH
-    width = [0 if numbered else len(joint) for joint in joints]
     name, *rest = textwrap.wrap(changed(step), NAME, subsequent_indent="  ")
-    lines = [_row(name, _cells(step.errors, joints), "" if step.fit else "≈", width), *rest]
+    lines = [_row(name, _cells(step.errors, joints), joints, "" if step.fit else "≈"), *rest]
     for log, errors in step.fit.validation.items() if step.fit else ():
-        name = log if len(log) <= NAME - 4 else f"…{log[-(NAME - 5) :]}"
-        lines.append(_row(f"  on {name}", _cells(errors, joints), "", width))
+        lines.append(_row(f"  on {log[-(NAME - 5) :]}", _cells(errors, joints), joints))
     if step.rivals:
         lines += wrapped(f"    or {named(step.rivals, 'or')}: not distinguishable", "      ")
     if step.removed and (step.added or len(step.removed) > 1):
@@ -71,17 +79,10 @@ def changed(step: Step) -> str:
     return f"− {len(step.removed)} effects" if step.removed else "as given"
 
 
-def _row(first: str, cells: Sequence[str], last: str, least: Sequence[int] = ()) -> str:
-    widths = (max(CELL, each) for each in least or [0] * len(cells))
-    middle = [cell.rjust(width) for cell, width in zip(cells, widths, strict=True)]
-    return "  ".join([first.ljust(NAME), *middle, last]).rstrip()
-
-
 def noise_rung(history: History) -> str:
     """Return the last row of the ladder: what noise alone would leave."""
     joints = history.fit.motion.independent
-    width = [0 if len(_row("", joints, "")) > WIDTH else len(joint) for joint in joints]
-    return _row(NOISE, _cells(noise_errors(history.diagnosis), joints), "", width)
+    return _row(NOISE, _cells(noise_errors(history.diagnosis), joints), joints)
 
 
 def _cells(errors: Mapping[str, Error], joints: Sequence[str]) -> list[str]:
@@ -184,13 +185,8 @@ def write(history: History, folder: str | Path) -> list[Path]:
         IdentError: if it is the folder of the mechanism itself, or cannot be written.
     """
     refuse_own(history.mechanism, Path(folder))
-    parts = [["effect", "value"]]
-    parts += [
-        [each.effect.label, numbers(each.parameters)]
-        for each in history.fit.effects if each.effect.label in {e.label for e in history.added}
-    ]  # fmt: skip
     blocks = (plot(history), table(rows(history), CAPTION, tied=False))
-    ladder = Section("The error falls", (*blocks, folded("Each effect", table(parts, "Added"))))
+    ladder = Section("The error falls", blocks)
     sections = (ladder, *diagnosis_sections(history.diagnosis))
     page = Page(f"{history.mechanism.name}: grown model", history_card(history), sections)
     data = {**diagnosis_files(history.diagnosis), "report.html": page.html()}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -14,18 +15,17 @@ from ident.files import json_bytes
 from ident.montecarlo.montecarlo import MonteCarlo, Studies
 from ident.montecarlo.trial import SUMS
 from ident.motion import complete
-from ident.show.charts import MEASURED, PRIOR, Boxes, Chart, Level, Line, Mark, Panel
-from ident.show.html import Block, Page, Section, definitions, items
-from ident.show.html import table as html_table
+from ident.show.charts import PRIOR, Chart, Level, Line, Mark, Panel
+from ident.show.html import Page, Section
 from ident.show.motion import made_of, understood
+from ident.show.residual import plot_forces
 from ident.show.sheet import Sheet
 from ident.text import shortened
 
 SCHEMA = "ident.montecarlo/1"
 ROWS = 24  # parameters in the printed table; `MonteCarlo.table` has all
 PANELS, ACROSS = 12, 3  # parameters in one chart, and panels side by side
-WIDTH = 0.8  # of the distance between two SNRs, which the boxes of all estimators take
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+QUANTILES = {0.05: 0.6, 0.5: 1.8, 0.95: 0.6}  # and the width of their lines
 BIAS, FORCES = "bias and spread of all runs", "rms error of the multipliers, mean over runs"
 ZERO = 1e-9  # of the spread: a truth below it is zero, so that percentages of it mean nothing
 
@@ -120,7 +120,7 @@ def studies_html(x: Studies) -> str:
 
 @renders(MonteCarlo, "plot")
 def plot(x: MonteCarlo, parameters: Sequence[str] | None = None) -> Chart:
-    """Draw a panel for each parameter and multiplier: boxes of all runs at each SNR, 5 to 95 %."""
+    """Draw a panel for each parameter and multiplier: median of all runs at each SNR, 5, 95 %."""
     names = list(parameters or x.parameters[:PANELS])
     drawn = set(x.errors.drop_nulls("rms")["multiplier"])
     panels = []
@@ -128,13 +128,13 @@ def plot(x: MonteCarlo, parameters: Sequence[str] | None = None) -> Chart:
         own = x.samples.filter(pl.col("parameter") == name)
         truth = Level(x.plan.truth.values[name], colour=PRIOR, dashed=True)
         label = f"{shortened(name, 40)} [{x.plan.truth.units[name]}]"
-        panels.append(_panel(x, (truth, *_boxes(x, own, "value")), label))
+        panels.append(_panel(x, (truth, *_quantiles(x, own, "value")), label))
     for name in (n for n in (*x.plan.truth.multipliers, *SUMS) if n in drawn):
         own = x.errors.filter(pl.col("multiplier") == name)
         label = f"rms error of {name} [{own['unit'][0]}]"
-        panels.append(_panel(x, _boxes(x, own, "rms"), label, logarithmic=True))
+        panels.append(_panel(x, _quantiles(x, own, "rms"), label, logarithmic=True))
     rows = tuple(tuple(panels[i : i + ACROSS]) for i in range(0, len(panels), ACROSS))
-    words = f"{x.plan.mechanism.name}: {x.runs} runs at each SNR, 5 to 95 %; dashed: the truth"
+    words = f"{x.plan.mechanism.name}: {x.runs} runs at each SNR; thin: 5, 95 %; dashed: the truth"
     if parameters is None and len(x.parameters) > len(names):
         words += f"; {len(x.parameters) - len(names)} parameters more are not drawn"
     return Chart(words, rows, width=13)
@@ -145,42 +145,32 @@ def _panel(x: MonteCarlo, marks: tuple[Mark, ...], label: str, logarithmic: bool
     return Panel(marks, "SNR [dB]", label, x_names=names, logarithmic=logarithmic, height=3.0)
 
 
-def _boxes(x: MonteCarlo, rows: pl.DataFrame, column: str) -> tuple[Boxes, ...]:
-    """Return the boxes of each estimator, side by side at every SNR."""
-    step = WIDTH / len(x.estimators)
-    boxes = []
-    for i, estimator in enumerate(x.estimators):
-        at, quantiles = [], []
-        for k, snr in enumerate(x.snr):
-            own = rows.filter((pl.col("estimator") == estimator) & (pl.col("snr") == snr))
-            values = own[column].drop_nulls().to_numpy()
-            if len(values):
-                at.append(k + (i + 0.5) * step - WIDTH / 2)
-                quantiles.append(np.quantile(values, QUANTILES))
-        if at:
-            boxes.append(Boxes(np.array(at), np.array(quantiles), 0.85 * step, estimator, i))
-    return tuple(boxes)
+def _quantiles(x: MonteCarlo, rows: pl.DataFrame, column: str) -> tuple[Line, ...]:
+    """Return the median of each estimator over the SNRs, and thinner 5 and 95 %."""
+    lines = []
+    for i, name in enumerate(x.estimators):
+        own = rows.filter(estimator=name).drop_nulls(column)
+        known = [k for k, snr in enumerate(x.snr) if len(own.filter(snr=snr))]
+        for share, width in QUANTILES.items():
+            y = [own.filter(snr=x.snr[k])[column].quantile(share, "linear") for k in known]
+            label = name if share == 0.5 else ""
+            lines.append(Line(np.array(known, float), np.array(y), label, i, width, dotted=True))
+    return tuple(lines)
 
 
 @renders(MonteCarlo, "multipliers")
 def plot_multipliers(x: MonteCarlo, snr: float) -> Chart:
     """Draw the true multipliers and those of each estimator's run of average error."""
     truth = x.plan.truth
-    known = [i for i in range(len(truth.multipliers)) if np.isfinite(truth.reactions[:, i]).any()]
-    if not known:
+    if not np.isfinite(truth.reactions).any():
         raise FitError(
             f"{x.plan.mechanism.name}: has no multipliers that are known; nothing to draw"
         )
-    lines = {i: [Line(truth.t, truth.reactions[:, i], "true", MEASURED, 2.4)] for i in known}
-    for number, estimator in enumerate(x.estimators):
+    series = {"known": (truth.t, truth.reactions)}
+    for estimator in x.estimators:
         run = x.typical(estimator, snr)
-        t, values = x.fit(estimator, snr, run).multipliers[0]
-        for i in known:
-            lines[i].append(Line(t, values[:, i], f"{estimator}, run {run}", number, 0.9))
-    labels = {i: f"{truth.multipliers[i]} [{truth.multiplier_units[i]}]" for i in known}
-    rows = tuple((Panel(tuple(lines[i]), "t [s]", labels[i]),) for i in known)
-    words = f"Multipliers of {x.plan.mechanism.name} at {snr:g} dB: runs of average error"
-    return Chart(words, rows, shared_x=True, width=10, clock=x.plan.log.name)
+        series[f"{estimator}, run {run}"] = x.fit(estimator, snr, run).multipliers[0]
+    return plot_forces(truth.multipliers, truth.multiplier_units, series, x.plan.log.name)
 
 
 @renders(MonteCarlo, "files")
@@ -216,16 +206,10 @@ def _data(x: MonteCarlo) -> dict[str, Any]:
 
 def _page(x: MonteCarlo) -> bytes:
     plan = x.plan
-    forces: tuple[Block, ...] = ()
-    if rows := multiplier_rows(x):
-        forces = (html_table(rows, FORCES), *_typical(x))
     source = plan.mechanism, complete(plan.mechanism, [plan.log])
-    parameters = html_table(parameter_rows(x), BIAS)
     sections = (
-        Section("What noise does", (definitions(_basis(x)), plot(x))),
-        Section("Parameters", (parameters,)),
-        Section("Multipliers", forces),
-        Section("Warnings", (items(x.notes),) if x.notes else ()),
+        Section("What noise does", (*sheet(x).blocks(), plot(x))),
+        Section("Multipliers", _typical(x)),
         understood(*source),
         made_of(*source),
     )
@@ -236,8 +220,6 @@ def _page(x: MonteCarlo) -> bytes:
 def _typical(x: MonteCarlo) -> tuple[Chart, ...]:
     """Return the chart of multipliers at the lowest SNR at which every estimator has a run."""
     for snr in reversed(x.snr):
-        try:
+        with suppress(FitError):  # every run of an estimator failed there, as the notes say
             return (plot_multipliers(x, snr),)
-        except FitError:  # every run of an estimator failed there, as the notes say
-            continue
     return ()

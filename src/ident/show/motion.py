@@ -1,8 +1,9 @@
-"""Motions as text, tables and 3-D view; what a motion determines; what went into a report."""
+"""Mechanisms, logs and motions as tables; what a motion determines; origin of a report."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,17 +11,21 @@ import numpy as np
 
 from ident.display import renders
 from ident.equations.unknowns import Columns
+from ident.errors import MechanismError
 from ident.fit.determined import excitation
 from ident.fit.problem import information_of
 from ident.fit.shapes import initial
 from ident.fit.values import absorbed_by, base_names
 from ident.information.estimate import estimate
+from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.motion.closures import LoopSolver
 from ident.show.html import Section, definitions, headed, items, origin, table
 from ident.show.sheet import Sheet
 from ident.text import table as text_table
+
+CHANNELS = "what was measured of the motion: its white noise, and measured less smoothed (rms)"
 
 
 @renders(Motion, "sheet")
@@ -29,12 +34,6 @@ def sheet(x: Motion) -> Sheet:
     return Sheet(
         f"motion of {x.samples} samples", facts=_facts(x), tables={"Logs": x.rows}, notes=x.notes
     )
-
-
-@renders(Motion, "summary")
-def summary(x: Motion) -> str:
-    """Return the same without the notes."""
-    return sheet(x).summary()
 
 
 def _facts(x: Motion) -> dict[str, str]:
@@ -79,19 +78,80 @@ def joint_rows(mechanism: Mechanism, motion: Motion | None = None) -> list[list[
     return rows
 
 
+# --- mechanisms ---------------------------------------------------------------------------------
+
+
+@renders(Mechanism, "sheet")
+def mechanism_sheet(m: Mechanism) -> Sheet:
+    """Return the parts of a mechanism."""
+    try:
+        freedom = f"of rank {m.rank}, {m.degrees_of_freedom} degrees of freedom"
+    except MechanismError as error:  # what cannot be assembled can still be printed
+        freedom = f"that do not close: {error}"
+    closures = f"{len(m.kinematics.multipliers)} closure equations {freedom}"
+    facts = {
+        "driven": ", ".join(m.driven) or "none",
+        "passive": ", ".join(m.passive) or "none",
+        "closures": ", ".join(f"{each.name} ({each.kind})" for each in m.closures),
+        "effects": ", ".join(each.label for each in m.effects) or "none",
+        "unknown": f"{len(m.unknown)} of {len(m.bodies.names)} dynamic parameters",
+    }
+    title = f"mechanism {m.name}: {m.model.nv} coordinates, {closures}"
+    return Sheet(title, facts=facts, notes=m.notes)
+
+
+@renders(Mechanism, "html")
+def mechanism_html(m: Mechanism) -> str:
+    """Return the same with a table of the joints."""
+    return replace(mechanism_sheet(m), tables={"joints": joint_rows(m)}).html()
+
+
+# --- logs ---------------------------------------------------------------------------------------
+
+
+def _log_sheet(log: Log) -> Sheet:
+    largest, rms = log.jitter
+    gaps = log.gaps()
+    known = {name: int(np.isfinite(x).sum()) for name, x in log.columns.items()}
+    # below a nanosecond it is the rounding of t
+    jitter = f"{1e3 * largest:.3g} ms max, {1e3 * rms:.3g} ms rms" if largest > 1e-9 else "none"
+    columns = (name if n == log.t.size else f"{name} ({n} samples)" for name, n in known.items())
+    start, end = max(gaps, key=lambda gap: gap[1] - gap[0], default=(0.0, 0.0))
+    longest = f"{len(gaps)}, longest {end - start:.3g} s at t = {start:.6g} s"
+    facts = {
+        "samples": f"{log.t.size} in {log.duration:.6g} s",
+        "rate": f"{log.rate:.6g} Hz, jitter {jitter}",
+        "columns": ", ".join(columns),
+        "gaps": longest if gaps else "",
+        "repairs": "; ".join(log.repairs) or "none",
+    }
+    return Sheet(f"Log {log.name!r}", facts=facts)
+
+
+@renders(Log, "text")
+def log_text(log: Log) -> str:
+    """Return samples, rate, columns, gaps and repairs."""
+    return _log_sheet(log).text()
+
+
+@renders(Log, "html")
+def log_html(log: Log) -> str:
+    """Return the same with a table of the columns' ranges."""
+    rows = [["column", "samples", "from", "to", "rms"]]
+    for name in log.columns:
+        _, x = log.series(name)
+        size = (x.min(), x.max(), np.sqrt(np.mean(x**2))) if len(x) else ()
+        rows.append([name, str(len(x)), *([f"{each:.4g}" for each in size] or ["–"] * 3)])
+    facts = {**_log_sheet(log).facts, "columns": ""}
+    return Sheet(f"Log {log.name}", facts=facts, tables={"Columns": rows}).html()
+
+
 # --- sections of reports --------------------------------------------------------------------------
 
 
 def understood(mechanism: Mechanism, motion: Motion) -> Section:
     """Return joints with their travel, closures, logs, the filter, and repairs."""
-    facts = {
-        "Mechanism": mechanism.name,
-        "Degrees of freedom": str(mechanism.degrees_of_freedom),
-        "Closures": ", ".join(f"{c.name} ({c.kind})" for c in mechanism.closures) or "none",
-        "Effects in the model": ", ".join(e.label for e in mechanism.effects) or "none",
-        "Unknown": f"{len(mechanism.unknown)} of {len(mechanism.bodies.names)} dynamic parameters",
-        **{key.capitalize(): value for key, value in _facts(motion).items()},
-    }
+    facts = {**mechanism_sheet(mechanism).facts, **_facts(motion)}
     notes = [*mechanism.notes, *motion.notes]
     return Section(
         "What was understood",
@@ -119,19 +179,20 @@ def _assembled(mechanism: Mechanism) -> np.ndarray:
     return LoopSolver(mechanism, names).coordinates(mechanism.assembled[None]).value[0]
 
 
-def describe(mechanism: Mechanism, motion: Motion | None = None) -> str:
-    """Return joints with limits, assembled positions, and how far a motion moves them."""
+def check_text(mechanism: Mechanism, motion: Motion | None = None) -> str:
+    """Return joints, what was measured and done to it, and what the motion identifies."""
     column = ["assembled", *(f"{x:.4g}" for x in _assembled(mechanism))]
-    rows = joint_rows(mechanism, motion)
-    rows = [[*row, cell] for row, cell in zip(rows, column, strict=True)]
-    return "\n".join([str(mechanism), *text_table(rows)])
+    joints = zip(joint_rows(mechanism, motion), column, strict=True)
+    parts = ["\n".join([str(mechanism), *text_table([[*row, cell] for row, cell in joints])])]
+    if motion is not None:
+        parts += [str(motion), "\n".join([CHANNELS, *text_table(_channels(mechanism, motion))])]
+    return "\n\n".join([*parts, structure(mechanism, motion)])
 
 
-def channels(mechanism: Mechanism, motion: Motion) -> str:
-    """Return what was done to every measured channel of the motion.
+def _channels(mechanism: Mechanism, motion: Motion) -> list[list[str]]:
+    """Return the noise of each channel, and the rms of measured less smoothed.
 
-    Its estimated white noise, and the rms of measured less smoothed: equal
-    where the channels agree with each other, the closures and the resolution of the splines.
+    Both are equal where channels agree with each other, the closures and the knots of the splines.
     """
     units = {"q": "", "v": "/s", "a": "/s²"}
     rows = [["channel", "noise", "residual", "unit", "", "log"]]
@@ -141,8 +202,7 @@ def channels(mechanism: Mechanism, motion: Motion) -> str:
             unit = mechanism.joint(joint).unit + units[letter]
             rest = f"{x.residual:.3g}" if x.spacing else "–"
             rows.append([x.column, f"{x.noise:.3g}", rest, unit, x.how, e.name])
-    title = "what was measured of the motion: its white noise, and measured less smoothed (rms)"
-    return "\n".join([title, *text_table(rows)])
+    return rows
 
 
 def structure(mechanism: Mechanism, motion: Motion | None = None) -> str:

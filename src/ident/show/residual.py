@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -20,18 +21,16 @@ from ident.fit.result import Fit
 from ident.information.blocks import Error
 from ident.show.card import Bar, Card
 from ident.show.charts import FAINT, MEASURED, RESIDUAL, Chart, Colour, Level, Line, Panel, Points
-from ident.show.html import Block, Choice, Option, Page, Section, by_log, items, paragraph
+from ident.show.html import Block, Choice, Option, Page, Section, by_log, paragraph
 from ident.show.html import table as html_table
 from ident.show.motion import made_of, understood
 from ident.show.sheet import Sheet
-from ident.text import percent, places, table, wrapped
+from ident.text import percent, places
 
 SCHEMA = "ident.compare/1"
 ROUNDING = 1e-12  # of the measured torque: below, a part is nil
 MOST = 3  # windows that are shown; all are in compare.json
 LABEL = 28  # characters of a model's name in a chart or table
-CLEARLY = 0.01  # R² by which another signal must determine an effect better
-CURVE = 120  # points of an effect's curve
 BINS = 30  # of the mean that is drawn through a cloud
 OWN = ("q", "v", "a", "load")  # of a joint, against which its residual is drawn
 SUM = "the sum taken apart, rms: rigid bodies + effects = predicted"
@@ -74,56 +73,44 @@ def parts_rows(residual: Residual) -> list[list[str]]:
     return [list(row) for row in zip(*columns, strict=True)]
 
 
-def details(failure: Failure, several: bool) -> dict[str, str]:
+def details(failure: Failure, several: bool = True) -> str:
     """Return on what one joint's residual depends, and when it is worst."""
-    found = {"depends on": "; ".join(str(each) for each in failure.depends_on)}
-    if not failure.depends_on and not failure.white:
-        found["depends on"] = "no single signal that was tried; but it is correlated in time"
-    if not failure.white:
-        windows = (f"{x} of {x.experiment}" if several else str(x) for x in failure.worst[:MOST])
-        found["worst in"] = ", ".join(windows)
-    return {key: words for key, words in found.items() if words}
-
-
-def failure_lines(failure: Failure, several: bool) -> list[str]:
-    """Return how much one joint fails, and the details, a sentence a line."""
-    white = "indistinguishable from noise" if failure.white else "has structure"
-    first = (
-        f"{failure.joint}: {failure.rms:.3g} {failure.unit} ({percent(failure.relative)}), "
-        f"{100 * failure.share:.0f} % of the misfit; {white}"
-    )
-    return [first, *(f"{key}  {words}" for key, words in details(failure, several).items())]
+    signals = "; ".join(str(each) for each in failure.depends_on)
+    if not signals and not failure.white:
+        signals = "no single signal that was tried; but it is correlated in time"
+    windows = (f"{x} of {x.experiment}" if several else str(x) for x in failure.worst[:MOST])
+    found = {
+        "depends on": signals,
+        "worst in": "" if failure.white else ", ".join(windows),
+    }
+    return "; ".join(f"{key} {words}" for key, words in found.items() if words)
 
 
 @renders(Failure, "text")
 def failure_text(failure: Failure, several: bool = True) -> str:
     """Return how a model fails in one joint."""
-    first, *rest = failure_lines(failure, several)
-    indented = (wrapped(f"   {line}", " " * 15) for line in rest)
-    return "\n".join([first, *(line for lines in indented for line in lines)])
+    white = "indistinguishable from noise" if failure.white else "has structure"
+    first = (
+        f"{failure.joint}: {failure.rms:.3g} {failure.unit} ({percent(failure.relative)}), "
+        f"{100 * failure.share:.0f} % of the misfit; {white}"
+    )
+    return "; ".join(filter(None, (first, details(failure, several))))
 
 
-def where_text(residual: Residual) -> list[str]:
-    """Return where the model fails, joint by joint, and before it the parts of the sum."""
+def where_lines(residual: Residual) -> list[str]:
+    """Return where a model fails, a sentence a joint."""
     several = len(residual.traces) > 1
-    failures = "\n".join(failure_text(failure, several) for failure in residual.where)
-    where = [f"  {line}" for line in failures.splitlines()]
-    return ["", SUM, *table(parts_rows(residual)), "", "where it fails", *where]
-
-
-@renders(Residual, "text")
-def residual_text(residual: Residual) -> str:
-    """Return the parts of the sum and where the model fails."""
-    logs = ", ".join(trace.name for trace in residual.traces)
-    head = f"residual of {residual.name} on {logs}{_below(residual)}: {residual.rows} rows"
-    return "\n".join([*wrapped(head, "  "), *where_text(residual)])
+    return [failure_text(failure, several) for failure in residual.where]
 
 
 @renders(Residual, "sheet")
 def residual_sheet(residual: Residual) -> Sheet:
-    """Return the same as tables and sentences."""
-    lines = [line for failure in residual.where for line in failure_lines(failure, True)]
-    return Sheet(f"Residual of {residual.name}", tables={SUM: parts_rows(residual)}, lines=lines)
+    """Return the parts of the sum and where the model fails."""
+    logs = ", ".join(trace.name for trace in residual.traces)
+    title = f"residual of {residual.name} on {logs}{_below(residual)}: {residual.rows} rows"
+    return Sheet(
+        title, tables={SUM: parts_rows(residual)}, lines=["where it fails", *where_lines(residual)]
+    )
 
 
 def _below(residual: Residual) -> str:
@@ -153,19 +140,18 @@ def told_apart(names: Iterable[str]) -> dict[str, str]:
     {'a/old/fit.json': 'old', 'a/new/fit.json': 'new'}
     """
     paths = {name: name.split("/") for name in names}
-    parts = list(paths.values())
-    if len(parts) < 2 or min(map(len, parts)) < 2:
+    if len(paths) < 2:
         return {name: short(name) for name in paths}
-    least = min(map(len, parts)) - 1
-    head = min(_same(parts), least)
-    tail = min(_same([each[::-1] for each in parts]), least - head)
-    return {name: short("/".join(x[head : len(x) - tail])) for name, x in paths.items()}
+    head = _common(paths.values())
+    tail = _common([x[head:][::-1] for x in paths.values()])
+    own = {name: x[head : len(x) - tail] or x[-1:] for name, x in paths.items()}
+    return {name: short("/".join(x)) for name, x in own.items()}
 
 
-def _same(parts: Sequence[Sequence[str]]) -> int:
-    """Return how many words all begin with."""
-    columns = enumerate(zip(*parts, strict=False))
-    return next((i for i, words in columns if len(set(words)) > 1), min(map(len, parts)))
+def _common(paths: Iterable[Sequence[str]]) -> int:
+    """Return with how many equal parts all begin."""
+    columns = zip(*paths, strict=False)
+    return sum(1 for _ in takewhile(lambda parts: len(set(parts)) == 1, columns))
 
 
 def plot_predictions(
@@ -186,72 +172,64 @@ def plot_predictions(
     """
     models = {name: each[experiment] for name, each in predictions.items()}
     shown, one = told_apart(models), next(iter(models.values()))
-    zero = zero_of(one.t)
+    zero, alone = zero_of(one.t), len(models) == 1
     t, clock = one.t - zero, time_label(zero)
-    rows = []
+    units, rows = next(iter(residuals.values())).units, []
     for u, joint in sorted(enumerate(one.joints), key=lambda pair: pair[1] != first):
 
-        def known(p: Prediction, x: np.ndarray, u: int = u) -> np.ndarray:
-            return np.where(p.usable, x[:, u], np.nan)
+        def line(
+            p: Prediction, of: str, label: str, colour: Colour, width: float, u: int = u
+        ) -> Line:
+            return Line(t, np.where(p.usable, getattr(p, of)[:, u], np.nan), label, colour, width)
 
-        above = [Line(t, known(one, one.measured), "measured", MEASURED, 2.2)]
-        above += [Line(t, known(p, p.predicted), "the URDF alone", 5, 1.0)
-                  for p in prior[experiment : experiment + 1]]  # fmt: skip
-        below = []
+        above = [line(one, "measured", "measured", MEASURED, 2.2)]
+        above += [line(p, "predicted", "the URDF alone", 5, 1.0) for p in prior[experiment:][:1]]
+        below = [line(one, "residual", "difference, unfiltered", FAINT, 0.8)] if alone else []
         for i, (name, p) in enumerate(models.items()):
-            alone, trace = len(models) == 1, residuals[name].traces[experiment]
-            above.append(
-                Line(t, known(p, p.predicted), "predicted" if alone else shown[name], i, 1.1)
-            )
-            if alone:
-                below.append(Line(t, known(p, p.residual), "difference, unfiltered", FAINT, 0.8))
-            label = "difference" if alone else ""
-            colour: Colour = RESIDUAL if alone else i
-            below.append(Line(trace.t - zero, broken(trace, u), label, colour, 1.3))
-        unit = next(iter(residuals.values())).units[u]
-        rows.append((Panel(tuple(above), clock, f"{joint} [{unit}]"),))
-        rows.append((Panel((Level(), *below), clock, f"difference [{unit}]", height=1.5),))
+            trace = residuals[name].traces[experiment]
+            above.append(line(p, "predicted", "predicted" if alone else shown[name], i, 1.1))
+            label, colour = ("difference", RESIDUAL) if alone else ("", i)
+            y = broken(trace, trace.residual[:, u])
+            below.append(Line(trace.t - zero, y, label, colour, 1.3))
+        rows.append((Panel(tuple(above), clock, f"{joint} [{units[u]}]"),))
+        rows.append((Panel((Level(), *below), clock, f"difference [{units[u]}]", height=1.5),))
     words = f"Measured and predicted torque of every joint over time, {one.name}"
     return Chart(words, tuple(rows), shared_x=True, clock=one.name)
 
 
-def broken(trace: Trace, u: int) -> np.ndarray:
-    """Return the filtered residual (n,) of a coordinate, broken where rows are left out."""
-    gaps = np.diff(trace.segment, prepend=trace.segment[:1]) > 0
-    return np.where(gaps, np.nan, trace.residual[:, u])
+def broken(trace: Trace, y: np.ndarray) -> np.ndarray:
+    """Return values (n,) at the rows of a trace, broken where rows are left out."""
+    return np.where(np.diff(trace.segment, prepend=trace.segment[:1]) > 0, np.nan, y)
 
 
 def plot_parts(residuals: Models, experiment: int = 0) -> Chart:
     """Draw measured torque and the parts of the predicted one: a row a joint, a column a model."""
-    first = next(iter(residuals.values()))
-    last = min(experiment, len(first.traces) - 1)
+    first, shown = next(iter(residuals.values())), told_apart(residuals)
+    number = min(experiment, len(first.traces) - 1)
+    log = first.traces[number].name
     colours: dict[str, int] = {}
-    shown, rows = told_apart(residuals), []
+    rows: list[tuple[Panel, ...]] = []
     for u, joint in enumerate(first.joints):
         row: list[Panel] = []
         for name, residual in residuals.items():
-            trace = residual.traces[last]
-            zero, gaps = residual.zero(trace), np.diff(trace.segment, prepend=trace.segment[0]) > 0
+            trace = residual.traces[number]
             parts = {key: x[:, u] for key, x in trace.parts.items()}
-            whole = np.sum(list(parts.values()), axis=0)
-            total = trace.measured[:, u]
-            series: dict[str, tuple[np.ndarray, Colour, float]] = {}
-            series["measured"] = (total, MEASURED, 2.2)
+            whole, measured = np.sum(list(parts.values()), axis=0), trace.measured[:, u]
+            series: list[tuple[np.ndarray, str, Colour, float]] = []
+            series.append((measured, "measured", MEASURED, 2.2))
             for key, x in parts.items():
                 if key == RIGID or np.abs(x).max() > 0:
                     kind = key.split(":")[0]
-                    series[key] = (x, colours.setdefault(kind, len(colours)), 1.2)
-            series["residual"] = (total - whole, RESIDUAL, 0.8)
-            lines = tuple(
-                Line(trace.t - zero, np.where(gaps, np.nan, x), key.split(":")[0], colour, width)
-                for key, (x, colour, width) in series.items()
-            )
-            title = f"{shown[name]}, {short(trace.name)}" if u == 0 and len(residuals) > 1 else ""
+                    series.append((x, kind, colours.setdefault(kind, len(colours)), 1.2))
+            series.append((measured - whole, "residual", RESIDUAL, 0.8))
+            zero = residual.zero(trace)
+            lines = (Line(trace.t - zero, broken(trace, y), a, b, c) for y, a, b, c in series)
+            title = shown[name] if not rows and len(residuals) > 1 else ""
             label = "" if row else f"{joint} [{first.units[u]}]"
-            row.append(Panel(lines, time_label(zero), label, title))
+            row.append(Panel(tuple(lines), time_label(zero), label, title))
         rows.append(tuple(row))
     words = "The sum taken apart: rigid bodies, effects and what is left, over time"
-    log, width = first.traces[last].name, max(9.0, 6.0 * len(residuals))
+    width = max(9.0, 6.0 * len(residuals))
     return Chart(f"{words}, {log}", tuple(rows), shared_x=True, width=width, clock=log)
 
 
@@ -259,16 +237,13 @@ def plot_maps(residuals: Models, joint: str, effect: str = "") -> Chart:
     """Draw a joint's residual and its mean against t, q, v, a and load, a row a model.
 
     If it depends most on a signal of another joint, against that too; the most important is framed.
-    With the label of an `effect` of the last model, its torque, if it is one, is drawn through the
-    points of the first one, and the signal that determines it most is framed.
+    With the label of an `effect` of the last model, the means of its torque are drawn through the
+    points of the first one.
     """
     models = list(residuals.values())
     scores = [_scores(residual, joint) for residual in models]
-    own: list[np.ndarray] = []
-    if effect and all(effect in trace.parts for trace in models[-1].traces):
-        u = models[-1].joints.index(joint)
-        own = [trace.parts[effect][:, u] for trace in models[-1].traces]
-        scores = [_determined(models[-1], joint, own), *({} for _ in models[1:])]
+    if effect:  # what is left beside it is noise, or is described elsewhere
+        scores[1:] = [{} for _ in models[1:]]
     names = ["t", *(f"{kind}.{joint}" for kind in OWN)]
     foreign = [(r2, name) for each in scores for name, r2 in each.items() if name not in names]
     names += [max(foreign)[1]] if foreign else []
@@ -277,10 +252,8 @@ def plot_maps(residuals: Models, joint: str, effect: str = "") -> Chart:
     for title, residual, score in zip(residuals, models, scores, strict=True):
         most = next((name for name in score if name in names), "")
         marked += [most] if most else []
-        curve = own if not rows else []
-        row = [
-            _map(residual, joint, name, score.get(name, 0.0), name == most, curve) for name in names
-        ]
+        curve = models[-1] if effect and not rows else None
+        row = [_map(residual, joint, name, score, name == most, curve, effect) for name in names]
         unit = f"{joint} [{residual.units[residual.joints.index(joint)]}]"
         label = unit if len(residuals) == 1 else f"{shown[title]}\n{unit}"
         rows.append((replace(row[0], y=label), *row[1:]))
@@ -290,28 +263,6 @@ def plot_maps(residuals: Models, joint: str, effect: str = "") -> Chart:
     if effect:
         words += f"; the line: {effect}"
     return Chart(words, tuple(rows), shared_y=True, width=2.6 * len(names))
-
-
-def _determined(residual: Residual, joint: str, torque: Sequence[np.ndarray]) -> dict[str, float]:
-    """Return the signal whose mean explains most of a torque, the joint's own first, and R²."""
-    y, best = np.concatenate(torque), {"": -np.inf}
-    names = [joint, *(each for each in residual.signals if each != joint)]
-    for name in [*(f"{kind}.{each}" for each in names for kind in "vqa"), f"load.{joint}", "t"]:
-        x = np.concatenate(residual.signal(name)[0])
-        rest = y - np.interp(x, *_means(x, y, CURVE))
-        r2 = 1 - float(rest @ rest) / max(float(y @ y), 1e-300)
-        if r2 > next(iter(best.values())) + CLEARLY:
-            best = {name: r2}
-    return best
-
-
-def _means(x: np.ndarray, y: np.ndarray, bins: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the means of x and y in bins of as many points each."""
-    order = np.argsort(x)
-    parts = np.array_split(order, min(bins, max(len(x) // 3, 1)))
-    return np.array([x[part].mean() for part in parts]), np.array(
-        [y[part].mean() for part in parts]
-    )
 
 
 def _scores(residual: Residual, joint: str) -> dict[str, float]:
@@ -324,30 +275,30 @@ def _scores(residual: Residual, joint: str) -> dict[str, float]:
 
 
 def _map(
-    residual: Residual, joint: str, name: str, r2: float, marked: bool,
-    curve: Sequence[np.ndarray] = (),
+    residual: Residual, joint: str, name: str, scores: Mapping[str, float], marked: bool,
+    model: Residual | None, effect: str,
 ) -> Panel:  # fmt: skip
-    """Draw points, one colour an experiment, and their mean in bins, or a curve through them."""
+    """Draw points, one colour an experiment, and means in bins: theirs, or those of an effect."""
     u = residual.joints.index(joint)
     x, unit = residual.signal(name)
     if name == "t":
         x = [each - residual.zero(trace) for each, trace in zip(x, residual.traces, strict=True)]
     r = [trace.residual[:, u] for trace in residual.traces]
     clouds = [Points(xs, rs, colour=i) for i, (xs, rs) in enumerate(zip(x, r, strict=True))]
-    whole, rests = np.concatenate(x), np.concatenate(r)
+    label, colour = "mean", "mean"
+    if model is not None and all(effect in trace.parts for trace in model.traces):
+        label, colour = "the effect itself", RESIDUAL
+        r = [trace.parts[effect][:, u] for trace in model.traces]
+    whole, torque = np.concatenate(x), np.concatenate(r)
     edges = np.linspace(whole.min(), whole.max(), BINS + 1)
     at = np.digitize(whole, edges[1:-1])
-    count, total = (np.bincount(at, weights, BINS) for weights in (None, rests))
+    count, total = (np.bincount(at, weights, BINS) for weights in (None, torque))
     known = count >= 3
     middle = (edges[1:] + edges[:-1])[known] / 2
-    mean = Line(middle, total[known] / count[known], "mean", "mean", 1.8)
-    if curve and marked:
-        mean = Line(
-            *_means(whole, np.concatenate(curve), CURVE), "the effect itself", RESIDUAL, 2.6
-        )
     own = name.removesuffix(f".{joint}")
+    r2 = scores.get(name, 0.0)
     return Panel(
-        (Level(), *clouds, mean),
+        (Level(), *clouds, Line(middle, total[known] / count[known], label, colour, 1.8)),
         f"{own} [{unit}]" if unit else own,
         title=f"R² {r2:.2f}" if r2 else "",
         marked=marked,
@@ -417,12 +368,9 @@ def residual_sections(
     logs = [trace.name for trace in last.traces]
     options = []
     for failure in sorted(last.where, key=lambda each: each.joint != first):
-        said = items(failure_lines(failure, len(logs) > 1))
+        said = paragraph(failure_text(failure, len(logs) > 1))
         options.append(Option(failure.joint, (said, plot_maps(residuals, failure.joint))))
-    parts: list[Block] = []
-    for name, residual in residuals.items():
-        title = SUM[:1].upper() + SUM[1:] if len(residuals) == 1 else f"{name}: {SUM}"
-        parts.append(html_table(parts_rows(residual), title))
+    parts: list[Block] = [html_table(*each[::-1]) for each in _all_parts(residuals).items()]
     parts += by_log(logs, lambda i: plot_parts(residuals, i))
     torques = by_log(logs, lambda i: plot_predictions(predictions, residuals, i, first, prior))
     return (
@@ -435,30 +383,32 @@ def residual_sections(
 # --- comparisons ----------------------------------------------------------------------------------
 
 
-@renders(Comparison, "text")
-def comparison_text(c: Comparison) -> str:
-    """Return errors, the parts of the sum, and where each model fails."""
-    lines = [c.summary]
-    for name, residual in c.residuals.items():
-        lines += ["", name] if len(c.residuals) > 1 else []
-        lines += where_text(residual)
-    return "\n".join(lines)
+def _all_parts(residuals: Models) -> dict[str, list[list[str]]]:
+    """Return the tables of the parts of the sum, of several models with their names."""
+    shown = told_apart(residuals)
+    return {
+        SUM if len(shown) == 1 else f"{shown[name]}: {SUM}": parts_rows(residual)
+        for name, residual in residuals.items()
+    }
 
 
-@renders(Comparison, "summary")
-def comparison_summary(c: Comparison) -> str:
-    """Return how far the error falls, errors on this motion, and those of the fits."""
-    first = next(iter(c.residuals.values()))
-    tables = {}
-    names, shown = list(c.residuals), told_apart(c.residuals)
-    for i in range(0, len(names), 2):
-        pair = {shown[name]: c.errors[name] for name in names[i : i + 2]}
+@renders(Comparison, "sheet")
+def comparison_sheet(c: Comparison) -> Sheet:
+    """Return how far the error falls, errors, the parts of the sum, and where each model fails."""
+    first, shown = next(iter(c.residuals.values())), told_apart(c.residuals)
+    tables: dict[str, list[list[str]]] = {}
+    for i in range(0, len(shown), 2):  # as many as a terminal has room for
+        names = {shown[name]: c.errors[name] for name in list(shown)[i : i + 2]}
         title = f"error of the predicted torque{_below(first)}"
-        tables[title if i == 0 else ", ".join(pair)] = error_rows(pair)
-    for name, errors in c.fitted.items():
-        if any(errors.values()):
-            tables[f"errors of {shown[name]} as it was fitted"] = error_rows(errors)
-    return "\n".join([*comparison_card(c).text(), Sheet("", tables=tables).summary()])
+        tables[title if not tables else ", ".join(names)] = error_rows(names)
+    for name, fitted in c.fitted.items():
+        if any(fitted.values()):
+            tables[f"errors of {shown[name]} as it was fitted"] = error_rows(fitted)
+    lines = ["where it fails"]
+    for name, residual in c.residuals.items():
+        before = "" if len(shown) == 1 else f"{shown[name]}, "
+        lines += [before + line for line in where_lines(residual)]
+    return Sheet(comparison_card(c), tables=tables | _all_parts(c.residuals), lines=lines)
 
 
 def comparison_card(c: Comparison) -> Card:
@@ -467,19 +417,13 @@ def comparison_card(c: Comparison) -> Card:
     logs = ", ".join(trace.name for trace in first.traces)
     if first is last:
         return Card(f"{first.name} on {logs}")
-    bars = tuple(
-        Bar(joint, first.errors[joint], last.errors[joint]) for joint in _changed(first, last)
+    bars = tuple(Bar(j, first.errors[j], last.errors[j]) for j in _changed(first, last))
+    falls = [bar.joint for bar in bars if bar.after and bar.after.rms < bar.before.rms]
+    shown, where = told_apart(c.residuals), places(falls) if falls else "no joint"
+    return Card(
+        f"{shown[first.name]} → {shown[last.name]} on {logs}: the error falls in {where}",
+        bars=bars,
     )
-    shown = told_apart(c.residuals)
-    what = " and ".join(
-        f"{word} in {places(bar.joint for bar in own)}"
-        for word, own in (
-            ("falls", [bar for bar in bars if bar.after and bar.after.rms < bar.before.rms]),
-            ("rises", [bar for bar in bars if bar.after and bar.after.rms > bar.before.rms]),
-        )
-        if own
-    ) or "stays"  # fmt: skip
-    return Card(f"{shown[first.name]} → {shown[last.name]} on {logs}: the error {what}", bars=bars)
 
 
 def _changed(first: Residual, last: Residual) -> list[str]:
@@ -489,17 +433,6 @@ def _changed(first: Residual, last: Residual) -> list[str]:
         for joint, error in first.errors.items()
     }
     return sorted(change, key=lambda joint: -change[joint])
-
-
-@renders(Comparison, "sheet")
-def comparison_sheet(c: Comparison) -> Sheet:
-    """Return the change of the error, a table of errors, and where each model fails."""
-    lines = [
-        f"{name}: {'; '.join(failure_lines(failure, True))}"
-        for name, each in c.residuals.items() for failure in each.where
-    ]  # fmt: skip
-    tables = {"Error of the predicted torque": error_rows(c.errors)}
-    return Sheet(comparison_card(c).line, tables=tables, lines=lines)
 
 
 @renders(Comparison, "files")
@@ -529,42 +462,38 @@ def comparison_files(c: Comparison) -> dict[str, bytes]:
 
 def _parameters(residuals: Models) -> tuple[Block, ...]:
     """Return values of the effects and of the bodies' unknowns, model beside model."""
-    models = [residual.model for residual in residuals.values()]
-    values = [dict(model.point.values) for model in models]
-    names = told_apart(residuals).values()
-    effects = [["effect", *names]]
+    models, names = [each.model for each in residuals.values()], told_apart(residuals).values()
+    mechanism, values = models[0].mechanism, [dict(each.point.values) for each in models]
+    effects, bodies = [["effect", *names]], [["parameter about the joint", "prior", *names]]
     for name in dict.fromkeys(name for own in values for name in own):
         effects.append([name, *(f"{own[name]:.5g}" if name in own else "–" for own in values)])
-    mechanism = models[0].mechanism
-    bodies = [["parameter about the joint", "prior", *names]]
     for i, name in enumerate(mechanism.bodies.names):
         if name in mechanism.unknown:
             found = (mechanism.prior[i], *(model.point.pi[i] for model in models))
             bodies.append([name, *(f"{value:.5g}" for value in found)])
-    tables = {
-        "Effects": effects,
-        "Unknown parameters of the bodies; fit.json has standard errors": bodies,
-    }
-    return tuple(html_table(rows, title) for title, rows in tables.items() if len(rows) > 1)
+    titles = "Effects", "Unknown parameters of the bodies; fit.json has standard errors"
+    tables = zip((effects, bodies), titles, strict=True)
+    return tuple(html_table(rows, title) for rows, title in tables if len(rows) > 1)
 
 
 def _multipliers(c: Comparison) -> tuple[Block, ...]:
     """Draw λ of every model, log by log."""
     first = next(iter(c.residuals.values()))
-    kinematics = first.model.mechanism.kinematics
-    known = identifiable_multipliers(first.model.mechanism, first.motion)
+    mechanism, shown = first.model.mechanism, told_apart(c.predictions)
+    known = identifiable_multipliers(mechanism, first.motion)
+    kinematics = mechanism.kinematics
+    names, units = (np.array(x)[known] for x in (kinematics.multipliers, kinematics.units))
 
     def draw(i: int) -> Chart:
-        models, shown = {}, told_apart(c.predictions)
+        series = {}
         for name, predictions in c.predictions.items():
             p = predictions[i]
             values = np.where(p.usable[:, None], p.multipliers, np.nan)
-            models[shown[name]] = (p.t, values[:, known])
-        names, units = (np.array(x)[known] for x in (kinematics.multipliers, kinematics.units))
-        return plot_forces(names, units, models, first.motion.experiments[i].name)
+            series[shown[name]] = (p.t, values[:, known])
+        return plot_forces(names, units, series, first.motion.experiments[i].name)
 
-    names = [experiment.name for experiment in first.motion.experiments]
-    return by_log(names, draw) if np.any(known) else ()
+    logs = [experiment.name for experiment in first.motion.experiments]
+    return by_log(logs, draw) if np.any(known) else ()
 
 
 def plot_forces(

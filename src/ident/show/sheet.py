@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from markupsafe import Markup
 
+from ident.show.card import Card
 from ident.show.html import in_frame, piece, strong
 from ident.text import table, wrapped
 
@@ -15,24 +16,40 @@ Rows = Sequence[Sequence[str]]
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """A title, a sentence, words with meanings, tables by caption, sentences, and remarks."""
+    """What is displayed of a noun, from above.
 
-    title: str
+    Attributes:
+        top: a title, or a card with the error by joint.
+        line: a sentence below it.
+        facts: words with meanings.
+        tables: rows by caption, the head first.
+        lines: sentences; paragraphs: longer ones, parted by empty lines.
+        notes: remarks, which a summary leaves out.
+        indent: of paragraphs in a terminal.
+    """
+
+    top: Card | str
     line: str = ""
     facts: Mapping[str, str] = field(default_factory=dict)
     tables: Mapping[str, Rows] = field(default_factory=dict)
     lines: Sequence[str] = ()
+    paragraphs: Sequence[str] = ()
     notes: Sequence[str] = ()
+    indent: str = ""
 
     def summary(self) -> str:
         """Return all but the remarks for a terminal."""
         width = max(map(len, self.facts), default=0)
-        lines = [*wrapped(self.title, "  "), *wrapped(self.line, "  ")]
+        lines = wrapped(self.top, "  ") if isinstance(self.top, str) else self.top.text()
+        lines += wrapped(self.line, "  ")
         lines += [f"  {key:<{width}}  {value}" for key, value in self.facts.items() if value]
         for caption, rows in self.tables.items():
             lines += ["", caption, *table(rows)]
-        separator = [""] if self.tables and self.lines else []
-        return "\n".join([*lines, *separator, *self.lines])
+        lines += [""] * bool(self.tables and self.lines)
+        lines += [part for line in self.lines for part in wrapped(line, "  ")]
+        for paragraph in self.paragraphs:
+            lines += ["", *wrapped(paragraph, self.indent)]
+        return "\n".join(lines)
 
     def text(self) -> str:
         """Return the description for a terminal."""
@@ -44,4 +61,5 @@ class Sheet:
 
     def html(self) -> str:
         """Return the description for Jupyter."""
-        return in_frame([strong(self.line or self.title), *self.blocks()])
+        title = self.top if isinstance(self.top, str) else self.top.line
+        return in_frame([strong(self.line or title), *self.blocks()])

@@ -10,14 +10,14 @@ import numpy as np
 from ident.diagnosis import Diagnosis
 from ident.display import renders
 from ident.show.fit import summary
-from ident.show.html import Section, items
+from ident.show.html import Section
 from ident.show.sheet import Sheet
 from ident.streams.diagnose_each import Verdicts
 from ident.streams.gather import Gathered
 from ident.streams.many_logs import RATE, Disagreement, LogComparison
 from ident.streams.monitor import Alarm, Cause, Monitor, ParameterChange
 from ident.streams.online import Forces, Snapshot
-from ident.text import percent, rounded
+from ident.text import percent, rounded, some
 
 NAMED = 6  # logs in a sentence; more are counted
 SHOWN = 6  # parameters in one line
@@ -33,19 +33,18 @@ BLIND = 10.0  # times a change: a standard error beyond which it is not printed
 @renders(LogComparison, "sentence")
 def who_disagrees(x: LogComparison) -> str:
     """Return how many logs disagree, and at which rate logs that are alike would."""
-    count, used = len(x.odd), x.used
-    own = [each.own for each in used if each.own is not None]
+    own = [each.own for each in x.used if each.own is not None]
     typical = float(np.median(own)) if own else 0.0
-    if not count and typical > POOR:
+    if not x.odd and typical > POOR:
         return (
             f"no log disagrees with the others by more than what the model leaves in each, "
             f"{percent(typical)}, and that is much: see what it lacks first (ident diagnose)"
         )
-    names = ", ".join(x.odd) if count <= NAMED else f"{count} of {len(x.logs)} logs"
-    whom = "each other" if len(used) == 2 and count == 2 else "the others"
+    names = some(x.odd, NAMED) if x.odd else "no log"
+    whom = "each other" if len(x.used) == len(x.odd) == 2 else "the others"
     return (
-        f"{names or 'no log'} {'disagree' if count > 1 else 'disagrees'} with {whom}; of 100 "
-        f"folders of logs that are alike, {100 * RATE:g} or fewer would have one that seems to"
+        f"{names} {'disagree' if len(x.odd) > 1 else 'disagrees'} with {whom}; of 100 folders of "
+        f"logs that are alike, {100 * RATE:g} or fewer would have one that seems to"
     )
 
 
@@ -84,8 +83,7 @@ def log_sheet(x: LogComparison) -> Sheet:
 @renders(LogComparison, "section")
 def log_section(x: LogComparison) -> Section:
     """Return the table, and below it who disagrees."""
-    sheet = log_sheet(x)
-    return Section("Log by log", (*sheet.blocks(), *([items(x.notes)] if x.notes else [])))
+    return Section("Log by log", log_sheet(x).blocks())
 
 
 @renders(Gathered, "summary")
@@ -117,7 +115,7 @@ def verdict_rows(x: Verdicts) -> list[list[str]]:
 
 
 def _each_sheet(x: Verdicts) -> Sheet:
-    return Sheet("each log by itself", tables={"logs": verdict_rows(x)})
+    return Sheet("each log by itself", tables={"logs": verdict_rows(x)}, notes=x.notes)
 
 
 @renders(Verdicts, "text")
@@ -135,7 +133,7 @@ def verdicts_short(x: Verdicts) -> str:
 @renders(Verdicts, "section")
 def verdicts_section(x: Verdicts) -> Section:
     """Return the section of a report."""
-    return Section("Log by log", (*_each_sheet(x).blocks(), *([items(x.notes)] if x.notes else [])))
+    return Section("Log by log", _each_sheet(x).blocks())
 
 
 @renders(Verdicts, "html")

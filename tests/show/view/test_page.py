@@ -14,11 +14,10 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from moving import view_of
 
 import ident
-from ident.show.mechanism import view_of
 from ident.show.view3d.bodies import BODIES, ENDS
-from ident.show.view3d.film import ShownMotion
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +34,7 @@ def test_a_recording_plays_without_a_network(five_bar, look, tmp_path):
     mechanism, motion = five_bar
     e = motion.experiments[0]
     forces = np.tile([8.0, 0.0, 0.0], (len(e.t), 1))
-    view = view_of(mechanism, [ShownMotion(e.name, e.t, e.q, forces)])
+    view = view_of(mechanism, e.t, e.q, forces)
     path = view.write(tmp_path / "five_bar.html")
     k = int(np.argmin(np.abs(e.t - 1.0)))
     tip = tip_of(mechanism, e.q[k])
@@ -95,41 +94,12 @@ def test_a_mechanism_alone_stands_still(robots, look, tmp_path):
     assert seen.near(BODIES[1]) > 150
 
 
-def test_the_live_page_plays(five_bar, look):
+def test_the_served_page_plays(five_bar, look):
     with five_bar[1].view().serve() as page:
-        seen = look(page.address, lambda seen: seen.near(BODIES[2]) > 150 and "Pause" in seen.words)
+        seen = look(page.address, lambda seen: seen.near(BODIES[2]) > 150)
     assert seen.faults == []
-    assert seen.fetched <= {"http", "data", "blob", "127.0.0.1"}
+    assert seen.fetched <= {"http", "data", "blob"}
     assert seen.near(BODIES[2]) > 150
-    assert "Speed" in seen.words
-
-
-def test_the_controls_do_what_they_say(five_bar, look):
-    mechanism, motion = five_bar
-    e = motion.experiments[0]
-    forces = np.tile([8.0, 0.0, 0.0], (len(e.t), 1))
-    second = ShownMotion("second", e.t[:101] + 5.0, e.q[100:201], forces[:101])
-    view = view_of(mechanism, [ShownMotion("first", e.t, e.q, forces), second])
-    told = {}
-
-    def play(page) -> None:
-        page.get_by_role("button", name="Pause").click()
-        page.get_by_role("button", name="Play").wait_for()
-        page.get_by_role("combobox", name="Log").click()
-        page.get_by_role("option", name="2. second").click()
-        page.get_by_role("combobox", name="Speed").click()
-        page.get_by_role("option", name="0.25×").click()
-        page.get_by_label("Reactions").uncheck()
-        page.get_by_label("Names").check()
-        page.get_by_label("See through bodies").uncheck()
-        page.wait_for_timeout(1000)
-        told.update(film=live._film.name, time=live._time, speed=live._speed, on=live._playing)
-
-    with view.serve() as live:
-        seen = look(live.address, lambda seen: seen.near(ENDS[0]) < 40, play)
-    assert seen.faults == []
-    assert told == {"film": "second", "time": 5.0, "speed": 0.25, "on": False}
-    assert seen.near(ENDS[0]) < 40  # the arrows are gone, a closure's ball is left
 
 
 def test_it_is_served_on_this_machine_alone(five_bar):
@@ -142,7 +112,6 @@ def test_it_is_served_on_this_machine_alone(five_bar):
         listening = [row[1] for row in rows if row[3] == "0A"]
         ours = [each for each in listening if each.endswith(f":{page.port:04X}")]
         assert ours == [f"0100007F:{page.port:04X}"]
-        assert page._page.request_share_url() is None
     with socket.socket() as probe:
         assert probe.connect_ex(("127.0.0.1", page.port)) != 0
     assert "ended" in repr(page)
@@ -171,9 +140,9 @@ def test_the_command_writes_a_recording(spoken, robots, tmp_path):
     assert (status, err) == (0, "")
     assert f"{out}: 1 moment;" in said
     assert out.stat().st_size > 500_000
-    log = robots / "five_bar" / "run.csv"  # what the file holds, not what a live page shows
+    log = robots / "five_bar" / "run.csv"  # of all logs together
     _, said, _ = spoken("view", robots / "five_bar", log, log, "--out", out)
-    assert 150 < int(said.removeprefix(f"{out}: ").split()[0]) <= 600
+    assert 150 < int(said.removeprefix(f"{out}: ").split()[0]) <= 1000
 
 
 @pytest.mark.parametrize(

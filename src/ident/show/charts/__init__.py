@@ -119,30 +119,18 @@ class Dots(Bars):
     """The same values as dots."""
 
 
-@dataclass(frozen=True, eq=False)
-class Boxes:
-    """5, 25, 50, 75, 95 % quantiles (n, 5) of samples at the columns `at` (n,), `width` wide."""
-
-    at: np.ndarray
-    quantiles: np.ndarray
-    width: float
-    label: str = ""
-    colour: Colour = 0
-
-
 @dataclass(frozen=True)
 class Level:
-    """A straight line across the panel at a value of y, or of x if `upright`; or y = x."""
+    """A straight line across the panel at a value of y, or of x if `upright`."""
 
     value: float = 0.0
     upright: bool = False
-    diagonal: bool = False
     label: str = ""
     colour: Colour = MEASURED
     dashed: bool = False
 
 
-Mark = Line | Points | Bars | Dots | Boxes | Level
+Mark = Line | Points | Bars | Dots | Level
 
 
 @dataclass(frozen=True, eq=False)
@@ -422,21 +410,6 @@ def _draw(mark: Mark, axis: Axes) -> None:
             errors = mark.errors if np.any(mark.errors) else None
             style = {"height": 0.7, "ecolor": "0.3", "capsize": 2}
             axis.barh(mark.at, mark.values, xerr=errors, color=c, label=label, **style)
-        case Boxes():
-            low, q1, middle, q3, high = mark.quantiles.T
-            half = mark.width / 2
-            axis.vlines(mark.at, low, high, color=c, lw=1.0)
-            axis.bar(mark.at, q3 - q1, mark.width, q1, color=c, alpha=0.6, label=label)
-            axis.hlines(middle, mark.at - half, mark.at + half, color="black", lw=1.2)
-        case Level(diagonal=True):
-            axis.axline((0, 0), slope=1, color=c, lw=1.2, ls=_dash(mark), label=label)
-        case Level(upright=True):
-            axis.axvline(mark.value, color=c, lw=1.0, ls=_dash(mark), label=label)
         case Level():
-            axis.axhline(mark.value, color=c, lw=1.0, ls=_dash(mark), label=label)
-        case _:
-            raise TypeError(f"{mark!r} is no mark; valid: Line, Points, Bars, Dots, Boxes, Level")
-
-
-def _dash(mark: Level) -> str:
-    return "--" if mark.dashed else "-"
+            across = axis.axvline if mark.upright else axis.axhline
+            across(mark.value, color=c, lw=1.0, ls="--" if mark.dashed else "-", label=label)

@@ -66,17 +66,6 @@ function drawChart(chart, place) {
       whiskers(fig, at, values, errors, GREY)],
     Dots: (fig, m, {at, values, errors}) => [
       dots(fig, columns({x: values, y: at}), m, 7), whiskers(fig, at, values, errors, m.colour)],
-    Boxes(fig, m, {at, quantiles}) {
-      const [low, q1, middle, q3, high] = [0, 1, 2, 3, 4].map(
-        (k) => at.map((_, i) => quantiles[5 * i + k]))
-      const line_color = m.colour, half = m.width / 2
-      return [
-        fig.vbar({...columns({x: at, bottom: q1, top: q3}), width: m.width, line_color,
-                  fill_color: m.colour, fill_alpha: 0.6}),
-        fig.segment({...columns({x0: at, x1: at, y0: low, y1: high}), line_color}),
-        fig.segment({...columns({x0: at.map((x) => x - half), x1: at.map((x) => x + half),
-                                 y0: middle, y1: middle}), line_color, line_width: 2})]
-    },
   }
   const dots = (fig, data, m, size, fill_alpha = 1) => fig.scatter(
     {...data, size, line_color: null, fill_color: m.colour, fill_alpha})
@@ -87,14 +76,13 @@ function drawChart(chart, place) {
   function level(fig, m) {
     if (m.value === null) return
     const style = {line_color: m.colour, line_dash: m.dashed ? "dashed" : "solid"}
-    fig.add_layout(m.diagonal ? new Bokeh.Slope({gradient: 1, y_intercept: 0, ...style})
-      : new Bokeh.Span({location: m.value, dimension: m.upright ? "height" : "width", ...style}))
+    fig.add_layout(new Bokeh.Span({location: m.value, dimension: m.upright ? "height" : "width", ...style}))
   }
 
   function add(fig, m) {
     if (m.kind === "Level") return level(fig, m)
     let data = {}
-    for (const name of ["x", "y", "at", "values", "errors", "quantiles"]) {
+    for (const name of ["x", "y", "at", "values", "errors"]) {
       if (name in m) data[name] = numbers[m[name]]
     }
     const {x, y} = data, many = m.kind === "Line" && y.length > 2 * POINTS

@@ -55,7 +55,7 @@ class Scales:
 
     Attributes:
         force, moment: the largest [N], [N m], drawn `length` [m] long.
-        misfit: share of the residual that gets the last colour; unit: of the misfit, in words.
+        misfit: share of the torque that gets the last colour.
         gap: largest |Φ| of all films [m | rad].
     """
 
@@ -63,7 +63,6 @@ class Scales:
     moment: float
     length: float
     misfit: float
-    unit: str
     gap: float
 
 
@@ -112,7 +111,6 @@ class DrawnMechanism:
             moment=moment if moment > ROUNDING * force * size else 0.0,
             length=LONGEST * size,
             misfit=max(float(np.percentile(shares, ROBUST)), COLD) if len(shares) else 0.0,
-            unit=next((film.unit for film in self.films if film.unit), ""),
             gap=max(float(film.gap.max(initial=0.0)) for film in self.films),
         )
 
@@ -132,13 +130,10 @@ class DrawnMechanism:
         target = box.mean(axis=0)
         spread, axes = np.linalg.eigh(np.cov((cloud - target).T) + 1e-12 * np.eye(3))
         side = np.cross(up, [0.0, 1.0, 0.0] if abs(up[1]) < 0.9 else [1.0, 0.0, 0.0])
-        front, thin = np.cross(side, up), axes[:, 0]
-        direction = 0.8 * side - 1.0 * front + 0.55 * up
-        if np.sqrt(spread[0] / spread[1]) < FLAT:
-            towards = thin * (1.0 if thin @ (up + 0.3 * side - 0.6 * front) >= 0 else -1.0)
-            # neither straight down, where "up" means nothing, nor without any depth
-            lift = 0.35 * up if abs(thin @ up) < 0.7 else -0.6 * front
-            direction = towards + lift + 0.3 * side
+        direction = 0.8 * side - np.cross(side, up) + 0.55 * up
+        thin = axes[:, 0] * np.sign(axes[:, 0] @ direction or 1.0)
+        if np.sqrt(spread[0] / spread[1]) < FLAT and thin @ up < 0.7:  # "up" stays visible
+            direction = thin + 0.35 * up + 0.3 * side
         direction = direction / np.linalg.norm(direction)
         right = np.cross(up, direction)
         right /= np.linalg.norm(right)
@@ -155,38 +150,22 @@ def _largest(vectors: np.ndarray) -> float:
 
 
 class Drawing:
-    """A scene on a page of viser. `show` moves it to a moment of a film.
+    """A scene on a page of viser. `show` moves it to a moment of a film."""
 
-    Attributes:
-        bodies, names, arrows: handles that can be hidden or changed.
-        title: of a recording, where it has one.
-    """
-
-    def __init__(self, page: Any, scene: DrawnMechanism) -> None:
-        self.scene, self.title = scene, None
-        self._stage = page.scene
+    def __init__(self, page: Any, scene: DrawnMechanism, title: Any = None) -> None:
+        """Draw a scene; `title` is a label for the name of the film and its time."""
+        self.scene, self._title, self._stage = scene, title, page.scene
         self._set_up(page)
         geometry = scene.parts.geometry
         self._robot = _visualizer()(scene.mechanism.model, pin.GeometryModel(), geometry)
         self._robot.initViewer(viewer=page)
         self._robot.loadViewerModel(rootNodeName="mechanism")
-        handles = {
-            each.name: self._robot.frames[f"mechanism/visual/{each.name}"]
-            for each in geometry.geometryObjects
+        joints = [x.name for x in geometry.geometryObjects if x.name.startswith("joint")]
+        self._pivots = {
+            pivot: self._robot.frames[f"mechanism/visual/{name}"]
+            for pivot, name in zip(scene.parts.pivots, joints, strict=True)
         }
-        self.bodies = [each for name, each in handles.items() if name.startswith("body")]
-        joints = [each for name, each in handles.items() if name.startswith("joint")]
-        self._pivots = dict(zip(scene.parts.pivots, joints, strict=True))
-        first = [each for name, each in handles.items() if name.startswith("closure")][::2]
         self._closures = tied(scene.mechanism)
-        marked = [*self._pivots.items(), *zip((c.name for c in self._closures), first, strict=True)]
-        self.names = [
-            self._stage.add_label(
-                f"{each.name}/name", name, visible=False, font_screen_scale=0.8,
-                anchor="bottom-left",
-            )
-            for name, each in marked
-        ]  # fmt: skip
         self._gaps = self._stage.add_line_segments(
             "/gaps", np.zeros((len(self._closures), 2, 3), np.float32), colors=(40, 40, 40),
             thickness=0.3 * BALL * scene.parts.size,
@@ -194,7 +173,6 @@ class Drawing:
         loads = next((film.loads for film in scene.films if film.loads is not None), None)
         self._forces = self._add_arrows("force", loads, ENDS, scene.scales.force)
         self._moments = self._add_arrows("moment", loads, MOMENTS, scene.scales.moment)
-        self.arrows = [*self._forces, *self._moments]
 
     def show(self, film: Film, k: int) -> None:
         """Move everything to moment k of a film."""
@@ -213,8 +191,8 @@ class Drawing:
         for arrows, what in ((self._forces, "force"), (self._moments, "moment")):
             for i, arrow in enumerate(arrows):
                 _point(arrow, film.loads, what, k, i, scales)
-        if self.title is not None:
-            self.title.text = f"{film.name}   {film.t[k]:.3f} s"
+        if self._title is not None:
+            self._title.text = f"{film.name}   {film.t[k]:.3f} s"
 
     def _set_up(self, page: Any) -> None:
         """Set camera, even light, under which colours that mean something stay, and the ground."""

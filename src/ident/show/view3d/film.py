@@ -18,7 +18,7 @@ from ident.mechanism.closures import FrameClosure
 from ident.mechanism.tree import Placement
 from ident.show.view3d.bodies import tied
 
-RATE, MOST, LEAST = 120.0, 6000, 2000  # pictures of a film, in a second, at most and at least
+MOST = 1000  # pictures of all films
 WIDTH = 0.1  # [s] over which a residual is averaged, so that colours do not flicker
 Poses = tuple[np.ndarray, np.ndarray]  # rotations (n, 3, 3) and origins (n, 3) [m] in the world
 
@@ -47,7 +47,7 @@ class Film:
         t: (n,) [s]; q: (n, nq) of the mechanism's model.
         gap: (n,) largest |Φ| [m | rad].
         loads: reactions, if they are known.
-        misfit: (n,) residual of each joint as a share of `unit`, by name.
+        misfit: (n,) residual of each joint as a share of its rms torque, by name.
     """
 
     name: str
@@ -56,78 +56,38 @@ class Film:
     gap: np.ndarray
     loads: Loads | None = None
     misfit: Mapping[str, np.ndarray] | None = None
-    unit: str = ""
 
     def __len__(self) -> int:
         return len(self.t)
 
-    def at(self, index: np.ndarray) -> Film:
-        """Some moments only, (k,) indices."""
-        x, misfit = self.loads, self.misfit
-        return replace(
-            self, t=self.t[index], q=self.q[index], gap=self.gap[index],
-            loads=x and Loads(x.names, x.at[index], x.force[index], x.moment[index]),
-            misfit=misfit and {name: each[index] for name, each in misfit.items()},
-        )  # fmt: skip
 
+def film_of(
+    mechanism: Mechanism, experiment: Any, prediction: Any = None, most: int = MOST
+) -> Film:
+    """Return an experiment as a film of at most some moments.
 
-@dataclass(frozen=True, eq=False)
-class ShownMotion:
-    """The motion of a mechanism in one experiment, n samples, and the predictions of a model.
-
-    Attributes:
-        name: the experiment's.
-        t: (n,) [s]; q: (n, nq) of the mechanism's model.
-        multipliers: (n, m) λ, or None.
-        residual: (n,) measured − predicted torque by joint [N m | N].
-        torque: (n,) measured torque by joint, to whose rms the residual is compared; without it
-            the residual is compared to its own rms.
+    Args:
+        mechanism: what moves.
+        experiment: has `name`, `t` (n,) [s] and `q` (n, nq) of the mechanism's model.
+        prediction: of a model on the same clock, whose multipliers become reactions, and whose
+            residuals become colours, relative to the rms of the measured torque.
+        most: moments.
     """
-
-    name: str
-    t: np.ndarray
-    q: np.ndarray
-    multipliers: np.ndarray | None = None
-    residual: Mapping[str, np.ndarray] | None = None
-    torque: Mapping[str, np.ndarray] | None = None
-
-    @staticmethod
-    def of(experiment: Any, prediction: Any = None) -> ShownMotion:
-        """Return an experiment and a prediction on the same clock."""
-        e, p = experiment, prediction
-        if p is None:
-            return ShownMotion(e.name, e.t, e.q)
-        residual = np.where(p.usable[:, None], p.residual, np.nan)
-        by_joint = (dict(zip(p.joints, x.T, strict=True)) for x in (residual, p.measured))
-        return ShownMotion(e.name, e.t, e.q, p.multipliers, *by_joint)
-
-
-def film_of(mechanism: Mechanism, motion: ShownMotion) -> Film:
-    """Return a motion at the moments that are shown, at most `MOST`."""
-    moments = frames(motion.t, RATE, MOST, LEAST)
-    q = np.asarray(motion.q, float)[moments]
-    phi = mechanism.kinematics.closure_rows(q).value
-    loads = None
-    if motion.multipliers is not None:
-        loads = loads_of(mechanism, q, np.asarray(motion.multipliers, float)[moments])
-    misfit, unit = _misfit(motion)
-    if misfit is not None:
-        misfit = {name: each[moments] for name, each in misfit.items()}
-    gap = np.abs(phi).max(axis=1, initial=0.0)
-    return Film(motion.name, motion.t[moments], q, gap, loads, misfit, unit)
-
-
-def _misfit(motion: ShownMotion) -> tuple[dict[str, np.ndarray] | None, str]:
-    """Return the residual of each joint (n,) over a tenth of a second, as a share, and of what."""
-    if not motion.residual:
-        return None, ""
-    misfit, scale = {}, motion.torque or motion.residual
-    for name, residual in motion.residual.items():
-        rms = float(np.sqrt(np.nanmean(np.square(scale.get(name, np.nan)))))
-        if rms > 0:
-            misfit[name] = running_rms(motion.t, residual / rms, WIDTH)
-    unit = f"rms over {WIDTH:g} s, in % of the rms {'torque' if motion.torque else 'residual'}"
-    return misfit, unit
+    t, p = experiment.t, prediction
+    moments = frames(t, most)
+    q = np.asarray(experiment.q, float)[moments]
+    gap = np.abs(mechanism.kinematics.closure_rows(q).value).max(axis=1, initial=0.0)
+    film = Film(experiment.name, t[moments], q, gap)
+    if p is None:
+        return film
+    residual = np.where(p.usable[:, None], p.residual, np.nan)
+    rms = np.sqrt(np.nanmean(p.measured**2, axis=0))
+    misfit = {
+        joint: running_rms(t, x / size, WIDTH)[moments]
+        for joint, x, size in zip(p.joints, residual.T, rms, strict=True)
+        if size > 0
+    }
+    return replace(film, loads=loads_of(mechanism, q, p.multipliers[moments]), misfit=misfit)
 
 
 def loads_of(mechanism: Mechanism, q: np.ndarray, multipliers: np.ndarray) -> Loads:
@@ -193,25 +153,13 @@ def _reaction(closure: FrameClosure) -> ca.Function:
     )
 
 
-def nearest(t: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Return the indices (k,) of the samples of t (n,), ascending, nearest to `wanted` (k,)."""
-    if len(t) == 1:
-        return np.zeros(len(wanted), dtype=int)
-    after = np.clip(np.searchsorted(t, wanted), 1, len(t) - 1)
-    return np.where(wanted - t[after - 1] <= t[after] - wanted, after - 1, after)
-
-
-def frames(t: np.ndarray, rate: float, most: int, least: int = 2) -> np.ndarray:
-    """Return the indices (k,) of samples of t (n,) [s] that become frames, evenly in time.
-
-    First and last are among them; `rate` frames a second [Hz], `most` and, of a short motion to be
-    watched slowly, `least` frames.
-    """
-    span = float(t[-1] - t[0])
-    count = int(np.clip(round(rate * span) + 1, least, most))
-    if count >= len(t):
+def frames(t: np.ndarray, most: int) -> np.ndarray:
+    """Return the indices of at most some samples of t (n,) [s], evenly in time, with both ends."""
+    if len(t) <= most:
         return np.arange(len(t))
-    return np.unique(nearest(t, np.linspace(t[0], t[-1], count)))
+    wanted = np.linspace(t[0], t[-1], most)
+    after = np.clip(np.searchsorted(t, wanted), 1, len(t) - 1)
+    return np.unique(np.where(wanted - t[after - 1] <= t[after] - wanted, after - 1, after))
 
 
 def running_rms(t: np.ndarray, x: np.ndarray, width: float) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Viser's page with a mechanism in it, live or recorded, and the noun `View` that shows itself.
+"""A recording of viser's scene with a mechanism in it, and the noun `View` that shows itself.
 
 The browser part comes with viser, so nothing is fetched; its offer to share the page through a
 server elsewhere is refused.
@@ -10,30 +10,29 @@ import contextlib
 import html
 import os
 import threading
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 from rich import get_console
 
-from ident.errors import IdentError
+from ident.display import renders
+from ident.errors import IdentError, MechanismError
 from ident.files import write_all
+from ident.mechanism import Mechanism
 from ident.show.local import Place
-from ident.show.view3d.bodies import ENDS, OPACITY, Colour, tied
+from ident.show.view3d.bodies import ENDS, Colour, parts_of, tied
 from ident.show.view3d.draw import MOMENTS, Drawing, DrawnMechanism, mapped
-from ident.show.view3d.film import Film, frames, nearest
+from ident.show.view3d.film import MOST, WIDTH, film_of
 
 CLOSED = 1e-7  # [m | rad] |Φ| of a closure that nobody would call open
 SHOWN = 6  # closures and notes that are listed
-RATE, MOST, SHORTEST = 30.0, 600, 150  # frames of a recording: in a second, at most, at least
 PAUSE = 0.5  # s between two films, in which the last picture stays
-TICK = 1 / 30  # s between two pictures of the live page
-SPEEDS = ("0.05×", "0.1×", "0.25×", "0.5×", "1×", "2×", "5×", "10×")
 HEIGHT = 480  # of a notebook's frame [px]
 SUFFIXES = (".html", ".htm")
 NOTICE = (
@@ -91,10 +90,11 @@ def legend(view: View) -> Markup:
         ramp = ", ".join(_css(tuple(c)) for c in mapped(np.linspace(0.0, 1.0, 9)))
         lines.append(
             Markup(
-                'joints: residual, {}<br><span style="display:block;height:9px;border-radius:2px;'
+                "joints: rms of the residual over {:g} s, in % of the rms torque<br>"
+                '<span style="display:block;height:9px;border-radius:2px;'
                 'background:linear-gradient(to right, {})"></span><span style="display:flex;'
                 'justify-content:space-between"><span>0</span><span>{:.3g} %</span></span>'
-            ).format(scales.unit, ramp, 100 * scales.misfit)
+            ).format(WIDTH, ramp, 100 * scales.misfit)
         )
     for what, (a, b), largest, unit in (
         ("reaction forces λ", ENDS, scales.force, "N"),
@@ -126,13 +126,13 @@ def _dot(colour: Colour) -> Markup:
 
 def recording(view: View) -> str:
     """Return the page (HTML) that plays all films of a view, one after the other."""
-    films, title = recorded(view.films), view.mechanism.name
+    films, title = view.films, view.mechanism.name
     with open_page(title, Place()) as page:
-        drawing = Drawing(page, view)
-        if sum(len(film) for film in films) > 1:
-            drawing.title = page.scene.add_label(
-                "/time", "", position=_above(view), anchor="bottom-center"
-            )
+        label = None
+        if view.moments > 1:
+            at = _above(view)
+            label = page.scene.add_label("/time", "", position=at, anchor="bottom-center")
+        drawing = Drawing(page, view, label)
         drawing.show(films[0], 0)
         tape = page.get_scene_serializer()
         for film in films:
@@ -140,7 +140,7 @@ def recording(view: View) -> str:
                 drawing.show(film, k)
                 if k + 1 < len(film):
                     tape.insert_sleep(float(film.t[k + 1] - film.t[k]))
-            if len(film) > 1 or len(films) > 1:
+            if view.moments > 1:
                 tape.insert_sleep(PAUSE)
         document = tape.as_html()
     head = f"<title>{html.escape(title)}</title>"
@@ -149,12 +149,6 @@ def recording(view: View) -> str:
     panel = PANEL.format(title, legend(view)).encode("ascii", "xmlcharrefreplace").decode("ascii")
     end = document.rindex("</body>")
     return document[:end] + panel + NOTICE + document[end:]
-
-
-def recorded(films: Sequence[Film]) -> list[Film]:
-    """Return what a recording has of films: fewer moments than a live page shows."""
-    most, least = (max(2, number // max(len(films), 1)) for number in (MOST, SHORTEST))
-    return [film.at(frames(film.t, RATE, most, least)) for film in films]
 
 
 def _above(view: View) -> np.ndarray:
@@ -185,7 +179,7 @@ class View(DrawnMechanism):
     @property
     def moments(self) -> int:
         """Number of moments in a recording."""
-        return sum(len(film) for film in recorded(self.films))
+        return sum(map(len, self.films))
 
     @cached_property
     def html(self) -> str:
@@ -213,7 +207,7 @@ class View(DrawnMechanism):
         return write_all(path.parent, {path.name: self.html.encode()})[0]
 
     def serve(self, port: int = 0) -> Served:
-        """The live page, with controls, on 127.0.0.1 until `.stop()`.
+        """Serve the page on 127.0.0.1 until `.stop()`.
 
         Args:
             port: 0 takes a free one.
@@ -224,10 +218,9 @@ class View(DrawnMechanism):
         return Served(self, port)
 
     def __str__(self) -> str:
-        length = sum(len(film) for film in self.films)
         lines = [
             f"view of {self.mechanism.name}: {len(self.mechanism.bodies.links)} bodies, "
-            f"{len(self.films)} film(s) of {length} pictures in all; "
+            f"{len(self.films)} film(s) of {self.moments} pictures in all; "
             ".serve() opens it, .write('view.html') keeps it"
         ]
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
@@ -242,8 +235,39 @@ class View(DrawnMechanism):
         return str(frame.format(self.html, self.mechanism.name, HEIGHT))
 
 
+@renders(Mechanism, "view")
+def view_of(
+    mechanism: Mechanism, experiments: Sequence[Any] = (), predictions: Sequence[Any] = ()
+) -> View:
+    """Return the mechanism moving along experiments; without any, standing as assembled.
+
+    Args:
+        mechanism: the mechanism.
+        experiments: of a motion.
+        predictions: for each, whose reactions are arrows and whose residuals are colours.
+    """
+    notes: list[str] = []
+    if not experiments:
+        try:
+            q = mechanism.assembled
+        except MechanismError as error:  # a picture helps to see why
+            q = mechanism.start
+            notes.append(str(error))
+        experiments = [SimpleNamespace(name="as assembled", t=np.zeros(1), q=q[None])]
+    parts, more = parts_of(mechanism, experiments[0].q[0])
+    nowhere = [c.name for c in mechanism.closures if not c.frames]
+    if nowhere and predictions:
+        more.append(
+            f"{', '.join(nowhere)}: λ acts along coordinates, at no place: no arrow is drawn"
+        )
+    most = max(2, MOST // len(experiments))
+    every = predictions or [None] * len(experiments)
+    films = tuple(film_of(mechanism, e, p, most) for e, p in zip(experiments, every, strict=True))
+    return View(mechanism, parts, films, (*notes, *more))
+
+
 class Served:
-    """The live page of a view, until it is stopped. Also a context: `with view.serve() as page`.
+    """The page of a view on this machine, until it is stopped; also a context.
 
     Attributes:
         port: on 127.0.0.1; address: to open in a browser.
@@ -252,18 +276,8 @@ class Served:
     def __init__(self, view: View, port: int = 0) -> None:
         place = Place(port)
         self.port, self.address = place.port, place.address
-        self._name, self._films = view.mechanism.name, view.films
-        self._served = open_page(self._name, place)
-        self._page = self._served.__enter__()
-        self._end = threading.Event()
-        self._film, self._time, self._speed = view.films[0], float(view.films[0].t[0]), 1.0
-        self._playing, self._stale = len(self._film) > 1, True
-        self._drawing = Drawing(self._page, view)
-        self._slider: Any = None
-        self._panel(legend(view))
-        self._drawing.show(self._film, 0)
-        self._player = threading.Thread(target=self._play, name="ident view", daemon=True)
-        self._player.start()
+        self._name, self._end = view.mechanism.name, threading.Event()
+        self._shut = place.serve(view.html, lambda _: None)
 
     def wait(self) -> None:
         """Until somebody stops it."""
@@ -274,8 +288,7 @@ class Served:
         """Close the page; once is enough."""
         if not self._end.is_set():
             self._end.set()
-            self._player.join(timeout=5.0)
-            self._served.__exit__(None, None, None)
+            self._shut()
 
     def __enter__(self) -> Served:
         return self
@@ -285,88 +298,3 @@ class Served:
 
     def __repr__(self) -> str:
         return f"{self._name}: {self.address}" + (" (ended)" * self._end.is_set())
-
-    def _play(self) -> None:
-        before = time.monotonic()
-        while not self._end.wait(TICK):
-            now = time.monotonic()
-            film = self._film
-            if self._playing and self._page.get_clients():  # nobody misses the beginning
-                self._time += self._speed * (now - before)
-                if self._time > film.t[-1]:
-                    self._time = float(film.t[0])
-                self._stale = True
-            before = now
-            if self._stale:
-                self._stale = False
-                k = int(nearest(film.t, np.array([self._time]))[0])
-                with self._page.atomic():
-                    self._drawing.show(film, k)
-                    if self._slider is not None and self._playing:
-                        self._slider.value = round(float(film.t[k]), 4)
-
-    def _panel(self, text: Markup) -> None:
-        """Add what a user can choose, beside the picture and not over it."""
-        gui, drawing = self._page.gui, self._drawing
-        gui.main_panel.dock_right()
-        names = [f"{i + 1}. {film.name}" for i, film in enumerate(self._films)]
-        if len(names) > 1:
-            choice = gui.add_dropdown("Log", names, initial_value=names[0])
-            choice.on_update(lambda _: self._choose(self._films[names.index(choice.value)]))
-        if max(map(len, self._films)) > 1:
-            self._controls(gui)
-
-        def hide(label: str, shown: bool, handles: Sequence[Any]) -> None:
-            box = gui.add_checkbox(label, initial_value=shown)
-
-            @box.on_update
-            def _(_event: Any) -> None:
-                for each in handles:
-                    each.visible = box.value
-
-        hide("Names", False, drawing.names)
-        see = gui.add_checkbox("See through bodies", initial_value=True)
-
-        @see.on_update
-        def _(_event: Any) -> None:
-            for body in drawing.bodies:
-                body.opacity = OPACITY if see.value else None
-
-        if drawing.arrows:
-            hide("Reactions", True, drawing.arrows)
-        if text:
-            gui.add_html(f'<div style="padding:0 1em;font-size:.85em">{text}</div>')
-
-    def _choose(self, film: Film) -> None:
-        self._film, self._time, self._stale = film, float(film.t[0]), True
-        if self._slider is not None:
-            self._slider.min, self._slider.max = _ends(film)
-            self._slider.value = self._slider.min
-
-    def _controls(self, gui: Any) -> None:
-        low, high = _ends(self._film)
-        button = gui.add_button("Pause" if self._playing else "Play")
-        self._slider = gui.add_slider(
-            "Time [s]", min=low, max=high, step=1e-4, initial_value=round(self._time, 4)
-        )
-        speed = gui.add_dropdown("Speed", SPEEDS, initial_value="1×")
-
-        @button.on_click
-        def _(_event: Any) -> None:
-            self._playing = not self._playing
-            button.label = "Pause" if self._playing else "Play"
-
-        @self._slider.on_update
-        def _(event: Any) -> None:
-            if event.client is not None:  # a hand, not the player
-                self._playing, button.label = False, "Play"
-                self._time, self._stale = float(self._slider.value), True
-
-        @speed.on_update
-        def _(_event: Any) -> None:
-            self._speed = float(speed.value.rstrip("×"))
-
-
-def _ends(film: Film) -> tuple[float, float]:
-    low, high = (round(float(t), 4) for t in (film.t[0], film.t[-1]))
-    return low, max(high, low + 1e-4)
