@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import ident
-from ident.diagnosis.grammar import terms
+from ident.diagnosis.grammar import term, terms
 from ident.effects import Signals
-from ident.effects.formula import Formula, Term
+from ident.effects.formula import Formula
 
-OWN = frozenset({"q", "v", "a", "load", "t"})
-TWO = frozenset({"q_o", "v_o"})
+OWN = frozenset({"q", "load", "temperature"})
+TWO = frozenset({"q_o"})
 CASES = [
     pytest.param(term, joints, rotational, id=f"{term.columns[0]}-{rotational}")
     for joints, signals in ((("j.1-a",), OWN), (("j.1-a", '2b"""/..'), TWO))
@@ -29,7 +29,7 @@ def signals(joints: int) -> Signals:
     v += np.sign(v)
     return Signals(
         t=5.0 + np.arange(50) / 10, q=q, v=v, a=a, still=np.full(joints, 1e-3),
-        predicted=lambda: (load, load),
+        predicted=lambda: (load, load), extra={"temperature.j.1-a": 20 + np.arange(50) / 5},
     )  # fmt: skip
 
 
@@ -59,22 +59,27 @@ def test_its_file_gives_its_torque(term, joints, rotational, tmp_path):
     assert kind.__doc__.count("±") == len(constants)
 
 
-def test_units_of_powers():
-    def unit(*powers: tuple[str, float]) -> str:
-        joints = ("j", "k") if "_o" in str(powers) else ("j",)
-        formula = Formula(joints, {}, True, terms=(terms_of(powers),), second_rotational=False)
-        return formula.units[0]
-
-    def terms_of(powers):
-        return Term(("q",), (), "", powers)
-
-    assert unit(("q", 1)) == "N m/rad"
-    assert unit(("v", 1)) == "N m s/rad"
-    assert unit(("v", 2)) == "N m s²/rad²"
-    assert unit(("load", 1)) == "1"
-    assert unit(("load", 2)) == "1/(N m)"
-    assert unit(("load", 1), ("v", 1)) == "s/rad"
-    assert unit(("a", 1)) == "N m s²/rad"
-    assert unit(("temperature", 1)) == "N m/K"
-    assert unit(("q_o", 1)) == "N m/m"  # of a prismatic joint beside a revolute one
-    assert unit(("q", 1), ("v_o", 1)) == "N m s/(rad m)"
+@pytest.mark.parametrize(
+    ("text", "units"),
+    [
+        ("x; 1", ("N m/rad", "N m")),
+        ("v", ("N m s/rad",)),
+        ("v*abs(v)", ("N m s²/rad²",)),
+        ("load", ("1",)),
+        ("load**2*sign(v)", ("1/(N m)",)),
+        ("sqrt(abs(load))", ("(N m)^0.5",)),
+        ("load*v", ("s/rad",)),
+        ("a", ("N m s²/rad",)),
+        ("v*t", ("N m/rad",)),
+        ("sqrt(t)", ("N m/s^0.5",)),
+        ("temperature*v", ("N m s/(K rad)",)),
+        ("(x - q0)/sqrt((x - q0)**2 + x0**2)", ("N m", "rad")),
+        ("sqrt((x - q0)**2 + x0**2)", ("N m/rad", "rad")),
+        ("q_o", ("N m/m",)),  # of a prismatic joint beside a revolute one
+        ("v_o*q", ("N m s/(m rad)",)),
+    ],
+)
+def test_units(text, units):
+    joints = ("j", "k") if "_o" in text else ("j",)
+    formula = Formula(joints, {}, True, terms=(term(text, ""),), second_rotational=False)
+    assert set(formula.units) == set(units)

@@ -1,215 +1,188 @@
 """The terms of which formulas are made: functions of a signal, and products of two of them.
 
-A term with a name is a law of the literature; the others are steps on the way to one.
+A term with a name is a law of the literature; the others are steps on the way to one. In the tables
+x is a position: of the own joint, of another one, or their sum or difference. Constants within a
+term have one meaning each (`CONSTANTS`); several columns, each with a coefficient, stand between
+semicolons.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
-from dataclasses import replace
 
-from ident.effects.formula import Scale, Term
+from ident.effects.formula import Scale, Term, factor
 
 PROBE = Term(
     (
         "q_o", "q_o**2", "q_o**3", "sin(2*q_o)", "cos(2*q_o)", "sin(3*q_o)", "cos(3*q_o)",
         "q*q_o", "v*q_o", "sign(v)*q_o", "v_o", "sign(v_o)",
+        *(f"{f}({n}*(q {s} q_o))" for s in "+-" for n in (2, 4) for f in ("sin", "cos")),
     ),
 )  # fmt: skip
 """Columns that show whether another joint's signals matter."""
-Powers = tuple[tuple[str, float], ...]
+
+CONSTANTS = {  # by name (`Scale.of`, signal): x stands for the term's position
+    "x0": ("width", "x"), "q0": ("place", "x"), "n": ("wave", "x"), "v0": ("width", "v"),
+    "l0": ("width", "load"), "t0": ("width", "t"), "T0": ("width", "temperature"),
+    "w": ("wave", "t"),
+    "b": ("angle", ""), "c": ("share", ""), "m": ("exponent", ""), "p": ("power", ""),
+}  # fmt: skip
+Table = tuple[tuple[str, str], ...]
+WAVE = "sin(n*x); cos(n*x)"
+# factors of products; of rotational joints alone where they are plain sines
+FACTORS = (
+    "x", "x**2", "(x - q0)**2", "abs(x)", "abs(x - q0)", "exp(x/x0)", "exp(-x/x0)",
+    "exp(-((x - q0)/x0)**2)", "tanh((x - q0)/x0)", WAVE,
+)  # fmt: skip
+TURNING = ("sin(x); cos(x)", "sin(2*x); cos(2*x)")
+POSITION: Table = (
+    (WAVE, "cam"),
+    ("x; 1", "spring"),
+    ("x**2", ""),
+    ("x**3", "hardening_spring"),
+    ("abs(x)", ""),
+    ("(x - q0)**3", "hardening_spring"),
+    ("abs(x - q0)", ""),
+    ("sign(x - q0)*abs(x - q0)**p", "hardening_spring"),
+    ("x - q0 + abs(x - q0)", "end_stop"),
+    ("q0 - x + abs(x - q0)", "end_stop"),
+    ("(x - q0 + abs(x - q0))**2", "bump_stop"),
+    ("(q0 - x + abs(x - q0))**2", "bump_stop"),
+    ("(x - q0 + abs(x - q0))**3", "bump_stop"),
+    ("(q0 - x + abs(x - q0))**3", "bump_stop"),
+    ("exp(x/x0)", "bump_stop"),
+    ("exp(-x/x0)", "bump_stop"),
+    ("exp(x/x0) - exp((q0 - x)/x0)", "bump_stop"),
+    ("tanh((x - q0)/x0)", "saturating_spring"),
+    ("1/(1 + ((x - q0)/x0)**2)", "magnetic_spring"),
+    ("(x - q0)/(1 + ((x - q0)/x0)**2)**2", "magnetic_spring"),
+    ("exp(-((x - q0)/x0)**2)", "magnetic_detent"),
+    ("(x - q0)*exp(-((x - q0)/x0)**2)", "magnetic_detent"),
+    ("(x - q0)/sqrt((x - q0)**2 + x0**2)", "toggle_spring"),
+    ("sqrt((x - q0)**2 + x0**2)", "toggle_spring"),
+    ("sin(n*x); cos(n*x); sin(2*n*x); cos(2*n*x)", "magnetic_detent"),
+    ("abs(sin(n*x + b))", "cam"),
+    ("sign(sin(n*x + b))", "cam"),
+    ("exp(m*cos(n*x + b))", "cam"),
+)
+LEVERS: Table = (
+    ("sin(x); cos(x)", "weight_counterbalance"),
+    ("sin(x + b)/sqrt(1 + c*cos(x + b))", "gas_spring"),
+    ("sin(x + b)/(1 + c*cos(x + b))", "gas_spring"),
+    ("sin(x + b); sin(x + b)/sqrt(1 + c*cos(x + b))", "spring_counterbalance"),
+    ("sin(x + b)*sqrt(1 + c*cos(x + b))", "spring_counterbalance"),
+    ("sin(2*x); cos(2*x)", "cam"),
+    ("tan(x/2)", "toggle_spring"),
+)
+SPEED: Table = (
+    ("v", "viscous"),
+    ("sign(v)", "coulomb"),
+    ("v*abs(v)", "drag"),
+    ("v**3", "drag"),
+    ("abs(v)", "asymmetric_friction"),
+    ("v**2", ""),
+    ("sign(v)*abs(v)**p", "fluid_drag"),  # its coefficient: at 1 rad/s
+    ("sign(v)*exp(-(v/v0)**2)", "stribeck"),
+    ("sign(v)*exp(-abs(v)/v0)", "stribeck_exponential"),
+    ("sign(v)/(1 + (v/v0)**2)", "stribeck_lorentz"),
+    ("sign(v)/(1 + abs(v)/v0)", "stribeck_hyperbolic"),
+    ("sign(v)*(1 - tanh(abs(v)/v0))", "stribeck_tanh"),
+    ("v/(abs(v) + v0)", "saturating_friction"),
+    ("tanh(v/v0)", "saturating_friction"),
+    ("v/sqrt(v**2 + v0**2)", "saturating_friction"),
+    ("v/(1 + (v/v0)**2)", "eddy_current_drag"),
+    ("v*exp(-(v/v0)**2)", ""),
+    ("v*exp(-abs(v)/v0)", ""),
+    ("sign(v)*log(1 + abs(v)/v0)", "eyring_friction"),
+)
+LOAD: Table = (
+    ("load", "torque_gain"),
+    ("abs(load)", ""),
+    ("sign(load)", "worm_gear"),
+    ("abs(load)*sign(v)", "load_friction"),
+    ("load + abs(load)*sign(v)", "worm_gear"),
+    ("load - abs(load)*sign(v)", "worm_gear"),
+    ("sign(v) + sign(load)", "worm_gear"),
+    ("sign(v) - sign(load)", "worm_gear"),
+    ("load**2*sign(v)", "load_friction"),
+    ("sqrt(abs(load))*sign(v)", "load_friction"),
+    ("abs(load)**p*sign(v)", "load_friction"),
+    ("tanh(load/l0)*sign(v)", "load_friction"),
+    ("tanh(abs(load)/l0)*sign(v)", "load_friction"),
+    ("abs(load)*v", "load_dependent_viscous"),
+    ("load*v", ""),
+    ("abs(load)*sign(v)*exp(-(v/v0)**2)", "load_dependent_stribeck"),
+    ("abs(load)*v/(abs(v) + v0)", "load_friction"),
+)
+RATES: Table = (
+    ("a", "rotor_inertia"),
+    ("a*abs(v)", ""),
+    ("a*v", ""),
+    ("abs(a)*sign(v)", "inertial_friction"),
+    ("a*x", "varying_inertia"),
+    ("a*x**2", "varying_inertia"),
+    ("a*sin(x); a*cos(x)", "varying_inertia"),
+)
+TIME: Table = (
+    ("t", "drift"),
+    ("exp(-t/t0)", "running_in"),
+    ("1/(1 + t/t0)", "running_in"),
+    ("sqrt(t)", "drift"),
+    ("log(1 + t/t0)", "drift"),
+)
+TEMPERATURE: Table = (("temperature", ""), ("temperature**2", ""), ("exp(-temperature/T0)", ""))
+VARYING: Table = (("1", ""), ("sign(v)", "running_in"), ("v", "running_in"), ("x", ""), (WAVE, ""))
+TWO = (
+    "v_o", "sign(v_o)", "v*v_o", "v_o*abs(v_o)", "sign(v - v_o)", "sign(v + v_o)", "(q - q_o)**3",
+    "q**2*q_o", "q**2*q_o**2", *(f"{f}(q)*sin(q_o); {f}(q)*cos(q_o)" for f in ("sin", "cos")),
+)  # fmt: skip
 
 
 def terms(signals: frozenset[str], rotational: bool) -> Iterator[Term]:
-    """Yield all terms of some signals of a joint, `q_o` and `v_o` being another joint's.
+    """Yield all terms of some signals of a joint.
 
     Args:
-        signals: those that formulas may use.
-        rotational: whether the joint turns: positions of others do not repeat.
+        signals: those that formulas may use: q, v, a, t of every joint, load and temperature where
+            they are known; or `q_o` and `v_o` of another joint, with the own q and v.
+        rotational: whether the joint turns: other positions do not repeat.
     """
-    if "q" in signals:
-        yield from _of_position(rotational)
-    if "v" in signals:
-        yield from _of_speed("v")
-    if {"q", "v"} <= signals:
-        for f in _factors("q", rotational):
-            yield _product(f, "sign(v)", (), "position_dependent_friction")
-            yield _product(f, "v", (("v", 1),), "position_dependent_friction")
-    if {"load", "v"} <= signals:
-        yield from _of_load()
-    if "a" in signals:
-        yield from _of_rates(signals)
-    if {"t", "v"} <= signals:
-        for f in _of_time():
-            yield f
-            if f.known_as == "disturbance":
-                continue
-            yield _product(f, "sign(v)", (), "running_in")
-            yield _product(f, "v", (("v", 1),), "running_in")
-            yield _product(f, "q", (("q", 1),), "")
+    factors = (*FACTORS, *(TURNING if rotational else ()))
     if "q_o" in signals:
-        yield from _of_two(rotational)
+        for x in ("q_o", "q + q_o", "q - q_o"):
+            yield from (term(text, "cross_coupling", x) for text in factors)
+        for text in factors:
+            for other in ("q", "sign(v)", "v", "v_o"):
+                yield term(product(text, other), "cross_coupling", "q_o")
+        yield from (term(text, "cross_coupling") for text in TWO)
+        return
+    for table in (POSITION, LEVERS if rotational else (), SPEED, RATES):
+        yield from (term(text, name) for text, name in table)
+    for text in factors:
+        for other in ("sign(v)", "v"):
+            yield term(product(text, other), "position_dependent_friction")
+    if "load" in signals:
+        yield from (term(text, name) for text, name in LOAD)
+    yield term("sin(w*t); cos(w*t)", "disturbance")
+    for table in (TIME, TEMPERATURE if "temperature" in signals else ()):
+        for text, name in table:
+            for other, also in VARYING:
+                yield term(product(other, text), also if other != "1" else name)
 
 
-def _of_position(rotational: bool) -> Iterator[Term]:
-    q, b, c = (("q", 1),), Scale("b", "angle"), Scale("c", "share")
-    yield Term(("q", "1"), (), "spring", q)
-    yield Term(("q**2",), (), "", (("q", 2),))
-    yield Term(("q**3",), (), "hardening_spring", (("q", 3),))
-    yield Term(("abs(q)",), (), "", q)
-    place, width = Scale("q0", "place", "q"), Scale("x0", "width", "q")
-    yield Term(("(q - q0)**3",), (place,), "hardening_spring", (("q", 3),))
-    yield Term(("abs(q - q0)",), (place,), "", q)
-    yield Term(("q - q0 + abs(q - q0)",), (place,), "end_stop", q)
-    yield Term(("q0 - q + abs(q - q0)",), (place,), "end_stop", q)
-    yield Term(("(q - q0 + abs(q - q0))**2",), (place,), "bump_stop", (("q", 2),))
-    yield Term(("(q0 - q + abs(q - q0))**2",), (place,), "bump_stop", (("q", 2),))
-    yield Term(("(q - q0 + abs(q - q0))**3",), (place,), "bump_stop", (("q", 3),))
-    yield Term(("(q0 - q + abs(q - q0))**3",), (place,), "bump_stop", (("q", 3),))
-    yield Term(("exp(q/x0)",), (width,), "bump_stop")
-    yield Term(("exp(-q/x0)",), (width,), "bump_stop")
-    yield Term(("tanh((q - q0)/x0)",), (place, width), "saturating_spring")
-    yield Term(("1/(1 + ((q - q0)/x0)**2)",), (place, width), "magnetic_spring")
-    yield Term(("(q - q0)/(1 + ((q - q0)/x0)**2)**2",), (place, width), "magnetic_spring", q)
-    yield Term(("exp(-((q - q0)/x0)**2)",), (place, width), "magnetic_detent")
-    yield Term(("(q - q0)*exp(-((q - q0)/x0)**2)",), (place, width), "magnetic_detent", q)
-    yield Term(("(q - q0)/sqrt((q - q0)**2 + x0**2)",), (place, width), "toggle_spring")
-    yield Term(("sqrt((q - q0)**2 + x0**2)",), (place, width), "toggle_spring", q)
-    wave = Scale("n", "wave", "q")
-    yield Term(("sin(n*q)", "cos(n*q)"), (wave,), "cam")
-    yield Term(("sin(n*q)", "cos(n*q)", "sin(2*n*q)", "cos(2*n*q)"), (wave,), "magnetic_detent")
-    yield Term(("abs(sin(n*q + b))",), (wave, b), "cam")
-    yield Term(("sign(sin(n*q + b))",), (wave, b), "cam")
-    if rotational:  # levers
-        yield Term(("sin(q)", "cos(q)"), (), "weight_counterbalance")
-        yield Term(("sin(q + b)/sqrt(1 + c*cos(q + b))",), (b, c), "gas_spring")
-        yield Term(
-            ("sin(q + b)", "sin(q + b)/sqrt(1 + c*cos(q + b))"), (b, c), "spring_counterbalance"
-        )
-        yield Term(("sin(q + b)*sqrt(1 + c*cos(q + b))",), (b, c), "spring_counterbalance")
-        yield Term(("sin(q + b)/(1 + c*cos(q + b))",), (b, c), "gas_spring")
-        yield Term(("sin(2*q)", "cos(2*q)"), (), "cam")
-        yield Term(("tan(q/2)",), (), "toggle_spring")
+def product(a: str, b: str) -> str:
+    """Return each column of the first text times the second."""
+    if a == "1":
+        return b
+    return "; ".join(f"{factor(each)}*{b}" for each in a.split("; "))
 
 
-def _of_speed(v: str) -> Iterator[Term]:
-    one, width, p = ((v, 1.0),), Scale("v0", "width", v), Scale("p", "power")
-    yield Term((v,), (), "viscous", one)
-    yield Term((f"sign({v})",), (), "coulomb")
-    yield Term((f"{v}*abs({v})",), (), "drag", ((v, 2),))
-    yield Term((f"{v}**3",), (), "drag", ((v, 3),))
-    yield Term((f"abs({v})",), (), "asymmetric_friction", one)
-    yield Term((f"{v}**2",), (), "", ((v, 2),))
-    yield Term((f"sign({v})*abs({v})**p",), (p,), "fluid_drag")  # its coefficient: at 1 rad/s
-    yield Term((f"sign({v})*exp(-({v}/v0)**2)",), (width,), "stribeck")
-    yield Term((f"sign({v})*exp(-abs({v})/v0)",), (width,), "stribeck_exponential")
-    yield Term((f"sign({v})/(1 + ({v}/v0)**2)",), (width,), "stribeck_lorentz")
-    yield Term((f"sign({v})/(1 + abs({v})/v0)",), (width,), "stribeck_hyperbolic")
-    yield Term((f"sign({v})*(1 - tanh(abs({v})/v0))",), (width,), "stribeck_tanh")
-    yield Term((f"{v}/(abs({v}) + v0)",), (width,), "saturating_friction")
-    yield Term((f"tanh({v}/v0)",), (width,), "saturating_friction")
-    yield Term((f"{v}/sqrt({v}**2 + v0**2)",), (width,), "saturating_friction")
-    yield Term((f"{v}/(1 + ({v}/v0)**2)",), (width,), "eddy_current_drag", one)
-    yield Term((f"{v}*exp(-({v}/v0)**2)",), (width,), "", one)
-    yield Term((f"{v}*exp(-abs({v})/v0)",), (width,), "", one)
-    yield Term((f"sign({v})*log(1 + abs({v})/v0)",), (width,), "eyring_friction")
-
-
-def _of_load() -> Iterator[Term]:
-    load, width = (("load", 1),), Scale("l0", "width", "load")
-    yield Term(("load",), (), "torque_gain", load)
-    yield Term(("abs(load)",), (), "", load)
-    yield Term(("abs(load)*sign(v)",), (), "load_friction", load)
-    yield Term(("load + abs(load)*sign(v)",), (), "worm_gear", load)
-    yield Term(("load - abs(load)*sign(v)",), (), "worm_gear", load)
-    yield Term(("sign(v) + sign(load)",), (), "worm_gear")
-    yield Term(("sign(v) - sign(load)",), (), "worm_gear")
-    yield Term(("load**2*sign(v)",), (), "load_friction", (("load", 2),))
-    yield Term(("sqrt(abs(load))*sign(v)",), (), "load_friction", (("load", 0.5),))
-    yield Term(("tanh(load/l0)*sign(v)",), (width,), "load_friction")
-    yield Term(("tanh(abs(load)/l0)*sign(v)",), (width,), "load_friction")
-    yield Term(("abs(load)*v",), (), "load_dependent_viscous", (("load", 1), ("v", 1)))
-    yield Term(("load*v",), (), "", (("load", 1), ("v", 1)))
-    stribeck = Scale("v0", "width", "v")
-    yield Term(("abs(load)*sign(v)*exp(-(v/v0)**2)",), (stribeck,), "load_dependent_stribeck", load)
-    yield Term(("abs(load)*v/(abs(v) + v0)",), (stribeck,), "load_friction", load)
-
-
-def _of_rates(signals: frozenset[str]) -> Iterator[Term]:
-    if "a" in signals:
-        yield Term(("a",), (), "rotor_inertia", (("a", 1),))
-    if {"a", "v"} <= signals:
-        yield Term(("a*abs(v)",), (), "", (("a", 1), ("v", 1)))
-        yield Term(("a*v",), (), "", (("a", 1), ("v", 1)))
-        yield Term(("abs(a)*sign(v)",), (), "inertial_friction", (("a", 1),))
-    if {"a", "q"} <= signals:
-        yield Term(("a*q",), (), "varying_inertia", (("a", 1), ("q", 1)))
-        yield Term(("a*q**2",), (), "varying_inertia", (("a", 1), ("q", 2)))
-        yield Term(("a*sin(q)", "a*cos(q)"), (), "varying_inertia", (("a", 1),))
-
-
-def _of_time() -> tuple[Term, ...]:
-    tau = Scale("t0", "width", "t")
-    wave = Scale("n", "wave", "t")
-    return (
-        Term(("t",), (), "drift", (("t", 1),)),
-        Term(("exp(-t/t0)",), (tau,), "running_in"),
-        Term(("1/(1 + t/t0)",), (tau,), "running_in"),
-        Term(("sqrt(t)",), (), "drift", (("t", 0.5),)),
-        Term(("log(1 + t/t0)",), (tau,), "drift"),
-        Term(("sin(n*t)", "cos(n*t)"), (wave,), "disturbance"),
+def term(text: str, name: str, x: str = "q") -> Term:
+    """Return the term of a text, with a position in the place of x."""
+    scales = tuple(
+        Scale(word, of, x if signal == "x" else signal)
+        for word, (of, signal) in CONSTANTS.items()
+        if re.search(rf"\b{word}\b", text)
     )
-
-
-def _factors(q: str, rotational: bool) -> Iterator[Term]:
-    place, width = Scale("q0", "place", q), Scale("x0", "width", q)
-    yield Term((q,), (), "", ((q, 1),))
-    yield Term((f"{q}**2",), (), "", ((q, 2),))
-    yield Term((f"({q} - q0)**2",), (place,), "", ((q, 2),))
-    yield Term((f"abs({q})",), (), "", ((q, 1),))
-    yield Term((f"abs({q} - q0)",), (place,), "", ((q, 1),))
-    yield Term((f"exp({q}/x0)",), (width,))
-    yield Term((f"exp(-{q}/x0)",), (width,))
-    yield Term((f"exp(-(({q} - q0)/x0)**2)",), (place, width))
-    yield Term((f"tanh(({q} - q0)/x0)",), (place, width))
-    wave = Scale("n", "wave", q)
-    yield Term((f"sin(n*{q})", f"cos(n*{q})"), (wave,))
-    if rotational:
-        yield Term((f"sin({q})", f"cos({q})"))
-        yield Term((f"sin(2*{q})", f"cos(2*{q})"))
-
-
-def _product(f: Term, word: str, powers: Powers, name: str) -> Term:
-    """Return a term times another signal."""
-    if word == "1":
-        return replace(f, known_as=name or f.known_as)
-    columns = tuple(
-        f"({c})*{word}" if " " in c and not c.startswith(("exp", "sin", "cos", "abs", "tanh"))
-        else f"{c}*{word}" for c in f.columns
-    )  # fmt: skip
-    return Term(columns, f.scales, name, (*f.powers, *powers))
-
-
-def _of_two(rotational: bool) -> Iterator[Term]:
-    """Yield terms of two joints' positions and speeds."""
-    for f in _factors("q_o", rotational):
-        yield _product(f, "1", (), "cross_coupling")
-        for word, powers in (
-            ("q", (("q", 1.0),)), ("sign(v)", ()), ("v", (("v", 1.0),)), ("v_o", (("v_o", 1.0),)),
-        ):  # fmt: skip
-            yield _product(f, word, powers, "cross_coupling")
-    if rotational:
-        for a in ("sin(q)", "cos(q)"):
-            yield Term((f"{a}*sin(q_o)", f"{a}*cos(q_o)"), (), "cross_coupling")
-        yield Term(("sin(q - q_o)", "cos(q - q_o)"), (), "cross_coupling")
-        yield Term(("sin(q + q_o)", "cos(q + q_o)"), (), "cross_coupling")
-    yield Term(("q - q_o",), (), "cross_coupling", (("q", 1),))
-    yield Term(("(q - q_o)**3",), (), "cross_coupling", (("q", 3),))
-    yield Term(("q**2*q_o",), (), "cross_coupling", (("q", 2), ("q_o", 1)))
-    yield Term(("q**2*q_o**2",), (), "cross_coupling", (("q", 2), ("q_o", 2)))
-    yield Term(("v_o",), (), "cross_coupling", (("v_o", 1),))
-    yield Term(("sign(v_o)",), (), "cross_coupling")
-    yield Term(("v*v_o",), (), "cross_coupling", (("v", 1), ("v_o", 1)))
-    yield Term(("v_o*abs(v_o)",), (), "cross_coupling", (("v_o", 2),))
-    yield Term(("sign(v - v_o)",), (), "cross_coupling")
-    yield Term(("sign(v + v_o)",), (), "cross_coupling")
+    place = x if x.isidentifier() else f"({x})"
+    return Term(tuple(re.sub(r"\bx\b", place, text).split("; ")), scales, name)

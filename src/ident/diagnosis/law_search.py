@@ -102,11 +102,11 @@ class LawSearch:
         """All terms as formulas of one term."""
         table = self.contest.table
         rotational = table.mechanism.joint(self.joint).rotational
-        one = frozenset({"q", "v", "a", "t"})
+        one = frozenset({"q_o"} if self.other else {"q"})
         if self.joint in table.mechanism.sites.loaded:
             one |= {"load"}
-        if self.other:
-            one = frozenset({"q_o", "v_o"})
+        if all(f"temperature.{self.joint}" in e.extra for e in table.motion.experiments):
+            one |= {"temperature"}
         joints = (self.joint, self.other) if self.other else (self.joint,)
         return [Formula(joints, {}, rotational, terms=(t,)) for t in terms(one, rotational)]
 
@@ -115,20 +115,21 @@ class LawSearch:
         """Constants at which each term is screened, and its columns (m, starts · u) there in each
         part, in single precision.
 
-        A wave with an angle within another function has the wave numbers of the best sines.
+        A wave beside other constants has the wave numbers of the best plain sines.
         """
         found = []
-        numbers: list[float] = []
+        numbers: dict[str, list[float]] = {}
         for formula in self.terms:
             starts: Starts = self.contest.table.starts(formula)
-            if {"wave", "angle"} <= {each.of for each in formula.scales}:
-                angles = dict.fromkeys(start["b"] for start in starts)
-                near = dict.fromkeys(n / k for n in numbers for k in (1, 2))
-                starts = [{"n": n, "b": b} for n in near for b in angles]
+            wave = next((each.signal for each in formula.scales if each.name == "n"), "")
+            if wave in numbers and len(formula.scales) > 1:
+                near = dict.fromkeys(n / k for n in numbers[wave] for k in (1, 2))
+                others = {tuple((k, x) for k, x in each.items() if k != "n") for each in starts}
+                starts = [{**dict(each), "n": n} for n in near for each in sorted(others)]
             columns = self.columns(formula, starts)
-            if formula.terms[0].columns == ("sin(n*q)", "cos(n*q)"):
+            if wave and wave not in numbers:  # the plain sines come first
                 falls = screened(self.regression, columns, len(starts))
-                numbers = [starts[int(k)]["n"] for k in np.argsort(-falls)[:WAVES]]
+                numbers[wave] = [starts[int(k)]["n"] for k in np.argsort(-falls)[:WAVES]]
             found.append((starts, columns))
         return found
 

@@ -14,7 +14,7 @@ from ident.diagnosis.candidates import Contest
 from ident.diagnosis.grammar import PROBE
 from ident.diagnosis.law_search import MINE, FittedFormula, LawSearch, OnProgress
 from ident.diagnosis.search import Member, Selection
-from ident.diagnosis.selection import Decision
+from ident.diagnosis.selection import Decision, Ranking
 from ident.effects.formula import Formula, Term
 from ident.information.hypotheses import Array, PartialRegression, paired
 
@@ -127,12 +127,13 @@ def laws_of(
     Returns:
         The selection, in which a law rejects the effects that it replaces, and the laws.
     """
-    found = []
+    found, last = [], selection.last
     for joint in _joints(contest, selection, loud)[:JOINTS]:
-        law = _law(contest, selection, joint, floor, decision, on_progress)
+        law = _law(contest, selection, last, joint, floor, decision, on_progress)
         if law is None:
             continue
         found.append(law)
+        last = _with(last, law, selection.members)
         members = [
             replace(m, law=law.formula) if m.label in law.replaced else m for m in selection.members
         ]
@@ -158,16 +159,24 @@ def _joints(contest: Contest, selection: Selection, loud: Collection[str]) -> li
     return list(dict.fromkeys(found or quiet[:1]))
 
 
+def _with(last: Ranking, law: FoundLaw, members: Collection[Member]) -> Ranking:
+    """Return the model with a law in the place of what it replaces."""
+    regression = last.regression
+    for m in members:
+        regression = regression.without(m.columns) if m.label in law.replaced else regression
+    whole, new = replace(last.contest, regression=regression).added(law.found.C)
+    return replace(last, contest=whole, regression=whole.regression.extended(new))
+
+
 def _doubtful(selection: Selection, joint: str) -> list[Member]:
     """Members at a joint that a law could replace."""
     return [m for m in selection.members if joint in m.effect.joints[:1] and not m.effect.common]
 
 
 def _law(
-    contest: Contest, selection: Selection, joint: str, floor: Mapping[str, float],
+    contest: Contest, selection: Selection, last: Ranking, joint: str, floor: Mapping[str, float],
     decision: Decision, on_progress: OnProgress,
 ) -> FoundLaw | None:  # fmt: skip
-    last = selection.last
     doubtful = _doubtful(selection, joint)
     regression = last.regression.judging([p.Y[:, :1] for p in last.regression.parts])
     for m in doubtful:

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
@@ -13,15 +13,12 @@ import numpy as np
 
 from ident.effects.effect import NOWHERE, Bounds, Effect, Shape, Signals, Unknown
 from ident.effects.friction import direction
+from ident.effects.units import UNITS
 from ident.errors import MechanismError, one_of
 
 PIECES = 5  # intervals of a curve of one signal
 FEW = 3  # of a curve that multiplies another signal, and of each half of a curve of speed
 DEGREE = 3
-UNITS: Mapping[str, tuple[str, str]] = {
-    "q": ("rad", "m"), "v": ("rad/s", "m/s"), "a": ("rad/s²", "m/s²"), "t": ("s", "s"),
-    "load": ("N m", "N"), "temperature": ("°C", "°C"),
-}  # fmt: skip
 PRODUCTS = (
     "q*sign",
     "t*sign",

@@ -16,9 +16,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ident.effects.curve import UNITS
 from ident.effects.effect import Bounds, Effect, Found, Shape, Signals, Unknown
 from ident.effects.friction import direction
+from ident.effects.units import UNITS, Powers, dimension, scaled, unit_of
 from ident.text import rounded
 
 FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "sign", "tanh")
@@ -26,7 +26,7 @@ OTHER = re.compile(r"\b([qv])_o\b")  # a signal of the second joint, before its 
 WAVES = 1.25  # [1/travel] between the wave numbers at which a search begins
 SMOOTH = 1e-3  # [rad/s | N m | 1] within which the sign of what is no joint's speed is smooth
 SIGN = re.compile(r"sign\((v|v_o)\)")  # of a joint's own speed
-SIGNALS = frozenset({"q", "v", "a", "load", "t", "temperature", "q_o", "v_o"})
+SIGNALS = frozenset({*UNITS, "q_o", "v_o"})
 DESCRIPTION = "a description, not yet a cause"
 WIDEST = 40  # exponents beyond which exp is not evaluated
 FUNCTION_OF = {
@@ -43,21 +43,26 @@ class Scale:
     Attributes:
         name: in the term's text.
         of: the signal that has its range: `width` of it, a `place` in it, a `wave` of it; or an
-            `angle`, a `share` between −1 and 1, a `power`.
-        signal: whose range; empty where that does not matter.
+            `angle`, a `share` between −1 and 1, an `exponent`, a `power`.
+        signal: whose range, a signal or a sum of two; empty where that does not matter.
     """
 
     name: str
     of: str
     signal: str = ""
 
-    def unit(self, rotational: bool) -> str:
-        """Return its unit."""
-        of_signal = UNITS.get(self.signal[:1] if self.signal[1:2] == "_" else self.signal)
-        own = of_signal[0 if rotational else 1] if of_signal else "1"
-        own = own.replace("°C", "K")
-        return {"width": own, "place": own, "wave": f"1/{own}" if own != "rad" else "1",
-                "angle": "rad"}.get(self.of, "1")  # fmt: skip
+    @property
+    def powers(self) -> Powers:
+        """Powers of signals in its unit."""
+        power = {"width": 1, "place": 1, "wave": -1}.get(self.of, 0)
+        return scaled(dimension(self.signal), power) if power else {}
+
+    def unit(self, rotational: bool, second: bool) -> str:
+        """Return its unit, of joints that turn or not."""
+        if self.of == "angle":
+            return "rad"
+        unit = unit_of(self.powers, rotational, second)
+        return "1" if unit == "1/rad" else unit
 
     def bounds(self, x: np.ndarray) -> tuple[float, float]:
         """Return the lowest and highest value, given the signal x (n,)."""
@@ -74,6 +79,8 @@ class Scale:
                 return -np.pi, np.pi
             case "share":
                 return -0.98, 0.98
+            case "exponent":
+                return -6.0, 6.0
             case _:
                 return 0.2, 4.0
 
@@ -95,6 +102,8 @@ class Scale:
                 ]  # within π: a sign is the coefficient's
             case "share":
                 return [-0.9, -0.5, 0.5, 0.9]
+            case "exponent":
+                return [-2.0, -0.7, 0.7, 2.0]
             case _:
                 return [0.5, 1.5, 2.5]
 
@@ -107,13 +116,17 @@ class Term:
         columns: Python texts.
         scales: the constants.
         known_as: name of the law in the literature; empty where it has none.
-        powers: of the units of signals, that the columns have.
     """
 
     columns: tuple[str, ...]
     scales: tuple[Scale, ...] = ()
     known_as: str = ""
-    powers: tuple[tuple[str, float], ...] = ()
+
+    @cached_property
+    def powers(self) -> tuple[Powers, ...]:
+        """Powers of signals in the unit of each column."""
+        of = {each.name: each.powers for each in self.scales}
+        return tuple(dimension(text, of) for text in self.columns)
 
     @cached_property
     def cost(self) -> int:
@@ -133,7 +146,7 @@ class Term:
         new = {each.name: f"{each.name}{suffix}" for each in self.scales}
         columns = tuple(substituted(text, new) for text in self.columns)
         scales = tuple(Scale(new[s.name], s.of, s.signal) for s in self.scales)
-        return Term(columns, scales, self.known_as, self.powers)
+        return Term(columns, scales, self.known_as)
 
 
 def substituted(text: str, names: Mapping[str, str]) -> str:
@@ -208,11 +221,9 @@ class Formula(Effect):
         many = len(self.columns_text) > 1
         found: list[Unknown] = []
         for term in self.renamed:
-            units = tuple(
-                _per(force, term.powers, (i, 0 if self.second_rotational else 1))
-                for i, force in enumerate(("N m", "N"))
-            )
-            for _ in term.columns:
+            for powers in term.powers:
+                inverse, second = scaled(powers, -1), self.second_rotational
+                units = tuple(unit_of(inverse, own, second, 1.0) for own in (True, False))
                 name = f"k{len(found) + 1}" if many else "k"
                 found.append(Unknown(name, units, "coefficient"))
         return tuple(found)
@@ -222,9 +233,7 @@ class Formula(Effect):
         return tuple(
             Unknown(
                 each.name,
-                (each.unit(self.second_rotational),) * 2
-                if each.signal.endswith("_o")
-                else (each.unit(True), each.unit(False)),
+                (each.unit(True, self.second_rotational), each.unit(False, self.second_rotational)),
                 "constant",
             )
             for term in self.renamed
@@ -322,7 +331,7 @@ class Formula(Effect):
         if self.found:
             return {name: (low, high) for name, (_, low, high) in self.found.items()}
         names = _namespace(s, self.implicit, self.reads())
-        return {each.name: each.bounds(names.get(each.signal, s.t)) for each in self.scales}
+        return {each.name: each.bounds(_range(each, names)) for each in self.scales}
 
     def starts(self, s: Signals) -> list[Shape]:
         if self.found:
@@ -330,7 +339,7 @@ class Formula(Effect):
         names = _namespace(s, self.implicit, self.reads())
         found: list[Shape] = [{}]
         for each in self.scales:
-            values = each.starts(names.get(each.signal, s.t))
+            values = each.starts(_range(each, names))
             found = [{**one, each.name: value} for one in found for value in values]
         return found
 
@@ -400,10 +409,10 @@ def _product(name: str, text: str) -> str:
     """Return `name*text`, `name` for a text of 1, `name/x` for one of 1/x."""
     if text == "1" or text.startswith("1/"):
         return f"{name}{text[1:]}"
-    return f"{name}*{_factor(text)}"
+    return f"{name}*{factor(text)}"
 
 
-def _factor(text: str) -> str:
+def factor(text: str) -> str:
     """Return a text as a factor: in brackets where a sum is outside all of its own."""
     depth = 0
     for i, character in enumerate(text):
@@ -411,35 +420,6 @@ def _factor(text: str) -> str:
         if depth == 0 and character in "+-" and i and text[i - 1] == " ":
             return f"({text})"
     return text
-
-
-def _per(force: str, powers: tuple[tuple[str, float], ...], places: tuple[int, int]) -> str:
-    """Return the unit of a coefficient: force per unit of its column.
-
-    Args:
-        force: without a column.
-        powers: of the signals.
-        places: of the units of the own signals and of the other joint's, 0 of one that turns.
-    """
-    found: dict[str, float] = {}
-    for signal, power in powers:
-        unit = UNITS[signal.removesuffix("_o")][places[signal.endswith("_o")]].replace("°C", "K")
-        if signal == "load":
-            force = {1: "1", 2: f"1/({force})", 0.5: f"({force})^0.5"}.get(power, force)
-            continue
-        base, _, time = unit.partition("/")
-        found[base] = found.get(base, 0) + power
-        if time:
-            found["s"] = found.get("s", 0) - power * (2 if "²" in time else 1)
-    over = [_raised(u, -p) for u, p in found.items() if p < 0]
-    under = [_raised(u, p) for u, p in found.items() if p > 0]
-    top = " ".join([force, *over]) if force != "1" or not over else " ".join(over)
-    return f"{top}/({' '.join(under)})" if len(under) > 1 else "/".join([top, *under])
-
-
-def _raised(unit: str, power: float) -> str:
-    marks = {1: "", 2: "²", 3: "³"}
-    return f"{unit}{marks[int(power)]}" if power in marks else f"{unit}^{power:g}"
 
 
 def _namespace(s: Signals, load: bool, heat: Sequence[str]) -> dict[str, Any]:
@@ -459,3 +439,8 @@ def _namespace(s: Signals, load: bool, heat: Sequence[str]) -> dict[str, Any]:
         return np.tanh(x / SMOOTH) if i is None else direction(s.v[:, i], s.still[i])
 
     return {**found, "sign": sign}
+
+
+def _range(scale: Scale, names: Mapping[str, Any]) -> np.ndarray:
+    """Return the signal whose range a constant has."""
+    return np.asarray(eval(_code(scale.signal or "t"), {"__builtins__": {}}, dict(names)))
