@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.diagnosis.candidates import CandidateColumns, Contest
-from ident.diagnosis.law_search import normal_equations
 from ident.diagnosis.laws import Comparison
+from ident.diagnosis.refine import normal_equations
 from ident.effects import Signals
 from ident.effects.curve import Curve
 from ident.effects.formula import plain

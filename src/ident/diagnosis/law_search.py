@@ -2,11 +2,8 @@
 
 Terms of a grammar are columns like any effect's. Each is projected off the model, which makes a
 candidate a matrix product, and the fall of the squared error orders them. The best ones have their
-constants refined,
-
-    [C̃ D̃] [c; δs] = r        D = ∂(C c)/∂s, everything else refitted (variable projection)
-
-and are judged by the left-out error. Sums of two terms grow from the best single ones.
+constants refined, and are judged by the left-out error. Sums of two terms grow from the best single
+ones.
 """
 
 from __future__ import annotations
@@ -20,6 +17,7 @@ import numpy as np
 
 from ident.diagnosis.candidates import Contest
 from ident.diagnosis.grammar import terms
+from ident.diagnosis.refine import RANK, normal_equations, refined, screened
 from ident.effects.formula import Formula, Term
 from ident.information.hypotheses import Array, PartialRegression, Refit
 
@@ -28,12 +26,7 @@ WAVES = 4  # wave numbers of sines with which other functions of a wave are scre
 NUMBERS = 8  # of a formula: more is a curve, not a law
 BEAM = 2  # formulas to which a further term is added
 TERMS = 2  # of a formula
-STEPS = 8  # of Gauss-Newton
-LONGEST = 0.3  # of a constant's range, the longest step
 CERTAIN = 2.0  # standard errors of a coefficient that is determined
-RISE = 1e-3  # of the error, that a further step must bring
-RANK = 1e-6  # of a unit column's square: less of it is new
-SLOPE = 1e-4  # of a constant's range, for its slope
 MINE = 0.1  # share of a fall that makes a coordinate one that a law mends
 OnProgress = Callable[[str, float], None]
 Starts = Sequence[Mapping[str, float]]
@@ -211,38 +204,10 @@ class LawSearch:
                 found[i] = fitted
         return list(found.values())
 
-    def fitted(self, formula: Formula, shape: dict[str, float]) -> FittedFormula:
+    def fitted(self, formula: Formula, shape: Mapping[str, float]) -> FittedFormula:
         """The formula with its constants refined from where they are."""
-        bounds = self.contest.table.bounds(formula)
-        u = len(formula.unknowns)
-        low, high = (np.array([bounds[name][i] for name in shape]) for i in (0, 1))
-        steps = {name: SLOPE * (b - a) for name, (a, b) in bounds.items()}
-        C = self.contest.columns(formula, shape)
-        S, g = normal_equations(self.regression, C)
-        now = fall(S, g)
-        for _ in range(STEPS if shape else 0):
-            both = self.contest.with_slopes(formula, shape, C, solved(S, g), steps)
-            step = solved(*normal_equations(self.regression, both))[u:]
-            before, at = now, np.array(list(shape.values()))
-            for half in range(4):
-                most = LONGEST * (high - low)
-                new = np.clip(at + np.clip(0.5**half * step, -most, most), low, high)
-                tried = dict(zip(shape, map(float, new), strict=True))
-                trial = self.contest.columns(formula, tried)
-                S_new, g_new = normal_equations(self.regression, trial)
-                if fall(S_new, g_new) > now:
-                    shape, C, S, g, now = tried, trial, S_new, g_new, fall(S_new, g_new)
-                    break
-            if now - before < RISE * max(self.squares(C) - now, 0.0):
-                break
-        if shape:
-            C = self.contest.with_slopes(formula, shape, C, solved(S, g), steps)
-        return FittedFormula(formula, shape, tuple(C), self.regression.refit_with(C))
-
-    def squares(self, C: Sequence[Array]) -> float:
-        """|r|² in the coordinates in which columns are."""
-        pairs = zip(self.regression.residual, C, strict=True)
-        return sum(float(r[:, 0] @ r[:, 0]) for r, c in pairs if c.any())
+        found, C, refit = refined(self.contest, self.regression, formula, shape)
+        return FittedFormula(formula, found, tuple(C), refit)
 
 
 def _fits(before: Formula, one: Formula) -> bool:
@@ -250,42 +215,3 @@ def _fits(before: Formula, one: Formula) -> bool:
     numbers = len(before.parameters) + len(one.parameters)
     other = before.joints[1:] in ((), one.joints[1:]) or not one.joints[1:]
     return one.terms[0] not in before.terms and other and numbers <= NUMBERS
-
-
-def screened(regression: PartialRegression, C: Sequence[np.ndarray], groups: int) -> Array:
-    """(groups,) in-sample fall of the squares by each group of columns, equal in number."""
-    S, g = normal_equations(regression, C)
-    u = len(g) // groups
-    parts = (slice(k * u, (k + 1) * u) for k in range(groups))
-    return np.array([fall(S[at, at], g[at]) for at in parts])
-
-
-def normal_equations(regression: PartialRegression, C: Sequence[np.ndarray]) -> tuple[Array, Array]:
-    """C̃ᵀC̃ and C̃ᵀr, weighted, of columns C (m, u) in each part; (0, u) where they are zero.
-
-    What is left of a column is set to zero where it is less than RANK of its squares.
-    """
-    u = C[0].shape[1]
-    S, g, P = np.zeros((u, u)), np.zeros(u), np.zeros((regression.rank, u))
-    for part, Q, r, c in zip(regression.parts, regression.Q, regression.residual, C, strict=True):
-        if len(c):
-            c = c * regression.weight[part.coordinate]
-            S += c.T @ c
-            g += c.T @ r[:, 0]
-            P += Q.T @ c
-    rest = S - P.T @ P
-    new = np.diag(rest) > RANK * np.diag(S)
-    return rest * np.outer(new, new), g * new
-
-
-def fall(S: Array, g: Array) -> float:
-    """gᵀ S⁺ g in the directions that are new."""
-    return float(g @ solved(S, g))
-
-
-def solved(S: Array, g: Array) -> Array:
-    """S⁺ g in the directions that are new."""
-    size = np.sqrt(np.where(np.diag(S) > 0, np.diag(S), 1.0))
-    values, V = np.linalg.eigh(S / size[:, None] / size)
-    good = values > RANK
-    return np.asarray((V[:, good] / values[good]) @ (V[:, good].T @ (g / size)) / size)

@@ -143,7 +143,8 @@ def laws_of(
 
 def _joints(contest: Contest, selection: Selection, loud: Collection[str]) -> list[str]:
     """Joints where a law may be missing: those of curves and of doubtful effects; if there are
-    none, one where more than noise is left beside what is named.
+    none, one where more than noise is left beside what is named, or where a curve alone has more
+    than chance gives it.
     """
     known = contest.table.mechanism.joint_index
     found = [curve.joints[0] for curve, _ in selection.last.curves[:1] if loud]
@@ -154,7 +155,7 @@ def _joints(contest: Contest, selection: Selection, loud: Collection[str]) -> li
             several = len(_doubtful(selection, joint)) > 1
             if m.rejected or m.effect.descriptive or several:
                 found.append(joint)
-            elif joint in loud:
+            elif joint in loud or (m.effect.arity == 1 and _hint(selection.last, joint)):
                 quiet.append(joint)
     return list(dict.fromkeys(found or quiet[:1]))
 
@@ -166,6 +167,12 @@ def _with(last: Ranking, law: FoundLaw, members: Collection[Member]) -> Ranking:
         regression = regression.without(m.columns) if m.label in law.replaced else regression
     whole, new = replace(last.contest, regression=regression).added(law.found.C)
     return replace(last, contest=whole, regression=whole.regression.extended(new))
+
+
+def _hint(last: Ranking, joint: str) -> float:
+    """Return what chance gives the curve of a joint that has most beyond it; 0 without one."""
+    mine = [(gain, own) for curve, gain, own in last.hints if curve.joints[0] == joint]
+    return max(mine)[1] if mine else 0.0
 
 
 def _doubtful(selection: Selection, joint: str) -> list[Member]:
@@ -211,7 +218,8 @@ def _law(
         names_stay = not compare.clear(cubic.refit.loss, law.refit.loss, 1.0)
     numbers = sum(len(m.effect.parameters) for m in named)
     fewer = (1 if loose else 2) * len(law.formula.parameters) <= numbers
-    wrong = compare.clear(with_names.losses, law.refit.loss, WRONG_FORM)
+    chance = _hint(last, joint)
+    wrong = compare.clear(with_names.losses, law.refit.loss, 1 + chance if chance else WRONG_FORM)
     as_good = not compare.clear(law.refit.loss, with_names.losses, 1.0)
     if named and not (names_stay or wrong or (fewer and as_good)):
         return None  # the names do as well

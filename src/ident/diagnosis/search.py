@@ -19,6 +19,7 @@ import numpy as np
 
 from ident.diagnosis.candidates import CandidateColumns, Contest
 from ident.diagnosis.null import NoiseDraws
+from ident.diagnosis.refine import refined
 from ident.diagnosis.selection import (
     HIDDEN,
     PARSIMONY,
@@ -117,6 +118,19 @@ class EffectSet:
         """The set without one of its effects."""
         left = tuple(each for each in self.members if each is not member)
         return replace(self, regression=self.regression.without(member.columns), members=left)
+
+    def polished(self) -> EffectSet:
+        """The set with all shapes refined beside each other: weights have changed since."""
+        found = self
+        for m in self.members:
+            if m.evidence is None or m.effect.corrects or not m.evidence.C:
+                continue
+            bare = found.minus(m)
+            contest = replace(bare.contest, regression=bare.regression)
+            shape, C, refit = refined(contest, bare.regression, m.effect, m.evidence.shape)
+            e = replace(m.evidence, shape=shape, columns=m.columns[:0], C=tuple(C), refit=refit)
+            found = bare.plus(e, m.rivals)
+        return found
 
     def reweighted(self) -> EffectSet:
         """The set with weights by the left-out errors that it leaves."""
@@ -367,6 +381,7 @@ def select(
     found = Search(contest, noise, decision, seed, given, on_progress).run(first)
     if not found.members:
         return Selection(first, (), first)
+    found = found.polished()
     last = rank(found.contest, found.regression, noise, decision, seed, found.labels)
     members = [_judged(each, found, last) for each in found.members]
     members.sort(key=lambda each: first.place(each.label))

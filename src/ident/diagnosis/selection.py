@@ -24,6 +24,7 @@ import numpy as np
 
 from ident.diagnosis.candidates import CandidateColumns, Contest, Shape
 from ident.diagnosis.null import SURROGATES, NoiseDraws, judging
+from ident.diagnosis.refine import refined
 from ident.effects import Effect
 from ident.errors import FitError
 from ident.information.hypotheses import (
@@ -45,8 +46,6 @@ RARE = 2.0  # times the quantile for effects that few machines have and noise of
 HIDDEN = 0.02  # visible share below which the data cannot speak of an effect
 CLOSEST = 12  # candidates that are looked at in detail though they are not credible
 MINE = 0.1  # share of a fall that makes a coordinate one that it mends
-PRECISE = 1e-2  # of the distance between two starts, to which a shape is refined
-SLOPE = 1e-3  # of a shape's range, for its sensitivity
 SEEN = 0.1  # share of a richer effect's columns that must be its own for the data to judge them
 MOST = 40  # effects of a set
 OnProgress = Callable[[str, float], None]
@@ -151,6 +150,7 @@ class Ranking:
         gains: by label, share of the left-out squared error and visible share, of all.
         limit: the quantile for laws, as a share; total: the left-out squared error.
         curves: credible curves, best first; limit_with_curves: the quantile for them.
+        hints: curves whose gain exceeds the quantile of their own gains, with both.
         chance: (draws,) largest gain of all laws in each draw of the null distribution.
     """
 
@@ -163,6 +163,7 @@ class Ranking:
     curves: tuple[tuple[Effect, float], ...]
     limit_with_curves: float
     chance: Array
+    hints: tuple[tuple[Effect, float, float], ...]
 
     def limit_of(self, candidate: CandidateColumns) -> float:
         """What the gain of a candidate is held against, as a share."""
@@ -217,14 +218,12 @@ def rank(
     total = max(float(regression.loss.sum()), 1e-300)
     null = found.null / np.maximum(regression.null_loss, total)
     law = np.repeat([not each.curve for each in mine], np.diff(ends))
+    hints = []
     if limit is None:
-        limit, of_curves = (
-            max(
-                quantile(x[:, :SURROGATES], decision.alpha),
-                quantile(x[:, SURROGATES:], decision.alpha),
-            )
-            for x in (null[law], null)
-        )
+        limit, of_curves = (_quantile(x, decision.alpha) for x in (null[law], null))
+        for each, g, at in zip(mine, G, ends[:-1] + np.array(starts, dtype=int), strict=True):
+            if each.curve and g / total > (own := _quantile(null[[at]], decision.alpha)):
+                hints.append((each.effect, float(g) / total, own))
     else:
         of_curves = limit
     chance = null[law].max(axis=0, initial=-np.inf)
@@ -248,8 +247,15 @@ def rank(
     }
     evidence.sort(key=lambda each: -each.gain)
     return Ranking(
-        contest, regression, tuple(evidence), gains, limit, total, tuple(curves), of_curves, chance
-    )
+        contest, regression, tuple(evidence), gains, limit, total, tuple(curves), of_curves, chance,
+        tuple(hints),
+    )  # fmt: skip
+
+
+def _quantile(null: Array, alpha: float) -> float:
+    """Return the larger of the quantiles over surrogates and over draws of the sensors' noise."""
+    parts = null[:, :SURROGATES], null[:, SURROGATES:]
+    return max(quantile(x, alpha) for x in parts)
 
 
 def chance_of(gain: float, chance: Array) -> float:
@@ -279,9 +285,8 @@ class Weigh:
             for each, value in zip(effect.searched, refit.theta, strict=True):
                 shape[each.name] = float(np.clip(shape[each.name] + value, *bounds[each.name]))
         elif passed and any(not each.discrete for each in effect.searched):
-            shape = self._refined(candidate, start)
-            columns, C = columns[:0], self._with_slopes(effect, shape)
-            refit = self.regression.refit_with(C)
+            found, C, refit = refined(self.contest, self.regression, effect, shape)
+            shape, columns = dict(found), columns[:0]
             if not self._reached(effect, shape, refit.theta):  # the slopes are no change of shape
                 C = [c[:, : len(effect.unknowns)] for c in C]
                 refit = self.regression.refit_with(C)
@@ -311,50 +316,12 @@ class Weigh:
             tuple(int(u) for u in np.flatnonzero(mends)),
         )
 
-    def _refined(self, candidate: CandidateColumns, start: int) -> dict[str, float]:
-        """The one continuous shape parameter between the best start's neighbours."""
-        effect, shape = candidate.effect, dict(candidate.shapes[start])
-        (free,) = [each.name for each in effect.searched if not each.discrete]
-        alike = [
-            each[free]
-            for each in candidate.shapes
-            if all(each[k] == v for k, v in shape.items() if k != free)
-        ]
-        low, high = self.contest.table.bounds(effect)[free]
-        below = max([x for x in alike if x < shape[free]], default=low)
-        above = min([x for x in alike if x > shape[free]], default=high)
-
-        def loss(x: float) -> float:
-            C = self.contest.columns(effect, {**shape, free: x})
-            return -float(self.regression.refit_with(C).by.sum())
-
-        from scipy.optimize import minimize_scalar  # takes 0.2 s to import
-
-        found = minimize_scalar(
-            loss,
-            bounds=(below, above),
-            method="bounded",
-            options={"xatol": PRECISE * (above - below), "maxiter": 12},
-        )
-        return {**shape, free: float(found.x)} if found.fun < loss(shape[free]) else shape
-
     def _reached(self, effect: Effect, shape: Shape, theta: Array) -> bool:
         """Return whether the linear change of each shape parameter stays within its bounds."""
         bounds = self.contest.table.bounds(effect)
         free = [each.name for each in effect.searched if not each.discrete]
         steps = zip(free, theta[len(effect.unknowns) :], strict=True)
         return all(bounds[n][0] <= shape[n] + step <= bounds[n][1] for n, step in steps)
-
-    def _with_slopes(self, effect: Effect, shape: Shape) -> list[Array]:
-        """E(s), then ∂(E c)/∂s at the coefficients c that fit best."""
-        C = self.contest.columns(effect, shape)
-        theta = self.regression.refit_with(C).theta
-        bounds = self.contest.table.bounds(effect)
-        steps = {}
-        for name in (each.name for each in effect.searched if not each.discrete):
-            low, high = bounds[name]
-            steps[name] = max(min(SLOPE * (high - low), 1e-2 * abs(shape[name]) or np.inf), 1e-9)
-        return self.contest.with_slopes(effect, shape, C, theta, steps)
 
 
 def torque_squares(contest: Contest, regression: PartialRegression) -> Array:
