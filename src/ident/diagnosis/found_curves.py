@@ -147,6 +147,8 @@ def _on_grid(effect: Curve, shape: Mapping[str, float]) -> tuple[Array, Array]:
     )  # fmt: skip
     if effect.first == "t":
         signals = replace(signals, t=x - x[0])
+    elif effect.first == "temperature":
+        signals = replace(signals, extra={effect.reads()[0]: x})
     elif effect.second == "q":
         signals.q[:, 1] = x
     elif effect.first != "load":
