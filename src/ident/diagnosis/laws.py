@@ -217,7 +217,10 @@ def _law(
         cubic = search.fitted(replace(law.formula, joints=(joint,), terms=(CUBIC,)), {})
         names_stay = not compare.clear(cubic.refit.loss, law.refit.loss, 1.0)
     numbers = sum(len(m.effect.parameters) for m in named)
-    fewer = (1 if loose else 2) * len(law.formula.parameters) <= numbers
+    mine = len(law.formula.parameters)
+    fewer = (1 if loose else 2) * mine <= numbers
+    if len(named) > 1 and mine < numbers:  # one law in the place of several
+        fewer |= compare.ratio(with_names.losses, law.refit.loss) > 1
     chance = _hint(last, joint)
     wrong = compare.clear(with_names.losses, law.refit.loss, 1 + chance if chance else WRONG_FORM)
     as_good = not compare.clear(law.refit.loss, with_names.losses, 1.0)

@@ -274,7 +274,11 @@ class Effect(ABC):
         return [*together, *combinations(places, cls.arity)]
 
     def placed(self, rotational: Sequence[bool]) -> Effect:
-        """Return the effect with the units of its joints' types."""
+        """Return the effect with the units of its joints' types.
+
+        Args:
+            rotational: of each joint, whether it turns.
+        """
         return replace(self, rotational=rotational[0])
 
     def reads(self) -> tuple[str, ...]:

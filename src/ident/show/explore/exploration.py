@@ -156,7 +156,10 @@ class Exploration(Displayed):
         return next((effect for effect in every if effect.label == label), label)
 
     def refuse(self, label: str) -> Exploration:
-        """Without the offer of a law or a curve.
+        """Leave out the offer of a law or a curve.
+
+        Args:
+            label: of the offer.
 
         Raises:
             FitError: if it is not offered.
