@@ -25,7 +25,7 @@ from typing import Any
 from machines import located
 
 ROOT = Path(__file__).resolve().parents[1]
-NAMES = ("tx40", "kr300", "panda", "lwr4", "ur10e", "baxter")
+NAMES = ("tx40", "kr300", "panda", "lwr4", "ur10e", "baxter", "xl330")
 COLUMNS = ("machine", "published", "viscous + Coulomb", "grown", "effects", "time", "memory")
 
 
