@@ -25,7 +25,7 @@ def main() -> None:
     # fixed ratio to the crank, so dry friction in any of them requires nearly the same torque.
     careful = machine(swing(np.deg2rad(15), speed=2.2, seconds=10), "careful.csv", seed=0)
     rigid = ident.identify(mechanism, ident.complete(mechanism, careful))
-    print(ident.compare(rigid).summary)
+    print(ident.compare(rigid))
 
     # An effect is missing, but the error falls with friction in any bearing, so the one with which
     # it falls most is not necessarily the cause.

@@ -217,7 +217,7 @@ def test_closure_functions_come_along(where, slider):
     name = f"../slider_crank/{where}phi.py" if where else "phi.py"
     toml.write_text(f'{head}kind = "function"\nfile = "{name}"\nfunction = "phi"{rest}')
     model = api.load(slider, allow_code=True)
-    files = folder_files(model, b"<robot/>", [], [])
+    files = folder_files(model, b"<robot/>", [], [], {})
     assert set(files) == {"slider_crank.urdf", "mechanism.toml", "phi.py"}
     assert tomllib.loads(files["mechanism.toml"].decode())["closure"][0]["file"] == "phi.py"
 

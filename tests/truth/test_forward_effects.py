@@ -107,7 +107,7 @@ def test_an_effect_of_ones_own():
     run = ident.integrate(mechanism, ident.ComputedTorque(moving("arm")))
     assert judged(mechanism, run) < 1e-8
     jumps = ident.user_effect("jumps", lambda s: {"A": ca.sign(s.v)})
-    with pytest.raises(MechanismError, match=r"'jumps:elbow': cannot be integrated: .*tanh"):
+    with pytest.raises(MechanismError, match=r"'jumps:elbow': cannot be integrated: .*direction"):
         ident.integrate(robot("arm") + jumps(("elbow",), {"A": 0.4}))
 
 

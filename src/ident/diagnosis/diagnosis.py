@@ -297,7 +297,7 @@ class Diagnosis(Plotted):
             return () if self.best is None else (self.best,)
         own = next(m for m in self.selection.members if m.label == self.best.label)
         others = (m for m in self.selection.named if m.effect.kind == self.best.kind)
-        together = (m.effect for m in others if m is not own and len(own.columns))
+        together = (m.effect for m in others if m is not own and not own.stands_in)
         return (self.best, *together)
 
     @cached_property

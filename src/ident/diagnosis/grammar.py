@@ -54,6 +54,8 @@ POSITION: Table = (
     ("exp(x/x0)", "bump_stop"),
     ("exp(-x/x0)", "bump_stop"),
     ("exp(x/x0) - exp((q0 - x)/x0)", "bump_stop"),
+    ("1/(x - q0)", ""),
+    ("1/(x - q0)**2", "air_gap"),
     ("tanh((x - q0)/x0)", "saturating_spring"),
     ("1/(1 + ((x - q0)/x0)**2)", "magnetic_spring"),
     ("(x - q0)/(1 + ((x - q0)/x0)**2)**2", "magnetic_spring"),
@@ -67,6 +69,7 @@ POSITION: Table = (
     ("exp(m*cos(n*x + b))", "cam"),
 )
 LEVERS: Table = (
+    ("a*sin(x); a*cos(x)", "varying_inertia"),
     ("sin(x); cos(x)", "weight_counterbalance"),
     ("sin(x + b)/sqrt(1 + c*cos(x + b))", "gas_spring"),
     ("sin(x + b)/(1 + c*cos(x + b))", "gas_spring"),
@@ -122,7 +125,6 @@ RATES: Table = (
     ("abs(a)*sign(v)", "inertial_friction"),
     ("a*x", "varying_inertia"),
     ("a*x**2", "varying_inertia"),
-    ("a*sin(x); a*cos(x)", "varying_inertia"),
 )
 TIME: Table = (
     ("t", "drift"),
@@ -133,28 +135,33 @@ TIME: Table = (
 )
 TEMPERATURE: Table = (("temperature", ""), ("temperature**2", ""), ("exp(-temperature/T0)", ""))
 VARYING: Table = (("1", ""), ("sign(v)", "running_in"), ("v", "running_in"), ("x", ""), (WAVE, ""))
-TWO = (
-    "v_o", "sign(v_o)", "v*v_o", "v_o*abs(v_o)", "sign(v - v_o)", "sign(v + v_o)", "(q - q_o)**3",
-    "q**2*q_o", "q**2*q_o**2", *(f"{f}(q)*sin(q_o); {f}(q)*cos(q_o)" for f in ("sin", "cos")),
-)  # fmt: skip
+TWO = ("v_o", "sign(v_o)", "v*v_o", "v_o*abs(v_o)", "q**2*q_o", "q**2*q_o**2")
+ALIKE = ("sign(v - v_o)", "sign(v + v_o)", "(q - q_o)**3")  # of two joints of one type
+BOTH_TURN = tuple(f"{f}(q)*sin(q_o); {f}(q)*cos(q_o)" for f in ("sin", "cos"))
 
 
-def terms(signals: frozenset[str], rotational: bool) -> Iterator[Term]:
+def terms(
+    signals: frozenset[str], rotational: bool, second_rotational: bool = True
+) -> Iterator[Term]:
     """Yield all terms of some signals of a joint.
 
     Args:
         signals: those that formulas may use: q, v, a, t of every joint, load and temperature where
             they are known; or `q_o` and `v_o` of another joint, with the own q and v.
-        rotational: whether the joint turns: other positions do not repeat.
+        rotational, second_rotational: whether the joint turns, and the other one: other positions
+            do not repeat.
     """
     factors = (*FACTORS, *(TURNING if rotational else ()))
     if "q_o" in signals:
-        for x in ("q_o", "q + q_o", "q - q_o"):
+        alike = rotational == second_rotational
+        factors = (*FACTORS, *(TURNING if second_rotational else ()))
+        for x in ("q_o", *(("q + q_o", "q - q_o") if alike else ())):
             yield from (term(text, "cross_coupling", x) for text in factors)
         for text in factors:
             for other in ("q", "sign(v)", "v", "v_o"):
                 yield term(product(text, other), "cross_coupling", "q_o")
-        yield from (term(text, "cross_coupling") for text in TWO)
+        both = (*(ALIKE if alike else ()), *(BOTH_TURN if rotational and second_rotational else ()))
+        yield from (term(text, "cross_coupling") for text in (*TWO, *both))
         return
     for table in (POSITION, LEVERS if rotational else (), SPEED, RATES):
         yield from (term(text, name) for text, name in table)

@@ -101,7 +101,11 @@ class LawSearch:
         if all(f"temperature.{self.joint}" in e.extra for e in table.motion.experiments):
             one |= {"temperature"}
         joints = (self.joint, self.other) if self.other else (self.joint,)
-        return [Formula(joints, {}, rotational, terms=(t,)) for t in terms(one, rotational)]
+        second = table.mechanism.joint(joints[-1]).rotational
+        return [
+            Formula(joints, {}, rotational, terms=(t,), second_rotational=second)
+            for t in terms(one, rotational, second)
+        ]
 
     @cached_property
     def screened(self) -> list[tuple[Starts, list[np.ndarray]]]:

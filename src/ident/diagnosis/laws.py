@@ -148,6 +148,7 @@ def _joints(contest: Contest, selection: Selection, loud: Collection[str]) -> li
     """
     known = contest.table.mechanism.joint_index
     found = [curve.joints[0] for curve, _ in selection.last.curves[:1] if loud]
+    hinted = {curve.joints[0] for curve, _, _ in selection.last.hints}
     quiet = []
     for m in selection.members:
         joint = m.effect.joints[0] if m.effect.joints else ""
@@ -155,9 +156,10 @@ def _joints(contest: Contest, selection: Selection, loud: Collection[str]) -> li
             several = len(_doubtful(selection, joint)) > 1
             if m.rejected or m.effect.descriptive or several:
                 found.append(joint)
-            elif joint in loud or (m.effect.arity == 1 and _hint(selection.last, joint)):
+            elif joint in loud or (m.effect.arity == 1 and joint in hinted):
                 quiet.append(joint)
-    return list(dict.fromkeys(found or quiet[:1]))
+    mine = [name for name in (*found, *quiet) if name in loud]
+    return list(dict.fromkeys([*mine, *(found or quiet[:1])]))
 
 
 def _with(last: Ranking, law: FoundLaw, members: Collection[Member]) -> Ranking:
@@ -169,10 +171,9 @@ def _with(last: Ranking, law: FoundLaw, members: Collection[Member]) -> Ranking:
     return replace(last, contest=whole, regression=whole.regression.extended(new))
 
 
-def _hint(last: Ranking, joint: str) -> float:
-    """Return what chance gives the curve of a joint that has most beyond it; 0 without one."""
-    mine = [(gain, own) for curve, gain, own in last.hints if curve.joints[0] == joint]
-    return max(mine)[1] if mine else 0.0
+def _hint(last: Ranking, joint: str) -> float | None:
+    """Return what chance gives the curves of a joint, where one has more; None elsewhere."""
+    return next((own for curve, _, own in last.hints if curve.joints[0] == joint), None)
 
 
 def _doubtful(selection: Selection, joint: str) -> list[Member]:
@@ -215,14 +216,15 @@ def _law(
     names_stay = False
     if loose:  # where a cubic does as well as a law, the names stay, and the law stands beside them
         cubic = search.fitted(replace(law.formula, joints=(joint,), terms=(CUBIC,)), {})
-        names_stay = not compare.clear(cubic.refit.loss, law.refit.loss, 1.0)
+        names_stay = not compare.clear(cubic.refit.loss, law.refit.loss, 1 + PARSIMONY)
     numbers = sum(len(m.effect.parameters) for m in named)
     mine = len(law.formula.parameters)
     fewer = (1 if loose else 2) * mine <= numbers
     if len(named) > 1 and mine < numbers:  # one law in the place of several
         fewer |= compare.ratio(with_names.losses, law.refit.loss) > 1
     chance = _hint(last, joint)
-    wrong = compare.clear(with_names.losses, law.refit.loss, 1 + chance if chance else WRONG_FORM)
+    ratio = WRONG_FORM if chance is None else 1 + chance
+    wrong = compare.clear(with_names.losses, law.refit.loss, ratio)
     as_good = not compare.clear(law.refit.loss, with_names.losses, 1.0)
     if named and not (names_stay or wrong or (fewer and as_good)):
         return None  # the names do as well

@@ -27,6 +27,7 @@ def refined(
 
     Returns:
         The shapes; columns, then slopes, (m, u) in each part; everything refitted with both.
+        Without slopes where the change that they ask for is beyond the shapes' bounds.
     """
     free = [each.name for each in effect.searched if not each.discrete]
     bounds, shape = contest.table.bounds(effect), dict(shape)
@@ -40,7 +41,7 @@ def refined(
         before, at = now, np.array([shape[name] for name in free])
         for half in range(4):
             most = LONGEST * (high - low)
-            new = np.clip(at + np.clip(0.5**half * step, -most, most), low, high)
+            new = np.clip(at + 0.5**half * np.clip(step, -most, most), low, high)
             tried = {**shape, **dict(zip(free, map(float, new), strict=True))}
             trial = contest.columns(effect, tried)
             S_new, g_new = normal_equations(regression, trial)
@@ -50,7 +51,11 @@ def refined(
         if now - before < RISE * max(_squares(regression, C) - now, 0.0):
             break
     if free:
-        C = contest.with_slopes(effect, shape, C, solved(S, g), _steps(shape, free, bounds))
+        both = contest.with_slopes(effect, shape, C, solved(S, g), _steps(shape, free, bounds))
+        refit = regression.refit_with(both)
+        end = np.array([shape[name] for name in free]) + refit.theta[u:]
+        if (low <= end).all() and (end <= high).all():  # else the slopes are no change of shape
+            return shape, both, refit
     return shape, C, regression.refit_with(C)
 
 

@@ -59,6 +59,7 @@ class Member:
         impossible: a law that explains more of the same joint than it does, with values that no
             machine has: the cause is something else.
         law: a formula that stands in its place, because it has the right form.
+        stands_in: whether its columns are of another effect, for which it stands.
     """
 
     effect: Effect
@@ -69,6 +70,7 @@ class Member:
     curve: Effect | None = None
     impossible: Effect | None = None
     law: Formula | None = None
+    stands_in: bool = False
 
     @property
     def rejected(self) -> bool:
@@ -403,7 +405,7 @@ def _alone(member: Member, first: Ranking, decision: Decision) -> Member:
     simple = simplest(first, decision)
     if simple is not None and alike(own, simple) and behind(own, simple) >= decision.rival_se:
         own = simple
-        member = replace(member, columns=member.columns[:0])  # they are another effect's
+        member = replace(member, stands_in=True)
     return replace(member, effect=own.effect, evidence=own, rivals=rivals(own, first, decision))
 
 

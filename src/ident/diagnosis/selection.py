@@ -150,7 +150,8 @@ class Ranking:
         gains: by label, share of the left-out squared error and visible share, of all.
         limit: the quantile for laws, as a share; total: the left-out squared error.
         curves: credible curves, best first; limit_with_curves: the quantile for them.
-        hints: curves whose gain exceeds the quantile of their own gains, with both.
+        hints: by joint its best curve, where the gain exceeds the quantile of the largest gain of
+            this joint's curves; with both.
         chance: (draws,) largest gain of all laws in each draw of the null distribution.
     """
 
@@ -221,9 +222,14 @@ def rank(
     hints = []
     if limit is None:
         limit, of_curves = (_quantile(x, decision.alpha) for x in (null[law], null))
-        for each, g, at in zip(mine, G, ends[:-1] + np.array(starts, dtype=int), strict=True):
-            if each.curve and g / total > (own := _quantile(null[[at]], decision.alpha)):
-                hints.append((each.effect, float(g) / total, own))
+        at = ends[:-1] + np.array(starts, dtype=int)
+        places = [each.effect.joints[0] if each.curve else "" for each in mine]
+        for joint in dict.fromkeys(filter(None, places)):
+            own = [i for i, place in enumerate(places) if place == joint]
+            most = max(own, key=lambda i: float(G[i]))
+            by_luck = max(_quantile(null[at[own]], decision.alpha), 0.0)
+            if G[most] / total > by_luck:
+                hints.append((mine[most].effect, float(G[most]) / total, by_luck))
     else:
         of_curves = limit
     chance = null[law].max(axis=0, initial=-np.inf)
@@ -287,9 +293,6 @@ class Weigh:
         elif passed and any(not each.discrete for each in effect.searched):
             found, C, refit = refined(self.contest, self.regression, effect, shape)
             shape, columns = dict(found), columns[:0]
-            if not self._reached(effect, shape, refit.theta):  # the slopes are no change of shape
-                C = [c[:, : len(effect.unknowns)] for c in C]
-                refit = self.regression.refit_with(C)
         torque = torque_squares(self.contest, self.regression)
         by = np.maximum(refit.by, 0.0)
         mends = by >= MINE * max(by.sum(), 1e-300)
@@ -315,13 +318,6 @@ class Weigh:
             passed and plausible and material and steady,
             tuple(int(u) for u in np.flatnonzero(mends)),
         )
-
-    def _reached(self, effect: Effect, shape: Shape, theta: Array) -> bool:
-        """Return whether the linear change of each shape parameter stays within its bounds."""
-        bounds = self.contest.table.bounds(effect)
-        free = [each.name for each in effect.searched if not each.discrete]
-        steps = zip(free, theta[len(effect.unknowns) :], strict=True)
-        return all(bounds[n][0] <= shape[n] + step <= bounds[n][1] for n, step in steps)
 
 
 def torque_squares(contest: Contest, regression: PartialRegression) -> Array:

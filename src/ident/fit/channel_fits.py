@@ -224,7 +224,7 @@ class ChannelEquations:
             G = self.limits[0] / scale
             GH = cho_solve(factor, G.T)
             dual = G @ GH
-            L = np.linalg.cholesky(dual + 1e-12 * np.trace(dual) * np.eye(len(dual)))
+            L = np.linalg.cholesky(dual + (1e-12 * np.trace(dual) or 1.0) * np.eye(len(dual)))
             self.memo[key] = scale, factor, GH, L
         return self.memo[key]
 

@@ -152,7 +152,7 @@ def wider_by_periods(fit: Fit) -> Fit:
     """Return the fit with wider standard errors where the residual is repeated with the motion.
 
     What the model lacks and the steps of an encoder are then the same in each of K periods, which
-    are no independent witnesses: the variance is 1 + (K − 1) ρ times as large (Kish, Survey
+    are not independent: the variance is 1 + (K − 1) ρ times as large (Kish, Survey
     Sampling, 1965, 5.4: the design effect of clusters), ρ the residual's correlation between them.
     """
     motion = fit.motion
@@ -170,7 +170,7 @@ def wider_by_periods(fit: Fit) -> Fit:
     T = min(again.period.values())
     text = (
         f"the motion is repeated every {T:.4g} s and {100 * rho:.0f} % of the residual with it: "
-        f"{count:.3g} periods are no independent witnesses, so standard errors are {factor:.3g} "
+        f"{count:.3g} periods are not independent, so standard errors are {factor:.3g} "
         "times as wide"
     )
     found = Finding("repeated errors", text, "", (), max(again.rho.values()), again.chance)

@@ -171,6 +171,11 @@ class Table:
         return replace(
             each[0],
             t=np.concatenate([s.t - s.t[0] for s in each]),  # of each log's own beginning
+            extra={
+                name: np.concatenate([s.extra[name] for s in each])
+                for name in each[0].extra
+                if all(name in s.extra for s in each)
+            },
             q=joined("q"),
             v=joined("v"),
             a=joined("a"),
