@@ -81,11 +81,14 @@ def test_fit_json_with_centroidal_names(tmp_path):
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("kind", ["stribeck", "hysteresis"])
-def test_an_effect_that_the_fit_lacks_is_no_force(kind, tmp_path):
+@pytest.mark.parametrize(
+    ("kind", "values"), [("stribeck", {}), ("hysteresis", {}), ("spring", {"k": 3.0, "b": 1.0})]
+)
+def test_an_effect_that_the_fit_lacks_is_no_force(kind, values, tmp_path):
     case, fit = identified("arm", "viscous", "coulomb")
     fit.write(tmp_path)
-    saved = ident.read_fit(tmp_path / "fit.json", robot("arm").with_effect(f"{kind}:elbow"))
+    more = ident.effects[kind](("elbow",), values)  # known, where it has values
+    saved = ident.read_fit(tmp_path / "fit.json", robot("arm") + more)
     log = case.log.columns
     still = np.where(np.arange(len(case.log.t)) < 9, 0.0, log["v.elbow"])  # 0/0, if divided by 0
     log = Log.from_arrays("still.csv", case.log.t, {**log, "v.elbow": still})

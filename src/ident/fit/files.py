@@ -233,7 +233,7 @@ def read_fit(path: str | Path, mechanism: Mechanism, *, allow_code: bool = False
 
     Args:
         path: of the fit.json, or of the folder that holds it.
-        mechanism: with its links and joints; effects may differ.
+        mechanism: with its links and joints; its effects are those of the fit.
         allow_code: whether effects of one's own that the mechanism lacks may run their Python
             files, which are beside fit.json.
 
@@ -279,10 +279,15 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
             f"{', '.join(theirs) or 'none'}; {mechanism.name} has {', '.join(ours) or 'none'}"
         )
     values = {str(entry["name"]): entry["value"] for entry in data["parameters"]}
+    labels = [
+        ":".join(filter(None, (e["kind"], e["joint"], e.get("signal", ""))))
+        for e in data["effects"]
+    ]
     grown = mechanism
-    for effect in data["effects"]:
+    for effect in reversed(mechanism.effects):  # the fit's model did not have it
+        grown = grown if effect.label in labels else grown.without(effect.label)
+    for label, effect in zip(labels, data["effects"], strict=True):
         kind, joint, signal = effect["kind"], effect["joint"], effect.get("signal", "")
-        label = ":".join(filter(None, (kind, joint, signal)))
         own = next((known for known in grown.effects if known.label == label), None)
         if own is not None and own.known:  # the fit's values count, which may be others
             settings = {name: own.setting(name) for name in own.settings}
