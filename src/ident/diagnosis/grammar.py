@@ -23,10 +23,10 @@ PROBE = Term(
 """Columns that show whether another joint's signals matter."""
 
 CONSTANTS = {  # by name (`Scale.of`, signal): x stands for the term's position
-    "x0": ("width", "x"), "q0": ("place", "x"), "n": ("wave", "x"), "v0": ("width", "v"),
-    "l0": ("width", "load"), "t0": ("width", "t"), "T0": ("width", "temperature"),
-    "w": ("wave", "t"),
-    "b": ("angle", ""), "c": ("share", ""), "m": ("exponent", ""), "p": ("power", ""),
+    "x0": ("width", "x"), "q0": ("place", "x"), "q1": ("beyond", "x"), "n": ("wave", "x"),
+    "v0": ("width", "v"), "l0": ("width", "load"), "t0": ("width", "t"), "w": ("wave", "t"),
+    "T0": ("width", "temperature"), "b": ("angle", ""), "c": ("share", ""),
+    "m": ("exponent", ""), "p": ("power", ""),
 }  # fmt: skip
 Table = tuple[tuple[str, str], ...]
 WAVE = "sin(n*x); cos(n*x)"
@@ -54,8 +54,8 @@ POSITION: Table = (
     ("exp(x/x0)", "bump_stop"),
     ("exp(-x/x0)", "bump_stop"),
     ("exp(x/x0) - exp((q0 - x)/x0)", "bump_stop"),
-    ("1/(x - q0)", ""),
-    ("1/(x - q0)**2", "air_gap"),
+    ("1/(x - q1)", "air_gap"),
+    ("1/(x - q1)**2", "air_gap"),
     ("tanh((x - q0)/x0)", "saturating_spring"),
     ("1/(1 + ((x - q0)/x0)**2)", "magnetic_spring"),
     ("(x - q0)/(1 + ((x - q0)/x0)**2)**2", "magnetic_spring"),

@@ -42,8 +42,8 @@ class Scale:
 
     Attributes:
         name: in the term's text.
-        of: the signal that has its range: `width` of it, a `place` in it, a `wave` of it; or an
-            `angle`, a `share` between −1 and 1, an `exponent`, a `power`.
+        of: the signal that has its range: `width` of it, a `place` in it or `beyond` it, a `wave`
+            of it; or an `angle`, a `share` between −1 and 1, an `exponent`, a `power`.
         signal: whose range, a signal or a sum of two; empty where that does not matter.
     """
 
@@ -54,7 +54,7 @@ class Scale:
     @property
     def powers(self) -> Powers:
         """Powers of signals in its unit."""
-        power = {"width": 1, "place": 1, "wave": -1}.get(self.of, 0)
+        power = {"width": 1, "place": 1, "beyond": 1, "wave": -1}.get(self.of, 0)
         return scaled(dimension(self.signal), power) if power else {}
 
     def unit(self, rotational: bool, second: bool) -> str:
@@ -73,6 +73,8 @@ class Scale:
                 return 0.02 * span, 3.0 * span
             case "place":
                 return low - 0.5 * span, high + 0.5 * span
+            case "beyond":
+                return low - 3.0 * span, high + 3.0 * span
             case "wave":
                 return 1.0 / span, 60.0 / span
             case "angle":
@@ -94,6 +96,9 @@ class Scale:
                 return [
                     float(s) for s in np.linspace(0.7 * low + 0.3 * high, 0.3 * low + 0.7 * high, 4)
                 ]
+            case "beyond":  # 0.2 and 1 times the range from its ends
+                span = (high - low) / 7
+                return [low + 2 * span, low + 2.8 * span, high - 2.8 * span, high - 2 * span]
             case "wave":
                 return [float(k) for k in np.arange(1.5 * low, high, WAVES * low)]
             case "angle":
