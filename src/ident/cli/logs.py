@@ -300,6 +300,7 @@ def diagnose(
         text = "" if json else str(found) if verbose else found.short
     if out is not None:
         wrote(found.write(out))
+        text = text.replace("DIR/", f"{out}/")
     if json:
         result_json(found.json())
     else:

@@ -186,10 +186,8 @@ def product(a: str, b: str) -> str:
 
 def term(text: str, name: str, x: str = "q") -> Term:
     """Return the term of a text, with a position in the place of x."""
-    scales = tuple(
-        Scale(word, of, x if signal == "x" else signal)
-        for word, (of, signal) in CONSTANTS.items()
-        if re.search(rf"\b{word}\b", text)
-    )
+    words = [w for w in dict.fromkeys(re.findall(r"\b[A-Za-z]\w*\b", text)) if w in CONSTANTS]
+    of = ((word, *CONSTANTS[word]) for word in words)
+    scales = tuple(Scale(word, kind, x if signal == "x" else signal) for word, kind, signal in of)
     place = x if x.isidentifier() else f"({x})"
     return Term(tuple(re.sub(r"\bx\b", place, text).split("; ")), scales, name)
