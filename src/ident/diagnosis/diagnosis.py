@@ -468,7 +468,7 @@ def _refitted(
         with_names: list[Sequence[Member | Law]] = [[*selection.named, *laws], laws]
         for formula, others in product(formulas, with_names[not selection.named :]):
             with suppress(IdentError):
-                law = refitted(fit, replace(each, found=formula), others)
+                law = refitted(fit, each.instead(formula), others)
                 if law.determined:
                     laws.append(law)
                     break
@@ -494,10 +494,7 @@ def of_one_form(found: Collection[FoundLaw]) -> list[FoundLaw]:
         common,
         key=lambda t: sum(float(f[t].loss.sum()) / x for f, x in zip(forms, losses, strict=True)),
     )
-    return [
-        replace(law, found=form[best], rivals=tuple(e for t, e in form.items() if t != best))
-        for law, form in zip(found, forms, strict=True)
-    ]
+    return [law.instead(form[best]) for law, form in zip(found, forms, strict=True)]
 
 
 def _explains(

@@ -66,6 +66,20 @@ class FoundLaw:
         """Its formula."""
         return self.found.formula
 
+    def instead(self, other: FittedFormula) -> FoundLaw:
+        """Return the law with one of its rivals in its place."""
+        if other is self.found:
+            return self
+        name = other.formula.terms[0].known_as if len(other.formula.terms) == 1 else ""
+        return replace(
+            self,
+            found=other,
+            rivals=(self.found, *(each for each in self.rivals if each is not other)),
+            gain=self.gain * other.refit.G / self.found.refit.G,
+            nearest=name or self.nearest,
+            distance=0.0 if name else self.distance,
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
