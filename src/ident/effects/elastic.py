@@ -10,6 +10,7 @@ from ident.effects.effect import Bounds, Effect, Shape, Signals, Unknown
 from ident.errors import MechanismError
 
 RAISED = ("⁰", "", "²", "³", "⁴", "⁵", "⁶", "⁷")  # powers of a cable's polynomial
+PART = 0.8  # of a wave in the travel: the least that a search may end at; it begins at one
 
 
 class Spring(Effect):
@@ -122,15 +123,16 @@ class Ripple(Effect):
         return np.stack([np.sin(angle), np.cos(angle)], axis=-1)
 
     def bounds(self, s: Signals) -> Bounds:
-        # from one wave in the travel to what the samples still resolve
+        # from nearly one wave in the travel to what the samples still resolve
         low, high = s.travel[0]
         lowest = 2 * np.pi / max(high - low, 1e-9)
         step = float(np.quantile(np.abs(np.diff(s.q[:, 0])), 0.9)) if len(s.q) > 1 else 0.0
         finest = np.pi / (4 * max(step, 1e-9))
-        return {"N": (lowest, min(max(finest, 2 * lowest), 64 * lowest))}
+        return {"N": (PART * lowest, min(max(finest, 2 * lowest), 64 * lowest))}
 
     def starts(self, s: Signals) -> list[Shape]:
         # steps of a third of what two waves must differ by over the travel to be told apart
         low, high = self.bounds(s)["N"]
+        low /= PART
         step = 2 * low / 3
         return [{"N": float(N)} for N in np.arange(low, min(high, low + 96 * step), step)]
