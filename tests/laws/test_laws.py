@@ -15,6 +15,8 @@ from law_cases import SCORE, SETS, TUNE, cases
 from law_judge import apart, closed, equal, judge, variables
 from law_logs import RATE, Complement, Made, bodies, make, rms
 
+import ident
+
 MACHINES = ("arm3", "five_bar", "crank_rocker")
 
 
@@ -145,3 +147,17 @@ def test_no_formula_on_clean_data_or_in_place_of_a_name(name: str) -> None:
     assert "error" not in result, result["error"]
     assert result["laws"] == []
     assert result["best"] == (None if of == "clean" else "stribeck:yaw")
+
+
+def test_the_next_motion_tells_forms_apart(tmp_path: Path) -> None:
+    """A wave of position times the sign of speed, over a third of a turn: so are other curves."""
+    case = next(c for c in cases("score") if c.name == "score/arm3/coulomb_of_position.yaw")
+    made = make(case)
+    log = ident.Log.from_arrays(
+        "run.csv", made.log["t"], {name: x for name, x in made.log.items() if name != "t"}
+    )
+    mechanism = ident.load(made.folder(tmp_path))
+    d = ident.diagnose(ident.identify(mechanism, ident.complete(mechanism, log)))
+    assert d.laws
+    assert d.laws[0].found.rivals
+    assert d.next_experiment.startswith("Turn yaw through a full turn")

@@ -181,6 +181,7 @@ AMPLE = 10.0  # beyond which more is worth nothing
 CLOSE = 0.8  # share of the best worth with which a simpler motion does
 SAME = 2e-3  # share of a rival's torque: what differs by less is the same in this motion
 RIVALS = 12  # that are looked at
+FORMULAS = 3  # rivals of a law, the simplest first
 PLACES = ("same", "turn", "limits", "wider", "faster", "speeds", "alone", "strokes")
 KINDS = ("same", "faster", "speeds", "turn", "limits", "wider", "alone", "strokes")
 KINDS_SLOW = ("same", "strokes", "speeds", "faster", "turn", "limits", "wider", "alone")
@@ -230,9 +231,16 @@ class Attempt:
 
 
 def contenders(d: Diagnosis) -> list[Evidence]:
-    """The best and its rivals, as they were judged, those of the best one's kind first."""
+    """The best and its rivals, as they were judged, those of the best one's kind first; where
+    nothing is named, the first law and its rivals.
+    """
     if d.best is None:
-        return []
+        return [] if not d.laws else [
+            Evidence(e.formula, e.shape, np.zeros(0, int), e.C, e.refit, law.gain, law.limit,
+                     np.nan, np.nan, True, True, ())
+            for law in (d.laws[0].found,)
+            for e in (law.found, *law.rivals[:FORMULAS])
+        ]  # fmt: skip
     best = d.candidates[0].evidence
     known = [*d.selection.first.evidence, *(each.evidence for each in d.candidates)]
     of = {each.effect.label: each for each in known}

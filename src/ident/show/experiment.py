@@ -88,9 +88,12 @@ def next_experiment(d: Diagnosis) -> str:
 
 
 def _words(d: Diagnosis) -> str:
-    rivals = contenders(d) if d.verdict == "missing" else []
+    rivals = contenders(d)
     if len(rivals) > 1:
-        return _between(d, rivals, attempts(d, rivals))
+        tried = attempts(d, rivals)
+        answered = any(proposal(d, tried, pairs) for pairs in questions(rivals))
+        if d.best is not None or answered:
+            return _between(d, rivals, tried)
     if d.verdict in ("unexplained", "undecided"):
         return unexplained(d)
     first = (
