@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ident.equations.filter import Decimator, FilterRun
+from ident.equations.filter import Decimator, FilterRun, decimated
 
 CASES = [(5.0, 200.0), (20.0, 1000.0), (40.0, 5000.0), (30.0, 100.0)]
 
@@ -97,3 +97,15 @@ def test_the_share_of_open_samples_counts_both_signs():
     for sticking, informed in ((share - 1e-9, False), (share + 1e-9, True)):
         _, (found,) = FilterRun(decimator, 0, sticking).push([open_])
         assert found.tolist() == [[informed]]
+
+
+def test_whole_series_are_filtered_at_any_rows():
+    """Two stretches in equal steps, a lone row between them, and the last possible row."""
+    filters = Decimator.of(10.0, 1000.0)
+    assert filters.taps is not None
+    half, x = filters.half, np.random.default_rng(0).standard_normal((6000, 3))
+    first = np.arange(half, 2000, filters.factor)
+    second = np.arange(3000, 6000 - half, 2 * filters.factor)
+    at = np.concatenate([first, [2500], second, [6000 - half - 1]])
+    expected = [filters.taps @ x[i - half : i + half + 1] for i in np.unique(at)]
+    np.testing.assert_allclose(decimated(x, filters.taps, np.unique(at)), expected, atol=1e-12)

@@ -15,6 +15,7 @@ import numpy as np
 
 from ident.diagnosis.candidates import Contest, OnProgress, candidates_of
 from ident.diagnosis.found_curves import FoundCurve, curve_of
+from ident.diagnosis.law_search import CERTAIN
 from ident.diagnosis.laws import FoundLaw, laws_of
 from ident.diagnosis.null import NoiseDraws, noise
 from ident.diagnosis.search import Member, Selection, select
@@ -43,7 +44,6 @@ from ident.mechanism.mechanism import Mechanism
 from ident.text import rounded
 
 SHOWN = 3  # candidates that are listed though nothing speaks for them
-CERTAIN = 2.0  # standard errors of a coefficient that is determined
 TRIED = 3  # rivals of a formula whose constants are not determined
 LISTED = 8  # candidates that are listed at most
 LOUD = 1.25  # times the largest of the noise's draws, from which a residual is more than noise
@@ -361,7 +361,7 @@ class Diagnosis(Plotted):
         return found
 
     def write(self, folder: str | Path) -> list[Path]:
-        """diagnosis.json, report.html, and suggestion.py if there is one; all of them or none.
+        """diagnosis.json, report.html, files of laws and tables of curves; all of them or none.
 
         Raises:
             IdentError: if the folder cannot be written.

@@ -156,9 +156,9 @@ def laws_of(
 
 
 def _joints(contest: Contest, selection: Selection, loud: Collection[str]) -> list[str]:
-    """Joints where a law may be missing: those of curves and of doubtful effects; if there are
-    none, one where more than noise is left beside what is named, or where a curve alone has more
-    than chance gives it.
+    """Joints where a law may be missing: those of curves, of doubtful effects and of names beside
+    which more than noise is left, the loud ones first; if there are none, one of a name beside
+    which the joint's curves have more than chance gives them.
     """
     known = contest.table.mechanism.joint_index
     found = [curve.joints[0] for curve, _ in selection.last.curves[:1] if loud]
