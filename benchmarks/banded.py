@@ -24,11 +24,10 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 
 import ident
 from ident.equations.corrections import Scene
-from ident.equations.multipliers import full_rows
+from ident.equations.rows import full_rows
 from ident.equations.unknowns import Columns
-from ident.information.band import eliminate
-from ident.information.base import rank_revealing, solve
-from ident.information.reduction import Chunk
+from ident.information.band import Chunk, eliminate
+from ident.information.estimate import rank_revealing, solve
 from ident.information.splines import Basis
 from ident.information.triangle import Array, Index
 

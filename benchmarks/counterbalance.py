@@ -95,7 +95,10 @@ def main() -> None:
         d = ident.diagnose(fit)
         best = (d.best, *d.rivals) if d.verdict == "missing" else ()
         named = " or ".join(e.label for e in best if e is not None) or "nothing named"
-        said.append(f"{train}: {d.verdict}, {named}, {len(d.laws)} laws")
+        said.append(f"{train}: {d.verdict}, {named}")
+        said += [f"  law of {law.joint}: {law.formula} ({law.nearest})" for law in d.laws]
+        said += [f"  does as well: {e.formula.text} ({e.formula.terms[0].known_as})"
+                 for e in d.relatives]  # fmt: skip
     print("", *said, sep="\n")
 
 

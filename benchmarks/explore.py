@@ -1,10 +1,10 @@
-"""A click on the page of `ident explore`, on a six-joint log of 10,000 samples: where time goes.
+"""A click on the page of `ident explore`, on a seven-joint log of 10,000 samples: where time goes.
 
     python benchmarks/explore.py [samples]
 
-Rigid bodies alone are given, all 60 parameters unknown; friction and a coupling of two joints are
-in the log. The board is driven without a browser: what a browser needs to draw comes on top. One
-process, BLAS on one thread; CPU seconds beside wall seconds, which others may share.
+Rigid bodies alone are given, all 70 parameters unknown; friction of all joints is in the log. The
+board is driven without a browser: what a browser needs to draw comes on top. One process, BLAS on
+one thread; CPU seconds beside wall seconds, which others may share.
 """
 
 import dataclasses
@@ -16,14 +16,14 @@ from collections.abc import Callable
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import arm6
+import arm7
 
 import ident
 from ident.show.explore import Board, Exploration
-from ident.show.explore.contents import contents
+from ident.show.explore.board import contents
 
-TARGET = 2.0  # s from a click to errors, ladder and pictures
-CLICKS = ("viscous:joint_1", "coulomb:joint_1", "viscous:joint_5", "coupling:joint_5,joint_6")
+FIRST, TARGET = 0.5, 3.0  # s from a click to errors and ladder, and to all that is new
+CLICKS = ("viscous:joint_1", "coulomb:joint_1", "viscous:joint_5", "coulomb:joint_7")
 SEARCHED = "stribeck:joint_3"
 
 
@@ -72,15 +72,15 @@ def stages(e: Exploration) -> None:
 def main() -> None:
     samples = int(sys.argv[1]) if sys.argv[1:] else 10_000
     print(f"{platform.machine()}, Python {platform.python_version()}, one process, one BLAS thread")
-    true = arm6.mechanism()
-    log = arm6.log(true, samples)
+    true = arm7.mechanism()
+    log = arm7.log(true, samples, 0.01)
     model = dataclasses.replace(true, effects=())
     motion = ident.complete(model, log)
     e, wall, cpu = clocked(lambda: Exploration.of(model, motion).screened())
     assert isinstance(e, Exploration)
     print(f"before the page is there: {wall:.2f} s ({cpu:.2f} s CPU), {len(e.candidates)} effects")
     stages(e)
-    board = Clocked("arm6", "explored")
+    board = Clocked("arm7", "explored")
     board.seen = {}
     board.begin(lambda progress: e, lambda what, share: None)
 
@@ -88,15 +88,18 @@ def main() -> None:
         print(
             f"\n{'seconds from a click to':34s} {'ladder':>13} {'pictures':>13} {'announced':>13}"
         )
-        slowest = 0.0
+        first = slowest = 0.0
         for label, present in [*((x, False) for x in CLICKS), (CLICKS[0], True), (SEARCHED, False)]:
             times = board.click(label, present)
             if label != SEARCHED:
-                slowest = max(slowest, times[1][1])
+                first, slowest = max(first, times[0][1]), max(slowest, times[2][1])
             said = " ".join(f"{wall:6.2f} {cpu:6.2f}" for wall, cpu in times)
             print(f"{'−' if present else '+'} {label:32s} {said}")
-        print(f"slowest to pictures, nothing searched: {slowest:.2f} s of CPU; target {TARGET:g} s")
-        return slowest < TARGET
+        print(
+            f"slowest, nothing searched: first answer {first:.2f} s of CPU, target {FIRST:g} s; "
+            f"all that is new {slowest:.2f} s, target {TARGET:g} s"
+        )
+        return first < FIRST and slowest < TARGET
 
     sys.exit(0 if clicks() else 1)
 

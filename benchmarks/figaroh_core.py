@@ -90,7 +90,7 @@ def ours(folder: Path, whole: bool) -> dict[str, object]:
     from ident.equations.rows import rows
     from ident.equations.unknowns import Columns, Point
     from ident.fit.problem import Problem
-    from ident.information.base import rank_revealing, solve
+    from ident.information.estimate import rank_revealing, solve
     from ident.information.triangle import Triangle
 
     mechanism, arrays = arm7.mechanism(), np.load(folder / "arrays.npz")

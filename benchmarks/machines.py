@@ -5,7 +5,8 @@
 Looks for measurements in DIR, in $IDENT_DATA and in ../shared/data beside the checkout: folders of
 shared data, and clones of the public repositories that the converters in `machines/` name. Each
 machine runs in a process of its own, with BLAS on one thread. Errors are of the torque below the
-cut-off, ‖τ − τ̂‖/‖τ‖ of each joint in % on the validation logs, or held out in time without any.
+cut-off, ‖τ − τ̂‖/‖τ‖ of each joint in % on the validation logs, or held out in time without any;
+`whole`: of the whole vector; `moving`: without rows of standstill, at which dry friction is open.
 """
 
 from __future__ import annotations
@@ -22,7 +23,10 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from machines import located
+
+import ident
 
 ROOT = Path(__file__).resolve().parents[1]
 NAMES = ("tx40", "kr300", "panda", "lwr4", "ur10e", "baxter", "xl330")
@@ -61,8 +65,6 @@ def main() -> None:
 
 def measured(name: str, source: Path) -> dict[str, Any]:
     """The row of one machine."""
-    import ident
-
     with tempfile.TemporaryDirectory() as folder:
         machine = importlib.import_module(f"machines.{name}").convert(source, Path(folder))
         bare = ident.load(machine.mechanism)
@@ -75,19 +77,33 @@ def measured(name: str, source: Path) -> dict[str, Any]:
         defaults = ident.identify(plain, motion, validate=judged)
         history = ident.grow(bare, motion, validate=judged)
     return {
-        "viscous + Coulomb": errors(defaults),
-        "grown": errors(history.fit),
+        "viscous + Coulomb": errors(defaults, judged),
+        "grown": errors(history.fit, judged),
         "effects": ", ".join(effect.label for effect in history.added),
         "time": f"{time.process_time() - begin:.0f} s",
         "memory": f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB",
     }
 
 
-def errors(fit: Any) -> str:
-    """Relative errors of all joints [%]."""
+def errors(fit: Any, judged: Any) -> str:
+    """Relative errors of all joints [%], of the whole vector, and of all joints in motion."""
     logs = list(fit.validation.values())
-    joints = logs[0] if logs else fit.held_out
-    return " ".join(f"{100 * error.relative:.3g}" for error in joints.values())
+    joints = (logs[0] if logs else fit.held_out).values()
+    each = " ".join(f"{100 * error.relative:.3g}" for error in joints)
+    squares = np.array([(e.rms**2, (e.rms / e.relative) ** 2) for e in joints]).sum(axis=0)
+    found = f"{each} (whole {100 * np.sqrt(squares[0] / squares[1]):.3g}"
+    if judged is None:
+        return found + ")"
+    traces = ident.compare(fit, motion=judged).residuals.popitem()[1].traces
+    part = [
+        sum(
+            np.where(trace.informed, x**2, 0.0).sum(axis=0)
+            for trace, x in zip(traces, of, strict=True)
+        )
+        for of in ([t.residual for t in traces], [t.measured for t in traces])
+    ]
+    moving = " ".join(f"{100 * x:.3g}" for x in np.sqrt(part[0] / part[1]))
+    return f"{found}; moving {moving})"
 
 
 if __name__ == "__main__":

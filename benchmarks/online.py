@@ -4,7 +4,7 @@
 
 The spatial slider-crank, its positions, velocities and accelerations logged, and a serial arm of
 seven joints with viscous and Coulomb friction (84 unknowns), both at 1 kHz, BLAS on one thread, no
-filter. Rows are made for the samples of 20 ms together, so one call in twenty does the work of all:
+filter. Rows are made for the samples of 0.5 s together, so one call in twenty does the work of all:
 the mean is what a stream costs, the worst call what a loop waits for it. `at once` makes the rows
 of every sample in its own call. A snapshot is what parameters with standard errors cost, when they
 are asked for. Times are processor time of this process, after 200 samples; the table of growth has
@@ -78,7 +78,7 @@ def table(samples: int = 10_000) -> list[dict[str, float | str]]:
         mechanism, log = make(samples)
         motion = ident.complete(mechanism, log, cutoff=None)
         for how, options in (
-            ("20 ms together", {}),
+            ("0.5 s together", {}),
             ("forgetting in 1 s", {"forget": 1.0}),
             ("at once", {"latency": 0.0}),
         ):

@@ -27,7 +27,8 @@ def read_page(path):
         handlers = [key for key in element.attrib if key.lower().startswith("on")]
         assert not handlers, handlers
     scripts = [each for each in page.iter("script") if not each.get("type")]
-    assert len(scripts) in (1, 4)  # the page's own, and where there are charts three to draw them
+    # the page's own, and those that draw charts and scenes
+    assert len(scripts) in (1, 3, 4, 5)
     for each in page.iter("script"):
         if each.get("type") == "application/json":
             json.loads(each.text)

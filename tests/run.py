@@ -7,6 +7,7 @@ python3 tests/run.py            formatter, linter, type checker, tests
 python3 tests/run.py --slow     the long suites as well
 """
 
+import importlib.util
 import os
 import shutil
 import subprocess
@@ -24,31 +25,29 @@ CHECKS = (
     ("pytest", "-n", "auto"),
 )
 
-BROWSER = (
-    ("apt-get", "update", "-qq"),
-    ("apt-get", "install", "-qq", "-y", "--no-install-recommends", "chromium"),
-)
+SYSTEM = ("chromium", "python3-venv")  # packages: the browser, and what makes environments
 
 
-def browser() -> int:
-    """Installs Chromium where it is missing and can be installed."""
+def system() -> None:
+    """Installs Debian's packages that are missing, as root; tests without a browser are skipped."""
+    found = (shutil.which("chromium"), importlib.util.find_spec("ensurepip"))
+    missing = [name for name, there in zip(SYSTEM, found, strict=True) if there is None]
     root = hasattr(os, "geteuid") and os.geteuid() == 0
-    if Path("/usr/bin/chromium").exists() or not root or not shutil.which("apt-get"):
-        return 0
+    if not missing or not root or not shutil.which("apt-get"):
+        return
     environment = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
-    status = 0
-    for _ in range(2):  # a mirror may be busy; what counts is that the browser is there
-        for command in BROWSER:
+    install = ("apt-get", "install", "-qq", "-y", "--no-install-recommends", *missing)
+    for _ in range(2):  # a mirror may be busy
+        for command in (("apt-get", "update", "-qq"), install):
             print("+", *command, flush=True)
             status = subprocess.run(command, env=environment, check=False).returncode
         if status == 0:
-            break
-    return status
+            return
+    print(f"could not install {', '.join(missing)}: tests that need them are skipped", flush=True)
 
 
 def main() -> int:
-    if status := browser():
-        return status
+    system()
     if not (BIN / "python").exists():
         venv.create(ROOT / ".venv", with_pip=True)
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # workers share the cores

@@ -23,7 +23,7 @@ GROUP = "ident.formats"
 OWN = tuple(
     EntryPoint(name, function, GROUP)
     for name, function in {
-        "log.csv": "ident.log.csv_text:read_csv",
+        "log.csv": "ident.log.storage:read_csv",
         "log.parquet": "ident.log.storage:read_parquet",
         "log.npz": "ident.log.storage:read_npz",
         "log.mcap": "ident.formats.rosbag:read_bag",

@@ -147,7 +147,8 @@ class Workers:
                 if each.error is not None:
                     if self.alone:
                         raise IdentError(each.error)
-                    self.broken.setdefault(names[each.index], each.error)
+                    name = names[each.index]
+                    self.broken.setdefault(name, each.error.removeprefix(f"{name}: "))
                 early[each.index] = each.value
                 while at in early:
                     yield tasks[at], early.pop(at)
@@ -328,9 +329,13 @@ def _client(scheduler: str) -> Iterator[Any]:
         raise IdentError(f"scheduler {scheduler}: {line_of(error)}; {CERTIFICATES}") from None
     if scheduler.startswith("tls:") and args.get("ssl_context") is None:
         raise IdentError(f"scheduler {scheduler}: needs certificates; {CERTIFICATES}")
+    client = Client.__new__(Client)
     try:
-        client = Client(scheduler, set_as_default=False, timeout=ANSWER, security=security)
+        Client.__init__(client, scheduler, set_as_default=False, timeout=ANSWER, security=security)
     except (OSError, ValueError) as error:
+        # left to the garbage collector, it may end in the thread that the next client starts: both
+        # then wait for the lock of all clients' loops
+        client.close()
         raise IdentError(
             f"scheduler {scheduler}: does not answer ({line_of(error)}); valid: an address as "
             "tcp://host:8786, which 'dask scheduler' prints; it needs workers: dask worker "

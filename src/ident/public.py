@@ -12,7 +12,7 @@ from ident.fit.files import Saved, read_fit, write_fit
 from ident.fit.residual import Residual, residual_of, where
 from ident.log import Column, Log, read_log
 from ident.mechanism import Consistency, Mechanism, Multipliers, load
-from ident.mechanism.absolute import absolute
+from ident.mechanism.load import absolute
 from ident.montecarlo import MonteCarlo, Studies, monte_carlo, monte_carlo_each
 from ident.motion import Motion, complete
 from ident.show.explore import Exploration, explore

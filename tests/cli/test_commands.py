@@ -294,6 +294,15 @@ def test_simulate_by_a_fit(fitted, tmp_path, done):
     assert float(line.split()[1]) < 1e-9
 
 
+def test_simulate_adds_effects_to_those_of_a_fit(fitted, tmp_path, done):
+    slider, out = fitted
+    log = tmp_path / "damped.csv"
+    effect = ("--with", "viscous:theta", "--set", "viscous.theta.Fv=0.5")
+    done("simulate", slider, slider / "run.csv", "--fit", out / "fit.json", *effect, "--out", log)
+    outcome = done("identify", slider, log, "--with", "viscous:theta")
+    assert number(outcome.out, "viscous.theta.Fv") == pytest.approx(0.5, rel=1e-6)
+
+
 def test_simulate_prints_csv(slider, done):
     outcome = done("simulate", slider, slider / "run.csv", "--columns", "q,tau", "--joints", "beta")
     header, first, *_ = outcome.out.splitlines()

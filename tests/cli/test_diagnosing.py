@@ -11,6 +11,7 @@ import pytest
 from test_outputs import failing, snapshot
 
 import ident as api
+from ident.diagnosis import laws
 from identification import motion_log, plant, robot
 
 NOISE = (api.Noise("tau", 0.02, relative=True), api.Noise("q", 1e-5))
@@ -54,6 +55,37 @@ def test_diagnose_names_what_is_missing_and_writes_it(arm_folder, tmp_path, done
     assert data["logs"] == ["run.csv"]
     assert {path.name for path in out.iterdir()} == {"diagnosis.json", "report.html"}
     assert f"note: wrote {out / 'report.html'}" in outcome.err.replace("\n", " ")
+
+
+@pytest.mark.parametrize("joints", [("elbow", "wrist", "yaw"), ("wrist", "elbow")])
+def test_laws_that_are_found_before_ctrl_c_are_kept(robots, tmp_path, monkeypatch, ident, joints):
+    log = api.read_log(robots / "arm" / "run.csv")
+    magnet = 0.86 / (1 + ((log.columns["q.elbow"] - 0.9) / 0.39) ** 2)
+    columns = log.columns | {"tau.elbow": log.columns["tau.elbow"] + magnet}
+    api.Log.from_arrays("magnet", log.t, columns).write(tmp_path / "magnet.csv")
+    search = laws._law
+
+    def interrupted(contest, selection, last, joint, *rest):
+        if joint != "elbow":
+            raise KeyboardInterrupt
+        return search(contest, selection, last, joint, *rest)
+
+    monkeypatch.setattr(laws, "_law", interrupted)
+    monkeypatch.setattr(laws, "_joints", lambda *_: list(joints))
+    out = tmp_path / "out"
+    outcome = ident(
+        "diagnose", robots / "arm", tmp_path / "magnet.csv", *given(*FRICTION), "--out", out
+    )
+    assert outcome.status == 130
+    written = {x.name for x in out.iterdir()}
+    assert {"diagnosis.json", "report.html"} <= written
+    if joints[0] == "wrist":  # none is found yet
+        assert "interrupted: laws of wrist, elbow were not searched" in outcome.err
+        assert "missing: cable:elbow" in outcome.out  # in whose place the law would be
+    else:
+        assert "interrupted: laws of wrist were not searched" in outcome.err
+        assert "A formula explains it: torque of elbow = " in outcome.out
+        assert "law_elbow.py" in written
 
 
 def test_diagnose_of_a_whole_model_is_no_failure(arm_folder, done):

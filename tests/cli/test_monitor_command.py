@@ -13,6 +13,7 @@ import pytest
 import ident
 from helpers import ROBOTS
 from ident import Log, Noise
+from ident.show.streams import Curve
 from identification import motion_log, plant, robot
 
 CRANK = ROBOTS / "slider_crank"
@@ -250,6 +251,48 @@ def test_a_reader_that_leaves_is_no_fault(log):
     assert "error" not in errors
 
 
+def test_the_page_shows_what_comes_and_the_report_stays(log, tmp_path, browser):
+    """While the log grows: its state is drawn, with reaction forces; Ctrl-C ends both."""
+    lines = log.read_text().splitlines(keepends=True)
+    growing = tmp_path / "growing.csv"
+    growing.write_text("".join(lines[:500]))
+    words = [CRANK, growing, "--like", log, "--follow", "--every", 0.5, "--page"]
+    page, faults = browser.new_page(), []
+    page.set_default_timeout(1000 * PATIENCE)
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    with started(*words, "--out", tmp_path / "out") as run:
+        try:
+            page.goto(run.stdout.readline().strip())
+            page.get_by_role("heading", name="Reaction forces").wait_for()
+            before = page.inner_text("header")
+            with growing.open("a") as stream:
+                stream.writelines(lines[500:])
+            page.wait_for_function(
+                "x => document.querySelector('header').innerText !== x", arg=before
+            )
+            assert page.locator("#shown canvas").count() > 0
+        finally:
+            run.send_signal(signal.SIGINT)
+        run.communicate(timeout=PATIENCE)
+        page.get_by_text("The command has ended").wait_for()
+        page.close()
+    assert (run.returncode, faults) == (0, [])
+    assert "no alarm" in before
+    report = (tmp_path / "out" / "report.html").read_text()
+    for title in ("Parameters over time", "Reaction forces", "Error of the predicted torque"):
+        assert f"{title}</h2>" in report
+
+
+def test_curves_of_hours_are_thinned_evenly():
+    curve = Curve()
+    for k in range(50_000):
+        curve.add(float(k), np.array([k]))
+    t, values = curve.series
+    assert 400 <= len(t) <= 1000
+    assert len(set(np.diff(t))) <= 2
+    assert np.array_equal(t, values[:, 0])
+
+
 @pytest.mark.slow
 def test_a_change_raises_an_alarm(spoken, tmp_path):
     """Viscous friction of one joint doubles halfway."""
@@ -275,3 +318,4 @@ def test_a_change_raises_an_alarm(spoken, tmp_path):
     assert "viscous:elbow" in alarms[0]["suspects"].split()
     assert "alarm: " in said
     assert "1 alarm(s), first since" in " ".join(noted.split())
+    assert "viscous:elbow" in (tmp_path / "report.html").read_text()

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from ident.montecarlo import montecarlo
+
 ROBOT = Path(__file__).resolve().parents[2] / "robots" / "slider_crank"
 
 
@@ -50,3 +52,22 @@ def test_bad_input_is_one_line(run, words, said):
     assert err.startswith("error: ")
     assert said in err
     assert err.count("\n") == 1
+
+
+def test_what_is_done_is_kept_after_ctrl_c(run, tmp_path, monkeypatch):
+    """The fourth draw of the noise does not end; of two runs at each ratio one is whole."""
+    draws, trial = iter(range(3)), montecarlo._trial
+
+    def interrupted(plans, task):
+        if next(draws, None) is None:
+            raise KeyboardInterrupt
+        return trial(plans, task)
+
+    monkeypatch.setattr(montecarlo, "_trial", interrupted)
+    words = ["--snr", "60,50", "--runs", "9", "--estimator", "least-squares", "--jobs", "1"]
+    status, out, err = run(*words, "--out", str(tmp_path))
+    assert status == 130
+    assert "1 run at 60, 50 dB each" in out
+    assert "1 of 9 runs are done" in err
+    rows = (tmp_path / "runs.csv").read_text().splitlines()[1:]
+    assert {row.split(",")[1] for row in rows} == {"60.0", "50.0"}

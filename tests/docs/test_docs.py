@@ -134,3 +134,10 @@ def test_toml_and_links_are_whole(page):
     for target in re.findall(r"\]\((?!https?:)([^)#\s]+)", page.read_text(encoding="utf-8")):
         made = target.startswith("generated/")  # with the site, whose own test follows its links
         assert made or (page.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("page", [*PAGES, *ROBOTS], ids=lambda page: page.name)
+def test_a_page_names_no_place_of_the_machine_that_wrote_it(page):
+    text = page.read_text(encoding="utf-8")
+    assert not re.search(r"/site-packages/|/(?:root|home)/", text)
+    assert f"{ROOT}/" not in text

@@ -10,7 +10,7 @@ import pytest
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-FILE = re.compile(r"`([\w./]+\.(?:urdf|toml))`:\s*\Z")  # what names the box below it
+FILE = re.compile(r"`([\w./]+\.(?:urdf|toml|py))`:\s*\Z")  # what names the box below it
 WALKS = ("tutorial.md", "own_mechanism.md")
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sys
 import tomllib
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.spatial import ConvexHull
 
 import ident
 from formats import MJCF
@@ -141,13 +143,22 @@ def test_missing_meshes_are_one_note(make):
     assert mechanism.model.inertias[2].mass < 1e-4
 
 
+def box(size, at) -> bytes:
+    """A binary STL: 80 bytes, the number of triangles, and of each its normal and corners."""
+    corners = np.array(list(product(*[(-x / 2, x / 2) for x in size]))) + at
+    triangles = b""
+    for face in ConvexHull(corners).simplices:
+        a, b, c = corners[face]
+        if np.cross(b - a, c - a) @ (a - at) < 0:  # outside is where corners run anticlockwise
+            b, c = c, b
+        triangles += np.array([[0, 0, 0], a, b, c], "<f4").tobytes() + b"\0\0"
+    return bytes(80) + np.uint32(12).tobytes() + triangles
+
+
 def test_meshes_stand_where_their_file_has_them(make, tmp_path):
     """MuJoCo moves a mesh into its principal axes and says so; the URDF has the file's own."""
-    trimesh = pytest.importorskip("trimesh")
-    mesh = trimesh.creation.box((0.1, 0.2, 0.3))
-    mesh.apply_translation((0.5, 0.1, 0.0))
     (tmp_path / "assets").mkdir()
-    mesh.export(tmp_path / "assets" / "b.stl")
+    (tmp_path / "assets" / "b.stl").write_bytes(box((0.1, 0.2, 0.3), (0.5, 0.1, 0.0)))
     path = make(
         '<mujoco><compiler meshdir="assets"/>'
         '<asset><mesh name="b" file="b.stl" scale="1 1 2"/></asset><worldbody>'

@@ -1,6 +1,7 @@
 """A log in pieces is the log: the same values, repairs and refusals as in one reading."""
 
 import datetime
+import gc
 
 import numpy as np
 import polars as pl
@@ -133,3 +134,13 @@ def test_a_path_is_refused_as_by_the_reader(tmp_path):
             open_log(path)
         assert str(opened.value) == str(whole.value)
         assert likely_rows(path) == 0
+
+
+def test_a_damaged_archive_is_closed_again(tmp_path):
+    """A zip whose end is cut off: whoever reads it says so, and its file is not left open."""
+    whole = tmp_path / "whole.npz"
+    np.savez(whole, t=np.arange(100.0))
+    path = tmp_path / "run.npz"
+    path.write_bytes(whole.read_bytes()[:-30])
+    assert likely_rows(path) == 0
+    gc.collect()  # a file left open warns here, and warnings are errors

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ident.information.reduction import Chunk
+from ident.information.band import Chunk
 from ident.information.splines import Basis
 
 

@@ -5,9 +5,8 @@ import pytest
 from banded_systems import System, relative
 
 from ident.errors import FitError
-from ident.information.band import eliminate
-from ident.information.base import rank_revealing, solve
-from ident.information.reduction import Chunk
+from ident.information.band import Chunk, eliminate
+from ident.information.estimate import rank_revealing, solve
 from ident.information.splines import Basis
 from ident.information.triangle import Triangle
 

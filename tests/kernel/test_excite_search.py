@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.excite.criterion import Criterion, log_condition
+from ident.excite.excitation import Criterion, log_condition
 from ident.excite.limits import LimitBox, Quantity
 from ident.excite.trajectory import Fourier
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ident.information.held_out import without_each
+from ident.information.covariance import without_each
 from ident.information.triangle import Triangle
 
 

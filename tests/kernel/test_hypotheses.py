@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ident.diagnosis.null import surrogates
 from ident.information.blocks import Block, Information
-from ident.information.hypotheses import Part, PartialRegression, quantile, surrogates, zscore
+from ident.information.hypotheses import Part, PartialRegression, quantile, zscore
 from ident.information.triangle import Triangle
 
 BLOCKS, ROWS, K = 6, 25, 14
@@ -69,7 +70,7 @@ def test_adding_a_group_is_the_gain_that_was_announced():
             regression.refit(group).G, abs=1e-9
         )
         assert after.without(group).loss.sum() == pytest.approx(regression.loss.sum())
-        theta = after.theta[-len(group) :]
+        theta = after.solved[0][-len(group) :]
         np.testing.assert_allclose(theta, regression.refit(group).theta, atol=1e-10)
 
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from ident.information.band import eliminate
-from ident.information.base import rank_revealing, solve
-from ident.information.reduction import Chunk
+from ident.information.band import Chunk, eliminate
+from ident.information.estimate import rank_revealing, solve
 from ident.information.splines import Basis
 from ident.information.triangle import Triangle
 

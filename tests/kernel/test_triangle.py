@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ident.errors import FitError
-from ident.information.base import rank_revealing, solve
+from ident.information.estimate import rank_revealing, solve
 from ident.information.triangle import Triangle
 
 

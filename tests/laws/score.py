@@ -98,8 +98,8 @@ def right_form(r: Result) -> bool:
 
 
 def gap_closed(r: Result) -> bool:
-    """By the formula, or by the curve where there is no formula."""
-    return bool(r.get("closed", r.get("explained") or 0.0) >= GAP)
+    """By the formula, on the other log."""
+    return bool(r.get("closed", 0.0) >= GAP)
 
 
 def keeps_name(r: Result) -> bool:

@@ -10,7 +10,8 @@ import pytest
 
 import ident
 from helpers import ROBOTS
-from ident.diagnosis.diagnosis import Law, of_one_form
+from ident.diagnosis.diagnosis import of_one_form
+from ident.diagnosis.result import Law
 from ident.effects.curve import Curve
 from ident.effects.formula import Formula, Scale, Term
 from ident.effects.library import with_values

@@ -263,7 +263,7 @@ def _(c: Case) -> Case:
     return with_tau(c, x)
 
 
-@mistake("spikes in one torque", r"no measurement|spike|left out|outlier")
+@mistake("spikes in one torque", r"no measurement|spike|left out|outlier|lone")
 def _(c: Case) -> Case:
     x = tau(c).copy()
     x[::97] += 40 * x.std()
@@ -757,3 +757,148 @@ mistake("tiny motions, ±0.02 rad", EXCITED)(experiment(lambda c, joint: 0.02))
 mistake("very slow motion", EXCITED)(experiment(lambda c, joint: 0.3, 8.0))
 mistake("0.5 s of a log", EXCITED)(lambda c: c.rows(np.arange(100)))
 mistake("12 rows of a log", EXCITED)(lambda c: c.rows(np.arange(12)))
+
+
+# --- what comes and goes within a log ------------------------------------------------------------
+
+LATER = r"change|drift|time|half|differ|friction"
+
+
+def rubbing(joints: Callable[[Case], list[str]]) -> Callable[[Case], Case]:
+    """The friction of some joints rises by 80 % in the course of the log."""
+
+    def make(c: Case) -> Case:
+        t, speed, found = c.columns["t"], c.subject.moving(lambda joint: 1.0), {}
+        for joint in joints(c):
+            v, name = speed[f"v.{joint}"], f"tau.{joint}"
+            Fv, Fc = (c.values.get(f"{k}.{joint}.F{k[0]}", 0.0) for k in ("viscous", "coulomb"))
+            if name in c.columns:
+                found[name] = c.columns[name] + 0.8 * t / t[-1] * (Fv * v + Fc * np.sign(v))
+        return c.logged(**found)
+
+    return make
+
+
+mistake("friction of one joint rises by 80 %", LATER)(rubbing(lambda c: [c.subject.one]))
+mistake("friction of all joints rises by 80 %", LATER)(rubbing(lambda c: c.subject.driven))
+
+
+def half(c: Case) -> np.ndarray:
+    """Whether a sample is in the second half."""
+    return c.columns["t"] > c.columns["t"].mean()
+
+
+mistake("one torque in N mm from the middle on", UNIT + "|change")(
+    lambda c: with_tau(c, np.where(half(c), 1e3, 1.0) * tau(c))
+)
+mistake("sign of one torque turned from the middle on", r"sign|negative|change")(
+    lambda c: with_tau(c, np.where(half(c), -1.0, 1.0) * tau(c))
+)
+mistake("one torque of zero in every tenth cell, where none was read", r"zero|without a value")(
+    lambda c: with_tau(c, np.where(np.arange(len(tau(c))) % 10 == 3, 0.0, tau(c)))
+)
+mistake("-999 in every fiftieth cell of one torque", r"no measurement|-999|left out|lone")(
+    lambda c: with_tau(c, np.where(np.arange(len(tau(c))) % 50 == 7, -999.0, tau(c)))
+)
+
+
+@mistake("one torque wraps at 60 % of its range (an overflow)", r"jump|wrap|extreme|range")
+def _(c: Case) -> Case:
+    limit = 0.6 * np.abs(tau(c)).max()
+    return with_tau(c, (tau(c) + limit) % (2 * limit) - limit)
+
+
+mistake("one torque without its negative values", r"zero|sign|extreme|negative")(
+    lambda c: with_tau(c, np.maximum(tau(c), 0.0))
+)
+
+
+@mistake("a fifth of another joint's torque in one torque (crosstalk)", r"crosstalk|another joint")
+def _(c: Case) -> Case:
+    return with_tau(c, tau(c) + 0.2 * c.columns[f"tau.{c.subject.other}"])
+
+
+@mistake("hum of 50 Hz on one torque", r"hum|noise|50 Hz|vibrat")
+def _(c: Case) -> Case:
+    return with_tau(c, tau(c) + 0.3 * tau(c).std() * np.sin(2 * np.pi * 50.0 * c.columns["t"] + 1))
+
+
+@mistake("one torque saturates softly", r"extreme|clip|range|limit|linear")
+def _(c: Case) -> Case:
+    limit = np.abs(tau(c)).max()
+    return with_tau(c, limit * np.tanh(tau(c) / limit))
+
+
+@mistake("a clock that slows by 10 % in the course of the log", CLOCK)
+def _(c: Case) -> Case:
+    t = c.columns["t"]
+    return c.logged(t=t + 0.05 * t**2 / t[-1])
+
+
+mistake("one position 5 % too large", GEOMETRY + "|scale|gear|position")(
+    lambda c: with_q(c, 1.05 * c.columns[position(c)])
+)
+
+
+@mistake("backlash of 0.02 rad between one joint and its encoder", r"backlash|position|encoder")
+def _(c: Case) -> Case:
+    x, held = c.columns[position(c)], []
+    y = float(x[0])
+    for value in x:
+        y = float(np.clip(y, value - 0.01, value + 0.01))
+        held.append(y)
+    return with_q(c, np.array(held))
+
+
+mistake("gravity 10° off (a base on a slope)", GRAVITY)(
+    gravity(-9.81 * np.sin(np.pi / 18), 0, -9.81 * np.cos(np.pi / 18))
+)
+
+
+@mistake("a joint locked that moves", r"locked")
+def _(c: Case) -> Case:
+    toml, one = c.subject.toml, c.subject.one
+    old = re.search(r"locked = \{(.*?)\}", toml)
+    if old:
+        return c.described(toml=toml.replace(old[0], f"locked = {{{old[1]}, {one} = 0.4 }}"))
+    return c.described(toml=toml.replace("[joints]\n", f"[joints]\nlocked = {{ {one} = 0.4 }}\n"))
+
+
+# --- what one angle cannot show ------------------------------------------------------------------
+
+ONE_ANGLE = (
+    "one drive and one angle: moments and inertia of unknown bodies take it up, and what is left "
+    "is noise"
+)
+TAKEN_UP = {
+    "parallelogram": (
+        "one torque without its mean (high-passed)",
+        "200 Hz taken for 100 Hz",
+        "200 Hz taken for 1 kHz",
+        "zero of one position 0.3 rad off",
+        "zero of one position a right angle off",
+        "gravity upside down",
+        "gravity along x",
+        "gravity 10° off (a base on a slope)",
+        "a URDF of a machine 20 % smaller",
+        "one position 5 % too large",
+    ),
+    "crank_slider": (
+        "one torque by a wrong torque constant, 2.6 times",
+        "200 Hz taken for 1 kHz",
+        "clock 10 % fast",
+        "gravity upside down",
+        "gravity in g",
+        "a URDF of a machine 20 % smaller",
+        "one length twice",
+        "a log of another machine with the same names",
+    ),
+}
+MADE = [
+    replace(
+        each,
+        hidden={**{name: ONE_ANGLE for name, some in TAKEN_UP.items() if each.name in some},
+                **each.hidden},
+    )
+    for each in MADE
+]  # fmt: skip

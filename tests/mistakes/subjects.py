@@ -13,6 +13,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+import loops
+
 import ident
 from helpers import MOTIONS, ROBOTS
 from ident import Log, Mechanism, Noise
@@ -169,6 +171,12 @@ def foreign(name: str, one: str, other: str, link: str, centre: tuple[float, ...
     return Subject(name, urdf, toml, one, other, link, terms)
 
 
+def looped(name: str, one: str, other: str, link: str, terms: Terms) -> Subject:
+    """A closed loop of `loops`."""
+    urdf, toml = getattr(loops, name)()
+    return Subject(name, urdf, toml, one, other, link, terms)
+
+
 def subjects() -> Iterator[Subject]:
     """All machines that are at hand; what is not is said on standard error."""
     yield shipped("arm", "elbow", "shoulder", "forearm")
@@ -181,6 +189,15 @@ def subjects() -> Iterator[Subject]:
                       (0.1, 0.2, -0.3, -1.6, 0.4, 1.7, 0.2))  # fmt: skip
     except PackageNotFoundError:
         sys.stderr.write("ur5 and panda are left out: pip install example-robot-data\n")
+    swing = [(1, 0.5, 0.2), (2, -0.15, 0.1)]
+    yield looped("parallelogram", "crank", "rocker", "coupler_link", {"crank": (1.5, swing)})
+    swing = [(1, 0.8, 0.3), (2, -0.3, 0.4)]
+    yield looped("crank_slider", "crank", "slide", "rod", {"crank": (0.4, swing)})
+    random, legs = np.random.default_rng(5), {}
+    for number in range(6):
+        waves = [(k, *(0.02 / k * random.normal(size=2))) for k in (1, 2, 3)]
+        legs[f"leg{number}"] = (0.66, waves)
+    yield looped("hexapod", "leg2", "leg0", "platform", legs)
 
 
 def clean(subject: Subject, folder: Path) -> Case:

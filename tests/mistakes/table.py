@@ -37,6 +37,10 @@ def results(pattern: str, folder: Path, keep: Path | None = None) -> Results:
             row, machine = found.setdefault(mistake.name, {}), case.subject.name
             if machine in row:
                 continue
+            try:
+                mistake.of(case)
+            except KeyError:  # it needs a second driven joint
+                continue
             each = row[machine] = judge(case, mistake, folder)
             sys.stderr.write(f"{machine:14}{each.outcome:12}{mistake.name}\n")
             if keep is not None:

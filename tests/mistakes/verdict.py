@@ -109,7 +109,10 @@ def judge(case: Case, mistake: Mistake, folder: Path) -> Verdict:
         except IdentError as error:
             return Verdict("error", (str(error),), np.inf, time.perf_counter() - start)
         new = {key: text for key, text in sentences(fit).items() if key not in known}
-    named = [text for text in new.values() if re.search(mistake.names, text)]
+    named = [  # a poor fit lists what to check, and names nothing
+        text for key, text in new.items()
+        if re.search(mistake.names, text) and not key.startswith("poor fit")
+    ]  # fmt: skip
     blamed = [key for key in new if any(key.startswith(f"{code} ") for code in CAUSES)]
     doubt = [key for key in new if not key.startswith(WEAK)]
     off = distance(wrong, mechanism, fit)

@@ -148,7 +148,7 @@ def _log(folder: Path) -> Path:
 
 def _interrupt(own: Base, folder: Path) -> None:
     """Leave a checkpoint behind."""
-    from ident.streams.checkpoint import NAME, Checkpoint
+    from ident.streams.portions import NAME, Checkpoint
 
     out, kept = folder / "out", Checkpoint.remove
     Checkpoint.remove = lambda self: None  # type: ignore[method-assign]
@@ -187,7 +187,9 @@ def _judged(own: Base, kind: str, verb: str, random: Random, folder: Path) -> tu
         for i in range(0, len(log.t), 50):
             part = slice(i, i + 50)
             online.update({"t": log.t[part], **{k: x[part] for k, x in log.columns.items()}})
-        return ("same", "") if "nan" not in str(online.snapshot()) else ("absurd", "nan")
+        lines = str(online.snapshot()).splitlines()  # a note quotes a cell of the log
+        absurd = [line for line in lines if "nan" in line and not line.startswith("note: ")]
+        return ("absurd", absurd[0]) if absurd else ("same", "")
     options = _options(random) if kind == "options" else {}
     motion = ident.complete(mechanism, ident.read_log(_log(folder), mechanism.columns), **options)
     consistent = random.random() < 0.05

@@ -36,7 +36,6 @@ def nouns():
         "diagnosis": diagnosis,
         "history": ident.grow(mechanism, motion),
         "health": diagnosis.health,
-        "essential": fit.essential,
         "correlation": fit.correlation,
         "unexcited": fit.unexcited,
     }

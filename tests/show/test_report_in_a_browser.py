@@ -85,6 +85,7 @@ def opened(browser):
         page.on("request", lambda r: None if r.url.startswith(("file:", "data:", "blob:"))
                 else wrong.append(r.url))  # fmt: skip
         page.goto(path.as_uri())
+        page.get_by_role("button", name="Unfold all").click()
         page.locator(DRAWN).first.wait_for()
         return page, wrong
 
@@ -239,18 +240,27 @@ def test_light_and_dark_and_print(opened, diagnosed):
     assert papers[0] == "rgb(255, 255, 255)"
     assert papers[1] != papers[0]
     page.emulate_media(media="print")
-    assert not page.locator("nav").is_visible()
+    assert not page.get_by_role("button", name="Unfold all").is_visible()
     assert page.locator("h1").is_visible()
+
+
+@pytest.mark.parametrize("width", [1400, 400])
+def test_the_rest_of_a_report_is_folded(browser, diagnosed, width):
+    page = browser.new_page(viewport={"width": width, "height": 900}, offline=True)
+    page.goto(diagnosed[1].as_uri())
+    folded = page.locator("main > details")
+    assert folded.count() > 8
+    assert not page.locator("main figure:visible, main p:visible:not(.tools)").count()
+    assert page.evaluate("document.body.scrollHeight") < 2 * 900
+    page.get_by_text("What is missing", exact=True).click()
+    page.locator(DRAWN).first.wait_for()
+    page.close()
 
 
 def test_what_a_screen_reader_finds(opened, diagnosed):
     page, _ = opened(diagnosed[1])
     assert page.get_by_role("main").count() == 1
-    assert page.get_by_role("navigation", name="Sections").count() == 1
-    for link in page.get_by_role("navigation").get_by_role("link").all():
-        place = link.get_attribute("href")
-        assert place
-        assert page.locator(place).count() == 1
+    assert page.get_by_role("heading", level=2).count() == page.locator("main > details").count()
     for figure in page.locator("figure.chart").all():
         assert re.search(r"\w+ \w+", figure.get_attribute("aria-label") or "")
     for each in page.locator("table").all():

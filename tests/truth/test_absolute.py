@@ -7,7 +7,7 @@ import pytest
 from helpers import J, tree_urdf, write_mechanism
 from ident.errors import MechanismError
 from ident.mechanism import load
-from ident.mechanism.absolute import absolute
+from ident.mechanism.load import absolute
 
 NAMES = ["arm", "four_bar", "five_bar", "slider_crank", "pendulum"]
 

@@ -16,7 +16,7 @@ from test_portions import log_of
 import ident
 from helpers import ROBOTS
 
-checkpoint = import_module("ident.streams.checkpoint")
+checkpoint = import_module("ident.streams.portions")
 ROWS, SAMPLES = 10_240, 1024
 RUN = """
 import sys
@@ -24,7 +24,7 @@ from importlib import import_module
 
 import ident
 
-checkpoint = import_module("ident.streams.checkpoint")
+checkpoint = import_module("ident.streams.portions")
 checkpoint.PORTIONS, checkpoint.SECONDS = 2, 0.0
 mechanism = ident.load(sys.argv[1]).with_effect("viscous").with_effect("coulomb")
 ident.gather(

@@ -10,7 +10,7 @@ from ident import identify
 from ident.errors import MechanismError, MotionError
 from ident.log import Log
 from ident.mechanism import load
-from ident.mechanism.absolute import absolute
+from ident.mechanism.load import absolute
 from ident.motion import complete
 from ident.show.motion import structure
 

@@ -6,7 +6,7 @@ import casadi as ca
 import pytest
 
 from ident import user_effect
-from ident.streams.checkpoint import _feed
+from ident.streams.portions import _feed
 
 
 def key(thing):

@@ -11,7 +11,7 @@ import pytest
 
 import ident
 from ident import Diagnosis, Mechanism, Motion, Noise
-from ident.diagnosis.candidates import GUARD, Contest, away_from_reversals
+from ident.diagnosis.candidates import GUARD, Contest, away_from_reversals, candidates_of
 from ident.diagnosis.null import noise
 from ident.effects import Effect
 from ident.fit.table import Table
@@ -127,6 +127,30 @@ def test_the_noise_floor_is_reproducible():
 
 
 # --- names -------------------------------------------------------------------------------------
+
+
+def test_presliding_is_named_by_the_reversals_that_it_shows_in():
+    """Its residual lies where rows are left out for others, and a late channel looks like it."""
+    present, hidden = (
+        ("viscous:elbow", "coulomb:elbow"),
+        {"sigma": 30.0, "z0": 0.01},
+    )  # N m/rad, rad
+    values = {**ELBOW, **{f"hysteresis.elbow.{name}": x for name, x in hidden.items()}}
+    d = diagnosed(planted([*present, "hysteresis:elbow"], values), *present)
+    contest = d.selection.first.contest
+    elbow = contest.table.informed.sum(axis=0) == contest.use.sum(axis=0)
+    assert elbow.tolist() == [False, False, True, False]
+    assert [each.label for each in d.group] == ["hysteresis:elbow"]
+
+
+def test_lengths_are_judged_on_several_logs_as_on_one():
+    arm = robot("arm")
+    fit = ident.identify(arm, ident.complete(arm, [planted(seed=seed).log for seed in (0, 1)]))
+    contest = Contest.of(fit, candidates_of(fit), lambda what, share: None, curved=False)
+    assert not contest.failed
+    lengths = [each for each in contest.candidates if each.effect.kind == "geometry"]
+    assert len(lengths) == 3
+    assert contest.regression.gains([each.groups[0] for each in lengths]).visible.max() > 0.01
 
 
 @pytest.mark.parametrize("label", ONE)

@@ -11,9 +11,9 @@ import ident
 from helpers import J, tree_urdf, write_mechanism
 from ident import Log, Noise
 from ident.equations.corrections import Scene
-from ident.equations.multipliers import full_rows
+from ident.equations.rows import full_rows
 from ident.equations.unknowns import Columns
-from ident.information.base import rank_revealing, solve
+from ident.information.estimate import rank_revealing, solve
 from ident.information.triangle import Triangle
 from identification import close, motion_log, plant, robot
 

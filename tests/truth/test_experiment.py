@@ -15,7 +15,7 @@ import ident
 from helpers import ROBOTS
 from ident import Log, Mechanism, Noise
 from ident.diagnosis import Diagnosis, diagnose
-from ident.diagnosis.experiment import attempts, contenders, proposal, propose, questions
+from ident.diagnosis.experiment import Proposal, attempts, contenders, proposal, questions
 from ident.diagnosis.trials import present, trials
 from ident.show.experiment import next_experiment
 
@@ -67,16 +67,25 @@ def narrow(four_bar: Mechanism) -> Diagnosis:
     return diagnosed(four_bar, hidden, sines({"crank": (1.2, 0.26, 3.0)}, 6.0))
 
 
+def propose(d: Diagnosis) -> Proposal | None:
+    """The motion that answers the first question that any motion answers."""
+    rivals = contenders(d)
+    tried = attempts(d, rivals)
+    return next(filter(None, (proposal(d, tried, pairs) for pairs in questions(rivals))), None)
+
+
 def test_a_narrow_motion_asks_for_a_full_turn(narrow: Diagnosis) -> None:
     assert "coulomb:rocker" in {e.label for e in (narrow.best, *narrow.rivals)}
     assert len({e.joints for e in (narrow.best, *narrow.rivals)}) > 1
     found = propose(narrow)
     assert found is not None
     assert found.trial.kind == "turn"
-    assert found.joints == ("crank",)
-    ((low, high),) = found.ranges
-    assert high - low == pytest.approx(2 * np.pi)
-    assert found.separation > 3 * found.now
+    (move,) = found.trial.changed
+    assert move.joint.name == "crank"
+    assert 2 * move.half == pytest.approx(2 * np.pi)
+    pairs = questions(contenders(narrow))[0]
+    same = next(x for x in attempts(narrow, contenders(narrow)) if x.trial.kind == "same")
+    assert found.separation > 3 * min(map(same.separation, pairs))
     text = next_experiment(narrow)
     assert "urn crank through a full turn" in text
     assert "rad/s" in text
@@ -86,7 +95,7 @@ def test_the_full_turn_names_the_joint(four_bar: Mechanism, narrow: Diagnosis) -
     found = propose(narrow)
     assert found is not None
     (log,) = found.trial.logs
-    (speed,) = found.speeds
+    (speed,) = (move.speed for move in found.trial.changed)
     wide = sines({"crank": (1.2, np.pi, speed / np.pi)}, found.seconds)
     assert log.columns["q.crank"].max() - log.columns["q.crank"].min() > 5.0
     hidden = four_bar.with_effect("coulomb:rocker", {"Fc": 0.03})
@@ -119,15 +128,15 @@ def test_viscous_or_drag_asks_for_other_speeds(arm: Mechanism) -> None:
     hidden = arm.with_effect("viscous:elbow", {"Fv": 0.05})
     moves = {"yaw": (0, 0.8, 0.9), "shoulder": (-0.5, 0.4, 1.1), "elbow": (0.9, 0.5, 1.5)}
     d = diagnosed(arm, hidden, sines({**moves, "wrist": (0.2, 0.6, 1.3)}, 6.0))
-    (drag,) = (e.effect for e in d.choice.evidence if e.effect.label == "drag:elbow")
+    (drag,) = (e.effect for e in d.selection.first.evidence if e.effect.label == "drag:elbow")
     best = replace(d.candidates[0], rivals=(drag,))  # as at more noise
     d = replace(d, candidates=(best, *d.candidates[1:]))
     found = propose(d)
     assert found is not None
-    assert found.joints == ("elbow",)
+    assert found.trial.about == ("elbow",)
     assert found.trial.kind in ("faster", "speeds", "strokes")
     if found.trial.kind != "strokes":
-        (speed,) = found.speeds
+        (speed,) = (move.speed for move in found.trial.changed)
         now = present(arm, d.fit.motion)[2].speed
         assert speed == pytest.approx(2 * now)
     assert "elbow" in next_experiment(d)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ident.equations.filter import Decimator, FilterRun, decimated
+from ident.equations.filter import Decimator, decimated
 
 CASES = [(5.0, 200.0), (20.0, 1000.0), (40.0, 5000.0), (30.0, 100.0)]
 
@@ -13,12 +13,9 @@ def response(decimator, rate, f):
     return decimator.taps @ np.cos(2 * np.pi * f / rate * k)  # symmetric: real, no phase
 
 
-def through(decimator, x, segment=None, chunk=10**6):
+def through(decimator, x, segment=None):
     """(kept samples, filtered) of an experiment."""
-    segment = segment or slice(0, len(x))
-    run = FilterRun(decimator, segment.start)
-    starts = range(segment.start, segment.stop, chunk)
-    parts = [run.push([x[i : min(i + chunk, segment.stop)]]) for i in starts]
+    parts = [*decimator.filtered(segment or slice(0, len(x)), lambda part: [x[part]])]
     return np.concatenate([at for at, _ in parts]), np.concatenate([y for _, (y,) in parts])
 
 
@@ -57,12 +54,13 @@ def test_a_line_in_the_pass_band_is_not_delayed():
 
 @pytest.mark.parametrize("chunk", [1, 100, 333, 2048])
 @pytest.mark.parametrize(("cutoff", "rate"), CASES)
-def test_pieces_give_the_same_as_one_pass(cutoff, rate, chunk):
+def test_pieces_give_the_same_as_one_pass(cutoff, rate, chunk, monkeypatch):
     decimator = Decimator.of(cutoff, rate)
     x = np.random.default_rng(0).normal(size=(14 * decimator.half + 913, 2, 3))
     segment = slice(101, len(x) - 57)
-    samples, found = through(decimator, x, segment, chunk)
     whole, exact = through(decimator, x, segment)
+    monkeypatch.setattr("ident.equations.filter.CHUNK", chunk)
+    samples, found = through(decimator, x, segment)
     np.testing.assert_array_equal(samples, whole)
     np.testing.assert_allclose(found, exact, atol=1e-13)
     # against convolution; what is lost at either end is `half` samples and no more
@@ -85,7 +83,7 @@ def test_without_a_cutoff_every_sample_stays():
     decimator = Decimator.of(None, 200.0)
     assert (decimator.half, decimator.factor) == (0, 1)
     x = np.random.default_rng(0).normal(size=(30, 2))
-    samples, found = through(decimator, x, slice(3, 25), 10)
+    samples, found = through(decimator, x, slice(3, 25))
     np.testing.assert_array_equal(samples, np.arange(3, 25))
     np.testing.assert_array_equal(found, x[3:25])
 
@@ -95,7 +93,8 @@ def test_the_share_of_open_samples_counts_both_signs():
     open_ = np.zeros((2 * decimator.half + 1, 1), dtype=bool)
     share = np.abs(decimator.taps).sum()
     for sticking, informed in ((share - 1e-9, False), (share + 1e-9, True)):
-        _, (found,) = FilterRun(decimator, 0, sticking).push([open_])
+        run = decimator.filtered(slice(0, len(open_)), lambda part: [open_[part]], sticking)
+        ((_, (found,)),) = run
         assert found.tolist() == [[informed]]
 
 

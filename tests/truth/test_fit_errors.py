@@ -9,7 +9,7 @@ import ident
 from ident import FitError, Log, Noise
 from ident.fit.problem import information_of, stacks_information
 from ident.information.blocks import Information
-from ident.information.held_out import folds
+from ident.information.covariance import folds
 from identification import motion_log, plant, robot
 
 NOISE = [Noise("tau", 0.02, relative=True)]
@@ -274,10 +274,10 @@ def test_steps_of_an_encoder_that_a_repeated_motion_repeats_are_one_witness():
 
     again = logged(0.3)
     every = logged(np.repeat(np.random.default_rng(0).uniform(size=5), len(case.log.t) / 5))
-    said = [each for each in again.findings if each.code == "repeated errors"]
+    said = [each for each in again.all_findings if each.code == "repeated errors"]
     assert said
     assert "every 4 s" in str(said[0])
-    assert not [each for each in every.findings if each.code == "repeated errors"]
+    assert not [each for each in every.all_findings if each.code == "repeated errors"]
     assert again["viscous.left.Fv"].stderr > 1.4 * every["viscous.left.Fv"].stderr
     clean = case.fit()  # noise of the torques is another one in every period
-    assert not [each for each in clean.findings if each.code == "repeated errors"]
+    assert not [each for each in clean.all_findings if each.code == "repeated errors"]

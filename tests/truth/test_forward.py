@@ -7,8 +7,8 @@ import pytest
 
 from helpers import J, along, raw_configuration, tree_urdf, write_mechanism
 from ident.mechanism import load
-from ident.mechanism.absolute import absolute
 from ident.mechanism.description import align_z, perpendicular
+from ident.mechanism.load import absolute
 from ident.mechanism.tree import (
     is_rotational,
     joint_axis,

@@ -7,6 +7,7 @@ from scipy.signal import lfilter
 
 import ident
 from helpers import ROBOTS
+from ident.motion.time_errors import ROUGH, common
 
 FRICTION = 0.3  # N m s/rad, N m: of all joints
 
@@ -53,3 +54,44 @@ def test_torques_choose_knots_that_noise_does_not_mislead(arm, log, monkeypatch)
 def test_a_cutoff_moves_the_knots(arm, log):
     (e,) = ident.complete(arm, log, cutoff=0.2).experiments
     assert e.smooth.spacing >= 0.5 * 0.999  # s: a tenth of the cut-off's period, or more
+
+
+def jittering(arm, size):
+    """A log whose rows were taken at other times than their stamps say, off by `size` [s] rms."""
+    values = {name: FRICTION for effect in arm.effects for name in effect.names}
+    clean, _ = ident.simulate(
+        arm, ident.read_log(ROBOTS / "arm" / "run.csv"), values=values, columns=["q", "tau"],
+        seed=1, noise=[ident.Noise("tau", 0.01, True), ident.Noise("q", 1e-4)],
+    )  # fmt: skip
+    late = clean.t + size * np.random.default_rng(2).standard_normal(len(clean.t))
+    moved = {name: np.interp(late, clean.t, x) for name, x in clean.columns.items()}
+    return pl.DataFrame({"t": clean.t, **moved})
+
+
+def test_time_errors_that_all_joints_have_in_common_are_removed(arm, monkeypatch):
+    log = jittering(arm, 3e-3)
+    motion = ident.complete(arm, log)
+    (note,) = (note for note in motion.notes if "time stamps are off by" in note)
+    assert 2e-3 < 1e-3 * float(note.split("off by ")[1].split()[0]) < 4e-3
+    even = ident.complete(arm, jittering(arm, 0.0))
+    assert not any("stamps are off" in note for note in even.notes)
+    monkeypatch.setattr("ident.motion.motion.without_time_errors", lambda *_: None)
+    as_stamped = ident.complete(arm, log)
+
+    def off(found):
+        """The rms error of the accelerations, of their size, away from the ends."""
+        a, b = (motion.experiments[0].ydd[300:-300] for motion in (found, even))
+        return np.sqrt(np.mean((a - b) ** 2) / np.mean(b**2))
+
+    assert off(motion) < 0.9 * off(as_stamped)
+
+
+def test_what_a_spline_misses_of_corners_is_no_time_error():
+    """All joints of a trapeze turn their corners together, and smooth motion misses these."""
+    t = np.linspace(0, 10, 2001)
+    speed = np.clip(3 * np.sin(t), -1, 1)
+    missed = np.gradient(np.gradient(speed, t), t)[:, None] * [1e-3, 2e-3, 3e-3]
+    white = 1e-3 * np.random.default_rng(0).standard_normal((len(t), 1)) * speed[:, None]
+    for r, rough in ((missed, False), (white * [1.0, 2.0, 3.0], True)):
+        delta, _ = common(r + 1e-9, speed[:, None] * [1.0, 2.0, 3.0])
+        assert (np.mean(np.diff(delta) ** 2) > ROUGH * 2 * np.mean(delta**2)) == rough

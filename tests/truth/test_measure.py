@@ -10,7 +10,7 @@ from helpers import Truth, series, write_mechanism
 from ident.errors import MotionError
 from ident.log import Log
 from ident.mechanism import load
-from ident.mechanism.absolute import absolute
+from ident.mechanism.load import absolute
 from ident.motion import complete
 
 DEGREES = 180 / np.pi

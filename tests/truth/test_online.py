@@ -15,7 +15,7 @@ from ident.equations.corrections import Scene
 from ident.equations.rows import Rows, largest_transmission, raw_rows
 from ident.equations.unknowns import Columns
 from ident.information.covariance import covariance
-from ident.streams.online import INTERVALS, Accumulator
+from ident.streams.stream import INTERVALS, Accumulator
 from identification import motion_log, plant, robot
 
 FRICTION = ("viscous", "coulomb")

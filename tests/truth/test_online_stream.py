@@ -14,7 +14,7 @@ from ident.equations.corrections import Scene
 from ident.equations.rows import rows
 from ident.equations.unknowns import Columns, Point
 from ident.motion.signals import measure
-from ident.streams.stream import Setting, Stream
+from ident.streams.stream import Stream
 from identification import motion_log, plant, robot
 
 
@@ -24,7 +24,7 @@ def batch(mechanism, motion, columns, point=None, number=0):
 
 
 def streamed(mechanism, motion, columns, how="one by one", point=None, log=None, **options):
-    stream = Stream(mechanism, columns, Setting.of(mechanism, motion), point, **options)
+    stream = Stream(mechanism, columns, motion, point, **options)
     made = [rows for each in given(log or motion.logs[0], how) for rows in stream.push(each)]
     return stream, together([*made, *stream.flush()])
 
@@ -74,7 +74,7 @@ def test_latency_changes_when_and_not_what(latency):
     case = made("five_bar")
     motion = ident.complete(case.mechanism, case.log, cutoff=20.0)
     columns = Columns.of(case.mechanism)
-    stream = Stream(case.mechanism, columns, Setting.of(case.mechanism, motion), latency=latency)
+    stream = Stream(case.mechanism, columns, motion, latency=latency)
     parts, most = [], 0.0
     for sample in samples(case.log):
         for rows_ in stream.push(sample):
@@ -89,7 +89,7 @@ def test_the_lag_is_reached_and_no_more():
     case = made("arm")
     motion = ident.complete(case.mechanism, case.log, cutoff=90.0)
     columns = Columns.of(case.mechanism)
-    stream = Stream(case.mechanism, columns, Setting.of(case.mechanism, motion), latency=0.0)
+    stream = Stream(case.mechanism, columns, motion, latency=0.0)
     lags = [s["t"] - r.t[-1] for s in samples(case.log) for r in stream.push(s)]
     np.testing.assert_allclose(lags, stream.lag, atol=1e-9)
     assert stream.lag > 0
@@ -154,7 +154,7 @@ def test_derivatives_of_positions_alone():
     columns = Columns.of(case.mechanism)
     stream, found = streamed(case.mechanism, motion, columns)
     expected = batch(case.mechanism, exact, columns)
-    np.testing.assert_array_equal(found.sample, expected.sample[: -stream.setting.smoothing_lag])
+    np.testing.assert_array_equal(found.sample, expected.sample[: -stream._around])
     off = np.abs(found.A - expected.A[: len(found.A)]).max()
     assert off < 1e-6 * np.abs(expected.A).max()
 
@@ -184,7 +184,7 @@ def test_noisy_motion_is_smoothed_by_the_splines_of_a_batch(channels, jitter, ho
     expected = batch(mechanism, motion, unknown)
     at = np.searchsorted(expected.t, found.t - 1e-6)
     np.testing.assert_allclose(expected.t[at], found.t, atol=3e-6)
-    assert len(found.t) >= len(expected.t) - stream.setting.smoothing_lag
+    assert len(found.t) >= len(expected.t) - stream._around
     lag = round(4 * motion.experiments[0].smooth.spacing * 500)  # where a batch's spline ends
     off = (found.A - expected.A[at])[:-lag]
     noise = 0.05 if jitter else 0.02  # of the noise that is left in the accelerations
@@ -197,7 +197,7 @@ def test_before_a_gap_no_sample_is_lost():
     mechanism, log = noisy("q")
     motion = ident.complete(mechanism, log)
     motion = replace(motion, band=replace(motion.band, cutoff=None))
-    stream = Stream(mechanism, Columns.of(mechanism), Setting.of(mechanism, motion))
+    stream = Stream(mechanism, Columns.of(mechanism), motion)
     cut = without(log, slice(1500, 1600))
     found = together([*stream.push(cut), *stream.finish()])
     ends = round(2 * motion.experiments[0].smooth.spacing * 500)
@@ -215,7 +215,7 @@ def test_one_wrong_time_is_left_out_and_not_all_after_it(how):
     log = SimpleNamespace(t=t, columns=case.log.columns)  # no Log: that would sort it
     parts = blocks(log, {"one by one": [1], "blocks": [7, 64], "whole": [600]}[how])
     columns = Columns.of(case.mechanism)
-    stream = Stream(case.mechanism, columns, Setting.of(case.mechanism, motion))
+    stream = Stream(case.mechanism, columns, motion)
     made_, left_out, start = [], [], 0
     for part in parts:
         try:
@@ -272,14 +272,13 @@ def test_what_cannot_be_had_sample_by_sample_is_refused(effect):
     mechanism = robot("arm").with_effect(effect)
     motion = ident.complete(mechanism, made("arm").log, cutoff=None)
     with pytest.raises(FitError, match=rf"{effect}.*leave out"):
-        Stream(mechanism, Columns.of(mechanism), Setting.of(mechanism, motion))
+        Stream(mechanism, Columns.of(mechanism), motion)
 
 
 def test_positions_where_the_loop_does_not_close_are_left_out():
     case = made("four_bar", seconds=1.0)
     motion = ident.complete(case.mechanism, case.log, cutoff=None)
-    setting, columns = Setting.of(case.mechanism, motion), Columns.of(case.mechanism)
-    stream = Stream(case.mechanism, columns, setting)
+    stream = Stream(case.mechanism, Columns.of(case.mechanism), motion, latency=0.05)
     good = [r for s in given(case.log, "blocks") for r in stream.push(s)]
     t = 1.0 + np.arange(1, 31) / 200.0
     wild = {k: np.full(30, 1e5 if k[0] == "q" else 0.0) for k in case.log.columns}
@@ -298,7 +297,7 @@ def test_positions_where_the_loop_does_not_close_are_left_out():
 def opened(mapping=None):
     case = made("slider_crank")
     motion = ident.complete(case.mechanism, case.log, cutoff=None)
-    stream = Stream(case.mechanism, Columns.of(case.mechanism), Setting.of(case.mechanism, motion))
+    stream = Stream(case.mechanism, Columns.of(case.mechanism), motion)
     return stream, list(samples(case.log))
 
 
@@ -332,7 +331,7 @@ def test_columns_have_this_robots_own_names(tmp_path):
     mechanism = ident.load(folder)
     motion = ident.complete(case.mechanism, case.log, cutoff=None)
     columns = Columns.of(mechanism)
-    stream = Stream(mechanism, columns, Setting.of(mechanism, motion))
+    stream = Stream(mechanism, columns, motion)
     found = []
     for s in samples(case.log):
         raw = {k: x for k, x in s.items() if k not in ("t", "q.theta")}
@@ -342,14 +341,13 @@ def test_columns_have_this_robots_own_names(tmp_path):
     assert_same(together([*found, *stream.flush()]), expected, 1e-9)
 
 
-def test_a_setting_comes_from_a_motion_of_the_same_machine():
+def test_the_recipe_comes_from_a_motion_of_the_same_machine():
     case = made("arm", seconds=3.0, noise=0.01)
     motion = ident.complete(case.mechanism, case.log)
-    setting = Setting.of(case.mechanism, motion)
-    signals = measure(case.mechanism, case.log)
-    assert setting.rate == pytest.approx(1 / signals.dt)
-    assert setting.cutoff == motion.band.cutoff
-    assert setting.logged == ("yaw", "shoulder", "elbow", "wrist")
-    assert setting.channels == ("qva",) * 4
+    columns = Columns.of(case.mechanism)
+    recipe = Stream(case.mechanism, columns, motion).recipe
+    assert 1 / recipe.clock.step == pytest.approx(1 / measure(case.mechanism, case.log).dt)
+    assert recipe.band == motion.band
+    assert recipe.logged == ("yaw", "shoulder", "elbow", "wrist")
     with pytest.raises(MotionError, match="has no log"):
-        Setting.of(case.mechanism, replace(motion, logs=()))
+        Stream(case.mechanism, columns, replace(motion, logs=()))

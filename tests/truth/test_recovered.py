@@ -174,6 +174,8 @@ def test_in_noise_it_is_found_within_its_standard_errors(case):
         assert value.identifiable, value
         assert abs(value.value - true[value.name]) <= 5 * value.stderr, value
     assert max(error.relative for error in fit.train.values()) < 0.02
+    scaled = any(each.code == "scale" for each in fit.findings)
+    assert scaled == case.effect.startswith("payload")  # nobody measured the torques' scale
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)

@@ -11,6 +11,7 @@ from ident import Log, Noise
 from ident.errors import MotionError
 from ident.information.estimate import estimate
 from ident.information.triangle import Triangle
+from ident.motion.signals import absurd_samples
 from identification import motion_log, plant, robot
 
 NOISE = [Noise("tau", 0.01, relative=True), Noise("q", 2e-5)]
@@ -179,3 +180,10 @@ def test_a_log_far_too_short_is_said_first():
     assert warnings(49)[0].startswith("only ")
     assert "equations for" in warnings(49)[0]
     assert not any("equations for" in each for each in warnings(1000))
+
+
+def test_a_column_of_broken_bits_is_only_empty():
+    """A bit that flips in a file makes a NaN that signals."""
+    x = np.sin(np.linspace(0.0, 6.0, 400))
+    x.view(np.uint64)[7] = 0x7FF0000000000001
+    assert not absurd_samples(x).size

@@ -14,7 +14,7 @@ from ident.equations.rows import CHUNK, raw_rows, row_supports, rows
 from ident.equations.unknowns import Columns
 from ident.log import Log
 from ident.mechanism import load
-from ident.mechanism.absolute import absolute
+from ident.mechanism.load import absolute
 from ident.motion import complete
 from ident.motion.state import Store
 

@@ -6,7 +6,7 @@ import pytest
 
 from helpers import ROBOTS, J, tree_urdf, write_mechanism
 from ident.mechanism import load
-from ident.mechanism.hands import unlogged_hands
+from ident.mechanism.load import unlogged_hands
 
 sys.path.insert(0, str(ROBOTS.parent / "benchmarks"))
 from robots import measured, title, urdfs

@@ -1,6 +1,5 @@
-"""Correlation, essential parameters, and what a motion does not tell."""
+"""Correlation, and what a motion does not tell."""
 
-import json
 import sys
 from dataclasses import replace
 
@@ -57,68 +56,6 @@ def test_two_friction_terms_at_one_speed_are_known_only_together():
     assert said == pytest.approx(r, abs=0.08)
     if said < -0.95:
         assert "known only together" in str(fit)
-
-
-# --- essential parameters ----------------------------------------------------------------------
-
-
-def test_what_is_not_there_is_not_essential(tmp_path):
-    """Friction is planted on two of four joints: the other two joints' terms go."""
-    mechanism = robot("arm").with_effect("viscous").with_effect("coulomb")
-    none = {name: 0.0 for effect in mechanism.effects for name in effect.names}
-    planted = none | {"viscous.shoulder.Fv": 0.6, "coulomb.elbow.Fc": 0.7}
-    noise = [Noise("tau", 0.01, relative=True)]
-    case = plant(mechanism, motion_log("arm", 200.0, 8.0), planted, noise=noise)
-    fit = case.fit(cutoff="auto")
-    essential = fit.essential
-    kept = {n for n in essential.names if n.split(".")[0] in ("viscous", "coulomb")}
-    assert {"viscous.shoulder.Fv", "coulomb.elbow.Fc"} <= kept
-    gone = {d.name for d in essential.dropped}
-    assert len(gone & (none.keys() - {"viscous.shoulder.Fv", "coulomb.elbow.Fc"})) >= 4
-    for joint, error in essential.full.items():
-        assert essential.reduced[joint].rms <= 1.01 * error.rms
-    assert essential.values["coulomb.elbow.Fc"] == pytest.approx(0.7, rel=0.05)
-    assert essential.line in " ".join(str(fit).split())
-    fit.write(tmp_path)
-    data = json.loads((tmp_path / "fit.json").read_text())
-    assert {p["name"] for p in data["essential"]["parameters"]} == set(essential.names)
-    assert [d["name"] for d in data["essential"]["dropped"]] == [d.name for d in essential.dropped]
-
-
-def test_held_out_errors_of_the_full_model_are_those_of_the_fit(arm):
-    """From the base parameters alone, with weights kept: the same as `fit.held_out`."""
-    _, fit = arm
-    if len(fit.estimate.sigma) != len(fit.held_out):
-        pytest.skip("torques and motion were weighed together")
-    for joint, error in fit.essential.full.items():
-        assert error.rms == pytest.approx(fit.held_out[joint].rms, rel=1e-6)
-
-
-def test_the_reduced_model_is_least_squares_without_the_dropped_columns(arm):
-    """Against numpy on the rows themselves."""
-    from ident.fit.table import Table
-
-    _, fit = arm
-    table = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
-    base = fit.estimate.base
-    kept = [i for i in base.independent if fit.columns.names[i] in fit.essential.names]
-    x = np.where(fit.estimate.held, fit.estimate.solution.x, 0.0)
-    rows, right = [], []
-    for u, sigma in enumerate(fit.problem.row_scale(fit.estimate)):
-        told = table.informed[:, u]
-        A = table.A[told, u] / sigma
-        rows.append(A[:, kept])
-        right.append(table.b[told, u] / sigma - A @ x)
-    beta = np.linalg.lstsq(np.concatenate(rows), np.concatenate(right), rcond=None)[0]
-    said = [fit.essential.values[fit.columns.names[i]] for i in kept]
-    np.testing.assert_allclose(said, beta, rtol=1e-6, atol=1e-9)
-
-
-def test_one_stretch_of_time_tells_nothing_of_essentials(arm):
-    _, fit = arm
-    first = fit.information.where(lambda block: block.block == 0)
-    one = replace(fit, problem=replace(fit.problem, information=first))
-    assert one.essential is None
 
 
 # --- what a motion does not tell ---------------------------------------------------------------
@@ -222,6 +159,5 @@ def test_the_command_shows_both(small, capsys, monkeypatch, tmp_path):
         main()
     assert not stop.value.code
     said = capsys.readouterr()
-    assert "essential: " in said.out
     assert "note: to tell " in said.err
     assert ": swing " in said.err

@@ -9,7 +9,7 @@ from diagnosed import clean, grown, lacking, lawful, loop
 
 import ident
 from ident import Health
-from ident.diagnosis.diagnosis import Invisible, Unsupported
+from ident.diagnosis.unobservable import Invisible, Unsupported
 from ident.fit.findings import Finding
 from ident.show.card import named
 from ident.show.diagnosis import sure

@@ -209,7 +209,7 @@ def compare(
     """
     from ident.fit.compare import compare as compare_
     from ident.fit.files import read_fit
-    from ident.show.residual import comparison_json
+    from ident.show.comparison import comparison_json
     from ident.show.simulate import replay_json
 
     model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute, logs=logs)
@@ -296,7 +296,14 @@ def diagnose(
 
             motion = model.motion(mechanism, logs, on_progress)
             fit = identify(mechanism, motion, estimator="least-squares", progress=on_progress)
-            found, remarks = diagnose_(fit, progress=on_progress, **decision), fit.warnings
+            try:
+                found, remarks = diagnose_(fit, progress=on_progress, **decision), fit.warnings
+            except KeyboardInterrupt:  # the fit is done
+                if out is not None:
+                    from ident.fit.files import write_fit
+
+                    wrote(write_fit(fit, out))
+                raise
         text = "" if json else str(found) if verbose else found.short
     if out is not None:
         wrote(found.write(out))
@@ -306,6 +313,9 @@ def diagnose(
     else:
         result(text)
     notes(remarks)
+    if left := getattr(found, "unsearched", ()):
+        notes([f"interrupted: laws of {', '.join(left)} were not searched; all else is kept"])
+        sys.exit(130)
     if bad := sorted(found.verdicts & set(fail_on or ())):
         notes([f"status 3, since --fail-on is {', '.join(bad)}"])
         sys.exit(3)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from ident.cli.console import notes, progress, result
 from ident.cli.options import (
@@ -76,7 +74,7 @@ def view(
     logs: Paths = argument("Without one the mechanism stands still.", "LOG", default=None),
     fit: Path | None = setting("Fit whose reactions and residuals are shown.", "FIT.json"),
     port: int = setting("Port of the page, on 127.0.0.1; 0: a free one.", "N", default=0),
-    out: Path | None = setting("Write a page that plays by itself, and no server.", "FILE.html"),
+    out: Path | None = setting("Write the page, and no server.", "FILE.html"),
     mesh_path: Paths = setting("Packages of package://, as ROS_PACKAGE_PATH.", "DIR"),
     smoothing: Smoothing = "auto",
     lock: Lock = None,
@@ -85,12 +83,13 @@ def view(
 ) -> None:
     """Show the moving mechanism in 3-D, in a browser.
 
-    With a fit, closures' reactions are arrows and joints are coloured by their residual. The page
-    is served on this machine alone, until Ctrl-C.
+    With a fit, closures' reactions are arrows, joints are coloured by their residual, and charts of
+    the torque follow the same cursor. The page is served on this machine alone, until Ctrl-C.
     """
     from ident.display import render
     from ident.fit.files import read_fit
     from ident.fit.prediction import predict
+    from ident.fit.residual import residual_of
     from ident.show.view3d.page import SUFFIXES
 
     output_file(out, SUFFIXES, logs or ())
@@ -104,18 +103,16 @@ def view(
     model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute, lock=lock, logs=logs)
     saved = None if fit is None else read_fit(fit, model, allow_code=allow_code)
     model = model if saved is None else saved.mechanism
-    experiments: Sequence[Any] = ()
-    predictions: Sequence[Any] = ()
     with progress() as on_progress:
         if logs:
             # torques are needed only where a residual is shown
             motion = motion_of(model, logs, "auto", on_progress, saved is not None, smoothing)
-            experiments = motion.experiments
-            if saved is not None:
-                predictions = predict(model, motion, saved.point)
-        shown = render(model, "view", experiments, predictions)
+        if saved is not None:
+            residual = residual_of(saved, motion)
+            shown = render(residual, "view", predict(model, motion, saved.point))
+        else:
+            shown = render(model, "view", motion.experiments if logs else ())
         if out is not None:
-            on_progress(f"recording {out.name}", 0.5)
             shown.write(out)
     notes(shown.notes)
     if out is not None:

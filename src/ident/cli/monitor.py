@@ -6,13 +6,14 @@ import contextlib
 import csv
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
-from ident.cli.console import notes, progress, result
+from ident.cli.console import notes, progress, result, wrote
 from ident.cli.options import (
     Absolute,
     AllowCode,
@@ -31,15 +32,20 @@ from ident.cli.options import (
     setting,
 )
 from ident.errors import FitError, IdentError, LogError, missing_file
+from ident.files import write_all
 from ident.fit import Fit, identify
 from ident.log import Log
 from ident.log.follow import CsvLines, follow
 from ident.motion import complete
 from ident.streams.monitor import Alarm, Monitor
 from ident.streams.online import Forces, Online, Snapshot
-from ident.streams.stream import Setting, Stream
+from ident.streams.stream import Stream
 from ident.streams.suspects import STICKING
 
+if TYPE_CHECKING:
+    from ident.show.streams import MonitorHistory
+
+REDRAWN = 1.0  # s between two states of the page
 CHECKED = 20.0, 5000  # s and samples from the beginning, in which errors of the data are looked for
 MOST_NOTED = 20  # lines that are left out, of which each is noted; then they are counted
 PARAMETERS = ("t", "quantity", "value", "stderr", "unit", "state")
@@ -58,11 +64,14 @@ def monitor(
     smoothing: Smoothing = "auto",
     absolute: Absolute = False,
     allow_code: AllowCode = False,
-    out: Path | None = setting("Append parameters, multipliers and alarms to .csv.", "DIR"),
+    page: bool = flag("Show it in a browser too, until Ctrl-C.", "--page"),
+    port: int = setting("Port of the page; 0 is a free one.", "N", default=0, min=0, max=65535),
+    out: Path | None = setting("Append to .csv files there; write report.html.", "DIR"),
 ) -> None:
     """Identify a machine while it runs; say when it changes.
 
-    Reads a CSV file, or standard input, line by line, until it ends, Ctrl-C or SIGTERM.
+    Reads a CSV file, or standard input, line by line, until it ends, Ctrl-C or SIGTERM. --page
+    shows parameters with bands, reaction forces and alarms on 127.0.0.1 while they come.
     """
     output_folder(out)
     model = mechanism_of(mechanism, with_, allow_code=allow_code, absolute=absolute)
@@ -85,7 +94,16 @@ def monitor(
                 ]
             )
     online = Online(model, like=fit, forget=forget, cutoff=cut, smoothing=knots)
-    with Session(online, watch, out, every) as session, _until_interrupted() as interrupted:
+    history = None
+    if page or out is not None:
+        from ident.show.streams import MonitorHistory
+
+        history = MonitorHistory(model)
+    with (
+        _served(model.name, port) if page else contextlib.nullcontext() as tell,
+        Session(online, watch, out, every, history, tell) as session,
+        _until_interrupted() as interrupted,
+    ):
         for lines in follow(None if log == "-" else Path(log), grow=follow_, stop=interrupted):
             session.take(lines)
         if not online.samples:
@@ -95,7 +113,13 @@ def monitor(
                 "numbers are needed"
             )
         snapshot = session.end()
-    result(snapshot)
+        if out is not None and history is not None:
+            wrote(write_all(out, {"report.html": history.report()}))
+        result(snapshot)
+        if page and not interrupted():
+            notes(["the page is available until Ctrl-C"])
+            while not interrupted():
+                time.sleep(0.2)
     if session.raised:
         notes(
             [
@@ -115,7 +139,7 @@ class Watch:
         self._stream = Stream(
             watched.mechanism,
             watched.columns,
-            Setting.of(watched.mechanism, fit.motion),
+            fit.motion,
             watched.point,
             latency=self.monitor.seconds / 2,  # alarms come by intervals
             sticking=STICKING,
@@ -148,15 +172,24 @@ class Session(contextlib.ExitStack):
         online: identifies; watch: raises alarms, if anything does.
         folder: of parameters.csv, multipliers.csv and alarms.csv; None for no files.
         every: seconds of the log between two printed lines [s].
+        history: gets all that is found; tell: sends it to a page.
 
     Raises:
         IdentError: if a file cannot be written, or has other columns already.
     """
 
     def __init__(
-        self, online: Online, watch: Watch | None, folder: Path | None, every: float
+        self,
+        online: Online,
+        watch: Watch | None,
+        folder: Path | None,
+        every: float,
+        history: MonitorHistory | None = None,
+        tell: Callable[[str], None] | None = None,
     ) -> None:
         super().__init__()
+        self._history, self._tell, self._told = history, tell, 0.0
+        self._later = threading.Timer(0.0, self._show)  # never started
         self._online, self._watch, self._every = online, watch, every
         self._due, self._left_out = -float("inf"), 0
         self._waiting = 0  # line of the sample that may wait for its successor
@@ -203,6 +236,8 @@ class Session(contextlib.ExitStack):
         self._waiting = int(lines.numbers[max(rows)]) if rows else self._waiting
         notes(map(str, online.findings))
         self._record("multipliers", _multiplier_rows(online.multipliers))
+        if self._history is not None:
+            self._history.add_forces(online.multipliers)
         self._warn(lines.columns)
         if online.warm and online.t >= self._due:
             self._due = online.t + self._every
@@ -220,7 +255,10 @@ class Session(contextlib.ExitStack):
         """Return the last snapshot, after the last alarms."""
         self._check(None)
         self._warn(None)
-        return self._snapshot(self._online.finish())
+        found = self._snapshot(self._online.finish())
+        self._later.cancel()
+        self._show(now=True)
+        return found
 
     def _check(self, samples: Mapping[str, np.ndarray] | None) -> None:
         """Look once for errors of the data, in the first samples; None: there are no more."""
@@ -246,11 +284,29 @@ class Session(contextlib.ExitStack):
     def _snapshot(self, found: Snapshot) -> Snapshot:
         self._record("multipliers", _multiplier_rows(self._online.multipliers))
         self._record("parameters", _parameter_rows(found))
+        if self._history is not None:
+            self._history.add(found, self._online.multipliers)
+        self._show()
         return found
+
+    def _show(self, now: bool = False) -> None:
+        """Draw the page again, at once or when it is time for that."""
+        if self._tell is None or self._history is None:
+            return
+        wait = REDRAWN - (time.monotonic() - self._told)
+        if now or wait <= 0:
+            self._told = time.monotonic()
+            self._tell(self._history.live())
+        elif not self._later.is_alive():  # what came last is drawn though nothing comes after it
+            self._later = threading.Timer(wait, self._show, [True])
+            self._later.daemon = True
+            self._later.start()
 
     def _warn(self, samples: Mapping[str, np.ndarray] | None) -> None:
         for x in self._watch.alarms(samples) if self._watch else ():
             self.raised.append(x)
+            if self._history is not None:
+                self._history.alarm(x)
             result(f"alarm: {x.headline}")
             suspects = " ".join(x.suspects)
             row = (x.onset, x.detected, x.named, x.verdict, suspects, x.evidence, x.headline)
@@ -259,6 +315,19 @@ class Session(contextlib.ExitStack):
     def _record(self, name: str, rows: Sequence[Sequence[object]]) -> None:
         if name in self._tables:
             self._tables[name].writerows(rows)
+
+
+@contextlib.contextmanager
+def _served(name: str, port: int) -> Iterator[Callable[[str], None]]:
+    """Serve the live page inside this context, which gives what sends to it."""
+    from ident.show.streams import live_page
+
+    address, tell, stop = live_page(f"{name}: monitor", port)
+    result(address)
+    try:
+        yield tell
+    finally:
+        stop()
 
 
 @contextlib.contextmanager

@@ -136,7 +136,7 @@ class FitOptions(ModelOptions):
 
     def load(self, logs: Paths = None) -> Mechanism:
         """Return the mechanism that the options describe, without hands that `logs` do not have."""
-        from ident.mechanism.absolute import absolute
+        from ident.mechanism.load import absolute
 
         mechanism = super().load(logs)
         mechanism = absolute(mechanism) if self.absolute else mechanism
@@ -194,7 +194,7 @@ def mechanism_of(
     Hands and fingers of which `logs` have no column are held.
     """
     from ident.mechanism import load
-    from ident.mechanism.absolute import absolute as in_absolute
+    from ident.mechanism.load import absolute as in_absolute
 
     at = named([text for text in lock or () if "=" in text], "--lock", "--lock finger=0.02", finite)
     locked = at | {text: None for text in lock or () if "=" not in text}
@@ -211,7 +211,7 @@ def mechanism_of(
 def _unlogged_hands(mechanism: Mechanism, logs: Paths) -> tuple[str, ...]:
     """Return the joints of hands that the first of some logs lacks; it is read only for these."""
     from ident.log.read import expanded, log_file
-    from ident.mechanism.hands import unlogged_hands
+    from ident.mechanism.load import unlogged_hands
 
     if not logs or not unlogged_hands(mechanism, ()):
         return ()

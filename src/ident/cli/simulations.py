@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import sys
+from dataclasses import replace
+from functools import reduce
+from operator import add
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,7 +37,7 @@ from ident.errors import IdentError, one_of
 if TYPE_CHECKING:
     from ident.mechanism import Mechanism
     from ident.montecarlo import MonteCarlo, Studies
-    from ident.simulate.drives import Drive
+    from ident.simulate.integrate import Drive
 
 CONTROLS = ("none", "torque", "pd", "computed-torque")
 BOUND = "VALUE|JOINT=VALUE"
@@ -89,7 +93,9 @@ def simulate(
     pi = None
     if fit is not None:
         saved = read_fit(fit, mechanism, allow_code=model.allow_code)
-        mechanism, pi = saved.mechanism, saved.dynamic_parameters
+        known = (*replace(model, with_=None).load().effects, *saved.mechanism.effects)
+        more = [e for e in mechanism.effects if e.label not in {each.label for each in known}]
+        mechanism, pi = reduce(add, more, saved.mechanism), saved.dynamic_parameters
         values = {**saved.point.values, **values}
     levels = named(noise, "--noise", "write CHANNEL=LEVEL, as tau=2% or q=1e-5", share)
     common: dict[str, Any] = {
@@ -296,7 +302,11 @@ def montecarlo(
         wrote(found.write(out))
     notes(found.notes if isinstance(found, Studies) else ())
     result(found)
-    for study in found.studies.values() if isinstance(found, Studies) else (found,):
+    studies = list(found.studies.values()) if isinstance(found, Studies) else [found]
+    if (done := studies[0].runs) < runs:
+        notes([f"interrupted: {done} of {runs} runs are done and kept; the same seed repeats them"])
+        sys.exit(130)
+    for study in studies:
         if study.samples.is_empty():
             raise IdentError(
                 f"every run ended in an error, the first: {study.failures['error'][0]}"

@@ -20,6 +20,7 @@ from ident.motion import Motion
 SLOW = 0.03  # share of a joint's top speed below which it counts as reversing
 GUARD = 0.06  # s on either side that are left out; 0.3 periods of the motion, where that is less
 ENOUGH = 0.5  # share of a coordinate's rows that must stay
+CALM = 1 / 3  # share of a residual's squares away from reversals, below which these decide too
 Shape = Mapping[str, float]
 OnProgress = Callable[[str, float], None]
 
@@ -74,6 +75,15 @@ def away_from_reversals(table: Table) -> np.ndarray:
         if guard < 1e-3 or found.mean(axis=0).min() >= ENOUGH:
             return found & table.informed if (found & table.informed).any() else table.informed
         guard *= 0.5
+
+
+def deciding(table: Table, r: np.ndarray) -> np.ndarray:
+    """(N, d) rows that decide: those away from reversals, and all that inform of a coordinate whose
+    residual r (N, d) is at its reversals for the most part: there is what is missing.
+    """
+    away = away_from_reversals(table)
+    squares, calm = (np.where(rows, r**2, 0.0).sum(axis=0) for rows in (table.informed, away))
+    return away | table.informed & (calm < CALM * squares)
 
 
 def _away(table: Table, number: int, guard: float) -> np.ndarray:
@@ -154,10 +164,10 @@ class Contest:
     ) -> Contest:  # fmt: skip
         """The rows of a fit and the columns of some effects, all made once."""
         table = table or Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
-        use = away_from_reversals(table)
         held = fit.estimate.held
         prior = table.columns.prior_at(table.point.values)
         b = table.b - table.A[:, :, held] @ prior[held]
+        use = deciding(table, b - table.A[:, :, ~held] @ fit.estimate.solution.x[~held])
         store = ColumnStore(table, use, table.A, b)
         moving, columns = _moving(table), columns_of(fit.motion)
         every = curves(moving, moving, columns) if curved else ()

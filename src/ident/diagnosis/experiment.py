@@ -9,10 +9,11 @@ from itertools import combinations
 import numpy as np
 
 from ident.diagnosis.candidates import away_from_reversals
-from ident.diagnosis.diagnosis import Diagnosis
+from ident.diagnosis.result import Diagnosis
 from ident.diagnosis.selection import Evidence
 from ident.diagnosis.trials import Move, Trial, allowed, present, trials
 from ident.effects import Effect
+from ident.effects.formula import Formula
 from ident.equations.terms import Samples, unbalanced
 from ident.errors import IdentError
 from ident.fit.table import Table
@@ -31,6 +32,7 @@ from ident.motion.motion import left_out
 
 
 SMALL = 1e-3  # share of a joint's torque that is never trusted
+NEARBY = (0.7, 0.85, 1.2, 1.4)  # times a formula's constant, at which it may do what a rival does
 WORSE = 10.0  # times the present log's largest ‖K⁺‖: nearer no trial goes to a singular position
 
 
@@ -82,7 +84,9 @@ class Probe:
         """Weighted columns (M, unknowns) of an effect at shapes given and at its usual starts."""
         if effect.label not in self.memo:
             tried = [] if effect.corrects else [*shapes]
-            if effect.searched or not tried:
+            if isinstance(effect, Formula):  # of many constants, whose starts are too many
+                tried += [{**s, n: s[n] * by} for s in shapes for n in s for by in NEARBY]
+            elif effect.searched or not tried:
                 tried += self.table.starts(effect)
             C = self.taken(*self.table.effect_columns(effect, tried))
             self.memo[effect.label] = np.split(C, len(tried), axis=1)
@@ -195,19 +199,14 @@ class Proposal:
 
     Attributes:
         trial: the motion; `trial.logs` are its positions, rates and accelerations.
-        joints: that move otherwise than now; ranges: of theirs [rad | m]; speeds: top [… / s].
         separation: of the two rivals told apart that stay most alike, in standard errors of a log
-            as long as the present one; now: of the same two in a motion like the present one.
+            as long as the present one.
         apart: rivals that it tells apart; alike: pairs that it does not.
         seconds: how long a log of it should be to be nearly sure.
     """
 
     trial: Trial
-    joints: tuple[str, ...]
-    ranges: tuple[tuple[float, float], ...]
-    speeds: tuple[float, ...]
     separation: float
-    now: float
     apart: tuple[Effect, ...]
     alike: tuple[tuple[Effect, Effect], ...]
     seconds: float
@@ -231,22 +230,28 @@ class Attempt:
 
 
 def contenders(d: Diagnosis) -> list[Evidence]:
-    """The best and its rivals, as they were judged, those of the best one's kind first; where
-    nothing is named, the first law and its rivals.
+    """The best and its rivals, as they were judged, those of the best one's kind first, then laws
+    that do as well; where nothing is named, the first law and its rivals.
     """
+    formulas = [*d.relatives[:FORMULAS]]
+    if d.best is None and d.laws:
+        formulas = [d.laws[0].found.found, *d.laws[0].found.rivals[:FORMULAS]]
+    none = np.zeros(0, int)
+    judged = [  # with a kind of its own for each
+        Evidence(
+            replace(e.formula, name=e.formula.text), e.shape, none, e.C, e.refit,
+            np.nan, np.nan, np.nan, np.nan, True, True, (),
+        )
+        for e in formulas
+    ]  # fmt: skip
     if d.best is None:
-        return [] if not d.laws else [
-            Evidence(e.formula, e.shape, np.zeros(0, int), e.C, e.refit, law.gain, law.limit,
-                     np.nan, np.nan, True, True, ())
-            for law in (d.laws[0].found,)
-            for e in (law.found, *law.rivals[:FORMULAS])
-        ]  # fmt: skip
+        return judged
     best = d.candidates[0].evidence
     known = [*d.selection.first.evidence, *(each.evidence for each in d.candidates)]
     of = {each.effect.label: each for each in known}
     rest = [of[effect.label] for effect in d.rivals if effect.label in of]
     rest.sort(key=lambda each: each.effect.kind != best.effect.kind)
-    return [best, *rest][:RIVALS]
+    return [best, *rest, *judged][:RIVALS]
 
 
 def questions(rivals: Sequence[Evidence]) -> list[list[Pair]]:
@@ -301,29 +306,15 @@ def proposal(d: Diagnosis, tried: Sequence[Attempt], pairs: Sequence[Pair]) -> P
     if best is None or not (told := [p for p in pairs if best.separation(p) >= SOME]):
         return None
     worst = min(told, key=best.separation)
-    like = next((each.separation(worst) for each in tried if each.trial.kind == "same"), 0.0)
     length = sum(float(e.t[-1] - e.t[0]) for e in d.fit.motion.experiments)
-    moves = [m for m in best.trial.moves if m.joint.name in best.trial.about]
     effects = {each.effect.label: each.effect for pair in told for each in pair}
     return Proposal(
         trial=best.trial,
-        joints=best.trial.about,
-        ranges=tuple((m.low, m.high) for m in moves),
-        speeds=tuple(m.speed for m in moves),
         separation=best.separation(worst),
-        now=like,
         apart=tuple(effects.values()),
         alike=tuple((a.effect, b.effect) for a, b in pairs if best.separation((a, b)) < SOME),
         seconds=max(best.trial.seconds, length * max(1.0, (SURE / best.separation(worst)) ** 2)),
     )
-
-
-def propose(d: Diagnosis) -> Proposal | None:
-    """The motion that tells the rivals apart best; None where there are none, or none helps."""
-    rivals = contenders(d)
-    tried = attempts(d, rivals) if len(rivals) > 1 else []
-    found = (proposal(d, tried, pairs) for pairs in questions(rivals))
-    return next((each for each in found if each), None)
 
 
 def orthonormal(A: np.ndarray) -> np.ndarray:

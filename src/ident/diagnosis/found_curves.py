@@ -57,6 +57,10 @@ class FoundCurve:
         left = f"{100 * self.ratio:.0f} % of the squared error of {self.joint} left"
         return f"{self.effect.label}, {self.effect.pieces} pieces: {left}"
 
+    def full(self, signal: str) -> str:
+        """Return a signal's name as a column of a log: `q` of the own joint is `q.elbow`."""
+        return signal if "." in signal or signal == "t" else f"{signal}.{self.joint}"
+
     @property
     def file(self) -> str:
         """Name of its file."""

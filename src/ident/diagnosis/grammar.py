@@ -51,12 +51,16 @@ POSITION: Table = (
     ("(q0 - x + abs(x - q0))**2", "bump_stop"),
     ("(x - q0 + abs(x - q0))**3", "bump_stop"),
     ("(q0 - x + abs(x - q0))**3", "bump_stop"),
+    ("(x - q0 + abs(x - q0))**p", "bump_stop"),
+    ("(q0 - x + abs(x - q0))**p", "bump_stop"),
     ("exp(x/x0)", "bump_stop"),
     ("exp(-x/x0)", "bump_stop"),
     ("exp(x/x0) - exp((q0 - x)/x0)", "bump_stop"),
     ("1/(x - q1)", "air_gap"),
     ("1/(x - q1)**2", "air_gap"),
     ("tanh((x - q0)/x0)", "saturating_spring"),
+    ("abs(x - q0 + x0) - abs(x - q0 - x0)", "saturating_spring"),
+    ("2*(x - q0) - abs(x - q0 + x0) + abs(x - q0 - x0)", "spring_with_play"),
     ("1/(1 + ((x - q0)/x0)**2)", "magnetic_spring"),
     ("(x - q0)/(1 + ((x - q0)/x0)**2)**2", "magnetic_spring"),
     ("exp(-((x - q0)/x0)**2)", "magnetic_detent"),
@@ -133,9 +137,11 @@ TIME: Table = (
     ("sqrt(t)", "drift"),
     ("log(1 + t/t0)", "drift"),
 )
-TEMPERATURE: Table = (("temperature", ""), ("temperature**2", ""), ("exp(-temperature/T0)", ""))
+TEMPERATURE = ("temperature", "temperature**2", "exp(-temperature/T0)")
 VARYING: Table = (("1", ""), ("sign(v)", "running_in"), ("v", "running_in"), ("x", ""), (WAVE, ""))
-TWO = ("v_o", "sign(v_o)", "v*v_o", "v_o*abs(v_o)", "q**2*q_o", "q**2*q_o**2")
+TWO = (
+    "v_o", "sign(v_o)", "q*v_o", "q*sign(v_o)", "v*v_o", "v_o*abs(v_o)", "q**2*q_o", "q**2*q_o**2",
+)  # fmt: skip
 ALIKE = ("sign(v - v_o)", "sign(v + v_o)", "(q - q_o)**3")  # of two joints of one type
 BOTH_TURN = tuple(f"{f}(q)*sin(q_o); {f}(q)*cos(q_o)" for f in ("sin", "cos"))
 
@@ -146,8 +152,8 @@ def terms(
     """Yield all terms of some signals of a joint.
 
     Args:
-        signals: those that formulas may use: q, v, a, t of every joint, load and temperature where
-            they are known; or `q_o` and `v_o` of another joint, with the own q and v.
+        signals: `q` alone; `q` and `v` for q, v, a and t, with `load` and `temperature` where they
+            are known; or `q_o` for signals of another joint, with the own q and v.
         rotational, second_rotational: whether the joint turns, and the other one: other positions
             do not repeat.
     """
@@ -163,7 +169,11 @@ def terms(
         both = (*(ALIKE if alike else ()), *(BOTH_TURN if rotational and second_rotational else ()))
         yield from (term(text, "cross_coupling") for text in (*TWO, *both))
         return
-    for table in (POSITION, LEVERS if rotational else (), SPEED, RATES):
+    for table in (POSITION, LEVERS if rotational else ()):
+        yield from (term(text, name) for text, name in table)
+    if "v" not in signals:
+        return
+    for table in (SPEED, RATES):
         yield from (term(text, name) for text, name in table)
     for text in factors:
         for other in ("sign(v)", "v"):
@@ -171,10 +181,12 @@ def terms(
     if "load" in signals:
         yield from (term(text, name) for text, name in LOAD)
     yield term("sin(w*t); cos(w*t)", "disturbance")
-    for table in (TIME, TEMPERATURE if "temperature" in signals else ()):
-        for text, name in table:
-            for other, also in VARYING:
-                yield term(product(other, text), also if other != "1" else name)
+    for text, name in TIME:
+        for other, also in VARYING:
+            yield term(product(other, text), also if other != "1" else name)
+    for text in TEMPERATURE if "temperature" in signals else ():
+        for other, _ in VARYING:
+            yield term(product(other, text), "thermal_friction" if "v" in other else "")
 
 
 def product(a: str, b: str) -> str:
@@ -191,3 +203,6 @@ def term(text: str, name: str, x: str = "q") -> Term:
     scales = tuple(Scale(word, kind, x if signal == "x" else signal) for word, kind, signal in of)
     place = x if x.isidentifier() else f"({x})"
     return Term(tuple(re.sub(r"\bx\b", place, text).split("; ")), scales, name)
+
+
+PLAIN_WAVE = term(WAVE, "cam")

@@ -2,12 +2,16 @@
 
 One pass makes the rows of the model and of all candidates, on which a set is searched. The set is
 then fitted once; if at the new working point the search finds another set, it goes on from there.
+
+Finished rounds are in a file, from which an interrupted run goes on.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,27 +24,113 @@ from ident.diagnosis.candidates import (
     candidates_of,
     possible,
 )
-from ident.diagnosis.diagnosis import (
-    Decision,
-    Diagnosis,
-    announced_errors,
-    concluded,
-    errors_of,
-    fall_of,
-    started,
-)
-from ident.diagnosis.growing import SavedRounds, by_label
+from ident.diagnosis.diagnosis import Decision, concluded, started
 from ident.diagnosis.null import noise
+from ident.diagnosis.result import Diagnosis, announced_errors, errors_of
 from ident.diagnosis.search import EffectSet, Member, Search, reweighted
 from ident.diagnosis.selection import Ranking
 from ident.display import Displayed, Plotted, render
 from ident.effects import Effect
 from ident.equations.unknowns import Point
+from ident.errors import FitError
+from ident.files import json_bytes, write_all
 from ident.fit import Fit, identify
 from ident.information.blocks import Error
 from ident.information.hypotheses import PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
+from ident.version import version
+
+NAME = "growing.json"
+SCHEMA = "ident.growing/1"
+
+
+@dataclass(eq=False)
+class SavedRounds:
+    """Rounds of `grow`, each written as soon as it is fitted.
+
+    Attributes:
+        folder: where they are written; None: nowhere.
+        key: of all that they depend on.
+        rounds: by round the `rungs` as (added, removed, rivals, errors), effects by label, and the
+            `start` of the fit's shapes, and the sets `visited` so far.
+    """
+
+    folder: Path | None
+    key: str
+    rounds: list[dict[str, Any]] = field(default_factory=list)
+
+    @classmethod
+    def of(
+        cls, folder: Path | None, mechanism: Mechanism, motion: Motion, rule: Any, resume: bool
+    ) -> SavedRounds:
+        """Return what an earlier run has left there, with `resume`; else nothing.
+
+        Raises:
+            FitError: if there is nothing, or what is there belongs to other inputs.
+        """
+        files = [path for path in (mechanism.urdf, mechanism.toml) if path and path.is_file()]
+        effects = [(effect.label, dict(effect.values)) for effect in mechanism.effects]
+        words = [version(), effects, motion.band.cutoff, motion.samples, str(rule)]
+        digest = hashlib.sha256(repr(words).encode())
+        for path in files:
+            digest.update(path.read_bytes())
+        for log in motion.logs:
+            digest.update((log.sha256 or log.name).encode())
+        saved = cls(folder, digest.hexdigest())
+        if not resume:
+            return saved
+        file = None if folder is None else folder / NAME
+        if file is None or not file.is_file():
+            raise FitError(
+                f"resume: there is no {file or NAME} of an interrupted run; give the folder of its "
+                "--out, or leave --resume out to begin anew"
+            )
+        try:
+            content = json.loads(file.read_text(encoding="utf-8"))
+            known, saved.rounds = content["key"], list(content["rounds"])
+        except (ValueError, KeyError, TypeError):
+            raise FitError(f"{file}: is broken; leave --resume out to begin anew") from None
+        if known != saved.key:
+            raise FitError(
+                f"{file}: was made with other logs, another model, other options or another "
+                "version; give the same ones, or leave --resume out to begin anew"
+            )
+        return saved
+
+    def add(
+        self,
+        rungs: Collection[Any],
+        start: Mapping[str, float],
+        visited: Collection[frozenset[str]],
+    ) -> None:
+        """Write a further round: its steps, its fit's start, and all sets that were searched."""
+        words = [
+            {
+                **{
+                    name: [effect.label for effect in getattr(step, name)]
+                    for name in ("added", "removed", "rivals")
+                },
+                "errors": {joint: asdict(error) for joint, error in step.errors.items()},
+            }
+            for step in rungs
+        ]
+        sets = sorted(map(sorted, visited))
+        self.rounds.append({"rungs": words, "start": dict(start), "visited": sets})
+        if self.folder is not None:
+            content = {"schema": SCHEMA, "key": self.key, "rounds": self.rounds}
+            write_all(self.folder, {NAME: json_bytes(content)})
+
+    def remove(self) -> None:
+        """Remove the file, which is of no use once all is done."""
+        if self.folder is not None:
+            (self.folder / NAME).unlink(missing_ok=True)
+
+
+def by_label(effects: Collection[Effect]) -> dict[str, Effect]:
+    """Return effects by their labels."""
+    return {effect.label: effect for effect in effects}
+
 
 ROUNDS = 4  # fits, lest shapes that move with the working point take turns for ever
 
@@ -284,7 +374,7 @@ def ladder(
         for i in order:  # of all steps the largest that raises no error
             richer = reweighted(regression.extended(at[i]))
             now = announced(richer)
-            steps.append((fall_of(last, now), int(i), richer, now))
+            steps.append((_fall(last, now), int(i), richer, now))
             if steps[-1][0] >= 0:
                 break
         _, i, regression, last = max(steps, key=lambda step: step[0])
@@ -295,3 +385,14 @@ def ladder(
         rungs.append(Step(tuple(each.effect for each in group), (), rivals, None, last))
     rungs[-1] = replace(rungs[-1], fit=after, errors=errors_of(after))
     return rungs
+
+
+def _fall(before: Mapping[str, Error], after: Mapping[str, Error]) -> float:
+    """1 − Σ (rms₁/rms τ)² / Σ (rms₀/rms τ)² over joints: squares weighted by their torque."""
+    names = [name for name, error in before.items() if error.relative]
+    weight = {
+        name: (before[name].relative or 0.0) / max(before[name].rms, 1e-300) for name in names
+    }
+    old = sum((weight[name] * before[name].rms) ** 2 for name in names)
+    new = sum((weight[name] * after[name].rms) ** 2 for name in names)
+    return float(1 - new / old) if old > 0 else 0.0

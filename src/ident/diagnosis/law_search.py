@@ -21,18 +21,20 @@ from ident.diagnosis.refine import RANK, normal_equations, refined, screened
 from ident.effects.formula import Formula, Term
 from ident.information.hypotheses import Array, PartialRegression, Refit
 
-WIDE = 16  # terms whose constants are refined
+WIDE = 32  # terms whose constants are refined
 WAVES = 4  # wave numbers of sines with which other functions of a wave are screened
 NUMBERS = 8  # of a formula: more is a curve, not a law
 BEAM = 2  # formulas to which a further term is added
 TERMS = 2  # of a formula
 CERTAIN = 2.0  # standard errors of a coefficient that is determined
+EDGE = 1e-3  # of a constant's range, from its ends
+ENDS = ("angle", "share", "power")  # constants whose ends are no limit of what the data can show
 MINE = 0.1  # share of a fall that makes a coordinate one that a law mends
 OnProgress = Callable[[str, float], None]
 Starts = Sequence[Mapping[str, float]]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FittedFormula:
     """A formula with its constants refined, judged by the left-out error.
 
@@ -46,6 +48,10 @@ class FittedFormula:
     shape: Mapping[str, float]
     C: tuple[Array, ...]
     refit: Refit
+
+    def __repr__(self) -> str:
+        constants = ", ".join(f"{name} = {value:.4g}" for name, value in self.shape.items())
+        return f"{self.formula.text}" + (f", {constants}" if constants else "")
 
     @property
     def loss(self) -> Array:
@@ -80,6 +86,7 @@ class LawSearch:
         limit: share of the left-out squared error that a term must explain.
         noise: (d,) left-out squares that the sensors' noise alone makes, at most.
         on_progress: called with (what is being done, share done).
+        of_position: whether only functions of the joint's own position are searched.
     """
 
     contest: Contest
@@ -89,13 +96,14 @@ class LawSearch:
     limit: float
     noise: Array
     on_progress: OnProgress
+    of_position: bool = False
 
     @cached_property
     def terms(self) -> list[Formula]:
         """All terms as formulas of one term."""
         table = self.contest.table
         rotational = table.mechanism.joint(self.joint).rotational
-        one = frozenset({"q_o"} if self.other else {"q"})
+        one = frozenset({"q_o"} if self.other else {"q"} if self.of_position else {"q", "v"})
         if self.joint in table.mechanism.sites.loaded:
             one |= {"load"}
         if all(f"temperature.{self.joint}" in e.extra for e in table.motion.experiments):
@@ -147,28 +155,45 @@ class LawSearch:
         fall_ = float(screened(self.regression, self.columns(formula, [{}]), 1)[0])
         return fall_ / float(self.regression.loss.sum())
 
-    def run(self) -> list[FittedFormula]:
-        """All formulas that were fitted, those of one term first."""
+    def run(self, known: FittedFormula | None = None) -> list[FittedFormula]:
+        """All formulas that were fitted, those of one term first; `known`: one that they must be
+        better than, by more than chance.
+        """
         beam: list[FittedFormula | None] = [None]
         found: list[FittedFormula] = []
-        least = float(self.regression.loss.sum())
+        so_far = ""
+        least = float((self.regression.loss if known is None else known.loss).sum())
         for number in range(TERMS):
             new: list[FittedFormula] = []
             for i, before in enumerate(beam):
-                share = (number + i / len(beam)) / TERMS
-                self.on_progress(f"formulas of {number + 1} term(s)", share)
+                what = f"law of {self.joint} with {number + 1} term(s){so_far}"
+                self.on_progress(what, (number + i / len(beam)) / TERMS)
                 new += self.extended(before)
-            new = [each for each in new if each.determined(self.regression)]
+            new = [e for e in new if e.determined(self.regression) and self.inside(e)]
             found += [each for each in new if float(each.loss.sum()) < (1 - self.limit) * least]
             new = [each for each in new if each in found]
             if not new:
                 break
             new.sort(key=lambda each: float(each.loss.sum()))
             least = float(new[0].loss.sum())
+            so_far = f", so far {new[0].formula.text}"
+            self.on_progress(f"law of {self.joint}{so_far}", (number + 1) / TERMS)
             if self.explained(new[0]):
                 break
             beam = list(new[:BEAM])
         return found
+
+    def inside(self, found: FittedFormula) -> bool:
+        """Whether no constant with a scale of its own is at an end of its search: there a formula
+        is a simpler one in disguise, as tanh of a narrow range is a line.
+        """
+        bounds = self.contest.table.bounds(found.formula)
+        for scale in found.formula.scales:
+            low, high = bounds[scale.name]
+            margin, value = EDGE * (high - low), found.shape[scale.name]
+            if scale.of not in ENDS and not low + margin < value < high - margin:
+                return False
+        return True
 
     def explained(self, best: FittedFormula) -> bool:
         """Whether a formula leaves no more than noise in the coordinates that it mends."""
@@ -192,11 +217,12 @@ class LawSearch:
             each = screened(regression, columns, len(starts))
             falls += [(float(each[k]), i, int(k)) for k in np.argsort(-each)[: 1 + len(one.scales)]]
         falls.sort(reverse=True)
-        wide = WIDE if before is None else WIDE // 2
+        wide = WIDE if before is None else WIDE // 4
         chosen = list(dict.fromkeys(i for _, i, _ in falls))[:wide]
         found: dict[int, FittedFormula] = {}
+        before_it = sum(float(r[:, 0] @ r[:, 0]) for r in regression.residual)
         for gain, i, start in falls:
-            if i not in chosen or gain < self.limit * float(regression.loss.sum()):
+            if i not in chosen or gain < self.limit * before_it:
                 continue
             one = self.terms[i]
             joints = max([one.joints, before.formula.joints if before else ()], key=len)

@@ -11,22 +11,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.diagnosis.candidates import Contest
-from ident.diagnosis.grammar import PROBE
+from ident.diagnosis.grammar import PLAIN_WAVE, PROBE
 from ident.diagnosis.law_search import MINE, FittedFormula, LawSearch, OnProgress
 from ident.diagnosis.search import Member, Selection
 from ident.diagnosis.selection import Decision, Ranking
+from ident.effects.curve import Curve
 from ident.effects.formula import Formula, Term
+from ident.equations.rows import ROUNDING, largest_transmission
 from ident.information.hypotheses import Array, PartialRegression, paired
 
 LOUD = 1.25  # times the rms of noise, from which more than noise is left
 OTHERS = 1  # joint whose signals are tried beside the own ones
 JOINTS = 2  # whose laws are searched
 PARSIMONY = 0.1  # of the least left-out squares, within which the least complex formula is chosen
+SAME = 0.01  # of the least left-out squares, within which formulas are equal
 # standard errors within which the simplest formula is preferred to the best one (Breiman,
 # Friedman, Olshen, Stone, Classification and Regression Trees, 1984, 3.4.3)
 ONE_SE = 1.0
 WRONG_FORM = 1.5  # times a formula's left-out squares, from which an effect has the wrong form
+MOST = 0.5  # of what exceeds the noise: what explains less is no law
 RIVALS = 12  # formulas that are listed beside the law
+REPEATS = 1.5  # waves in the travel, from which a torque is seen to repeat
 CUBIC = Term(("1", "q", "q**2", "q**3"))
 
 
@@ -111,14 +116,16 @@ class Comparison:
         return better and self.ratio(worse, best) > ratio
 
     def equal(self, found: Sequence[FittedFormula], within: float) -> list[FittedFormula]:
-        """Return the formulas within so many standard errors of the best one, simplest first."""
-        best = min(found, key=lambda each: float(self.loss(each.refit.loss).sum()))
-        equal = [
-            each
-            for each in found
-            if self.ratio(each.refit.loss, best.refit.loss) < 1 + PARSIMONY
-            and self.better(each.refit.loss, best.refit.loss) < within
-        ]
+        """Return the formulas within so many standard errors of the best one, or as good but for
+        what does not matter, simplest first.
+        """
+        best = min(found, key=lambda each: float(self.loss(each.refit.loss).sum())).refit.loss
+
+        def as_good(loss: Array) -> bool:
+            ratio = self.ratio(loss, best)
+            return ratio < 1 + SAME or (ratio < 1 + PARSIMONY and self.better(loss, best) < within)
+
+        equal = [each for each in found if as_good(each.refit.loss)]
         return sorted(equal, key=lambda e: (e.formula.cost, float(self.loss(e.refit.loss).sum())))
 
 
@@ -129,8 +136,9 @@ def laws_of(
     floor: Mapping[str, float],
     decision: Decision,
     on_progress: OnProgress,
-) -> tuple[Selection, tuple[FoundLaw, ...]]:
-    """Search laws where no effect of the library has the right form.
+) -> tuple[Selection, tuple[FoundLaw, ...], tuple[str, ...]]:
+    """Search laws where no effect of the library has the right form; Ctrl-C ends the search with
+    the laws that are found.
 
     Args:
         contest, selection: of the diagnosis.
@@ -139,11 +147,19 @@ def laws_of(
         on_progress: called with (what is being done, share done).
 
     Returns:
-        The selection, in which a law rejects the effects that it replaces, and the laws.
+        The selection, in which a law rejects the effects that it replaces, the laws, and the joints
+        that Ctrl-C left out.
     """
-    found, last = [], selection.last
-    for joint in _joints(contest, selection, loud)[:JOINTS]:
-        law = _law(contest, selection, last, joint, floor, decision, on_progress)
+    found, last = list[FoundLaw](), selection.last
+    joints, unsearched = _joints(contest, selection, loud)[:JOINTS], list[str]()
+    for i, joint in enumerate(joints):
+        if any(m.law is not None for m in _doubtful(contest, selection, joint)):
+            continue  # in a loop, a law of another joint is in their place
+        try:
+            law = _law(contest, selection, last, joint, floor, decision, on_progress)
+        except KeyboardInterrupt:
+            unsearched = joints[i:]
+            break
         if law is None:
             continue
         found.append(law)
@@ -152,13 +168,15 @@ def laws_of(
             replace(m, law=law.formula) if m.label in law.replaced else m for m in selection.members
         ]
         selection = replace(selection, members=tuple(members))
-    return selection, tuple(found)
+    return selection, tuple(sorted(found, key=lambda law: -law.gain)), tuple(unsearched)
 
 
 def _joints(contest: Contest, selection: Selection, loud: Collection[str]) -> list[str]:
-    """Joints where a law may be missing: those of curves, of doubtful effects and of names beside
-    which more than noise is left, the loud ones first; if there are none, one of a name beside
-    which the joint's curves have more than chance gives them.
+    """Joints where a law may be missing, the loud ones first: those of curves, of effects whose
+    form is in doubt, and all in which more is left than noise.
+
+    If there are none, one of a name beside which the joint's curves have more than chance gives
+    them.
     """
     known = contest.table.mechanism.joint_index
     found = [curve.joints[0] for curve, _ in selection.last.curves[:1] if loud]
@@ -166,14 +184,16 @@ def _joints(contest: Contest, selection: Selection, loud: Collection[str]) -> li
     quiet = []
     for m in selection.members:
         joint = m.effect.joints[0] if m.effect.joints else ""
-        if joint in known and not m.effect.common:
-            several = len(_doubtful(selection, joint)) > 1
-            if m.rejected or m.effect.descriptive or several:
-                found.append(joint)
-            elif joint in loud or (m.effect.arity == 1 and joint in hinted):
-                quiet.append(joint)
+        if joint not in known:
+            continue
+        several = len(_doubtful(contest, selection, joint)) > 1
+        doubt = m.rejected or m.effect.descriptive or _once(contest, m)
+        if not m.effect.common and (doubt or several):
+            found.append(joint)
+        elif joint in loud or (m.effect.arity == 1 and joint in hinted and not m.effect.common):
+            quiet.append(joint)
     mine = [name for name in (*found, *quiet) if name in loud]
-    return list(dict.fromkeys([*mine, *(found or quiet[:1])]))
+    return list(dict.fromkeys([*mine, *(found or quiet[:1]), *loud]))
 
 
 def _with(last: Ranking, law: FoundLaw, members: Collection[Member]) -> Ranking:
@@ -185,21 +205,51 @@ def _with(last: Ranking, law: FoundLaw, members: Collection[Member]) -> Ranking:
     return replace(last, contest=whole, regression=whole.regression.extended(new))
 
 
-def _hint(last: Ranking, joint: str) -> float | None:
-    """Return what chance gives the curves of a joint, where one has more; None elsewhere."""
-    return next((own for curve, _, own in last.hints if curve.joints[0] == joint), None)
+def _hint(last: Ranking, joint: str, signals: frozenset[str]) -> float | None:
+    """Return what chance gives the curves of a joint, where one of these signals has more."""
+    for curve, _, own in last.hints:
+        assert isinstance(curve, Curve)
+        needed = {"q_o"} if curve.arity > 1 else curve.depends_on
+        if curve.joints[0] == joint and signals.issuperset(needed):
+            return own
+    return None
 
 
-def _doubtful(selection: Selection, joint: str) -> list[Member]:
-    """Members at a joint that a law could replace."""
-    return [m for m in selection.members if joint in m.effect.joints[:1] and not m.effect.common]
+def _doubtful(contest: Contest, selection: Selection, joint: str) -> list[Member]:
+    """Members that a law of a joint could replace: what acts on it alone; in a loop, also what acts
+    on another joint alone and mends the same coordinates.
+    """
+    at = contest.table.mechanism.joint_index[joint]
+    felt: set[int] = set()
+    for scene in contest.table.scenes:
+        most = largest_transmission(scene.e)
+        here = [at] if most is None else np.flatnonzero(most[at] > ROUNDING * most[at].max())
+        felt |= {int(u) for u in here}
+    return [
+        m
+        for m in selection.members
+        if not m.effect.common
+        and (
+            joint in m.effect.joints[:1]
+            or (m.effect.local and m.evidence is not None and felt.issuperset(m.evidence.mends))
+        )
+    ]
+
+
+def _once(contest: Contest, m: Member) -> bool:
+    """Whether an effect is a wave of which the travel holds too little to show that it repeats."""
+    if not m.effect.waves or m.evidence is None:
+        return False
+    at = contest.table.mechanism.joint_index[m.effect.joints[0]]
+    travel = max(float(np.ptp(scene.e.y[scene.e.usable, at])) for scene in contest.table.scenes)
+    return m.evidence.shape[m.effect.waves] * travel < 2 * np.pi * REPEATS
 
 
 def _law(
     contest: Contest, selection: Selection, last: Ranking, joint: str, floor: Mapping[str, float],
     decision: Decision, on_progress: OnProgress,
 ) -> FoundLaw | None:  # fmt: skip
-    doubtful = _doubtful(selection, joint)
+    doubtful = _doubtful(contest, selection, joint)
     regression = last.regression.judging([p.Y[:, :1] for p in last.regression.parts])
     for m in doubtful:
         if m.rejected:
@@ -212,13 +262,7 @@ def _law(
     one = replace(last.contest, regression=regression)
     noise = regression.rows * (_floors(contest, floor) * regression.weight) ** 2
     search = LawSearch(one, regression, joint, "", limit, LOUD**2 * noise, on_progress)
-    found = search.run()
-    best = min(found, key=lambda each: float(each.loss.sum()), default=None)
-    if best is None or not search.explained(best):
-        others = [replace(search, other=name) for name in _moving(contest, joint)]
-        shares = {each.other: each.probed(PROBE) for each in others}
-        for each in sorted(others, key=lambda each: -shares[each.other])[:OTHERS]:
-            found += each.run() if shares[each.other] > limit else []
+    found = _formulas(contest, search)
     if not found:
         return None
     best = min(found, key=lambda each: float(each.loss.sum()))
@@ -226,22 +270,20 @@ def _law(
     compare = Comparison([int(u) for u in mends], decision.rival_se)
     law = compare.equal(found, ONE_SE)[0]
     equal = compare.equal(found, decision.rival_se)
-    loose = any(m.effect.descriptive for m in named)
+    # where a cubic does as well as a law, the names stay, and the law stands beside them
     names_stay = False
-    if loose:  # where a cubic does as well as a law, the names stay, and the law stands beside them
+    if any(m.effect.descriptive for m in named):
         cubic = search.fitted(replace(law.formula, joints=(joint,), terms=(CUBIC,)), {})
         names_stay = not compare.clear(cubic.refit.loss, law.refit.loss, 1 + PARSIMONY)
-    numbers = sum(len(m.effect.parameters) for m in named)
-    mine = len(law.formula.parameters)
-    fewer = (1 if loose else 2) * mine <= numbers
-    if len(named) > 1 and mine < numbers:  # one law in the place of several
-        fewer |= compare.ratio(with_names.losses, law.refit.loss) > 1
-    chance = _hint(last, joint)
-    ratio = WRONG_FORM if chance is None else 1 + chance
-    wrong = compare.clear(with_names.losses, law.refit.loss, ratio)
-    as_good = not compare.clear(law.refit.loss, with_names.losses, 1.0)
-    if named and not (names_stay or wrong or (fewer and as_good)):
-        return None  # the names do as well
+    if named and not names_stay:
+        once = any(_once(contest, m) for m in named)
+        chance = _hint(last, joint, law.formula.signals_used)
+        if not _takes_place(law, named, with_names, compare, chance, once):
+            return None
+    before, after = (float(compare.loss(x).sum()) for x in (regression.losses, law.refit.loss))
+    explained = (before - after) / max(before - noise[compare.mends].sum(), 1e-300)
+    if explained < MOST:
+        return None
     whole, new = replace(last.contest, regression=regression).added(law.C)
     richer = whole.regression.extended(new)
     for m in selection.members:
@@ -249,16 +291,12 @@ def _law(
             bare = richer.without(m.columns)
             if not compare.clear(bare.losses, richer.losses, 1.0):
                 doubtful.append(m)
-    total = float(regression.loss.sum())
     nearest, distance = _nearest(law, found)
-    before, after = (float(compare.loss(x).sum()) for x in (regression.losses, law.refit.loss))
     return FoundLaw(
         found=law,
         joint=joint,
-        gain=law.refit.G / total,
-        explained=float(
-            np.clip((before - after) / max(before - noise[compare.mends].sum(), 1e-300), 0.0, 1.0)
-        ),
+        gain=law.refit.G / float(regression.loss.sum()),
+        explained=float(np.clip(explained, 0.0, 1.0)),
         limit=limit,
         nearest=nearest,
         distance=distance,
@@ -268,6 +306,46 @@ def _law(
         beside=regression,
         bounds={k: v for e in (*equal, law) for k, v in contest.table.bounds(e.formula).items()},
     )
+
+
+def _formulas(contest: Contest, search: LawSearch) -> list[FittedFormula]:
+    """Return all formulas of a joint's signals and, where they leave more than noise, of another
+    joint's.
+    """
+    found = search.run()
+    best = min(found, key=lambda each: float(each.loss.sum()), default=None)
+    if best is not None and search.explained(best):
+        return found
+    others = [replace(search, other=name) for name in _moving(contest, search.joint)]
+    shares = {each.other: each.probed(PROBE) for each in others}
+    for each in sorted(others, key=lambda each: -shares[each.other])[:OTHERS]:
+        found += each.run(best) if shares[each.other] > search.limit else []
+    return found
+
+
+def _takes_place(
+    law: FittedFormula, named: Collection[Member], with_names: PartialRegression,
+    compare: Comparison, chance: float | None, once: bool,
+) -> bool:  # fmt: skip
+    """Return whether a law takes the place of names: it is clearly better, or as good and shorter.
+
+    Args:
+        named: the effects; with_names: the model with them.
+        chance: gain of a curve of the law's signals by chance, where one has more beside the names.
+        once: whether one of them is a wave that the travel does not repeat.
+    """
+    if once and law.formula.terms == (PLAIN_WAVE,):
+        return False
+    ratio = WRONG_FORM if chance is None else 1 + chance
+    if compare.clear(with_names.losses, law.refit.loss, ratio):
+        return True
+    numbers = sum(len(m.effect.parameters) for m in named)
+    mine = len(law.formula.parameters)
+    described = once or any(m.effect.descriptive for m in named)
+    shorter = (1 if described else 2) * mine <= numbers
+    if len(named) > 1 and mine < numbers:  # one law in the place of several
+        shorter |= compare.ratio(with_names.losses, law.refit.loss) > 1
+    return shorter and not compare.clear(law.refit.loss, with_names.losses, 1.0)
 
 
 def _moving(contest: Contest, joint: str) -> list[str]:

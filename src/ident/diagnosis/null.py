@@ -10,6 +10,7 @@ through the same filter; their rms is the noise floor.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -20,7 +21,7 @@ from scipy.sparse.linalg import splu
 from ident.diagnosis.candidates import Contest
 from ident.equations.motion_noise import gain
 from ident.fit.table import Table
-from ident.information.hypotheses import Array, PartialRegression, surrogates
+from ident.information.hypotheses import Array, PartialRegression
 from ident.motion import State
 from ident.motion.spline import WIDTH, Spline, evaluated
 
@@ -119,6 +120,25 @@ def runs(table: Table) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(edges)]
 
 
+def surrogates(r: Array, runs: Sequence[slice], count: int, random: np.random.Generator) -> Array:
+    """Series (N, d, count) that have the spectra of r (N, d) and nothing else, in single precision.
+
+    Each run of equal steps is mirrored at its end, so that its two ends meet, and its phases are
+    turned at random, in all coordinates alike: what goes with what stays.
+    """
+    found = np.zeros((*r.shape, count), dtype=np.float32)
+    for run in runs:
+        x = r[run]
+        n = len(x)
+        if n < 2:
+            continue
+        F = np.fft.rfft(np.concatenate([x, x[::-1]]), axis=0).astype(np.complex64)
+        turn = np.exp(2j * np.pi * random.random((len(F), 1, count))).astype(np.complex64)
+        turn[0] = np.sign(random.standard_normal((1, count)))
+        found[run] = np.fft.irfft(F[:, :, None] * turn, 2 * n, axis=0)[:n]
+    return found
+
+
 def judging(
     contest: Contest, regression: PartialRegression, noise: NoiseDraws | None, seed: int
 ) -> PartialRegression:
@@ -132,7 +152,7 @@ def judging(
     for part in regression.parts:
         u = part.coordinate
         rows = contest.use[:, u]
-        rms = np.sqrt((r[rows, u] ** 2).mean())
+        rms = _rms(r[rows, u])
         s = made[rows, u]
         more = [part.Y[:, :1], s * rms / _rms(s)]
         if noise is not None:  # of a size that the residual has, at most
@@ -143,5 +163,5 @@ def judging(
 
 
 def _rms(x: Array) -> Array:
-    """Return the rms of each column of x (m, draws), at least rounding."""
-    return np.maximum(np.sqrt((x**2).mean(axis=0)), np.finfo(x.dtype).tiny)
+    """Return the rms of each column of x (m, …), at least rounding, also of no row."""
+    return np.maximum(np.sqrt((x**2).sum(axis=0) / max(len(x), 1)), np.finfo(x.dtype).tiny)

@@ -170,7 +170,7 @@ class Ranking:
         """What the gain of a candidate is held against, as a share."""
         if candidate.curve:
             return self.limit_with_curves
-        return self.limit * (RARE if candidate.effect.rare else 1.0)
+        return self.limit * times(self.contest, candidate.effect)
 
     def place(self, label: str) -> tuple[bool, float]:
         """Sort key of an effect: first what is credible alone, by what it explains alone."""
@@ -181,6 +181,14 @@ class Ranking:
     def credible(self) -> tuple[Evidence, ...]:
         """The credible ones."""
         return tuple(each for each in self.evidence if each.credible)
+
+
+def times(contest: Contest, effect: Effect) -> float:
+    """Return what an effect needs in multiples of the quantile; what all drives have in common is
+    not rare where there is one drive.
+    """
+    common = effect.shared and len(contest.fit.mechanism.driven) == 1
+    return RARE if effect.rare and not common else 1.0
 
 
 def rank(
@@ -240,7 +248,7 @@ def rank(
         each, gain = mine[i], float(G[i]) / total
         if least and evidence and gain < least * evidence[0].gain:
             break
-        needed = limit * (RARE if each.effect.rare else 1.0)
+        needed = limit * times(contest, each.effect)
         if each.curve:
             if gain > of_curves:
                 curves.append((each.effect, gain))
@@ -301,7 +309,9 @@ class Weigh:
         stderr = refit.stderr * noise
         plausible = sensible(self.contest, effect, refit.theta, stderr)
         material = size > self.decision.material and refit.visible > HIDDEN
-        steady = float(refit.D.max()) < ONE_BLOCK * refit.G
+        most = int(refit.D.argmax())  # block that gains most; without it the rest must convince
+        rest = self.total - float(self.regression.loss[most])
+        steady = refit.D[most] < max(ONE_BLOCK * refit.G, refit.G - limit * rest)
         if effect.waves:
             steady &= self.contest.passed(effect.joints[0], shape[effect.waves]) > PASSED
         return Evidence(

@@ -106,6 +106,11 @@ class Trial:
     shares: tuple[float, ...] = (1.0,)
 
     @property
+    def changed(self) -> tuple[Move, ...]:
+        """The moves of these joints."""
+        return tuple(m for m in self.moves if m.joint.name in self.about)
+
+    @property
     def logs(self) -> list[Log]:
         """q, v and a of the independent joints, one log a speed."""
         n = SAMPLES if len(self.shares) == 1 else SAMPLES // 2

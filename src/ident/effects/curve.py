@@ -11,9 +11,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from ident.effects.effect import NOWHERE, Bounds, Effect, Shape, Signals, Unknown
+from ident.effects.effect import NOWHERE, UNITS, Bounds, Effect, Shape, Signals, Unknown
 from ident.effects.friction import direction
-from ident.effects.units import UNITS
 from ident.errors import MechanismError, one_of
 
 PIECES = 5  # intervals of a curve of one signal

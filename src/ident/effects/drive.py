@@ -134,5 +134,10 @@ class Delay(Correcting):
     remedy = "log a motion of two frequencies, the higher at least three times the lower"
     source = "Björklund, Ljung, IEEE CDC 2003"
 
+    @property
+    def rare(self) -> bool:  # type: ignore[override]
+        """Return whether one channel alone is late: presliding friction looks like that."""
+        return not self.joined
+
     def correction(self, s: Signals) -> Correction:
         return Correction(delay=dict.fromkeys(self.joints, s.shape["d"]))

@@ -1,4 +1,4 @@
-"""Torques that depend on position: springs, cables, end stops, ripple."""
+"""Torques that depend on position: springs, cables, end stops, ripple; what a link carries."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ class Spring(Effect):
     """A linear spring across a joint, with its preload."""
 
     kind = "spring"
+    of_position = True
     model_words = ("stiffness", "spring_stiffness")
     watched = "request"
     unknowns = (
@@ -42,6 +43,7 @@ class Cable(Effect):
     """Hoses and cables along a joint: a smooth curve over position."""
 
     kind = "cable"
+    of_position = True
     descriptive = True
     settings: ClassVar = {"degree": 3.0}
     equation = "k0 + k1 q + … + kd q^d, degree d ≤ 7 (default 3)"
@@ -74,6 +76,8 @@ class EndStop(Effect):
     """A bumper that a joint runs into at one end of its travel."""
 
     kind = "end_stop"
+    of_position = True
+    rare = True  # whatever bends over position looks like one
     unknowns = (Unknown("k", ("N m/rad", "N/m"), "stiffness", nonnegative=True),)
     shapes = (
         Unknown("q1", ("rad", "m"), "where it begins"),
@@ -107,6 +111,7 @@ class Ripple(Effect):
     """A torque that repeats with position: cogging, gear teeth, an eccentric gear."""
 
     kind = "ripple"
+    of_position = True
     waves = "N"
     unknowns = (
         Unknown("A", ("N m", "N"), "of the sine"),
@@ -136,3 +141,31 @@ class Ripple(Effect):
         low /= PART
         step = 2 * low / 3
         return [{"N": float(N)} for N in np.arange(low, min(high, low + 96 * step), step)]
+
+
+WORDS = ("m", "mx", "my", "mz", "Lxx", "Lxy", "Lyy", "Lxz", "Lyz", "Lzz")
+
+
+class Payload(Effect):
+    """A body on a link, with ten parameters about the frame of the link's joint."""
+
+    kind = "payload"
+    sits = "link"
+    watched = "always"
+    unknowns = tuple(
+        Unknown(word, (unit, unit), meaning, acts="body")  # a load put down has a negative mass
+        for word, unit, meaning in zip(
+            WORDS,
+            ("kg", *["kg m"] * 3, *["kg m²"] * 6),
+            ("mass", *["first moment"] * 3, *["moment about the joint frame's origin"] * 6),
+            strict=True,
+        )
+    )
+    equation = "Γ_link p, the link's own columns once more"
+    signature = "all joints below the link show one more load, in proportion to it"
+    confused_with = ("the link's own parameters, as long as these are unknown",)
+    remedy = "log the same motion with the load and without it"
+    source = "Khalil, Gautier, Lemoine, IEEE ICRA 2007"
+
+    def columns(self, s: Signals) -> np.ndarray:
+        return np.zeros((*s.q.shape, len(self.unknowns)))

@@ -16,9 +16,20 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ident.effects.effect import Bounds, Effect, Found, Shape, Signals, Unknown
+from ident.effects.effect import (
+    UNITS,
+    Bounds,
+    Effect,
+    Found,
+    Powers,
+    Shape,
+    Signals,
+    Unknown,
+    dimension,
+    scaled,
+    unit_of,
+)
 from ident.effects.friction import direction
-from ident.effects.units import UNITS, Powers, dimension, scaled, unit_of
 from ident.text import rounded
 
 FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "sign", "tanh")
@@ -77,8 +88,8 @@ class Scale:
                 return low - 3.0 * span, high + 3.0 * span
             case "wave":
                 return 1.0 / span, 60.0 / span
-            case "angle":
-                return -np.pi, np.pi
+            case "angle":  # a whole turn on either side of where a search begins
+                return -2 * np.pi, 2 * np.pi
             case "share":
                 return -0.98, 0.98
             case "exponent":
@@ -94,7 +105,7 @@ class Scale:
                 return [float(s) for s in np.geomspace(2.5 * low, high / 3, 5)]
             case "place":
                 return [
-                    float(s) for s in np.linspace(0.7 * low + 0.3 * high, 0.3 * low + 0.7 * high, 4)
+                    float(s) for s in np.linspace(0.7 * low + 0.3 * high, 0.3 * low + 0.7 * high, 6)
                 ]
             case "beyond":  # 0.2 and 1 times the range from its ends
                 span = (high - low) / 7

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from ident.effects.curve import Curve
 from ident.effects.drive import Coupling, Delay, Drift, RotorInertia, TorqueGain, TorqueOffset
 from ident.effects.effect import Effect, Sites
-from ident.effects.elastic import Cable, EndStop, Ripple, Spring
+from ident.effects.elastic import Cable, EndStop, Payload, Ripple, Spring
 from ident.effects.friction import (
     Coulomb,
     Drag,
@@ -25,7 +25,6 @@ from ident.effects.measurement import (
     Geometry,
     GravityTilt,
 )
-from ident.effects.payload import Payload
 from ident.errors import MechanismError, one_of
 
 KINDS: Mapping[str, type[Effect]] = {

@@ -57,94 +57,54 @@ class Decimator:
     ) -> Iterator[tuple[np.ndarray, list[np.ndarray]]]:
         """Series of a run of samples, filtered and decimated: (samples kept (n,), series (n, …)).
 
-        `make` gives the series of some samples, each (samples, …); columns that stand whole in
-        memory are not copied. Every sample is made once. A series of booleans says which samples
-        inform: a filtered row does if less than the share `sticking` of it, by |taps|, comes from
-        samples that do not. What the filter needs at the ends of the run is lost.
+        `make` gives the series of some samples, each (samples, …); every sample is made once. A
+        series of booleans says which samples inform: a filtered row does if less than the share
+        `sticking` of it, by |taps|, comes from samples that do not. What the filter needs at the
+        ends of the run is lost.
         """
-        parts = (
-            slice(start, min(start + CHUNK, segment.stop))
-            for start in range(segment.start, segment.stop, CHUNK)
-        )
-        if self.taps is not None and segment.stop - segment.start <= 2 * self.half:
+        starts = range(segment.start, segment.stop, CHUNK)
+        parts = (slice(start, min(start + CHUNK, segment.stop)) for start in starts)
+        if self.taps is None:
+            yield from ((np.arange(part.start, part.stop), list(make(part))) for part in parts)
             return
-        run = FilterRun(self, segment.start, sticking)
+        if segment.stop - segment.start <= 2 * self.half:
+            return
+        held: list[np.ndarray] = []  # samples from `first` on, of each series, that rows still need
+        first, row = segment.start, segment.start + self.half
         for part in parts:
-            sample, series = run.push(make(part))
-            if len(sample):
-                yield sample, series
-
-
-class FilterRun:
-    """A run of samples on its way through a filter: rows leave it half its length later.
-
-    Attributes:
-        end: number of the next sample.
-    """
-
-    def __init__(self, decimator: Decimator, first: int, sticking: float = STICKING) -> None:
-        self.end, self._decimator, self._sticking = first, decimator, sticking
-        self._next = first + decimator.half  # first row that has not left
-        self._sums: list[np.ndarray] = []  # (columns, rows) that samples have entered, from that on
-
-    def push(self, series: Sequence[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return samples kept (n,) and series (n, …) that are complete with further samples."""
-        start, stop = self.end, self.end + len(series[0])
-        self.end, taps, half = stop, self._decimator.taps, self._decimator.half
-        if taps is None:
-            return np.arange(start, stop), list(series)
-        centres = np.arange(self._next, stop + half, self._decimator.factor)
-        # columns of all series (columns, n); of booleans, where they are false
-        flat = [
-            np.moveaxis(~x if x.dtype == bool else x, 0, -1).reshape(-1, len(x)) for x in series
-        ]
-        before = self._sums or [np.empty((len(x), 0)) for x in flat]
-        more = len(centres) - before[0].shape[1]
-        sums = [np.hstack([y, np.zeros((len(y), more))]) for y in before]
-        padded = np.concatenate([[0.0], taps, [0.0]])
-        step = max(half // 2, 64)  # samples of one dense product, of which a half is zeros
-        for first in range(start, stop, step):
-            sample = np.arange(first, min(first + step, stop))
-            rows = slice(*np.searchsorted(centres, (sample[0] - half, sample[-1] + half + 1)))
-            place = sample[:, None] - centres[rows] + half + 1
-            weights = padded[np.clip(place, 0, len(padded) - 1)]
-            inside = slice(first - start, first - start + len(sample))
-            for total, x in zip(sums, flat, strict=True):
-                total[:, rows] += x[:, inside] @ (np.abs(weights) if x.dtype == bool else weights)
-        ready = int(np.searchsorted(centres, stop - half))
-        self._sums = [y[:, ready:] for y in sums]
-        self._next += ready * self._decimator.factor
-        done = [
-            np.moveaxis(y[:, :ready].reshape(*x.shape[1:], ready), -1, 0)
-            for y, x in zip(sums, series, strict=True)
-        ]
-        informed = [
-            y < self._sticking if x.dtype == bool else y for y, x in zip(done, series, strict=True)
-        ]
-        return centres[:ready], informed
+            series = make(part)
+            flat = [(~x if x.dtype == bool else x).reshape(len(x), -1) for x in series]
+            held = [np.concatenate(pair) for pair in zip(held, flat, strict=True)] if held else flat
+            at = np.arange(row, part.stop - self.half, self.factor)
+            if len(at):
+                filtered = []
+                for x, y in zip(series, held, strict=True):
+                    open_ = x.dtype == bool
+                    z = decimated(y, np.abs(self.taps) if open_ else self.taps, at - first)
+                    z = z.reshape(len(at), *x.shape[1:])
+                    filtered.append(z < sticking if open_ else z)
+                row = int(at[-1]) + self.factor
+                yield at, filtered
+            needed = min(row - self.half, part.stop)
+            held, first = [y[needed - first :] for y in held], needed
 
 
 def decimated(x: np.ndarray, taps: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Filtered series Σ_i taps_i x[at − half + i] (N, c) at samples `at` (N,) of series x (n, c).
 
-    Rows in equal steps h share products: x in blocks X_r of h samples and taps in blocks T_j give
-    y_r = Σ_j T_j X_(r+j), each block product made once.
+    Rows within the length of the filter are one product.
     """
     out, half = np.empty((len(at), x.shape[1])), len(taps) // 2
-    step = np.diff(at, append=at[-1:])
-    first = 0
+    padded = np.concatenate([[0.0], taps, [0.0]])
+    first, near, weights = 0, np.zeros(0, int), np.zeros((0, 0))
     while first < len(at):
-        h = int(step[first]) or len(taps)
-        other = np.flatnonzero(step[first:-1] != h)
-        last = first + int(other[0]) + 1 if len(other) else len(at)
-        count, J = last - first, -(-len(taps) // h)
-        T = np.zeros(J * h)
-        T[: len(taps)] = taps
+        last = int(np.searchsorted(at, at[first] + len(taps), side="right"))
+        offsets = at[first:last] - at[first]
+        if not np.array_equal(offsets, near):
+            near, place = offsets, np.arange(offsets[-1] + len(taps)) - offsets[:, None] + 1
+            weights = padded[np.clip(place, 0, len(padded) - 1)]
         start = at[first] - half
-        X = x[start : start + (count + J - 1) * h]
-        X = np.concatenate([X, np.zeros(((count + J - 1) * h - len(X), x.shape[1]))])
-        Y = T.reshape(J, h) @ X.reshape(count + J - 1, h, -1)
-        out[first:last] = sum(Y[j : j + count, j] for j in range(J))
+        out[first:last] = weights @ x[start : start + weights.shape[1]]
         first = last
     return out
 

@@ -35,8 +35,7 @@ from ident.equations.filter import Decimator, filtered_windows
 from ident.equations.rows import informing, largest_transmission, rows
 from ident.equations.terms import Samples, informative_joints
 from ident.equations.unknowns import Columns, Point
-from ident.information.band import Elimination, eliminate
-from ident.information.reduction import Chunk
+from ident.information.band import Chunk, Elimination, eliminate
 from ident.information.splines import Basis
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.smoothing import through_motion

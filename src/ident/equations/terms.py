@@ -3,7 +3,7 @@
     Γ p + E c + S s = τ + f_e − known + S s₀      A = [Γ E S] of what is unknown, b the right side
 
 S are the sensitivities of shape parameters s at the working point s₀. In generalised coordinates v
-the forces Jᵀλ are missing, and `multipliers` expands them in time; in the independent coordinates u
+the forces Jᵀλ are missing, and `rows.stack` expands them in time; in the independent coordinates u
 all terms are projected by Zᵀ, and there are none:
 
     generalised     f        a joint's torque τ, ẏ = W v, is the force Wᵀτ

@@ -19,7 +19,15 @@ from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion import Motion, State
 from ident.motion.recipe import ROWS_OVER_MOTION
-from ident.motion.signals import CLIPPED, LARGEST, at_limit, noise_level, noise_share, runs
+from ident.motion.signals import (
+    CLIPPED,
+    LARGEST,
+    absurd_samples,
+    at_limit,
+    noise_level,
+    noise_share,
+    runs,
+)
 
 Judgement = tuple[float, float, str, str] | None  # number, threshold, meaning, remedy
 
@@ -35,11 +43,16 @@ FROZEN = 0.25  # s for which a channel stays at a value while its joint moves
 JUMP = 5.0  # times the largest other step, by which a position that was frozen goes on
 COARSE = 0.01  # step of a torque over √12, of its rms: no model can explain this error
 ROUGH = 0.1  # noise in the accelerations by the steps of an encoder, of their rms
+SPIKE = 15.0  # standard deviations from the mean of its neighbours, from which a sample is no noise
+RARE = 1e-3  # share of lone samples that no sensor is free of
 ROUNDING = 1e-9  # of a channel's largest value: nearer values are one
 SAME = 1e-6  # of a channel's size, by which it may differ from a command and still be it
 COMMAND = re.compile(
     r"(des|cmd|command|ref|set|target|goal|con)(ired|erence|point|trol)?[\W_\d]*", re.I
 )
+ROUNDED = 0.3  # of a channel's noise, by which two copies may differ; two measurements do by √2
+JUDGED = 2000  # samples by which two logs are compared
+ALIKE = 1e-3  # of a position's range, within which it is that of the other log
 LOCKED = 0.05  # [rad | m] by which a joint that is held may move: fingers give way a little
 MEASURED = "a command, not a measurement"
 
@@ -202,6 +215,24 @@ def steps(c: LoggedChannel) -> Judgement:
     return share, ROUGH, text, "lower --cutoff, move faster, or log velocities too"
 
 
+def spikes(c: LoggedChannel) -> Judgement:
+    """Lone samples far from both neighbours, which are alike: cells without a value, glitches."""
+    before, x, after = c.x[:-2], c.x[1:-1], c.x[2:]
+    usual = float(np.median(np.abs(x - 0.5 * (before + after)))) / 0.6745
+    far = np.minimum(np.abs(x - before), np.abs(x - after))
+    least = max(SPIKE * usual, ROUGH * float(np.sqrt(np.mean(c.x**2))))
+    lone = (far > least) & (np.abs(after - before) < 0.25 * far)
+    at = np.flatnonzero(lone) + 1
+    share = len(at) / len(c.x)
+    if len(at) < 3 or share < RARE or not c.moving[at].any():
+        return None
+    text = (
+        f"{len(at)} lone samples far from their neighbours, as {c.x[at[0]]:.4g} at "
+        f"t = {c.t[at[0]]:.6g} s: cells without a value, or glitches"
+    )
+    return share, RARE, text, "leave these cells empty"
+
+
 def noiseless(c: LoggedChannel) -> Judgement:
     """A torque without noise, where the others have it."""
     own = noise_share(c.x)
@@ -239,10 +270,11 @@ def copied(c: LoggedChannel) -> Judgement:
 
 
 CHECKS = {
-    "tau": (constant, zero, noise_only, staircase, frozen, clipped, steps, noiseless, copied),
+    "tau": (constant, zero, noise_only, staircase, frozen, clipped, steps, spikes, noiseless,
+            copied),
     "q": (frozen, steps, staircase),
     "v": (frozen, steps),
-}
+}  # fmt: skip
 
 # --- all channels -------------------------------------------------------------------------------
 
@@ -266,7 +298,9 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> list[Finding]:
             if kind == "tau" and joint not in mechanism.driven:
                 continue
             t, x = log.series(name)
-            t, x = t[np.abs(x) < LARGEST], x[np.abs(x) < LARGEST]
+            measured = np.abs(x) < LARGEST
+            measured[absurd_samples(x)] = False  # the motion names them and leaves them out
+            t, x = t[measured], x[measured]
             channel = LoggedChannel(name, t, x, log, state, mechanism, motion)
             for check in CHECKS.get(kind, ()) if len(x) > SHORTEST else ():
                 if (judgement := check(channel)) is not None:
@@ -276,10 +310,9 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> list[Finding]:
                         Finding(check.__name__, meaning, remedy, (name,), number, threshold)
                     )
     texts = "standard errors are too small by √2", "leave it out"
-    return [
-        *found,
-        *(copy for a, b in combinations(motion.logs, 2) for copy in copies(a, b, *texts)),
-    ]
+    pairs = [*combinations(motion.logs, 2)][::-1]  # the first log counts
+    again = {copy.where: copy for a, b in pairs for copy in copies(a, b, *texts)}
+    return [*found, *again.values()]
 
 
 def _moving_lock(log: Log, name: str, at: float) -> list[Finding]:
@@ -292,10 +325,25 @@ def _moving_lock(log: Log, name: str, at: float) -> list[Finding]:
 
 
 def copies(a: Log, b: Log, harm: str, remedy: str) -> list[Finding]:
-    """Return a finding if two logs hold the same positions and torques."""
+    """Return a finding if a log holds samples of another one, from its beginning on or from the
+    first stamp that both have; rounded to fewer digits they differ by less than their noise.
+    """
     names = [name for name in a.columns if name in b.columns and name.startswith(("q.", "tau."))]
-    if len(a.t) != len(b.t) or not names:
+    i = j = 0
+    if len(a.t) != len(b.t):
+        i, j = int(np.searchsorted(a.t, b.t[0])), int(np.searchsorted(b.t, a.t[0]))
+        i, j = min(i, len(a.t) - 1), min(j, len(b.t) - 1)
+    count = min(len(a.t) - i, len(b.t) - j)
+    n = min(count, JUDGED)
+    if not names or (len(a.t) != len(b.t) and a.t[i] != b.t[j]):
         return []
-    if not all(np.array_equal(a.columns[n], b.columns[n], equal_nan=True) for n in names):
-        return []
-    return [Finding("copy", f"{b.name} holds the samples of {a.name}: {harm}", remedy, (b.name,))]
+    for name in names:
+        x, y = a.columns[name][i : i + n], b.columns[name][j : j + n]
+        x, y = (each[np.isfinite(x) & np.isfinite(y)] for each in (x, y))
+        if len(x) <= SHORTEST:
+            return []
+        far = ROUNDED * noise_level(x) if name[0] == "t" else ALIKE * np.ptp(x)
+        if np.linalg.norm(x - y) > far * np.sqrt(len(x)):
+            return []
+    text = f"{b.name} holds {count} samples of {a.name}: {harm}"
+    return [Finding("copy", text, remedy, (b.name,))]

@@ -1,4 +1,4 @@
-"""Wrong torque channels as hypotheses on the rows of a fit: another right-hand side each.
+"""Hypotheses on torque channels, held against the rows of a fit: another right-hand side each.
 
     X_u x = known_u + g τ_i(t + l)     row u of the joint that channel i, times g, is taken for
 
@@ -20,21 +20,12 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from ident.effects import Effect
+from ident.fit.faults import CredibleFault, Fault, another_factor, torque_faults
 from ident.fit.table import Table
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array, zscore
-from ident.mechanism.mechanism import Mechanism
 from ident.motion.regressor import regressor
 
-UNITS = {  # by which factors units of torque differ, or their inverses
-    1e3: "mN m for N m",
-    100.0: "N cm for N m",
-    180 / np.pi: "degrees for radians",
-    10.0: "a factor of ten",
-    9.81: "kgf m for N m",
-    8.851: "lbf in for N m",
-}
-UNIT = 0.1  # difference of logarithms within which a factor is that of a unit
 FACTORS = np.geomspace(1e-4, 1e4, 17)  # between two of which the best factor of a torque is sought
 LARGEST_FACTOR = 3e3  # beyond units and gears: the torque is only taken out of the equations
 LEAST_FACTOR = 1.5  # a smaller one is an effect's: a gain, a load-dependent friction
@@ -43,6 +34,7 @@ FAR = 7  # shifts round the log by so many parts of it: torques of another time
 SEVERAL = 3  # joints from which on torques of another run are told from a missing effect
 AS_WELL = 1.5  # times the error that all effects of the library leave: a fault leaves no more
 AS_GOOD = 0.8  # of the best error at another time, with which a torque is not of this motion
+IN_MEMORY = 30_000_000  # numbers of all Gram matrices, a quarter of a gigabyte
 LONGEST = 0.1  # s; a torque that is later still is another log's
 NODES = 12  # shifts on either side, from one sample up to LONGEST
 HALF = 0.5  # of the relative error: what explains less of it is an effect, no fault
@@ -58,42 +50,6 @@ RIDGE = 1e-10  # of unit columns' squares: settles what no row determines
 POSTURES = 40  # samples at which the mean inertia must be positive
 
 
-@dataclass(frozen=True)
-class ChannelCause:
-    """A hypothesis on the torque channels: what each joint is given instead of its own.
-
-    `kind` is `sign`, `scale`, `swapped` or `delay`, empty for the log as it is; `joints` are places
-    among the driven ones; `number` is the factor, or the delay [s] (positive: the torque is late).
-    """
-
-    kind: str
-    joints: tuple[int, ...]
-    number: float
-    take: tuple[int, ...]  # by joint, the channel
-    gain: tuple[float, ...]  # by joint, its factor
-    shift: tuple[int, ...]  # by joint, the number of its shift; 0: none
-
-    def with_(self, kind: str, number: float, **entries: dict[int, Any]) -> ChannelCause:
-        """Return the cause with further changes, by joint, in `take`, `gain` or `shift`."""
-        ((name, values),) = entries.items()
-        row = tuple(values.get(j, x) for j, x in enumerate(getattr(self, name)))
-        joints = tuple(sorted(values))
-        return replace(self, kind=kind, joints=joints, number=number, **{name: row})
-
-
-@dataclass(frozen=True, eq=False)
-class CredibleCause:
-    """A cause that predicts stretches of time that were left out better than the library does.
-
-    `before` and `after` are relative errors of its joints.
-    """
-
-    cause: ChannelCause
-    before: float
-    after: float
-    rivals: tuple[ChannelCause, ...]
-
-
 @dataclass(frozen=True, eq=False)
 class ChannelEquations:
     """Gram matrices of [X | known, torques] by block and coordinate.
@@ -104,7 +60,8 @@ class ChannelEquations:
     Attributes:
         driven: names of the J driven joints; own: by coordinate its only drive; empty if there are
             other drives.
-        gram: (blocks, d, k + r, k + r) of k columns X and r right-hand sides.
+        gram: (d, k + r, k + r) of each block, k columns X and r right-hand sides; where all would
+            not be held in memory, the rows (d, rows, k + r) of each, of which they are products.
         rows: (blocks, d); lags: (1 + L,) [s], first 0; near: how many of them can be a delay, the
             others turn the log round.
         limits: G (m, k), g (m,) with G x + g ≥ 0 for a machine that can exist.
@@ -112,7 +69,7 @@ class ChannelEquations:
 
     driven: tuple[str, ...]
     own: tuple[int, ...]
-    gram: Array
+    gram: Sequence[Array]
     k: int
     rows: Array
     lags: Array
@@ -123,7 +80,12 @@ class ChannelEquations:
     @cached_property
     def total(self) -> Array:
         """Gram matrices (d, …) of all blocks."""
-        return np.asarray(self.gram.sum(axis=0))
+        return np.asarray(sum(self.gram_of(block) for block in range(len(self.gram))))
+
+    def gram_of(self, block: int) -> Array:
+        """Gram matrices (d, …) of one block."""
+        x = self.gram[block]
+        return x if x.shape[1] == x.shape[2] else x.transpose(0, 2, 1) @ x
 
     @classmethod
     def of(
@@ -151,7 +113,9 @@ class ChannelEquations:
         torques = _own_torques(table, own, steps) if own else _spread_torques(table, driven)
         k = int((~held).sum()) + sum(C.shape[2] for C, _ in columns)
         shape, edges = (len(numbers), len(names)), np.searchsorted(block, range(len(numbers) + 1))
-        gram = np.zeros((*shape, *2 * (k + 1 + torques.shape[2],)))
+        width, most = k + 1 + torques.shape[2], int(np.diff(edges).max())
+        short = most < width and np.prod(shape) * width**2 > IN_MEMORY
+        gram = np.zeros((*shape, most if short else width, width))
         rows = np.zeros(shape)
         for u in range(len(names)):
             extra = [
@@ -162,11 +126,14 @@ class ChannelEquations:
             stack = np.column_stack([table.A[:, u, ~held], *extra, known, torques[:, u]])[some]
             stack[~use[some, u]] = 0.0
             for n, (i, j) in enumerate(pairwise(edges)):
-                np.matmul(stack[i:j].T, stack[i:j], out=gram[n, u])
+                if short:
+                    gram[n, u, : j - i] = stack[i:j]
+                else:
+                    np.matmul(stack[i:j].T, stack[i:j], out=gram[n, u])
                 rows[n, u] = use[some, u][i:j].sum()
         lags = steps / table.scenes[0].e.rate
         limits = _limits(estimate, table, effects, k)
-        return cls(driven, own, gram, k, rows, lags, near, limits)
+        return cls(driven, own, list(gram), k, rows, lags, near, limits)
 
     @cached_property
     def torque(self) -> Array:
@@ -174,14 +141,18 @@ class ChannelEquations:
         return self.squares_of(self.as_logged)[1]
 
     @property
-    def as_logged(self) -> ChannelCause:
+    def most(self) -> float:
+        """Relative error that a cause may leave: of a single coordinate nothing else holds it."""
+        return LEAVES if len(self.total) > 1 else DOUBT
+
+    @property
+    def as_logged(self) -> Fault:
         """The log as it is."""
-        J = len(self.driven)
-        return ChannelCause("", (), 1.0, tuple(range(J)), (1.0,) * J, (0,) * J)
+        return Fault.none(self.driven)
 
     # --- one hypothesis -------------------------------------------------------------------------
 
-    def squares_of(self, cause: ChannelCause) -> tuple[Array, Array]:
+    def squares_of(self, cause: Fault) -> tuple[Array, Array]:
         """Combinations (d, r) of the right-hand sides, and squares (d,) of their torques."""
         c = np.zeros((len(self.total), self.total.shape[2] - self.k))
         c[:, 0] = 1.0
@@ -195,14 +166,20 @@ class ChannelEquations:
         least = torque.max() or 1.0  # of a joint without torque: what it leaves is small beside it
         return c, np.where(torque > ROUNDING * least, torque, least)
 
-    def errors(self, cause: ChannelCause, noise: Array, block: int | None = None) -> Array:
+    def errors(self, cause: Fault, noise: Array, block: int | None = None) -> Array:
         """Squared errors (d,) of all rows as shares of the torque's squares, everything fitted with
         weights for a relative noise (d,); or of one block, fitted to the others.
         """
+        c, size = self.squares_of(cause)
+        x = np.broadcast_to(self.solution(cause, noise, block), (len(c), self.k))
+        judged = self.total if block is None else self.gram_of(block)
+        return np.maximum(squares(judged, np.concatenate([x, -c], axis=1)), 0.0) / size
+
+    def solution(self, cause: Fault, noise: Array, block: int | None = None) -> Array:
+        """The unknowns (k,) of a cause, fitted to all rows or to all but those of a block."""
         k, d = self.k, len(self.total)
         c, size = self.squares_of(cause)
-        judged = self.total if block is None else self.gram[block]
-        fitted = self.total if block is None else self.total - judged
+        fitted = self.total if block is None else self.total - self.gram_of(block)
         scale, factor, GH, L = self._factor(fitted, size * noise**2, block)
         b = sum((fitted[u, :k, k:] @ c[u] / (size * noise**2)[u] for u in range(d)), np.zeros(k))
         x = cho_solve(factor, b / scale)
@@ -211,8 +188,7 @@ class ChannelEquations:
             from scipy.optimize import nnls  # takes 0.2 s to import
 
             x = x + GH @ nnls(L.T, -solve_triangular(L, slack, lower=True))[0]
-        z = np.concatenate([np.broadcast_to(x / scale, (d, k)), -c], axis=1)
-        return np.maximum(squares(judged, z), 0.0) / size
+        return np.asarray(x / scale)
 
     def _factor(self, total: Array, size: Array, block: int | None) -> Any:
         """Cholesky factors of the normal equations, weighted by 1/size (d,), and of their dual."""
@@ -228,11 +204,13 @@ class ChannelEquations:
             self.memo[key] = scale, factor, GH, L
         return self.memo[key]
 
-    def rows_of(self, cause: ChannelCause) -> Array:
+    def rows_of(self, cause: Fault) -> Array:
         """Which coordinates (d,) feel the joints of a cause."""
-        return np.array([j in cause.joints for j in self.own] or [True] * len(self.total))
+        return np.array(
+            [self.driven[j] in cause.joints for j in self.own] or [True] * len(self.total)
+        )
 
-    def noise(self, cause: ChannelCause, start: Array | None = None) -> Array:
+    def noise(self, cause: Fault, start: Array | None = None) -> Array:
         """Relative errors (d,), each coordinate weighted by its own: a joint with a missing effect
         does not spoil the others.
         """
@@ -241,14 +219,14 @@ class ChannelEquations:
             start = np.sqrt(self.errors(cause, start) + SMALL**2)
         return start
 
-    def score(self, cause: ChannelCause, now: Array) -> float:
+    def score(self, cause: Fault, now: Array) -> float:
         """Log density of the logged torques, if the cause is all that is wrong in its joints and
         the noise of the others is that of `now` (d,).
         """
         error = self.errors(cause, np.where(self.rows_of(cause), SMALL, now))
         return -0.5 * float(self.rows.sum(axis=0) @ np.log(error + SMALL**2))
 
-    def left_out(self, cause: ChannelCause, noise: Array) -> Array:
+    def left_out(self, cause: Fault, noise: Array) -> Array:
         """Log density (blocks, d) of the torques of each block, fitted to the others."""
         blocks = range(len(self.rows))
         return self.density(np.array([self.errors(cause, noise, block) for block in blocks]))
@@ -260,24 +238,7 @@ class ChannelEquations:
 
     # --- all hypotheses -------------------------------------------------------------------------
 
-    def causes(self, now: ChannelCause) -> Iterator[ChannelCause]:
-        """Yield the hypotheses one step from a cause, simple ones first."""
-        J = range(len(self.driven))
-        for j in J:
-            yield now.with_("sign", -1.0, gain={j: -now.gain[j]})
-        if len(J) > 2:
-            yield now.with_("sign", -1.0, gain={j: -now.gain[j] for j in J})
-        for j in J:
-            for i in range(j):
-                yield now.with_("swapped", 1.0, take={i: now.take[j], j: now.take[i]})
-                yield now.with_("sign", -1.0, gain={i: -now.gain[i], j: -now.gain[j]})
-        for shift, lag in enumerate(self.lags[: self.near]):
-            if shift and now.take == self.as_logged.take:
-                for some in (*((j,) for j in J), tuple(J) if len(J) > 1 else ()):
-                    if some:
-                        yield now.with_("delay", float(lag), shift=dict.fromkeys(some, shift))
-
-    def scaled(self, now: ChannelCause, noise: Array) -> Iterator[ChannelCause]:
+    def scaled(self, now: Fault, noise: Array) -> Iterator[Fault]:
         """Yield, of each poor joint, the factor of its torque that explains the log best, and its
         neighbours, which explain as much where the data determine no factor.
         """
@@ -285,7 +246,7 @@ class ChannelEquations:
 
         for j in range(len(self.driven)):
 
-            def at(factor: float, j: int = j) -> ChannelCause:
+            def at(factor: float, j: int = j) -> Fault:
                 return now.with_("scale", float(factor), gain={j: float(factor) * now.gain[j]})
 
             if not (noise > POOR)[self.rows_of(at(1.0))].any():
@@ -317,21 +278,23 @@ class ChannelEquations:
                     found.append(j)
         return tuple(found)
 
-    def refined_delay(self, cause: ChannelCause) -> float:
+    def refined_delay(self, cause: Fault) -> float:
         """The delay [s] of a cause between the shifts that were tried, by a parabola."""
-        order = np.argsort(self.lags)
-        i = int(np.flatnonzero(self.lags[order] == cause.number)[0])
+        order, joints = np.argsort(self.lags), [self.driven.index(name) for name in cause.joints]
+        shift = cause.shift[joints[0]]
+        i = int(np.flatnonzero(order == shift)[0])
         near, noise = order[i - 1 : i + 2], self.noise(cause)
         scores = [
-            self.score(cause.with_("delay", 0.0, shift=dict.fromkeys(cause.joints, int(s))), noise)
+            self.score(cause.with_("delay", 0.0, shift=dict.fromkeys(joints, int(s))), noise)
             for s in near
         ]
-        bend, slope, _ = np.polyfit(self.lags[near] - cause.number, scores, 2)
-        return cause.number - slope / (2 * bend) if bend < 0 else cause.number
+        lag = float(self.lags[shift])
+        bend, slope, _ = np.polyfit(self.lags[near] - lag, scores, 2)
+        return float(lag - slope / (2 * bend)) if bend < 0 else lag
 
     def credible(
         self, reference: Array, explained: Array | None = None
-    ) -> tuple[list[CredibleCause], Array]:
+    ) -> tuple[list[CredibleFault], Array]:
         """Return the causes that explain the log, one after the other, best first, and the relative
         errors (d,) that they leave: together no more than `reference`, what all effects of the
         library leave.
@@ -339,14 +302,14 @@ class ChannelEquations:
         `explained` are left-out squares (blocks, d) [(N m)² | N²] of the log as it is, with effects
         that a diagnosis found: a cause must do better than these.
         """
-        now, found = self.as_logged, list[CredibleCause]()
+        now, found = self.as_logged, list[CredibleFault]()
         noise = self.noise(now)
         first = noise
         while len(found) < len(self.driven):
             poor = noise > POOR
             tried = [
                 (self.score(each, noise), each)
-                for each in (*self.causes(now), *self.scaled(now, noise))
+                for each in (*torque_faults(now, self.lags[: self.near]), *self.scaled(now, noise))
                 if poor[self.rows_of(each)].any()
             ]
             if not tried:
@@ -363,9 +326,8 @@ class ChannelEquations:
             mine = self.rows_of(cause)
             D = left[0] - base
             t = min(zscore(D.sum(axis=1)), zscore(D[:, mine].sum(axis=1)))
-            longest = np.abs(self.lags[: self.near]).max()
-            edge = cause.kind == "delay" and abs(cause.number) == longest
-            if not t > limit or edge:  # a later torque would be better still: it is no delay
+            longest = np.abs(self.lags[: self.near]).max()  # a later torque would be better still
+            if not t > limit or (cause.kind == "delay" and abs(cause.number[0]) == longest):
                 break
             rivals = tuple(
                 each
@@ -373,23 +335,18 @@ class ChannelEquations:
                 if zscore((left[0] - x).sum(axis=1)) < RIVAL
                 and (cause.kind != "delay" or each.kind != "delay" or each.joints != cause.joints)
             )
-            if any(_another_factor(cause, each) for each in rivals):
+            if any(another_factor(cause, each) for each in rivals):
                 break
             was, now_ = (float(np.sqrt(np.mean(x[mine] ** 2))) for x in (noise, after[0]))
-            if now_ > LEAVES or now_ > max(HALF * was, DOUBT):
-                break
-            found.append(CredibleCause(cause, was, now_, rivals))
+            most = min(self.most, max(HALF * was, DOUBT))
+            if now_ > (DOUBT if any(each.kind != cause.kind for each in rivals) else most):
+                break  # nothing is explained, or nobody can tell by which of two faults
+            if cause.kind == "delay":
+                cause = replace(cause, number=(self.refined_delay(cause),))
+            found.append(CredibleFault(cause, was, now_, rivals))
             now, noise = cause, after[0]
         enough = np.log(noise).mean() < np.log(AS_WELL * reference).mean()
         return (found, noise) if enough else ([], first)
-
-
-def _another_factor(a: ChannelCause, b: ChannelCause) -> bool:
-    """Whether two causes are clearly different factors of one channel: then the data determine no
-    factor, and any large one only takes the joint out of the others' equations.
-    """
-    both = a.kind == b.kind == "scale" and a.joints == b.joints
-    return both and abs(np.log(a.number / b.number)) > np.log(2)
 
 
 def credible_t(hypotheses: int, blocks: int) -> float:
@@ -402,29 +359,6 @@ def credible_t(hypotheses: int, blocks: int) -> float:
 def squares(gram: Array, z: Array) -> Array:
     """zᵀ G z (d,) of G (d, n, n) and z (d, n)."""
     return np.array([v @ G @ v for G, v in zip(gram, z, strict=True)])
-
-
-def unit_of_factor(factor: float) -> str:
-    """Which unit a factor or its inverse may come from, or what else."""
-    size = max(factor, 1 / factor)
-    near = min(UNITS, key=lambda known: abs(np.log(size / known)))
-    known = abs(np.log(size / near)) < UNIT
-    return f"{UNITS[near]}?" if known else "a gear ratio, a torque constant or a unit?"
-
-
-def linear_effects(mechanism: Mechanism) -> list[Effect]:
-    """The library's linear effects at every driven joint that the model lacks."""
-    driven, has = set(mechanism.driven), {each.label for each in mechanism.effects}
-    return [
-        each
-        for each in mechanism.candidates()
-        if each.local
-        and each.linear
-        and not each.shapes
-        and len(each.joints) == 1
-        and set(each.joints) <= driven
-        and each.label not in has
-    ]
 
 
 def _steps(table: Table) -> tuple[Array, int]:

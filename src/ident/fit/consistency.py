@@ -42,8 +42,8 @@ from ident.information.cone import (
     smat,
     svec,
 )
+from ident.information.covariance import held_out, rise
 from ident.information.estimate import FLOOR, Estimate
-from ident.information.held_out import held_out, rise
 from ident.information.triangle import Triangle
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, Consistency

@@ -2,7 +2,7 @@
 
 Channels are judged by their own samples (`channel_checks`), torques as right-hand sides of the
 rows of the fit (`channel_fits`), positions, time and gravity by the state in which the mechanism
-would be, on few samples (`motion_checks`).
+would be, on few samples; `faults` has the hypotheses.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 
 from ident.display import Displayed
 from ident.effects import Effect
+from ident.equations.motion_noise import torque_noise
 from ident.errors import IdentError
 from ident.fit.channel_checks import log_findings
 from ident.fit.channel_fits import (
@@ -30,17 +31,18 @@ from ident.fit.channel_fits import (
     SMALL,
     ChannelEquations,
     credible_t,
-    linear_effects,
-)
-from ident.fit.findings import Finding
-from ident.fit.motion_checks import (
-    MotionCause,
+)  # fmt: skip
+from ident.fit.faults import (
+    CredibleFault,
+    Fault,
+    fault_finding,
     log_entry,
-    motion_cause_in_words,
-    motion_causes,
+    motion_faults,
     refined_time,
-    torque_finding,
-)
+    scale_of_time,
+)  # fmt: skip
+from ident.fit.findings import Finding
+from ident.fit.likelihood import share_of_motion
 from ident.fit.problem import Problem
 from ident.fit.table import Table
 from ident.information.estimate import Estimate
@@ -54,7 +56,8 @@ FAULTS = {  # codes of findings that explain a log better than any effects that 
 }  # fmt: skip
 FEW = 300  # samples that tell a right motion from a wrong one
 BAD = 0.05  # relative error from which positions are doubted, of which there are many wrong ones
-NEARLY = 1.2  # times the error of a fault that one missing effect may leave to be its rival
+BEYOND = 3.0  # times the sensors' noise from which a residual is not of it; in good logs 0.5 to 1.3
+NEARLY = 1.2  # times the error of a fault that its rival leaves: a missing effect, another scale
 LIKE = 0.9  # correlation from which the URDF's torque is like the identified one
 TIMES = 30.0  # of the URDF's torque at one joint, where a rotor behind its gears may be missing
 TOGETHER = 3.0  # the same at all joints alike: masses in a URDF are rarely so wrong, units are
@@ -115,7 +118,18 @@ class DataChecks:
     @cached_property
     def effects(self) -> list[Effect]:
         """The library's linear effects at every drive that the model lacks."""
-        return linear_effects(self.mechanism)
+        driven = set(self.mechanism.driven)
+        has = {each.label for each in self.mechanism.effects}
+        return [
+            each
+            for each in self.mechanism.candidates()
+            if each.local
+            and each.linear
+            and not each.shapes
+            and len(each.joints) == 1
+            and set(each.joints) <= driven
+            and each.label not in has
+        ]
 
     @cached_property
     def common(self) -> list[Effect]:
@@ -154,64 +168,97 @@ class DataChecks:
 
     def health(self) -> Health:
         """Judge the data, gravest first."""
-        channels = log_findings(self.mechanism, self.problem.motion)
+        found = [*self.faults[0]]
+        if len(self.equations.total) and self.mechanism.driven:
+            found = found or [*self._strangers(self.faults[2])] or [*self._magnitudes()]
+        return Health((*found, *log_findings(self.mechanism, self.problem.motion)))
+
+    @property
+    def moved(self) -> Array:
+        """By how much each base parameter (rank,) would change without the faults that are named:
+        the bias that they may have made, which the scatter of residuals does not show.
+        """
+        found, base = self.faults[1], self.estimate.base
+        if found is None:
+            return np.zeros(base.rank)
+        equations, cause = found
+        x = self.estimate.x.copy()
+        x[~self.estimate.held] = equations.solution(cause, equations.noise(cause))
+        return np.asarray(self.estimate.at(x).solution.beta - self.estimate.solution.beta)
+
+    @cached_property
+    def faults(self) -> tuple[list[Finding], tuple[ChannelEquations, Fault] | None, Array]:
+        """The faults that are named, the model's own equations with the torques as they would be,
+        and the relative errors (d,) that wrong torques leave.
+        """
         if not self.mechanism.driven or not len(self.equations.total):
-            return Health(tuple(channels))
-        causes, noise = self.equations.credible(self.reference, self.explained)
-        if causes and self._rivalled(noise, self.table, self.use):
-            causes, noise = [], self.equations.noise(self.equations.as_logged)
-        found = [torque_finding(self.mechanism, self.equations, each) for each in causes]
-        found = [*self._motion(noise)] or found
-        found = found or [*self._strangers(noise)] or [*self._magnitudes()]
-        return Health((*found, *channels))
+            return [], None, np.zeros(0)
+        found, noise = self.equations.credible(self.reference, self.explained)
+        if found and self._rivalled(noise, self.table, self.use):
+            found, noise = [], self.equations.noise(self.equations.as_logged)
+        own = None
+        if moved := self._motion(noise):
+            found, own = [moved[0]], moved[1]
+        elif found:
+            own = ChannelEquations.of(self.estimate, self.table, self.use, [], shifts=True)
+        named = [fault_finding(self.mechanism, each) for each in found]
+        held = "; standard errors hold what it does to parameters"
+        named = [replace(each, meaning=each.meaning + held) for each in named]
+        return named, None if own is None else (own, found[-1].fault), noise
 
     def _strangers(self, noise: Array) -> Iterator[Finding]:
         """Report torques that do not belong to this motion: most of several, for one or two may be
         made by effects that the library does not have, or by a motor that is off.
         """
         names = [f"tau.{self.equations.driven[j]}" for j in self.equations.strangers(noise)]
-        if (
-            len(names) >= max(SEVERAL, len(self.equations.own) / 2)
-            and self.reference.max() > LEAVES
-        ):
+        many = len(names) >= max(SEVERAL, len(self.equations.own) / 2)
+        if many and self.reference.max() > LEAVES:
             text = (
                 f"{', '.join(names)}: explained no better by this motion than at another time of "
                 "the log: they are of another run, of another joint, or no measurement"
             )
             yield Finding("another run", text, "check columns and files", tuple(names))
 
+    def beyond_noise(self) -> Array:
+        """Return the residual (d,) over what noise of the sensors makes in these rows."""
+        problem, x = self.problem, self.estimate.x
+        totals, motion = problem.information.totals, problem.motion
+        left = np.array([t.residual_norm(x) / np.sqrt(max(t.rows, 1)) for t in totals])
+        logs, cutoff = motion.experiments, motion.band.cutoff
+        of_torques = [torque_noise(problem.mechanism, e, cutoff) ** 2 for e in logs]
+        of_motion = share_of_motion(problem, self.estimate) * left**2
+        return np.asarray(left / np.sqrt(np.mean(of_torques, axis=0) + of_motion + 1e-300))
+
     def poor(self) -> Iterator[Finding]:
         """Report torques of which the model leaves so much that its numbers mean little: LEAVES, or
-        less where the library's linear effects would leave but half of it.
+        DOUBT where noise of the sensors would leave far less.
         """
         names, equations = self.problem.motion.independent, self.equations
-        if not len(equations.total):
-            return
         errors = np.array([self.errors[name] for name in names])
-        bad = errors > LEAVES
-        if errors.max(initial=0.0) > DOUBT and not bad.all():
-            own, full = (
-                ChannelEquations.of(self.estimate, self.table, self.use, some)
-                for some in ([], self.effects)
-            )
-            now = own.noise(own.as_logged)
-            gain = full.left_out(full.as_logged, self.reference) - own.left_out(own.as_logged, now)
-            least = credible_t(len(names), len(gain))
-            sure = np.array([zscore(gain[:, u]) > least for u in range(len(names))])
-            bad |= sure & (np.minimum(errors, now) > DOUBT) & (self.reference < HALF * now)
+        if not len(equations.total) or errors.max(initial=0.0) < DOUBT:
+            return
+        beyond = self.beyond_noise()
+        bad = (errors > LEAVES) | ((errors > DOUBT) & (beyond > BEYOND))
         if not bad.any():
             return
         where = tuple(f"tau.{name}" for name, x in zip(names, bad, strict=True) if x)
-        left = self.reference[bad]
+        left, worst = self.reference[bad], errors[bad].max()
         text = "the model leaves " + ", ".join(
             f"{100 * x:.3g} % of {name}" for name, x in zip(where, errors[bad], strict=True)
         )
-        if left.max() < LEAVES / 2:
+        text += " (fitted, or held out in time)"
+        if worst < LEAVES:
+            text += f", up to {beyond[bad].max():.2g} times what noise of the sensors makes"
+        if self.faults[1] is not None:
+            text += ": what is named above explains it"
+        elif left.max() < min(LEAVES, worst) / 2:
             text += (
-                " (fitted, or held out in time), linear effects at all drives "
-                f"{100 * left.max():.2g} %: an effect is missing, or what is known of a body is "
-                "wrong, and parameters make up for it"
+                f", linear effects at all drives {100 * left.max():.2g} %: an effect is missing, "
+                "or a length or what is known of a body is wrong, and parameters make up for it"
             )
+        elif worst < LEAVES:
+            text += ": something is missing or wrong, an effect, a length, a mass, and parameters "
+            text += "make up for it, which standard errors do not hold"
         else:
             text += f", and {', '.join(f'{100 * x:.0f} %' for x in left)} with friction and "
             text += "springs: parameters are not to be trusted. "
@@ -219,7 +266,7 @@ class DataChecks:
             text += f"{', '.join(strange)} may be of another run. " if strange else ""
             text += "If no fault of the data is named above, none that was tried explains it"
         remedy = "check units, signs, columns and lengths; ident diagnose shows where it fails"
-        yield Finding("poor fit", text, remedy, where, None, LEAVES)
+        yield Finding("poor fit", text, remedy, where, None, LEAVES if worst > LEAVES else DOUBT)
 
     def _magnitudes(self) -> Iterator[Finding]:
         """Report torques of another size than the URDF's bodies need: a hint, for a URDF may be
@@ -227,25 +274,34 @@ class DataChecks:
         """
         columns, table, gains = self.problem.columns, self.table, dict[str, float]()
         rigid = np.arange(len(columns)) < len(columns.rigid)
+        heavy = rigid & np.array(
+            [n.endswith((".m", ".mx", ".my", ".mz")) for n in columns.names], bool
+        )
+        enough = 2  # torques; one alone where it is gravity's, which no rotor makes
         for u, name in enumerate(self.problem.motion.independent):
             some = self.use[:, u]
             A, known = table.A[some, u], (table.tau - table.b)[some, u]  # of known bodies
-            then = A[:, rigid] @ columns.prior[rigid] + known
-            now = A[:, rigid] @ self.estimate.x[rigid] + known
-            sizes = float(np.linalg.norm(now)), float(np.linalg.norm(then))
+            some_of = rigid
+            if self.use.shape[1] == 1 and np.linalg.norm(A[:, heavy] @ columns.prior[heavy]) > 0:
+                some_of, enough = heavy, 1
+            then, now = (
+                A[:, some_of] @ x[some_of] + known for x in (columns.prior, self.estimate.x)
+            )
+            sizes = [float(np.linalg.norm(x)) for x in (now, then)]
             fits = name in self.mechanism.driven and self.errors[name] < LEAVES
             if fits and now @ then > LIKE * sizes[0] * sizes[1] > 0:
                 gains[name] = sizes[0] / sizes[1]
         logs = np.log(list(gains.values()))
-        alike = len(gains) > 1 and np.ptp(logs) < ALIKE and np.abs(logs).min() > np.log(TOGETHER)
+        alike = len(gains) >= enough and np.ptp(logs) < ALIKE
+        alike = alike and np.abs(logs).min() > np.log(TOGETHER)
         found = gains if alike else {n: x for n, x in gains.items() if max(x, 1 / x) > TIMES}
         for names in [list(found)] if alike else [[name] for name in found]:
             gain = float(np.exp(np.mean([np.log(found[name]) for name in names])))
             where = tuple(f"tau.{name}" for name in names)
             text = (
                 f"{', '.join(where)}: {gain:.3g} times what the URDF's bodies need, and of the "
-                "same shape: a unit, a gear ratio or a torque constant, a wrong unit of time or "
-                "length, unless its masses are no real ones"
+                "same shape: a unit, a gear ratio or a torque constant, a wrong unit of time, "
+                "length or gravity, unless its masses are no real ones"
             )
             remedy = log_entry(self.mechanism, where[0], float(f"{1 / gain:.2g}"))
             remedy += ", all alike" if len(names) > 1 else ""
@@ -253,75 +309,79 @@ class DataChecks:
 
     # --- positions, time and gravity --------------------------------------------------------------
 
-    def _motion(self, noise: Array) -> Iterator[Finding]:
-        """Report the hypothesis on the motion that explains the log by far best, if any does better
-        than what wrong torques leave, the relative errors `noise` (d,).
+    def _motion(self, noise: Array) -> tuple[CredibleFault, ChannelEquations] | None:
+        """Return the hypothesis on the motion that explains the log by far best, if any does better
+        than what wrong torques leave, the relative errors `noise` (d,); and the model's equations
+        in that motion.
         """
         if noise.max() < DOUBT:
-            return
+            return None
         motion, mechanism = self.problem.motion, self.mechanism
         every = -(-sum(int(e.usable.sum()) for e in motion.experiments) // FEW)
         thin = [e.at_samples(np.flatnonzero(e.usable)[::every]) for e in motion.experiments]
         table = self._table(mechanism, thin)
         logged = ChannelEquations.of(self.estimate, table, table.informed, self.common)
-        before = logged.noise(logged.as_logged)
-        base = logged.left_out(logged.as_logged, before).sum(axis=1)
+        none = logged.as_logged
+        before = logged.noise(none)
+        base = logged.left_out(none, before).sum(axis=1)
         names = zip(motion.independent, noise, strict=True)
-        causes = motion_causes(mechanism, thin, {name for name, x in names if x > BAD})
-        tried: list[tuple[float, MotionCause, ChannelEquations, Array]] = []
+        every_fault = motion_faults(none, mechanism, thin, {name for name, x in names if x > BAD})
+        tried: list[tuple[float, Fault, ChannelEquations, Array]] = []
         equations: ChannelEquations | None = None
         last: object = None
-        for each in causes:
+        for each in every_fault:
             if each.state is not last:  # an axis and a sign, say, are the same motion
                 last, equations = each.state, None
                 with suppress(IdentError, np.linalg.LinAlgError):  # a motion that does not close
-                    equations = self._moved(each, thin, table)
+                    equations = self._moved(each, thin, table, self.common)
             if equations is not None and len(equations.rows) == len(base):
-                after = equations.noise(each.torques(equations))
+                after = equations.noise(each)
                 tried.append((float(np.log(after).mean()), each, equations, after))
                 tried = sorted(tried, key=lambda trial: trial[0])[:CLOSEST]  # others take memory
         enough = float(np.log(AS_WELL * self.reference).mean())
         best = [
-            (each, after, own.left_out(each.torques(own), after).sum(axis=1))
+            (each, after, own.left_out(each, after).sum(axis=1))
             for score, each, own, after in tried
             if score < enough
         ]
         if not best:
-            return
-        (cause, after, left), *others = best
+            return None
+        (fault, after, left), *others = best
         if (
             _rms(after) > HALF * min(_rms(before), _rms(noise))
-            or after.max() > LEAVES
-            or zscore(left - base) <= credible_t(len(causes), len(base))
+            or after.max() > logged.most
+            or zscore(left - base) <= credible_t(len(every_fault), len(base))
             or self._rivalled(after, table, table.informed)
         ):
-            return
+            return None
         near = [each for each, _, other in others if zscore(left - other) < RIVAL]
-        if cause.kind == "time":
+        if fault.kind == "time":
 
-            def error(each: MotionCause) -> float:
-                moved = self._moved(each, thin, table)
-                return float(np.log(moved.noise(moved.as_logged)).mean())
+            def error(each: Fault) -> float:
+                moved = self._moved(each, thin, table, self.common)
+                return float(np.log(moved.noise(each)).mean())
 
-            cause = refined_time(cause.number[0], error)
+            fault = refined_time(fault, none, error)
+            scales = (scale_of_time(none, factor * fault.number[0]) for factor in (0.5, 2.0))
+            if min(map(error, scales)) < error(fault) + np.log(NEARLY):  # no scale is determined
+                return None
             near = [each for each in near if each.kind != "time"]
-        fall = "the error of the predicted torques falls from "
-        fall += f"{100 * _rms(before):.3g} % to {100 * _rms(after):.3g} %"
-        text, remedy = motion_cause_in_words(mechanism, cause, fall)
-        for each in near[:3]:
-            text += f"; {motion_cause_in_words(mechanism, each, 'it falls as far')[0]}"
-        where = tuple(f"q.{name}" for name in cause.joints)
-        yield Finding(cause.kind, text, remedy, where, _rms(after) / _rms(before))
+        found = CredibleFault(fault, _rms(before), _rms(after), tuple(near[:3]))
+        return found, self._moved(fault, thin, table, [])
 
-    def _moved(self, cause: MotionCause, thin: Sequence[State], logged: Table) -> ChannelEquations:
-        """The equations of a cause, in the rows that count as logged and in which it closes."""
-        moved = [cause.state(self.mechanism, e) for e in thin]
+    def _moved(
+        self, fault: Fault, thin: Sequence[State], logged: Table, effects: Sequence[Effect]
+    ) -> ChannelEquations:
+        """The equations of a fault, in the rows that count as logged and in which it closes."""
+        assert fault.state is not None
+        moved = [fault.state(self.mechanism, e) for e in thin]
         table = self._table(moved[0][0], [e for _, e in moved])
         first = np.cumsum([0, *map(len, thin)])
         there, here = (first[each.experiment] + each.sample for each in (logged, table))
-        some = np.searchsorted(there, here)
-        use, blocks = logged.informed[some], logged.blocks[some]
-        return ChannelEquations.of(self.estimate, table, use, self.common, blocks=blocks)
+        some = np.minimum(np.searchsorted(there, here), len(there) - 1)
+        use = logged.informed[some] & (there[some] == here)[:, None]
+        blocks = logged.blocks[some]
+        return ChannelEquations.of(self.estimate, table, use, effects, blocks=blocks)
 
     def _table(self, mechanism: Mechanism, states: Sequence[State]) -> Table:
         """The rows of other states, unfiltered."""

@@ -18,7 +18,7 @@ from ident.effects import KINDS, Effect, read_user_effect
 from ident.effects import create as create_effect
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, MechanismError, missing_file, one_of
-from ident.files import regular, write_all
+from ident.files import json_bytes, regular, write_all
 from ident.fit.findings import LEAST_MASS, bodies_with_unknowns
 from ident.fit.multipliers import Reactions
 from ident.fit.result import Fit
@@ -62,7 +62,7 @@ def write_fit(
     """
     urdf = identified_urdf(fit)
     files: dict[str, bytes | Path] = {
-        "fit.json": json.dumps(fit_json(fit), indent=1, ensure_ascii=False).encode() + b"\n",
+        "fit.json": json_bytes(fit_json(fit)),
         "multipliers.csv": multipliers or multipliers_csv(fit),
         "identified.urdf": urdf,
         "report.html": render(fit, "report", reactions, sections),
@@ -178,28 +178,20 @@ def fit_json(fit: Fit) -> dict[str, Any]:
         ],
         "likelihood": None if fit.likelihood is None else fit.likelihood.described(),
         "filter": {"cutoff": band.cutoff, "motion_bandwidth": band.motion, "unit": "Hz"},
-        "condition_number": _number(fit.condition_number),
+        "condition_number": fit.condition_number,
         "rank": fit.rank,
         **({} if fit.binding is None else {"consistency": fit.binding.json()}),
-        **({} if fit.essential is None else {"essential": fit.essential.json()}),
         "correlated": [list(pair) for pair in fit.correlation.pairs()],
         "warnings": list(fit.warnings),
     }
 
 
-def _number(value: float | None) -> float | None:
-    return None if value is None or not np.isfinite(value) else float(value)
-
-
-def _entry(value: Value | BaseValue | Error) -> dict[str, Any]:
-    """Return a value or an error as fit.json has it, with null for what is no number."""
-    entry = asdict(value)
-    entry.pop("at_bound", None)
-    return {key: _number(x) if isinstance(x, float) else x for key, x in entry.items()}
+def _entry(value: Value | BaseValue) -> dict[str, Any]:
+    return {key: x for key, x in asdict(value).items() if key != "at_bound"}
 
 
 def _errors(errors: Mapping[str, Error]) -> dict[str, Any]:
-    return {name: _entry(error) for name, error in errors.items()}
+    return {name: asdict(error) for name, error in errors.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,7 +353,7 @@ def _read_errors(data: dict[str, Any]) -> dict[str, dict[str, Error]]:
 def identified_urdf(fit: Fit) -> bytes:
     """Return the URDF's text with new `<inertial>` numbers for the links of identified bodies.
 
-    Every other byte is the user's: comments, meshes, transmissions, indentation, ends of lines.
+    All else is the user's: comments, meshes, transmissions, indentation.
     A body is its own link and those fixed to it; these keep their inertias, and the body's own link
     carries the rest. Pinocchio gives the same torques for it as the fit does.
 

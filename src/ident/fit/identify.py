@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from ident.equations.unknowns import Point
 from ident.errors import FitError, one_of
 from ident.fit.channel_checks import copies
@@ -14,21 +12,17 @@ from ident.fit.consistency import nearest_possible
 from ident.fit.findings import Finding, basis_bias, findings_of
 from ident.fit.likelihood import Likelihood, weighed
 from ident.fit.problem import Problem, information_of
-from ident.fit.residual import residual_of
 from ident.fit.result import Fit
 from ident.fit.shapes import beyond_bounds, working_point
 from ident.fit.values import effect_values
 from ident.information.blocks import Error
-from ident.information.covariance import covariance, prior_covariance
+from ident.information.covariance import covariance, held_out, prior_covariance
 from ident.information.estimate import Estimate
-from ident.information.held_out import held_out
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Consistency
 from ident.motion import Motion
-from ident.motion.repetition import period_of
 from ident.progress import Progress
 
-ROUNDING = 1e-6  # relative error below which a residual is that of rounding and interpolation
 ESTIMATORS = ("auto", "least-squares", "likelihood")
 
 
@@ -75,7 +69,7 @@ def identify(
     problem = Problem.of(mechanism, motion, point, progress)
     estimate = estimate_of(problem)
     problem, estimate, likelihood, findings = weighed(problem, estimate, estimator, progress)
-    fit = wider_by_periods(fit_of(problem, estimate, consistent, findings, likelihood, progress))
+    fit = fit_of(problem, estimate, consistent, findings, likelihood, progress)
     if validate is None:
         return fit
     texts = "its errors are no validation", "validate on another log"
@@ -139,42 +133,13 @@ def fit_of(
     return Fit(
         problem=problem,
         estimate=estimate,
-        covariance=cov,
+        scatter=cov,
         train=train,
         held_out=left_out,
         findings=findings_of(problem, estimate, train, effects, findings),
         binding=binding,
         likelihood=likelihood,
     )
-
-
-def wider_by_periods(fit: Fit) -> Fit:
-    """Return the fit with wider standard errors where the residual is repeated with the motion.
-
-    What the model lacks and the steps of an encoder are then the same in each of K periods, which
-    are not independent: the variance is 1 + (K − 1) ρ times as large (Kish, Survey
-    Sampling, 1965, 5.4: the design effect of clusters), ρ the residual's correlation between them.
-    """
-    motion = fit.motion
-    joints = np.array([fit.mechanism.joint_index[name] for name in motion.independent])
-    if not any(period_of(e, joints, motion.band.motion) for e in motion.experiments):
-        return fit  # before the residual is made
-    again = residual_of(fit).periods
-    rounding = all((each.relative or 0.0) < ROUNDING for each in fit.train.values())
-    if rounding or again is None or max(again.rho.values()) < again.chance:
-        return fit
-    lengths = {e.name: float(np.ptp(e.t)) for e in motion.experiments}
-    count = float(np.mean([lengths.get(log, 0.0) / T for log, T in again.period.items()]))
-    rho = float(np.mean([max(0.0, each) for each in again.rho.values()]))
-    factor = np.sqrt(1 + max(count - 1, 0.0) * rho)
-    T = min(again.period.values())
-    text = (
-        f"the motion is repeated every {T:.4g} s and {100 * rho:.0f} % of the residual with it: "
-        f"{count:.3g} periods are not independent, so standard errors are {factor:.3g} "
-        "times as wide"
-    )
-    found = Finding("repeated errors", text, "", (), max(again.rho.values()), again.chance)
-    return replace(fit, covariance=factor**2 * fit.covariance, findings=(*fit.findings, found))
 
 
 def _errors_on(

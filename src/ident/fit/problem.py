@@ -18,8 +18,7 @@ import numpy as np
 
 from ident.equations.corrections import Scene
 from ident.equations.motion_noise import EliminatedRun, time_blocks
-from ident.equations.multipliers import basis_of, stack
-from ident.equations.rows import Rows, row_supports, rows
+from ident.equations.rows import Rows, basis_of, row_supports, rows, stack
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError
 from ident.information.band import eliminate

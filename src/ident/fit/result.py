@@ -16,14 +16,15 @@ from ident.effects.effect import Found
 from ident.equations.motion_noise import EliminatedRun
 from ident.equations.unknowns import Columns, Point
 from ident.errors import one_of
+from ident.fit.channel_fits import SMALL
 from ident.fit.consistency import Binding
 from ident.fit.data_checks import DataChecks, Health
-from ident.fit.determined import Essential, Unexcited, essential, unexcited
-from ident.fit.findings import Finding
+from ident.fit.findings import Finding, Unexcited, unexcited
 from ident.fit.likelihood import Likelihood
 from ident.fit.multipliers import Reactions, identifiable_multipliers
 from ident.fit.prediction import Prediction, predict
 from ident.fit.problem import Problem
+from ident.fit.repeated import RepeatedErrors, mean_duration, repeated_errors
 from ident.fit.residual import Charted, Residual, residual_of
 from ident.fit.values import (
     BaseValue,
@@ -49,7 +50,8 @@ class Fit(Charted):
 
     Attributes:
         problem: the equations: mechanism, motion, unknowns, all rows as triangles.
-        estimate: solution, base, weights; covariance: (n_ind, n_ind) of the base parameters.
+        estimate: solution, base, weights.
+        scatter: covariance (n_ind, n_ind) of the base parameters by the residual's own scatter.
         train, held_out, validation: errors by joint; validation by log, then joint.
         findings: what a person should know before trusting the numbers; `warnings` as text.
         binding: of a consistent fit, where it touches its limits and what that costs.
@@ -58,7 +60,7 @@ class Fit(Charted):
 
     problem: Problem
     estimate: Estimate
-    covariance: np.ndarray
+    scatter: np.ndarray
     train: Mapping[str, Error]
     held_out: Mapping[str, Error]
     validation: Mapping[str, Mapping[str, Error]] = field(default_factory=dict)
@@ -127,7 +129,28 @@ class Fit(Charted):
     @cached_property
     def all_findings(self) -> tuple[Finding, ...]:
         """Errors in the data, torques that the model leaves unexplained, then all others."""
-        return (*self.health.findings, *self.checks.poor(), *self.findings)
+        again = (
+            () if self.repeated is None else (self.repeated.finding(mean_duration(self.motion)),)
+        )
+        return (*self.health.findings, *self.checks.poor(), *self.findings, *again)
+
+    @cached_property
+    def repeated(self) -> RepeatedErrors | None:
+        """What a repeated motion repeats of the residual."""
+        return repeated_errors(self.motion, self.train, lambda: self.residual)
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """Covariance (n_ind, n_ind) of the base parameters: that of the residual's scatter, wider
+        by what a repeated motion repeats, and by the bias of the faults that `health` names.
+        """
+        cov = self.scatter
+        if self.repeated is not None:
+            cov = self.repeated.variance(mean_duration(self.motion)) * cov
+        if max(self.relative.values(), default=0.0) < SMALL:  # no fault is named
+            return cov
+        moved = self.checks.moved
+        return cov + np.outer(moved, moved)
 
     @cached_property
     def parameters(self) -> tuple[Value, ...]:
@@ -150,11 +173,6 @@ class Fit(Charted):
     def correlation(self) -> Correlation:
         """Correlation of the errors of the base parameters."""
         return Correlation.of(self.columns, self.estimate, self.covariance)
-
-    @cached_property
-    def essential(self) -> Essential | None:
-        """The base parameters that the model cannot do without; None for a log too short to say."""
-        return essential(self.problem, self.estimate, self.covariance)
 
     @cached_property
     def unexcited(self) -> Unexcited:

@@ -20,6 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.effects import Effect
+from ident.equations.corrections import check_needs
 from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
 from ident.fit.problem import Problem, information_of, plausible_of
@@ -56,6 +57,8 @@ def working_point(
     point = Point.prior(mechanism)
     if all(effect.linear for effect in mechanism.effects):
         return point
+    for e in motion.experiments:
+        check_needs(mechanism, e.name, e.extra)
     if start is not None:
         point = Point(start.pi, {**start.values, **point.values})
     fewer = replace(mechanism, effects=tuple(e for e in mechanism.effects if e.linear))

@@ -14,8 +14,7 @@ import numpy as np
 from ident.display import Displayed
 from ident.effects import Effect
 from ident.equations.unknowns import Columns, Point
-from ident.information.base import Base
-from ident.information.estimate import Estimate
+from ident.information.estimate import Base, Estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import (
     CENTROIDAL,

@@ -28,7 +28,6 @@ from ident.information.triangle import Array, Index
 
 RANK = 1e-8  # of the largest singular value of unit columns: below, a direction is rounding
 VISIBLE = 1e-4  # share of a column that must be new; squares of less are rounding
-UNDETERMINED = 1e-8  # of 1: a direction that only the left-out block excites is not predicted in it
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,12 +53,8 @@ class Part:
 
     def taken(self, columns: Index) -> Array:
         """Some of all columns (m, u); zero where these rows do not have them."""
-        found = np.zeros((len(self.X), len(columns)))
-        for i, column in enumerate(columns):
-            at = np.flatnonzero(self.columns == column)
-            if len(at):
-                found[:, i] = self.X[:, at[0]]
-        return found
+        last = max(self.columns.max(initial=0), columns.max(initial=0))
+        return _columns(self.X, _places(self.columns, int(last) + 1)[columns])
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,16 +317,16 @@ class PartialRegression:
                 if B:
                     cn[k][where] += x.astype(np.float32).T @ r[rows]
                 each = x.reshape(len(x), len(mine), u)
-                cc[k, mine] += _inner(each, each)
+                cc[k, mine] += linear.inner(each, each)
         P = p.sum(axis=0)
         whole = P.reshape(rank, n, u)
         small, qn = P.astype(np.float32), q[:, :, 1:].astype(np.float32)
         for k in range(blocks):
-            cross = _inner(p[k].reshape(rank, n, u), whole)
+            cross = linear.inner(p[k].reshape(rank, n, u), whole)
             GP = G[k] @ P
             p[k] -= GP
             # x̃_kᵀx̃_k = xᵀx − pᵀP − Pᵀp + PᵀGP, p before the projection
-            cc[k] += _inner(whole, GP.reshape(rank, n, u))
+            cc[k] += linear.inner(whole, GP.reshape(rank, n, u))
             cc[k] -= cross + cross.transpose(0, 2, 1)
             cy[k] -= P.T @ q[k, :, :1]
             if B:
@@ -344,8 +339,8 @@ class PartialRegression:
         three = three * V[:, 0, 0][:, None] if u == 1 else np.einsum("krni,nij->krnj", three, V)
         p = np.ascontiguousarray(three).reshape(blocks, rank, n * u)
         cc = V.transpose(0, 2, 1) @ cc @ V
-        cy = _turned(V, cy.reshape(blocks, n, u, 1))
-        cn = _turned(V.astype(np.float32), cn.reshape(blocks, n, u, B))
+        cy = linear.turned(V, cy.reshape(blocks, n, u, 1))
+        cn = linear.turned(V.astype(np.float32), cn.reshape(blocks, n, u, B))
         s, sn = cy.sum(axis=0), cn.sum(axis=0)
         idle = np.eye(u) * ~new[:, None, :]
         D, null = np.zeros((n, blocks)), np.zeros((n, B))
@@ -353,9 +348,9 @@ class PartialRegression:
             Mp = M[k] @ p[k]
             Wp = M[k] @ Mp
             three = p[k].reshape(rank, n, u)
-            a1 = cc[k] + _inner(three, Mp.reshape(rank, n, u))
-            a2 = a1 + _inner(three, Wp.reshape(rank, n, u))
-            inverse = _inverse(np.eye(u) * new[:, None, :] - a1 + idle)
+            a1 = cc[k] + linear.inner(three, Mp.reshape(rank, n, u))
+            a2 = a1 + linear.inner(three, Wp.reshape(rank, n, u))
+            inverse = linear.inverse(np.eye(u) * new[:, None, :] - a1 + idle)
             D[:, k] = _fall(s, cy[k], Mp, Wp, q[k, :, :1], inverse, a2)[:, 0]
             if B:
                 of_null = [x.astype(np.float32) for x in (Mp, Wp, inverse, a2)]
@@ -395,7 +390,7 @@ class PartialRegression:
             together = list(zip(C, LC, self.left_out, rows, strict=True))
             H = np.eye(len(alpha)) - sum(c[i].T @ lc[i] for c, lc, _, i in together)
             g = alpha - sum(c[i].T @ e[i] for c, _, e, i in together)
-            theta = _inverse(H[None])[0] @ g
+            theta = linear.inverse(H[None])[0] @ g
             for lc, e, i in zip(LC, errors, rows, strict=True):
                 e[i] -= lc[i] @ theta
         loss = self.by_coordinate([e**2 for e in errors])
@@ -436,13 +431,6 @@ class PartialRegression:
         size = self.size[self.model]
         return (inverse @ (A.T @ b)) / size, inverse / size[:, None] / size
 
-    @property
-    def theta(self) -> Array:
-        """(k,) coefficients of the model, of the smallest norm."""
-        A = np.concatenate([_taken(p, self.model, self._factor(p)) for p in self.parts])
-        b = np.concatenate([p.Y[:, 0] * self.weight[p.coordinate] for p in self.parts])
-        return linear.lstsq(A, b, rcond=RANK)[0] / self.size[self.model]
-
 
 def _places(columns: Index, total: int) -> Index:
     """(total,) where each column is among a part's, −1 where it is not."""
@@ -466,18 +454,6 @@ def _taken(part: Part, columns: Index, factor: Array) -> Array:
     return _columns(part.X, at) * factor[columns]
 
 
-def _inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """aᵀb (n, u, u) of columns (m, n, u) of n groups."""
-    if a.shape[2] == 1:
-        return np.einsum("mn,mn->n", a[:, :, 0], b[:, :, 0])[:, None, None]
-    return a.transpose(1, 2, 0) @ b.transpose(1, 0, 2)
-
-
-def _turned(V: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Vᵀc (blocks, n, u, R)."""
-    return c * V[:, :, :1] if c.shape[2] == 1 else V.transpose(0, 2, 1) @ c
-
-
 def _fall(
     s: np.ndarray,
     c: np.ndarray,
@@ -489,45 +465,12 @@ def _fall(
 ) -> np.ndarray:
     """Fall of a block's left-out squares (n, R); s, c (n, u, R): of all blocks, of this one."""
     c1 = c + (Mp.T @ q).reshape(c.shape)
-    theta = _times(inverse, s - c1)
+    theta = linear.times(inverse, s - c1)
     c2 = c1 + (Wp.T @ q).reshape(c.shape)
-    return (theta * (2 * c2 - _times(a2, theta))).sum(axis=1)
-
-
-def _times(H: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """H x (n, u, R)."""
-    return H * x if H.shape[1] == 1 else (H @ x)
-
-
-def _inverse(H: Array) -> Array:
-    """H⁻¹ (n, u, u) in the directions that are determined, zero in the others."""
-    values, vectors = np.linalg.eigh(H)
-    good = values > UNDETERMINED
-    return np.asarray(
-        (vectors * (good / np.where(good, values, 1.0))[:, None, :]) @ vectors.transpose(0, 2, 1)
-    )
+    return (theta * (2 * c2 - linear.times(a2, theta))).sum(axis=1)
 
 
 # --- the null distribution and comparisons ------------------------------------------------------
-
-
-def surrogates(r: Array, runs: Sequence[slice], count: int, random: np.random.Generator) -> Array:
-    """Series (N, d, count) that have the spectra of r (N, d) and nothing else, in single precision.
-
-    Each run of equal steps is mirrored at its end, so that its two ends meet, and its phases are
-    turned at random, in all coordinates alike: what goes with what stays.
-    """
-    found = np.zeros((*r.shape, count), dtype=np.float32)
-    for run in runs:
-        x = r[run]
-        n = len(x)
-        if n < 2:
-            continue
-        F = np.fft.rfft(np.concatenate([x, x[::-1]]), axis=0).astype(np.complex64)
-        turn = np.exp(2j * np.pi * random.random((len(F), 1, count))).astype(np.complex64)
-        turn[0] = np.sign(random.standard_normal((1, count)))
-        found[run] = np.fft.irfft(F[:, :, None] * turn, 2 * n, axis=0)[:n]
-    return found
 
 
 def quantile(null: Array, alpha: float) -> float:

@@ -65,3 +65,34 @@ def lstsq(A: Array, b: Array, rcond: float | None = None) -> tuple[Array, int]:
 def _check_finite(*arrays: Array) -> None:
     if not all(np.isfinite(each).all() for each in arrays):
         raise FitError(NOT_FINITE) from None
+
+
+# --- many small products at once ----------------------------------------------------------------
+
+UNDETERMINED = 1e-8  # of 1: a direction that only the left-out block excites is not predicted in it
+
+
+def inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """aᵀb (n, u, u) of columns (m, n, u) of n groups."""
+    if a.shape[2] == 1:
+        return np.einsum("mn,mn->n", a[:, :, 0], b[:, :, 0])[:, None, None]
+    return a.transpose(1, 2, 0) @ b.transpose(1, 0, 2)
+
+
+def turned(V: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Vᵀc (blocks, n, u, R)."""
+    return c * V[:, :, :1] if c.shape[2] == 1 else V.transpose(0, 2, 1) @ c
+
+
+def times(H: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """H x (n, u, R)."""
+    return H * x if H.shape[1] == 1 else (H @ x)
+
+
+def inverse(H: Array) -> Array:
+    """H⁻¹ (n, u, u) in the directions that are determined, zero in the others."""
+    values, vectors = np.linalg.eigh(H)
+    good = values > UNDETERMINED
+    return np.asarray(
+        (vectors * (good / np.where(good, values, 1.0))[:, None, :]) @ vectors.transpose(0, 2, 1)
+    )

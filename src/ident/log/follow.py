@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from ident.errors import LogError, missing_file
-from ident.log.csv_text import BOM, Head, head_of, refuse_binary
 from ident.log.read import file_errors
+from ident.log.storage import BOM, Head, head_of, refuse_binary
 from ident.log.table import EMPTY
 
 PIECE = 1 << 16  # bytes read at once

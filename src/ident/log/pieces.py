@@ -20,10 +20,18 @@ from numpy.typing import NDArray
 
 from ident.errors import LogError
 from ident.files import regular
-from ident.log.csv_text import BOM, Head, Lines, head_of, refuse_binary, rows_of
 from ident.log.log import Log
 from ident.log.read import LogFile, file_errors, log_file
-from ident.log.storage import check_claims, parquet_errors
+from ident.log.storage import (
+    BOM,
+    Head,
+    Lines,
+    check_claims,
+    head_of,
+    parquet_errors,
+    refuse_binary,
+    rows_of,
+)
 from ident.log.table import Column, RawTable, first_tick, renamed, table_of
 
 BLOCK = 1 << 24  # bytes of a text that are in memory together
@@ -196,7 +204,7 @@ def likely_rows(path: str | os.PathLike[str]) -> int:
                 head = stream.read(HEAD)
             return int(path.stat().st_size * head.count(b"\n") / max(len(head), 1))
         if path.suffix.lower() == ".npz":
-            with np.load(path, allow_pickle=False) as arrays:
+            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
                 return next(iter(check_claims(arrays, path).values()))[0]
     except Exception:  # whoever reads it says what is wrong with it
         return 0

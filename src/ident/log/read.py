@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -198,10 +199,14 @@ def names_of(paths: Iterable[Path]) -> list[str]:
     >>> names_of([Path("a/run.csv"), Path("b/run.csv")])
     ['run.csv', 'run.csv (2)']
     """
-    count: dict[str, int] = {}
-    names = []
-    for path in paths:
-        name = path.name or str(path)
-        count[name] = count.get(name, 0) + 1
-        names.append(name if count[name] == 1 else f"{name} ({count[name]})")
-    return names
+    return distinct(path.name or str(path) for path in paths)
+
+
+def distinct(names: Iterable[str]) -> list[str]:
+    """Return names that differ, a second one of a name with (2) behind it."""
+    count = Counter[str]()
+    found = []
+    for name in names:
+        count[name] += 1
+        found.append(name if count[name] == 1 else f"{name} ({count[name]})")
+    return found

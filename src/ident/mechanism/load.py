@@ -1,8 +1,12 @@
-"""From a folder, a mechanism.toml or a bare URDF (or MuJoCo model, or SDF) to a Mechanism."""
+"""From a folder, a mechanism.toml or a bare URDF (or MuJoCo model, or SDF) to a Mechanism.
+
+The same mechanism may have absolute coordinates: every moving body free, every joint a closure.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+import re
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,12 +17,19 @@ import pinocchio as pin
 from ident.effects import KINDS, Effect, create, read_user_effect
 from ident.errors import MechanismError, missing_file, one_of
 from ident.log import Column
-from ident.mechanism.closures import Closure, Context, read_closure
-from ident.mechanism.description import Description, read_description
+from ident.mechanism.closures import (
+    Closure,
+    Context,
+    Frame,
+    PrismaticClosure,
+    RevoluteClosure,
+    read_closure,
+)
+from ident.mechanism.description import Description, align_z, read_description
 from ident.mechanism.mechanism import Joint, Mechanism, multipliers
 from ident.mechanism.parameters import Bodies, read_consistency
 from ident.mechanism.toml import TomlTable, read_toml
-from ident.mechanism.tree import Tree, build_tree, is_rotational
+from ident.mechanism.tree import Tree, build_tree, is_rotational, joint_axis
 from ident.mechanism.urdf import lock, parse_urdf
 from ident.plugins import suffixes
 
@@ -26,6 +37,9 @@ TOP = ("urdf", "gravity", "joints", "closure", "parameters", "multipliers", "log
 GRAVITY = (0.0, 0.0, -9.81)  # [m/s²]
 LIMITLESS = 1e8  # from which a limit of a URDF is none
 CHANNELS = ("q", "v", "a", "tau")
+WORDS = re.compile(
+    r"hand|finger|thumb|gripper|knuckle|jaw|claw|(?<![a-z])(index|middle|pinky)(?![a-z])", re.I
+)
 
 
 def load(
@@ -255,3 +269,97 @@ def _columns(table: TomlTable) -> Mapping[str, Column]:
             raise column.error("scale = 0 would erase the column")
         columns[name] = Column(column.text("column"), scale, column.number("offset", 0.0))
     return columns
+
+
+def unlogged_hands(mechanism: Mechanism, columns: Iterable[str]) -> tuple[str, ...]:
+    """Return driven joints of hands and fingers of which a log has no column.
+
+    A joint is one of a hand if its own name, that of its link or of an unlogged joint before it is
+    a word for one. No joint beyond it may be logged.
+
+    Args:
+        mechanism: as it is loaded.
+        columns: names in a log.
+    """
+    given = {*columns}
+    given |= {name for name, own in mechanism.columns.items() if own.column in given}
+    logged = {
+        joint for prefix, _, joint in (name.partition(".") for name in given) if prefix in CHANNELS
+    }
+    model = mechanism.model
+    free = {i: model.names[i] not in logged for i in range(1, model.njoints)}
+    for i in reversed(free):
+        if not free[i] and model.parents[i]:
+            free[model.parents[i]] = False
+    hands: set[int] = set()
+    for i, link in enumerate(mechanism.bodies.links, 1):
+        own = any(map(WORDS.search, (model.names[i], link)))
+        if free[i] and (own or model.parents[i] in hands):
+            hands.add(i)
+    return tuple(model.names[i] for i in sorted(hands) if model.names[i] in mechanism.driven)
+
+
+HALF_TURN = np.pi + 0.01  # [rad] with room for limits written as 3.15
+
+
+def absolute(mechanism: Mechanism) -> Mechanism:
+    """The mechanism restated with six coordinates a body; parameters, joints and logs are the same.
+
+    A turning joint becomes a `revolute` closure and a sliding one a `prismatic` closure, whose own
+    joint carries the joint's name: its angle is the joint's coordinate, the logged torque acts on
+    it, and effects sit on it as before. The joint's multipliers are named `joint.<joint>.<x|…>`.
+
+    Args:
+        mechanism: in joint coordinates.
+
+    Returns:
+        One with 6 · bodies coordinates and the same degrees of freedom.
+
+    Raises:
+        MechanismError: for gears between joints that turn by more than half a turn.
+    """
+    for closure in mechanism.closures:
+        tied = map(mechanism.joint, closure.tied)
+        if any(j.rotational and max(-j.lower, j.upper) > HALF_TURN for j in tied):
+            raise MechanismError(
+                f"{mechanism.name}: closure '{closure.name}' ties joints that turn by more than "
+                "half a turn, which absolute coordinates do not count; use joint coordinates, or "
+                "give these joints limits within ±3.14 rad"
+            )
+    tree = mechanism.model
+    model = pin.Model()
+    model.name = tree.name
+    model.gravity = tree.gravity
+    for index, link in enumerate(mechanism.bodies.links, start=1):
+        added = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), link)
+        model.appendBodyToJoint(added, tree.inertias[index], pin.SE3.Identity())
+    for frame in tree.frames:
+        if frame.type == pin.FrameType.BODY and frame.name not in [f.name for f in model.frames]:
+            model.addFrame(
+                pin.Frame(frame.name, frame.parentJoint, frame.placement, pin.FrameType.BODY), False
+            )
+    data = tree.createData()
+    pin.forwardKinematics(tree, data, mechanism.assembled)
+    return replace(
+        mechanism,
+        name=f"{mechanism.name} (absolute)",
+        model=model,
+        joints=tuple(
+            replace(joint, index=i, in_tree=False) for i, joint in enumerate(mechanism.joints)
+        ),
+        closures=(
+            *(_closure(mechanism, index) for index in range(1, tree.njoints)),
+            *mechanism.closures,
+        ),
+        start=np.concatenate([pin.SE3ToXYZQUAT(data.oMi[i]) for i in range(1, tree.njoints)]),
+    )
+
+
+def _closure(mechanism: Mechanism, index: int) -> Closure:
+    tree = mechanism.model
+    align = pin.SE3(align_z(joint_axis(tree, index)), np.zeros(3))
+    links = ("world", *mechanism.bodies.links)
+    parent, joint = tree.parents[index], mechanism.joint(tree.names[index])
+    a = Frame(links[parent], parent, tree.jointPlacements[index] * align)
+    kind = RevoluteClosure if joint.rotational else PrismaticClosure
+    return kind(f"joint.{joint.name}", a, Frame(links[index], index, align), joint.name)

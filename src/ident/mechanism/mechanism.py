@@ -364,6 +364,16 @@ class Mechanism(Displayed):
         other.__dict__["kinematics"] = self.kinematics  # compiled functions of q alone
         return other
 
+    def starting(self, q: np.ndarray) -> Mechanism:
+        """The mechanism with its loops assembled near a configuration.
+
+        Args:
+            q: (nq,).
+        """
+        other = replace(self, start=q)
+        other.__dict__["kinematics"] = self.kinematics  # compiled functions, of no start
+        return other
+
     def with_own_joints(self) -> Mechanism:
         """The mechanism with the closures' own joints among its joints, passive."""
         own = tuple(

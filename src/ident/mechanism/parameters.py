@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from ident.effects import KINDS
-from ident.effects.payload import Payload
+from ident.effects.elastic import Payload
 from ident.errors import MechanismError, one_of
 from ident.mechanism.toml import HUGE, TomlTable
 

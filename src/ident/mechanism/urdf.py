@@ -1,8 +1,7 @@
 """A URDF's text parsed safely, checked with each fault named by its line, and given new inertias.
 
 XML from strangers may carry entity bombs and references to other files, so a document type is
-refused before anything is expanded. A parser that writes a document again loses quotes, blanks
-within tags, the declaration and ends of lines: only the text of `<inertial>` elements is replaced.
+refused before anything is expanded.
 """
 
 from __future__ import annotations
@@ -10,10 +9,8 @@ from __future__ import annotations
 import codecs
 import math
 import re
-from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from typing import NoReturn
-from xml.parsers import expat
 
 import numpy as np
 import pinocchio as pin
@@ -41,19 +38,13 @@ NUMBERS = {  # attributes that are numbers, by element, with their defaults
     "inertia": {key: "" if key[1] == key[2] else "0" for key in TERMS},
 }
 UPPER = np.triu_indices(3)
-EMPTY = b"""<inertial>
-  <origin xyz="0 0 0" rpy="0 0 0"/>
-  <mass value="0"/>
-  <inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>
-</inertial>"""
-WIDE = {  # decoded so that the mark, too, is written again
-    codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be",
-}  # fmt: skip
 
 
 def parse_xml(data: bytes, where: str) -> etree._Element:
     """Return the root element of an XML text; nothing in it is expanded or fetched."""
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False)
+    parser = etree.XMLParser(
+        resolve_entities=False, no_network=True, load_dtd=False, strip_cdata=False
+    )
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
         raise MechanismError(
             f"{where}: has a document type or entities, which are refused; remove <!DOCTYPE …>"
@@ -288,7 +279,8 @@ def words(values: Sequence[float] | np.ndarray) -> str:
 
 
 def with_inertials(data: bytes, where: str, inertials: Mapping[str, np.ndarray | None]) -> bytes:
-    """Return a URDF's text with other `<inertial>` of some links; nothing else in it changes.
+    """Return a URDF's text with other `<inertial>` of some links; all else stays as it is, but for
+    quotes and blanks within tags.
 
     Args:
         data: the text.
@@ -296,102 +288,38 @@ def with_inertials(data: bytes, where: str, inertials: Mapping[str, np.ndarray |
         inertials: by link, its ten dynamic parameters (10,) in its frame; None: no `<inertial>`.
 
     Raises:
-        MechanismError: if it is no URDF, or in an encoding that cannot be written into.
+        MechanismError: if it is no URDF.
     """
-    encoding = parse_urdf(data, where).getroottree().docinfo.encoding or "utf-8"
-    encoding = next((WIDE[mark] for mark in WIDE if data.startswith(mark)), encoding)
-    try:
-        text = data.decode(encoding).encode()
-        readable = text.decode().encode(encoding) == data
-    except (LookupError, UnicodeError):
-        readable = False
-    if not readable:
-        raise MechanismError(
-            f"{where}: its encoding cannot be written into; save it as UTF-8 and load it again"
-        )
-    end = b"\r\n" if b"\r\n" in text else b"\n"
-    changes = []  # start, stop, and what is there instead
-    for link, ((start, inside), inertial) in _spots(text).items():
-        pi = inertials.get(link)
-        if link not in inertials:
+    robot = parse_urdf(data, where)
+    for link in robot.findall("link"):
+        name = link.get("name")
+        pi, inertial = inertials.get(name), link.find("inertial")
+        if name not in inertials:
             continue
-        if inertial is None:
-            if pi is None or not np.any(pi):
-                continue
-            before = text[text.rfind(b"\n", 0, start) + 1 : start]
-            new = _first_inertial(text[start:inside], before if b"\n" in text[:start] else b"<", pi)
-            changes.append((start, inside, new.replace(b"\n", end)))
-        elif pi is None:
-            changes.append((len(text[: inertial[0]].rstrip()), inertial[1], b""))
-        else:
-            new = _changed_inertial(text[slice(*inertial)], pi)
-            changes.append((*inertial, new.replace(b"\n", end)))
-    for start, stop, new in sorted(changes, reverse=True):
-        text = text[:start] + new + text[stop:]
-    return text.decode().encode(encoding)
+        if inertial is None and pi is not None and np.any(pi):
+            inertial = etree.Element("inertial")
+            etree.SubElement(inertial, "mass", value="0")
+            etree.SubElement(inertial, "inertia", dict.fromkeys(TERMS, "0"))
+            link.insert(0, inertial)
+            inertial.tail = link.text
+        if pi is not None and inertial is not None:
+            _change(inertial, pi)
+        elif inertial is not None:
+            etree.strip_elements(link, "inertial", with_tail=False)
+    info, text = robot.getroottree().docinfo, data.lstrip(codecs.BOM_UTF8)
+    new: bytes = etree.tostring(
+        robot.getroottree(), encoding=info.encoding or "utf-8", standalone=info.standalone,
+        xml_declaration=text.startswith(b"<?xml") or info.encoding not in (None, "UTF-8"),
+    )  # fmt: skip
+    new += b"\n" if new.startswith(b"<") else b""  # in UTF-16 a new line has two bytes
+    return new.replace(b"\n", b"\r\n") if b"\r\n" in data else new
 
 
-def _spots(text: bytes) -> dict[str, tuple[tuple[int, int], tuple[int, int] | None]]:
-    """Return the places of every link's first tag and of its `<inertial>`, in UTF-8."""
-    path: list[str] = []
-    edges: list[int] = []
-    tags: dict[str, int] = {}
-    inertials: dict[str, list[int]] = {}
-    parser = expat.ParserCreate("utf-8")
-
-    def edge(*_: object) -> None:
-        edges.append(parser.CurrentByteIndex)
-
-    def start(name: str, attributes: Mapping[str, str]) -> None:
-        edge()
-        path.append(name)
-        if path == ["robot", "link"]:
-            tags[attributes["name"]] = edges[-1]
-        if path == ["robot", "link", "inertial"]:
-            inertials.setdefault([*tags][-1], []).append(edges[-1])
-
-    def end(_: str) -> None:
-        edge()
-        if path == ["robot", "link", "inertial"]:
-            inertials[[*tags][-1]].append(edges[-1])
-        path.pop()
-
-    parser.StartElementHandler, parser.EndElementHandler, parser.DefaultHandler = start, end, edge
-    parser.Parse(text, True)
-    edges.append(len(text))
-
-    def after(at: int) -> int:
-        return edges[bisect_right(edges, at)]
-
-    return {
-        link: (
-            (at, after(at)),
-            (inertials[link][0], after(inertials[link][1])) if link in inertials else None,
-        )
-        for link, at in tags.items()
-    }
-
-
-def _first_inertial(tag: bytes, before: bytes, pi: np.ndarray) -> bytes:
-    """Return a link's first tag with an `<inertial>` behind it, indented if the tag has a line."""
-    lines, outer = _changed_inertial(EMPTY, pi).decode().splitlines(), before.decode()
-    if tag.endswith(b"/>"):
-        tag = tag[:-2].rstrip() + b">"
-        lines.append("</link>")
-    if outer.strip():
-        return tag + "".join(line.strip() for line in lines).encode()
-    step = "\t" if outer.startswith("\t") else "  "
-    levels = [0 if line == "</link>" else 2 if line[0] == " " else 1 for line in lines]
-    new = (f"\n{outer}{n * step}{x.strip()}" for n, x in zip(levels, lines, strict=True))
-    return tag + "".join(new).encode()
-
-
-def _changed_inertial(text: bytes, pi: np.ndarray) -> bytes:
-    """Return an `<inertial>` with other numbers; those that stay keep their text."""
+def _change(inertial: etree._Element, pi: np.ndarray) -> None:
+    """Give an `<inertial>` other numbers; those that stay keep their text."""
     m, moments, L = split(pi)
     centre = moments / m if m else np.zeros(3)
     terms = (L - about_origin(m, moments))[UPPER]
-    inertial = etree.fromstring(text, etree.XMLParser(recover=True, encoding="utf-8"))
     origin, mass, tensor = (inertial.find(tag) for tag in ("origin", "mass", "inertia"))
     if origin is None and np.any(centre):
         origin = etree.Element("origin")
@@ -401,6 +329,5 @@ def _changed_inertial(text: bytes, pi: np.ndarray) -> bytes:
     if origin is not None:
         new += [(origin, "xyz", centre, "0 0 0"), (origin, "rpy", np.zeros(3), "0 0 0")]
     for element, key, values, default in new:
-        if numbers(element, key, default, len(values), "") != [float(x) for x in values]:
+        if numbers(element, key, default, len(values), "") != values.tolist():
             element.set(key, words(values))
-    return bytes(etree.tostring(inertial, encoding="utf-8", xml_declaration=False))

@@ -19,12 +19,14 @@ from ident.fit import Fit
 from ident.log import Log, read_log
 from ident.log.read import names_of
 from ident.mechanism.mechanism import Mechanism
-from ident.montecarlo.estimators import Estimate, Estimator, estimators_of
 from ident.montecarlo.trial import (
     SUMS,
     USUAL,
+    Estimate,
+    Estimator,
     TrialPlan,
     TrialRows,
+    estimators_of,
     noisy_columns,
     rms_of,
     truth_of,
@@ -304,8 +306,9 @@ def monte_carlo(
         progress: called with (what is being done, share done).
 
     Returns:
-        Every run's values, standard errors and errors of the multipliers, and their statistics.
-        Runs that end in an error are kept, with it, in `failures`.
+        Every run's values, standard errors and errors of the multipliers, and their statistics;
+        after Ctrl-C those of the runs that are done. Runs that end in an error are kept, with it,
+        in `failures`.
 
     Raises:
         FitError: for an SNR, a number or an estimator that is none, or an unknown truth.
@@ -396,23 +399,34 @@ def _plan(common: tuple[Any, ...], log: AnyLog) -> TrialPlan:
 def _studies(
     plans: Sequence[TrialPlan], ratios: tuple[float, ...], runs: int, workers: Workers
 ) -> list[MonteCarlo]:
-    """Make the runs of all plans in one pool."""
-    tasks = [(i, snr, run) for i in range(len(plans)) for snr in ratios for run in range(runs)]
+    """Make the runs of all plans in one pool; Ctrl-C ends it with the runs done by all of them."""
+    tasks = [(i, snr, run) for run in range(runs) for i in range(len(plans)) for snr in ratios]
     names = [f"run {run} of log {i} at {snr:g} dB" for i, snr, run in tasks]
     rows: list[TrialRows] = [([], [], []) for _ in plans]
     done = workers.over(_trial, tasks, tuple(plans), names, "runs")
-    for name, ((i, snr, run), each) in zip(names, done, strict=True):
-        if each is None:  # the process died
-            every = plans[i].estimators
-            each = [], [], [(one.name, snr, run, workers.broken[name]) for one in every]
-        for mine, new in zip(rows[i], each, strict=True):
-            mine += new
+    count = 0
+    try:
+        for name, ((i, snr, run), each) in zip(names, done, strict=True):
+            if each is None:  # the process died
+                every = plans[i].estimators
+                each = [], [], [(one.name, snr, run, workers.broken[name]) for one in every]
+            for mine, new in zip(rows[i], each, strict=True):
+                mine += new
+            count += 1
+    except KeyboardInterrupt:
+        runs = count // (len(plans) * len(ratios))
+        if not runs:
+            raise
+    order = pl.col("snr"), pl.col("run")
     types = (RUN | PARAMETER, RUN | MULTIPLIER, RUN | {"error": pl.String})
     return [
         MonteCarlo(
             plan, ratios, runs,
             *(
-                pl.DataFrame(frame, schema=kinds, orient="row").fill_nan(None)
+                pl.DataFrame(frame, schema=kinds, orient="row")
+                .fill_nan(None)
+                .filter(order[1] < runs)
+                .sort(*order, descending=[True, False], maintain_order=True)
                 for frame, kinds in zip(mine, types, strict=True)
             ),
         )

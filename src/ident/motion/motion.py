@@ -12,6 +12,7 @@ import numpy as np
 from ident.display import Displayed, render
 from ident.errors import MotionError, near, one_of
 from ident.log import Log, read_log
+from ident.log.read import distinct
 from ident.log.table import is_frame
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.closures import best_conditioned, check_freedom, independent_joints
@@ -22,13 +23,11 @@ from ident.motion.recipe import (
     Band,
     Recipe,
     band_of,
-    noise_of_speeds,
     standstill,
     thresholds,
     top_speeds,
 )
 from ident.motion.signals import (
-    Clock,
     LogSignals,
     Smoothed,
     channels_of,
@@ -47,7 +46,8 @@ from ident.motion.smoothing import (
     through_motion,
 )
 from ident.motion.spline import reweighted
-from ident.motion.state import State, largest_nearness, nearness, wrenches
+from ident.motion.state import State, wrenches
+from ident.motion.time_errors import without_time_errors
 from ident.progress import Progress
 
 Given = Log | str | os.PathLike[str] | Any  # a polars or pandas data frame
@@ -149,29 +149,49 @@ def complete(
     given: list[Any] = [*cast(Any, logs)] if several and not is_frame(logs) else [logs]
     if not given:
         raise MotionError(f"{mechanism.name}: no log given")
-    read = _distinct([_log(mechanism, each) for each in given])
+    read = [_log(mechanism, each) for each in given]
+    different = zip(read, distinct(log.name for log in read), strict=True)
+    read = [log if log.name == name else replace(log, name=name) for log, name in different]
     measured = [measure(mechanism, log) for log in read]
     notes = [note for signals in measured for note in signals.notes]
     for signals in measured:
         notes += _missing_torques(mechanism, signals, torques)
     names = _determining(mechanism, measured)
     smoothing = _spacing(smoothing, measured)
-    band = band_of(mechanism, measured, names)
-    if cutoff != "auto":
-        given_cutoff = None if cutoff is None else _cutoff(cutoff, measured)
-        finest = NEAREST / given_cutoff if given_cutoff else 0.0
-        band = replace(band, cutoff=given_cutoff, knots=(finest, np.inf))
-    elif band.cutoff is None and band.noise > CLEAN:
+    given_cutoff = None if cutoff in (None, "auto") else _cutoff(cutoff, measured)
+
+    def smoothed() -> tuple[Band, list[Derived]]:
+        band = band_of(mechanism, measured, names)
+        if cutoff != "auto":
+            finest = NEAREST / given_cutoff if given_cutoff else 0.0
+            band = replace(band, cutoff=given_cutoff, knots=(finest, np.inf))
+        return band, [derive(signals, names, band, smoothing) for signals in measured]
+
+    band, derived = smoothed()
+    free = names if mechanism.degrees_of_freedom > 1 else ()  # of one, motion looks the same
+    moved = [without_time_errors(*both, free) for both in zip(measured, derived, strict=True)]
+    for i, found in enumerate(moved):
+        if found is not None:
+            measured[i], rms = found
+            notes.append(
+                f"{read[i].name}: time stamps are off by {1e3 * rms:.2g} ms rms, the same in all "
+                "joints (jitter, repeated rows): positions are moved to their stamps"
+            )
+    white = not doubtful(derived, band)  # as logged: the smooth part of time errors stays
+    if any(each is not None for each in moved):
+        spacing = min(each.smooth.spacing for each in derived if each.smooth)
+        band = replace(band, knots=(spacing, spacing))
+        derived = [derive(signals, names, band, smoothing) for signals in measured]
+    if cutoff == "auto" and band.cutoff is None and band.noise > CLEAN:
         notes.append(
             f"the motion reaches {band.motion:.3g} Hz, too near the sampling rate for a filter, "
             f"but some channel is noisy ({100 * band.noise:.2g} % of it): accelerations and "
             "inertias will suffer; log faster, or give --cutoff"
         )
-    derived = [derive(signals, names, band, smoothing) for signals in measured]
     complete_torques = all(
         f"tau.{name}" in s.columns for s in measured for name in mechanism.driven
     )
-    if smoothing == AUTO and complete_torques and doubtful(derived, band):
+    if smoothing == AUTO and complete_torques and not white:
         if progress:
             progress("choosing knots by the torques", 0.0)
         chosen = by_torques(mechanism, measured, names, band, derived, cutoff != "auto")
@@ -201,68 +221,16 @@ def complete(
     for i, signals in enumerate(measured):
         still = standstill(mechanism, signals, experiments[i], names)
         experiments[i] = replace(experiments[i], still=still)
-    found = tuple(experiments)
+    states = tuple(experiments)
     return Motion(
-        found, independent, band, worst, tuple(dict.fromkeys(notes)), tuple(read), mechanism
+        states, independent, band, worst, tuple(dict.fromkeys(notes)), tuple(read), mechanism
     )
 
 
-def decide(
-    mechanism: Mechanism,
-    excerpts: Sequence[Log],
-    clock: Clock,
-    *,
-    logged: tuple[str, ...],
-    independent: tuple[str, ...],
-    band: Band,
-    smoothing: float | str | None = AUTO,
-) -> Recipe:
-    """The recipe of a long log, from excerpts of it that decide by themselves."""
-    signals = [measure(mechanism, log) for log in excerpts]
-    derived = [derive(each, logged, band, smoothing) for each in signals]
-    states = [
-        state_of(mechanism, each, logged, band, own)[0]
-        for each, own in zip(signals, derived, strict=True)
-    ]
-    singular = np.inf
-    if mechanism.closures:
-        states = [e.transmitted(mechanism, independent) for e in states]
-        singular = largest_nearness(np.concatenate([nearness(e) for e in states]))
-    noise = [
-        noise_of_speeds(mechanism, each, e, logged) for each, e in zip(signals, states, strict=True)
-    ]
-    still = thresholds(np.max([top_speeds(e) for e in states], axis=0), np.max(noise, axis=0))
-    far = [np.abs(e.leverage[e.usable]).max(axis=0) for e in states if e.loop is not None]
-    recipe = Recipe(
-        clock, ends=max(each.ends for each in derived), logged=logged, independent=independent,
-        band=band, smoothing=smoothing, still=still, singular=singular,
-        farthest=np.max(far, axis=0) if far else None,
-    )  # fmt: skip
-    smooth = [e.smooth for e in states if e.smooth is not None]
-    if not smooth:
-        return recipe
-    noisy = {name for each in derived if each.smooth for name in each.smooth.names}
-    surplus = len(logged) > mechanism.degrees_of_freedom
-    spacing = min(each.spacing for each in smooth)  # at rest coarser ones would do
-    length = clock.t_end - clock.t0
-    channels = [channel for each in smooth for channel in each.channels]
-    return replace(
-        recipe,
-        noisy=tuple(name for name in logged if name in noisy or surplus),
-        carriers=smooth[0].names,
-        knots=length / np.ceil(length / spacing - 1e-9),
-        noise={
-            name: float(np.median([c.sigma for c in channels if c.column == name]))
-            for name in dict.fromkeys(channel.column for channel in channels)
-        },
-    )
-
-
-def part_of(mechanism: Mechanism, log: Log, recipe: Recipe) -> State | None:
+def part_of(mechanism: Mechanism, signals: LogSignals, recipe: Recipe) -> State | None:
     """The state over a part of a log with margins, as the whole log would have it; None if no
     sample is usable. The mechanism is assembled where the part begins.
     """
-    signals = measure(mechanism, log, recipe.clock)
     if not signals.usable.any():
         return None
     derived = derive(signals, recipe.logged, recipe.band, recipe.smoothing, recipe)
@@ -304,16 +272,6 @@ def _log(mechanism: Mechanism, given: Given) -> Log:
     if isinstance(given, str | os.PathLike):
         return read_log(given, mechanism.columns)
     return Log.from_frame(given, columns=mechanism.columns)
-
-
-def _distinct(logs: list[Log]) -> list[Log]:
-    """The logs with names that differ: run.csv of two folders become run.csv and run.csv (2)."""
-    counts: dict[str, int] = {}
-    renamed = []
-    for log in logs:
-        count = counts[log.name] = counts.get(log.name, 0) + 1
-        renamed.append(log if count == 1 else replace(log, name=f"{log.name} ({count})"))
-    return renamed
 
 
 def _cutoff(cutoff: float | str, measured: list[LogSignals]) -> float:
@@ -426,7 +384,7 @@ def state_of(
         name=log, t=signals.t, tau=tau, usable=usable, logged=names, independent=names,
         extra={k: x for k, x in columns.items() if not k.startswith(("q.", "v.", "a."))},
         noise={k: noise_level(signals.even(k)[0]) for k in noisy if k in columns},
-        smooth=derived.smooth, channels=tuple(derived.table),
+        smooth=derived.smooth, channels=tuple(derived.table), ends=derived.ends,
     )  # fmt: skip
     notes: list[str] = []
     experiment = base.at(mechanism, derived.known, names, start="follow")
@@ -440,12 +398,16 @@ def state_of(
         if channel.how != AS_LOGGED:
             treated.setdefault(channel.how, []).append(channel.column)
     notes = [f"{log}: {', '.join(same)}: {how}" for how, same in treated.items()] + notes
-    notes += [
-        f"{log}: smoothing leaves {c.residual / c.noise:.3g} times the noise of {c.column}: it "
-        "contradicts other channels"
+    rough = {
+        c.column: c.residual / c.noise
         for c in experiment.channels
         if c.spacing and c.residual > TWICE * c.noise and not c.column.startswith("q.")
-    ]
+    }
+    if rough:
+        notes.append(
+            f"{log}: smoothing leaves up to {max(rough.values()):.3g} times the noise of "
+            f"{', '.join(rough)}: they contradict the positions"
+        )
     if (lost := int((signals.usable & ~base.usable).sum())) > 0:
         notes.append(
             f"{log}: {lost} samples within {1e3 * derived.ends:.3g} ms of where splines end are "

@@ -7,7 +7,7 @@ A part of a log that decided anew would differ from its neighbours, and from the
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,7 +23,7 @@ from ident.motion.signals import (
     noise_level,
     noise_share,
 )
-from ident.motion.state import HOPELESS, State
+from ident.motion.state import HOPELESS, State, largest_nearness, nearness
 
 AUTO = "auto"
 CLEAN = 1e-3  # share of noise below which a channel is taken as it is
@@ -71,6 +71,7 @@ class Recipe:
     still: np.ndarray | None = None  # (J,) speed below which a joint stands still [rad/s | m/s]
     farthest: np.ndarray | None = None  # (J, d) largest velocity transmission; None for a tree
     singular: float = HOPELESS  # ‖K⁺‖ from which on a sample is too near a singular position
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # torques end there
 
 
 def band_of(mechanism: Mechanism, logs: list[LogSignals], names: tuple[str, ...]) -> Band:
@@ -171,3 +172,38 @@ def _speed_noise(signals: LogSignals, e: State, name: str) -> float:
     q, dt = signals.even(f"q.{name}")
     f = 1 / (2 * (e.smooth.spacing if e.smooth else 2 * dt))
     return float(noise_level(q) * np.sqrt(2 * f * dt / 3) * 2 * np.pi * f)
+
+
+def recipe_of(states: Sequence[State], band: Band, clock: Clock | None = None) -> Recipe:
+    """The recipe that states of one machine have in common, by default on the first one's clock."""
+    e = states[0]
+    clock = clock or Clock(float(e.t[0]), 1 / e.rate, len(e), even=True)
+    loops = [each for each in states if each.loop is not None]
+    smooth = [each.smooth for each in states if each.smooth is not None]
+    noisy = {c.column.partition(".")[2] for each in states for c in each.channels if c.spacing}
+    channels = [channel for each in smooth for channel in each.channels]
+    spacing = min((each.spacing for each in smooth), default=0.0)  # at rest coarser ones would do
+    length = clock.t_end - clock.t0
+    return Recipe(
+        clock,
+        noisy=tuple(name for name in e.logged if name in noisy),
+        carriers=smooth[0].names if smooth else (),
+        knots=length / np.ceil(length / spacing - 1e-9) if smooth else 0.0,
+        noise={
+            name: float(np.median([c.sigma for c in channels if c.column == name]))
+            for name in dict.fromkeys(channel.column for channel in channels)
+        },
+        ends=max(each.ends for each in states),
+        logged=e.logged,
+        independent=e.independent,
+        band=band,
+        still=np.max([each.still for each in states], axis=0),
+        farthest=np.max([_farthest(each) for each in loops], axis=0) if loops else None,
+        singular=largest_nearness(np.concatenate([nearness(x) for x in loops]))
+        if loops
+        else np.inf,
+    )
+
+
+def _farthest(e: State) -> np.ndarray:
+    return np.asarray(np.abs(e.leverage[e.usable]).max(axis=0, initial=0.0))

@@ -7,7 +7,7 @@ that contradict each other are refused.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import comb
 
 import numpy as np
@@ -124,6 +124,7 @@ class LogSignals:
     usable: np.ndarray  # (n,), false inside gaps
     exact: bool  # whether the clock is the log's own
     notes: tuple[str, ...] = ()
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # torques end there
 
     @property
     def dt(self) -> float:
@@ -141,10 +142,16 @@ class LogSignals:
         return np.interp(t, at, x), dt
 
 
-def measure(mechanism: Mechanism, log: Log, clock: Clock | None = None) -> LogSignals:
+def measure(
+    mechanism: Mechanism,
+    log: Log,
+    clock: Clock | None = None,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+) -> LogSignals:
     """A log's columns on a uniform clock of its median step.
 
-    `clock` is that of the whole log, checked before, if this is a part of one.
+    `clock` and `limits` of torques are those of the whole log, checked before, if this is a part of
+    one.
 
     Raises:
         MotionError: if a column's unit or sign contradicts another column, or one that is needed
@@ -164,8 +171,8 @@ def measure(mechanism: Mechanism, log: Log, clock: Clock | None = None) -> LogSi
             )
             own[name] = own[name].astype(float)
             own[name][lone] = np.nan
-    if clock is None:
-        notes += _without_limits(own)
+    limits = torque_limits(own) if limits is None else limits
+    notes += _without_limits(own, limits)
     log = replace(log, columns=own)
     names = [joint.name for joint in mechanism.joints]
     for column in own:
@@ -226,7 +233,7 @@ def measure(mechanism: Mechanism, log: Log, clock: Clock | None = None) -> LogSi
             "all joints together, or remove columns that are mostly empty"
         )
     notes = [f"{log.name}: {note}" for note in notes]
-    signals = LogSignals(log, t, columns, usable, even, tuple(notes))
+    signals = LogSignals(log, t, columns, usable, even, tuple(notes), limits)
     for joint in mechanism.joints if clock is None else ():
         check_units(log.name, columns, signals.dt, joint)
     return signals
@@ -247,7 +254,8 @@ def absurd_samples(x: np.ndarray) -> np.ndarray:
     """Places in a signal (n,) of lone samples that are absurdly far from all others."""
     centre, half_range = usual_range(x)
     x = np.clip(x, -LARGEST, LARGEST)
-    far = np.flatnonzero(np.abs(x - centre) > half_range)
+    with np.errstate(invalid="ignore"):  # NaN of any bits, as broken files hold
+        far = np.flatnonzero(np.abs(x - centre) > half_range)
     around = [x[max(0, i - LONE // 2) : i + LONE // 2 + 1] for i in far]
     lone = [
         abs(x[i] - np.nanmedian(near)) > half_range for i, near in zip(far, around, strict=True)
@@ -273,16 +281,34 @@ def at_limit(x: np.ndarray) -> np.ndarray:
     return found if found.sum() > CLIPPED * len(x) else np.zeros(len(x), dtype=bool)
 
 
-def _without_limits(own: dict[str, np.ndarray]) -> list[str]:
+def torque_limits(columns: Mapping[str, np.ndarray]) -> dict[str, tuple[float, float]]:
+    """Return the least and the largest value of each torque that stays at one of them."""
+    torques = {name: x for name, x in columns.items() if name.startswith("tau.")}
+    clipped = {name: x[at_limit(x.astype(float))] for name, x in torques.items()}
+    return {
+        name: (x.min() if x.min() < 0 else -np.inf, x.max() if x.max() > 0 else np.inf)
+        for name, x in clipped.items()
+        if len(x)
+    }
+
+
+def _without_limits(
+    own: dict[str, np.ndarray], limits: Mapping[str, tuple[float, float]]
+) -> list[str]:
     """Empty the torques of moving joints at the limits of their channels; return what is said."""
     found = {}
-    for name in (each for each in own if each.startswith("tau.")):
-        clipped = at_limit(own[name].astype(float))
+    for name, (low, high) in limits.items():
+        if name not in own:
+            continue
+        clipped = (own[name] <= low) | (own[name] >= high)
         q = own.get("q." + name.partition(".")[2], np.array([np.nan]))
-        for run in runs(clipped) if np.isfinite(q).all() else ():
+        for run in runs(clipped):
             n = run.stop - run.start - 1
-            moved = float(np.sqrt(np.mean((q[n:] - q[:-n]) ** 2)))
-            clipped[run] = np.ptp(q[run]) > AT_REST * moved
+            if n > 1 and np.isfinite(q).all():
+                moved = float(np.sqrt(np.mean((q[n:] - q[:-n]) ** 2)))
+                clipped[run] = np.ptp(q[run]) > AT_REST * moved
+            elif n < 2:
+                clipped[run] = False
         if clipped.any():
             found[name] = clipped
     if not found or np.any(list(found.values()), axis=0).mean() > SWITCHED:

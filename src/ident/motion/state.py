@@ -85,6 +85,7 @@ class State:
         noise: standard deviation of white noise in the logged channels, by column.
         smooth: the splines behind the motion; None where the log was taken as it is.
         channels: how each channel of the motion was smoothed.
+        ends: time [s] at the ends of a run where splines are not to be trusted.
         loop: `pinv` and `leverage`; None for a tree, in which both are the identity.
         store: what is slow to make from these, for all that need it.
     """
@@ -107,6 +108,7 @@ class State:
     noise: Mapping[str, float] = field(default_factory=dict)
     smooth: Smooth | None = None
     channels: tuple[Smoothed, ...] = ()
+    ends: float = 0.0
     loop: tuple[np.ndarray, np.ndarray] | None = None
     store: Store = field(default_factory=Store, init=False)
 

@@ -5,11 +5,12 @@ from importlib import import_module
 from ident.display import Displayed, render, renderer, renders
 
 MODULES = {
+    "comparison": ("Comparison",),
     "diagnosis": ("Diagnosis", "Health"),
     "diagnosis_report": ("Diagnosis",),
     "experiment": ("Diagnosis",),
     "fit": (
-        "Binding", "Correlation", "Essential", "Fit", "Likelihood", "Reactions",
+        "Binding", "Correlation", "Fit", "Likelihood", "Reactions",
         "Unexcited",
     ),
     "ladder": ("History", "Step"),

@@ -13,7 +13,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.text import listed, percent, places, wrapped
 
 STRIP = 32  # characters of the longest bar in a terminal
-BARS = 8  # joints that a terminal shows
+BARS = 8  # joints that a terminal shows at most
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,7 @@ class Card:
     sure: str = ""
     bars: tuple[Bar, ...] = ()
     command: str = ""
+    most: int = BARS  # bars in a terminal
 
     def shares(self, bar: Bar) -> tuple[float, float, float | None]:
         """Return before, after and noise of a bar over the longest of all bars."""
@@ -70,13 +71,13 @@ class Card:
     def text(self) -> list[str]:
         """Return the lines for a terminal: █ stays, ░ goes, | is the noise."""
         lines = [*wrapped(self.line, "  "), *wrapped(self.sure, "  ")]
-        rows = [[bar.joint, self._strip(bar), bar.words] for bar in self.bars[:BARS]]
+        rows = [[bar.joint, self._strip(bar), bar.words] for bar in self.bars[: self.most]]
         if rows:
             lines += ["", f"error: █ stays, ░ goes{', | noise' if self.noise else ''}"]
             width = max(len(row[0]) for row in rows)
             lines += [f"  {joint:<{width}}  {strip}  {words}" for joint, strip, words in rows]
-        if len(self.bars) > BARS:
-            lines.append(f"  and {len(self.bars) - BARS} joints more")
+        if (more := len(self.bars) - self.most) > 0:
+            lines.append(f"  and {more} joint{'s' * (more > 1)} more")
         return [*lines, *(["", f"  {self.command}"] if self.command else [])]
 
     def _strip(self, bar: Bar) -> str:

@@ -2,28 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
-from ident.diagnosis.diagnosis import LOUD, Diagnosis, Explanation, Law
-from ident.diagnosis.found_curves import FoundCurve
+from ident.diagnosis.diagnosis import LOUD
+from ident.diagnosis.law_search import FittedFormula
+from ident.diagnosis.result import Diagnosis, Explanation
 from ident.diagnosis.selection import Evidence
 from ident.diagnosis.unobservable import Invisible
 from ident.display import renders
 from ident.effects import Effect
 from ident.fit.data_checks import Health
 from ident.fit.residual import Failure
-from ident.fit.values import Value
 from ident.information.blocks import Error
 from ident.show.card import Bar, Card, add_command, by_kind, named
+from ident.show.laws import curve_name, curves, expression, labels, laws, numbers
 from ident.show.residual import details
 from ident.show.sheet import Sheet
-from ident.text import listed, percent, rounded, some
+from ident.text import listed, percent, some
 
+LINES = 20  # of a diagnosis in a terminal, if one joint and the words leave place
 BRIEF = 300  # characters of the next experiment in the first lines
 MOST = 3  # joints and candidates that are described
 ABSORBED = "absorbed"
-DIFFERENT = 0.005  # share of a law's torque from which a relative is called different
 CANDIDATES = "what adding an effect would do: held-out error of the joint that it mends most"
 SURE = ((8.0, "beyond doubt"), (4.0, "very sure"), (2.5, "sure"), (-1e9, "fairly sure"))
 Rows = list[list[str]]
@@ -42,20 +43,6 @@ def times(e: Evidence) -> str:
     return f"{e.gain / max(e.limit, 1e-12):.2g} ×"
 
 
-def numbers(parameters: Sequence[Value]) -> str:
-    """Return `Fc = 0.312 ± 0.004 N m`; of several values the first ones."""
-    found = []
-    for v in parameters:
-        value = f"{v.name.rpartition('.')[2]} = {rounded(v.value, v.stderr)} {v.unit}"
-        found.append(value.removesuffix(" 1"))
-    return some(found)
-
-
-def labels(effects: Iterable[Effect], word: str = "and") -> str:
-    """Return effects as commands take them."""
-    return listed([effect.label for effect in effects], word)
-
-
 def errors_of(d: Diagnosis) -> Mapping[str, Error]:
     """Return the error that is diagnosed, by joint."""
     return d.fit.held_out or d.fit.train
@@ -72,11 +59,6 @@ def _scaled(error: Error, by: float) -> Error:
     return replace(error, rms=error.rms * by, relative=error.relative and error.relative * by)
 
 
-def curve_name(curve: Effect) -> str:
-    """Return `curve of v at elbow`."""
-    return f"curve of {curve.signal} at {listed(curve.joints)}"
-
-
 def failing(d: Diagnosis) -> list[Failure]:
     """Return the joints in which more than noise is left, the worst first; none if clean."""
     if d.verdict == "nothing":
@@ -87,14 +69,15 @@ def failing(d: Diagnosis) -> list[Failure]:
 
 def verdict_line(d: Diagnosis) -> str:
     """Return the verdict in one sentence."""
-    if d.best is not None and d.rivals:
-        return f"missing: {labels([d.best, *d.rivals], 'or')}, which this data cannot tell apart"
     if d.best is not None:
-        return f"missing: {named(d.group)} ({type(d.best).summary()})"
+        first = f"{d.best.label if d.rivals else named(d.group)} ({type(d.best).summary()})"
+        apart = ", which this data cannot tell apart" if d.rivals else ""
+        return f"missing: {listed([first, *(each.label for each in d.rivals)], 'or')}{apart}"
+    formulas = listed([f"torque of {law.joint} = {law.formula}" for law in d.laws])
     return {
         "nothing": "nothing is missing that this data could show",
         "unexplained": "unexplained: something is missing, and no effect of the library explains "
-        + ("it, but a formula does" if d.laws else "it"),
+        + (f"it, but a formula does: {formulas}" if d.laws else "it"),
         "undecided": f"undecided: more is left in {listed(d.loud)} than the sensors' noise, and "
         "this log cannot tell coloured noise from physics",
     }[d.verdict]
@@ -116,16 +99,15 @@ def card(d: Diagnosis) -> Card:
         )
     else:
         certain = f"{_tried(d)} effects were tried, and none explains more than chance does."
-        if d.selection.members:
+        if d.selection.members or d.laws:
             certain = f"{_tried(d)} effects were tried, and none explains it."
         if d.laws:
-            law = d.laws[0]
-            after = law.after
-            command = f"{add_command(d.fit.mechanism, [])} DIR/{law.option} --allow-code"
-    bars = tuple(
-        Bar(f.joint, errors[f.joint], after.get(f.joint), d.floor[f.joint]) for f in d.where
-    )
-    return Card(line, " ".join([certain, *_rest(d)]), bars, command)
+            after = d.laws[-1].after  # its fit has all laws
+            files = " ".join(f"DIR/{law.option}" for law in d.laws)
+            command = f"{add_command(d.fit.mechanism, [])} {files} --allow-code"
+    bars = [Bar(f.joint, errors[f.joint], after.get(f.joint), d.floor[f.joint]) for f in d.where]
+    bars.sort(key=lambda bar: bar.sizes[1] - bar.sizes[0])  # the largest fall first
+    return Card(line, " ".join([certain, *_rest(d)]), tuple(bars), command)
 
 
 # --- text -----------------------------------------------------------------------------------------
@@ -133,7 +115,7 @@ def card(d: Diagnosis) -> Card:
 
 @renders(Diagnosis, "short")
 def short(d: Diagnosis) -> str:
-    """Return what a person needs first, in some twenty lines: verdict, errors, what to do."""
+    """Return what a person needs first, in twenty lines: verdict, errors, what to do."""
     paragraphs = _health(d)
     paragraphs += laws(d)
     if d.verdict in ("unexplained", "undecided") and not d.laws:
@@ -143,12 +125,14 @@ def short(d: Diagnosis) -> str:
         end = experiment.find(". ") if len(experiment) > BRIEF else -1
         end = max(end, experiment.rfind(". ", 0, BRIEF)) if end > 0 else len(experiment)
         paragraphs.append(f"Next experiment: {experiment[: end + 1]}")
-    hidden = f", {len(d.invisible)} effects that this log cannot show" if d.invisible else ""
-    paragraphs.append(
-        f"--verbose, or print(diagnosis): all candidates{hidden}, reasons; decided with "
-        f"{d.decision}"
-    )
-    return Sheet(card(d), paragraphs=paragraphs, indent="  ").text()
+    hidden = f", {len(d.invisible)} effects this log hides" if d.invisible else ""
+    paragraphs.append(f"--verbose: all candidates{hidden}; {d.decision}")
+    top = card(d)
+    text = Sheet(top, paragraphs=paragraphs, indent="  ").text()
+    if (over := text.count("\n") + 1 - LINES) > 0:
+        top = replace(top, most=max(1, min(top.most, len(top.bars)) - over - 1))
+        text = Sheet(top, paragraphs=paragraphs, indent="  ").text()
+    return text
 
 
 @renders(Diagnosis, "sheet")
@@ -168,6 +152,7 @@ def where_rows(d: Diagnosis) -> Rows:
     for f in d.where:
         error = errors_of(d)[f.joint]
         signals = ", ".join(each.signal for each in f.depends_on[:2])
+        quiet = error.rms <= LOUD * d.floor[f.joint]
         rows.append(
             [
                 f.joint,
@@ -176,7 +161,7 @@ def where_rows(d: Diagnosis) -> Rows:
                 f"{d.floor[f.joint]:.2g} {f.unit}",
                 f"{100 * f.share:.0f} %",
                 *(["" if f.repeats is None else f"{f.repeats:.2f}"] if repeats else []),
-                signals or ("noise" if f.white else "no single signal"),
+                signals or ("noise" if f.white and quiet else "no single signal"),
             ]
         )
     return rows
@@ -331,6 +316,9 @@ def _missing(d: Diagnosis) -> list[str]:
     own = ""
     if effect.joints and best.joint not in effect.joints:
         own = f" against the signals of {', '.join(effect.joints)}"
+    if d.relatives:
+        laws = [f"{_relative(each)} (`{each.formula.text}`)" for each in d.relatives[:MOST]]
+        first += f" Over the travelled range this data cannot tell it from {listed(laws, 'or')}."
     return [
         f"{first} Its torque: {effect.equation}. With {effect.label} in the model and everything "
         f"refitted, {numbers(best.parameters)}; the held-out error of {best.joint} falls from "
@@ -344,6 +332,12 @@ def _missing(d: Diagnosis) -> list[str]:
         f"the effect is in the model: `{add_command(d.fit.mechanism, [effect])}` or `--with "
         f"{effect.label}`, in Python `mechanism + diagnosis.best`.",
     ]
+
+
+def _relative(found: FittedFormula) -> str:
+    """Return the name of a law of the literature in words."""
+    name = found.formula.terms[0].known_as.replace("_", " ")
+    return f"an {name}" if name[0] in "aeiou" else f"a {name}"
 
 
 def _apart(d: Diagnosis, effect: Effect, rivals: tuple[Effect, ...]) -> str:
@@ -371,18 +365,24 @@ def _rest(d: Diagnosis) -> list[str]:
     """Return what is missing beside the effect that is named."""
     if d.best is None:
         return []
+    laws = [_relative(each) for each in d.relatives[:MOST]]
+    found = [f"Over the travelled range {listed(laws, 'or')} would do as well."] if laws else []
     mine = {effect.label for effect in d.group}
     rest = [m for m in d.together if m.label not in mine]
     more = [named(group) for group in by_kind(m.effect for m in rest if not m.curve)]
     more += [f"{m.label}, or a {curve_name(m.curve)}" for m in rest if m.curve]
     if more:
         return [
+            *found,
             f"That is not all: beside it, the data ask for {some(more)}. Add it and diagnose "
-            "again; `ident grow` goes on until nothing more can be named."
+            "again; `ident grow` goes on until nothing more can be named.",
         ]
     if not d.loud:
-        return []
-    return [f"That may not be all: even with it more than noise is left in {listed(d.loud)}."]
+        return found
+    return [
+        *found,
+        f"That may not be all: even with it more than noise is left in {listed(d.loud)}.",
+    ]
 
 
 def _nothing(d: Diagnosis) -> list[str]:
@@ -426,15 +426,6 @@ def _unexplained(d: Diagnosis) -> list[str]:
     return [first, *_nearest(d)]
 
 
-def expression(d: Diagnosis) -> list[str]:
-    """Return the formulas, or that there is none."""
-    return laws(d) or [
-        "No short formula of positions, speeds, accelerations, load and time explains it either; "
-        "look at the maps of the residual, and at what the log does not hold: temperature, "
-        "contact, play, cables, another load."
-    ]
-
-
 def _undecided(d: Diagnosis) -> list[str]:
     return [
         f"In {listed(d.loud)} more is left than the sensors' noise makes (rms beside that of noise "
@@ -458,63 +449,6 @@ def _nearest(d: Diagnosis) -> list[str]:
         "What lowers the held-out error most, in multiples of what chance does: "
         f"{listed(f'{name} {gain:.2g} ×' for name, gain in best)}."
     ]
-
-
-def law_words(found: Law | FoundCurve) -> str:
-    """Return what a law or a curve is: constants and relative, or how much it explains."""
-    if isinstance(found, FoundCurve):
-        own = {*found.effect.depends_on, *(f"q.{name}" for name in found.effect.joints[1:])}
-        more = [n for n in found.depends if n not in own]
-        also = f"It depends on {listed(sorted(own))}"
-        also += f", and beside the curve on {listed(more)}" if more else ""
-        also += f"; not on {listed(found.independent)}" if found.independent else ""
-        return (
-            f"a {curve_name(found.effect)} explains {100 * (1 - found.ratio):.0f} % of the squared "
-            f"error there; {100 * found.absorbable:.0f} % of its torque is such as the model's own "
-            f"parameters can make. {also}"
-        )
-    law = found.found
-    close = f"closest known law: {law.nearest.replace('_', ' ')}" if law.nearest else ""
-    close += f" ({100 * law.distance:.0f} % different)" if law.distance > DIFFERENT else ""
-    return (
-        f"torque of {found.joint} = {found.formula}, with {numbers(found.parameters)} "
-        f"({close or 'no known relative'})"
-    )
-
-
-def curves(d: Diagnosis) -> list[str]:
-    """Return the curves that explain what no effect does, and on which signals they depend."""
-    return [
-        f"A{law_words(each)[1:]}. In the model: `--with "
-        f"{each.effect.label}:pieces={each.effect.pieces}`."
-        for each in d.curves
-    ]
-
-
-def laws(d: Diagnosis) -> list[str]:
-    """Return the formulas for what no effect explains, with constants, relatives and rivals."""
-    found = []
-    for each in d.laws:
-        law = each.found
-        before, after = (errors.get(each.joint) for errors in (each.before, each.after))
-        with_ = f" with {labels(each.beside)} beside it" if each.beside else ""
-        error = "" if before is None or after is None else (
-            f"{with_} the error of {each.joint} falls from {percent(before.relative)} to "
-            f"{percent(after.relative)},"
-        )  # fmt: skip
-        rivals = [f"`{one.formula.text}`" for one in law.rivals]
-        or_ = f" This motion cannot tell it from {listed(rivals[:MOST], 'or')}." if rivals else ""
-        instead = f" It takes the place of {listed(law.replaced)}." if law.replaced else ""
-        head = "A formula explains it:" if d.best is None else "Beside it a formula explains more:"
-        same = [other.joint for other in d.of_same_form(each)]
-        one = f" {listed(same)} has the same form, with constants of its own." if same else ""
-        found.append(
-            f"{head} {law_words(each)};{error} "
-            f"{100 * law.explained:.0f} % of what exceeds the noise.{or_}{one}{instead} It is a "
-            f"description, not yet a cause. `--out DIR` writes it as {each.file}: `--with "
-            f"DIR/{each.option} --allow-code`."
-        )
-    return found
 
 
 def _invisible(d: Diagnosis) -> list[str]:

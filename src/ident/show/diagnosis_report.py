@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.diagnosis.diagnosis import Diagnosis, Explanation
+from ident.diagnosis.result import Diagnosis, Explanation
 from ident.diagnosis.unobservable import name_of
 from ident.display import renders
 from ident.files import json_bytes, plain, regular, write_all
@@ -36,9 +36,7 @@ from ident.show.diagnosis import (
     card,
     errors_of,
     health_sheet,
-    labels,
     mark,
-    numbers,
     story,
     where_rows,
 )
@@ -54,8 +52,8 @@ from ident.show.html import (
     paragraph,
     table,
 )
-from ident.show.laws import curve_json, law_blocks
-from ident.show.residual import plot_maps, time_label
+from ident.show.laws import curve_json, labels, law_blocks, numbers
+from ident.show.residual import plot_maps, time_label, view_of_fit
 
 SCHEMA = "ident.diagnosis/1"
 BARS = 12
@@ -107,13 +105,13 @@ def plot_candidates(d: Diagnosis) -> Chart:
     return Chart("The error of its joint, as it is and with each candidate", ((panel,),))
 
 
-def plot_before_after(before: Residual, after: Residual, best: Explanation) -> Chart:
-    """Draw the residual of its joint over time, without it and with it, log below log.
+def plot_before_after(before: Residual, after: Residual, joint: str, label: str) -> Chart:
+    """Draw the residual of a joint over time, without an effect and with it, log below log.
 
     The pale band is the unfiltered one.
     """
-    u = before.joints.index(best.joint)
-    axis = f"{best.joint} [{before.units[u]}]"
+    u = before.joints.index(joint)
+    axis = f"{joint} [{before.units[u]}]"
     raw = predict(before.model.mechanism, before.motion, before.model.point)
     rows = []
     for a, b, p in list(zip(before.traces, after.traces, raw, strict=False))[:LOGS]:
@@ -123,11 +121,11 @@ def plot_before_after(before: Residual, after: Residual, best: Explanation) -> C
                 p.t - zero, np.where(p.usable, p.residual[:, u], np.nan), "unfiltered", FAINT, 0.8
             ),
             Line(a.t - zero, a.residual[:, u], "as it is", RESIDUAL, 1.4),
-            Line(b.t - zero, b.residual[:, u], f"with {best.effect.label}", 0, 1.4),
+            Line(b.t - zero, b.residual[:, u], f"with {label}", 0, 1.4),
         )
         title = a.name if len(before.traces) > 1 else ""
         rows.append((Panel((Level(), *lines), time_label(zero), axis, title),))
-    title = f"Residual of {best.joint} over time, as it is and with {best.effect.label}"
+    title = f"Residual of {joint} over time, as it is and with {label}"
     if len(before.traces) > LOGS:
         title += f"; the first {LOGS} of {len(before.traces)} logs"
     clock = before.traces[0].name if len(rows) == 1 else ""
@@ -165,6 +163,9 @@ def _candidates(d: Diagnosis) -> list[Block]:
     blocks: list[Block] = [paragraph(MARKS)] if d.best else []
     blocks += [plot_candidates(d), paragraph(FALLS), table(candidate_rows(d), "Candidates")]
     if options := tuple(_option(d, each) for each in d.candidates if each.fit is not None):
+        marks = {x.joint: x.effect.label for x in d.candidates[:1]}
+        marks |= {j: e.label for e in d.group for j in e.joints} if d.best else {}
+        blocks.append(view_of_fit(d.fit.residual, d.fit.predictions, marks))
         blocks += [headed("Its residual before and after"), Choice("Which candidate", options)]
     return blocks
 
@@ -184,7 +185,7 @@ def _option(d: Diagnosis, each: Explanation) -> Option:
         lines.append(f"not distinguishable from it in this data: {labels(each.rivals, 'or')}")
     models = {"without it": after.without(label), "with it": after}
     blocks: list[Block] = [headed(f"With {label}"), items(lines)]
-    blocks += [plot_before_after(before, after, each)]
+    blocks += [plot_before_after(before, after, joint, label)]
     blocks += [paragraph(EFFECT), plot_maps(models, joint, effect=label)]
     return Option(f"{mark(d, each)} {label}".strip(), tuple(blocks))
 
@@ -295,6 +296,10 @@ def diagnosis_json(d: Diagnosis) -> dict[str, Any]:
             "candidates": [{**each.json(), "noise": _noise(d, each.joint)} for each in d.every],
             "best": None if d.best is None else name_of(d.best),
             "group": [name_of(effect) for effect in d.group],
+            "relatives": [
+                {"nearest": each.formula.terms[0].known_as, "formula": each.formula.text}
+                for each in d.relatives
+            ],
             "together": together,
             "left": [{"curve": curve.label, "gain": gain} for curve, gain in last.curves],
             "invisible": [each.json() for each in d.invisible],

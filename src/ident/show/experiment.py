@@ -7,7 +7,6 @@ from contextlib import suppress
 
 from numpy.linalg import LinAlgError
 
-from ident.diagnosis.diagnosis import Diagnosis
 from ident.diagnosis.experiment import (
     Attempt,
     Pair,
@@ -19,6 +18,7 @@ from ident.diagnosis.experiment import (
     proposal,
     questions,
 )
+from ident.diagnosis.result import Diagnosis
 from ident.diagnosis.selection import Evidence
 from ident.diagnosis.trials import Move, Trial, present, trials
 from ident.diagnosis.unobservable import Invisible
@@ -31,6 +31,7 @@ from ident.text import listed, some
 
 SHOWS = 0.02  # visible share from which an effect can be seen
 LOOKED_AT = 24  # invisible effects that are tried in other motions
+EXPLAINED = 0.9  # of what exceeds the noise, from which a formula leaves no question in its joint
 NOTHING = "This log leaves no question that another motion would answer."
 HOW = {
     "turn": "turn {names} through a full turn, there and back{before}, at up to {top}",
@@ -60,7 +61,7 @@ def described(trial: Trial, now: Sequence[Move]) -> str:
         trial: the motion.
         now: what the same joints did in the present log.
     """
-    moves = [m for m in trial.moves if m.joint.name in trial.about]
+    moves = trial.changed
     others = any(m.speed and m.joint.name not in trial.about for m in trial.moves)
     rest = ", the other joints as now" if others and trial.kind != "alone" else ""
     was = {m.joint.name: m for m in now}[moves[0].joint.name]
@@ -95,11 +96,24 @@ def _words(d: Diagnosis) -> str:
         if d.best is not None or answered:
             return _between(d, rivals, tried)
     if d.verdict in ("unexplained", "undecided"):
+        if d.laws and all(_explained(d, name) for name in d.loud):
+            return (
+                f"Add the formula of {listed([law.joint for law in d.laws])} and diagnose again. A "
+                "log of another motion, over the full travel of the joint, shows whether it is a "
+                "cause: compare both fits there."
+            )
         return unexplained(d)
     first = (
         "" if d.best is None else f"Add {named(d.group)} and diagnose again: nothing rivals it. "
     )
     return f"{first}{unseen(d)}".strip()
+
+
+def _explained(d: Diagnosis, joint: str) -> bool:
+    """Return whether the laws explain a joint but for the noise."""
+    law, noise = d.laws[-1], d.floor[joint] ** 2  # its fit has all laws
+    before, after = (errors[joint].rms ** 2 - noise for errors in (law.before, law.after))
+    return after < (1 - EXPLAINED) * before
 
 
 # --- rivals ---------------------------------------------------------------------------------------

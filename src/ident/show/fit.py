@@ -11,8 +11,8 @@ import numpy as np
 from ident.display import render, renders
 from ident.errors import FitError
 from ident.fit.consistency import Binding
-from ident.fit.determined import Essential, Unexcited
 from ident.fit.files import Saved, write_fit, write_urdf
+from ident.fit.findings import Unexcited
 from ident.fit.likelihood import Likelihood
 from ident.fit.multipliers import Reactions
 from ident.fit.prediction import predict
@@ -35,10 +35,6 @@ WHY = {
     "same columns": "acts as {}",
     "unfelt": "it has no effect on any torque in this motion",
 }
-STRUCTURE = (
-    "What is left in {} has structure: the model may lack something, and ± is what noise alone "
-    "would do to a complete model. `ident diagnose` says what could be missing."
-)
 LAMBDA = "The reaction forces that the closures need for this motion; they rest on the model."
 Rows = list[list[str]]
 
@@ -81,33 +77,6 @@ def correlation(x: Correlation) -> str:
 
 def _pairs(x: Correlation) -> list[str]:
     return [f"{first} and {second} ({r:+.3f})" for first, second, r in x.pairs(STRONG)]
-
-
-@renders(Essential, "line")
-def essential_line(x: Essential) -> str:
-    """Return the number of essential parameters in one line."""
-    count = len(x.names) + len(x.dropped)
-    if not x.dropped:
-        return f"essential: all {count} base parameters"
-    rise = x.dropped[-1].rise
-    change = f"rises by more than {100 * rise:.2g} %" if rise > 0 else "rises"
-    return (
-        f"essential: {len(x.names)} of {count} base parameters; with the others at zero no "
-        f"joint's held-out error {change}"
-    )
-
-
-@renders(Essential, "sheet")
-def essential(x: Essential) -> Sheet:
-    """Return essential parameters, dropped ones, and errors of both models."""
-    rows = [["dropped, in this order", "± / value", "held-out error"]]
-    rows += [[d.name, f"{100 * d.relative:.3g} %", f"{100 * d.rise:+.2g} %"] for d in x.dropped]
-    tables = {
-        "essential": [["parameter"], *([name] for name in x.names)],
-        "not essential": rows,
-        "errors, held out": error_rows({"full": x.full, "reduced": x.reduced}),
-    }
-    return Sheet(essential_line(x), tables=tables)
 
 
 @renders(Unexcited, "text")
@@ -238,8 +207,6 @@ def sheet(fit: Fit) -> Sheet:
         condition = f"condition number {fit.condition_number:.3g}"
         lines.append(f"rank {fit.rank} of {len(fit.columns)} unknowns, {condition}{rest}")
     lines += [str(x) for x in (fit.likelihood, fit.binding) if x is not None]
-    if fit.essential is not None:
-        lines.append(essential_line(fit.essential))
     if pairs := _pairs(fit.correlation):
         lines.append(
             f"known only together (correlation of errors): {some(pairs)}: their sum or difference "
@@ -304,7 +271,7 @@ def plot_multipliers(fit: Fit, experiment: int = 0) -> Chart:
 @renders(Fit, "view")
 def view(fit: Fit) -> Any:
     """Return the mechanism in 3-D: reaction forces as arrows, joints coloured by residual."""
-    return render(fit.mechanism, "view", fit.motion.experiments, fit.predictions)
+    return render(fit.residual, "view", fit.predictions)
 
 
 renders(Fit, "folder")(write_fit)
@@ -336,9 +303,6 @@ def fit_sections(
 ) -> tuple[Section, ...]:
     """Return errors, warnings, where it fails, parameters, multipliers, and what went in."""
     notes = [each for each in fit.warnings if each not in fit.motion.notes]  # those stand elsewhere
-    rough = [failure.joint for failure in fit.residual.where if not failure.white]
-    if rough:
-        notes.append(STRUCTURE.format(", ".join(rough)))
     return (
         errors_section(error_table(fit)[1]),
         Section("Warnings", (items(notes),) if notes else ()),

@@ -1,21 +1,128 @@
-"""Curves and formulas of a diagnosis: charts, a section of the report, and JSON."""
+"""Curves and formulas of a diagnosis: words, charts, a section of the report, and JSON."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
-from ident.diagnosis.diagnosis import Diagnosis, Law
 from ident.diagnosis.found_curves import FoundCurve
+from ident.diagnosis.result import Diagnosis, Law
+from ident.effects import Effect
+from ident.fit.values import Value
 from ident.show.charts import FAINT, Chart, Level, Line, Panel
-from ident.show.diagnosis import curves, laws
 from ident.show.html import Block, code, headed, paragraph, table
+from ident.text import listed, percent, rounded, some
 
 FRONT = (
     "Formulas for which no simpler one leaves as little error: complexity (operators and "
     "constants) against the share of the squared error that is left."
 )
+DIFFERENT = 0.005  # share of a law's torque from which a relative is called different
+MOST = 3  # rivals that are named
+CLEARLY = 0.8  # times the error with a formula: a curve that leaves less shows that it is not all
+
+
+# --- words ----------------------------------------------------------------------------------------
+
+
+def numbers(parameters: Sequence[Value]) -> str:
+    """Return `Fc = 0.312 ± 0.004 N m`; of several values the first ones."""
+    found = []
+    for v in parameters:
+        value = f"{v.name.rpartition('.')[2]} = {rounded(v.value, v.stderr)} {v.unit}"
+        found.append(value.removesuffix(" 1"))
+    return some(found)
+
+
+def labels(effects: Iterable[Effect], word: str = "and") -> str:
+    """Return effects as commands take them."""
+    return listed([effect.label for effect in effects], word)
+
+
+def curve_name(curve: Effect) -> str:
+    """Return `curve of v at elbow`."""
+    return f"curve of {curve.signal} at {listed(curve.joints)}"
+
+
+def expression(d: Diagnosis) -> list[str]:
+    """Return the formulas, or that there is none."""
+    return laws(d) or [
+        "No short formula of positions, speeds, accelerations, load and time explains it either; "
+        "look at the maps of the residual, and at what the log does not hold: temperature, "
+        "contact, play, cables, another load."
+    ]
+
+
+def law_words(found: Law | FoundCurve) -> str:
+    """Return what a law or a curve is: constants and relative, or how much it explains."""
+    if isinstance(found, FoundCurve):
+        own = {*found.effect.depends_on, *(f"q.{name}" for name in found.effect.joints[1:])}
+        more = [n for n in found.depends if n not in own]
+        also = f"It depends on {listed(sorted(own))}"
+        also += f", and beside the curve on {listed(more)}" if more else ""
+        also += f"; not on {listed(found.independent)}" if found.independent else ""
+        return (
+            f"a {curve_name(found.effect)} explains {100 * (1 - found.ratio):.0f} % of the squared "
+            f"error there; {100 * found.absorbable:.0f} % of its torque is such as the model's own "
+            f"parameters can make. {also}"
+        )
+    law = found.found
+    close = f"closest known law: {law.nearest.replace('_', ' ')}" if law.nearest else ""
+    close += f" ({100 * law.distance:.0f} % different)" if law.distance > DIFFERENT else ""
+    return (
+        f"torque of {found.joint} = {found.formula}, with {numbers(found.parameters)} "
+        f"({close or 'no known relative'})"
+    )
+
+
+def curves(d: Diagnosis) -> list[str]:
+    """Return the curves that explain what no effect does, and on which signals they depend."""
+    return [
+        f"A{law_words(each)[1:]}. In the model: `--with "
+        f"{each.effect.label}:pieces={each.effect.pieces}`."
+        for each in d.curves
+    ]
+
+
+def laws(d: Diagnosis) -> list[str]:
+    """Return the formulas for what no effect explains, with constants, relatives and rivals."""
+    found = []
+    for each in d.laws:
+        law = each.found
+        before, after = (errors[each.felt].relative for errors in (each.before, each.after))
+        with_ = f" with {labels(each.beside)} beside it" if each.beside else ""
+        error = (
+            f"{with_} the error of {each.felt} falls from {percent(before)} to {percent(after)},"
+        )
+        rivals = [f"`{one.formula.text}`" for one in law.rivals]
+        or_ = f" This motion cannot tell it from {listed(rivals[:MOST], 'or')}." if rivals else ""
+        instead = f" It takes the place of {listed(law.replaced)}." if law.replaced else ""
+        head = "A formula explains it:" if d.best is None else "A formula explains more:"
+        head = head if each.beside or d.best is None else "A formula could stand in its place:"
+        curve = next((one for one in d.curves if one.joint == each.joint), None)
+        not_all = ""
+        if d.best is None and curve is not None and before and after:
+            left = before * math.sqrt(curve.ratio)
+            if left < CLEARLY * after:
+                not_all = (
+                    f" The {curve_name(curve.effect)} leaves {percent(left)}, so the formula is "
+                    f"not all of it: `--with {curve.effect.label}:pieces={curve.effect.pieces}`."
+                )
+        same = [other.joint for other in d.of_same_form(each)]
+        one = f" {listed(same)} has the same form, with constants of its own." if same else ""
+        found.append(
+            f"{head} {law_words(each)};{error} "
+            f"{100 * law.explained:.0f} % of what exceeds the noise.{not_all}{or_}{one}{instead} "
+            f"It is a description, not yet a cause. `--out DIR` writes it as {each.file}: `--with "
+            f"DIR/{each.option} --allow-code`."
+        )
+    return found
+
+
+# --- charts, report, JSON ----------------------------------------------------------------------
 
 
 def law_blocks(d: Diagnosis) -> tuple[Block, ...]:
@@ -59,16 +166,17 @@ def plot_curve(curve: FoundCurve, law: Law | None) -> Chart:
 def _on_curve(curve: FoundCurve, law: Law) -> np.ndarray | None:
     """Return the formula on a curve's signal, up to what a spline of the model can absorb.
 
-    None where it depends on more than the curve's signals. Offset and slope, which the model's own
-    parameters often make, are taken from the curve.
+    None where it depends on other signals than the curve. Offset and slope, which the model's own
+    parameters often make, are taken from the curve; of a product, for a speed of 1, the offset.
     """
     formula, effect = law.effect, curve.effect
-    if len(formula.joints) > 1 or effect.second or formula.signals_used != {effect.first}:
+    if len(formula.joints) > 1 or effect.arity > 1 or formula.signals_used != effect.depends_on:
         return None
     values = {v.name.rpartition(".")[2]: v.value for v in law.parameters}
-    y = formula.of_signal(effect.first, curve.x, values)
+    second = {"v": 1.0} if effect.second else {}
+    y = formula.of_signal(effect.first, curve.x, {**values, **second})
     weight = 1 / np.maximum(curve.upper - curve.lower, 1e-12)
-    A = np.stack([np.ones_like(curve.x), curve.x], axis=1)
+    A = np.stack([np.ones_like(curve.x), curve.x], axis=1)[:, : 1 if effect.second else 2]
     rest = np.linalg.lstsq(A * weight[:, None], (curve.torque - y) * weight, rcond=None)[0]
     return np.asarray(y + A @ rest)
 

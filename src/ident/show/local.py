@@ -1,4 +1,4 @@
-"""Pages for browsers on this machine alone: `explore` by its own server, `view` by that of viser.
+"""Pages for browsers on this machine alone: of `explore`, `view` and `monitor`.
 
 Any web site in the same browser can send requests to a port of this machine, and by a name of its
 own that resolves to 127.0.0.1 even read the answers. So a page is below a random path, which only
@@ -8,7 +8,6 @@ socket must be those of the page.
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import logging
 import os
@@ -16,10 +15,9 @@ import secrets
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from http import HTTPStatus
 from typing import Any
-from unittest import mock
 
 from ident.errors import IdentError
 
@@ -96,27 +94,6 @@ class Place:
 
         return checked
 
-    @contextlib.contextmanager
-    def of_viser(self) -> Iterator[None]:
-        """Let a viser server that is made inside listen here, guarded.
-
-        Raises:
-            IdentError: if it has not come to this, so that no page is ever served unguarded.
-        """
-        import websockets.asyncio.server as server
-
-        serve, used = server.serve, threading.Event()
-
-        def here(handler: Any, host: str, port: int, *, process_request: Any, **more: Any) -> Any:
-            used.set()
-            guard = self.guarded(process_request)
-            return serve(handler, sock=self.socket, process_request=guard, **more)
-
-        with mock.patch.object(server, "serve", here):
-            yield
-        if not used.is_set():
-            raise IdentError("this version of viser cannot be guarded; pip install 'viser>=1.1,<2'")
-
     def serve(self, page: str, talk: Callable[[Any], None]) -> Callable[[], None]:
         """Serve one page and its web sockets in threads, until the function returned is called.
 
@@ -142,3 +119,33 @@ class Place:
         server = serve(talk, sock=self.socket, process_request=guard, close_timeout=1, logger=log)
         threading.Thread(target=server.serve_forever, name="ident page", daemon=True).start()
         return server.shutdown
+
+
+class Readers:
+    """Web sockets of the pages that are open; each gets the last text when it connects."""
+
+    def __init__(self) -> None:
+        self._lock, self._last = threading.Lock(), ""
+        self._sockets: set[Any] = set()
+
+    def listen(self, socket: Any) -> None:
+        """Send one page what there is, until it is closed."""
+        with self._lock:
+            self._sockets.add(socket)
+            if self._last:
+                socket.send(self._last)
+        for _ in socket:  # it has nothing to say
+            pass
+        self._sockets.discard(socket)
+
+    def tell(self, text: str) -> None:
+        """Send a text to all pages."""
+        from websockets.exceptions import ConnectionClosed
+
+        with self._lock:
+            self._last = text
+            for socket in list(self._sockets):
+                try:
+                    socket.send(text)
+                except ConnectionClosed:
+                    self._sockets.discard(socket)

@@ -12,7 +12,7 @@ import numpy as np
 from ident.display import renders
 from ident.equations.unknowns import Columns
 from ident.errors import MechanismError
-from ident.fit.determined import excitation
+from ident.fit.findings import excitation
 from ident.fit.problem import information_of
 from ident.fit.shapes import initial
 from ident.fit.values import absorbed_by, base_names
@@ -74,7 +74,11 @@ def joint_rows(mechanism: Mechanism, motion: Motion | None = None) -> list[list[
         ends = ("–" if np.isinf(x[end]) else f"{x[end]:.4g}" for end in ("lower", "upper"))
         rows.append([x["joint"], x["state"], x["unit"], *ends])
         if motion is not None:
-            rows[-1] += [f"{x['from']:.4g}", f"{x['to']:.4g}", f"{x['top_speed']:.3g}/s"]
+            rows[-1] += [
+                f"{x['from']:.4g}",
+                f"{x['to']:.4g}",
+                f"{x['top_speed']:.3g} {x['unit']}/s",
+            ]
     return rows
 
 

@@ -3,34 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from itertools import takewhile
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ident.display import renders
+from ident.display import render, renders
 from ident.errors import FitError, one_of
-from ident.files import json_bytes
 from ident.fit.compare import Comparison
-from ident.fit.multipliers import identifiable_multipliers
 from ident.fit.prediction import RIGID, Prediction, Trace
 from ident.fit.residual import Failure, Residual, zero_of
 from ident.fit.result import Fit
 from ident.information.blocks import Error
-from ident.show.card import Bar, Card
 from ident.show.charts import FAINT, MEASURED, RESIDUAL, Chart, Colour, Level, Line, Panel, Points
-from ident.show.html import Block, Choice, Option, Page, Section, by_log, paragraph
+from ident.show.html import LOGS, Block, Choice, Option, Section, by_log, paragraph
 from ident.show.html import table as html_table
-from ident.show.motion import made_of, understood
 from ident.show.sheet import Sheet
-from ident.text import percent, places
+from ident.text import percent
 
-SCHEMA = "ident.compare/1"
 ROUNDING = 1e-12  # of the measured torque: below, a part is nil
 MOST = 3  # windows that are shown; all are in compare.json
 LABEL = 28  # characters of a model's name in a chart or table
+FILM = 400  # moments of the mechanism in a report
 BINS = 30  # of the mean that is drawn through a cloud
 OWN = ("q", "v", "a", "load")  # of a joint, against which its residual is drawn
 SUM = "the sum taken apart, rms: rigid bodies + effects = predicted"
@@ -89,7 +84,7 @@ def details(failure: Failure, several: bool = True) -> str:
 @renders(Failure, "text")
 def failure_text(failure: Failure, several: bool = True) -> str:
     """Return how a model fails in one joint."""
-    white = "indistinguishable from noise" if failure.white else "has structure"
+    white = "no structure found" if failure.white else "has structure"
     first = (
         f"{failure.joint}: {failure.rms:.3g} {failure.unit} ({percent(failure.relative)}), "
         f"{100 * failure.share:.0f} % of the misfit; {white}"
@@ -107,13 +102,14 @@ def where_lines(residual: Residual) -> list[str]:
 def residual_sheet(residual: Residual) -> Sheet:
     """Return the parts of the sum and where the model fails."""
     logs = ", ".join(trace.name for trace in residual.traces)
-    title = f"residual of {residual.name} on {logs}{_below(residual)}: {residual.rows} rows"
+    title = f"residual of {residual.name} on {logs}{below(residual)}: {residual.rows} rows"
     return Sheet(
         title, tables={SUM: parts_rows(residual)}, lines=["where it fails", *where_lines(residual)]
     )
 
 
-def _below(residual: Residual) -> str:
+def below(residual: Residual) -> str:
+    """Return ` below 8 Hz` of a filtered residual."""
     cut = residual.motion.band.cutoff
     return f" below {cut:.3g} Hz" if cut else ""
 
@@ -238,7 +234,7 @@ def plot_maps(residuals: Models, joint: str, effect: str = "") -> Chart:
 
     If it depends most on a signal of another joint, against that too; the most important is framed.
     With the label of an `effect` of the last model, the means of its torque are drawn through the
-    points of the first one.
+    points of the first one, against time and in the frame.
     """
     models = list(residuals.values())
     scores = [_scores(residual, joint) for residual in models]
@@ -253,7 +249,11 @@ def plot_maps(residuals: Models, joint: str, effect: str = "") -> Chart:
         most = next((name for name in score if name in names), "")
         marked += [most] if most else []
         curve = models[-1] if effect and not rows else None
-        row = [_map(residual, joint, name, score, name == most, curve, effect) for name in names]
+        own = {"t", most} if most else {*names}  # signals of which the effect is a function
+        row = [
+            _map(residual, joint, x, score, x == most, curve if x in own else None, effect)
+            for x in names
+        ]
         unit = f"{joint} [{residual.units[residual.joints.index(joint)]}]"
         label = unit if len(residuals) == 1 else f"{shown[title]}\n{unit}"
         rows.append((replace(row[0], y=label), *row[1:]))
@@ -366,134 +366,51 @@ def residual_sections(
     last = list(residuals.values())[-1]
     first = first or last.where[0].joint
     logs = [trace.name for trace in last.traces]
+    machine = view_of_fit(last, list(predictions.values())[-1], {first: first})
     options = []
     for failure in sorted(last.where, key=lambda each: each.joint != first):
         said = paragraph(failure_text(failure, len(logs) > 1))
         options.append(Option(failure.joint, (said, plot_maps(residuals, failure.joint))))
-    parts: list[Block] = [html_table(*each[::-1]) for each in _all_parts(residuals).items()]
+    parts: list[Block] = [html_table(*each[::-1]) for each in all_parts(residuals).items()]
     parts += by_log(logs, lambda i: plot_parts(residuals, i))
     torques = by_log(logs, lambda i: plot_predictions(predictions, residuals, i, first, prior))
     return (
-        Section("Measured against predicted", torques),
+        Section("Measured against predicted", (machine, *torques)),
         Section("Residual maps", (paragraph(MAPS), Choice("Of which joint", tuple(options)))),
         Section("The sum taken apart", tuple(parts)),
     )
 
 
-# --- comparisons ----------------------------------------------------------------------------------
+def view_of_fit(
+    residual: Residual,
+    predictions: Sequence[Prediction],
+    marks: Mapping[str, str],
+    most: int = FILM,
+) -> Any:
+    """Return the mechanism in 3-D, joints coloured by the residual, with words beside joints."""
+    e = residual.motion.experiments[:LOGS]
+    view = render(residual.model.mechanism, "view", e, predictions[:LOGS], most)
+    return replace(view, marks=marks)
 
 
-def _all_parts(residuals: Models) -> dict[str, list[list[str]]]:
+@renders(Residual, "view")
+def view_page(residual: Residual, predictions: Sequence[Prediction]) -> Any:
+    """Return the mechanism in 3-D above charts of its torques, which share a cursor."""
+    worst = residual.where[0].joint
+    name, logs = residual.name, [trace.name for trace in residual.traces]
+    charts = by_log(
+        logs, lambda i: plot_predictions({name: [*predictions]}, {name: residual}, i, worst)
+    )
+    return replace(view_of_fit(residual, predictions, {worst: worst}, 2 * FILM), charts=charts)
+
+
+def all_parts(residuals: Models) -> dict[str, list[list[str]]]:
     """Return the tables of the parts of the sum, of several models with their names."""
     shown = told_apart(residuals)
     return {
         SUM if len(shown) == 1 else f"{shown[name]}: {SUM}": parts_rows(residual)
         for name, residual in residuals.items()
     }
-
-
-@renders(Comparison, "sheet")
-def comparison_sheet(c: Comparison) -> Sheet:
-    """Return how far the error falls, errors, the parts of the sum, and where each model fails."""
-    first, shown = next(iter(c.residuals.values())), told_apart(c.residuals)
-    tables: dict[str, list[list[str]]] = {}
-    for i in range(0, len(shown), 2):  # as many as a terminal has room for
-        names = {shown[name]: c.errors[name] for name in list(shown)[i : i + 2]}
-        title = f"error of the predicted torque{_below(first)}"
-        tables[title if not tables else ", ".join(names)] = error_rows(names)
-    for name, fitted in c.fitted.items():
-        if any(fitted.values()):
-            tables[f"errors of {shown[name]} as it was fitted"] = error_rows(fitted)
-    lines = ["where it fails"]
-    for name, residual in c.residuals.items():
-        before = "" if len(shown) == 1 else f"{shown[name]}, "
-        lines += [before + line for line in where_lines(residual)]
-    return Sheet(comparison_card(c), tables=tables | _all_parts(c.residuals), lines=lines)
-
-
-def comparison_card(c: Comparison) -> Card:
-    """Return the models, and how far the error falls from the first to the last."""
-    first, last = (list(c.residuals.values())[i] for i in (0, -1))
-    logs = ", ".join(trace.name for trace in first.traces)
-    if first is last:
-        return Card(f"{first.name} on {logs}")
-    bars = tuple(Bar(j, first.errors[j], last.errors[j]) for j in _changed(first, last))
-    falls = [bar.joint for bar in bars if bar.after and bar.after.rms < bar.before.rms]
-    shown, where = told_apart(c.residuals), places(falls) if falls else "no joint"
-    return Card(
-        f"{shown[first.name]} → {shown[last.name]} on {logs}: the error falls in {where}",
-        bars=bars,
-    )
-
-
-def _changed(first: Residual, last: Residual) -> list[str]:
-    """Return the joints, the one whose error changes most against its torque first."""
-    change = {
-        joint: abs(error.rms - last.errors[joint].rms) * ((error.relative or 0) / (error.rms or 1))
-        for joint, error in first.errors.items()
-    }
-    return sorted(change, key=lambda joint: -change[joint])
-
-
-@renders(Comparison, "files")
-def comparison_files(c: Comparison) -> dict[str, bytes]:
-    """Return report.html and compare.json."""
-    residuals = c.residuals
-    first, shown = next(iter(residuals.values())), told_apart(residuals)
-    mechanism, motion = first.model.mechanism, first.motion
-    changed = _changed(first, list(residuals.values())[-1])[0] if len(residuals) > 1 else ""
-    fitted = [
-        html_table(error_rows(errors), f"{shown[name]} as it was fitted")
-        for name, errors in c.fitted.items()
-        if any(errors.values())
-    ]
-    sections = (
-        errors_section(error_rows({shown[name]: each for name, each in c.errors.items()}), *fitted),
-        *residual_sections(c.predictions, residuals, changed),
-        Section("Parameters", _parameters(residuals)),
-        Section("Multipliers", _multipliers(c)),
-        understood(mechanism, motion),
-        made_of(mechanism, motion, [Path(name) for name in residuals if Path(name).is_file()]),
-    )
-    title = f"{mechanism.name}: model against measurement"
-    report = Page(title, comparison_card(c), sections).html()
-    return {"report.html": report, "compare.json": json_bytes(comparison_json(c))}
-
-
-def _parameters(residuals: Models) -> tuple[Block, ...]:
-    """Return values of the effects and of the bodies' unknowns, model beside model."""
-    models, names = [each.model for each in residuals.values()], told_apart(residuals).values()
-    mechanism, values = models[0].mechanism, [dict(each.point.values) for each in models]
-    effects, bodies = [["effect", *names]], [["parameter about the joint", "prior", *names]]
-    for name in dict.fromkeys(name for own in values for name in own):
-        effects.append([name, *(f"{own[name]:.5g}" if name in own else "–" for own in values)])
-    for i, name in enumerate(mechanism.bodies.names):
-        if name in mechanism.unknown:
-            found = (mechanism.prior[i], *(model.point.pi[i] for model in models))
-            bodies.append([name, *(f"{value:.5g}" for value in found)])
-    titles = "Effects", "Unknown parameters of the bodies; fit.json has standard errors"
-    tables = zip((effects, bodies), titles, strict=True)
-    return tuple(html_table(rows, title) for rows, title in tables if len(rows) > 1)
-
-
-def _multipliers(c: Comparison) -> tuple[Block, ...]:
-    """Draw λ of every model, log by log."""
-    first = next(iter(c.residuals.values()))
-    mechanism, shown = first.model.mechanism, told_apart(c.predictions)
-    known = identifiable_multipliers(mechanism, first.motion)
-    kinematics = mechanism.kinematics
-    names, units = (np.array(x)[known] for x in (kinematics.multipliers, kinematics.units))
-
-    def draw(i: int) -> Chart:
-        series = {}
-        for name, predictions in c.predictions.items():
-            p = predictions[i]
-            values = np.where(p.usable[:, None], p.multipliers, np.nan)
-            series[shown[name]] = (p.t, values[:, known])
-        return plot_forces(names, units, series, first.motion.experiments[i].name)
-
-    logs = [experiment.name for experiment in first.motion.experiments]
-    return by_log(logs, draw) if np.any(known) else ()
 
 
 def plot_forces(
@@ -524,32 +441,3 @@ def plot_forces(
         rows = [(Panel((), "t [s]", title="this motion determines none of them"),)]
     words = "Multipliers λ over time, the reaction forces of the closures"
     return Chart(words, tuple(rows), shared_x=True, clock=log)
-
-
-def comparison_json(c: Comparison) -> dict[str, Any]:
-    """Return the content of compare.json."""
-
-    def errors(named: Mapping[str, Error]) -> dict[str, Any]:
-        return {joint: asdict(error) for joint, error in named.items()}
-
-    def parts(residual: Residual, named: Mapping[str, np.ndarray]) -> dict[str, Any]:
-        joints = residual.joints
-        return {name: dict(zip(joints, values, strict=True)) for name, values in named.items()}
-
-    first = next(iter(c.residuals.values()))
-    models = {
-        name: {
-            "error": errors(residual.errors),
-            "fitted": {key: errors(each) for key, each in c.fitted[name].items()},
-            "parts": parts(residual, residual.parts),
-            "where": [failure.json for failure in residual.where],
-        }
-        for name, residual in c.residuals.items()
-    }
-    return {
-        "schema": SCHEMA,
-        "logs": [trace.name for trace in first.traces],
-        "cutoff": first.motion.band.cutoff,
-        "rows": first.rows,
-        "models": models,
-    }

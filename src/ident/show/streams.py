@@ -1,16 +1,26 @@
-"""Gathered fits, many logs one by one, snapshots, alarms and monitors as text and HTML."""
+"""Gathered fits, many logs one by one, snapshots, alarms and monitors as text and HTML.
+
+The page of `monitor` has parameters with bands, reaction forces, errors and alarms over time.
+"""
 
 from __future__ import annotations
 
+import json
+import threading
 from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
+from markupsafe import Markup
 
 from ident.diagnosis import Diagnosis
 from ident.display import renders
+from ident.mechanism import Mechanism
+from ident.show.card import Bar, Card
+from ident.show.charts import FAINT, RESIDUAL, Chart, Level, Line, Mark, Panel, pieces_of, scripts
 from ident.show.fit import summary
-from ident.show.html import Section
+from ident.show.html import Block, Page, Section, origin, paragraph, piece, table
+from ident.show.local import Place, Readers
 from ident.show.sheet import Sheet
 from ident.streams.diagnose_each import Verdicts
 from ident.streams.gather import Gathered
@@ -255,3 +265,185 @@ def monitor_sheet(x: Monitor) -> Sheet:
         "alarms": f"{len(x.alarms)}, evidence {x.evidence:.1f} of {x.threshold:.1f}",
     }
     return Sheet(title, facts=facts)
+
+
+MOST = 1000  # moments of a curve; beyond, every second one is forgotten
+PANELS = 12  # parameters that have a chart; all are in the tables
+FORCES = 6  # multipliers that have one
+SHARE = 1.96  # standard errors on either side of a band
+ACROSS = 2  # panels beside each other
+
+
+class Curve:
+    """Values over time in bounded memory, evenly thinned as they come.
+
+    Attributes:
+        rows: (t [s], values) of at most `MOST` moments.
+    """
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[float, np.ndarray]] = []
+        self._every = self._seen = 0
+
+    def add(self, t: float, values: np.ndarray) -> None:
+        """Take the values (k,) of a later moment t [s]."""
+        self._seen += 1
+        if self._every and self._seen % self._every:
+            return
+        self.rows.append((t, values))
+        if len(self.rows) > MOST:
+            self.rows, self._every = self.rows[::2], 2 * max(self._every, 1)
+
+    @property
+    def series(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times (n,) and values (n, k)."""
+        t, values = zip(*self.rows, strict=True)
+        return np.array(t), np.array(values)
+
+
+class MonitorHistory:
+    """Snapshots, reaction forces and alarms of a running machine, as charts and as a report."""
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self._mechanism = mechanism
+        self._parameters, self._errors, self._forces = Curve(), Curve(), Curve()
+        self._alarms: list[Alarm] = []
+        self._lock = threading.RLock()  # a page is drawn while samples come
+        self._last: Snapshot | None = None
+        self._last_forces: Forces | None = None
+
+    def add(self, found: Snapshot, forces: Forces | None) -> None:
+        """Take a snapshot, and the multipliers of the samples since the one before."""
+        with self._lock:
+            self._add(found)
+            self.add_forces(forces)
+
+    def _add(self, found: Snapshot) -> None:
+        self._last = found
+        both = [(v.value, np.nan if v.stderr is None else v.stderr) for v in found.parameters]
+        self._parameters.add(found.t, np.array(both).reshape(-1, 2))
+        errors = [e.relative if e.relative is not None else np.nan for e in found.errors.values()]
+        self._errors.add(found.t, np.array(errors))
+
+    def add_forces(self, forces: Forces | None) -> None:
+        """Take the multipliers of further samples."""
+        if forces is None or not len(forces):
+            return
+        with self._lock:
+            self._last_forces = forces
+            for t, value, stderr in zip(forces.t, forces.values, forces.stderr, strict=True):
+                self._forces.add(float(t), np.stack([value, stderr], axis=1))
+
+    def alarm(self, alarm: Alarm) -> None:
+        """Take an alarm."""
+        self._alarms.append(alarm)
+
+    @property
+    def card(self) -> Card:
+        """How it is: alarms first, then the error by joint."""
+        if self._last is None:
+            return Card(f"{self._mechanism.name}: no sample yet")
+        head = f"{self._mechanism.name} at t = {self._last.t:.6g} s: "
+        if self._alarms:
+            last = self._alarms[-1].headline
+            head += f"{len(self._alarms)} alarm(s), the last: {last}"
+        else:
+            head += "no alarm"
+        bars = tuple(Bar(joint, e) for joint, e in self._last.errors.items())
+        return Card(head, bars=bars)
+
+    @property
+    def sections(self) -> tuple[Section, ...]:
+        """Alarms, parameters, reaction forces and errors."""
+        found = self._last
+        if found is None:
+            return ()
+        rows = [["since [s]", "sure at [s]", "alarm"]]
+        rows += [[f"{x.onset:.2f}", f"{x.detected:.2f}", x.headline] for x in self._alarms]
+        alarms: tuple[Block, ...] = (table(rows, "Alarms", tied=False),) if rows[1:] else ()
+        bodies = set(self._mechanism.bodies.names)  # what wears, the effects, comes first
+        identified = sorted(found.identified, key=lambda v: v.name in bodies)
+        values = [["parameter", "value", "standard error", "unit"]]
+        values += [
+            [v.name, f"{v.value:.5g}", f"{v.stderr:.2g}" if v.stderr is not None else "–", v.unit]
+            for v in identified
+        ]
+        names = {v.name: (i, v.unit) for i, v in enumerate(found.parameters)}
+        known = {v.name: names[v.name] for v in identified[:PANELS]}
+        parameters: list[Block] = [self._chart("Parameters", self._parameters, known)]
+        if (many := len(identified)) > PANELS:
+            parameters.append(paragraph(f"The first {PANELS} of {many} have a chart."))
+        parameters.append(table(values, "Parameters now"))
+        forces: tuple[Block, ...] = ()
+        if (x := self._last_forces) is not None and self._forces.rows:
+            units = dict(zip(x.names, enumerate(x.units), strict=True))
+            shown = dict(list(units.items())[:FORCES])
+            forces = (self._chart("Reaction forces λ", self._forces, shown),)
+        t, errors = self._errors.series
+        lines = (
+            Line(t, 100 * errors[:, u], joint, u, dotted=len(t) < 3)
+            for u, joint in enumerate(found.errors)
+        )
+        panel = Panel((*lines, *self._marks(t, True)), "t [s]", "error [%]")
+        rest = ", ".join(f"{j} {percent(e.relative)}" for j, e in found.errors.items())
+        drawn = Chart(f"Error of the torque over time: {rest}", ((panel,),), True, clock="log")
+        return (
+            Section("Alarms", alarms),
+            Section("Parameters over time", tuple(parameters) if known else ()),
+            Section("Reaction forces", forces),
+            Section("Error of the predicted torque", (drawn,)),
+        )
+
+    def _marks(self, t: np.ndarray, words: bool) -> list[Level]:
+        """Return a line at each alarm, the words only where there is room for them."""
+        return [
+            Level(x.onset, True, (x.suspects or ("changed",))[0] if words else "", RESIDUAL, True)
+            for x in self._alarms
+            if len(t) and t[0] <= x.onset <= t[-1]
+        ]
+
+    def _chart(self, words: str, curve: Curve, known: dict[str, tuple[int, str]]) -> Chart:
+        """Draw values with bands of 95 %, a panel a name."""
+        t, values = curve.series
+        panels: list[Panel] = []
+        for name, (i, unit) in known.items():
+            value, half = values[:, i, 0], SHARE * values[:, i, 1]
+            marks: tuple[Mark, ...] = (
+                Line(t, value - half, "95 % interval", FAINT, 1.0),
+                Line(t, value + half, "95 % interval", FAINT, 1.0),
+                Line(t, value, "value", 0, 1.6, dotted=len(t) < 3),
+                *self._marks(t, not panels),
+            )
+            panels.append(Panel(marks, "t [s]", f"[{unit}]", name, height=2.0))
+        rows = [tuple(panels[i : i + ACROSS]) for i in range(0, len(panels), ACROSS)]
+        return Chart(f"{words} over time, with intervals of 95 %", tuple(rows), True, clock="log")
+
+    def report(self) -> bytes:
+        """Return report.html."""
+        went_in = origin([self._mechanism.urdf], [])
+        return Page(f"{self._mechanism.name}: monitor", self.card, (*self.sections, went_in)).html()
+
+    def live(self) -> str:
+        """Return what the live page shows now, as JSON."""
+        with self._lock:
+            card, sections = self.card, self.sections
+        blocks: list[Block] = [Markup("<header>{}</header>").format(piece("card", card))]
+        for section in sections:
+            if section.blocks:
+                blocks += [Markup("<h2>{}</h2>").format(section.title), *section.blocks]
+        return json.dumps(pieces_of(blocks))
+
+
+def live_page(title: str, port: int) -> tuple[str, Callable[[str], None], Callable[[], None]]:
+    """Serve a page on 127.0.0.1 that draws what it is sent.
+
+    Returns:
+        Its address, a function that sends it what `MonitorHistory.live` returns, and one that ends
+        it.
+
+    Raises:
+        IdentError: if the port cannot be opened.
+    """
+    place, readers = Place(port), Readers()
+    stop = place.serve(str(piece("live", title, scripts())), readers.listen)
+    return place.address, readers.tell, stop

@@ -26,8 +26,7 @@ from ident.information.blocks import Error
 from ident.motion import Motion, State
 from ident.progress import Progress
 from ident.simulate.balance import Dynamics
-from ident.simulate.drives import torque_series
-from ident.simulate.integrate import STEPS, interpolated, rough_times
+from ident.simulate.integrate import STEPS, interpolated, rough_times, torque_series
 from ident.simulate.integration import Integration
 from ident.simulate.plant import Plant
 

@@ -31,11 +31,12 @@ from ident.mechanism.parameters import Consistency
 from ident.motion.closures import check_freedom
 from ident.motion.recipe import AUTO
 from ident.pool import Workers
-from ident.streams.checkpoint import Checkpoint, Progress
-from ident.streams.logs import Excerpt, Given, excerpt, log_paths
+from ident.streams.logs import Excerpt, Given, LogOnDisk, excerpt, log_paths
 from ident.streams.many_logs import LogComparison, compare_logs
 from ident.streams.portions import (
+    Checkpoint,
     Plan,
+    Progress,
     absorbed,
     multipliers_of,
     summaries,
@@ -221,10 +222,14 @@ def gather(
             "effects that are not linear were estimated on the excerpt and refined by one "
             "Gauss-Newton step over all samples"
         )
+    shown = {log.name for log in some.logs}  # of which health compares the samples
+    unseen = [part for part in plan.parts if part.name not in shown]
+    findings += _copied(plan, unseen, "standard errors are too small by √2", "leave it out")
     fit = _fit_of(regression, fitted, notes, findings, workers, consistent)
     if others:
         x = fitted.solution.x
-        fit = replace(fit, validation=_validation(plan, regression, x, workers, others, samples))
+        errors, copies = _validation(plan, regression, x, workers, others, samples)
+        fit = replace(fit, validation=errors, findings=(*fit.findings, *copies))
     return Gathered(fit, regression, plan, workers, worked, resumed, saved)
 
 
@@ -317,12 +322,26 @@ def _fit_of(
     return fit_of(r, fitted, consistent, findings, on_progress=workers.on_progress)
 
 
+def _copied(plan: Plan, parts: Sequence[LogOnDisk], harm: str, remedy: str) -> list[Finding]:
+    """Return a finding for each log that holds the values of an earlier one of a plan."""
+    first: dict[str, LogOnDisk] = {}
+    for part in plan.parts:
+        first.setdefault(part.digest, part)
+    pairs = [(a, first[a.digest].name) for a in parts if first.get(a.digest, a) is not a]
+    text = "{} holds {} samples of {}: " + harm
+    return [
+        Finding("copy", text.format(a.name, a.file.rows, name), remedy, (a.name,))
+        for a, name in pairs
+    ]
+
+
 def _validation(
     plan: Plan, r: Problem, x: np.ndarray, workers: Workers, paths: Sequence[Path], samples: int
-) -> dict[str, dict[str, Error]]:
-    """Errors of the parameters x (k,) in other logs, by log, then joint."""
-    alone = replace(workers, alone=True, broken={})
+) -> tuple[dict[str, dict[str, Error]], list[Finding]]:
+    """Errors of the parameters x (k,) in other logs, by log, then joint; and which are copies."""
+    alone, before = replace(workers, alone=True, broken={}), plan
     plan = with_logs(plan, summaries(r.mechanism, paths, alone), samples, alone)
+    texts = "its errors are no validation", "validate on another log"
     portions, names = list(plan.portions()), [part.name for part in plan.parts]
     logs = [names[portion.log] for portion in portions]
     done = alone.over(absorbed, portions, plan, logs, "validation")
@@ -330,4 +349,4 @@ def _validation(
     return {
         name: information.of_log(i).squares(x).errors(r.motion.independent, r.units)
         for i, name in enumerate(names)
-    }
+    }, _copied(before, plan.parts, *texts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 from collections.abc import Container, Sequence
@@ -38,6 +39,7 @@ class LogOnDisk:
     values: dict[str, int]  # number of values of each signal, by name
     repairs: tuple[str, ...]  # what was changed, in words
     stamp: tuple[int, int]  # size [bytes] and time of the last change [ns] of the file
+    digest: str  # of all values of its signals
     borders: tuple[int, ...] = ()  # rows (k + 1,) between its k portions
     recipe: Recipe | None = None  # None: a log of one portion, which decides by itself
     anchors: np.ndarray | None = None  # (k, nq) near portions' beginnings; None for a tree
@@ -95,6 +97,7 @@ def summarise(mechanism: Mechanism, path: Path) -> LogOnDisk:
     repairs: dict[str, list[str]] = {}
     starts, steps, deviations = [], [], []  # of pieces
     first, before, count, guess = 0.0, -np.inf, 0, 1.0
+    digest = hashlib.blake2b(digest_size=16)
     ends = [*range(LOOK, log.rows - LOOK // 2, LOOK), log.rows]
     for at, stop in zip([0, *ends[:-1]], ends, strict=True):
         piece = log.piece(at, stop, ["t", *signals])
@@ -116,6 +119,7 @@ def summarise(mechanism: Mechanism, path: Path) -> LogOnDisk:
         for name in signals:
             x = piece.columns[name]
             values[name] += int(np.isfinite(x).sum())
+            digest.update(x.tobytes())
             for k in absurd_samples(x):
                 repairs.setdefault(f"{name}: absurd", []).append(
                     f"{name} = {x[k]:.4g} in row {at + k + 1} (t = {piece.t[k]:.6g} s) "
@@ -137,7 +141,7 @@ def summarise(mechanism: Mechanism, path: Path) -> LogOnDisk:
     file = log.path.stat()
     return LogOnDisk(
         log, Clock(first, every, instants, even), np.concatenate(starts), values,
-        tuple(messages), (file.st_size, file.st_mtime_ns),
+        tuple(messages), (file.st_size, file.st_mtime_ns), digest.hexdigest(),
     )  # fmt: skip
 
 
@@ -210,7 +214,8 @@ def excerpt(
             try:
                 completed([each])
             except IdentError as error:
-                faults[each.name] = " ".join(str(error).split())
+                why = " ".join(str(error).split())
+                faults[each.name] = why.removeprefix(f"{each.name}: ")
         if len(summaries) == 1 or not faults or len(faults) == len(remaining):
             raise
         broken.update(faults)

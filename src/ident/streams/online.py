@@ -1,11 +1,7 @@
 """Identification while samples come: the equations and triangles of a batch, a fixed lag later.
 
-An old equation counts less, by the weight exp(−age/T) on its square; its triangle shrinks with
-
-    R → exp(−Δt/2T) R,   d → exp(−Δt/2T) d,   ρ → exp(−Δt/2T) ρ
-
-and Σ exp(−age/T) equations count. Source: L. Ljung, System Identification, 2nd ed., sect. 11.2. A
-parameter that no row determines any more stays at its last value, and its standard error grows by
+An old equation counts less (`streams/stream.py`). A parameter that no row determines any more stays
+at its last value, and its standard error grows by
 
     exp(Δt/2T)        the root of what an equation's weight exp(−Δt/T) leaves of its information
 
@@ -30,20 +26,19 @@ from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, LogError, one_of
 from ident.fit import Fit
 from ident.fit.multipliers import identifiable_multipliers
-from ident.fit.problem import LENGTH, blocks_of, plausible_of
+from ident.fit.problem import plausible_of
 from ident.fit.shapes import working_point
 from ident.fit.values import BaseValue, Value, base_values, effect_values, rigid_values
-from ident.information.blocks import Block, Error, Information, Squares
+from ident.information.blocks import Error, Squares
 from ident.information.covariance import covariance, prior_covariance
 from ident.information.estimate import Estimate, estimate
 from ident.log import Log
 from ident.mechanism import Mechanism
 from ident.motion import Motion, complete
-from ident.streams.data_watch import DataWatch, Since
-from ident.streams.samples import Sample, SampleParser
-from ident.streams.setting import Setting
+from ident.streams.samples import DataWatch, Sample, SampleParser, Since
 from ident.streams.stream import (
     LATENCY,
+    Accumulator,
     SampleWindow,
     Stream,
     check_causal,
@@ -52,9 +47,6 @@ from ident.streams.stream import (
 
 WARMUP = 5.0  # [s] from which a stream learns what it is like
 LONGEST = 100_000  # samples that a warm-up keeps at most
-INTERVALS = 32  # of time, at most
-FADING = 8.0  # intervals in a time constant of forgetting
-TOGETHER = 128  # samples whose rows are absorbed at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,120 +121,6 @@ class Snapshot(Displayed):
     def line(self) -> str:
         """Identified parameters, multipliers and errors in one line."""
         return str(render(self, "line"))
-
-
-@dataclass(frozen=True, eq=False)
-class Interval:
-    """The triangles of some time."""
-
-    at: float  # the time to which weights refer [s]
-    blocks: tuple[Block, ...]  # one a coordinate
-    weights: np.ndarray  # (2, d) Σ exp(−age/T) of the rows that inform, and of those that do not
-
-    @property
-    def start(self) -> float:
-        """Time of the first row [s]."""
-        return self.blocks[0].span[0]
-
-    @classmethod
-    def of(cls, rows: Rows, supports: Sequence[np.ndarray], T: float | None) -> Interval:
-        """Absorb rows; T is the time constant of forgetting [s], None: all count alike."""
-        at = float(rows.t[-1])
-        w = np.ones((len(rows.t), 1)) if T is None else np.exp((rows.t[:, None] - at) / (2 * T))
-        scaled = replace(rows, A=rows.A * w[:, None], b=rows.b * w, tau=rows.tau * w)
-        weights = np.stack([(w**2 * some).sum(axis=0) for some in (rows.informed, ~rows.informed)])
-        return cls(at, tuple(blocks_of(0, 0, [scaled], supports)), weights)
-
-    def aged(self, to: float, T: float | None) -> Interval:
-        """Return the same with weights that refer to a later time [s]."""
-        if T is None or to == self.at:
-            return replace(self, at=to)
-        w = float(np.exp((self.at - to) / (2 * T)))
-        return Interval(to, tuple(block.scaled(w) for block in self.blocks), w**2 * self.weights)
-
-    def merged(self, later: Interval, T: float | None) -> Interval:
-        """Add a later interval."""
-        mine = self.aged(later.at, T)
-        both = tuple(a + b for a, b in zip(mine.blocks, later.blocks, strict=True))
-        return Interval(later.at, both, mine.weights + later.weights)
-
-    def numbered(self, block: int) -> list[Block]:
-        """Return the blocks of one block of time, with the number of rows that count."""
-        count = np.rint(self.weights).astype(int)
-        return [
-            replace(
-                each,
-                block=block,
-                triangle=replace(each.triangle, rows=int(count[0, u])),
-                rest=replace(each.rest, rows=int(count[1, u])),
-            )
-            for u, each in enumerate(self.blocks)
-        ]
-
-
-class Accumulator:
-    """Absorbs rows as they come, in bounded memory: intervals of time stay few.
-
-    An interval is as long as the shortest before it. Of too many, the first pair that makes the
-    shortest one is merged, so that they remain about equal blocks for the jackknife and grow longer
-    together; with forgetting, all are equally long, and the two oldest merge.
-
-    Attributes:
-        now: time of the last row [s]; informed: of the last that informs.
-    """
-
-    def __init__(self, supports: Sequence[np.ndarray], forget: float | None, period: float) -> None:
-        self._supports, self._T, self._period = list(supports), forget, period
-        self._length = LENGTH * period if forget is None else forget / FADING
-        self._intervals: list[Interval] = []
-        self._open: Interval | None = None
-        self._waiting: list[Rows] = []
-        self.now = self.informed = -np.inf
-
-    def absorb(self, rows: Rows) -> None:
-        """Add rows, which come in the order of time."""
-        self._waiting.append(rows)
-        self.now = float(rows.t[-1])
-        if (informed := rows.informed.any(axis=1)).any():
-            self.informed = float(rows.t[informed][-1])
-        if sum(map(len, self._waiting)) >= TOGETHER:
-            self._absorb_waiting()
-
-    def information(self, k: int) -> Information:
-        """Return all rows on k columns by interval of time; weights refer to now."""
-        self._absorb_waiting()
-        intervals = [*self._intervals, *([self._open] if self._open else [])]
-        aged = [each.aged(self.now, self._T) for each in intervals]
-        blocks = [block for i, each in enumerate(aged) for block in each.numbered(i)]
-        return Information.of(blocks, k, len(self._supports))
-
-    def _absorb_waiting(self) -> None:
-        """Absorb what waits, interval by interval."""
-        waiting, self._waiting = self._waiting, []
-        rows = Rows.joined(waiting) if waiting else None
-        while rows is not None and len(rows):
-            start = self._open.start if self._open else float(rows.t[0])
-            inside = int(np.searchsorted(rows.t, start + self._length - 0.5 * self._period))
-            if inside:
-                new = Interval.of(rows[:inside], self._supports, self._T)
-                self._open = self._open.merged(new, self._T) if self._open else new
-                rows = rows[inside:]
-            if len(rows) and self._open:
-                self._close(self._open)
-
-    def _close(self, last: Interval) -> None:
-        self._intervals.append(last)
-        self._open = None
-        if len(self._intervals) <= INTERVALS:
-            return
-        at = 0
-        if self._T is None:
-            lengths = [each.at - each.start + self._period for each in self._intervals]
-            at = int(np.argmin(np.round(np.add(lengths[1:], lengths[:-1]) / self._period)))
-        both = self._intervals[at].merged(self._intervals[at + 1], self._T)
-        self._intervals[at : at + 2] = [both]
-        if self._T is None:
-            self._length = min(each.at - each.start for each in self._intervals) + self._period
 
 
 class Online:
@@ -383,7 +261,7 @@ class Online:
         solved, informed = self._solve()
         parameters, held = self._stated(solved, informed)
         ahead, self._ahead = self._ahead, Squares.zero(len(self._units))
-        names, (lost, why) = self._setting.independent, stream.lost
+        names, (lost, why) = self._joints, stream.lost
         left_out = [f"{lost} samples are left out, the last since {why}"] if lost else []
         base = solved.estimate.base
         return Snapshot(
@@ -425,19 +303,21 @@ class Online:
                 "like=ident.complete(mechanism, log)"
             )
         start = like.point if isinstance(like, Fit) else None
+        self._repeated = like.repeated if isinstance(like, Fit) else None
         self._point = working_point(self.mechanism, motion, start)
         mechanism = self._known_mechanism = _with_known_shapes(self.mechanism, self._point)
         self._columns = Columns.of(mechanism)
-        self._setting = setting = Setting.of(mechanism, motion)
-        stream = Stream(mechanism, self._columns, setting, self._point, self._latency)
+        stream = Stream(mechanism, self._columns, motion, self._point, self._latency)
         supports = row_supports(mechanism, self._columns, motion.experiments[0])
         self._accumulator = Accumulator(supports, self._T, stream.period)
         self._determined = identifiable_multipliers(mechanism, motion)
-        self._noise = np.array([setting.noise.get(f"tau.{name}", 0.0) for name in mechanism.driven])
-        self._units = [mechanism.joint(name).force_unit for name in setting.independent]
+        noise = motion.experiments[0].noise
+        self._noise = np.array([noise.get(f"tau.{name}", 0.0) for name in mechanism.driven])
+        self._joints, self._rows_cutoff = motion.independent, motion.band.cutoff
+        self._units = [mechanism.joint(name).force_unit for name in motion.independent]
         self._known: dict[str, tuple[Value, float]] = {}  # identified parameters, and when [s]
         self._most = 0  # base parameters that were known at once
-        self._ahead = Squares.zero(len(setting.independent))
+        self._ahead = Squares.zero(len(motion.independent))
         self._last: SampleWindow | None = None
         self._watch = DataWatch(mechanism, motion, stream.columns_of_samples)
         self._stream = stream
@@ -466,6 +346,8 @@ class Online:
         sensible = plausible_of(self._known_mechanism, columns, total)
         fitted = estimate(total.totals, prior, total.rms_torque, sensible)
         cov = covariance(total, fitted) + prior_covariance(fitted, sensible)
+        if self._repeated is not None and self._stream is not None:
+            cov *= self._repeated.variance(total.rows / total.d * self._stream.period)
         after = self._point.at(self._known_mechanism, columns, fitted.x)
         values = [*rigid_values(self._known_mechanism, columns, fitted, cov)]
         for each in effect_values(columns, fitted, cov, after):
@@ -501,7 +383,7 @@ class Online:
         m, parts = len(kinematics.multipliers), []
         for window in windows:
             around, part = window.e, window.inside
-            scene = Scene.of(mechanism, self._columns, around, self._point, self._setting.cutoff)
+            scene = Scene.of(mechanism, self._columns, around, self._point, self._rows_cutoff)
             e, equations, s = scene.e, scene.terms(part, full=True), scene.generalised(part)
             K_T = e.pinv[part, :, :m].transpose(0, 2, 1)
             b = equations.b - s.measured(e.independent)

@@ -5,41 +5,65 @@
 A log of one portion decides by itself what `complete` decides: its clock, smoothing, standstill. A
 longer log decides once for all of its portions, on some stretches of it. What several logs share
 (the filter, the joints in which errors count, the working point) is decided on an excerpt.
+
+The progress of a long run is in a file, from which the same run goes on after it was killed. The
+file is replaced whole. It holds JSON and one vector of numbers, and a digest of all that the
+run depends on: the mechanism, the logs, the settings, the plan made from them, and ident's version.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
+import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from types import CodeType, FunctionType
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from ident.equations.corrections import Scene
 from ident.equations.filter import Decimator
 from ident.equations.rows import row_supports, rows
 from ident.equations.unknowns import Columns, Point
-from ident.errors import FitError, MotionError, one_of
+from ident.errors import FitError, IdentError, MotionError, line_of, one_of
+from ident.files import atomic_write, regular
 from ident.fit.channel_checks import log_findings
 from ident.fit.findings import Finding
 from ident.fit.prediction import predict
 from ident.fit.problem import block_edges, triangles
 from ident.information.blocks import Block, summed
+from ident.information.triangle import Triangle
 from ident.log import Log
 from ident.log.read import names_of
+from ident.log.storage import check_claims
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.motion.closures import LoopSolver
-from ident.motion.motion import decide, left_out, part_of, state_of
-from ident.motion.recipe import Band, standstill
-from ident.motion.signals import absurd_samples, measure
+from ident.motion.motion import left_out, part_of, state_of
+from ident.motion.recipe import (
+    AUTO,
+    Band,
+    Recipe,
+    noise_of_speeds,
+    recipe_of,
+    standstill,
+    thresholds,
+    top_speeds,
+)
+from ident.motion.signals import Clock, absurd_samples, measure
 from ident.motion.smoothing import derive
 from ident.motion.state import State
 from ident.pool import Workers
 from ident.streams.logs import LogOnDisk, summarise
 from ident.streams.stream import margin_of
+from ident.version import version
 
 KNOTS = 40  # from a sample to another whose noise moves a spline there by 1e-7 of itself
 MEMORY = 4096  # samples after which an effect has forgotten where its memory began
@@ -130,7 +154,7 @@ def with_logs(plan: Plan, logs: Sequence[LogOnDisk], samples: int, workers: Work
         except MotionError as error:
             if workers.alone:
                 raise
-            workers.broken[log.name] = str(error)
+            workers.broken[log.name] = str(error).removeprefix(f"{log.name}: ")
     plan = replace(plan, parts=tuple(parts))
     several = [i for i, part in enumerate(parts) if len(part.borders) > 2]
     names = [parts[i].name for i in several]
@@ -175,6 +199,34 @@ def _decided(plan: Plan, number: int) -> LogOnDisk:
     )  # fmt: skip
     anchors = _anchors(plan, number) if plan.mechanism.closures else None
     return replace(part, recipe=recipe, anchors=anchors)
+
+
+def decide(
+    mechanism: Mechanism,
+    excerpts: Sequence[Log],
+    clock: Clock,
+    *,
+    logged: tuple[str, ...],
+    independent: tuple[str, ...],
+    band: Band,
+    smoothing: float | str | None = AUTO,
+) -> Recipe:
+    """The recipe of a long log, from excerpts of it that decide by themselves."""
+    signals = [measure(mechanism, log) for log in excerpts]
+    derived = [derive(each, logged, band, smoothing) for each in signals]
+    states = [
+        state_of(mechanism, each, logged, band, own)[0]
+        for each, own in zip(signals, derived, strict=True)
+    ]
+    if mechanism.closures:
+        states = [e.transmitted(mechanism, independent) for e in states]
+    noise = [
+        noise_of_speeds(mechanism, each, e, logged) for each, e in zip(signals, states, strict=True)
+    ]
+    still = thresholds(np.max([top_speeds(e) for e in states], axis=0), np.max(noise, axis=0))
+    states = [replace(e, still=still) for e in states]
+    limits = {name: x for each in signals for name, x in each.limits.items()}
+    return replace(recipe_of(states, band, clock), smoothing=smoothing, limits=limits)
 
 
 def _anchors(plan: Plan, number: int) -> np.ndarray:
@@ -232,10 +284,9 @@ def motion_of(plan: Plan, portion: Portion, log: Log) -> tuple[State | None, lis
     if absent:
         return None, [f"{where}: {absent[0]} is empty; they are left out"]
     if part.anchors is not None:  # on the branch on which the log arrives
-        near = replace(mechanism, start=part.anchors[portion.number])
-        near.__dict__["kinematics"] = mechanism.kinematics  # compiled functions, of no start
-        mechanism = near
-    state = part_of(mechanism, log, part.recipe)
+        mechanism = mechanism.starting(part.anchors[portion.number])
+    signals = measure(mechanism, log, part.recipe.clock, part.recipe.limits)
+    state = part_of(mechanism, signals, part.recipe)
     return state, [f"{where}: no sample can be used"] if state is None else []
 
 
@@ -281,3 +332,152 @@ def multipliers_of(plan: Plan, portion: Portion) -> tuple[np.ndarray, np.ndarray
     (prediction,) = predict(plan.mechanism, motion, plan.point)
     values = np.where(prediction.usable[:, None], prediction.multipliers, np.nan)
     return prediction.t[own], values[own]
+
+
+NAME = ".gathered.npz"
+PORTIONS, SECONDS = 8, 20.0  # after so many portions and so much time the file is replaced
+
+
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """Progress of a run."""
+
+    absorbed: int  # portions, from the first
+    blocks: Sequence[Block]  # their sum
+    broken: Mapping[str, str]  # reason by name of a log
+
+
+NOUNS = {c.__name__: c for c in (Progress, Block, Triangle)}
+
+
+class Checkpoint:
+    """The file of a run, replaced now and then.
+
+    Attributes:
+        file: its path.
+        unused: why the file that was found is not used; empty where it is, or there is none.
+    """
+
+    def __init__(self, folder: Path, plan: Plan) -> None:
+        self.file = folder / NAME
+        self.key = digest(plan)
+        self.unused = ""
+        self._saved = (0, time.monotonic())
+
+    def read(self) -> Progress | None:
+        """Return the progress of an interrupted run of the same key; None where there is none."""
+        try:
+            with regular(self.file).open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+                check_claims(arrays, self.file)
+                text = json.loads(str(arrays["text"]))
+                if text["key"] == self.key:
+                    result = _unpacked(text["progress"], arrays["numbers"])
+                    assert isinstance(result, Progress)
+                    return result
+                self.unused = "of another mechanism, log, settings or version"
+        except FileNotFoundError:
+            pass
+        except Exception as error:  # damaged bytes make readers fail in any way
+            self.unused = f"broken ({line_of(error)})"
+        return None
+
+    def due(self, absorbed: int) -> bool:
+        """Whether enough was done since the file was replaced."""
+        portions, since = self._saved
+        return absorbed - portions >= PORTIONS and time.monotonic() - since >= SECONDS
+
+    def write(self, progress: Progress) -> None:
+        """Replace the file."""
+        numbers: list[np.ndarray] = [np.empty(0)]
+        text = json.dumps({"key": self.key, "progress": _packed(progress, numbers)})
+        try:
+            self.file.parent.mkdir(parents=True, exist_ok=True)
+            with atomic_write(self.file) as stream:
+                np.savez(stream, allow_pickle=False, text=text, numbers=np.concatenate(numbers))
+        except OSError as error:
+            raise IdentError(
+                f"{self.file}: cannot be written ({error.strerror}); name a folder that you may "
+                "write"
+            ) from None
+        self._saved = (progress.absorbed, time.monotonic())
+
+    def remove(self) -> None:
+        """Remove the file, when all is done."""
+        self.file.unlink(missing_ok=True)
+
+
+def _packed(thing: Any, numbers: list[np.ndarray]) -> Any:
+    """Return a noun as JSON; its arrays, named by shape and type, are appended to `numbers`."""
+    if isinstance(thing, np.ndarray):
+        numbers.append(thing.ravel().astype(float))
+        return {"shape": thing.shape, "type": thing.dtype.str}
+    if isinstance(thing, Mapping):
+        return {"pairs": [[key, _packed(each, numbers)] for key, each in thing.items()]}
+    if (name := type(thing).__name__) in NOUNS:
+        values = [_packed(getattr(thing, each.name), numbers) for each in fields(thing)]
+        return {"noun": name, "values": values}
+    if isinstance(thing, list | tuple):
+        return [_packed(each, numbers) for each in thing]
+    return thing.item() if isinstance(thing, np.generic) else thing
+
+
+def _unpacked(text: Any, numbers: np.ndarray) -> Any:
+    """Return what `_packed` made JSON and numbers of."""
+    at = 0
+
+    def unpack(text: Any) -> Any:
+        nonlocal at
+        if isinstance(text, list):
+            return tuple(map(unpack, text))
+        if not isinstance(text, dict):
+            return text
+        if "noun" in text:
+            return NOUNS[text["noun"]](*map(unpack, text["values"]))
+        if "pairs" in text:
+            return {key: unpack(each) for key, each in text["pairs"]}
+        size = int(np.prod(text["shape"]))
+        array = numbers[at : at + size].astype(text["type"]).reshape(text["shape"])
+        array.flags.writeable = False
+        at += size
+        return array
+
+    return unpack(text)
+
+
+def digest(plan: Plan) -> str:
+    """Digest all that the triangles of a plan depend on."""
+    result = hashlib.sha256(version().encode())
+    _feed(result, plan)
+    return result.hexdigest()
+
+
+def _feed(result: Any, thing: Any) -> None:
+    """Add a plan's nouns to a digest, the arrays and numbers in them by their bytes."""
+    result.update(type(thing).__name__.encode())
+    if isinstance(thing, np.ndarray):
+        result.update(repr(thing.shape).encode() + np.ascontiguousarray(thing).tobytes())
+    elif isinstance(thing, pin.Model):
+        result.update(thing.saveToString().encode())
+    elif is_dataclass(thing):
+        _feed(result, [getattr(thing, each.name) for each in fields(thing)])
+        code = getattr(thing, "file", None)  # of a user's effect
+        if isinstance(code, Path):
+            result.update(code.read_bytes())
+        elif (own := getattr(thing, "function", None)) is not None:
+            _feed(result, own)
+    elif isinstance(thing, Mapping):
+        _feed(result, [*thing.items()])
+    elif isinstance(thing, list | tuple):
+        for each in thing:
+            _feed(result, each)
+    elif isinstance(thing, pin.SE3):
+        _feed(result, thing.homogeneous)
+    elif isinstance(thing, partial):
+        _feed(result, [thing.func, thing.args, thing.keywords])
+    elif isinstance(thing, FunctionType):
+        cells = [cell.cell_contents for cell in thing.__closure__ or ()]
+        _feed(result, [thing.__code__, thing.__defaults__, thing.__kwdefaults__, cells])
+    elif isinstance(thing, CodeType):
+        _feed(result, [thing.co_code, thing.co_names, thing.co_consts])
+    else:
+        result.update(repr(thing).encode())

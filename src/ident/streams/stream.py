@@ -1,191 +1,64 @@
-"""Samples in, rows of equations out, as they come: the equations of a batch, a fixed lag later.
+"""Samples in, rows of equations out, as they come: a stream is a log that grows, read in windows.
 
-    sample → clock → q, v, a of the logged joints → all joints through the closures
-           → Γ p + E c = τ in the independent coordinates → the rows' filter
+    samples → the last of them → the state of a part of a log (`motion.part_of`) → its rows
 
-Rows are made for a few samples together, since most of the time that one takes is not arithmetic.
+A window is evaluated as a portion of a long log is. Rows whose filter, splines and corrections have
+all of their neighbours leave it, once each; the samples that later rows need stay for the next one.
+What lies n knots away moves a quintic spline by 0.67ⁿ (the root of the Euler-Frobenius polynomial
+of degree 11; C. de Boor, A Practical Guide to Splines, 1978, ch. XIII): with `LAG` knots around it
+the variance of the noise in an acceleration differs from a batch's by 0.1 %.
+
+Rows are absorbed by intervals of time. An old equation counts less, by the weight exp(−age/T) on
+its square; its triangle shrinks with
+
+    R → exp(−Δt/2T) R,   d → exp(−Δt/2T) d,   ρ → exp(−Δt/2T) ρ
+
+and Σ exp(−age/T) equations count. Source: L. Ljung, System Identification, 2nd ed., sect. 11.2.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
-from itertools import pairwise
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ident.equations.corrections import WIDER, Scene
-from ident.equations.filter import STICKING, Decimator, FilterRun
-from ident.equations.rows import CHUNK, Rows, raw_rows
+from ident.equations.filter import STICKING, Decimator
+from ident.equations.rows import Rows, rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, MotionError
+from ident.fit.problem import LENGTH, blocks_of
+from ident.information.blocks import Block, Information
+from ident.log import Log
 from ident.mechanism.mechanism import Mechanism, Multipliers
-from ident.motion.closures import LoopSolver
-from ident.motion.signals import GAP, UNEVEN
-from ident.motion.state import State, nearness, wrenches
-from ident.streams.fixed_lag import FixedLag
+from ident.motion import Motion
+from ident.motion.motion import part_of
+from ident.motion.recipe import recipe_of
+from ident.motion.signals import (
+    GAP,
+    ORDERS,
+    SHORTEST,
+    Clock,
+    LogSignals,
+    is_signal,
+    runs,
+    torque_limits,
+    uniform_clock,
+    usual_range,
+)
+from ident.motion.state import State, nearness
 from ident.streams.samples import Sample, SampleParser
-from ident.streams.setting import Setting
 
-LATENCY = 0.02  # [s] that samples may wait for others
-TOGETHER = 32  # samples that need not wait longer
+LATENCY = 0.5  # [s] that samples may wait for others: what is around them is made again each time
+SAMPLES = 4096  # new samples of one window, at most
+LAG = 10.0  # knots on either side of a sample, of splines that smooth
+EXACT = 16  # samples there, of splines that interpolate: each moves them by 0.43 of the last
+PLACES = 64  # configurations from which a stream may set out
+INTERVALS = 32  # of time, at most
+FADING = 8.0  # intervals in a time constant of forgetting
+TOGETHER = 128  # samples whose rows are absorbed at once
 SPLINE, TWICE = 12, 2  # samples: where a cubic spline forgets its ends; lost by two differences
-
-Block = tuple[int, np.ndarray, np.ndarray]
-"""Number of the first sample in steps of the clock, samples (n, columns) without a gap, and the
-samples of the log behind them."""
-
-
-class StreamClock:
-    """Puts samples on a uniform clock as they come, as `complete` does with a whole log.
-
-    Samples that are in step are taken as they are; the clock follows them. Others are interpolated
-    on it, one sample late. Beyond a gap it begins anew: there numbers jump.
-    """
-
-    def __init__(self, rate: float, free: bool) -> None:
-        self._dt, self._free = 1.0 / rate, free
-        self._last: np.ndarray | None = None  # the last sample that came
-        self._t, self._number = 0.0, 0  # of the last instant of the clock, of the next one
-
-    def cut(self) -> None:
-        """Begin anew with the next sample."""
-        self._last, self._number = None, self._number + 2
-
-    def __call__(self, X: np.ndarray) -> Iterator[Block]:
-        """Yield the blocks that samples X (n, columns), `t` first, make."""
-        dt, begun = self._dt, self._last is not None
-        if self._free:
-            self._number += len(X)
-            yield self._number - len(X), X, X
-            return
-        whole = X if self._last is None else np.concatenate([self._last[None], X])
-        self._last = X[-1]
-        gaps = np.flatnonzero(np.diff(whole[:, 0]) > GAP * dt) + 1
-        for i, j in pairwise([0, *gaps, len(whole)]):
-            run = whole[i:j]
-            first = run[: int(i > 0 or not begun)]  # the sample that came last is not made again
-            if i:
-                self._number += max(2, round((run[0, 0] - self._t) / dt)) - 1
-            self._t = float(run[0, 0]) if len(first) else self._t
-            samples, n = run[1:], np.arange(1, j - i)
-            if len(n):
-                off = samples[:, 0] - self._t - dt * n
-                drift = off[-1] * n / len(n)
-                if abs(off[-1]) > UNEVEN * dt * len(n) or np.abs(off - drift).max() > UNEVEN * dt:
-                    instants = int((samples[-1, 0] - self._t) / dt + UNEVEN)
-                    t = self._t + dt * np.arange(1, instants + 1)
-                    columns = [np.interp(t, run[:, 0], x) for x in run.T[1:]]
-                    samples = np.stack([t, *columns], axis=1)
-            block, logged = np.concatenate([first, samples]), np.concatenate([first, run[1:]])
-            if len(block):
-                self._t, self._number = float(block[-1, 0]), self._number + len(block)
-            if len(logged):
-                yield self._number - len(block), block, logged
-
-
-class Overlap:
-    """Puts the last samples before those that come; they are needed as neighbours."""
-
-    def __init__(self, count: int) -> None:
-        self._count, self._number = count, 0
-        self._last: State | None = None
-
-    def __call__(self, number: int, new: State) -> tuple[int, State]:
-        """Return the number of the first sample and all samples."""
-        last = self._last
-        if not self._count:
-            return number, new
-        if last is not None and self._number + len(last) == number:
-            number, new = self._number, _joined(last, new)
-        first = max(0, len(new) - self._count)
-        self._number, self._last = number + first, new.at_samples(slice(first, None))
-        return number, new
-
-
-def _joined(a: State, b: State) -> State:
-    """One block of samples after the other."""
-    arrays: dict[str, Any] = {
-        each.name: np.concatenate([x, getattr(b, each.name)])
-        for each in fields(a)
-        if each.name != "still" and isinstance(x := getattr(a, each.name), np.ndarray)
-    }
-    extra = {name: np.concatenate([x, b.extra[name]]) for name, x in a.extra.items()}
-    loop = None
-    if a.loop is not None and b.loop is not None:
-        loop = np.concatenate([a.loop[0], b.loop[0]]), np.concatenate([a.loop[1], b.loop[1]])
-    return replace(a, **arrays, extra=extra, loop=loop)
-
-
-class ClosureFollower:
-    """Completes motions of the logged joints through the closures, block by block.
-
-    A position at which the closures cannot follow, or that is singular, is left out and counted;
-    the next sample sets out from the last position that was good.
-
-    Attributes:
-        lost: how many samples could not be completed; why: of the last of them.
-    """
-
-    def __init__(self, mechanism: Mechanism, setting: Setting) -> None:
-        self._mechanism, self._setting = mechanism, setting
-        self._solver = LoopSolver(mechanism, setting.logged, setting.scale)
-        self._q: np.ndarray | None = None
-        self._y = np.empty(0)
-        self._turning = [
-            (i, joint.name)
-            for i, joint in enumerate(mechanism.joints)
-            if joint.rotational and not joint.in_tree
-        ]
-        self._own: dict[str, np.ndarray] = {}  # where closures' own joints were last: whole turns
-        self.lost, self.why = 0, ""
-
-    def __call__(self, base: State, known: np.ndarray) -> tuple[State, np.ndarray]:
-        """Return the samples that can be completed, and their places (kept,) in the block."""
-        mechanism, names = self._mechanism, self._setting.logged
-        if not mechanism.closures:
-            return base.at(mechanism, known, names), np.arange(len(base))
-        q = self._followed(known[0], base.t)
-        closed = np.flatnonzero(np.isfinite(q).all(axis=1))
-        if not len(closed):
-            return base.at_samples(closed), closed
-        if len(closed) < len(q):
-            base, known, q = base.at_samples(closed), known[:, closed], q[closed]
-        v, a = self._solver.rates(q, *known[1:])
-        near = {**self._own, **dict(zip(names, known[0].T, strict=True))}
-        e = base.at(mechanism, motion=(q, v, a), turns=near)
-        self._own = {name: e.y[-1:, i] for i, name in self._turning}
-        e = e.transmitted(mechanism, self._setting.independent, np.inf)
-        regular = nearness(e) < self._setting.singular
-        if not regular.all():
-            at = float(e.t[np.argmin(regular)])
-            self.lose(int((~regular).sum()), f"t = {at:.6g} s is near a singular position")
-            e, closed = e.at_samples(regular), closed[regular]
-        return e, closed
-
-    def _followed(self, y: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Configurations (n, nq) at the coordinates y (n, logged); NaN where there are none."""
-        if self._q is None:  # from the known place that is nearest
-            nearest = int(np.abs(self._setting.y - y[0]).max(axis=1).argmin())
-            self._q, self._y = self._setting.q[nearest], self._setting.y[nearest]
-        try:
-            q = self._solver.onward(self._q, self._y, y, t)
-        except MotionError as error:
-            if len(y) == 1:
-                self.lose(1, str(error))
-                self._q = None  # the next sample begins from a place that is known
-                return np.full((1, self._mechanism.model.nq), np.nan)
-            half = len(y) // 2
-            return np.concatenate(
-                [self._followed(y[:half], t[:half]), self._followed(y[half:], t[half:])]
-            )
-        self._q, self._y = q[-1], y[-1]
-        return q
-
-    def lose(self, count: int, why: str) -> None:
-        """Count samples that are left out."""
-        self.lost, self.why = self.lost + count, why
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,55 +72,78 @@ class SampleWindow:
 class Stream:
     """The equations of a mechanism, made of samples as they come.
 
+    Args:
+        mechanism, columns, point: whose rows, and where what is not linear is evaluated.
+        like: a motion of the same machine, whose decisions (filter, knots, standstill, …) hold.
+        latency: how long samples may wait for others [s].
+        sticking: share of a row that may come from samples that do not inform it.
+
     Attributes:
+        recipe: the decisions of the motion.
         windows: the samples of which the last call made rows.
         samples: how many have come.
         left_out: (row, why) of the samples of the last call that are left out.
         last: (n, columns) those that are not.
+        lost: how many are left out in all, and why the last of them.
 
     Raises:
         FitError: for an effect that a whole log decides, naming it.
+        MotionError: for a motion that has no log.
     """
 
     def __init__(
         self,
         mechanism: Mechanism,
         columns: Columns,
-        setting: Setting,
+        like: Motion,
         point: Point | None = None,
         latency: float = LATENCY,
         sticking: float = STICKING,
     ) -> None:
         check_causal(mechanism)
-        self.mechanism, self.columns, self.setting = mechanism, columns, setting
+        if not like.logs:
+            raise MotionError(
+                "this motion has no log, so nothing says what is logged; one of "
+                "ident.complete(mechanism, log) has"
+            )
+        e, log = like.experiments[0], like.logs[0]
+        self.mechanism, self.columns, self._sticking = mechanism, columns, sticking
         self.point = Point.prior(mechanism) if point is None else point
-        self.samples = 0
-        self.windows: list[SampleWindow] = []
-        torques = tuple(f"tau.{name}" for name in mechanism.driven)
-        reads = tuple(x for effect in mechanism.effects for x in effect.reads())
-        others = tuple(dict.fromkeys((*torques, *setting.wrenches, *reads)))
-        needed = (*setting.motion_columns, *others)
-        self._parser = SampleParser(
-            mechanism.name, mechanism.columns, needed, gap=GAP / setting.rate, usual=setting.usual
+        self.recipe = replace(
+            recipe_of(like.experiments, like.band), limits=torque_limits(log.columns)
         )
-        place = self._parser.columns.index
+        self._dt, self._decimator = 1 / e.rate, Decimator.of(like.band.cutoff, e.rate)
+        motion = [f"{k}.{name}" for name in e.logged for k in ORDERS if f"{k}.{name}" in log]
+        names = [*motion, *(f"tau.{name}" for name in mechanism.driven)]
+        names += [name for name in log.columns if name.startswith("wrench.")]
+        names += [name for effect in mechanism.effects for name in effect.reads()]
+        usual = {name: usual_range(x) for name, x in log.columns.items() if is_signal(name)}
+        self._parser = SampleParser(
+            mechanism.name, mechanism.columns, [*dict.fromkeys(names)], gap=GAP * self._dt,
+            usual=usual,
+        )  # fmt: skip
+        self._margin = margin_of(mechanism, e.rate, like.band.cutoff)
+        smooth = EXACT if len(motion) < len(ORDERS) * len(e.logged) else 0
+        if self.recipe.noisy:
+            smooth = max(smooth, int(np.ceil(LAG * self.recipe.knots * e.rate)))
+        self._around = smooth + self._margin  # samples beside one that its state depends on
+        self._block = max(1, round(latency * e.rate))
+        some = np.flatnonzero(e.usable)
+        some = some[:: max(1, len(some) // PLACES)]
+        self._places = e.known(mechanism)[0, some], e.q[some]
+        self.samples, self.lost = 0, (0, "")
+        self.windows: list[SampleWindow] = []
         self.left_out: list[tuple[int, str]] = []
-        self.last = np.empty((0, len(self._parser.columns)))
-        self._others = {name: place(name) for name in others}
-        self._torques = [place(name) for name in torques]
-        self._margin = margin_of(mechanism, setting.rate, setting.cutoff)
-        self._smoother = FixedLag(setting, self._parser.columns)
-        self._completed = Overlap(2 * self._margin)
-        self._follower = ClosureFollower(mechanism, setting)
-        self._decimator, self._sticking = Decimator.of(setting.cutoff, setting.rate), sticking
-        self._run: FilterRun | None = None
-        self._recent = np.empty(0)  # t of the samples that the filter holds
-        free = setting.smoothing_lag == self._margin == 0 and setting.cutoff is None
-        self._clock = StreamClock(setting.rate, free)
-        self._block = int(np.clip(round(latency * setting.rate), 1, TOGETHER))
-        self._waiting: list[np.ndarray] = []
-        assert setting.still is not None
-        self._still = setting.still
+        self.last = self._X = np.empty((0, len(self._parser.columns)))
+        self._begin = np.nan  # time of the first sample of all [s]
+        self._cut()
+
+    def _cut(self) -> None:
+        """Begin a new run: nothing passes to it from the samples before."""
+        self._old = 0  # samples of _X that were in a window already
+        self._t0 = np.nan  # first time of the run [s]
+        self._done = self._row = -np.inf  # times of the last sample and row that have left [s]
+        self._q: np.ndarray | None = None  # a configuration near the next window's first
 
     @property
     def t(self) -> float:
@@ -262,18 +158,13 @@ class Stream:
     @property
     def lag(self) -> float:
         """By how much the newest row is older than the newest sample, at most [s]."""
-        around = self.setting.smoothing_lag + self._margin + self._decimator.half
-        return (around + self._decimator.factor - 1 + self._block - 1) / self.setting.rate
+        around = self._around + self._decimator.half
+        return (around + self._decimator.factor - 1 + self._block - 1) * self._dt
 
     @property
     def period(self) -> float:
         """Time between two rows [s]."""
-        return self._decimator.factor / self.setting.rate
-
-    @property
-    def lost(self) -> tuple[int, str]:
-        """Samples that are left out, and why the last of them."""
-        return self._follower.lost, self._follower.why
+        return self._decimator.factor * self._dt
 
     def push(self, sample: Sample) -> list[Rows]:
         """Return the rows that are known with a further sample, or a block of them.
@@ -285,76 +176,242 @@ class Stream:
         X = self._parser(sample)
         self.left_out = self._parser.left_out
         for _, why in self.left_out:
-            self._follower.lose(1, why)
-        self.samples, self.last = self.samples + len(X), X
-        if len(X):
-            self._waiting.append(X)
-        if sum(map(len, self._waiting)) >= self._block:
-            return self.flush()
-        self.windows = []
-        return []
+            self._lose(1, why)
+        self.samples, self.last, self.windows = self.samples + len(X), X, []
+        self._X = np.concatenate([self._X, X])
+        return self.flush() if len(self._X) - self._old >= self._block else []
 
-    def flush(self) -> list[Rows]:
-        """Return the rows of samples that wait for others."""
-        self.windows, waiting, self._waiting = [], self._waiting, []
-        X = np.concatenate(waiting) if waiting else np.empty((0, 1))
-        return [
-            rows
-            for start in range(0, len(X), CHUNK)
-            for block in self._clock(X[start : start + CHUNK])
-            for smooth in self._smoother(*block)
-            for rows in self._rows_of(*smooth)
-        ]
+    def flush(self, last: bool = False) -> list[Rows]:
+        """Return the rows of samples that wait for others; `last`: of all, as before a gap."""
+        self.windows, made = [], []
+        while self._old < len(self._X):
+            stop = min(len(self._X), self._old + SAMPLES)
+            since = max(self._old - 1, 0)
+            gaps = np.flatnonzero(np.diff(self._X[since:stop, 0]) > GAP * self._dt)
+            if len(gaps):
+                stop = since + int(gaps[0]) + 1
+            over = bool(len(gaps)) or (last and stop == len(self._X))
+            made += self._rows_of(stop, over)
+            if over:
+                self._X = self._X[self._old :]
+                self._cut()
+        if last and len(self._X):
+            made += self._rows_of(len(self._X), True)
+            self._X = self._X[:0]
+            self._cut()
+        return made
 
     def finish(self) -> list[Rows]:
         """Return all rows that are left, as before a gap; further samples begin a new run."""
-        made = self.flush()
-        self._clock.cut()
-        return made + [rows for x in self._smoother.finish() for rows in self._rows_of(*x)]
+        return self.flush(last=True)
 
-    def _rows_of(self, number: int, X: np.ndarray, known: np.ndarray) -> Iterator[Rows]:
-        """Yield the rows that samples X (n, columns) complete; known (3, n, logged): q, v, a."""
-        margin, setting = self._margin, self.setting
-        e, places = self._experiment(X, known)
-        jumps = np.flatnonzero(np.diff(places) != 1) + 1
-        for i, j in pairwise([0, *jumps, len(places)]):
-            if i == j:
-                continue
-            first, around = self._completed(number + int(places[i]), e.at_samples(slice(i, j)))
-            if len(around) <= 2 * margin:
-                continue
-            window = SampleWindow(around, slice(margin, len(around) - margin))
-            self.windows.append(window)
-            sample = np.arange(first + margin, first + len(around) - margin)
-            scene = Scene.of(self.mechanism, self.columns, around, self.point, setting.cutoff)
-            raw = raw_rows(scene, window.inside, setting.farthest)
-            rows = self._filtered(replace(raw, sample=sample))
-            if rows is not None:
-                yield rows
+    def _rows_of(self, stop: int, last: bool) -> list[Rows]:
+        """Return the rows that a window of samples up to `stop` completes."""
+        X, dt, half = self._X[:stop], self._dt, self._decimator.half
+        if np.isnan(self._t0):
+            self._t0 = float(X[0, 0])
+            self._begin = self._t0 if np.isnan(self._begin) else self._begin
+        new, self._old = stop - self._old, stop
+        if len(X) <= (SHORTEST if last and self._around else max(1, self._around)):
+            return []
+        end = float(X[-1, 0])
+        until = end - (0 if last else self._around) * dt
+        try:
+            e = self._state(X)
+        except MotionError as error:
+            self._lose(new, str(error))
+            self._X = self._X[stop:]
+            self._cut()
+            return []
+        made = [] if e is None else [*self._made(e, until)]
+        kept = 2 * (half + self._around + self._decimator.factor) + SHORTEST
+        first = int(np.searchsorted(X[:, 0], end - kept * dt))
+        if e is not None:
+            self._q = e.q[min(int(np.searchsorted(e.t, X[first, 0])), len(e) - 1)]
+        self._X, self._old = self._X[first:], stop - first
+        return made
 
-    def _experiment(self, X: np.ndarray, known: np.ndarray) -> tuple[State, np.ndarray]:
-        setting = self.setting
-        base = State(
-            name=self.mechanism.name, t=X[:, 0], tau=X[:, self._torques],
-            usable=np.ones(len(X), dtype=bool), still=self._still,
-            extra={name: X[:, at] for name, at in self._others.items()},
-            logged=setting.logged, independent=setting.independent,
-        )  # fmt: skip
-        e, places = self._follower(base, known)
-        if setting.wrenches and len(e):
-            e = replace(e, wrench=wrenches(self.mechanism, e.name, e.extra, e.q))
-        return e, places
+    def _state(self, X: np.ndarray) -> State | None:
+        """Return the state over a window (n, columns); None if no sample of it is usable."""
+        log = Log(self.mechanism.name, dict(zip(self._parser.columns[1:], X.T[1:], strict=True)),
+                  X[:, 0])  # fmt: skip
+        clock = Clock(self._t0, self._dt, 0, uniform_clock(log)[1])
+        t = clock.within(log)
+        if len(t) < 2:
+            return None
+        columns = {
+            name: x if clock.even else np.interp(t, log.t, x) for name, x in log.columns.items()
+        }
+        signals = LogSignals(log, t, columns, np.ones(len(t), dtype=bool), clock.even)
+        mechanism = self.mechanism
+        if mechanism.closures:
+            y = np.array([columns[f"q.{name}"][0] for name in self.recipe.logged])
+            places, q = self._places
+            nearest = q[int(np.abs(places - y).max(axis=1).argmin())]
+            mechanism = mechanism.starting(nearest if self._q is None else self._q)
+        return part_of(mechanism, signals, replace(self.recipe, clock=clock))
 
-    def _filtered(self, raw: Rows) -> Rows | None:
-        """Return the rows that are known with further raw rows."""
-        if self._run is None or raw.sample[0] != self._run.end:  # nothing passes a gap
-            self._run = FilterRun(self._decimator, int(raw.sample[0]), self._sticking)
-            self._recent = np.empty(0)
-        t = np.concatenate([self._recent, raw.t])
-        sample, (A, b, tau, informed) = self._run.push([raw.A, raw.b, raw.tau, raw.informed])
-        self._recent = t[max(0, len(t) - self._decimator.half) :]
-        at = sample - self._run.end  # from the end
-        return Rows(t[at], sample, A, b, tau, informed) if len(sample) else None
+    def _made(self, e: State, until: float) -> Iterator[Rows]:
+        """Yield the rows of a window that are new and complete, and add its new samples."""
+        dt, half = self._dt, self._decimator.half
+        new = (e.t > self._done + 0.5 * dt) & (e.t <= until + 0.5 * dt)
+        if not new.any():
+            return
+        self._done = float(e.t[new][-1])
+        ends = [self.recipe.limits.get(f"tau.{name}") for name in self.mechanism.driven]
+        low, high = np.array([each or (-np.inf, np.inf) for each in ends]).reshape(-1, 2).T
+        clipped = ((e.tau <= low) | (e.tau >= high)).any(axis=1)
+        e = replace(e, usable=e.usable & ~clipped)
+        for bad, why in (
+            (clipped, "a torque is at its limit"),
+            (nearness(e) >= self.recipe.singular, "it is near a singular position"),
+        ):
+            if (new & bad).any():
+                self._lose(int((new & bad).sum()), f"{why} at t = {e.t[new & bad][-1]:.6g} s")
+        self.windows += [SampleWindow(e, run) for run in runs(new & e.usable)]
+        cutoff = self.recipe.band.cutoff
+        scene = Scene.of(self.mechanism, self.columns, self._aligned(e), self.point, cutoff)
+        ready, before = until - half * dt + 0.5 * dt, self._row + 0.5 * dt
+        for piece in rows(scene, cutoff, self._sticking, self.recipe.farthest, keep=False):
+            own = piece[(piece.t > before) & (piece.t <= ready)]
+            if len(own):
+                self._row = float(own.t[-1])
+                sample = np.rint((own.t - self._begin) / dt).astype(int)
+                yield replace(own, sample=sample)
+
+    def _aligned(self, e: State) -> State:
+        """Return the state without the first samples, so that it is filtered at the instants at
+        which the windows before it were.
+        """
+        if not np.isfinite(self._row):
+            return e
+        i, usable = int(np.abs(e.t - self._row).argmin()), e.usable.copy()
+        for run in e.segments():
+            if run.start <= i < run.stop:
+                first = max(run.start, self._margin)
+                first += (i - self._decimator.half - first) % self._decimator.factor
+                usable[run.start : first] = False
+        return replace(e, usable=usable)
+
+    def _lose(self, count: int, why: str) -> None:
+        self.lost = self.lost[0] + count, why
+
+
+# --- rows absorbed --------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Interval:
+    """The triangles of some time."""
+
+    at: float  # the time to which weights refer [s]
+    blocks: tuple[Block, ...]  # one a coordinate
+    weights: np.ndarray  # (2, d) Σ exp(−age/T) of the rows that inform, and of those that do not
+
+    @property
+    def start(self) -> float:
+        """Time of the first row [s]."""
+        return self.blocks[0].span[0]
+
+    @classmethod
+    def of(cls, rows: Rows, supports: Sequence[np.ndarray], T: float | None) -> Interval:
+        """Absorb rows; T is the time constant of forgetting [s], None: all count alike."""
+        at = float(rows.t[-1])
+        w = np.ones((len(rows.t), 1)) if T is None else np.exp((rows.t[:, None] - at) / (2 * T))
+        scaled = replace(rows, A=rows.A * w[:, None], b=rows.b * w, tau=rows.tau * w)
+        weights = np.stack([(w**2 * some).sum(axis=0) for some in (rows.informed, ~rows.informed)])
+        return cls(at, tuple(blocks_of(0, 0, [scaled], supports)), weights)
+
+    def aged(self, to: float, T: float | None) -> Interval:
+        """Return the same with weights that refer to a later time [s]."""
+        if T is None or to == self.at:
+            return replace(self, at=to)
+        w = float(np.exp((self.at - to) / (2 * T)))
+        return Interval(to, tuple(block.scaled(w) for block in self.blocks), w**2 * self.weights)
+
+    def merged(self, later: Interval, T: float | None) -> Interval:
+        """Add a later interval."""
+        mine = self.aged(later.at, T)
+        both = tuple(a + b for a, b in zip(mine.blocks, later.blocks, strict=True))
+        return Interval(later.at, both, mine.weights + later.weights)
+
+    def numbered(self, block: int) -> list[Block]:
+        """Return the blocks of one block of time, with the number of rows that count."""
+        count = np.rint(self.weights).astype(int)
+        return [
+            replace(
+                each,
+                block=block,
+                triangle=replace(each.triangle, rows=int(count[0, u])),
+                rest=replace(each.rest, rows=int(count[1, u])),
+            )
+            for u, each in enumerate(self.blocks)
+        ]
+
+
+class Accumulator:
+    """Absorbs rows as they come, in bounded memory: intervals of time stay few.
+
+    An interval is as long as the shortest before it. Of too many, the first pair that makes the
+    shortest one is merged, so that they remain about equal blocks for the jackknife and grow longer
+    together; with forgetting, all are equally long, and the two oldest merge.
+
+    Attributes:
+        now: time of the last row [s]; informed: of the last that informs.
+    """
+
+    def __init__(self, supports: Sequence[np.ndarray], forget: float | None, period: float) -> None:
+        self._supports, self._T, self._period = list(supports), forget, period
+        self._length = LENGTH * period if forget is None else forget / FADING
+        self._intervals: list[Interval] = []
+        self._open: Interval | None = None
+        self._waiting: list[Rows] = []
+        self.now = self.informed = -np.inf
+
+    def absorb(self, rows: Rows) -> None:
+        """Add rows, which come in the order of time."""
+        self._waiting.append(rows)
+        self.now = float(rows.t[-1])
+        if (informed := rows.informed.any(axis=1)).any():
+            self.informed = float(rows.t[informed][-1])
+        if sum(map(len, self._waiting)) >= TOGETHER:
+            self._absorb_waiting()
+
+    def information(self, k: int) -> Information:
+        """Return all rows on k columns by interval of time; weights refer to now."""
+        self._absorb_waiting()
+        intervals = [*self._intervals, *([self._open] if self._open else [])]
+        aged = [each.aged(self.now, self._T) for each in intervals]
+        blocks = [block for i, each in enumerate(aged) for block in each.numbered(i)]
+        return Information.of(blocks, k, len(self._supports))
+
+    def _absorb_waiting(self) -> None:
+        """Absorb what waits, interval by interval."""
+        waiting, self._waiting = self._waiting, []
+        rows = Rows.joined(waiting) if waiting else None
+        while rows is not None and len(rows):
+            start = self._open.start if self._open else float(rows.t[0])
+            inside = int(np.searchsorted(rows.t, start + self._length - 0.5 * self._period))
+            if inside:
+                new = Interval.of(rows[:inside], self._supports, self._T)
+                self._open = self._open.merged(new, self._T) if self._open else new
+                rows = rows[inside:]
+            if len(rows) and self._open:
+                self._close(self._open)
+
+    def _close(self, last: Interval) -> None:
+        self._intervals.append(last)
+        self._open = None
+        if len(self._intervals) <= INTERVALS:
+            return
+        at = 0
+        if self._T is None:
+            lengths = [each.at - each.start + self._period for each in self._intervals]
+            at = int(np.argmin(np.round(np.add(lengths[1:], lengths[:-1]) / self._period)))
+        both = self._intervals[at].merged(self._intervals[at + 1], self._T)
+        self._intervals[at : at + 2] = [both]
+        if self._T is None:
+            self._length = min(each.at - each.start for each in self._intervals) + self._period
 
 
 def margin_of(mechanism: Mechanism, rate: float, cutoff: float | None) -> int:

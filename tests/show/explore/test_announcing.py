@@ -9,7 +9,7 @@ import pytest
 from explored import grown, screened
 
 import ident
-from ident.show.explore.contents import beside_verdict, effect_rows
+from ident.show.explore.board import beside_verdict, effect_rows
 from ident.show.explore.exploration import Exploration
 from ident.show.explore.predicted import PredictedGain, rows_of
 

@@ -12,7 +12,7 @@ import ident
 from helpers import ROBOTS
 from ident import FitError, MechanismError
 from ident.show.explore import Board
-from ident.show.explore.contents import VIEWS
+from ident.show.explore.board import VIEWS
 
 EXPLORATION = "ident.show.explore.exploration"
 ELBOW = {"label": "viscous:elbow"}

@@ -94,7 +94,6 @@ def test_a_known_effect_can_be_set_free():
     ("verb", "words"),
     [
         (lambda e: e.with_effect("viscous:elbo"), "did you mean 'elbow'"),
-        (lambda e: e.with_effect("viscous"), "add one at a time"),
         (lambda e: e.with_effect("viscous:elbow").with_effect("viscous:elbow"), "already"),
         (lambda e: e.without("viscous:elbow"), "has no effect"),
         (lambda e: e.at(3), "there is no rung 3"),
@@ -105,6 +104,15 @@ def test_what_cannot_be_is_one_line(verb, words):
     with pytest.raises(IdentError, match=words) as caught:
         verb(given())
     assert "\n" not in str(caught.value)
+
+
+def test_one_kind_at_several_joints_is_one_rung():
+    e = given()
+    labels = ["viscous:elbow", "viscous:shoulder"]
+    both = e.with_effect(labels)
+    assert both.now.name == "+ viscous in elbow and shoulder"
+    assert [each.label for each in both.now.step.added] == labels
+    assert both.undone is e
 
 
 def test_saved_it_is_a_mechanism_for_the_next_log(tmp_path):

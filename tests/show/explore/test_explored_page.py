@@ -18,10 +18,11 @@ HOSTILE = "<img src=x onerror=document.title='taken'>"
 def settled(page) -> None:
     """Nothing is worked out any more."""
     page.locator(".status.done").wait_for()
-    page.locator(".candidates ul:not(.stale)").wait_for()
+    page.locator("#effects:not(.stale)").wait_for()
 
 
 def add(page, label: str) -> None:
+    page.evaluate("document.querySelectorAll('#effects details').forEach((x) => x.open = true)")
     page.get_by_role("button", name=f"add {label}", exact=True).click()
     page.get_by_role("button", name=f"remove {label}", exact=True).wait_for()
     settled(page)
@@ -42,8 +43,18 @@ def test_the_error_falls_by_hand(serve, visit, tmp_path):
     page = seen.page
     settled(page)
     assert page.get_by_role("button", name="Undo").is_disabled()
-    assert "explained better by" in page.locator("section.candidates").inner_text()
+    assert "explained better by" in page.locator("section.candidates").text_content()
     assert page.locator("canvas").count() > 2
+
+    candidate = page.locator("#effects li.sure").first
+    candidate.hover()
+    preview = page.locator("#shown [aria-label*='over time, as it is and with']")
+    preview.wait_for()
+    assert len(rungs(page)) == 1  # nothing is added
+    page.locator("#errors").hover()
+    preview.wait_for(state="detached")
+    candidate.get_by_role("button").first.focus()
+    preview.wait_for()
 
     add(page, "viscous:elbow")
     ladder = rungs(page)

@@ -14,8 +14,8 @@ import ident
 from helpers import J, tree_urdf, write_mechanism
 from ident.display import render
 from ident.show.view3d.bodies import pivots_of, points_of
-from ident.show.view3d.film import frame_poses, loads_of
 from ident.show.view3d.page import legend
+from ident.show.view3d.scene import frame_poses, loads_of
 
 KINDS = ("point", "revolute", "prismatic", "cylindrical", "universal", "planar", "fixed")
 SIX = [("prismatic", axis) for axis in ("1 0 0", "0 1 0", "0 0 1")]

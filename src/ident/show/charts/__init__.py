@@ -11,6 +11,7 @@ import base64
 import io
 import json
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from importlib import resources
@@ -53,6 +54,7 @@ SERIES = (
     "#5c6bc0",  # indigo
     "#c0563f",  # brick
 )
+OWN = ("charts.js", "scene.js")
 CLOUD = 4000  # points that are drawn of a cloud; more only darken it
 
 Colour = int | str
@@ -250,6 +252,15 @@ class Chart:
         return self.image("png")
 
 
+class Arrays(dict[str, int]):
+    """Arrays as binary numbers in text, each once however many share it; `unpacked` reads them."""
+
+    def place(self, x: np.ndarray, kind: str) -> int:
+        """Return the number of an array that is stored as `kind`: <f4, <f8 or <i4."""
+        text = kind + base64.b64encode(np.asarray(x, kind).tobytes()).decode()
+        return self.setdefault(text, len(self))
+
+
 @dataclass(frozen=True, eq=False)
 class Live:
     """A chart that can be zoomed; Jupyter shows it as it is. Made by `Chart.live`."""
@@ -258,15 +269,11 @@ class Live:
 
     def data(self) -> str:
         """Return the chart as JSON, safe inside a <script> element; what `drawChart` takes."""
-        arrays: dict[str, int] = {}  # each once, however many lines share it
-
-        def placed(x: np.ndarray, kind: str) -> int:
-            text = kind + base64.b64encode(np.asarray(x, kind).tobytes()).decode()
-            return arrays.setdefault(text, len(arrays))
+        arrays = Arrays()
 
         def plain(value: Any, name: str) -> Any:
             if isinstance(value, np.ndarray):  # y needs no more digits than a screen has
-                return placed(value, "<f4" if name == "y" else "<f8")
+                return arrays.place(value, "<f4" if name == "y" else "<f8")
             return None if isinstance(value, float) and not math.isfinite(value) else value
 
         def described(mark: Mark) -> dict[str, Any]:
@@ -300,6 +307,16 @@ class Live:
         return str(_macros().frame(self))
 
 
+def pieces_of(blocks: Iterable[Any]) -> list[dict[str, Any]]:
+    """Return HTML and charts as what `drawPieces` takes."""
+    return [
+        {"chart": each.live().data(), "words": each.words, "height": each.live().height}
+        if isinstance(each, Chart)
+        else {"html": str(each)}
+        for each in blocks
+    ]
+
+
 def _pixels(panel: Panel) -> int:
     return max(LEAST, int(PIXELS * panel.height))
 
@@ -316,14 +333,14 @@ def source(name: str) -> str:
     """Return a script of BokehJS (`bokeh.min.js`, `bokeh-api.min.js`) or of this package."""
     own = resources.files("ident.show.charts").joinpath(name)
     # the folder is read without importing bokeh, which takes half a second
-    path = own if name == "charts.js" else resources.files("bokeh").joinpath(
+    path = own if name in OWN else resources.files("bokeh").joinpath(
         "server", "static", "js", name)  # fmt: skip
     return path.read_text(encoding="utf-8")
 
 
-def scripts() -> str:
-    """Return what a page with charts needs, inline."""
-    names = ("bokeh.min.js", "bokeh-api.min.js", "charts.js")
+def scripts(charts: bool = True, scenes: bool = False) -> str:
+    """Return what a page with charts, or 3-D scenes, needs, inline."""
+    names = ["bokeh.min.js", "bokeh-api.min.js"] * charts + ["charts.js"] + ["scene.js"] * scenes
     texts = (source(name).replace("</script", "<\\/script") for name in names)
     return "".join(f"<script>{text}</script>" for text in texts)
 

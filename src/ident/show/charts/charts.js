@@ -1,12 +1,15 @@
 // Draws charts, given as the data of ident.show.charts.live, by BokehJS's API.
-function drawChart(chart, place) {
+function unpacked(text) { // an array of ident.show.charts.Arrays
+  const bytes = Uint8Array.from(atob(text.slice(3)), (c) => c.charCodeAt(0))
+  const kind = {"<f4": Float32Array, "<f8": Float64Array, "<i4": Int32Array}[text.slice(0, 3)]
+  return new kind(bytes.buffer)
+}
+
+function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is over that x
   const {Plotting, Range1d, DataRange1d, PlainText, ColumnDataSource} = Bokeh, GREY = "#767c86"
   const POINTS = 1000 // buckets of a line in view
   const NARROW = 165 // pixels, below which no panel gets
-  const numbers = chart.arrays.map((text) => {
-    const bytes = Uint8Array.from(atob(text.slice(3)), (c) => c.charCodeAt(0))
-    return text.startsWith("<f4") ? new Float32Array(bytes.buffer) : new Float64Array(bytes.buffer)
-  })
+  const numbers = chart.arrays.map(unpacked), cursors = [] // one a panel: a line at a moment
   const columns = (data) => ({ // a source, and each property of a glyph from the column of its name
     source: new ColumnDataSource({data}),
     ...Object.fromEntries(Object.keys(data).map((name) => [name, {field: name}]))})
@@ -77,6 +80,8 @@ function drawChart(chart, place) {
     if (m.value === null) return
     const style = {line_color: m.colour, line_dash: m.dashed ? "dashed" : "solid"}
     fig.add_layout(new Bokeh.Span({location: m.value, dimension: m.upright ? "height" : "width", ...style}))
+    if (m.upright && m.label) fig.add_layout(new Bokeh.Label({
+      x: m.value, y: 3, y_units: "screen", x_offset: 4, text: plain(m.label), text_color: m.colour, text_font_size: "11px"}))
   }
 
   function add(fig, m) {
@@ -145,6 +150,12 @@ function drawChart(chart, place) {
     }
     for (const grid of fig.center) if (grid instanceof Bokeh.Grid) grid.setv({grid_line_color: GREY, grid_line_alpha: 0.25})
     for (const mark of panel.marks) add(fig, mark)
+    if (shared && pointed) {
+      const cursor = new Bokeh.Span({location: 0, dimension: "height", line_color: "#d1495b", visible: false})
+      fig.add_layout(cursor)
+      cursors.push(cursor)
+      fig.on_event("mousemove", ({x}) => pointed(x))
+    }
     return fig
   }
 
@@ -210,8 +221,27 @@ function drawChart(chart, place) {
   return Promise.resolve(shown).then(() => {
     grid.document.idle.connect(() => cleared(place))
     setTimeout(() => cleared(place), 100)
-    return {document: grid.document, range: shared}
+    const cursor = (x) => cursors.forEach((each) => each.setv({location: x, visible: true}))
+    return {document: grid.document, range: shared, cursor}
   })
+}
+
+// Draws pieces of a page that a server sends: HTML, which it has escaped, and charts.
+let pieces = [] // documents of those drawn
+function drawPieces(all, place) {
+  pieces.forEach((each) => each.clear())
+  pieces = []
+  place.replaceChildren()
+  for (const {html, chart, words, height} of all) {
+    const part = document.createElement("div")
+    place.append(part)
+    if (html !== undefined) { part.innerHTML = html; continue }
+    part.className = "chart"
+    part.setAttribute("role", "img")
+    part.setAttribute("aria-label", words)
+    part.style.minHeight = `${height}px`
+    drawChart(JSON.parse(chart), part).then((drawn) => pieces.push(drawn.document))
+  }
 }
 
 // BokehJS paints once before it has a layout, and never clears the left half of the first pixels

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ident.diagnosis import Diagnosis, History, diagnose
-from ident.diagnosis.diagnosis import Law, errors_of
 from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.grow import Step
+from ident.diagnosis.result import Law, errors_of
 from ident.display import Displayed
 from ident.effects import Effect
 from ident.equations.unknowns import Point
@@ -19,6 +20,7 @@ from ident.information.blocks import Error
 from ident.mechanism import Mechanism
 from ident.motion import Motion
 from ident.progress import Progress
+from ident.show.card import named
 from ident.show.explore.predicted import PredictedGain, delivered, predicted_gains
 from ident.show.ladder import model_files, refuse_own
 from ident.show.ladder import write as write_history
@@ -33,7 +35,7 @@ class ModelStep:
     """A rung of the ladder.
 
     Attributes:
-        added, removed: what was changed; neither on the first rung.
+        added, removed: what was changed, several of a kind at once; nothing on the first rung.
         fit: everything refitted.
         announced: the fall that was announced for this change, as a share; None if none was.
         delivered: the fall that the refit brought, in the same rows; None where they are others.
@@ -41,8 +43,8 @@ class ModelStep:
         diagnosis: None before it was asked for.
     """
 
-    added: Effect | None
-    removed: Effect | None
+    added: tuple[Effect, ...]
+    removed: tuple[Effect, ...]
     fit: Fit
     announced: float | None = None
     delivered: float | None = None
@@ -52,9 +54,9 @@ class ModelStep:
     @property
     def name(self) -> str:
         """`+ viscous:elbow`."""
-        if self.added is not None:
-            return f"+ {self.added.label}"
-        return START if self.removed is None else f"− {self.removed.label}"
+        if self.added:
+            return f"+ {named(self.added)}"
+        return f"− {named(self.removed)}" if self.removed else START
 
     @property
     def errors(self) -> dict[str, Error]:
@@ -65,8 +67,8 @@ class ModelStep:
         """Return a sentence for each joint whose error has grown though another's has fallen."""
         why = (
             "a refit weights the joints anew, by what remains in each"
-            if self.removed is None
-            else f"what {self.removed.label} explained remains"
+            if not self.removed
+            else f"what {named(self.removed)} explained remains"
         )
         sentences = []
         for joint, error in self.errors.items():
@@ -81,8 +83,7 @@ class ModelStep:
     @property
     def step(self) -> Step:
         """As `grow` has it."""
-        added, removed = (() if x is None else (x,) for x in (self.added, self.removed))
-        return Step(added, removed, (), self.fit, self.errors)
+        return Step(self.added, self.removed, (), self.fit, self.errors)
 
 
 def error_text(error: Error | None) -> str:
@@ -121,7 +122,7 @@ class Exploration(Displayed):
             FitError: if there are no equations to identify with.
         """
         fit = identify(mechanism, motion, estimator="least-squares", progress=progress)
-        return cls((ModelStep(None, None, fit),))
+        return cls((ModelStep((), (), fit),))
 
     @property
     def now(self) -> ModelStep:
@@ -179,31 +180,32 @@ class Exploration(Displayed):
             return self
         return self._with(replace(self.now, candidates=predicted_gains(self.fit, progress)))
 
-    def with_effect(self, effect: str | Effect, progress: Progress | None = None) -> Exploration:
-        """With one more effect in the model, everything refitted.
+    def with_effect(
+        self, effect: str | Effect | Sequence[str | Effect], progress: Progress | None = None
+    ) -> Exploration:
+        """With one more effect in the model, or several on one rung, everything refitted.
 
         Args:
-            effect: `kind:joint[,joint]`, or an effect.
+            effect: `kind:joint[,joint]`, `kind` alone for all its joints, or an effect; or several.
             progress: called with (what is being done, share done).
 
         Raises:
             IdentError: for one that the mechanism cannot have, or has already.
         """
-        old = self.mechanism
-        mechanism = old.with_effect(effect) if isinstance(effect, str) else old + effect
-        new = [e for e in mechanism.effects if not any(e is own for own in old.effects)]
-        if len(new) != 1:
-            raise FitError(
-                f"'{effect}' names {len(new)} effects; add one at a time: "
-                f"{', '.join(each.label for each in new[:4])}"
-            )
-        gain = self._announced(new[0].label, present=False)
-        start = self.fit.point
-        if gain is not None and gain.shape:
-            names = zip(new[0].names[len(new[0].unknowns) :], new[0].shapes, strict=True)
-            shape = {full: gain.shape[s.name] for full, s in names if s.name in gain.shape}
-            start = Point(start.pi, {**start.values, **shape})
-        return self._extended(mechanism, start, gain.fall if gain else None, progress, added=new[0])
+        old = mechanism = self.mechanism
+        for each in [effect] if isinstance(effect, str | Effect) else effect:
+            mechanism = mechanism.with_effect(each) if isinstance(each, str) else mechanism + each
+        new = tuple(e for e in mechanism.effects if not any(e is own for own in old.effects))
+        gains = [self._announced(each.label, present=False) for each in new]
+        shapes = {
+            full: gain.shape[s.name]
+            for each, gain in zip(new, gains, strict=True)
+            for full, s in zip(each.names[len(each.unknowns) :], each.shapes, strict=True)
+            if gain is not None and s.name in gain.shape
+        }
+        start = Point(self.fit.point.pi, {**self.fit.point.values, **shapes})
+        announced = gains[0].fall if len(gains) == 1 and gains[0] else None
+        return self._extended(mechanism, start, announced, progress, added=new)
 
     def without(self, label: str, progress: Progress | None = None) -> Exploration:
         """With one effect less, everything refitted.
@@ -221,7 +223,7 @@ class Exploration(Displayed):
         announced = None
         if gain is not None and gain.fall is not None and gain.fall < 1:
             announced = -gain.fall / (1 - gain.fall)  # 1 − loss₀/loss₁ seen from the other side
-        return self._extended(mechanism, self.fit.point, announced, progress, removed=removed)
+        return self._extended(mechanism, self.fit.point, announced, progress, removed=(removed,))
 
     def at(self, rung: int) -> Exploration:
         """Back to an earlier rung, 0 the model as given.
@@ -284,7 +286,7 @@ class Exploration(Displayed):
 
     def _extended(
         self, mechanism: Mechanism, start: Point, announced: float | None,
-        progress: Progress | None, added: Effect | None = None, removed: Effect | None = None,
+        progress: Progress | None, added: tuple[Effect, ...] = (), removed: tuple[Effect, ...] = (),
     ) -> Exploration:  # fmt: skip
         fit = identify(  # least squares throughout, as the prediction has it
             mechanism, self.fit.motion, start=start, estimator="least-squares", progress=progress

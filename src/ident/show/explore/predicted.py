@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ident.diagnosis.candidates import Contest, absorbed, possible
-from ident.diagnosis.diagnosis import announced_errors, errors_of
+from ident.diagnosis.result import announced_errors, errors_of
 from ident.diagnosis.selection import Decision, Evidence, Weigh, alike, torque_squares
 from ident.diagnosis.unobservable import invisible, unsupported
 from ident.effects import Effect

@@ -11,7 +11,7 @@ from functools import cache, partial
 from importlib import resources
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from markupsafe import Markup, escape
 
@@ -91,7 +91,16 @@ class Choice:
     options: tuple[Option, ...]
 
 
-Block = Markup | Chart | Choice
+class Scene(Protocol):
+    """A mechanism in 3-D, which the template tells by its films."""
+
+    @property
+    def films(self) -> Sequence[Any]:
+        """Its motions."""
+        ...
+
+
+Block = Markup | Chart | Choice | Scene
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 "use strict"
 // Charts are drawn when they come into view, move together along time, and listen to keys.
-const figures = [...document.querySelectorAll("figure.chart")]
+const figures = [...document.querySelectorAll("figure.chart, figure.scene")]
 const ranges = new Map() // of figures whose panels share one x axis
 const documents = []
 const seen = new Set() // figures in view or nearly so
@@ -42,15 +42,26 @@ function together(figure, range) {
   range.properties.end.change.connect(tell)
 }
 
+const cursors = new Map() // of charts and scenes of a log: what shows a moment of it
+function point(log, x, from) { // the same moment in all charts and scenes of a log
+  for (const [figure, show] of cursors) if (figure !== from && figure.offsetParent !== null) show(log, x)
+}
+
 async function draw(figure) {
   if (figure.dataset.drawn) return
   figure.dataset.drawn = "yes"
-  const number = figure.dataset.chart
-  const chart = JSON.parse(document.getElementById(`data-${number}`).textContent)
-  const {document: drawn, range} = await drawChart(chart, document.getElementById(`chart-${number}`))
+  const number = figure.dataset.chart, place = document.getElementById(`chart-${number}`)
+  const content = JSON.parse(document.getElementById(`data-${number}`).textContent)
+  if (figure.classList.contains("scene")) {
+    cursors.set(figure, drawScene(content, place, (log, x) => point(log, x, figure)))
+    return
+  }
+  const log = clock(figure)
+  const {document: drawn, range, cursor} = await drawChart(content, place, log ? (x) => point(log, x) : null)
   documents.push(drawn)
   paint(drawn)
   if (range) together(figure, range)
+  if (log) cursors.set(figure, (of, x) => { if (of === log) cursor(x) })
 }
 
 function move(figure, how) {
@@ -89,7 +100,7 @@ for (const choice of document.querySelectorAll(".choice")) {
         document.getElementById(other.getAttribute("aria-controls")).hidden = other !== button
       }
       const shown = document.getElementById(button.getAttribute("aria-controls"))
-      shown.querySelectorAll("figure.chart").forEach((figure) => { if (visible(figure)) draw(figure) })
+      shown.querySelectorAll("figure").forEach((figure) => { if (visible(figure)) draw(figure) })
     })
   }
 }
@@ -103,15 +114,10 @@ const near = new IntersectionObserver((entries) => {
   }
 }, {rootMargin: "400px"})
 figures.forEach((figure) => near.observe(figure))
-addEventListener("beforeprint", () => {
+const unfold = () => {
   document.querySelectorAll("details").forEach((each) => { each.open = true })
   figures.filter(visible).forEach(draw)
-})
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => documents.forEach(paint))
-// what is far down is drawn when there is nothing else to do, so that it can be printed
-const idle = globalThis.requestIdleCallback ?? ((work) => setTimeout(work, 300))
-const rest = () => {
-  const next = figures.find((figure) => !figure.dataset.drawn && visible(figure))
-  if (next) draw(next).catch((error) => console.error(error)).finally(() => idle(rest))
 }
-if (figures.length) idle(rest)
+addEventListener("beforeprint", unfold)
+document.getElementById("unfold")?.addEventListener("click", unfold)
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => documents.forEach(paint))

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import os
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,6 +16,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 from lxml import etree
+from scipy.spatial import ConvexHull
 
 from ident.errors import MechanismError
 from ident.mechanism import Mechanism
@@ -40,7 +40,9 @@ UNKNOWN: Colour = (90, 90, 96)  # a joint of which no residual is known
 OPACITY = 0.7  # of bodies, in which joints and closures would be hidden
 MESHES = (".stl", ".obj", ".ply", ".dae", ".glb", ".gltf", ".off")
 SIZES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": {"radius": 1}}
-LARGEST = 100_000_000  # bytes of a mesh; a larger one would stutter in a browser
+LARGEST = 100_000_000  # bytes of a mesh; a larger one would take long to be read
+SIDES = 12  # of a circle
+HULL = 150  # directions in which the outermost points of a mesh are its hull
 ROD, DISC, BAR, BALL = 0.012, 0.022, 0.15, 0.012  # sizes of marks over the mechanism's size
 WIDEST, THINNEST = 0.05, 0.015  # half edges of an inertia's box over the size
 
@@ -67,7 +69,7 @@ def parts_of(mechanism: Mechanism, q: np.ndarray) -> tuple[Parts, list[str]]:
     colours = (GROUND, *(BODIES[i % len(BODIES)] for i in range(len(names) - 1)))
 
     def add(kind: str, name: str, joint: int, place: pin.SE3, shape: Shape, opacity: float) -> None:
-        label = f"{kind} {len(geometry.geometryObjects)} {plain(name)}"
+        label = f"{kind} {len(geometry.geometryObjects)} {name}"
         colour = np.array([*(shape.colour or colours[joint]), 255 * opacity]) / 255
         body, path, scale = shape.geometry, shape.path, shape.scale
         geometry.addGeometryObject(
@@ -103,9 +105,39 @@ def parts_of(mechanism: Mechanism, q: np.ndarray) -> tuple[Parts, list[str]]:
     return Parts(geometry, tuple(name for name, *_ in pivots), size), notes
 
 
-def plain(name: str) -> str:
-    """Return a name in which the scene's tree sees no branch."""
-    return re.sub(r"[^\w .+\-]", "_", name)[:60]
+def triangles(shape: coal.CollisionGeometry) -> tuple[np.ndarray, np.ndarray]:
+    """Return corners (n, 3) [m] and outward faces (m, 3) of a shape; of a mesh, of its hull.
+
+    A hull of some hundred faces is drawn by a browser without a graphics card, and shows a link.
+    """
+    turn = np.linspace(0.0, 2 * np.pi, SIDES, endpoint=False)
+    ring = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    match shape:
+        case coal.Box():
+            cloud = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+            cloud = cloud * shape.halfSide
+        case coal.Cylinder():
+            up = np.array([0.0, 0.0, shape.halfLength])
+            cloud = np.concatenate([shape.radius * ring + up, shape.radius * ring - up])
+        case coal.Sphere():
+            cloud = shape.radius * _directions(SIDES * SIDES // 2)
+        case _:
+            cloud = shape.vertices()
+            cloud = cloud[np.unique((cloud @ _directions(HULL).T).argmax(axis=0))]
+    hull = ConvexHull(cloud, qhull_options="QJ Pp")  # joggled: flat ones too
+    faces, away = hull.simplices, hull.equations[:, :3]
+    a, b, c = (cloud[faces[:, i]] for i in range(3))
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), away) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    return cloud, faces
+
+
+def _directions(count: int) -> np.ndarray:
+    """Return unit vectors (count, 3), evenly on a Fibonacci spiral."""
+    k = np.arange(count) + 0.5
+    z, turn = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
+    r = np.sqrt(1 - z**2)
+    return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
 
 
 def tied(mechanism: Mechanism) -> list[FrameClosure]:

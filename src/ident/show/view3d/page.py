@@ -1,16 +1,10 @@
-"""A recording of viser's scene with a mechanism in it, and the noun `View` that shows itself.
-
-The browser part comes with viser, so nothing is fetched; its offer to share the page through a
-server elsewhere is refused.
-"""
+"""`View`, a moving mechanism: a block of reports, and a page of its own beside charts of a fit."""
 
 from __future__ import annotations
 
-import contextlib
-import html
 import os
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,68 +13,20 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
-from rich import get_console
 
 from ident.display import renders
 from ident.errors import IdentError, MechanismError
 from ident.files import write_all
 from ident.mechanism import Mechanism
+from ident.show.html import Block, Page, Section
 from ident.show.local import Place
 from ident.show.view3d.bodies import ENDS, Colour, parts_of, tied
-from ident.show.view3d.draw import MOMENTS, Drawing, DrawnMechanism, mapped
-from ident.show.view3d.film import MOST, WIDTH, film_of
+from ident.show.view3d.scene import MOMENTS, MOST, WIDTH, DrawnMechanism, film_of, mapped
 
 CLOSED = 1e-7  # [m | rad] |Φ| of a closure that nobody would call open
 SHOWN = 6  # closures and notes that are listed
-PAUSE = 0.5  # s between two films, in which the last picture stays
 HEIGHT = 480  # of a notebook's frame [px]
 SUFFIXES = (".html", ".htm")
-NOTICE = (
-    "<!-- The player in this page is viser's (Apache License 2.0; copyright its authors), built "
-    "with three.js, React and Mantine (MIT License; copyright their authors). -->"
-)
-PANEL = Markup(
-    '<details open style="position:fixed;top:10px;right:64px;z-index:3;max-width:17em;'
-    "max-height:70vh;overflow:auto;padding:.5em .8em;border-radius:6px;color:#222;"
-    "background:rgba(255,255,255,.85);box-shadow:0 0 4px rgba(0,0,0,.2);"
-    'font:12px/1.35 system-ui,sans-serif"><summary style="cursor:pointer">'
-    "<b>{}</b></summary>{}</details>"
-)
-
-
-@contextlib.contextmanager
-def open_page(title: str, place: Place) -> Iterator[Any]:
-    """Serve a page of viser at a place of this machine inside this context."""
-    try:
-        import viser
-    except ImportError:
-        raise IdentError(
-            "the 3-D view needs the package viser, which is not installed; pip install viser"
-        ) from None
-
-    class LocalServer(viser.ViserServer):  # type: ignore[misc, unused-ignore]
-        def request_share_url(self, verbose: bool = True) -> str | None:
-            return None  # it would open a tunnel to the outside
-
-    with _quiet(), place.of_viser():
-        page = LocalServer(label=title, verbose=False)
-    page.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
-    try:
-        yield page
-    finally:
-        with _quiet():
-            page.stop()
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Silence what viser announces on standard output, where only results belong."""
-    console = get_console()
-    before, console.quiet = console.quiet, True
-    try:
-        yield
-    finally:
-        console.quiet = before
 
 
 def legend(view: View) -> Markup:
@@ -91,9 +37,8 @@ def legend(view: View) -> Markup:
         lines.append(
             Markup(
                 "joints: rms of the residual over {:g} s, in % of the rms torque<br>"
-                '<span style="display:block;height:9px;border-radius:2px;'
-                'background:linear-gradient(to right, {})"></span><span style="display:flex;'
-                'justify-content:space-between"><span>0</span><span>{:.3g} %</span></span>'
+                '<span class="ramp" style="background:linear-gradient(to right, {})"></span>'
+                "0 … {:.3g} %"
             ).format(WIDTH, ramp, 100 * scales.misfit)
         )
     for what, (a, b), largest, unit in (
@@ -109,7 +54,7 @@ def legend(view: View) -> Markup:
         listed = Markup("<br>").join(_first(ties))
         lines.append(words.format(_dot(ENDS[0]), _dot(ENDS[1]), gap, listed))
     lines += [Markup("<i>{}</i>").format(note) for note in _first(view.notes)]
-    return Markup("").join(Markup('<div style="margin:.45em 0">{}</div>').format(x) for x in lines)
+    return Markup("").join(Markup("<p>{}</p>").format(x) for x in lines)
 
 
 def _first(names: Sequence[str]) -> list[str]:
@@ -124,57 +69,31 @@ def _dot(colour: Colour) -> Markup:
     return Markup('<span style="color:{}">●</span>').format(_css(colour))
 
 
-def recording(view: View) -> str:
-    """Return the page (HTML) that plays all films of a view, one after the other."""
-    films, title = view.films, view.mechanism.name
-    with open_page(title, Place()) as page:
-        label = None
-        if view.moments > 1:
-            at = _above(view)
-            label = page.scene.add_label("/time", "", position=at, anchor="bottom-center")
-        drawing = Drawing(page, view, label)
-        drawing.show(films[0], 0)
-        tape = page.get_scene_serializer()
-        for film in films:
-            for k in range(len(film)):
-                drawing.show(film, k)
-                if k + 1 < len(film):
-                    tape.insert_sleep(float(film.t[k + 1] - film.t[k]))
-            if view.moments > 1:
-                tape.insert_sleep(PAUSE)
-        document = tape.as_html()
-    head = f"<title>{html.escape(title)}</title>"
-    document = document.replace("<title>Viser</title>", head, 1).replace("Viser client", "ident", 1)
-    # legible in whatever encoding a notebook is exported to
-    panel = PANEL.format(title, legend(view)).encode("ascii", "xmlcharrefreplace").decode("ascii")
-    end = document.rindex("</body>")
-    return document[:end] + panel + NOTICE + document[end:]
-
-
-def _above(view: View) -> np.ndarray:
-    """Return a point (3,) [m] over the middle of the motion, out of its way."""
-    camera = view.camera
-    away = camera.position - camera.target
-    over = np.cross(away, np.cross(camera.up, away))
-    over /= np.linalg.norm(over)
-    corners = np.array(np.meshgrid(*camera.box.T)).reshape(3, -1).T - camera.target
-    return camera.target + (1.04 * float((corners @ over).max())) * over
-
-
 @dataclass(frozen=True, eq=False)
 class View(DrawnMechanism):
     """A mechanism moving in 3-D.
 
-    In a notebook it shows itself as a recording, which needs no server and stays in the file.
+    In a notebook it shows itself as a page, which needs no server and stays in the file.
 
     Attributes:
-        mechanism: what is shown.
-        parts: its shapes.
-        films: their motion, one an experiment.
+        mechanism, parts, films, marks: of `DrawnMechanism`.
         notes: what is shown otherwise than the files have it, or not at all.
+        charts: below the mechanism on its page, with a cursor that both share.
     """
 
     notes: tuple[str, ...] = ()
+    charts: tuple[Block, ...] = ()
+
+    @property
+    def words(self) -> str:
+        """Text alternative, for readers who cannot see it."""
+        moving = " moving; move over a chart of time, or the slider, and it follows"
+        return f"{self.mechanism.name} in 3-D{moving if self.moments > 1 else ''}"
+
+    @property
+    def legend(self) -> Markup:
+        """What colours and lengths mean."""
+        return legend(self)
 
     @property
     def moments(self) -> int:
@@ -183,15 +102,13 @@ class View(DrawnMechanism):
 
     @cached_property
     def html(self) -> str:
-        """A page that plays the films by itself: no server, no network.
-
-        Raises:
-            IdentError: if viser is not installed.
-        """
-        return recording(self)
+        """A page with the mechanism and its charts: no server, no network."""
+        title = f"{self.mechanism.name} in 3-D"
+        # one section, in which the mechanism stays in view
+        return Page(title, "", (Section("Machine", (self, *self.charts)),)).html().decode()
 
     def write(self, path: str | os.PathLike[str]) -> Path:
-        """Write the page that plays the films, whole or not at all.
+        """Write the page, whole or not at all.
 
         Args:
             path: of the .html file.
@@ -213,7 +130,7 @@ class View(DrawnMechanism):
             port: 0 takes a free one.
 
         Raises:
-            IdentError: if the port is taken or there is none such, or viser is not installed.
+            IdentError: if the port is taken or there is none such.
         """
         return Served(self, port)
 
@@ -237,7 +154,10 @@ class View(DrawnMechanism):
 
 @renders(Mechanism, "view")
 def view_of(
-    mechanism: Mechanism, experiments: Sequence[Any] = (), predictions: Sequence[Any] = ()
+    mechanism: Mechanism,
+    experiments: Sequence[Any] = (),
+    predictions: Sequence[Any] = (),
+    most: int = MOST,
 ) -> View:
     """Return the mechanism moving along experiments; without any, standing as assembled.
 
@@ -245,6 +165,7 @@ def view_of(
         mechanism: the mechanism.
         experiments: of a motion.
         predictions: for each, whose reactions are arrows and whose residuals are colours.
+        most: moments of all of them.
     """
     notes: list[str] = []
     if not experiments:
@@ -260,10 +181,10 @@ def view_of(
         more.append(
             f"{', '.join(nowhere)}: λ acts along coordinates, at no place: no arrow is drawn"
         )
-    most = max(2, MOST // len(experiments))
+    each = max(2, most // len(experiments))
     every = predictions or [None] * len(experiments)
-    films = tuple(film_of(mechanism, e, p, most) for e, p in zip(experiments, every, strict=True))
-    return View(mechanism, parts, films, (*notes, *more))
+    films = tuple(film_of(mechanism, e, p, each) for e, p in zip(experiments, every, strict=True))
+    return View(mechanism, parts, films, notes=(*notes, *more))
 
 
 class Served:

@@ -1,0 +1,426 @@
+"""The nouns of a diagnosis: explanations, laws, and what they make together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.diagnosis.found_curves import FoundCurve
+from ident.diagnosis.law_search import CERTAIN, FittedFormula
+from ident.diagnosis.laws import FoundLaw
+from ident.diagnosis.search import Member, Selection
+from ident.diagnosis.selection import Decision, Evidence, Weigh, chance_of
+from ident.diagnosis.unobservable import Invisible, Unsupported, name_of
+from ident.display import Plotted, render
+from ident.effects import Effect
+from ident.effects.formula import Formula
+from ident.fit import Fit
+from ident.fit.data_checks import Health
+from ident.fit.residual import Failure, Periods
+from ident.fit.values import Value
+from ident.information.blocks import Error
+from ident.mechanism.mechanism import Mechanism
+from ident.text import rounded
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """One candidate: what speaks for it, and what adding it does.
+
+    Attributes:
+        effect: the candidate; evidence: from rows away from reversals.
+        joint: the independent joint whose error it lowers most.
+        fit: everything refitted with it, on all rows; None where its numbers are announced.
+        before, after: held-out errors by joint, without it and with it.
+        parameters: its values.
+        rivals: effects that this data cannot tell from it.
+        known: values that the model before gave it, by full name: then it has changed.
+    """
+
+    effect: Effect
+    evidence: Evidence
+    joint: str
+    fit: Fit | None
+    before: dict[str, Error]
+    after: dict[str, Error]
+    parameters: tuple[Value, ...]
+    rivals: tuple[Effect, ...] = ()
+    known: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls, fit: Fit, found: Evidence, refit: Fit | None, after: dict[str, Error],
+        parameters: tuple[Value, ...], rivals: tuple[Effect, ...],
+    ) -> Explanation:  # fmt: skip
+        """Explain by a candidate, with the errors after it."""
+        joint, known = fit.motion.independent[found.coordinate], known_of(fit, found.effect)
+        before = errors_of(fit)
+        return cls(found.effect, found, joint, refit, before, after, parameters, rivals, known)
+
+    @property
+    def error_before(self) -> float | None:
+        """Held-out relative error of its joint without it."""
+        return self.before[self.joint].relative
+
+    @property
+    def error_after(self) -> float | None:
+        """Held-out relative error of its joint with it."""
+        return self.after[self.joint].relative
+
+    @property
+    def fall(self) -> float:
+        """Share by which the error of its joint falls."""
+        return 1 - self.after[self.joint].rms / max(self.before[self.joint].rms, 1e-300)
+
+    def json(self) -> dict[str, Any]:
+        """Return the entry of diagnosis.json."""
+        e = self.evidence
+        return {
+            **name_of(self.effect),
+            "joint": self.joint,
+            "error_before": self.error_before,
+            "error_after": self.error_after,
+            "fall": self.fall,
+            "refitted": self.fit is not None,
+            "p_value": e.p,
+            "z": e.z,
+            "gain": e.gain,
+            "quantile": e.limit,
+            "visible": e.refit.visible,
+            "credible": e.credible,
+            "rivals": [name_of(each) for each in self.rivals],
+            "known": dict(self.known),
+            "parameters": [{**_entry(v), "name": v.name} for v in self.parameters],
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Law:
+    """A formula for what no effect of the library explains, everything refitted with it.
+
+    Attributes:
+        found: how it was found.
+        effect: the formula with its constants; `mechanism + law` is a model with it.
+        beside: effects that the diagnosis names beside it, and laws of other joints.
+        fit: everything refitted with it and those.
+        parameters: values of its constants.
+        before, after: held-out errors by joint, without them and with them.
+    """
+
+    found: FoundLaw
+    effect: Formula
+    beside: tuple[Effect, ...]
+    fit: Fit
+    parameters: tuple[Value, ...]
+    before: dict[str, Error]
+    after: dict[str, Error]
+
+    def __radd__(self, mechanism: Mechanism) -> Mechanism:
+        return mechanism + self.effect
+
+    @property
+    def joint(self) -> str:
+        """Joint of its torque."""
+        return self.found.joint
+
+    @property
+    def formula(self) -> str:
+        """Its formula in Python, over the signals q, v, a, load, t of its joint."""
+        return self.effect.text
+
+    @property
+    def felt(self) -> str:
+        """Joint whose error falls most with it; its own, where that is an independent one."""
+        left = {n: self.after[n].rms / max(e.rms, 1e-300) for n, e in self.before.items()}
+        return self.joint if self.joint in left else min(left, key=lambda name: left[name])
+
+    @property
+    def nearest(self) -> str:
+        """Name of the closest law of the literature."""
+        return self.found.nearest
+
+    @property
+    def rivals(self) -> tuple[str, ...]:
+        """Formulas that this motion cannot tell from it."""
+        return tuple(each.formula.text for each in self.found.rivals)
+
+    @property
+    def determined(self) -> bool:
+        """Whether the data determine a coefficient of each term and all constants within them: else
+        it is a simpler law in disguise.
+        """
+        count = len(self.effect.unknowns)
+        large = [
+            v.stderr is not None and abs(v.value) > CERTAIN * v.stderr for v in self.parameters
+        ]
+        ends = np.cumsum([0, *(len(term.columns) for term in self.effect.terms)])
+        for scale, v, sure in zip(
+            self.effect.scales, self.parameters[count:], large[count:], strict=True
+        ):
+            _, low, high = self.effect.found[scale.name]
+            anywhere = v.stderr is None or CERTAIN * v.stderr > (high - low) / 2
+            if anywhere if scale.of in ("place", "beyond", "angle") else not sure:
+                return False
+        return all(any(large[a:b]) for a, b in pairwise(ends))
+
+    def __str__(self) -> str:
+        constants = ", ".join(
+            f"{v.name.rpartition('.')[2]} = {rounded(v.value, v.stderr)} {v.unit}"
+            for v in self.parameters
+        )
+        return f"torque of {self.joint} = {self.formula}: {constants}"
+
+    __repr__ = __str__
+
+    @property
+    def file(self) -> str:
+        """Name of its effect file."""
+        return self.effect.file_name
+
+    @property
+    def option(self) -> str:
+        """The text by which `--with` takes it."""
+        return f"{self.file}:{self.effect.name}:{','.join(self.effect.joints)}"
+
+    @property
+    def code(self) -> str:
+        """The content of its effect file."""
+        own = self.effect.source_file(self.fit.found[self.effect.label])
+        assert own is not None  # its constants are found
+        return own[1].decode()
+
+    def json(self) -> dict[str, Any]:
+        """Return the entry of diagnosis.json."""
+        law = self.found
+        before, after = (errors[self.felt].relative for errors in (self.before, self.after))
+        return {
+            "joint": self.joint,
+            "signals": list(law.formula.logged),
+            "formula": self.formula,
+            "parameters": [_entry(v) for v in self.parameters],
+            "error_before": before,
+            "error_after": after,
+            "explained": law.explained,
+            "gain": law.gain,
+            "quantile": law.limit,
+            "complexity": law.formula.cost,
+            "nearest": self.nearest,
+            "distance": law.distance,
+            "effect": self.option,
+            "beside": [each.label for each in self.beside],
+            "code": self.code,
+            "rivals": list(self.rivals),
+            "replaced": list(law.replaced),
+            "front": [
+                {"complexity": c, "left": left, "formula": text} for c, left, text in law.front
+            ],
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis(Plotted):
+    """Where a model fails and which effects would explain it. Made by `ident.diagnose`.
+
+    Attributes:
+        fit: what was diagnosed.
+        verdict: `missing` (one effect, or rivals that this data cannot tell apart), `unexplained`
+            (what is left is determined by the motion, and no effect explains it), `undecided`
+            (more than the sensors' noise is left, and this log cannot tell coloured noise from
+            physics) or `nothing` (what is left is the sensors' noise, or does not matter).
+        decision: what a name takes.
+        health: of the data; where: by joint, worst first; periods: if the motion repeats.
+        candidates: best first; selection: the evidence on all others, and the set they make.
+        invisible: effects that this data cannot show; unsupported: of the model, better removed.
+        curves: of signals, that explain what no effect of the library does.
+        laws: formulas for them, with their constants; unsearched: joints in which Ctrl-C ended the
+            search for laws.
+        relatives: laws of the literature that the travelled range cannot tell from the best, where
+            that is a function of position.
+        floor: by joint, rms of a residual of nothing but noise [N m | N].
+        loud: joints in which more than the sensors' noise is left, without the effect named.
+    """
+
+    fit: Fit
+    verdict: str
+    decision: Decision
+    health: Health
+    where: tuple[Failure, ...]
+    periods: Periods | None
+    candidates: tuple[Explanation, ...]
+    selection: Selection
+    invisible: tuple[Invisible, ...]
+    unsupported: tuple[Unsupported, ...]
+    curves: tuple[FoundCurve, ...]
+    laws: tuple[Law, ...]
+    unsearched: tuple[str, ...]
+    relatives: tuple[FittedFormula, ...]
+    floor: dict[str, float]
+    loud: tuple[str, ...]
+
+    @property
+    def best(self) -> Effect | None:
+        """The missing effect, for `mechanism + diagnosis.best`; None if none is named."""
+        return self.candidates[0].effect if self.verdict == "missing" else None
+
+    @property
+    def rivals(self) -> tuple[Effect, ...]:
+        """Effects that this data cannot tell from the best."""
+        return self.candidates[0].rivals if self.verdict == "missing" else ()
+
+    def of_same_form(self, law: Law) -> tuple[Law, ...]:
+        """Laws of other joints that have a law's form, with constants of their own."""
+        others = (each for each in self.laws if each is not law)
+        return tuple(each for each in others if each.effect.terms == law.effect.terms)
+
+    @property
+    def together(self) -> tuple[Member, ...]:
+        """Further effects of the set that explains most; what brings nothing there is left out."""
+        best, members = self.best, self.selection.members
+        return tuple(
+            m for m in members if best is None or (m.label != best.label and not m.gain <= 0)
+        )
+
+    @property
+    def verdicts(self) -> set[str]:
+        """The verdict, as `Verdicts` has those of many logs."""
+        return {self.verdict}
+
+    @cached_property
+    def group(self) -> tuple[Effect, ...]:
+        """The best effect, then those of its kind at other joints that the data ask for beside it.
+
+        The best alone where it has rivals, none where nothing is named.
+        """
+        if self.best is None or self.rivals:
+            return () if self.best is None else (self.best,)
+        own = next(m for m in self.selection.members if m.label == self.best.label)
+        others = (m for m in self.selection.named if m.effect.kind == self.best.kind)
+        together = (m.effect for m in others if m is not own and not own.stands_in)
+        return (self.best, *together)
+
+    @cached_property
+    def after(self) -> dict[str, Error]:
+        """Held-out errors with the group in the model; of several effects, announced."""
+        if self.best is None:
+            return errors_of(self.fit)
+        if len(self.group) == 1:
+            return self.candidates[0].after
+        labels = {effect.label for effect in self.group}
+        regression = self.selection.last.regression
+        for each in self.selection.members:
+            if each.label not in labels:
+                regression = regression.without(each.columns)
+        old, new = (
+            each.losses.sum(axis=0) / each.weight**2
+            for each in (self.selection.first.regression, regression)
+        )
+        return announced_errors(errors_of(self.fit), old, new)
+
+    @cached_property
+    def every(self) -> tuple[Explanation, ...]:
+        """All candidates: `candidates`, then the others as announced, by what they explain."""
+        first = self.selection.first
+        weigh = Weigh(first.contest, first.regression, self.decision, first.total)
+        done = {each.effect.label for each in self.candidates}
+        looked = {each.effect.label: each for each in first.evidence}
+        rest = []
+        for each in first.contest.candidates:
+            if each.curve or each.effect.label in done or each.effect.label not in first.gains:
+                continue
+            start = int(first.regression.gains(each.groups).G.argmax())
+            gain = first.gains[each.effect.label][0]
+            rest.append(
+                looked.get(each.effect.label)
+                or weigh(each, start, gain, first.limit_of(each), chance_of(gain, first.chance))
+            )
+        rest.sort(key=lambda each: -each.gain)
+        more = (announced(self.fit, self.selection, each, ()) for each in rest)
+        return (*self.candidates, *more)
+
+    @cached_property
+    def next_experiment(self) -> str:
+        """Which motion would tell more, in words."""
+        return str(render(self, "experiment"))
+
+    @cached_property
+    def text(self) -> str:
+        """The whole diagnosis as text."""
+        return str(render(self, "words"))
+
+    @property
+    def short(self) -> str:
+        """First lines: the verdict, its certainty, errors by joint, and the next step."""
+        return str(render(self, "short"))
+
+    def json(self) -> dict[str, Any]:
+        """The content of diagnosis.json."""
+        found: dict[str, Any] = render(self, "json")
+        return found
+
+    def write(self, folder: str | Path) -> list[Path]:
+        """diagnosis.json, report.html, files of laws and tables of curves; all of them or none.
+
+        Raises:
+            IdentError: if the folder cannot be written.
+        """
+        paths: list[Path] = render(self, "files", folder)
+        return paths
+
+
+def _entry(v: Value) -> dict[str, Any]:
+    name = v.name.rpartition(".")[2]
+    return {"name": name, "value": v.value, "stderr": v.stderr, "unit": v.unit}
+
+
+# --- errors and explanations of a fit ------------------------------------------------------------
+
+
+def announced(
+    fit: Fit, selection: Selection, found: Evidence, rivals: tuple[Effect, ...]
+) -> Explanation:
+    """Explain by a candidate as the rows that decide predict it, without a refit."""
+    before = selection.first.regression.losses.sum(axis=0)
+    after = announced_errors(errors_of(fit), before, found.refit.loss.sum(axis=0))
+    effect, known = found.effect, known_of(fit, found.effect)
+    linear = dict(zip((p.name for p in effect.unknowns), found.refit.theta, strict=False))
+    errors = dict(
+        zip(
+            (p.name for p in (*effect.unknowns, *effect.searched)), found.refit.stderr, strict=False
+        )
+    )
+    values = tuple(
+        Value(full, float({**found.shape, **linear}.get(p.name, 0.0)) + known.get(full, 0.0),
+              float(errors[p.name]) if p.name in errors else None, unit, True, 0.0)
+        for full, p, unit in zip(effect.names, effect.parameters, effect.units, strict=True)
+    )  # fmt: skip
+    return Explanation.of(fit, found, None, after, values, rivals)
+
+
+def known_of(fit: Fit, effect: Effect) -> dict[str, float]:
+    """Return the known values, by full name, of an effect of the model, or nothing."""
+    own = next((e for e in fit.mechanism.effects if e.label == effect.label), None)
+    if own is None:
+        return {}
+    return {full: own.values[p.name] for full, p in zip(own.names, own.parameters, strict=True)}
+
+
+def errors_of(fit: Fit) -> dict[str, Error]:
+    """Held out, or of the fitted data where the log is too short to hold anything out."""
+    return dict(fit.held_out or fit.train)
+
+
+def announced_errors(
+    errors: Mapping[str, Error], before: np.ndarray, after: np.ndarray
+) -> dict[str, Error]:
+    """Return errors by joint as left-out squares (d,) before and after a change scale them."""
+    ratio = np.sqrt(after / np.where(before > 0, before, 1.0))
+    return {
+        name: replace(e, rms=e.rms * s, relative=None if e.relative is None else e.relative * s)
+        for (name, e), s in zip(errors.items(), map(float, ratio), strict=True)
+    }

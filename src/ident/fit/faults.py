@@ -1,0 +1,376 @@
+"""What may be wrong with a log, as one table of hypotheses: what it would be without the fault.
+
+sign, factor, exchange, delay of torques      τ_j → g τ_i(t + l)      `torque_faults`
+sign, axis, scale, exchange of positions      q_j → −q_j, …           `_positions`
+scale of time                                 v, a → v/s, a/s²        `scale_of_time`
+direction of gravity                          g → g'                  `_gravities`
+sign of wrenches, or none of them             f_e → −f_e, 0           `_wrench`
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from ident.effects import KINDS
+from ident.fit.findings import Finding
+from ident.information.triangle import Array
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import State
+
+DEGREES = 10.0  # smallest range of a position that may be in degrees
+EARTH = 9.81  # m/s²
+CLOCKS = (1 / 60, 0.1, 0.3, 0.7, 0.9, 1.1, 1.5, 3.0, 10.0, 60.0)  # true over logged time
+UNITS = {  # by which factors units of torque differ, or their inverses
+    1e3: "mN m for N m",
+    100.0: "N cm for N m",
+    180 / np.pi: "degrees for radians",
+    10.0: "a factor of ten",
+    9.81: "kgf m for N m",
+    8.851: "lbf in for N m",
+}
+UNIT = 0.1  # difference of logarithms within which a factor is that of a unit
+Moved = Callable[[Mechanism, State], tuple[Mechanism, State]]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A hypothesis: what each joint is given instead of its own torque, and another motion.
+
+    Attributes:
+        driven: names of the J driven joints.
+        take, gain, shift: by driven joint, the channel that is its torque, the channel's factor,
+            and the number of its shift in time, 0: none.
+        kind: code of its finding; empty for the log as it is.
+        joints: names, of exchanged ones those that are read instead.
+        number: the factor, the delay [s] (positive: the torque is late), the scale of time, or the
+            three components of gravity [m/s²].
+        state: the mechanism and the state as they would be, from those as they are; None: these.
+    """
+
+    driven: tuple[str, ...]
+    take: tuple[int, ...]
+    gain: tuple[float, ...]
+    shift: tuple[int, ...]
+    kind: str = ""
+    joints: tuple[str, ...] = ()
+    number: tuple[float, ...] = ()
+    state: Moved | None = None
+
+    @classmethod
+    def none(cls, driven: tuple[str, ...]) -> Fault:
+        """Return the log as it is."""
+        J = len(driven)
+        return cls(driven, tuple(range(J)), (1.0,) * J, (0,) * J)
+
+    def with_(
+        self,
+        kind: str,
+        *number: float,
+        joints: tuple[str, ...] = (),
+        state: Moved | None = None,
+        **torques: Mapping[int, float],
+    ) -> Fault:
+        """Return the fault with further changes, by driven joint, in `take`, `gain` or `shift`."""
+        rows = {
+            name: tuple(values.get(j, x) for j, x in enumerate(getattr(self, name)))
+            for name, values in torques.items()
+        }
+        changed = sorted({j for values in torques.values() for j in values})
+        joints = joints or tuple(self.driven[j] for j in changed)
+        return replace(self, kind=kind, joints=joints, number=number, state=state, **rows)
+
+
+@dataclass(frozen=True, eq=False)
+class CredibleFault:
+    """A fault that predicts stretches of time that were left out better than the library does.
+
+    `before` and `after` are relative errors of its joints.
+    """
+
+    fault: Fault
+    before: float
+    after: float
+    rivals: tuple[Fault, ...]
+
+
+# --- torques ------------------------------------------------------------------------------------
+
+
+def torque_faults(now: Fault, lags: Array) -> Iterator[Fault]:
+    """Yield what may be wrong with torques one step from a fault, simple hypotheses first.
+
+    `lags` are the shifts [s] that can be a delay, the first 0.
+    """
+    J = range(len(now.driven))
+    for j in J:
+        yield now.with_("sign", -1.0, gain={j: -now.gain[j]})
+    if len(J) > 2:
+        yield now.with_("sign", -1.0, gain={j: -now.gain[j] for j in J})
+    for j in J:
+        for i in range(j):
+            both = now.driven[j], now.driven[i]
+            yield now.with_("swapped", 1.0, joints=both, take={i: now.take[j], j: now.take[i]})
+            yield now.with_("sign", -1.0, gain={i: -now.gain[i], j: -now.gain[j]})
+    for shift, lag in enumerate(lags):
+        if shift and now.take == tuple(J):
+            for some in (*((j,) for j in J), tuple(J) if len(J) > 1 else ()):
+                if some:
+                    yield now.with_("delay", float(lag), shift=dict.fromkeys(some, shift))
+
+
+def another_factor(a: Fault, b: Fault) -> bool:
+    """Return whether two faults are clearly different factors of one channel: then the data
+    determine no factor, and any large one only takes the joint out of the others' equations.
+    """
+    both = a.kind == b.kind == "scale" and a.joints == b.joints
+    return both and abs(np.log(a.number[0] / b.number[0])) > np.log(2)
+
+
+def unit_of_factor(factor: float) -> str:
+    """Return which unit a factor or its inverse may come from, or what else."""
+    size = max(factor, 1 / factor)
+    near = min(UNITS, key=lambda known: abs(np.log(size / known)))
+    known = abs(np.log(size / near)) < UNIT
+    return f"{UNITS[near]}?" if known else "a gear ratio, a torque constant or a unit?"
+
+
+# --- positions, time, gravity, wrenches ---------------------------------------------------------
+
+
+def motion_faults(
+    none: Fault, mechanism: Mechanism, states: Sequence[State], poor: Collection[str]
+) -> list[Fault]:
+    """Return what may be wrong with the motion; positions only where some torques are `poor`."""
+    clocks = (scale_of_time(none, s) for s in CLOCKS)
+    found = [*_gravities(none, mechanism), *clocks]
+    found += _positions(none, mechanism, states, poor) if poor else ()
+    if any(e.wrench is not None for e in states):
+        found += [_wrench(none, factor) for factor in (-1.0, 0.0)]
+    return found
+
+
+def scale_of_time(none: Fault, s: float) -> Fault:
+    """Return another scale of time: true over logged."""
+
+    def state(mechanism: Mechanism, e: State) -> tuple[Mechanism, State]:
+        return mechanism, replace(
+            e, t=s * e.t, v=e.v / s, a=e.a / s**2, yd=e.yd / s, ydd=e.ydd / s**2, still=e.still / s
+        )
+
+    return none.with_("time", s, state=state)
+
+
+def refined_time(fault: Fault, none: Fault, error: Callable[[Fault], float]) -> Fault:
+    """Return the scale of time of least error between those that were tried beside a fault's."""
+    from scipy.optimize import minimize_scalar  # takes 0.2 s to import
+
+    at, logs = CLOCKS.index(fault.number[0]), np.log(CLOCKS)
+    ends = logs[max(at - 1, 0)], logs[min(at + 1, len(CLOCKS) - 1)]
+    found = minimize_scalar(
+        lambda x: error(scale_of_time(none, float(np.exp(x)))),
+        bounds=ends, method="bounded", options={"xatol": 0.003, "maxiter": 12},
+    )  # fmt: skip
+    return scale_of_time(none, float(np.exp(found.x)))
+
+
+def _wrench(none: Fault, factor: float) -> Fault:
+    """Return logged wrenches times a factor."""
+
+    def state(mechanism: Mechanism, e: State) -> tuple[Mechanism, State]:
+        return mechanism, replace(e, wrench=None if e.wrench is None else factor * e.wrench)
+
+    return none.with_("wrench", factor, state=state)
+
+
+def _gravities(none: Fault, mechanism: Mechanism) -> Iterator[Fault]:
+    """Yield gravity along the other axes and none."""
+    given = np.asarray(mechanism.model.gravity.linear)
+    for g in (*EARTH * np.eye(3), *-EARTH * np.eye(3), np.zeros(3)):
+        if np.linalg.norm(g - given) < 0.05 * EARTH:
+            continue
+
+        def state(mechanism: Mechanism, e: State, g: Array = g) -> tuple[Mechanism, State]:
+            model = mechanism.model.copy()
+            model.gravity.linear = g
+            return mechanism.with_model(model), e
+
+        yield none.with_("gravity", *map(float, g), state=state)
+
+
+def _positions(
+    none: Fault, mechanism: Mechanism, states: Sequence[State], poor: Collection[str]
+) -> Iterator[Fault]:
+    """Yield positions turned (alone, and with their torque: an axis), in degrees, and exchanged
+    (alone, and with their torques) where the torque of one is poor.
+    """
+    names = states[0].logged
+    driven = {name: j for j, name in enumerate(mechanism.driven)}
+
+    def moved(take: Mapping[int, int], times: Mapping[int, float]) -> Moved:
+        order = [take.get(j, j) for j in range(len(names))]
+        factors = np.array([times.get(j, 1.0) for j in range(len(names))])
+
+        def state(mechanism: Mechanism, e: State) -> tuple[Mechanism, State]:
+            known = e.known(mechanism, names)[:, :, order] * factors
+            start = "follow" if mechanism.closures else "near"
+            return mechanism, e.at(mechanism, known, names, start=start)
+
+        return state
+
+    for j, name in enumerate(names):
+        turned = moved({}, {j: -1.0})
+        yield none.with_("position sign", -1.0, joints=(name,), state=turned)
+        if name in driven:
+            yield none.with_("axis", -1.0, state=turned, gain={driven[name]: -1.0})
+        at = mechanism.joint_index[name]
+        if max(float(np.ptp(e.y[:, at])) for e in states) > DEGREES:
+            state = moved({}, {j: np.pi / 180})
+            yield none.with_("position scale", np.pi / 180, joints=(name,), state=state)
+    count = len(names)
+    orders = [{i: j, j: i} for i, j in combinations(range(count), 2)]
+    if count > 2 and set(names) <= set(driven):  # a column too few, or another sorting
+        by_name = sorted(range(count), key=names.__getitem__)
+        back = [by_name.index(i) for i in range(count)]
+        shifted = [[(i + k) % count for i in range(count)] for k in (1, -1)]
+        for taken in (*shifted, [*range(count)][::-1], by_name, back):
+            order = {i: j for i, j in enumerate(taken) if i != j}
+            orders += [order] if order not in orders else []
+    for order in orders:
+        joints = tuple(names[j] for j in order.values())
+        if not set(joints) & set(poor):
+            continue
+        state = moved(order, {})
+        if len(order) == 2:
+            yield none.with_("position swapped", 1.0, joints=joints, state=state)
+        if set(joints) <= set(driven):
+            torques = {driven[names[i]]: driven[names[j]] for i, j in order.items()}
+            yield none.with_("joints swapped", 1.0, joints=joints, state=state, take=torques)
+
+
+# --- in words -----------------------------------------------------------------------------------
+
+EXCHANGED = "{q}{alike} look exchanged: with {order}"
+WORDS = {  # by kind: in a rival's place, what it is, and the remedy
+    "sign": (
+        "turning {tau}",
+        "{tau}: the sign is against that of {q}: as logged, inertia or friction would be negative; "
+        "turned,",
+        "write {tau_lines}, or turn {q}",
+    ),
+    "scale": (
+        "scaling {tau} by {number:.3g}",
+        "{tau}: reads {inverse:.3g} times what the other joints' torques and what is known of "
+        "bodies require ({unit}): scaled,",
+        "check its unit; {tau_lines}",
+    ),
+    "swapped": (
+        "exchanging {tau}",
+        "{tau}: exchanged: with one in the other's place",
+        "{tau_exchange}",
+    ),
+    "delay": (
+        "shifting {tau} by {number:.3g} s",
+        "{tau}: {ms:.3g} ms {late} against the positions; without the delay",
+        "shift the column{several}{effect}",
+    ),
+    "position sign": (
+        "turning {q}",
+        "{q}: the sign is wrong: corrected,",
+        "write {q_lines}, velocity alike",
+    ),
+    "position scale": (
+        "taking {q} for degrees",
+        "{q}: in degrees, not in radians: corrected,",
+        "write {q_lines}, velocity alike",
+    ),
+    "position swapped": ("exchanging {q}", EXCHANGED, "write {q_exchange}, velocities alike"),
+    "joints swapped": (
+        "exchanging {q}, torques alike,",
+        EXCHANGED,
+        "write {q_exchange}, velocities, torques alike",
+    ),
+    "axis": (
+        "turning {q} and {tau}",
+        "{joints}: the axis points the other way: with position and torque turned",
+        "turn the axis of {joints} in the URDF, or write {q_lines}, {tau_lines}",
+    ),
+    "gravity": (
+        "gravity of {vector} m/s²",
+        "gravity: with {vector} m/s² instead of {gravity}",
+        "write gravity = {vector}, or turn the base of the URDF",
+    ),
+    "time": (
+        "a clock {number:.3g} times as long",
+        "time or lengths: with a clock {number:.4g} times as long, or lengths in the URDF "
+        "{lengths:.3g} times as long, which torques can hardly tell apart,",
+        "check the unit of t and the rate of the log; {t_line}",
+    ),
+    "wrench": (
+        "wrenches times {number:g}",
+        "columns wrench.…: {wrench},",
+        "a wrench is what acts on the link, in the link's frame; check its sign",
+    ),
+}
+
+
+def fault_finding(mechanism: Mechanism, found: CredibleFault) -> Finding:
+    """Return a credible fault in words, with the remedy."""
+    fault, moved = found.fault, found.fault.state is not None
+    _, text, remedy = (each.format(**_fields(mechanism, fault)) for each in WORDS[fault.kind])
+    text += f" the error of the predicted torque falls from {100 * found.before:.3g} % to "
+    text += f"{100 * found.after:.3g} %"
+    for each in found.rivals:
+        rival = WORDS[each.kind][0].format(**_fields(mechanism, each))
+        text += f"; {rival} would do nearly as well"
+    own = sorted(fault.joints, key=mechanism.joint_index.__getitem__)
+    where = tuple(f"{'q' if moved else 'tau'}.{name}" for name in own)
+    number = found.after / found.before if moved else fault.number[0]
+    number *= 1e3 if fault.kind == "delay" else 1.0  # [ms]
+    return Finding(fault.kind, text, remedy, where, number)
+
+
+def _fields(mechanism: Mechanism, fault: Fault) -> dict[str, object]:
+    """Return what the words of a fault speak of, by name."""
+    number, joints = fault.number[0], fault.joints
+    own = sorted(joints, key=mechanism.joint_index.__getitem__)  # as channels, joints as sources
+    effects = [kind for kind, each in KINDS.items() if each.fault == fault.kind]
+    fields: dict[str, object] = {
+        "number": number, "inverse": 1 / number if number else 0.0, "ms": abs(1e3 * number),
+        "lengths": number**-2 if number else 0.0, "unit": unit_of_factor(abs(number) or 1.0),
+        "late": "late" if number > 0 else "early", "joints": " and ".join(own),
+        "several": "s together: two clocks, or a filter on one of them" if own[1:] else "",
+        "wrench": "with the other sign" if number else "left out",
+        "effect": "" if own[1:] else "".join(f", or add the effect {k}:{own[0]}" for k in effects),
+        "alike": " and their torques" if fault.kind == "joints swapped" else "",
+        "order": "one in the other's place" if len(own) == 2 else "columns in another order",
+        "t_line": log_entry(mechanism, "t", number),
+        "vector": _vector(fault.number), "gravity": _vector(mechanism.model.gravity.linear),
+    }  # fmt: skip
+    for kind in ("q", "tau"):
+        channels, sources = ([f"{kind}.{name}" for name in names] for names in (own, joints))
+        fields[kind] = " and ".join(channels)
+        fields[f"{kind}_lines"] = ", ".join(log_entry(mechanism, c, number) for c in channels)
+        fields[f"{kind}_exchange"] = exchange(mechanism, channels, sources)
+    return fields
+
+
+def _vector(x: Sequence[float]) -> str:
+    return "[" + ", ".join(f"{each + 0.0:.4g}" for each in x) + "]"
+
+
+def log_entry(mechanism: Mechanism, channel: str, factor: float) -> str:
+    """Return the line of `[log]` that multiplies a channel by a factor."""
+    source = mechanism.columns.get(channel)
+    column, scale = (source.column, source.scale) if source else (channel, 1.0)
+    return f'[log] "{channel}" = {{ column = "{column}", scale = {factor * scale:.4g} }}'
+
+
+def exchange(mechanism: Mechanism, channels: Sequence[str], sources: Sequence[str]) -> str:
+    """Return the lines of `[log]` that read each channel from the column of another one."""
+    columns = [source.column if (source := mechanism.columns.get(c)) else c for c in sources]
+    pairs = zip(channels, columns, strict=True)
+    return " and ".join(f'[log] "{c}" = {{ column = "{column}" }}' for c, column in pairs)

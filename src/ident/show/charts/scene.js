@@ -1,0 +1,198 @@
+// Draws a moving mechanism, given as the data of ident.show.view3d.scene, into a canvas: faces from
+// far to near, without a graphics card. `told(log, x)`: the user has chosen that moment.
+function drawScene(scene, place, told) {
+  const numbers = scene.arrays.map(unpacked)
+  const make = (tag, attributes) => Object.assign(document.createElement(tag), attributes)
+  const canvas = make("canvas"), art = canvas.getContext("2d")
+  const films = scene.films.map((film) => ({...film, t: numbers[film.t], poses: numbers[film.poses]}))
+  const bar = make("div", {className: "tools"})
+  const play = make("button", {type: "button", textContent: "▶", title: "Play"})
+  const time = make("input", {type: "range", step: "any", title: "Time [s]"})
+  const choice = make("select", {title: "Which log"}), now = make("span")
+  films.forEach((film, i) => choice.append(new Option(film.name, i)))
+  bar.append(play, time, now, ...(films.length > 1 ? [choice] : []))
+  place.append(canvas, ...(films.some((film) => film.t.length > 1) ? [bar] : []))
+
+  // --- vectors and camera -------------------------------------------------------------------------
+  const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+  const minus = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+  const plus = (a, b, s = 1) => [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]]
+  const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+  const unit = (a) => { const n = Math.sqrt(dot(a, a)) || 1; return [a[0] / n, a[1] / n, a[2] / n] }
+  const turned = (a, axis, angle) => { // by Rodrigues' formula
+    const c = Math.cos(angle), s = Math.sin(angle)
+    return plus(plus([a[0] * c, a[1] * c, a[2] * c], cross(axis, a), s), axis, dot(axis, a) * (1 - c))
+  }
+  let away = minus(scene.position, scene.target)
+  let width = 1, height = 1, right, over, back
+  const eyed = (p) => { const d = minus(p, plus(scene.target, away)); return [dot(d, right), dot(d, over), -dot(d, back)] }
+  const seen = ([x, y, z]) => { // a pinhole camera, `fov` from top to bottom
+    const scale = height / 2 / Math.tan(scene.fov / 2) / Math.max(z, 1e-6)
+    return [width / 2 + scale * x, height / 2 - scale * y]
+  }
+
+  // --- one moment ---------------------------------------------------------------------------------
+  let film = films[0], k = 0
+  const shapes = scene.shapes.map((each) => ({...each, corners: numbers[each.corners], faces: numbers[each.faces]}))
+  for (const shape of shapes) { // of the corners
+    const n = shape.corners.length / 3
+    shape.middle = [0, 1, 2].map((i) => shape.corners.reduce((sum, x, j) => j % 3 === i ? sum + x / n : sum, 0))
+  }
+  const ORDER = {body: 0, closure: 1, joint: 2}
+  const coloured = (pivot) => { // by the residual of the joint
+    const share = pivot in film.misfit ? numbers[film.misfit[pivot]][k] / (scene.misfit || 1) : NaN
+    return share >= 0 ? scene.ramp[Math.round(Math.min(share, 1) * (scene.ramp.length - 1))] : scene.unknown
+  }
+  const css = ([r, g, b], light, alpha = 1) => `rgb(${r * light} ${g * light} ${b * light} / ${alpha})`
+  const three = (x, i) => [x[3 * i], x[3 * i + 1], x[3 * i + 2]]
+
+  function line(a, b, colour, head) {
+    const [p, q] = [seen(eyed(a)), seen(eyed(b))], dx = q[0] - p[0], dy = q[1] - p[1], n = Math.hypot(dx, dy)
+    if (n < 1) return
+    art.strokeStyle = art.fillStyle = colour
+    art.lineWidth = head ? 4 : 2
+    const [x, y] = [dx / n, dy / n], tip = head ? Math.min(14, n) : 0
+    art.beginPath()
+    art.moveTo(...p)
+    art.lineTo(q[0] - tip * x, q[1] - tip * y)
+    art.stroke()
+    if (!head) return
+    art.beginPath()
+    art.moveTo(...q)
+    art.lineTo(q[0] - tip * x - 0.5 * tip * y, q[1] - tip * y + 0.5 * tip * x)
+    art.lineTo(q[0] - tip * x + 0.5 * tip * y, q[1] - tip * y - 0.5 * tip * x)
+    art.fill()
+  }
+
+  function paint() {
+    const ratio = devicePixelRatio || 1
+    width = canvas.clientWidth || 600
+    height = canvas.clientHeight || 350
+    if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio)
+    if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio)
+    art.setTransform(ratio, 0, 0, ratio, 0, 0)
+    art.clearRect(0, 0, width, height)
+    back = unit(away)
+    right = unit(cross(scene.up, back))
+    over = cross(back, right)
+    const light = unit(plus(plus(back, right, 0.5), over, 0.8)), faces = []
+    const joints = films[0].poses.length / films[0].t.length / 12
+    const posed = (joint, p) => {
+      const m = film.poses.subarray((k * joints + joint) * 12, (k * joints + joint) * 12 + 12)
+      return [0, 1, 2].map((i) => m[3 * i] * p[0] + m[3 * i + 1] * p[1] + m[3 * i + 2] * p[2] + m[9 + i])
+    }
+    const named = []
+    for (const shape of shapes) {
+      const rgb = shape.kind === "joint" ? coloured(shape.pivot) : shape.colour
+      const world = [], eye = []
+      for (let i = 0; i < shape.corners.length / 3; i++) {
+        world.push(posed(shape.joint, three(shape.corners, i)))
+        eye.push(eyed(world[i]))
+      }
+      for (let i = 0; i < shape.faces.length / 3; i++) {
+        const [a, b, c] = three(shape.faces, i), normal = cross(minus(world[b], world[a]), minus(world[c], world[a]))
+        if (dot(normal, minus(plus(scene.target, away), world[a])) <= 0) continue // its back
+        const bright = 0.6 + 0.4 * Math.max(0, dot(unit(normal), light))
+        faces.push({order: ORDER[shape.kind], depth: eye[a][2] + eye[b][2] + eye[c][2], points: [a, b, c].map((j) => seen(eye[j])),
+                    colour: css(rgb, bright, shape.kind === "body" ? 0.85 : 1)})
+      }
+      if (scene.marks[shape.pivot]) named.push([scene.marks[shape.pivot], seen(eyed(posed(shape.joint, shape.middle)))])
+    }
+    faces.sort((a, b) => a.order - b.order || b.depth - a.depth)
+    for (const {points, colour} of faces) {
+      art.fillStyle = colour
+      art.beginPath()
+      points.forEach((p, i) => i ? art.lineTo(...p) : art.moveTo(...p))
+      art.fill()
+    }
+    for (const gap of film.gaps) line(three(numbers[gap], 2 * k), three(numbers[gap], 2 * k + 1), "#777")
+    for (const {colour, ends} of film.arrows) {
+      line(three(numbers[ends], 2 * k), three(numbers[ends], 2 * k + 1), css(colour, 1), true)
+    }
+    art.font = "600 13px system-ui, sans-serif"
+    // beside the machine, one below the other, each with a line to its joint
+    const longest = Math.max(0, ...named.map(([text]) => art.measureText(text).width))
+    const edge = Math.max(0, ...faces.flatMap(({points}) => points.map(([x]) => x))) + 30
+    const left = Math.max(4, Math.min(edge, width - longest - 6))
+    let below = 16
+    for (const [text, [x, y]] of named.sort((a, b) => a[1][1] - b[1][1])) {
+      const line = Math.max(below, Math.min(y + 4, height - 6))
+      below = line + 18
+      art.strokeStyle = art.fillStyle = "#d1495b"
+      art.lineWidth = 1.5
+      art.fillText(text, left, line)
+      art.beginPath()
+      art.moveTo(left - 4, line - 4)
+      art.lineTo(x + 9, y)
+      art.stroke()
+      art.beginPath()
+      art.arc(x, y, 9, 0, 7)
+      art.stroke()
+    }
+    now.textContent = `${film.t[k].toFixed(2)} s`
+  }
+
+  let waiting = false
+  const repaint = () => {
+    if (waiting) return
+    waiting = true
+    requestAnimationFrame(() => { waiting = false; paint() })
+  }
+
+  // --- moments ------------------------------------------------------------------------------------
+  function at(x) {
+    let i = 0, j = film.t.length - 1
+    while (i < j) { const m = (i + j) >> 1; if (film.t[m] < x) i = m + 1; else j = m }
+    k = i > 0 && x - film.t[i - 1] < film.t[i] - x ? i - 1 : i
+    time.value = x
+    repaint()
+  }
+  function load(other) {
+    film = other
+    time.min = film.t[0]
+    time.max = film.t[film.t.length - 1]
+    choice.value = films.indexOf(film)
+    at(film.t[0])
+  }
+  let playing = 0
+  const stop = () => { cancelAnimationFrame(playing); playing = 0; play.textContent = "▶"; play.title = "Play" }
+  function start() {
+    let before = performance.now(), x = +time.value >= +time.max ? +time.min : +time.value
+    const step = (clock) => {
+      x += (clock - before) / 1000
+      before = clock
+      at(Math.min(x, +time.max))
+      told(film.name, +time.value)
+      if (x >= +time.max) stop(); else playing = requestAnimationFrame(step)
+    }
+    play.textContent = "❚❚"
+    play.title = "Pause"
+    playing = requestAnimationFrame(step)
+  }
+  play.addEventListener("click", () => playing ? stop() : start())
+  time.addEventListener("input", () => { stop(); at(+time.value); told(film.name, +time.value) })
+  choice.addEventListener("change", () => load(films[+choice.value]))
+  const orbit = (dx, dy) => {
+    away = turned(away, scene.up, -0.01 * dx)
+    const tipped = turned(away, right, -0.01 * dy)
+    if (Math.abs(dot(unit(tipped), scene.up)) < 0.98) away = tipped // not over the pole
+    repaint()
+  }
+  canvas.addEventListener("pointerdown", (event) => canvas.setPointerCapture(event.pointerId))
+  canvas.addEventListener("pointermove", (event) => { if (event.buttons) orbit(event.movementX, event.movementY) })
+  canvas.addEventListener("wheel", (event) => { // alone it scrolls the page
+    if (!event.ctrlKey) return
+    event.preventDefault()
+    const factor = Math.exp(0.002 * event.deltaY)
+    away = away.map((x) => factor * x)
+    repaint()
+  }, {passive: false})
+  new ResizeObserver(repaint).observe(canvas)
+  load(film)
+  return (log, x) => {
+    const other = films.find((each) => each.name === log)
+    if (!other || playing) return
+    if (other !== film) load(other)
+    at(x)
+  }
+}
