@@ -95,6 +95,20 @@ def test_a_change_while_falls_are_announced_wins(board, monkeypatch):
     assert board.state["status"]["kind"] == "done"
 
 
+def test_a_preview_that_fails_leaves_the_status_as_it_is(board):
+    before = dict(board.state["status"])
+    board.act({"do": "preview", "label": "viscous:nowhere"})
+    assert board.state["preview"]["label"] == "viscous:nowhere"
+    assert "error: " in str(board.state["preview"]["shown"])
+    assert board.state["status"] == before
+
+
+def test_a_candidate_of_another_model_is_not_previewed(board):
+    board.state["stale"] = True
+    board.act({"do": "preview", **ELBOW})
+    assert "preview" not in board.state
+
+
 def test_what_goes_wrong_is_one_line_and_changes_nothing(board):
     board.act({"do": "add", "label": "viscous:nowhere"})
     status = board.state["status"]

@@ -263,6 +263,8 @@ class Board:
         with self._lock:
             if self.exploration is None or (self.state["busy"] and do != "look"):
                 return
+            if do == "preview" and self.state["stale"]:
+                return  # the label is of another model
             self._turn += changes
             self._over = label if do == "preview" else ""
             before, turn = self.exploration, self._turn
@@ -304,8 +306,10 @@ class Board:
         finally:
             if changes:
                 self._tell(busy=False)
-        if changes or words:
+        if changes:
             self._announce(turn, words)
+        elif words:
+            self._tell(preview={"label": label, "shown": pieces_of([paragraph(words)])})
 
     @contextlib.contextmanager
     def serve(self, port: int = 0) -> Iterator[str]:
