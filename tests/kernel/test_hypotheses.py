@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ident.diagnosis.null import surrogates
-from ident.information.blocks import Block, Information
-from ident.information.hypotheses import Part, PartialRegression, quantile, zscore
+from ident.information.blocks import Block, Information, quantile, zscore
+from ident.information.hypotheses import Part, PartialRegression
 from ident.information.triangle import Triangle
 
 BLOCKS, ROWS, K = 6, 25, 14

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from ident.equations.rows import LEVER, ROUNDING, largest_transmission
 from ident.errors import IdentError
 from ident.fit import Fit
 from ident.fit.table import Table
-from ident.information.hypotheses import Part, PartialRegression
+from ident.information.hypotheses import Gains, Part, PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 
@@ -22,6 +23,7 @@ GUARD = 0.06  # s on either side that are left out; 0.3 periods of the motion, w
 ENOUGH = 0.5  # share of a coordinate's rows that must stay
 CALM = 1 / 3  # share of a residual's squares away from reversals, below which these decide too
 Shape = Mapping[str, float]
+Columns = Mapping[int, np.ndarray]  # (m, u) in the rows of each coordinate
 OnProgress = Callable[[str, float], None]
 
 
@@ -160,15 +162,23 @@ class Contest:
     @classmethod
     def of(
         cls, fit: Fit, effects: Iterable[Effect], on_progress: OnProgress, curved: bool = True,
-        table: Table | None = None,
+        earlier: Contest | None = None,
     ) -> Contest:  # fmt: skip
-        """The rows of a fit and the columns of some effects, all made once."""
-        table = table or Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
+        """The rows of a fit and the columns of some effects, all made once.
+
+        Args:
+            fit: whose rows; effects: whose columns.
+            on_progress: called with (what is being done, share done).
+            curved: whether curves are candidates too.
+            earlier: of another model, from which columns are taken that are the same there.
+        """
+        table = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
         held = fit.estimate.held
         prior = table.columns.prior_at(table.point.values)
         b = table.b - table.A[:, :, held] @ prior[held]
         use = deciding(table, b - table.A[:, :, ~held] @ fit.estimate.solution.x[~held])
         store = ColumnStore(table, use, table.A, b)
+        known = {} if earlier is None else earlier.unchanged(fit, use)
         moving, columns = _moving(table), columns_of(fit.motion)
         every = curves(moving, moving, columns) if curved else ()
         wanted = [*effects, *map(fit.mechanism.placed, every)]
@@ -176,14 +186,37 @@ class Contest:
         for i, effect in enumerate(wanted):
             on_progress(f"columns of {effect.label}", i / len(wanted))
             try:
-                shapes = table.starts(effect)
-                groups = np.split(store.add(effect, shapes), len(shapes))
+                shapes, old, C = table.starts(effect), known.get(effect.label), None
+                if earlier and old and old.effect == effect and [*old.shapes] == shapes:
+                    at, parts = np.concatenate(old.groups), earlier.regression.parts
+                    C = {part.coordinate: part.taken(at) for part in parts}
+                groups = np.split(store.add(effect, shapes, C), len(shapes))
                 found.append(CandidateColumns(effect, tuple(shapes), tuple(groups)))
             except (IdentError, np.linalg.LinAlgError) as error:
                 failed.append((effect, str(error)))
         sigma = weights(fit, table)
         regression = PartialRegression(store.parts(), np.flatnonzero(~held), 1.0 / sigma)
         return cls(fit, table, use, regression, tuple(found), tuple(failed))
+
+    @cached_property
+    def laws(self) -> tuple[CandidateColumns, ...]:
+        """Candidates that are no curves."""
+        return tuple(each for each in self.candidates if not each.curve)
+
+    @cached_property
+    def gains(self) -> Gains:
+        """What each group of all laws' columns does by itself beside the model."""
+        return self.regression.gains([group for each in self.laws for group in each.groups])
+
+    def unchanged(self, fit: Fit, use: np.ndarray) -> dict[str, CandidateColumns]:
+        """Laws, by label, whose columns are the same in the rows (N, d) of another fit: of the same
+        motion, on which alone they depend.
+        """
+        models = self.fit.mechanism, fit.mechanism
+        if self.fit.motion is not fit.motion or any(e.corrects for m in models for e in m.effects):
+            return {}
+        explicit = (e for e in self.laws if not e.effect.implicit and not e.effect.corrects)
+        return {e.effect.label: e for e in explicit} if np.array_equal(use, self.use) else {}
 
     def columns(self, effect: Effect, shape: Shape) -> list[np.ndarray]:
         """The columns (m, u) of an effect at a shape in the rows of each part."""
@@ -235,16 +268,19 @@ class ColumnStore:
         self.index = [[np.arange(A.shape[2])] for _ in self.rows]
         self.count = A.shape[2]
 
-    def add(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
-        """Adds the columns of an effect at shapes; returns which they are."""
-        C, felt = self.table.effect_columns(effect, shapes)
-        new = np.arange(self.count, self.count + C.shape[2])
-        for place, coordinate in enumerate(felt):
-            mine = C[self.rows[coordinate], place]
+    def add(
+        self, effect: Effect, shapes: Sequence[Shape], known: Columns | None = None
+    ) -> np.ndarray:
+        """Adds the columns of an effect at shapes, or those known; returns which they are."""
+        if known is None:
+            C, felt = self.table.effect_columns(effect, shapes)
+            known = {u: C[self.rows[u], place] for place, u in enumerate(felt.tolist())}
+        new = np.arange(self.count, self.count + next(iter(known.values())).shape[1])
+        for coordinate, mine in known.items():
             some = mine.any(axis=0)
             self.blocks[coordinate].append(mine[:, some])
             self.index[coordinate].append(new[some])
-        self.count += C.shape[2]
+        self.count += len(new)
         return new
 
     def parts(self) -> tuple[Part, ...]:

@@ -15,7 +15,7 @@ from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.law_search import CERTAIN, FittedFormula
 from ident.diagnosis.laws import FoundLaw
 from ident.diagnosis.search import Member, Selection
-from ident.diagnosis.selection import Decision, Evidence, Weigh, chance_of
+from ident.diagnosis.selection import Decision, Evidence, Weigh
 from ident.diagnosis.unobservable import Invisible, Unsupported, name_of
 from ident.display import Plotted, render
 from ident.effects import Effect
@@ -329,16 +329,14 @@ class Diagnosis(Plotted):
         weigh = Weigh(first.contest, first.regression, self.decision, first.total)
         done = {each.effect.label for each in self.candidates}
         looked = {each.effect.label: each for each in first.evidence}
-        rest = []
-        for each in first.contest.candidates:
-            if each.curve or each.effect.label in done or each.effect.label not in first.gains:
-                continue
-            start = int(first.regression.gains(each.groups).G.argmax())
-            gain = first.gains[each.effect.label][0]
-            rest.append(
-                looked.get(each.effect.label)
-                or weigh(each, start, gain, first.limit_of(each), chance_of(gain, first.chance))
-            )
+        mine = [
+            each
+            for each in first.contest.candidates
+            if not each.curve and each.effect.label in first.gains and each.effect.label not in done
+        ]
+        new = [each for each in mine if each.effect.label not in looked]
+        rest = [looked[each.effect.label] for each in mine if each.effect.label in looked]
+        rest += weigh.every(new, first.limit_of, first.chance)
         rest.sort(key=lambda each: -each.gain)
         more = (announced(self.fit, self.selection, each, ()) for each in rest)
         return (*self.candidates, *more)

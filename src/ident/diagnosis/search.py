@@ -38,7 +38,8 @@ from ident.diagnosis.selection import (
 from ident.effects import Effect
 from ident.effects.formula import Formula
 from ident.information import linear
-from ident.information.hypotheses import Index, PartialRegression, zscore
+from ident.information.blocks import zscore
+from ident.information.hypotheses import Index, PartialRegression
 
 MOST = 60  # moves of one search
 CLEAR = 3.0  # times the last quantile, from which a gain needs no new null distribution

@@ -16,7 +16,7 @@ difference and by more than chance.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -27,15 +27,8 @@ from ident.diagnosis.null import SURROGATES, NoiseDraws, judging
 from ident.diagnosis.refine import refined
 from ident.effects import Effect
 from ident.errors import FitError
-from ident.information.hypotheses import (
-    Array,
-    Index,
-    PartialRegression,
-    Refit,
-    paired,
-    quantile,
-    zscore,
-)
+from ident.information.blocks import paired, quantile, zscore
+from ident.information.hypotheses import Array, Gains, Index, PartialRegression, Refit
 
 PARSIMONY = 0.10  # share of the best gain within which fewer numbers are preferred
 ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same part
@@ -220,9 +213,8 @@ def rank(
         and (not joints or set(joints) & set(each.effect.joints) or not each.effect.joints)
     ]
     found = regression.gains([group for each in mine for group in each.groups])
-    ends = np.cumsum([0, *(len(each.groups) for each in mine)])
-    starts = [int(found.G[a:b].argmax()) for a, b in pairwise(ends)]
-    G = np.array([found.G[a + k] for a, k in zip(ends, starts, strict=False)])
+    ends, at = best_starts(found, mine)
+    starts, G = at - ends[:-1], found.G[at]
     visible = np.array([found.visible[a:b].max() for a, b in pairwise(ends)])
     total = max(float(regression.loss.sum()), 1e-300)
     null = found.null / np.maximum(regression.null_loss, total)
@@ -230,7 +222,6 @@ def rank(
     hints = []
     if limit is None:
         limit, of_curves = (_quantile(x, decision.alpha) for x in (null[law], null))
-        at = ends[:-1] + np.array(starts, dtype=int)
         places = [each.effect.joints[0] if each.curve else "" for each in mine]
         for joint in dict.fromkeys(filter(None, places)):
             own = [i for i, place in enumerate(places) if place == joint]
@@ -254,7 +245,7 @@ def rank(
                 curves.append((each.effect, gain))
         elif gain > needed or len(evidence) < CLOSEST:
             p = chance_of(gain, chance)
-            evidence.append(weigh(each, starts[i], gain, needed, p))
+            evidence.append(weigh(each, int(starts[i]), gain, needed, p))
     gains = {
         each.effect.label: (float(g) / total, float(v))
         for each, g, v in zip(mine, G, visible, strict=True)
@@ -264,6 +255,15 @@ def rank(
         contest, regression, tuple(evidence), gains, limit, total, tuple(curves), of_curves, chance,
         tuple(hints),
     )  # fmt: skip
+
+
+def best_starts(found: Gains, candidates: Sequence[CandidateColumns]) -> tuple[Index, Index]:
+    """Return where each candidate's groups begin among all groups, with the end of the last one,
+    and which of them gains most.
+    """
+    ends = np.cumsum([0, *(len(each.groups) for each in candidates)])
+    at = [a + int(found.G[a:b].argmax()) for a, b in pairwise(ends)]
+    return ends, np.array(at, dtype=np.intp)
 
 
 def _quantile(null: Array, alpha: float) -> float:
@@ -287,13 +287,14 @@ class Weigh:
     total: float
 
     def __call__(
-        self, candidate: CandidateColumns, start: int, gain: float, limit: float, p: float
-    ) -> Evidence:
-        """The evidence for a candidate at one of its starts."""
+        self, candidate: CandidateColumns, start: int, gain: float, limit: float, p: float,
+        refit: Refit | None = None,
+    ) -> Evidence:  # fmt: skip
+        """The evidence for a candidate at one of its starts; `refit`: with it, if that is known."""
         effect, shape = candidate.effect, dict(candidate.shapes[start])
         passed = gain > limit
         columns, C = candidate.groups[start], list[Array]()
-        refit = self.regression.refit(columns)
+        refit = refit or self.regression.refit(columns)
         if effect.corrects:
             bounds = self.contest.table.bounds(effect)
             for each, value in zip(effect.searched, refit.theta, strict=True):
@@ -328,6 +329,30 @@ class Weigh:
             passed and plausible and material and steady,
             tuple(int(u) for u in np.flatnonzero(mends)),
         )
+
+    def every(
+        self, candidates: Sequence[CandidateColumns], limit: Callable[[CandidateColumns], float],
+        chance: Array, found: Gains | None = None,
+    ) -> list[Evidence]:  # fmt: skip
+        """The evidence for each candidate at its best start.
+
+        Args:
+            candidates: all are weighed at once.
+            limit: what the gain of one is held against, as a share.
+            chance: (draws,) largest gain in each draw of the null distribution.
+            found: what all their groups do, if that is known.
+        """
+        groups = [group for each in candidates for group in each.groups]
+        found = found or self.regression.gains(groups)
+        ends, at = best_starts(found, candidates)
+        gains = (found.G[at] / self.total).tolist()
+        refits = self.regression.refits([groups[i] for i in at])
+        return [
+            self(each, int(start), gain, limit(each), chance_of(gain, chance), refit)
+            for each, start, gain, refit in zip(
+                candidates, at - ends[:-1], gains, refits, strict=True
+            )
+        ]
 
 
 def torque_squares(contest: Contest, regression: PartialRegression) -> Array:

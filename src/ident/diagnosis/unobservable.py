@@ -12,7 +12,8 @@ from ident.diagnosis.selection import HIDDEN, Decision, torque_squares
 from ident.effects import Effect
 from ident.fit import Fit
 from ident.information import linear
-from ident.information.hypotheses import PartialRegression, zscore
+from ident.information.blocks import zscore
+from ident.information.hypotheses import PartialRegression
 
 CERTAIN = 3.0  # standard errors below zero
 SHARE = 0.05  # of a column, from which an unknown is named as one that carries it
@@ -57,10 +58,8 @@ def invisible(fit: Fit, contest: Contest) -> tuple[Invisible, ...]:
     found: list[Invisible] = []
     squares = regression.squares @ regression.weight**2
     still = STILL**2 * max(regression.rank, 1)
-    laws = [each for each in contest.candidates if not each.curve]
-    groups = [group for each in laws for group in each.groups]
-    visible = iter(regression.gains(groups).visible)
-    for each in laws:
+    visible = iter(contest.gains.visible)
+    for each in contest.laws:
         most = max(next(visible) for _ in each.groups)
         if all(squares[group].sum() <= still for group in each.groups):
             found.append(Invisible(each.effect, _motionless(fit, each.effect)))
@@ -109,15 +108,10 @@ def unsupported(fit: Fit, contest: Contest, decision: Decision) -> tuple[Unsuppo
     """Effects of the model without which the left-out error is no larger, and absurd ones."""
     found = []
     regression = contest.regression
-    values = {each.effect.label: each.parameters for each in fit.effects}
     torque = max(float(torque_squares(contest, regression).sum()), 1e-300)
     for effect, places in fit.columns.effects:
         mine = np.array([p for p in places if p >= 0 and not fit.estimate.held[p]], dtype=int)
-        absurd = [
-            v.name
-            for v, parameter in zip(values[effect.label], effect.parameters, strict=True)
-            if parameter.nonnegative and v.stderr is not None and v.value < -CERTAIN * v.stderr
-        ]
+        absurd = _absurd(fit, effect, places)
         if absurd:
             why = (
                 f"{', '.join(absurd)} is negative beyond its error, which no such effect can be: "
@@ -134,3 +128,20 @@ def unsupported(fit: Fit, contest: Contest, decision: Decision) -> tuple[Unsuppo
                 why = f"it explains {100 * size:.2g} % of the torque only"
                 found.append(Unsupported(effect, why, False))
     return tuple(found)
+
+
+def _absurd(fit: Fit, effect: Effect, places: np.ndarray) -> list[str]:
+    """Name the parameters of an effect of the model that are negative beyond their error, and must
+    not be; errors are worked out where some value is negative.
+    """
+    x, given = fit.estimate.x, fit.point.values
+    now = (x[p] if p >= 0 else given[name] for name, p in zip(effect.names, places, strict=True))
+    pairs = zip(now, effect.parameters, strict=True)
+    if not any(value < 0 and parameter.nonnegative for value, parameter in pairs):
+        return []
+    values = next(each.parameters for each in fit.effects if each.effect.label == effect.label)
+    return [
+        v.name
+        for v, parameter in zip(values, effect.parameters, strict=True)
+        if parameter.nonnegative and v.stderr is not None and v.value < -CERTAIN * v.stderr
+    ]

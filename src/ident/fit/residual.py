@@ -235,7 +235,29 @@ class Residual(Displayed):
     @cached_property
     def where(self) -> tuple[Failure, ...]:
         """Where the model fails: one entry a joint, the largest share first."""
-        return where(self)
+        maps = signal_maps(self.signal, self.signals, self.joints)
+        every = (self.failure(joint, maps) for joint in self.joints)
+        return tuple(sorted(every, key=lambda each: -each.share))
+
+    def failure(self, joint: str, maps: Sequence[SignalMap] = ()) -> Failure:
+        """Return how the model fails in one joint; `maps`: of all signals, if they are made."""
+        if joint not in self._failures:
+            maps = maps or signal_maps(self.signal, self.signals, self.joints)
+            self._failures[joint] = _failure(self, self.joints.index(joint), maps)
+        return self._failures[joint]
+
+    @cached_property
+    def _failures(self) -> dict[str, Failure]:
+        return {}
+
+    @cached_property
+    def shares(self) -> np.ndarray:
+        """Share (d,) of each joint in the squares of all residuals, relative to the torques."""
+        torque = self.parts["measured"]
+        strongest = float(torque.max(initial=0.0)) or 1.0  # stands in for a joint without torque
+        rms = np.array([self.errors[joint].rms for joint in self.joints])
+        squares = rms**2 / np.where(torque > 0, torque, strongest) ** 2
+        return np.asarray(squares / (squares.sum() or 1.0))
 
     @cached_property
     def periods(self) -> Periods | None:
@@ -325,21 +347,12 @@ def _rms(pieces: list[np.ndarray]) -> np.ndarray:
 
 def where(residual: Residual) -> tuple[Failure, ...]:
     """Return where the model of a `residual` fails: one entry a joint, the largest share first."""
-    torque = residual.parts["measured"]
-    strongest = float(torque.max(initial=0.0)) or 1.0  # stands in for a joint without torque
-    rms = np.array([residual.errors[joint].rms for joint in residual.joints])
-    squares = rms**2 / np.where(torque > 0, torque, strongest) ** 2
-    shares = squares / (squares.sum() or 1.0)
-    maps = signal_maps(residual.signal, residual.signals, residual.joints)
-    fold = folds([len(trace) for trace in residual.traces])
-    failures = [_failure(residual, u, float(share), maps, fold) for u, share in enumerate(shares)]
-    return tuple(sorted(failures, key=lambda each: -each.share))
+    return residual.where
 
 
-def _failure(
-    residual: Residual, u: int, share: float, maps: Sequence[SignalMap], fold: np.ndarray
-) -> Failure:
+def _failure(residual: Residual, u: int, maps: Sequence[SignalMap]) -> Failure:
     joint, again = residual.joints[u], residual.periods
+    fold = folds([len(trace) for trace in residual.traces])
     error = residual.errors[joint]
     pieces = [trace.residual[run, u] for trace in residual.traces for run in trace.runs()]
     memory = memory_of(pieces, residual.motion.band.cutoff, residual.rate)
@@ -366,7 +379,7 @@ def _failure(
         unit=error.unit,
         rms=error.rms,
         relative=error.relative,
-        share=share,
+        share=float(residual.shares[u]),
         offset=float(r.mean()),
         worst=() if nothing else _worst(residual, u, memory.effective),
         depends_on=tuple(

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from ident.information.triangle import Array, Index
 
 RANK = 1e-8  # of the largest singular value of unit columns: below, a direction is rounding
 VISIBLE = 1e-4  # share of a column that must be new; squares of less are rounding
+TOGETHER = 64  # columns that are projected at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +183,7 @@ class PartialRegression:
     @cached_property
     def Q(self) -> tuple[Array, ...]:
         """Q (m, rank) of every part."""
-        mine = [_taken(part, self.model, self._factor(part)) for part in self.parts]
+        mine = [self._taken(part, self.model) for part in self.parts]
         k = len(self.model)
         R = np.concatenate([np.asarray(np.linalg.qr(A, mode="r")) for A in mine])
         if not k or not R.any():
@@ -197,6 +199,9 @@ class PartialRegression:
 
     def _factor(self, part: Part) -> Array:
         return self.weight[part.coordinate] / self.size
+
+    def _taken(self, part: Part, columns: Index) -> Array:
+        return part.taken(columns) * self._factor(part)[columns]
 
     @property
     def rank(self) -> int:
@@ -242,9 +247,9 @@ class PartialRegression:
         return np.asarray(self._block[3][:, 1:].sum(axis=0))
 
     @cached_property
-    def left_out(self) -> tuple[Array, ...]:
-        """L b̃ (m,) of every part: the errors of blocks that were left out."""
-        return tuple(x[:, 0] for x in self._left_out([y[:, :1] for y in self.residual]))
+    def left_out(self) -> Array:
+        """L b̃ (rows,), part after part: the errors of blocks that were left out."""
+        return np.concatenate(self._left_out([y[:, :1] for y in self.residual]))[:, 0]
 
     def _left_out(self, X: Sequence[Array]) -> list[Array]:
         """L x̃ of projected columns."""
@@ -256,24 +261,39 @@ class PartialRegression:
                 x[i] += Q[i] @ (M[k] @ q)
         return out
 
-    def by_coordinate(self, values: Sequence[Array]) -> Array:
-        """(blocks, d) sums of values (m,) of every part."""
+    @cached_property
+    def cells(self) -> Index:
+        """(parts, blocks, 2) first and last of the rows of each block, part after part."""
+        first = np.cumsum([0, *(len(part.X) for part in self.parts)])
+        edges = np.stack([part.edges + a for part, a in zip(self.parts, first, strict=False)])
+        return np.stack([edges[:, :-1], edges[:, 1:]], axis=2)
+
+    def by_block(self, x: Array, y: Array) -> Array:
+        """Return xᵀy (blocks, u, v) of each block; x, y (rows, …)."""
+        found = np.zeros((self.blocks, x.shape[1], y.shape[1]))
+        for part in self.cells.tolist():
+            for k, (a, b) in enumerate(part):
+                found[k] += x[a:b].T @ y[a:b]
+        return found
+
+    def by_coordinate(self, x: Array) -> Array:
+        """(blocks, d) sums of x (rows,)."""
+        first, last = self.cells.reshape(-1, 2).T
+        sums = np.add.reduceat(np.append(x, 0.0), first) * (last > first)
         found = np.zeros((self.blocks, self.d))
-        for part, x in zip(self.parts, values, strict=True):
-            found[:, part.coordinate] += np.add.reduceat(np.append(x, 0.0), part.edges[:-1]) * (
-                np.diff(part.edges) > 0
-            )
+        for part, own in zip(self.parts, sums.reshape(-1, self.blocks), strict=True):
+            found[:, part.coordinate] += own
         return found
 
     @cached_property
     def rows(self) -> Array:
         """(d,) rows of each coordinate."""
-        return self.by_coordinate([np.ones(len(p.X)) for p in self.parts]).sum(axis=0)
+        return self.by_coordinate(np.ones(int(self.cells.max()))).sum(axis=0)
 
     @cached_property
     def losses(self) -> Array:
         """(blocks, d) left-out squares with the model as it is."""
-        return self.by_coordinate([e**2 for e in self.left_out])
+        return self.by_coordinate(self.left_out**2)
 
     # --- candidates ----------------------------------------------------------------------------
 
@@ -359,50 +379,64 @@ class PartialRegression:
 
     def refit(self, columns: Index) -> Refit:
         """One group of columns in detail."""
-        size = self.size[columns]
-        return self._refit([_taken(p, columns, self._factor(p)) for p in self.parts], size)
+        return self.refits([columns])[0]
+
+    def refits(self, groups: Sequence[Index]) -> list[Refit]:
+        """Groups of columns in detail, each by itself."""
+        found, numbers = list[Refit](), [len(group) for group in groups]
+        for some in np.array_split(np.arange(len(groups)), -(-sum(numbers) // TOGETHER) or 1):
+            if not len(some):
+                continue
+            flat = np.concatenate([groups[i] for i in some])
+            C = [self._taken(p, flat) for p in self.parts]
+            found += self._refits(C, self.size[flat], [numbers[i] for i in some])
+        return found
 
     def refit_with(self, C: Sequence[Array]) -> Refit:
         """Columns C (m, u), one array a part, that are not among the candidates'."""
         C = [c * self.weight[p.coordinate] for p, c in zip(self.parts, C, strict=True)]
         size = np.sqrt(sum((c**2).sum(axis=0) for c in C))
         size = np.where(size > 0, size, 1.0)
-        return self._refit([c / size for c in C], size)
+        return self._refits([c / size for c in C], size, [len(size)])[0]
 
-    def _refit(self, C: list[Array], size: Array) -> Refit:
-        norm = np.sqrt(max(sum(float((c**2).sum()) for c in C), 1e-300))
+    def _refits(self, C: list[Array], size: Array, numbers: Sequence[int]) -> list[Refit]:
+        """Columns C side by side, in groups of so many."""
+        squares = sum(np.einsum("ij,ij->j", c, c) for c in C)
         for _ in range(2):  # twice: what is left may be tiny
             P = sum(q.T @ c for q, c in zip(self.Q, C, strict=True))
             C = [c - q @ P for q, c in zip(self.Q, C, strict=True)]
-        S = sum(c.T @ c for c in C)
-        values, V = np.linalg.eigh(S)
+        X, LX = np.concatenate(C), np.concatenate(self._left_out(C))
+        return [
+            self._refit(X[:, a:b], LX[:, a:b], size[a:b], float(squares[a:b].sum()))
+            for a, b in pairwise(np.cumsum([0, *numbers]))
+        ]
+
+    def _refit(self, C: Array, LC: Array, size: Array, squares: float) -> Refit:
+        """One group of projected columns C (rows, u), with L C; their squares before that."""
+        values, V = np.linalg.eigh(C.T @ C)
         new = values > VISIBLE**2
         V = V[:, new] / np.sqrt(values[new])
-        C = [c @ V for c in C]
-        LC = self._left_out(C)
-        r = [y[:, 0] for y in self.residual]
-        alpha = sum((c.T @ y for c, y in zip(C, r, strict=True)), np.zeros(V.shape[1]))
-        part_of = [c @ alpha for c in C]
-        by = self.by_coordinate([2 * y * x - x**2 for y, x in zip(r, part_of, strict=True)])
-        errors = [e.copy() for e in self.left_out]
-        for k in range(self.blocks):
-            rows = [part.block(k) for part in self.parts]
-            together = list(zip(C, LC, self.left_out, rows, strict=True))
-            H = np.eye(len(alpha)) - sum(c[i].T @ lc[i] for c, lc, _, i in together)
-            g = alpha - sum(c[i].T @ e[i] for c, _, e, i in together)
-            theta = linear.inverse(H[None])[0] @ g
-            for lc, e, i in zip(LC, errors, rows, strict=True):
-                e[i] -= lc[i] @ theta
-        loss = self.by_coordinate([e**2 for e in errors])
-        direction = np.concatenate(part_of)
+        C, LC = C @ V, LC @ V
+        r, u = np.concatenate([y[:, 0] for y in self.residual]), V.shape[1]
+        alpha = C.T @ r
+        part_of = C @ alpha
+        by = self.by_coordinate(2 * r * part_of - part_of**2)
+        inside = self.by_block(C, np.column_stack([LC, self.left_out]))
+        inverse = linear.inverse(np.eye(u) - inside[:, :, :u])
+        theta = inverse @ (alpha[:, None] - inside[:, :, u:])  # (blocks, u, 1)
+        errors = self.left_out.copy()
+        for part in self.cells.tolist():
+            for k, (a, b) in enumerate(part):
+                errors[a:b] -= LC[a:b] @ theta[k, :, 0]
+        loss = self.by_coordinate(errors**2)
         return Refit(
             (self.losses - loss).sum(axis=1),
             loss,
             V @ alpha / size,
             np.sqrt((V**2).sum(axis=1)) / size,
             by.sum(axis=0),
-            float(np.sqrt(max(values.sum(), 0.0)) / norm),
-            direction / max(float(np.linalg.norm(direction)), 1e-300),
+            float(np.sqrt(max(values.sum(), 0.0) / max(squares, 1e-300))),
+            part_of / max(float(np.linalg.norm(part_of)), 1e-300),
         )
 
     def extended(self, columns: Index) -> PartialRegression:
@@ -425,7 +459,7 @@ class PartialRegression:
     @property
     def solved(self) -> tuple[Array, Array]:
         """θ (k,) of the model's columns and (XᵀX)⁻¹ (k, k), weighted; of the smallest norm."""
-        A = np.concatenate([_taken(p, self.model, self._factor(p)) for p in self.parts])
+        A = np.concatenate([self._taken(p, self.model) for p in self.parts])
         b = np.concatenate([p.Y[:, 0] * self.weight[p.coordinate] for p in self.parts])
         inverse = linear.pinv(A.T @ A, rcond=RANK, hermitian=True)
         size = self.size[self.model]
@@ -448,12 +482,6 @@ def _columns(X: Array, at: Index) -> Array:
     return found
 
 
-def _taken(part: Part, columns: Index, factor: Array) -> Array:
-    """Some of all columns in a part's rows, weighted and scaled."""
-    at = _places(part.columns, len(factor))[columns]
-    return _columns(part.X, at) * factor[columns]
-
-
 def _fall(
     s: np.ndarray,
     c: np.ndarray,
@@ -468,27 +496,3 @@ def _fall(
     theta = linear.times(inverse, s - c1)
     c2 = c1 + (Wp.T @ q).reshape(c.shape)
     return (theta * (2 * c2 - linear.times(a2, theta))).sum(axis=1)
-
-
-# --- the null distribution and comparisons ------------------------------------------------------
-
-
-def quantile(null: Array, alpha: float) -> float:
-    """The (1 − alpha) quantile of the largest gain of each draw; null (groups, draws)."""
-    if not null.size:
-        return 0.0
-    return float(np.quantile(null.max(axis=0), 1 - alpha, method="higher"))
-
-
-def paired(a: Array, b: Array) -> float:
-    """Standard errors of paired blocks by which squares b (blocks,) are lower than a: of the
-    differences, or of the differences of the logarithms, the larger.
-    """
-    tiny = 1e-12 * max(float(a.sum()), float(b.sum())) + 1e-300
-    return max(zscore(a - b), zscore(np.log((a + tiny) / (b + tiny))))
-
-
-def zscore(D: Array) -> float:
-    """Mean over standard error of differences (blocks,); 0 where nothing differs."""
-    spread = float(D.std(ddof=1)) / np.sqrt(len(D)) if len(D) > 1 else 0.0
-    return float(D.mean()) / spread if spread > 0 else 0.0

@@ -267,7 +267,7 @@ def plot_maps(residuals: Models, joint: str, effect: str = "") -> Chart:
 
 def _scores(residual: Residual, joint: str) -> dict[str, float]:
     """Return R² by the signal in whose map it is drawn (sign(v) in v's), the largest first."""
-    failure = next(each for each in residual.where if each.joint == joint)
+    failure = residual.failure(joint)
     found: dict[str, float] = {}
     for each in failure.depends_on:
         found.setdefault(each.signal.replace("sign(v)", "v"), each.r2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -67,6 +68,18 @@ def test_what_is_announced_is_delivered(label):
     same = now.fit.estimate.held[: len(e.fit.columns)].sum() == e.fit.estimate.held.sum()
     assert same == (label != "spring:shoulder")  # with it the refit leaves one at its prior
     assert now.delivered == pytest.approx(now.announced, abs=1e-8 if same else 0.01)
+
+
+def test_columns_kept_from_the_model_before_announce_the_same():
+    kept = grown("viscous:elbow").screened()
+    anew = replace(grown("viscous:elbow"), contest=None).screened()
+    assert kept.contest.unchanged(anew.fit, anew.contest.use)
+    assert [str(x) for x in kept.candidates] == [str(x) for x in anew.candidates]
+
+
+def test_columns_are_made_anew_where_the_motion_is_corrected():
+    e = grown("delay:elbow")
+    assert not screened().contest.unchanged(e.fit, screened().contest.use)
 
 
 def test_what_a_removal_costs_is_announced_too():

@@ -71,16 +71,16 @@ def test_clicks_during_work_do_nothing_but_looks_do(board, monkeypatch):
 
 def test_a_change_while_falls_are_announced_wins(board, monkeypatch):
     module, begun = sys.modules[EXPLORATION], threading.Event()
-    real = module.predicted_gains
+    real = module.rows_of
 
-    def announced(fit, progress):
+    def announced(fit, effects, progress, earlier):
         if begun.is_set():
-            return real(fit, progress)
+            return real(fit, effects, progress, earlier)
         begun.set()
         while True:
             progress("announcing", 0.0)
 
-    monkeypatch.setattr(module, "predicted_gains", announced)
+    monkeypatch.setattr(module, "rows_of", announced)
     first = threading.Thread(target=board.act, args=({"do": "add", **ELBOW},))
     first.start()
     assert begun.wait(60)

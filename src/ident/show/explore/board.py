@@ -176,7 +176,7 @@ def _joint(e: Exploration, joint: str) -> list[Chart | Markup]:
     whole = plot_predictions(predicted, residuals)
     words = f"Measured and predicted torque of {joint} over time"
     torque = replace(whole, words=words, rows=whole.rows[2 * u : 2 * u + 2])
-    failure = next(each for each in e.fit.residual.where if each.joint == joint)
+    failure = e.fit.residual.failure(joint)
     depends = [f"the residual of {joint} depends on {each}" for each in failure.depends_on]
     if failure.white:
         depends = [f"what is left of {joint} alone cannot be told from noise in a log this long"]

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ident.diagnosis import Diagnosis, History, diagnose
+from ident.diagnosis.candidates import Contest, candidates_of
 from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.grow import Step
 from ident.diagnosis.result import Law, errors_of
@@ -21,7 +22,12 @@ from ident.mechanism import Mechanism
 from ident.motion import Motion
 from ident.progress import Progress
 from ident.show.card import named
-from ident.show.explore.predicted import PredictedGain, delivered, predicted_gains
+from ident.show.explore.predicted import (
+    PredictedGain,
+    delivered,
+    predicted_gains,
+    rows_of,
+)
 from ident.show.ladder import model_files, refuse_own
 from ident.show.ladder import write as write_history
 from ident.text import percent, table
@@ -101,11 +107,13 @@ class Exploration(Displayed):
         rungs: from the model that was given to the present one.
         before: what it was before the last change; None at the beginning.
         refused: labels of laws and curves that are not offered again.
+        contest: columns of all effects beside the model that was screened last.
     """
 
     rungs: tuple[ModelStep, ...]
     before: Exploration | None = None
     refused: frozenset[str] = frozenset()
+    contest: Contest | None = None
 
     @classmethod
     def of(
@@ -168,7 +176,7 @@ class Exploration(Displayed):
         labels = [each.effect.label for each in self.offered]
         if label not in labels:
             raise FitError(f"'{label}' is not offered; {one_of(label, labels)}")
-        return replace(self, refused=self.refused | {label}, before=self)
+        return replace(self, refused=self.refused | {label}, before=replace(self, contest=None))
 
     def screened(self, progress: Progress | None = None) -> Exploration:
         """With the fall of error announced for every effect of the library.
@@ -178,7 +186,9 @@ class Exploration(Displayed):
         """
         if self.now.candidates is not None:
             return self
-        return self._with(replace(self.now, candidates=predicted_gains(self.fit, progress)))
+        contest = rows_of(self.fit, candidates_of(self.fit), progress, self.contest)
+        now = replace(self.now, candidates=predicted_gains(contest))
+        return replace(self._with(now), contest=contest)
 
     def with_effect(
         self, effect: str | Effect | Sequence[str | Effect], progress: Progress | None = None
@@ -236,12 +246,12 @@ class Exploration(Displayed):
             raise FitError(f"there is no rung {rung}; {valid}")
         if rung == len(self.rungs) - 1:
             return self
-        return replace(self, rungs=self.rungs[: rung + 1], before=self)
+        return replace(self, rungs=self.rungs[: rung + 1], before=replace(self, contest=None))
 
     @property
     def undone(self) -> Exploration:
         """As before the last change; at the beginning, as it is."""
-        return self if self.before is None else self.before
+        return self if self.before is None else replace(self.before, contest=self.contest)
 
     def judged(self, progress: Progress | None = None) -> Exploration:
         """With the diagnosis of the present model: whether a fall means anything.
@@ -292,7 +302,7 @@ class Exploration(Displayed):
             mechanism, self.fit.motion, start=start, estimator="least-squares", progress=progress
         )
         step = ModelStep(added, removed, fit, announced, delivered=delivered(self.fit, fit))
-        return replace(self, rungs=(*self.rungs, step), before=self)
+        return replace(self, rungs=(*self.rungs, step), before=replace(self, contest=None))
 
     def __str__(self) -> str:
         return "\n".join(table(self.table(), ""))

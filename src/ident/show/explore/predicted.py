@@ -13,14 +13,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ident.diagnosis.candidates import Contest, absorbed, possible
+from ident.diagnosis.candidates import Contest, possible
 from ident.diagnosis.result import announced_errors, errors_of
 from ident.diagnosis.selection import Decision, Evidence, Weigh, alike, torque_squares
 from ident.diagnosis.unobservable import invisible, unsupported
 from ident.effects import Effect
 from ident.fit import Fit
-from ident.information.blocks import Error
-from ident.information.hypotheses import zscore
+from ident.information.blocks import Error, zscore
 from ident.progress import Progress
 
 SOME = 2.0  # standard errors from which a fall is one
@@ -75,9 +74,20 @@ class PredictedGain:
         return f"{self.label}: {100 * self.fall:.1f} ± {100 * self.error:.1f} %"
 
 
-def rows_of(fit: Fit, effects: Sequence[Effect] = (), progress: Progress | None = None) -> Contest:
-    """Return the rows of a fit away from reversals, with the columns of some effects."""
-    return Contest.of(fit, effects, progress or (lambda what, share: None), curved=False)
+def rows_of(
+    fit: Fit, effects: Sequence[Effect] = (), progress: Progress | None = None,
+    earlier: Contest | None = None,
+) -> Contest:  # fmt: skip
+    """Return the rows of a fit away from reversals, with the columns of some effects.
+
+    Args:
+        fit: of the present model.
+        effects: whose columns.
+        progress: called with (what is being done, share done); what it raises stops the work.
+        earlier: of another model, from which columns are taken that are the same there.
+    """
+    quiet = progress or (lambda what, share: None)
+    return Contest.of(fit, effects, quiet, curved=False, earlier=earlier)
 
 
 def delivered(before: Fit, after: Fit) -> float | None:
@@ -106,15 +116,10 @@ def _fall(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
     return float(D.sum()) / total, float(D.std(ddof=1) * np.sqrt(len(D))) / total
 
 
-def predicted_gains(fit: Fit, progress: Progress | None = None) -> tuple[PredictedGain, ...]:
-    """Return all effects that could be missing, then those of the model; each part best first.
-
-    Args:
-        fit: of the present model.
-        progress: called with (what is being done, share done); what it raises stops the work.
-    """
+def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:
+    """Return all effects that could be missing, then those of the model; each part best first."""
+    fit = contest.fit
     every = possible(fit.mechanism, fit.motion)
-    contest = rows_of(fit, [e for e in every if not absorbed(fit.mechanism, e)], progress)
     w, regression = _weight(contest), contest.regression
     now = regression.losses @ w
     hidden = {each.effect.label: each.why for each in invisible(fit, contest)}
@@ -160,16 +165,10 @@ def _largest(each: PredictedGain) -> float:
 
 def _weighed(contest: Contest, hidden: Mapping[str, str]) -> list[Evidence]:
     """Return the evidence for each candidate at its best start, refined where it does anything."""
-    regression = contest.regression
-    total = max(float(regression.loss.sum()), 1e-300)
-    weigh = Weigh(contest, regression, Decision(), total)
-    found = []
-    for each in contest.candidates:
-        if each.effect.label not in hidden:
-            gains = regression.gains(each.groups).G
-            start = int(gains.argmax())
-            found.append(weigh(each, start, float(gains[start]) / total, LEAST, 1.0))
-    return found
+    total = max(float(contest.regression.loss.sum()), 1e-300)
+    weigh = Weigh(contest, contest.regression, Decision(), total)
+    every = weigh.every(contest.laws, lambda each: LEAST, np.empty(0), contest.gains)
+    return [each for each in every if each.effect.label not in hidden]
 
 
 def _with_rivals(
