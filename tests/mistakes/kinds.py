@@ -404,6 +404,12 @@ def _(c: Case) -> Case:
     return with_q(c, c.columns[b]) if b in c.columns else c
 
 
+@mistake("one position counted from the world, the URDF's from the link before", r"counted from")
+def _(c: Case) -> Case:
+    b = f"q.{c.subject.other}"
+    return with_q(c, c.columns[position(c)] + c.columns[b]) if b in c.columns else c
+
+
 @mistake("one position of another run", r"another run|belong|motion")
 def _(c: Case) -> Case:
     return with_q(c, another(c).columns[position(c)])

@@ -1,17 +1,18 @@
-"""Makes the table of mistakes: `python tests/mistakes/table.py [PATTERN] [--keep FILE] [--said]`.
+"""Makes the table of mistakes: `python tests/mistakes/table.py [PATTERN] [--machine NAME …]`.
 
-Every mistake is made on every machine; the table says what `ident identify` makes of it. With
-`--keep FILE` verdicts go into a file, and a run that was interrupted goes on from it; `--said`
-prints what was said as well; `--markdown` prints the table of docs/trust.md.
+Every mistake is made on every machine; the table says what `ident identify` makes of it. A run
+that was interrupted goes on from the file of `--keep`.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import re
 import sys
 import tempfile
 from collections import Counter
+from collections.abc import Collection
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -23,9 +24,12 @@ from verdict import OUTCOMES, Verdict, judge
 Results = dict[str, dict[str, Verdict]]
 
 
-def results(pattern: str, folder: Path, keep: Path | None = None) -> Results:
-    """Verdicts by mistake and machine."""
-    cases = [clean(each, folder / each.name / "truth") for each in subjects()]
+def results(
+    pattern: str, folder: Path, keep: Path | None = None, machines: Collection[str] = ()
+) -> Results:
+    """Verdicts by mistake and machine; without names, of all machines."""
+    chosen_subjects = [each for each in subjects() if not machines or each.name in machines]
+    cases = [clean(each, folder / each.name / "truth") for each in chosen_subjects]
     found: Results = {}
     if keep is not None and keep.exists():
         for line in keep.read_text().splitlines():
@@ -75,18 +79,22 @@ def markdown(found: Results) -> str:
 
 
 def main() -> None:
-    words = sys.argv[1:]
-    keep = Path(words.pop(words.index("--keep") + 1)) if "--keep" in words else None
-    patterns = [word for word in words if not word.startswith("--")]
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("pattern", nargs="?", default="", help="of mistakes' names")
+    parser.add_argument("--machine", action="append", default=[], help="only this one, or these")
+    parser.add_argument("--keep", type=Path, help="file of verdicts; what it has is not run again")
+    parser.add_argument("--said", action="store_true", help="print what was said as well")
+    parser.add_argument("--markdown", action="store_true", help="print the table of docs/trust.md")
+    given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        found = results(patterns[0] if patterns else "", Path(folder), keep)
+        found = results(given.pattern, Path(folder), given.keep, given.machine)
     for name, row in found.items():
         for machine, verdict in row.items():
-            if "--said" in words or verdict.outcome in ("silent", "wrong name"):
+            if given.said or verdict.outcome in ("silent", "wrong name"):
                 off, seconds = f"{verdict.off:.3g} s.e. off", f"{verdict.seconds:.2f} s"
                 print(f"\n{name} · {machine}: {verdict.outcome}, {off}, {seconds}")
                 print("\n".join(f"    {text[:400]}" for text in verdict.said))
-    if "--markdown" in words:
+    if given.markdown:
         print(markdown(found))
     count = Counter(each.outcome for row in found.values() for each in row.values())
     print(f"\n{len(found)} kinds:", ", ".join(f"{each} {count[each]}" for each in OUTCOMES))

@@ -244,6 +244,26 @@ def test_a_wrong_position_is_found(kind):
     assert {name for name, _ in found(judgement)} == {f"position {kind}"}
 
 
+@pytest.mark.parametrize("opposite", [False, True])
+def test_a_position_counted_from_another_link_is_found(opposite):
+    """The elbow of an arm is parallel to its shoulder; its axis may point the other way."""
+    p = planted("arm", seed=21)
+    at, turned = p.mechanism.model.names.tolist().index("elbow"), p.mechanism.model.copy()
+    mechanism, log = p.mechanism, p.log
+    if opposite:
+        turn = turned.jointPlacements[at].rotation @ np.diag([1.0, -1.0, -1.0])
+        turned.jointPlacements[at].rotation = turn
+        mechanism = mechanism.with_model(turned)
+        values = dict.fromkeys((n for e in mechanism.effects for n in e.names), 0.1)
+        log = ident.simulate(mechanism, log, values=values)[0]
+    c, sign = dict(log.columns), -1.0 if opposite else 1.0
+    for letter in "qva":
+        c[f"{letter}.elbow"] = c[f"{letter}.elbow"] + sign * c[f"{letter}.shoulder"]
+    judgement = judged(mechanism, Log.from_arrays("run.csv", log.t, c))
+    assert {name for name, _ in found(judgement)} == {"position from"}
+    assert f"q.elbow {'+' if opposite else '-'} q.shoulder" in str(judgement)
+
+
 def test_it_prints_and_is_json():
     p = planted("arm", seed=22)
     judgement = judged(p.mechanism, changed(p.log, tau__elbow=-p.log.columns["tau.elbow"]))

@@ -40,7 +40,6 @@ from ident.fit import Fit, identify
 from ident.fit.channel_fits import LEAVES
 from ident.fit.data_checks import DataChecks, Health
 from ident.fit.residual import Periods, residual_of
-from ident.information.hypotheses import PartialRegression
 
 SHOWN = 3  # candidates that are listed though nothing speaks for them
 TRIED = 3  # rivals of a formula whose constants are not determined
@@ -114,7 +113,9 @@ def concluded(
     candidates = _explanations(fit, selection, best)
     if best is not None and (not candidates or candidates[0].effect.label != best.label):
         best = None  # what cannot be refitted is no name
-    if best is not None and (data.faults or not _explains(candidates[0], contest, draws, last)):
+    if best is not None and (
+        data.faults or not _explains(candidates[0], contest, draws, selection, decision)
+    ):
         best = None
     residual = residual_of(fit)
     verdict = _verdict(selection, best, bool(loud), bool(laws), residual.periods)
@@ -182,20 +183,24 @@ def of_one_form(found: Collection[FoundLaw]) -> list[FoundLaw]:
 
 
 def _explains(
-    found: Explanation, contest: Contest, draws: NoiseDraws, last: PartialRegression
-) -> bool:
+    found: Explanation, contest: Contest, draws: NoiseDraws, selection: Selection,
+    decision: Decision,
+) -> bool:  # fmt: skip
     """Whether the best is a cause: of a possible size, a length changed by no more than a third,
-    and of a joint of which it and what was found with it do not leave most of the torque.
+    and of no joint of which it and what was found with it leave most of the torque, whichever of
+    those on which it acts it mends.
     """
     lengths = contest.fit.mechanism.lengths if found.effect.sits == "place" else {}
     length = abs(lengths.get(found.effect.joints[0], np.inf)) if found.effect.joints else np.inf
     if any(abs(value.value) > THIRD * length for value in found.parameters):
         return False
-    u = found.evidence.coordinate
-    rows = max(float(last.rows[u]), 1.0)
-    left = float(last.losses[:, u].sum()) / rows / last.weight[u] ** 2 - draws.floor[u] ** 2
-    torque = float(torque_squares(contest, last)[u]) / rows / last.weight[u] ** 2
-    return bool(left < LEAVES**2 * torque)
+    first, last = selection.first.regression, selection.last.regression
+    left = last.losses.sum(axis=0) - last.rows * (last.weight * draws.floor) ** 2
+    explained = left < LEAVES**2 * torque_squares(contest, last)
+    own = found.evidence.squares(first) * first.weight**2
+    acts = own > decision.material**2 * torque_squares(contest, first)
+    acts[found.evidence.coordinate] = True
+    return bool(explained[acts].all())
 
 
 def health(fit: Fit) -> Health:

@@ -145,9 +145,10 @@ def _on_grid(effect: Curve, shape: Mapping[str, float]) -> tuple[Array, Array]:
     low, high = shape["x0"], shape[f"x{effect.pieces}"]
     x = np.linspace(-high if effect.first == "v" else low, high, POINTS)
     one = np.ones((POINTS, effect.arity))
+    load = one if effect.second == "load" else x[:, None]
     signals = Signals(
         t=x, q=one.copy(), v=one.copy(), a=one.copy(), still=np.full(effect.arity, 1e-12),
-        shape=shape, predicted=lambda: (x[:, None], x[:, None]),
+        shape=shape, predicted=lambda: (x[:, None], load),
     )  # fmt: skip
     if effect.first == "t":
         signals = replace(signals, t=x - x[0])

@@ -181,11 +181,12 @@ def terms(
     if "load" in signals:
         yield from (term(text, name) for text, name in LOAD)
     yield term("sin(w*t); cos(w*t)", "disturbance")
+    varying = (*VARYING, *((("load", "torque_gain"),) if "load" in signals else ()))
     for text, name in TIME:
-        for other, also in VARYING:
+        for other, also in varying:
             yield term(product(other, text), also if other != "1" else name)
     for text in TEMPERATURE if "temperature" in signals else ():
-        for other, _ in VARYING:
+        for other, _ in varying:
             yield term(product(other, text), "thermal_friction" if "v" in other else "")
 
 

@@ -121,6 +121,11 @@ class Evidence:
         """Coordinate whose error it lowers most."""
         return int(self.refit.by.argmax())
 
+    def squares(self, regression: PartialRegression) -> Array:
+        """(d,) squares of its torque in the rows in which it was found."""
+        C = np.concatenate(self.C or [part.taken(self.columns) for part in regression.parts])
+        return regression.by_coordinate((C @ self.refit.theta) ** 2).sum(axis=0)
+
     @property
     def determined(self) -> bool:
         """Whether some coefficient is larger than its error, with the noise that it leaves."""

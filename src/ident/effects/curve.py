@@ -26,6 +26,7 @@ PRODUCTS = (
     "q*v",
     "t*v",
     "temperature*v",
+    "t*load",
 )  # the curve's signal, what it multiplies
 OF_TWO = "q*q"  # a curve of the second joint's position, times the first joint's
 
@@ -92,7 +93,7 @@ class Curve(Effect):
         # a curve of speed has an odd half, which is dry friction, and an even one
         count, dry = self.pieces + DEGREE, "dry" if self.second == "sign" else "torque"
         turns = UNITS["v" if self.second == "v" else "q"] if self.second in ("v", "q") else None
-        force = ("N m", "N")
+        force = ("1", "1") if self.second == "load" else ("N m", "N")
         units = force if turns is None else tuple(
             f"{f} s/{t.removesuffix('/s')}" if t.endswith("/s") else f"{f}/{t}"
             for f, t in zip(force, turns, strict=True)
@@ -114,7 +115,7 @@ class Curve(Effect):
 
     @property
     def implicit(self) -> bool:  # type: ignore[override]
-        return self.first == "load"
+        return "load" in self.depends_on
 
     @property
     def memory(self) -> bool:  # type: ignore[override]
@@ -122,7 +123,7 @@ class Curve(Effect):
 
     @property
     def asks(self) -> tuple[str, ...]:  # type: ignore[override]
-        return tuple({"a", "load"} & {self.first})
+        return tuple({"a", "load"} & self.depends_on)
 
     @property
     def not_integrable(self) -> str:
@@ -163,8 +164,8 @@ class Curve(Effect):
             B = basis(x, knots)
             E = np.concatenate([B * turn[:, None], B], axis=1)
         else:
-            w = {"": np.ones_like(v), "sign": turn, "v": v, "q": s.q[:, 0]}[self.second]
-            E = basis(x, knots) * w[:, None]
+            w = {"": np.ones_like(v), "sign": turn, "v": v, "q": s.q[:, 0]}.get(self.second)
+            E = basis(x, knots) * (s.load[:, 0] if w is None else w)[:, None]
         if self.arity == 1:
             return E[:, None, :]
         return np.stack([E, np.zeros_like(E)], axis=1)

@@ -52,8 +52,8 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion import State
 
 FAULTS = {  # codes of findings that explain a log better than any effects that were found
-    "sign", "swapped", "axis", "position sign", "position scale", "position swapped",
-    "joints swapped", "time", "gravity", "another run",
+    "sign", "swapped", "axis", "position sign", "position scale", "position from",
+    "position swapped", "joints swapped", "time", "gravity", "another run",
 }  # fmt: skip
 FEW = 300  # samples that tell a right motion from a wrong one
 BAD = 0.05  # relative error from which positions are doubted, of which there are many wrong ones

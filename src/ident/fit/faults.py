@@ -2,6 +2,7 @@
 
 sign, factor, exchange, delay of torques      τ_j → g τ_i(t + l)      `torque_faults`
 sign, axis, scale, exchange of positions      q_j → −q_j, …           `_positions`
+positions counted from another link           q_j → q_j − q_i − …     `_positions`
 scale of time                                 v, a → v/s, a/s²        `scale_of_time`
 direction of gravity                          g → g'                  `_gravities`
 sign of wrenches, or none of them             f_e → −f_e, 0           `_wrench`
@@ -19,8 +20,10 @@ from ident.effects import KINDS
 from ident.fit.findings import Finding
 from ident.information.triangle import Array
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import is_rotational, joint_axis
 from ident.motion import State
 
+PARALLEL = 0.999  # cosine of two axes that are one, up to rounding in a URDF
 DEGREES = 10.0  # smallest range of a position that may be in degrees
 EARTH = 9.81  # m/s²
 CLOCKS = (1 / 60, 0.1, 0.3, 0.7, 0.9, 1.1, 1.5, 3.0, 10.0, 60.0)  # true over logged time
@@ -46,8 +49,8 @@ class Fault:
             and the number of its shift in time, 0: none.
         kind: code of its finding; empty for the log as it is.
         joints: names, of exchanged ones those that are read instead.
-        number: the factor, the delay [s] (positive: the torque is late), the scale of time, or the
-            three components of gravity [m/s²].
+        number: the factor, those of several positions, the delay [s] (positive: the torque is
+            late), the scale of time, or the three components of gravity [m/s²].
         state: the mechanism and the state as they would be, from those as they are; None: these.
     """
 
@@ -210,26 +213,36 @@ def _positions(
     names = states[0].logged
     driven = {name: j for j, name in enumerate(mechanism.driven)}
 
-    def moved(take: Mapping[int, int], times: Mapping[int, float]) -> Moved:
-        order = [take.get(j, j) for j in range(len(names))]
-        factors = np.array([times.get(j, 1.0) for j in range(len(names))])
+    def moved(rows: Mapping[int, Mapping[int, float]]) -> Moved:
+        """Return the state in which q_j = Σ_i M_ji q_i, row j of M where it is not that of I."""
+        M = np.eye(len(names))
+        for j, row in rows.items():
+            M[j] = [row.get(i, 0.0) for i in range(len(names))]
 
         def state(mechanism: Mechanism, e: State) -> tuple[Mechanism, State]:
-            known = e.known(mechanism, names)[:, :, order] * factors
             start = "follow" if mechanism.closures else "near"
-            return mechanism, e.at(mechanism, known, names, start=start)
+            return mechanism, e.at(mechanism, e.known(mechanism, names) @ M.T, names, start=start)
 
         return state
 
     for j, name in enumerate(names):
-        turned = moved({}, {j: -1.0})
+        turned = moved({j: {j: -1.0}})
         yield none.with_("position sign", -1.0, joints=(name,), state=turned)
         if name in driven:
             yield none.with_("axis", -1.0, state=turned, gain={driven[name]: -1.0})
         at = mechanism.joint_index[name]
         if max(float(np.ptp(e.y[:, at])) for e in states) > DEGREES:
-            state = moved({}, {j: np.pi / 180})
+            state = moved({j: {j: np.pi / 180}})
             yield none.with_("position scale", np.pi / 180, joints=(name,), state=state)
+        row = {j: 1.0}
+        for other, sign in joints_before(mechanism, name):
+            if other not in names:
+                break
+            row = {**row, names.index(other): -sign}
+            joints = tuple(names[i] for i in row)
+            if set(joints) & set(poor):
+                state = moved({j: row})
+                yield none.with_("position from", *row.values(), joints=joints, state=state)
     count = len(names)
     orders = [{i: j, j: i} for i, j in combinations(range(count), 2)]
     if count > 2 and set(names) <= set(driven):  # a column too few, or another sorting
@@ -243,12 +256,29 @@ def _positions(
         joints = tuple(names[j] for j in order.values())
         if not set(joints) & set(poor):
             continue
-        state = moved(order, {})
+        state = moved({i: {j: 1.0} for i, j in order.items()})
         if len(order) == 2:
             yield none.with_("position swapped", 1.0, joints=joints, state=state)
         if set(joints) <= set(driven):
             torques = {driven[names[i]]: driven[names[j]] for i, j in order.items()}
             yield none.with_("joints swapped", 1.0, joints=joints, state=state, take=torques)
+
+
+def joints_before(mechanism: Mechanism, name: str) -> Iterator[tuple[str, float]]:
+    """Yield the joints before a joint that turn (or slide) as it does, the nearest first, with the
+    sign of their axis against its own: it may be counted from the links before them.
+    """
+    model, names = mechanism.model, list(mechanism.model.names)
+    i = names.index(name) if name in names else 0  # 0: of a closure
+    axis, turns = joint_axis(model, i) if i else np.zeros(3), mechanism.joint(name).rotational
+    while (p := model.parents[i]) > 0 and model.joints[p].nv == 1:
+        axis = model.jointPlacements[i].rotation @ axis
+        sign = float(axis @ joint_axis(model, p))
+        if abs(sign) < PARALLEL:
+            return
+        if is_rotational(model, p) == turns:
+            yield names[p], float(np.sign(sign))
+        i = p
 
 
 # --- in words -----------------------------------------------------------------------------------
@@ -286,6 +316,12 @@ WORDS = {  # by kind: in a rival's place, what it is, and the remedy
         "taking {q} for degrees",
         "{q}: in degrees, not in radians: corrected,",
         "write {q_lines}, velocity alike",
+    ),
+    "position from": (
+        "taking {sum} for {first}",
+        "{first}: counted from the world or another link, not from the link before: {sum} in its "
+        "place,",
+        "write {sum} into {first}, velocity alike",
     ),
     "position swapped": ("exchanging {q}", EXCHANGED, "write {q_exchange}, velocities alike"),
     "joints swapped": (
@@ -348,6 +384,10 @@ def _fields(mechanism: Mechanism, fault: Fault) -> dict[str, object]:
         "alike": " and their torques" if fault.kind == "joints swapped" else "",
         "order": "one in the other's place" if len(own) == 2 else "columns in another order",
         "t_line": log_entry(mechanism, "t", number),
+        "first": "".join(f"q.{name}" for name in joints[:1]), "sum": "".join(
+            f" {'-' if x < 0 else '+'} q.{name}"
+            for x, name in zip(fault.number, joints, strict=False)
+        )[3:],
         "vector": _vector(fault.number), "gravity": _vector(mechanism.model.gravity.linear),
     }  # fmt: skip
     for kind in ("q", "tau"):

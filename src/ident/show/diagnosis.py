@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from ident.diagnosis.diagnosis import LOUD
 from ident.diagnosis.law_search import FittedFormula
-from ident.diagnosis.result import Diagnosis, Explanation
+from ident.diagnosis.result import Diagnosis, Explanation, errors_of
 from ident.diagnosis.selection import Evidence
 from ident.diagnosis.unobservable import Invisible
 from ident.display import renders
@@ -43,15 +43,11 @@ def times(e: Evidence) -> str:
     return f"{e.gain / max(e.limit, 1e-12):.2g} ×"
 
 
-def errors_of(d: Diagnosis) -> Mapping[str, Error]:
-    """Return the error that is diagnosed, by joint."""
-    return d.fit.held_out or d.fit.train
-
-
 def noise_errors(d: Diagnosis) -> dict[str, Error]:
     """Return what noise alone would leave in each joint, beside the errors of its diagnosis."""
     return {
-        joint: _scaled(e, d.floor[joint] / max(e.rms, 1e-300)) for joint, e in errors_of(d).items()
+        joint: _scaled(e, d.floor[joint] / max(e.rms, 1e-300))
+        for joint, e in errors_of(d.fit).items()
     }
 
 
@@ -63,7 +59,7 @@ def failing(d: Diagnosis) -> list[Failure]:
     """Return the joints in which more than noise is left, the worst first; none if clean."""
     if d.verdict == "nothing":
         return []
-    errors = errors_of(d)
+    errors = errors_of(d.fit)
     return [f for f in d.where if errors[f.joint].rms > LOUD * d.floor[f.joint]] or [*d.where[:1]]
 
 
@@ -87,7 +83,7 @@ def card(d: Diagnosis) -> Card:
     """Return the verdict, how sure it is, the error by joint, and the command to copy."""
     logs = ", ".join(e.name for e in d.fit.motion.experiments)
     line = f"{d.fit.mechanism.name} on {logs}: {verdict_line(d)}"
-    errors, command = errors_of(d), ""
+    errors, command = errors_of(d.fit), ""
     after: Mapping[str, Error] = {}
     if d.best is not None:
         best = d.candidates[0]
@@ -150,7 +146,7 @@ def where_rows(d: Diagnosis) -> Rows:
     repeats = ["repeats"] if d.periods is not None else []
     rows = [["joint", "held out", "", "noise", "of misfit", *repeats, "depends on"]]
     for f in d.where:
-        error = errors_of(d)[f.joint]
+        error = errors_of(d.fit)[f.joint]
         signals = ", ".join(each.signal for each in f.depends_on[:2])
         quiet = error.rms <= LOUD * d.floor[f.joint]
         rows.append(
@@ -217,22 +213,8 @@ def health_sheet(h: Health) -> Sheet:
 # --- in words -------------------------------------------------------------------------------------
 
 
-CLAIMS = {  # title of what each verdict says
-    "missing": "What is missing",
-    "nothing": "What adding an effect would do",
-    "unexplained": "What comes nearest",
-    "undecided": "What comes nearest",
-}
-
-
 def story(d: Diagnosis, experiment: str | None = None) -> dict[str, list[str]]:
     """Return all of a diagnosis in words: paragraphs by title, as the report has them."""
-    claims = {
-        "missing": _missing,
-        "nothing": _nothing,
-        "unexplained": _unexplained,
-        "undecided": _undecided,
-    }
     form = [*curves(d), *laws(d)] if d.best is not None else []
     if d.verdict == "unexplained":
         form = [*curves(d), *expression(d)]
@@ -240,7 +222,7 @@ def story(d: Diagnosis, experiment: str | None = None) -> dict[str, list[str]]:
     return {
         "Health of the data": _health(d),
         "Where it fails": _where(d),
-        CLAIMS[d.verdict]: [*claims[d.verdict](d), *_rest(d)],
+        CLAIMS[d.verdict][0]: [*CLAIMS[d.verdict][1](d), *_rest(d)],
         "Curve and formula": form,
         "Invisible in this data": _invisible(d),
         "In the model, but not supported": _unsupported(d),
@@ -279,7 +261,7 @@ def _failure(d: Diagnosis, f: Failure) -> str:
     """Return how much a joint fails, when, on what that depends, and whether it repeats."""
     sentences = [
         f"The model fails in {f.joint}: held out, its torque is off by "
-        f"{_error(errors_of(d)[f.joint])}, where noise alone would leave "
+        f"{_error(errors_of(d.fit)[f.joint])}, where noise alone would leave "
         f"{d.floor[f.joint]:.2g} {f.unit}; that is {100 * f.share:.0f} % of the misfit of all "
         "joints."
     ]
@@ -397,7 +379,7 @@ def _nothing(d: Diagnosis) -> list[str]:
 
 
 def _beside(d: Diagnosis) -> str:
-    pairs = errors_of(d).items()
+    pairs = errors_of(d.fit).items()
     return some([f"{n} {e.rms:.2g} beside {d.floor[n]:.2g} {e.unit}" for n, e in pairs], 8)
 
 
@@ -434,6 +416,14 @@ def _undecided(d: Diagnosis) -> list[str]:
         "autocorrelated noise, a disturbance, or physics that shows in too little of this log.",
         *_nearest(d),
     ]
+
+
+CLAIMS = {  # title of what each verdict says, and in which words
+    "missing": ("What is missing", _missing),
+    "nothing": ("What adding an effect would do", _nothing),
+    "unexplained": ("What comes nearest", _unexplained),
+    "undecided": ("What comes nearest", _undecided),
+}
 
 
 def _nearest(d: Diagnosis) -> list[str]:

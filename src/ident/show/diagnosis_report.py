@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.diagnosis.result import Diagnosis, Explanation
+from ident.diagnosis.result import Diagnosis, Explanation, errors_of
 from ident.diagnosis.unobservable import name_of
 from ident.display import renders
 from ident.files import json_bytes, plain, regular, write_all
@@ -34,7 +34,6 @@ from ident.show.diagnosis import (
     CLAIMS,
     candidate_rows,
     card,
-    errors_of,
     health_sheet,
     mark,
     story,
@@ -145,7 +144,7 @@ def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
             blocks.append(table(where_rows(d), caption))
         elif title == "Curve and formula":
             blocks = list(law_blocks(d))
-        elif title == CLAIMS[d.verdict]:
+        elif title == CLAIMS[d.verdict][0]:
             blocks += _candidates(d)
         elif title == "Health of the data":
             health = health_sheet(d.health)
@@ -246,13 +245,13 @@ def diagnosis_files(d: Diagnosis) -> dict[str, bytes]:
 
 def _noise(d: Diagnosis, joint: str) -> float | None:
     """Return what noise alone would leave of a joint, as a share of its torque."""
-    return Bar(joint, errors_of(d)[joint], noise=d.floor[joint]).sizes[2]
+    return Bar(joint, errors_of(d.fit)[joint], noise=d.floor[joint]).sizes[2]
 
 
 def _where(d: Diagnosis, failure: Failure) -> dict[str, Any]:
     """Return the failure of a joint with its held-out error, before and after, as in the text."""
     joint, after = failure.joint, d.after[failure.joint]
-    error = errors_of(d)[joint]
+    error = errors_of(d.fit)[joint]
     return {
         **failure.json, "rms": error.rms, "relative": error.relative, "floor": d.floor[joint],
         "noise": _noise(d, joint), "rms_after": after.rms, "relative_after": after.relative,

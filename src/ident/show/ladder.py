@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ident.diagnosis.grow import History, Step
+from ident.diagnosis.result import errors_of
 from ident.diagnosis.unobservable import name_of
 from ident.display import renders
 from ident.errors import IdentError
@@ -22,7 +23,7 @@ from ident.mechanism import Mechanism
 from ident.mechanism.write import folder_files
 from ident.show.card import Bar, Card, named
 from ident.show.charts import Chart, Level, Line, Mark, Panel
-from ident.show.diagnosis import errors_of, noise_errors, verdict_line
+from ident.show.diagnosis import noise_errors, verdict_line
 from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, write_instead
 from ident.show.html import Page, Section, table
 from ident.show.sheet import Sheet
@@ -170,7 +171,7 @@ def history_card(history: History) -> Card:
     added = named(history.added) if history.added else "nothing"
     first = history.steps[0].errors
     bars = tuple(
-        Bar(joint, first[joint], error, d.floor[joint]) for joint, error in errors_of(d).items()
+        Bar(joint, first[joint], error, d.floor[joint]) for joint, error in errors_of(d.fit).items()
     )
     return Card(f"Added: {added}.", f"Now {verdict_line(d)}.", bars)
 

@@ -157,6 +157,7 @@ def plot_curve(curve: FoundCurve, law: Law | None) -> Chart:
         "sign": " for positive speed",
         "v": " per unit of speed",
         "q": " per unit of position",
+        "load": " per unit of load",
     }
     title = f"What is left in {curve.joint}, as a curve of {effect.signal}"
     axis = f"torque of {curve.joint}{times[effect.second]} [{unit}]"
@@ -173,7 +174,7 @@ def _on_curve(curve: FoundCurve, law: Law) -> np.ndarray | None:
     if len(formula.joints) > 1 or effect.arity > 1 or formula.signals_used != effect.depends_on:
         return None
     values = {v.name.rpartition(".")[2]: v.value for v in law.parameters}
-    second = {"v": 1.0} if effect.second else {}
+    second = {"load" if effect.second == "load" else "v": 1.0} if effect.second else {}
     y = formula.of_signal(effect.first, curve.x, {**values, **second})
     weight = 1 / np.maximum(curve.upper - curve.lower, 1e-12)
     A = np.stack([np.ones_like(curve.x), curve.x], axis=1)[:, : 1 if effect.second else 2]
