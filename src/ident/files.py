@@ -16,8 +16,6 @@ from inspect import isfunction
 from pathlib import Path
 from typing import Any, BinaryIO
 
-import numpy as np
-
 from ident.errors import IdentError, LogError, MechanismError, line_of, one_of
 
 LARGEST = 4.0  # GB of a log's numbers in memory: half a billion values
@@ -86,7 +84,7 @@ def plain(value: Any) -> Any:
         return {str(key): plain(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
         return [plain(each) for each in value]
-    if isinstance(value, np.generic | np.ndarray):
+    if hasattr(value, "tolist"):  # of numpy, which is not imported for this
         return plain(value.tolist())
     if isinstance(value, float):
         return value if math.isfinite(value) else None

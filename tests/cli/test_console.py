@@ -1,5 +1,10 @@
 """Notes on the terminal: several of one kind are one line."""
 
+import io
+
+from rich.console import Console
+
+from ident.cli import console
 from ident.cli.console import merged
 
 
@@ -18,3 +23,15 @@ def test_notes_of_different_kinds_stay_as_they_are():
 
 def test_numbers_within_names_are_no_numbers():
     assert len(merged(["a.csv: joint_1 is held", "a.csv: joint_2 is held"])) == 2
+
+
+def test_the_first_line_goes_before_anything_else_is_written(monkeypatch, capsys):
+    terminal = Console(file=io.StringIO(), force_terminal=True)
+    monkeypatch.setattr(console, "errors", terminal)
+    console.starting("check: starting")
+    assert "check: starting …" in terminal.file.getvalue()
+    console.result("mechanism arm")
+    assert terminal.file.getvalue().endswith("\r\x1b[K")
+    console.notes(["x"])
+    assert terminal.file.getvalue().count("\x1b[K") == 1
+    assert capsys.readouterr().out == "mechanism arm\n"

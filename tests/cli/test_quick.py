@@ -27,6 +27,17 @@ def test_these_import_nothing_heavy(words):
     assert said.splitlines()[-1] == "HEAVY []"
 
 
+def test_commands_begin_before_anything_heavy_is_imported():
+    code = (
+        "import sys\n"
+        "from ident.cli.app import COMMANDS, command_of\n"
+        "for name in COMMANDS: command_of(name)\n"
+        f"print([name for name in {HEAVY!r} if name in sys.modules])"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == "[]"
+
+
 def test_identify_imports_no_part_of_scipy_that_it_does_not_use(robots):
     """Each of these takes 0.1 to 0.5 s to import, beside half a second of work."""
     slow = [f"scipy.{name}" for name in ("interpolate", "ndimage", "signal", "stats")]

@@ -17,7 +17,7 @@ from typing import Annotated, Any, get_type_hints
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from ident.cli.console import ended_quietly, fail
+from ident.cli.console import ended_quietly, fail, starting
 from ident.errors import IdentError
 from ident.files import LARGEST_LOG, most_bytes
 from ident.progress import running
@@ -82,6 +82,7 @@ def flat(function: Callable[..., None]) -> Callable[..., None]:
         for name, group in groups.items():
             values[name] = group(**{each.name: values.pop(each.name) for each in fields(group)})
         with ended_quietly():
+            starting(f"{function.__name__}: starting")
             function(**values)
 
     command.__doc__ = function.__doc__

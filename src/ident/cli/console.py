@@ -20,14 +20,39 @@ from ident.progress import Progress, running
 
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
 NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.])")
+_starting: list[str] = []  # the line that shows that a command has begun
 _steps: list[str] = []  # the present step of the command, for the line that Ctrl-C gets
 _bars: list[Bar] = []  # the bar of progress that is shown
 _resumed: list[bool] = []  # whether the command can go on later
 _written: list[Path] = []  # files that the command has written
 
 
+def starting(what: str) -> None:
+    """Show in a terminal that a command has begun, until it writes or shows anything else: the
+    libraries that it needs take a second or two to be imported.
+    """
+    if errors.is_terminal:
+        _starting[:] = [what]
+        errors.print(f"{what} …", style="dim", end="\r", markup=False, emoji=False)
+
+
+def _begun() -> None:
+    """Erase the line that shows that a command has begun."""
+    if _starting:
+        _starting.clear()
+        errors.file.write("\r\x1b[K")
+        errors.file.flush()
+
+
+def remark(text: str) -> None:
+    """Write a line to standard error."""
+    _begun()
+    errors.print(text, markup=False, emoji=False)
+
+
 def result(text: object) -> None:
     """Write a result to standard output, as it is, at once, and without a bar of progress in it."""
+    _begun()
     bar = _bars[-1] if _bars else None
     if bar is not None:
         bar.stop()
@@ -39,6 +64,7 @@ def result(text: object) -> None:
 
 def styled(text: str, style: str) -> None:
     """Write a line to standard output, in a style where that is a terminal."""
+    _begun()
     Console(highlight=False, soft_wrap=True).print(Text(text, style))
 
 
@@ -54,8 +80,8 @@ def close_pipe() -> None:
 
 def notes(lines: Iterable[str]) -> None:
     """Write notes to standard error, one line each; several of one kind are one line."""
-    for line in merged(lines):
-        errors.print(f"note: {line}", markup=False, emoji=False)
+    for each in merged(lines):
+        remark(f"note: {each}")
 
 
 def merged(lines: Iterable[str]) -> list[str]:
@@ -88,12 +114,12 @@ def wrote(paths: Iterable[Path]) -> None:
     """Note the files that were written."""
     for path in paths:
         _written.append(path)
-        errors.print(f"note: wrote {path}", markup=False, emoji=False)
+        remark(f"note: wrote {path}")
 
 
 def fail(why: object) -> NoReturn:
     """Write the one line that bad input gets, and end the command with status 1."""
-    errors.print(f"error: {' '.join(str(why).split())}", markup=False, emoji=False)
+    remark(f"error: {' '.join(str(why).split())}")
     sys.exit(1)
 
 
@@ -114,6 +140,7 @@ def can_resume() -> None:
 @contextmanager
 def progress() -> Iterator[Progress]:
     """Show a bar on standard error while something long runs; nothing where that is no terminal."""
+    _begun()
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Bar(
         *columns,
@@ -141,12 +168,12 @@ def ended_quietly() -> Iterator[None]:
 
     These are the statuses that a shell reports of a program that ends by the signal.
     """
-    for state in (_steps, _bars, _written, _resumed):
+    for state in (_starting, _steps, _bars, _written, _resumed):
         state.clear()
     try:
         yield
     except KeyboardInterrupt:
-        errors.print(interrupted(), markup=False, emoji=False)
+        remark(interrupted())
         sys.exit(130)
     except BrokenPipeError:
         close_pipe()

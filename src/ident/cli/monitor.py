@@ -33,17 +33,13 @@ from ident.cli.options import (
 )
 from ident.errors import FitError, IdentError, LogError, missing_file
 from ident.files import write_all
-from ident.fit import Fit, identify
-from ident.log import Log
-from ident.log.follow import CsvLines, follow
-from ident.motion import complete
-from ident.streams.monitor import Alarm, Monitor
-from ident.streams.online import Forces, Online, Snapshot
-from ident.streams.stream import Stream
-from ident.streams.suspects import STICKING
 
 if TYPE_CHECKING:
+    from ident.fit import Fit
+    from ident.log.follow import CsvLines
     from ident.show.streams import MonitorHistory
+    from ident.streams.monitor import Alarm
+    from ident.streams.online import Forces, Online, Snapshot
 
 REDRAWN = 1.0  # s between two states of the page
 CHECKED = 20.0, 5000  # s and samples from the beginning, in which errors of the data are looked for
@@ -73,6 +69,10 @@ def monitor(
     Reads a CSV file, or standard input, line by line, until it ends, Ctrl-C or SIGTERM. --page
     shows parameters with bands, reaction forces and alarms on 127.0.0.1 while they come.
     """
+    from ident.fit import identify
+    from ident.log.follow import follow
+    from ident.streams.online import Online
+
     output_folder(out)
     model = mechanism_of(mechanism, with_, allow_code=allow_code, absolute=absolute)
     cut, knots = cutoff_of(cutoff), knots_of(smoothing)
@@ -134,6 +134,10 @@ class Watch:
     """A monitor of logs that differ from the one that was fitted, and the stream of its rows."""
 
     def __init__(self, fit: Fit) -> None:
+        from ident.streams.monitor import Monitor
+        from ident.streams.stream import Stream
+        from ident.streams.suspects import STICKING
+
         self.monitor = Monitor.of(fit, fit.motion)
         watched = self.monitor.watched
         self._stream = Stream(
@@ -274,6 +278,10 @@ class Session(contextlib.ExitStack):
                 return
         elif samples is not None or not self._first:
             return
+        from ident.fit import identify
+        from ident.log import Log
+        from ident.motion import complete
+
         columns = {name: np.concatenate([x[name] for x in self._first]) for name in self._first[0]}
         self._first, t = None, scale * columns.pop(clock)
         with contextlib.suppress(IdentError):  # too few: the stream says what it lacks
