@@ -14,7 +14,7 @@ from ident.equations.rows import LEVER, ROUNDING, largest_transmission
 from ident.errors import IdentError
 from ident.fit import Fit
 from ident.fit.table import Table
-from ident.information.hypotheses import Gains, Part, PartialRegression
+from ident.information.hypotheses import Part, PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 
@@ -202,11 +202,6 @@ class Contest:
     def laws(self) -> tuple[CandidateColumns, ...]:
         """Candidates that are no curves."""
         return tuple(each for each in self.candidates if not each.curve)
-
-    @cached_property
-    def gains(self) -> Gains:
-        """What each group of all laws' columns does by itself beside the model."""
-        return self.regression.gains([group for each in self.laws for group in each.groups])
 
     def unchanged(self, fit: Fit, use: np.ndarray) -> dict[str, CandidateColumns]:
         """Laws, by label, whose columns are the same in the rows (N, d) of another fit: of the same

@@ -130,7 +130,7 @@ def concluded(
         periods=residual.periods,
         candidates=tuple(candidates),
         selection=selection,
-        invisible=invisible(fit, contest),
+        invisible=invisible(selection.first),
         unsupported=unsupported(fit, contest, decision),
         curves=curves,
         laws=laws,

@@ -94,7 +94,7 @@ def normal_equations(regression: PartialRegression, C: Sequence[np.ndarray]) -> 
     u = C[0].shape[1]
     S, g, P = np.zeros((u, u)), np.zeros(u), np.zeros((regression.rank, u))
     for part, Q, r, c in zip(regression.parts, regression.Q, regression.residual, C, strict=True):
-        if len(c):
+        if c.any():
             c = c * regression.weight[part.coordinate]
             S += c.T @ c
             g += c.T @ r[:, 0]

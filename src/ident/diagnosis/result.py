@@ -15,7 +15,7 @@ from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.law_search import CERTAIN, FittedFormula
 from ident.diagnosis.laws import FoundLaw
 from ident.diagnosis.search import Member, Selection
-from ident.diagnosis.selection import Decision, Evidence, Weigh
+from ident.diagnosis.selection import Decision, Evidence
 from ident.diagnosis.unobservable import Invisible, Unsupported, name_of
 from ident.display import Plotted, render
 from ident.effects import Effect
@@ -326,17 +326,8 @@ class Diagnosis(Plotted):
     def every(self) -> tuple[Explanation, ...]:
         """All candidates: `candidates`, then the others as announced, by what they explain."""
         first = self.selection.first
-        weigh = Weigh(first.contest, first.regression, self.decision, first.total)
         done = {each.effect.label for each in self.candidates}
-        looked = {each.effect.label: each for each in first.evidence}
-        mine = [
-            each
-            for each in first.contest.candidates
-            if not each.curve and each.effect.label in first.gains and each.effect.label not in done
-        ]
-        new = [each for each in mine if each.effect.label not in looked]
-        rest = [looked[each.effect.label] for each in mine if each.effect.label in looked]
-        rest += weigh.every(new, first.limit_of, first.chance)
+        rest = [each for each in first.every(self.decision) if each.effect.label not in done]
         rest.sort(key=lambda each: -each.gain)
         more = (announced(self.fit, self.selection, each, ()) for each in rest)
         return (*self.candidates, *more)

@@ -11,7 +11,7 @@ followed by eliminations of what brings less than chance does.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -45,6 +45,7 @@ MOST = 60  # moves of one search
 CLEAR = 3.0  # times the last quantile, from which a gain needs no new null distribution
 TOGETHER = 1.5  # times the largest single gain, from which what every machine has enters at once
 NEAR = 0.8  # share of the largest gain below which a candidate is not looked at in detail
+CERTAIN = 3.0  # standard errors, from which a gain needs no null distribution to lead a list
 TRIED = 3  # of the best candidates, until one makes a better set
 
 
@@ -177,7 +178,7 @@ class Search:
     """
 
     contest: Contest
-    noise: NoiseDraws
+    noise: NoiseDraws | None
     decision: Decision
     seed: int
     given: Collection[str]
@@ -271,20 +272,54 @@ class Search:
                 return self.accepted(now, new) or now
         return now
 
-    def grouped(self, now: EffectSet) -> EffectSet:
+    def together(self, now: EffectSet) -> EffectSet | None:
         """The set with all effects that every machine has, where they explain more together."""
         common = [each for each in self.contest.candidates if each.effect.common]
         seen = now.regression.gains([each.groups[0] for each in common]).visible > HIDDEN
         common = [each for each, visible in zip(common, seen, strict=True) if visible]
         if len(common) < 2:
-            return now
+            return None
         columns = np.concatenate([each.groups[0] for each in common])
         G = now.regression.gains([columns, *(each.groups[0] for each in common)]).G
         if G[0] < self.limit * now.loss or G[0] < TOGETHER * G[1:].max():
+            return None
+        return self.with_columns(now, common, columns)
+
+    def grouped(self, now: EffectSet) -> EffectSet:
+        """The set with what every machine has, without what of it is superfluous."""
+        together = self.together(now)
+        if together is None:
             return now
-        together = self.with_columns(now, common, columns)
         self.ranked(together, fresh=True)
         return self.accepted(now, together) or now
+
+    def led(self, first: Ranking) -> str:
+        """Label of the effect that is named first, as far as the first steps show without a null
+        distribution; "" if no effect is credible.
+        """
+        self.limit = first.limit
+        now = self.joined(self.start, first)
+        together = self.together(now)
+        if together is not None and together.density > now.density:
+            now = together
+            most = max(self.new(now), key=lambda each: first.gains[each.label][0])
+            if self.superfluous(now, now.minus(most), most):
+                now = self.lean(now)
+        alone = max((first.gains[each.label][0] for each in self.new(now)), default=0.0)
+        louder = {e.effect.label for e in first.credible if e.gain > alone} - now.labels
+        if louder:  # and not explained by what every machine has
+            beside = rank(
+                now.contest, now.regression, None, self.decision, self.seed, curved=False,
+                limit=self.limit, only=louder,
+            )  # fmt: skip
+            sure = tuple(each for each in beside.evidence if each.z > CERTAIN)
+            if (best := simplest(replace(beside, evidence=sure), self.decision)) is not None:
+                now = now.plus(best)
+        return next((e.label for e in in_order(self.new(now), first, self.decision)), "")
+
+    def new(self, now: EffectSet) -> list[Member]:
+        """The members that are not of the fit."""
+        return [each for each in now.members if each.evidence is not None]
 
     def with_columns(
         self, now: EffectSet, several: list[CandidateColumns], columns: Index
@@ -387,11 +422,18 @@ def select(
     found = found.polished()
     last = rank(found.contest, found.regression, noise, decision, seed, found.labels)
     members = [_judged(each, found, last) for each in found.members]
-    members.sort(key=lambda each: first.place(each.label))
-    named = next((m for m in members if not m.rejected), None)
+    return Selection(first, tuple(in_order(members, first, decision)), last)
+
+
+def in_order(members: Sequence[Member], first: Ranking, decision: Decision) -> list[Member]:
+    """Put members of a set in the order in which they are named: first those that are credible on
+    the model as it is, by what they explain there; the first name with its evidence there.
+    """
+    found = sorted(members, key=lambda each: first.place(each.label))
+    named = next((i for i, m in enumerate(found) if not m.rejected), None)
     if named is not None:
-        members[members.index(named)] = _alone(named, first, decision)
-    return Selection(first, tuple(members), last)
+        found[named] = _alone(found[named], first, decision)
+    return found
 
 
 def _alone(member: Member, first: Ranking, decision: Decision) -> Member:

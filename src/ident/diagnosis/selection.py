@@ -16,7 +16,7 @@ difference and by more than chance.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -28,7 +28,7 @@ from ident.diagnosis.refine import refined
 from ident.effects import Effect
 from ident.errors import FitError
 from ident.information.blocks import paired, quantile, zscore
-from ident.information.hypotheses import Array, Gains, Index, PartialRegression, Refit
+from ident.information.hypotheses import Array, Index, PartialRegression, Refit
 
 PARSIMONY = 0.10  # share of the best gain within which fewer numbers are preferred
 ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same part
@@ -145,7 +145,8 @@ class Ranking:
 
     Attributes:
         evidence: of those that are credible or come closest.
-        gains: by label, share of the left-out squared error and visible share, of all.
+        gains: by label, share of the left-out squared error, visible share, and which start has
+            that gain, of all.
         limit: the quantile for laws, as a share; total: the left-out squared error.
         curves: credible curves, best first; limit_with_curves: the quantile for them.
         hints: by joint its best curve, where the gain exceeds the quantile of the largest gain of
@@ -156,7 +157,7 @@ class Ranking:
     contest: Contest
     regression: PartialRegression
     evidence: tuple[Evidence, ...]
-    gains: Mapping[str, tuple[float, float]]
+    gains: Mapping[str, tuple[float, float, int]]
     limit: float
     total: float
     curves: tuple[tuple[Effect, float], ...]
@@ -173,7 +174,20 @@ class Ranking:
     def place(self, label: str) -> tuple[bool, float]:
         """Sort key of an effect: first what is credible alone, by what it explains alone."""
         alone = {each.effect.label for each in self.credible}
-        return label not in alone, -self.gains.get(label, (0.0, 0.0))[0]
+        return label not in alone, -self.gains.get(label, (0.0,))[0]
+
+    def every(self, decision: Decision) -> list[Evidence]:
+        """The evidence for all laws, those that were not looked at in detail last."""
+        weigh = Weigh(self.contest, self.regression, decision, self.total)
+        done = {each.effect.label for each in self.evidence}
+        laws = [each for each in self.contest.laws if each.effect.label in self.gains]
+        rest = [(e, *self.gains[e.effect.label]) for e in laws if e.effect.label not in done]
+        refits = self.regression.refits([each.groups[start] for each, *_, start in rest])
+        found = list(self.evidence)
+        for (each, gain, _, start), refit in zip(rest, refits, strict=True):
+            p = chance_of(gain, self.chance)
+            found.append(weigh(each, start, gain, self.limit_of(each), p, refit))
+        return found
 
     @property
     def credible(self) -> tuple[Evidence, ...]:
@@ -218,8 +232,10 @@ def rank(
         and (not joints or set(joints) & set(each.effect.joints) or not each.effect.joints)
     ]
     found = regression.gains([group for each in mine for group in each.groups])
-    ends, at = best_starts(found, mine)
-    starts, G = at - ends[:-1], found.G[at]
+    ends = np.cumsum([0, *(len(each.groups) for each in mine)])
+    starts = np.array([found.G[a:b].argmax() for a, b in pairwise(ends)], dtype=np.intp)
+    at = ends[:-1] + starts
+    G = found.G[at]
     visible = np.array([found.visible[a:b].max() for a, b in pairwise(ends)])
     total = max(float(regression.loss.sum()), 1e-300)
     null = found.null / np.maximum(regression.null_loss, total)
@@ -237,38 +253,35 @@ def rank(
     else:
         of_curves = limit
     chance = null[law].max(axis=0, initial=-np.inf)
-    weigh = Weigh(contest, regression, decision, total)
-    evidence: list[Evidence] = []
+    weigh, shares = Weigh(contest, regression, decision, total), (G / total).tolist()
     curves: list[tuple[Effect, float]] = []
-    for i in np.argsort(-G):
-        each, gain = mine[i], float(G[i]) / total
-        if least and evidence and gain < least * evidence[0].gain:
-            break
-        needed = limit * times(contest, each.effect)
-        if each.curve:
-            if gain > of_curves:
-                curves.append((each.effect, gain))
-        elif gain > needed or len(evidence) < CLOSEST:
-            p = chance_of(gain, chance)
-            evidence.append(weigh(each, int(starts[i]), gain, needed, p))
+    wanted: list[int] = []
+    for i in np.argsort(-G).tolist():
+        if mine[i].curve:
+            curves += [(mine[i].effect, shares[i])] if shares[i] > of_curves else []
+        elif shares[i] > limit * times(contest, mine[i].effect) or len(wanted) < CLOSEST:
+            wanted.append(i)
+
+    def weighed(some: list[int]) -> list[Evidence]:
+        refits = regression.refits([mine[i].groups[starts[i]] for i in some])
+        return [
+            weigh(mine[i], int(starts[i]), shares[i], limit * times(contest, mine[i].effect),
+                  chance_of(shares[i], chance), refit)
+            for i, refit in zip(some, refits, strict=True)
+        ]  # fmt: skip
+
+    evidence = weighed(wanted[: 1 if least else None])
+    if least and evidence:
+        evidence += weighed([i for i in wanted[1:] if shares[i] >= least * evidence[0].gain])
     gains = {
-        each.effect.label: (float(g) / total, float(v))
-        for each, g, v in zip(mine, G, visible, strict=True)
+        each.effect.label: (float(g) / total, float(v), int(k))
+        for each, g, v, k in zip(mine, G, visible, starts, strict=True)
     }
     evidence.sort(key=lambda each: -each.gain)
     return Ranking(
         contest, regression, tuple(evidence), gains, limit, total, tuple(curves), of_curves, chance,
         tuple(hints),
     )  # fmt: skip
-
-
-def best_starts(found: Gains, candidates: Sequence[CandidateColumns]) -> tuple[Index, Index]:
-    """Return where each candidate's groups begin among all groups, with the end of the last one,
-    and which of them gains most.
-    """
-    ends = np.cumsum([0, *(len(each.groups) for each in candidates)])
-    at = [a + int(found.G[a:b].argmax()) for a, b in pairwise(ends)]
-    return ends, np.array(at, dtype=np.intp)
 
 
 def _quantile(null: Array, alpha: float) -> float:
@@ -334,30 +347,6 @@ class Weigh:
             passed and plausible and material and steady,
             tuple(int(u) for u in np.flatnonzero(mends)),
         )
-
-    def every(
-        self, candidates: Sequence[CandidateColumns], limit: Callable[[CandidateColumns], float],
-        chance: Array, found: Gains | None = None,
-    ) -> list[Evidence]:  # fmt: skip
-        """The evidence for each candidate at its best start.
-
-        Args:
-            candidates: all are weighed at once.
-            limit: what the gain of one is held against, as a share.
-            chance: (draws,) largest gain in each draw of the null distribution.
-            found: what all their groups do, if that is known.
-        """
-        groups = [group for each in candidates for group in each.groups]
-        found = found or self.regression.gains(groups)
-        ends, at = best_starts(found, candidates)
-        gains = (found.G[at] / self.total).tolist()
-        refits = self.regression.refits([groups[i] for i in at])
-        return [
-            self(each, int(start), gain, limit(each), chance_of(gain, chance), refit)
-            for each, start, gain, refit in zip(
-                candidates, at - ends[:-1], gains, refits, strict=True
-            )
-        ]
 
 
 def torque_squares(contest: Contest, regression: PartialRegression) -> Array:

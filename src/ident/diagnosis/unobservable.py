@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ident.diagnosis.candidates import Contest, absorbed, possible
-from ident.diagnosis.selection import HIDDEN, Decision, torque_squares
+from ident.diagnosis.selection import HIDDEN, Decision, Ranking, torque_squares
 from ident.effects import Effect
 from ident.fit import Fit
 from ident.information import linear
@@ -52,18 +52,18 @@ class Unsupported:
         return {**name_of(self.effect), "why": self.why, "absurd": self.absurd}
 
 
-def invisible(fit: Fit, contest: Contest) -> tuple[Invisible, ...]:
-    """Candidates of which the model leaves nothing to see, or that could not be judged."""
-    regression = contest.regression
+def invisible(first: Ranking) -> tuple[Invisible, ...]:
+    """Candidates of which the model leaves nothing to see, or that could not be judged, given all
+    on the model as it is.
+    """
+    contest, regression, fit = first.contest, first.contest.regression, first.contest.fit
     found: list[Invisible] = []
     squares = regression.squares @ regression.weight**2
     still = STILL**2 * max(regression.rank, 1)
-    visible = iter(contest.gains.visible)
     for each in contest.laws:
-        most = max(next(visible) for _ in each.groups)
         if all(squares[group].sum() <= still for group in each.groups):
             found.append(Invisible(each.effect, _motionless(fit, each.effect)))
-        elif most < HIDDEN:
+        elif first.gains[each.effect.label][1] < HIDDEN:
             found.append(Invisible(each.effect, _why(fit, regression, each.groups[0])))
     found += [Invisible(e, f"could not be judged: {why}") for e, why in contest.failed]
     every = ((e, absorbed(fit.mechanism, e)) for e in possible(fit.mechanism, fit.motion))

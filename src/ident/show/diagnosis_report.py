@@ -269,7 +269,7 @@ def diagnosis_json(d: Diagnosis) -> dict[str, Any]:
         "quantile": first.limit,
         "candidates": [
             {"effect": label, "gain": gain, "quantile": limits[label], "visible": visible}
-            for label, (gain, visible) in gains
+            for label, (gain, visible, _) in gains
         ],
     }
     together = [

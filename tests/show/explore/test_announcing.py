@@ -93,11 +93,18 @@ def test_what_a_removal_costs_is_announced_too():
 
 def test_the_best_come_first_and_those_of_the_model_last():
     found = grown("viscous:elbow").screened().candidates
-    gains = [x.gain for x in found if not x.present and x.fall is not None]
+    _, *gains = [x.gain for x in found if not x.present and x.fall is not None]
     assert gains == sorted(gains, reverse=True)
     assert [x.label for x in found if x.present] == ["viscous:elbow"]
     assert found[-1].present
     assert "viscous:elbow" not in {x.label for x in found if not x.present}
+
+
+@pytest.mark.parametrize("name", ["arm", "four_bar", "five_bar"])
+def test_what_a_diagnosis_names_first_is_first(name):
+    best = screened(name).judged().now.diagnosis.best
+    assert best is not None
+    assert effect_rows(screened(name))[0]["label"] == best.label
 
 
 def test_rivals_are_named():

@@ -15,14 +15,15 @@ import numpy as np
 
 from ident.diagnosis.candidates import Contest, possible
 from ident.diagnosis.result import announced_errors, errors_of
-from ident.diagnosis.selection import Decision, Evidence, Weigh, alike, torque_squares
+from ident.diagnosis.search import Search
+from ident.diagnosis.selection import Decision, Evidence, alike, rank, torque_squares
 from ident.diagnosis.unobservable import invisible, unsupported
 from ident.effects import Effect
 from ident.fit import Fit
 from ident.information.blocks import Error, zscore
 from ident.progress import Progress
 
-SOME = 2.0  # standard errors from which a fall is one
+SOME = 2.0  # standard errors from which a gain is one
 APART = 2.0  # standard errors of paired blocks within which two candidates are rivals
 LEAST = 0.01  # of the held-out squares: a shape that gains less is not refined
 
@@ -37,8 +38,9 @@ class PredictedGain:
             take away, or what it takes away now. None where that cannot be said.
         joints: whose errors it lowers, the one it lowers most first; before, after: the held-out
             error of that one without it and with it.
-        gain: fall of the squares as a diagnosis weighs them, by which candidates are ordered; below
-            zero of one whose values no such effect can have.
+        gain: fall of the squares as a diagnosis weighs them, by which candidates are ordered behind
+            the one that it would name first; below zero of one whose values no such effect can
+            have. z: its standard errors.
         rivals: labels of effects that explain the same part as well, as far as can be told;
             better: that explain it better, by more than falls are known.
         shape: of a search, from which a refit sets out.
@@ -53,6 +55,7 @@ class PredictedGain:
     before: Error | None = None
     after: Error | None = None
     gain: float = 0.0
+    z: float = 0.0
     rivals: tuple[str, ...] = ()
     better: tuple[str, ...] = ()
     shape: Mapping[str, float] = field(default_factory=dict)
@@ -66,7 +69,7 @@ class PredictedGain:
     @property
     def sure(self) -> bool:
         """Whether the error falls by more than chance makes it."""
-        return self.fall is not None and self.fall > SOME * (self.error or 0.0)
+        return self.fall is not None and self.z > SOME
 
     def __str__(self) -> str:
         if self.fall is None or self.error is None:
@@ -122,8 +125,10 @@ def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:
     every = possible(fit.mechanism, fit.motion)
     w, regression = _weight(contest), contest.regression
     now = regression.losses @ w
-    hidden = {each.effect.label: each.why for each in invisible(fit, contest)}
-    found = _weighed(contest, hidden)
+    decision = Decision()
+    first = rank(contest, regression, None, decision, 0, curved=False, limit=LEAST)
+    hidden = {each.effect.label: each.why for each in invisible(first)}
+    found = [each for each in first.every(decision) if each.effect.label not in hidden]
     after = [each.refit.loss @ w for each in found]
     errors, losses = errors_of(fit), regression.losses.sum(axis=0)
     open_ = []
@@ -135,12 +140,15 @@ def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:
         open_.append(
             PredictedGain(
                 each.effect, False, *_fall(now, squares), joints, errors[joint], with_it,
-                each.gain if each.sensible else -1.0, shape=each.shape,
+                each.gain if each.sensible else -1.0, each.z, shape=each.shape,
             )
         )  # fmt: skip
-    open_ = sorted(_with_rivals(found, after, open_), key=lambda each: -each.gain)
+    given = [effect.label for effect in fit.mechanism.effects]
+    lead = Search(contest, None, decision, 0, given, lambda what, share: None).led(first)
+    open_ = _with_rivals(found, after, open_)
+    open_.sort(key=lambda each: (each.label != lead, -each.gain))
     shut = [PredictedGain(e, why=hidden[e.label]) for e in every if e.label in hidden]
-    doubts = {x.effect.label: x.why for x in unsupported(fit, contest, Decision())}
+    doubts = {x.effect.label: x.why for x in unsupported(fit, contest, decision)}
     present = []
     for effect, places in fit.columns.effects:
         mine = np.array([p for p in places if p >= 0], dtype=int)
@@ -161,14 +169,6 @@ def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:
 
 def _largest(each: PredictedGain) -> float:
     return -(each.fall or 0.0)
-
-
-def _weighed(contest: Contest, hidden: Mapping[str, str]) -> list[Evidence]:
-    """Return the evidence for each candidate at its best start, refined where it does anything."""
-    total = max(float(contest.regression.loss.sum()), 1e-300)
-    weigh = Weigh(contest, contest.regression, Decision(), total)
-    every = weigh.every(contest.laws, lambda each: LEAST, np.empty(0), contest.gains)
-    return [each for each in every if each.effect.label not in hidden]
 
 
 def _with_rivals(
