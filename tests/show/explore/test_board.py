@@ -201,6 +201,10 @@ def test_laws_and_curves_are_offered_accepted_and_refused(tmp_path):
     law = odd().offered[0]
     rows = {row["label"]: row for row in board.state["effects"] if row.get("offered")}
     assert list(rows) == [law.effect.label, "curve:elbow:q"]
+    said = board.state["status"]["text"]
+    assert "Offered" in said
+    assert "k/(1 + ((q - q0)/x0)**2)" in said
+    assert "and 1 more" in said
     assert "magnetic spring" in rows[law.effect.label]["about"]
     assert "%" in rows[law.effect.label]["fall"]
     board.act({"do": "refuse", "label": "curve:elbow:q"})

@@ -436,7 +436,7 @@ class Board:
             return
         except Exception as error:
             words = _line(error)
-        words = words or _summary(e)
+        words = words or e.summary
         if self._turn == turn:
             self._say(words, "bad" if words.startswith("error: ") else "done")
 
@@ -485,16 +485,6 @@ def explore(mechanism: Mechanism, log: Motion | Logs) -> Board:
     board = Board(mechanism.name, f"{mechanism.name}_explored")
     board.begin(lambda p: Exploration.of(mechanism, motion, p), lambda what, share: None)
     return board
-
-
-def _summary(e: Exploration) -> str:
-    best = next((x for x in e.candidates if x.sure and not x.present), None)
-    if best is None:
-        return "No effect lowers the error by more than chance would; judge it to be sure."
-    return (
-        f"The first candidate is {best.label}. A falling error is no proof of a cause: judge it to "
-        "weigh what speaks for it."
-    )
 
 
 def _line(error: Exception) -> str:

@@ -30,6 +30,7 @@ from ident.show.explore.predicted import (
 )
 from ident.show.ladder import model_files, refuse_own
 from ident.show.ladder import write as write_history
+from ident.show.laws import curve_name, law_words
 from ident.text import percent, table
 
 START = "as given"
@@ -158,6 +159,24 @@ class Exploration(Displayed):
         d = self.now.diagnosis
         every: tuple[Law | FoundCurve, ...] = () if d is None else (*d.laws, *d.curves)
         return tuple(each for each in every if each.effect.label not in self.refused)
+
+    @property
+    def summary(self) -> str:
+        """What is offered or announced first, in a sentence, and what to do about it."""
+        if self.offered:
+            first = self.offered[0]
+            form = law_words(first) if isinstance(first, Law) else f"a {curve_name(first.effect)}"
+            more = f", and {len(self.offered) - 1} more" if len(self.offered) > 1 else ""
+            return f"Offered for what no effect explains: {form}{more}; accept it or refuse it."
+        best = next((x for x in self.candidates if x.sure and not x.present), None)
+        if best is None:
+            return "No effect lowers the error by more than chance would; judge it to be sure."
+        if self.now.diagnosis is not None:
+            return f"The first candidate is {best.label}; the verdict on it is under Verdict."
+        return (
+            f"The first candidate is {best.label}. A falling error is no proof of a cause: judge "
+            "it to weigh what speaks for it."
+        )
 
     def effect(self, label: str) -> Effect | str:
         """Return the effect with a label among what is announced or offered; else the label."""
