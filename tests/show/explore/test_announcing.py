@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -104,7 +105,9 @@ def test_the_best_come_first_and_those_of_the_model_last():
 def test_what_a_diagnosis_names_first_is_first(name):
     best = screened(name).judged().now.diagnosis.best
     assert best is not None
-    assert effect_rows(screened(name))[0]["label"] == best.label
+    rows = effect_rows(screened(name))
+    assert rows[0]["label"] == best.label
+    assert json.loads(json.dumps(rows)) == rows
 
 
 def test_rivals_are_named():

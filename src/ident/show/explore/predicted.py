@@ -140,7 +140,7 @@ def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:
         open_.append(
             PredictedGain(
                 each.effect, False, *_fall(now, squares), joints, errors[joint], with_it,
-                each.gain if each.sensible else -1.0, each.z, shape=each.shape,
+                each.gain if each.sensible else -1.0, float(each.z), shape=each.shape,
             )
         )  # fmt: skip
     given = [effect.label for effect in fit.mechanism.effects]
