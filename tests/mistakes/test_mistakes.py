@@ -59,6 +59,15 @@ def test_a_gain_that_drifts_is_no_drift_of_an_offset(arm):
     assert found.verdict == "unexplained"
 
 
+def test_a_length_that_a_clock_could_be_is_said_to_be_either(arm):
+    """Lengths 0.81 times as long and a clock 1/0.9 times as long make the same torques."""
+    columns = positions_only(arm.logged(t=0.9 * arm.columns["t"])).columns
+    log = ident.Log.from_arrays("run.csv", columns.pop("t"), columns)
+    found = ident.diagnose(ident.identify(arm.truth, ident.complete(arm.truth, log)))
+    assert found.best is None or "another scale of time" in " ".join(found.short.split())
+    assert any(each.code == "time" for each in found.health.findings)
+
+
 @pytest.mark.parametrize("name", ["clock 10 % slow", "one length 10 % too long"])
 def test_what_hardly_shows_is_not_called_something_else(arm, name, tmp_path):
     (mistake,) = (each for each in MADE if each.name == name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import reduce
@@ -38,7 +38,9 @@ from ident.equations.unknowns import Point
 from ident.errors import FitError, IdentError
 from ident.fit import Fit, identify
 from ident.fit.channel_fits import LEAVES
-from ident.fit.data_checks import DataChecks, Health
+from ident.fit.data_checks import NEARLY, DataChecks, Health
+from ident.fit.faults import CredibleFault, Fault, fault_finding, scale_of_time
+from ident.fit.findings import Finding
 from ident.fit.residual import Periods, residual_of
 
 SHOWN = 3  # candidates that are listed though nothing speaks for them
@@ -117,6 +119,8 @@ def concluded(
         data.faults or not _explains(candidates[0], contest, draws, selection, decision)
     ):
         best = None
+    if best is not None and best.effect.sits == "place":
+        data = Health((*data.findings, *_clock(fit, candidates[0])))
     residual = residual_of(fit)
     verdict = _verdict(selection, best, bool(loud), bool(laws), residual.periods)
     curves = found_curves(contest, selection, [law.found for law in laws], verdict, decision)
@@ -201,6 +205,25 @@ def _explains(
     acts = own > decision.material**2 * torque_squares(contest, first)
     acts[found.evidence.coordinate] = True
     return bool(explained[acts].all())
+
+
+def _clock(fit: Fit, found: Explanation) -> Iterator[Finding]:
+    """Report a scale of time that does as well as a length that is k times as long: lengths k times
+    as long and a clock 1/√k times as long make nearly the same torques.
+    """
+    length = fit.mechanism.lengths.get(found.effect.joints[0], 0.0)
+    k = 1 + found.parameters[0].value / length if length else 1.0
+    if (before := found.error_before) is None or not 0 < k != 1:
+        return
+    fault = scale_of_time(Fault.none(fit.mechanism.driven), k**-0.5)
+    assert fault.state is not None
+    logs = tuple(fault.state(fit.mechanism, e)[1] for e in fit.motion.experiments)
+    with suppress(IdentError):
+        motion = replace(fit.motion, experiments=logs)
+        errors = errors_of(identify(fit.mechanism, motion, estimator="least-squares"))
+        if all(e.rms < NEARLY * found.after[name].rms for name, e in errors.items()):
+            after = errors[found.joint].relative or 0.0
+            yield fault_finding(fit.mechanism, CredibleFault(fault, before, after, ()))
 
 
 def health(fit: Fit) -> Health:

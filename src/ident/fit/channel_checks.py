@@ -117,7 +117,7 @@ def constant(c: LoggedChannel) -> Judgement:
     return (
         0.0,
         0.0,
-        f"always {c.x[0]:.4g} while the joint moves: no measurement",
+        f"always {c.x[0] + 0.0:.4g} while the joint moves: no measurement",
         f"map the right column in [log], or put '{c.joint.name}' among the passive joints",
     )
 

@@ -67,8 +67,10 @@ def verdict_line(d: Diagnosis) -> str:
     """Return the verdict in one sentence."""
     if d.best is not None:
         first = f"{d.best.label if d.rivals else named(d.group)} ({type(d.best).summary()})"
-        apart = ", which this data cannot tell apart" if d.rivals else ""
-        return f"missing: {listed([first, *(each.label for each in d.rivals)], 'or')}{apart}"
+        names = [first, *(each.label for each in d.rivals)]
+        names += ["another scale of time" for each in d.health.findings if each.code == "time"]
+        apart = ", which this data cannot tell apart" if names[1:] else ""
+        return f"missing: {listed(names, 'or')}{apart}"
     formulas = listed([f"torque of {law.joint} = {law.formula}" for law in d.laws])
     return {
         "nothing": "nothing is missing that this data could show",

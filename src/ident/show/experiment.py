@@ -103,9 +103,8 @@ def _words(d: Diagnosis) -> str:
                 "cause: compare both fits there."
             )
         return unexplained(d)
-    first = (
-        "" if d.best is None else f"Add {named(d.group)} and diagnose again: nothing rivals it. "
-    )
+    why = "check the data first" if d.health.faults else "nothing rivals it"
+    first = "" if d.best is None else f"Add {named(d.group)} and diagnose again: {why}. "
     return f"{first}{unseen(d)}".strip()
 
 
