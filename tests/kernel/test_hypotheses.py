@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.diagnosis.null import surrogates
-from ident.information.blocks import Block, Information, quantile, zscore
-from ident.information.hypotheses import Part, PartialRegression
+from ident.information.blocks import Block, Information
+from ident.information.chance import kept_power, quantile, surrogates, zscore
+from ident.information.hypotheses import PartialRegression
+from ident.information.parts import Part
 from ident.information.triangle import Triangle
 
 BLOCKS, ROWS, K = 6, 25, 14
@@ -126,6 +127,42 @@ def test_surrogates_have_the_spectrum_and_nothing_else():
     lag = [(x[1:] * x[:-1]).mean() / (x**2).mean() for x in made[:, 0].T]
     assert np.mean(lag) == pytest.approx((r[1:, 0] * r[:-1, 0]).mean() / r[:, 0].var(), abs=0.03)
     assert abs(np.mean([np.corrcoef(x, r[:, 0])[0, 1] for x in made[:, 0].T])) < 0.1
+
+
+def test_what_the_best_candidate_leaves_is_that_of_its_refit():
+    given = parts()
+    regression = PartialRegression(given, np.arange(4), WEIGHT)
+    left = regression.left_by_best(GROUPS)
+    gains = regression.gains(GROUPS)
+    best = [int(gains.G.argmax()), *gains.null.argmax(axis=0)]
+    A, Y = [], []
+    for part in given:
+        whole = np.zeros((len(part.X), K))
+        whole[:, part.columns] = part.X
+        A.append(whole * WEIGHT[part.coordinate])
+        Y.append(part.Y * WEIGHT[part.coordinate])
+    A, Y = np.concatenate(A), np.concatenate(Y)
+    for i, group in enumerate(best):
+        mine = A[:, np.append(np.arange(4), GROUPS[group])]
+        e = Y[:, i] - mine @ np.linalg.lstsq(mine, Y[:, i], rcond=None)[0]
+        found = np.concatenate([x[:, i] * w for x, w in zip(left, WEIGHT, strict=True)])
+        np.testing.assert_allclose(found, e, atol=1e-9)
+
+
+def test_power_that_a_model_takes_is_given_back():
+    random = np.random.default_rng(1)
+    n, run = 2000, [slice(0, 2000)]
+    t = np.arange(n) / n
+    A = np.column_stack([f(2 * np.pi * k * t) for k in range(1, 200, 4) for f in (np.sin, np.cos)])
+    Q = np.linalg.qr(A)[0]
+    r, trials = coloured(n, random)[:, :1], coloured(n, random)[:, :1]
+    trials = surrogates(trials, run, 25, random)
+    left = trials - np.einsum("nk,kdc->ndc", Q, np.einsum("nk,ndc->kdc", Q, trials))
+    kept = kept_power(left, trials)
+    e = r - Q @ (Q.T @ r)
+    made = surrogates(e, run, 50, random, [kept])
+    assert e.std() < 0.9 * r.std()
+    assert made.std() == pytest.approx(r.std(), rel=0.1)
 
 
 def credible(seed: int, size: float) -> tuple[bool, int]:

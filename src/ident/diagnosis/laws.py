@@ -18,7 +18,7 @@ from ident.diagnosis.selection import Decision, Ranking
 from ident.effects.curve import Curve
 from ident.effects.formula import Formula, Term
 from ident.equations.rows import ROUNDING, largest_transmission
-from ident.information.blocks import paired
+from ident.information.chance import paired
 from ident.information.hypotheses import Array, PartialRegression
 
 LOUD = 1.25  # times the rms of noise, from which more than noise is left

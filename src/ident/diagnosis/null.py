@@ -21,11 +21,14 @@ from scipy.sparse.linalg import splu
 from ident.diagnosis.candidates import Contest
 from ident.equations.motion_noise import gain
 from ident.fit.table import Table
-from ident.information.hypotheses import Array, PartialRegression
+from ident.information.chance import kept_power, surrogates
+from ident.information.hypotheses import Array, Index, PartialRegression
+from ident.information.parts import Part
 from ident.motion import State
 from ident.motion.spline import WIDTH, Spline, evaluated
 
 SURROGATES = 100  # of the residual: the 99 % quantile is the second largest of them
+TRIALS = 25  # random series that show what share of its power a noise loses
 DRAWS = 24  # of the sensors' noise
 CHUNK = 2048  # samples whose noise is in memory at once
 SAMPLES = 800  # of a log at which ∂r/∂motion is evaluated; between, it is interpolated
@@ -120,46 +123,53 @@ def runs(table: Table) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(edges)]
 
 
-def surrogates(r: Array, runs: Sequence[slice], count: int, random: np.random.Generator) -> Array:
-    """Series (N, d, count) that have the spectra of r (N, d) and nothing else, in single precision.
-
-    Each run of equal steps is mirrored at its end, so that its two ends meet, and its phases are
-    turned at random, in all coordinates alike: what goes with what stays.
-    """
-    found = np.zeros((*r.shape, count), dtype=np.float32)
-    for run in runs:
-        x = r[run]
-        n = len(x)
-        if n < 2:
-            continue
-        F = np.fft.rfft(np.concatenate([x, x[::-1]]), axis=0).astype(np.complex64)
-        turn = np.exp(2j * np.pi * random.random((len(F), 1, count))).astype(np.complex64)
-        turn[0] = np.sign(random.standard_normal((1, count)))
-        found[run] = np.fft.irfft(F[:, :, None] * turn, 2 * n, axis=0)[:n]
-    return found
-
-
 def judging(
-    contest: Contest, regression: PartialRegression, noise: NoiseDraws | None, seed: int
-) -> PartialRegression:
-    """The regression with surrogates of its residual, and draws of noise, as right-hand sides."""
-    r = np.zeros(contest.table.b.shape)
-    for part, y in zip(regression.parts, regression.residual, strict=True):
-        u = part.coordinate
-        r[contest.use[:, u], u] = y[:, 0] / regression.weight[u]
-    made = surrogates(r, runs(contest.table), SURROGATES, np.random.default_rng(seed))
+    contest: Contest, regression: PartialRegression, noise: NoiseDraws | None, seed: int,
+    groups: Sequence[Index],
+) -> PartialRegression:  # fmt: skip
+    """The regression with surrogates of its noise, and draws of the sensors' noise, as right-hand
+    sides.
+
+    The noise is what the model and the best candidate leave; what these two take of any noise is
+    given back, frequency by frequency, as random series show it that lose the same way.
+
+    Args:
+        groups: of columns, one a candidate and start.
+    """
+    random, steps = np.random.default_rng(seed), runs(contest.table)
+    r = _series(contest, regression, [y[:, :1] for y in regression.residual], weighted=True)
+    tries = surrogates(r[:, :, 0], steps, TRIALS, random)
+    tries *= contest.use[:, :, None]
+    parts = regression.parts
+    Y = [np.column_stack([p.Y[:, :1], _rows(contest, p, tries)]) for p in parts]
+    left = _series(contest, regression, regression.judging(Y).left_by_best(groups))
+    kept = [kept_power(left[run, :, 1:], tries[run]) for run in steps]
+    made = surrogates(left[:, :, 0], steps, SURROGATES, random, kept)
     Y = []
-    for part in regression.parts:
-        u = part.coordinate
-        rows = contest.use[:, u]
-        rms = _rms(r[rows, u])
-        s = made[rows, u]
-        more = [part.Y[:, :1], s * rms / _rms(s)]
+    for part in parts:
+        more = [part.Y[:, :1], _rows(contest, part, made)]
         if noise is not None:  # of a size that the residual has, at most
-            x = noise.rows[rows, u]
+            x = _rows(contest, part, noise.rows)
+            rms = _rms(_rows(contest, part, r)[:, 0])
             more.append(x * rms / np.maximum(_rms(x), rms))
         Y.append(np.column_stack(more))
     return regression.judging(Y)
+
+
+def _rows(contest: Contest, part: Part, x: Array) -> Array:
+    """Return the rows (m, ...) of a part in series x (N, d, ...)."""
+    return x[contest.use[:, part.coordinate], part.coordinate]
+
+
+def _series(
+    contest: Contest, regression: PartialRegression, Y: Sequence[Array], weighted: bool = False
+) -> Array:
+    """Return series (N, d, count) of rows Y (m, count) of every part; zero elsewhere."""
+    found = np.zeros((*contest.table.b.shape, Y[0].shape[1]))
+    for part, y in zip(regression.parts, Y, strict=True):
+        u = part.coordinate
+        found[contest.use[:, u], u] = y / regression.weight[u] if weighted else y
+    return found
 
 
 def _rms(x: Array) -> Array:

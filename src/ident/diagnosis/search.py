@@ -38,7 +38,7 @@ from ident.diagnosis.selection import (
 from ident.effects import Effect
 from ident.effects.formula import Formula
 from ident.information import linear
-from ident.information.blocks import zscore
+from ident.information.chance import zscore
 from ident.information.hypotheses import Index, PartialRegression
 
 MOST = 60  # moves of one search

@@ -27,7 +27,7 @@ from ident.diagnosis.null import SURROGATES, NoiseDraws, judging
 from ident.diagnosis.refine import refined
 from ident.effects import Effect
 from ident.errors import FitError
-from ident.information.blocks import paired, quantile, zscore
+from ident.information.chance import paired, quantile, zscore
 from ident.information.hypotheses import Array, Index, PartialRegression, Refit
 
 PARSIMONY = 0.10  # share of the best gain within which fewer numbers are preferred
@@ -221,8 +221,6 @@ def rank(
     With a `limit` no null distribution is made. Candidates below the share `least` of the largest
     gain are not looked at in detail; `joints`: only candidates of one of these; `only`: these.
     """
-    if limit is None:
-        regression = judging(contest, regression, noise, seed)
     mine = [
         each
         for each in contest.candidates
@@ -231,14 +229,19 @@ def rank(
         and (not only or each.effect.label in only)
         and (not joints or set(joints) & set(each.effect.joints) or not each.effect.joints)
     ]
-    found = regression.gains([group for each in mine for group in each.groups])
+    groups = [group for each in mine for group in each.groups]
+    if limit is None and groups:
+        laws = [group for each in mine if not each.curve for group in each.groups]
+        regression = judging(contest, regression, noise, seed, laws or groups)
+    found = regression.gains(groups)
     ends = np.cumsum([0, *(len(each.groups) for each in mine)])
     starts = np.array([found.G[a:b].argmax() for a, b in pairwise(ends)], dtype=np.intp)
     at = ends[:-1] + starts
     G = found.G[at]
     visible = np.array([found.visible[a:b].max() for a, b in pairwise(ends)])
     total = max(float(regression.loss.sum()), 1e-300)
-    null = found.null / np.maximum(regression.null_loss, total)
+    null = found.null / np.maximum(regression.null_loss, 1e-300)
+    null[:, SURROGATES:] *= np.minimum(regression.null_loss / total, 1.0)[SURROGATES:]
     law = np.repeat([not each.curve for each in mine], np.diff(ends))
     hints = []
     if limit is None:

@@ -12,7 +12,7 @@ from ident.diagnosis.selection import HIDDEN, Decision, Ranking, torque_squares
 from ident.effects import Effect
 from ident.fit import Fit
 from ident.information import linear
-from ident.information.blocks import zscore
+from ident.information.chance import zscore
 from ident.information.hypotheses import PartialRegression
 
 CERTAIN = 3.0  # standard errors below zero

@@ -22,7 +22,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from ident.effects import Effect
 from ident.fit.faults import CredibleFault, Fault, another_factor, torque_faults
 from ident.fit.table import Table
-from ident.information.blocks import zscore
+from ident.information.chance import zscore
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.motion.regressor import regressor

@@ -45,7 +45,7 @@ from ident.fit.findings import Finding
 from ident.fit.likelihood import share_of_motion
 from ident.fit.problem import Problem
 from ident.fit.table import Table
-from ident.information.blocks import zscore
+from ident.information.chance import zscore
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.mechanism import Mechanism

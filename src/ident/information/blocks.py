@@ -234,27 +234,3 @@ class Information:
         for block in self:
             error[block.coordinate] += block.error(x)
         return Squares(error, *self.measured)
-
-
-# --- comparisons over blocks of time, and with a null distribution ----------------------------
-
-
-def quantile(null: Array, alpha: float) -> float:
-    """The (1 − alpha) quantile of the largest gain of each draw; null (groups, draws)."""
-    if not null.size:
-        return 0.0
-    return float(np.quantile(null.max(axis=0), 1 - alpha, method="higher"))
-
-
-def paired(a: Array, b: Array) -> float:
-    """Standard errors of paired blocks by which squares b (blocks,) are lower than a: of the
-    differences, or of the differences of the logarithms, the larger.
-    """
-    tiny = 1e-12 * max(float(a.sum()), float(b.sum())) + 1e-300
-    return max(zscore(a - b), zscore(np.log((a + tiny) / (b + tiny))))
-
-
-def zscore(D: Array) -> float:
-    """Mean over standard error of differences (blocks,); 0 where nothing differs."""
-    spread = float(D.std(ddof=1)) / np.sqrt(len(D)) if len(D) > 1 else 0.0
-    return float(D.mean()) / spread if spread > 0 else 0.0

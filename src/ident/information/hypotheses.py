@@ -25,38 +25,12 @@ import numpy as np
 
 from ident.information import linear
 from ident.information.blocks import Information
+from ident.information.parts import Part, columns_at, places
 from ident.information.triangle import Array, Index
 
 RANK = 1e-8  # of the largest singular value of unit columns: below, a direction is rounding
 VISIBLE = 1e-4  # share of a column that must be new; squares of less are rounding
 TOGETHER = 64  # columns that are projected at once
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """Rows of one coordinate in the order of blocks, or triangles of them.
-
-    Attributes:
-        coordinate: whose weight they have.
-        columns: (s,) which of all columns these rows have; the others are zero in them.
-        X: (m, s); Y: (m, 1 + B).
-        edges: (blocks + 1,) rows at which blocks begin, equally many in all parts.
-    """
-
-    coordinate: int
-    columns: Index
-    X: Array
-    Y: Array
-    edges: Index
-
-    def block(self, k: int) -> slice:
-        """Rows of one block."""
-        return slice(int(self.edges[k]), int(self.edges[k + 1]))
-
-    def taken(self, columns: Index) -> Array:
-        """Some of all columns (m, u); zero where these rows do not have them."""
-        last = max(self.columns.max(initial=0), columns.max(initial=0))
-        return _columns(self.X, _places(self.columns, int(last) + 1)[columns])
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,11 +295,11 @@ class PartialRegression:
         cy = np.zeros((blocks, n * u, 1))
         cn = np.zeros((blocks, n * u, B), dtype=np.float32)
         for part, Q, Y in zip(self.parts, self.Q, self.residual, strict=True):
-            at = _places(part.columns, self.columns)[flat].reshape(n, u)
+            at = places(part.columns, self.columns)[flat].reshape(n, u)
             mine = np.flatnonzero((at >= 0).any(axis=1))
             if not len(mine):
                 continue
-            X = _columns(part.X, at[mine].ravel()) * self._factor(part)[groups[mine].ravel()]
+            X = columns_at(part.X, at[mine].ravel()) * self._factor(part)[groups[mine].ravel()]
             place = (mine[:, None] * u + np.arange(u)).ravel()
             r = Y[:, 1:].astype(np.float32)
             where = slice(None) if len(place) == n * u else place  # a view, where it can be
@@ -439,6 +413,30 @@ class PartialRegression:
             part_of / max(float(np.linalg.norm(part_of)), 1e-300),
         )
 
+    def left_by_best(self, groups: Sequence[Index]) -> list[Array]:
+        """What the model and the group of columns that gains most leave, unweighted.
+
+        Args:
+            groups: of columns, of which b and each of r_1 … r_B have a best one of their own.
+
+        Returns:
+            (m, 1 + B) of every part.
+        """
+        found = self.gains(groups)
+        best = np.concatenate([found.G[:, None], found.null], axis=1).argmax(axis=0)
+        Y = [y.copy() for y in self.residual]
+        for g in np.unique(best):
+            mine = np.flatnonzero(best == g)
+            C = [self._taken(part, groups[g]) for part in self.parts]
+            P = sum(q.T @ c for q, c in zip(self.Q, C, strict=True))
+            C = [c - q @ P for q, c in zip(self.Q, C, strict=True)]
+            S = np.asarray(sum(c.T @ c for c in C))
+            s = sum(c.T @ y[:, mine] for c, y in zip(C, Y, strict=True))
+            theta = linear.pinv(S, rcond=VISIBLE**2, hermitian=True) @ s
+            for c, y in zip(C, Y, strict=True):
+                y[:, mine] -= c @ theta
+        return [y / self.weight[p.coordinate] for p, y in zip(self.parts, Y, strict=True)]
+
     def extended(self, columns: Index) -> PartialRegression:
         """The same rows with further columns in the model."""
         return replace(self, model=np.append(self.model, columns))
@@ -464,22 +462,6 @@ class PartialRegression:
         inverse = linear.pinv(A.T @ A, rcond=RANK, hermitian=True)
         size = self.size[self.model]
         return (inverse @ (A.T @ b)) / size, inverse / size[:, None] / size
-
-
-def _places(columns: Index, total: int) -> Index:
-    """(total,) where each column is among a part's, −1 where it is not."""
-    found = np.full(total, -1, dtype=np.intp)
-    found[columns] = np.arange(len(columns))
-    return found
-
-
-def _columns(X: Array, at: Index) -> Array:
-    """Columns `at` of X, zero where `at` is −1."""
-    if (at >= 0).all():
-        return X[:, at]
-    found = np.zeros((len(X), len(at)))
-    found[:, at >= 0] = X[:, at[at >= 0]]
-    return found
 
 
 def _fall(

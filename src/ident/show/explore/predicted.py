@@ -20,7 +20,8 @@ from ident.diagnosis.selection import Decision, Evidence, alike, rank, torque_sq
 from ident.diagnosis.unobservable import invisible, unsupported
 from ident.effects import Effect
 from ident.fit import Fit
-from ident.information.blocks import Error, zscore
+from ident.information.blocks import Error
+from ident.information.chance import zscore
 from ident.progress import Progress
 
 SOME = 2.0  # standard errors from which a gain is one

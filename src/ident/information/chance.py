@@ -1,0 +1,82 @@
+"""What chance does: noise with the spectra of a residual, quantiles, differences of blocks.
+
+Source of the series: Theiler et al., Testing for nonlinearity in time series, Physica D 58, 1992.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ident.information.triangle import Array
+
+SMOOTH = 5  # frequencies over which a share of power is averaged
+KEPT = 0.05  # the least share: where nearly all is lost, nothing is known of the noise
+
+
+def surrogates(
+    r: Array, runs: Sequence[slice], count: int, random: np.random.Generator,
+    kept: Sequence[Array] = (),
+) -> Array:  # fmt: skip
+    """Series (N, d, count) that have the spectra of r (N, d) and nothing else, in single precision.
+
+    Each run of equal steps is mirrored at its end, so that its two ends meet, and its phases are
+    turned at random, in all coordinates alike: correlations between them stay.
+
+    Args:
+        runs: rows without a gap.
+        kept: by run, the share (frequencies, d) of its power that r has kept, from `kept_power`;
+            what it has lost is given back.
+    """
+    found = np.zeros((*r.shape, count), dtype=np.float32)
+    for i, run in enumerate(runs):
+        n = run.stop - run.start
+        if n < 2:
+            continue
+        F = _transformed(r[run])
+        if kept:
+            F = F / np.sqrt(kept[i])
+        turn = np.exp(2j * np.pi * random.random((len(F), 1, count))).astype(np.complex64)
+        turn[0] = np.sign(random.standard_normal((1, count)))
+        found[run] = np.fft.irfft(F.astype(np.complex64)[:, :, None] * turn, 2 * n, axis=0)[:n]
+    return found
+
+
+def kept_power(left: Array, whole: Array) -> Array:
+    """Return the share (frequencies, d) of the power of series (n, d, count) that is left of them,
+    averaged over the series and over SMOOTH frequencies.
+    """
+    from scipy.ndimage import uniform_filter1d  # takes 0.1 s to import
+
+    if len(left) < 2:
+        return np.ones((1, left.shape[1]))
+    power = [(np.abs(_transformed(x)) ** 2).sum(axis=2) for x in (left, whole)]
+    one, other = (uniform_filter1d(x, SMOOTH, axis=0) for x in power)
+    return np.asarray(np.clip(one / np.maximum(other, np.finfo(np.float32).tiny), KEPT, 1.0))
+
+
+def _transformed(x: Array) -> np.ndarray:
+    """Spectrum (n + 1, ...) of a run x (n, ...) that is mirrored at its end."""
+    return np.fft.rfft(np.concatenate([x, x[::-1]]), axis=0)
+
+
+def quantile(null: Array, alpha: float) -> float:
+    """The (1 − alpha) quantile of the largest gain of each draw; null (groups, draws)."""
+    if not null.size:
+        return 0.0
+    return float(np.quantile(null.max(axis=0), 1 - alpha, method="higher"))
+
+
+def paired(a: Array, b: Array) -> float:
+    """Standard errors of paired blocks by which squares b (blocks,) are lower than a: of the
+    differences, or of the differences of the logarithms, the larger.
+    """
+    tiny = 1e-12 * max(float(a.sum()), float(b.sum())) + 1e-300
+    return max(zscore(a - b), zscore(np.log((a + tiny) / (b + tiny))))
+
+
+def zscore(D: Array) -> float:
+    """Mean over standard error of differences (blocks,); 0 where nothing differs."""
+    spread = float(D.std(ddof=1)) / np.sqrt(len(D)) if len(D) > 1 else 0.0
+    return float(D.mean()) / spread if spread > 0 else 0.0
