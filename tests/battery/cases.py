@@ -35,6 +35,7 @@ class Case:
     Attributes:
         size: multiplies the hidden effects; noise, encoder: levels of torques and positions.
         motion: seed of the references and of the effects' values; seed: of prior and noise.
+        coloured: the torques' noise is correlated and the stamps jitter.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Case:
     encoder: float
     motion: int
     seed: int
+    coloured: bool = False
 
 
 def effects(*texts: str) -> list[tuple[Hidden, ...]]:

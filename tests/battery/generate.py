@@ -90,7 +90,8 @@ def make(case: Case) -> Made:
     twins = [columns(machine, run, (), warm) for run in baseline(case.mechanism, case.motion,
                                                                   known)]  # fmt: skip
     size = sizes(logs, case.noise, case.encoder)
-    return Made(case, noisy(logs, size, case.seed), noisy(twins, size, case.seed), hidden, known)
+    both = (noisy(some, size, case.seed, case.coloured) for some in (logs, twins))
+    return Made(case, *both, hidden, known)
 
 
 def full_share(case: Case, hidden: Hidden) -> float:

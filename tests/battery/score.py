@@ -13,6 +13,7 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
 from pathlib import Path
 
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # before numpy: the jobs share the cores
@@ -33,10 +34,10 @@ def main() -> int:
     else:
         chosen = [
             case
-            for case in cases(options.cases, options.encoder)
+            for case in with_noise(cases(options.cases, options.encoder), options.coloured)
             if not options.only or case.category in options.only
             if options.match in case.name
-        ]
+        ][:: options.every]
         if options.simulate:
             for case in chosen:
                 make(case)
@@ -56,6 +57,12 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--only", action="append", choices=list(CATEGORIES), metavar="CATEGORY")
     parser.add_argument("--match", default="", help="cases whose name contains this")
     parser.add_argument("--encoder", type=float, help="noise of positions; default: as of torques")
+    parser.add_argument(
+        "--coloured",
+        action="store_true",
+        help="3 %% of correlated noise on torques, stamps off by 1 ms rms, give --encoder 0.001",
+    )
+    parser.add_argument("--every", type=int, default=1, help="only one case in so many")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--results", type=Path, help="JSON lines, one a case")
     parser.add_argument("--rescore", type=Path, help="score results of a former run")
@@ -63,6 +70,10 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--simulate", action="store_true", help="only fill the cache")
     parser.add_argument("--write", action="store_true", help=f"keep the table in {KEPT.name}")
     return parser.parse_args()
+
+
+def with_noise(chosen: Sequence[Case], coloured: bool) -> list[Case]:
+    return [replace(case, noise=0.03, coloured=True) if coloured else case for case in chosen]
 
 
 def run(chosen: Sequence[Case], jobs: int, place: Path) -> list[Result]:

@@ -6,10 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 from rigid import Machine
+from scipy.signal import lfilter
 from simulate import BEFORE, RATE, Known, Run
 from torques import temperature
 
 Columns = dict[str, np.ndarray]
+CORRELATION = 0.95  # of coloured noise from sample to sample
+JITTER = 1e-3  # s rms between a row and its stamp
 
 
 def columns(machine: Machine, run: Run, effects: Sequence[Known], warm: bool = False) -> Columns:
@@ -65,15 +68,24 @@ def sizes(logs: Sequence[Columns], torque: float, encoder: float) -> dict[str, f
     return result
 
 
-def noisy(logs: Sequence[Columns], size: dict[str, float], seed: int) -> list[Columns]:
-    """The logs with white noise; the same seed gives the same draws whatever the signal."""
+def noisy(
+    logs: Sequence[Columns], size: dict[str, float], seed: int, coloured: bool = False
+) -> list[Columns]:
+    """The logs with white noise; the same seed gives the same draws whatever the signal.
+
+    coloured: the torques' noise is correlated from sample to sample, the stamps jitter.
+    """
     result = []
     for number, log in enumerate(logs):
         rng = np.random.default_rng([11, seed, number])
-        result.append(
-            {
-                name: x + size[name] * rng.standard_normal(len(x)) if name in size else x.copy()
-                for name, x in log.items()
-            }
-        )
+        late = log["t"] + (JITTER * rng.standard_normal(len(log["t"])) if coloured else 0.0)
+        made = {"t": log["t"].copy()}
+        for name in [name for name in log if name != "t"]:
+            made[name] = np.interp(late, log["t"], log[name]) if coloured else log[name].copy()
+            if name in size:
+                noise = rng.standard_normal(len(late))
+                if coloured and name.startswith("tau."):
+                    noise = lfilter([np.sqrt(1 - CORRELATION**2)], [1, -CORRELATION], noise)
+                made[name] += size[name] * noise
+        result.append(made)
     return result
