@@ -16,6 +16,7 @@ from inspect import isfunction
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from ident.display import render
 from ident.errors import IdentError, LogError, MechanismError, line_of, one_of
 
 LARGEST = 4.0  # GB of a log's numbers in memory: half a billion values
@@ -142,6 +143,18 @@ def write_all(folder: Path, contents: Mapping[str, bytes | Path]) -> list[Path]:
         except OSError as error:
             raise _unwritable(error, folder) from None
     return paths
+
+
+class Written:
+    """A noun of which `show` makes files: a report, its numbers as JSON, tables."""
+
+    def write(self, folder: str | Path) -> list[Path]:
+        """Write its files into a folder, made where there is none; return them, all or none.
+
+        Raises:
+            IdentError: if the folder cannot be written; then no file of it has changed.
+        """
+        return write_all(Path(folder), render(self, "files"))
 
 
 def function_of(file: Path, name: str, *, allow_code: bool) -> Callable[..., Any]:

@@ -113,10 +113,10 @@ def concluded(
         selection, laws = _refitted(fit, lawful, found)
     best = selection.named[0] if selection.named else None
     candidates = _explanations(fit, selection, best)
-    if best is not None and (not candidates or candidates[0].effect.label != best.label):
-        best = None  # what cannot be refitted is no name
     if best is not None and (
-        data.faults or not _explains(candidates[0], contest, draws, selection, decision)
+        data.faults
+        or [each.effect.label for each in candidates[:1]] != [best.label]  # it cannot be refitted
+        or not _explains(candidates[0], contest, draws, selection, decision)
     ):
         best = None
     if best is not None and best.effect.sits == "place":

@@ -127,11 +127,6 @@ class SavedRounds:
             (self.folder / NAME).unlink(missing_ok=True)
 
 
-def by_label(effects: Collection[Effect]) -> dict[str, Effect]:
-    """Return effects by their labels."""
-    return {effect.label: effect for effect in effects}
-
-
 ROUNDS = 4  # fits, lest shapes that move with the working point take turns for ever
 
 
@@ -293,7 +288,7 @@ def grow(
 def _again(saved: Mapping[str, Any], fit: Fit, validate: Motion | None) -> tuple[list[Step], Fit]:
     """Return the rungs and the fit of a round that was saved."""
     model = fit.mechanism
-    known = by_label([*possible(model, fit.motion), *model.effects])
+    known = {each.label: each for each in (*possible(model, fit.motion), *model.effects)}
     rungs = []
     for rung in saved["rungs"]:
         added, removed, rivals = (

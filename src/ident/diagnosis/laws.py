@@ -261,7 +261,8 @@ def _law(
         regression = regression.without(m.columns)
     limit = max(last.limit, last.limit_with_curves)
     one = replace(last.contest, regression=regression)
-    noise = regression.rows * (_floors(contest, floor) * regression.weight) ** 2
+    floors = np.array([floor[name] for name in contest.fit.motion.independent])
+    noise = regression.rows * (floors * regression.weight) ** 2
     search = LawSearch(one, regression, joint, "", limit, LOUD**2 * noise, on_progress)
     found = _formulas(contest, search)
     if not found:
@@ -353,10 +354,6 @@ def _moving(contest: Contest, joint: str) -> list[str]:
     """Other joints that move."""
     curves = [e.effect for e in contest.candidates if e.curve and len(e.effect.joints) > 1]
     return [c.joints[1] for c in curves if c.joints[0] == joint]
-
-
-def _floors(contest: Contest, floor: Mapping[str, float]) -> Array:
-    return np.array([floor[name] for name in contest.fit.motion.independent])
 
 
 def _nearest(law: FittedFormula, found: Sequence[FittedFormula]) -> tuple[str, float]:

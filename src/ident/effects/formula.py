@@ -160,14 +160,10 @@ class Term:
     def renamed(self, suffix: str) -> Term:
         """Return the term with a suffix on its constants, so that a sum has each name once."""
         new = {each.name: f"{each.name}{suffix}" for each in self.scales}
-        columns = tuple(substituted(text, new) for text in self.columns)
+        word, own = re.compile(r"\b[A-Za-z_]\w*\b"), lambda m: new.get(m.group(), m.group())
+        columns = tuple(word.sub(own, text) for text in self.columns)
         scales = tuple(Scale(new[s.name], s.of, s.signal) for s in self.scales)
         return Term(columns, scales, self.known_as)
-
-
-def substituted(text: str, names: Mapping[str, str]) -> str:
-    """Return a text with some of its names replaced."""
-    return re.sub(r"\b[A-Za-z_]\w*\b", lambda m: names.get(m.group(), m.group()), text)
 
 
 @cache

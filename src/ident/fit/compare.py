@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
-from ident.display import render
 from ident.errors import FitError
-from ident.files import write_all
+from ident.files import Written
 from ident.fit.files import Saved
 from ident.fit.prediction import Prediction, predict
 from ident.fit.residual import Charted, Failure, Residual, residual_of
@@ -20,7 +18,7 @@ from ident.progress import Progress
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Comparison(Charted):
+class Comparison(Charted, Written):
     """One or several models on the same motion. Made by `ident.compare`.
 
     Attributes:
@@ -54,14 +52,6 @@ class Comparison(Charted):
     def units(self) -> tuple[str, ...]:
         """Units of the independent joints' torques."""
         return next(iter(self.residuals.values())).units
-
-    def write(self, folder: str | Path) -> list[Path]:
-        """Write report.html, with all charts in it, and compare.json.
-
-        Raises:
-            IdentError: if the folder cannot be written; then no file of it has changed.
-        """
-        return write_all(Path(folder), render(self, "files"))
 
 
 def compare(

@@ -65,12 +65,6 @@ class Basis:
         """Where the span ends [s]."""
         return self.t0 + (self.count - self.degree) * self.spacing
 
-    @property
-    def centres(self) -> Array:
-        """(count,) [s] the middle of each function; for hats the knots, where a_ij is lambda_i."""
-        steps = np.arange(self.count, dtype=float) - (self.degree - 1) / 2
-        return np.asarray(self.t0 + steps * self.spacing)
-
     def window(self, t: ArrayLike, order: int = 0) -> tuple[NDArray[np.intp], Array]:
         """The functions that are nonzero at times `t` (n,) [s], or their derivatives of an order.
 

@@ -14,7 +14,7 @@ import polars as pl
 
 from ident.display import Displayed, render
 from ident.errors import FitError, one_of
-from ident.files import write_all
+from ident.files import Written
 from ident.fit import Fit
 from ident.log import Log, read_log
 from ident.log.read import names_of
@@ -43,7 +43,7 @@ AnyLog = Log | str | os.PathLike[str]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MonteCarlo(Displayed):
+class MonteCarlo(Displayed, Written):
     """Identifications of one log with ever new noise. Made by `ident.monte_carlo`.
 
     Attributes:
@@ -215,23 +215,9 @@ class MonteCarlo(Displayed):
         """
         return render(self, "multipliers", self.snr[-1] if snr is None else snr)
 
-    def write(self, folder: str | Path) -> list[Path]:
-        """Write montecarlo.json, runs.csv, multiplier_errors.csv, montecarlo.png and report.html.
-
-        Args:
-            folder: made where there is none.
-
-        Returns:
-            The files written, all of them or none.
-
-        Raises:
-            IdentError: if the folder cannot be written.
-        """
-        return write_all(Path(folder), render(self, "files"))
-
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Studies(Displayed):
+class Studies(Displayed, Written):
     """Monte Carlo studies of many logs. Made by `ident.monte_carlo_each`.
 
     Attributes:
@@ -253,23 +239,6 @@ class Studies(Displayed):
     def notes(self) -> tuple[str, ...]:
         """Logs that were left out, with the reason."""
         return tuple(f"{log}: left out: {why}" for log, why in self.left_out.items())
-
-    def write(self, folder: str | Path) -> list[Path]:
-        """Write the files of `MonteCarlo.write` in a folder for each log, and logs.csv, the table.
-
-        Args:
-            folder: made where there is none.
-
-        Returns:
-            The files written, all of them or none.
-
-        Raises:
-            IdentError: if the folder cannot be written.
-        """
-        files = {"logs.csv": self.table.write_csv().encode()}
-        for log, x in self.studies.items():
-            files |= {f"{log}/{name}": content for name, content in render(x, "files").items()}
-        return write_all(Path(folder), files)
 
 
 def monte_carlo(

@@ -198,12 +198,10 @@ def recipe_of(states: Sequence[State], band: Band, clock: Clock | None = None) -
         independent=e.independent,
         band=band,
         still=np.max([each.still for each in states], axis=0),
-        farthest=np.max([_farthest(each) for each in loops], axis=0) if loops else None,
+        farthest=np.max([np.abs(e.leverage[e.usable]).max(axis=0, initial=0.0) for e in loops], 0)
+        if loops
+        else None,
         singular=largest_nearness(np.concatenate([nearness(x) for x in loops]))
         if loops
         else np.inf,
     )
-
-
-def _farthest(e: State) -> np.ndarray:
-    return np.asarray(np.abs(e.leverage[e.usable]).max(axis=0, initial=0.0))

@@ -46,13 +46,10 @@ def times(e: Evidence) -> str:
 def noise_errors(d: Diagnosis) -> dict[str, Error]:
     """Return what noise alone would leave in each joint, beside the errors of its diagnosis."""
     return {
-        joint: _scaled(e, d.floor[joint] / max(e.rms, 1e-300))
-        for joint, e in errors_of(d.fit).items()
+        n: replace(e, rms=x, relative=e.relative and e.relative * x / max(e.rms, 1e-300))
+        for n, e in errors_of(d.fit).items()
+        for x in [d.floor[n]]
     }
-
-
-def _scaled(error: Error, by: float) -> Error:
-    return replace(error, rms=error.rms * by, relative=error.relative and error.relative * by)
 
 
 def failing(d: Diagnosis) -> list[Failure]:

@@ -21,7 +21,6 @@ from ident.diagnosis.experiment import (
 from ident.diagnosis.result import Diagnosis
 from ident.diagnosis.selection import Evidence
 from ident.diagnosis.trials import Move, Trial, present, trials
-from ident.diagnosis.unobservable import Invisible
 from ident.display import renders
 from ident.effects import Effect
 from ident.effects.library import separating
@@ -215,7 +214,8 @@ def unseen(d: Diagnosis) -> str:
 
 def _best_trial(d: Diagnosis) -> tuple[list[str], str]:
     """Return the labels of what the most revealing motion shows, and that motion."""
-    wanted = [each.effect for each in d.invisible if _cheap(d, each)][:LOOKED_AT]
+    loops = d.fit.mechanism.closures  # a correction closes them anew at every sample: not tried
+    wanted = [e.effect for e in d.invisible if not (e.effect.corrects and loops)][:LOOKED_AT]
     now = present(d.fit.mechanism, d.fit.motion)
     best: tuple[list[str], str] = [], ""
     kinds = {"awake", "turn", "limits", "wider"}
@@ -233,11 +233,6 @@ def _best_trial(d: Diagnosis) -> tuple[list[str], str]:
         if len(found) > len(best[0]):
             best = found, described(trial, now)
     return best
-
-
-def _cheap(d: Diagnosis, each: Invisible) -> bool:
-    """A correction in a loop closes it anew at every sample; that is not tried."""
-    return not (each.effect.corrects and d.fit.mechanism.closures)
 
 
 def _capital(text: str) -> str:

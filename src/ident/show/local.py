@@ -31,11 +31,6 @@ def wait() -> None:
         time.sleep(3600.0)
 
 
-def _to_be_shown(record: logging.LogRecord) -> bool:
-    """Browsers open connections ahead and close them unused, which is no fault."""
-    return record.msg != "opening handshake failed"
-
-
 class Place:
     """A port that is taken, and the random path below which its page is.
 
@@ -115,7 +110,8 @@ class Place:
 
         guard = self.guarded(answer)
         log = logging.getLogger("ident.page")
-        log.addFilter(_to_be_shown)
+        # browsers open connections ahead and close them unused, which is no fault
+        log.addFilter(lambda record: record.msg != "opening handshake failed")
         server = serve(talk, sock=self.socket, process_request=guard, close_timeout=1, logger=log)
         threading.Thread(target=server.serve_forever, name="ident page", daemon=True).start()
         return server.shutdown

@@ -173,6 +173,14 @@ def plot_multipliers(x: MonteCarlo, snr: float) -> Chart:
     return plot_forces(truth.multipliers, truth.multiplier_units, series, x.plan.log.name)
 
 
+@renders(Studies, "files")
+def files_of_studies(studies: Studies) -> dict[str, bytes]:
+    """Return the files of each log's study in a folder of its own, and logs.csv, the table."""
+    made = ((log, files(study)) for log, study in studies.studies.items())
+    found = {f"{log}/{name}": content for log, own in made for name, content in own.items()}
+    return {"logs.csv": studies.table.write_csv().encode(), **found}
+
+
 @renders(MonteCarlo, "files")
 def files(x: MonteCarlo) -> dict[str, bytes]:
     """Return the contents of all files by name."""

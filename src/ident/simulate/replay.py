@@ -10,16 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from ident.display import Plotted, render
+from ident.display import Plotted
 from ident.equations.corrections import Scene
 from ident.equations.terms import Samples
 from ident.equations.unknowns import NOTHING
 from ident.errors import FitError, MotionError
-from ident.files import write_all
+from ident.files import Written
 from ident.fit.files import Saved
 from ident.fit.result import Fit
 from ident.information.blocks import Error
@@ -73,7 +72,7 @@ class ReplayedLog:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Replay(Plotted):
+class Replay(Plotted, Written):
     """Models' simulated motion against the measured one. Made by `ident.replay`.
 
     Its plot shows measured and simulated coordinates of every logged joint, with differences below.
@@ -95,14 +94,6 @@ class Replay(Plotted):
             for run in logs
             for why in run.failures
         )
-
-    def write(self, folder: str | Path) -> list[Path]:
-        """Write replay.html, with all charts in it, and replay.json.
-
-        Raises:
-            IdentError: if the folder cannot be written; then no file of it has changed.
-        """
-        return write_all(Path(folder), render(self, "files"))
 
 
 def replay(
