@@ -8,5 +8,11 @@ from contextvars import ContextVar
 Progress = Callable[[str, float], None]
 """Called with the name of the present step and the share of it that is done, 0 to 1."""
 
+
+def part(on_progress: Progress, start: float, end: float) -> Progress:
+    """Report the progress of one part of the work as that of the whole, between two shares."""
+    return lambda what, share: on_progress(what, start + share * (end - start))
+
+
 running: ContextVar[str] = ContextVar("running", default="")
 """The command line, for reports; empty where there is none."""

@@ -86,6 +86,7 @@ def test_laws_that_are_found_before_ctrl_c_are_kept(robots, tmp_path, monkeypatc
         assert "interrupted: laws of wrist were not searched" in outcome.err
         assert "A formula explains it: torque of elbow = " in outcome.out
         assert "law_elbow.py" in written
+        assert f"{tmp_path / 'out'}/law_elbow.py" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_diagnose_of_a_whole_model_is_no_failure(arm_folder, done):

@@ -9,6 +9,7 @@ from lxml import html
 import ident
 from ident import Log
 from ident.information.blocks import Error
+from ident.progress import part
 from ident.show.card import Bar, Card
 from ident.show.residual import plot_forces
 from identification import motion_log, plant, robot
@@ -104,3 +105,18 @@ def test_bars_of_a_card_are_in_proportion_to_the_errors():
     assert (strip.count("█"), strip.count("░"), strip.index("|")) == (7, 24, 4)  # 32 for 40 %
     assert a.endswith("40 % → 10 %, noise 5 %")
     assert b.endswith("1 N")
+
+
+def test_a_card_explains_the_marks_that_it_has():
+    error = Error(1.0, 0.1, "N m")
+    still, changed = Bar("elbow", error), Bar("elbow", error, error)
+    assert "error" in Card("x", bars=(still,)).text()
+    assert "error: █ stays, ░ goes" in Card("x", bars=(changed,)).text()
+    assert "error: | noise" in Card("x", bars=(replace(still, noise=0.1),)).text()
+
+
+def test_parts_of_work_follow_each_other():
+    told = []
+    for k in range(2):
+        part(lambda what, share: told.append(share), 0.5 * k, 0.5 * (k + 1))("x", 0.5)
+    assert told == [0.25, 0.75]

@@ -200,6 +200,7 @@ def test_a_tree_has_no_multipliers(tmp_path):
     assert x.typical("least-squares", 60) == 0
     assert "multipliers" not in str(x)
     assert (tmp_path / "report.html") in x.write(tmp_path)
+    assert "hold the truth in" in (tmp_path / "report.html").read_text()
     with pytest.raises(FitError, match="no multipliers"):
         x.plot_multipliers()
 

@@ -42,7 +42,7 @@ from ident.cli.options import (
     setting,
 )
 from ident.errors import IdentError, one_of
-from ident.progress import Progress
+from ident.progress import Progress, part
 
 if TYPE_CHECKING:
     from ident.diagnosis import Diagnosis
@@ -145,7 +145,7 @@ def identify(
         from ident.fit.identify import identify as identify_
 
         with progress() as on_progress:
-            motion = model.motion(mechanism, logs, on_progress)
+            motion = model.motion(mechanism, logs, part(on_progress, 0.0, 0.3))
             fit = identify_(
                 mechanism,
                 motion,
@@ -154,7 +154,7 @@ def identify(
                 if validate
                 else None,
                 estimator="likelihood" if refine else "auto",
-                progress=on_progress,
+                progress=part(on_progress, 0.3, 1.0),
             )
     _show(fit, gathered, reactions, json, out)
 
@@ -294,10 +294,11 @@ def diagnose(
             from ident.diagnosis import diagnose as diagnose_
             from ident.fit import identify
 
-            motion = model.motion(mechanism, logs, on_progress)
-            fit = identify(mechanism, motion, estimator="least-squares", progress=on_progress)
+            motion = model.motion(mechanism, logs, part(on_progress, 0.0, 0.05))
+            second, third = part(on_progress, 0.05, 0.1), part(on_progress, 0.1, 1.0)
+            fit = identify(mechanism, motion, estimator="least-squares", progress=second)
             try:
-                found, remarks = diagnose_(fit, progress=on_progress, **decision), fit.warnings
+                found, remarks = diagnose_(fit, progress=third, **decision), fit.warnings
             except KeyboardInterrupt:  # the fit is done
                 if out is not None:
                     from ident.fit.files import write_fit
@@ -346,7 +347,7 @@ def grow(
         refuse_own(mechanism, out)
     output_folder(out, [*FIT_FILES, *DIAGNOSIS_FILES], [*logs, *(validate or ())])
     with progress() as on_progress:
-        motion = model.motion(mechanism, logs, on_progress)
+        motion = model.motion(mechanism, logs, part(on_progress, 0.0, 0.05))
 
         def reached(step: Step) -> None:
             first = not step.added and not step.removed
@@ -363,7 +364,7 @@ def grow(
         history = grow_(
             mechanism,
             motion,
-            progress=on_progress,
+            progress=part(on_progress, 0.05, 1.0),
             step=reached,
             checkpoint=out,
             resume=resume,

@@ -42,6 +42,7 @@ from ident.fit.data_checks import NEARLY, DataChecks, Health
 from ident.fit.faults import CredibleFault, Fault, fault_finding, scale_of_time
 from ident.fit.findings import Finding
 from ident.fit.residual import Periods, residual_of
+from ident.progress import part
 
 SHOWN = 3  # candidates that are listed though nothing speaks for them
 TRIED = 3  # rivals of a formula whose constants are not determined
@@ -88,7 +89,7 @@ def diagnose(
         )
     on_progress = progress or (lambda what, share: None)
     decision = Decision(alpha, material, rival_se)
-    contest = Contest.of(fit, candidates_of(fit), on_progress)
+    contest = Contest.of(fit, candidates_of(fit), part(on_progress, 0.0, 0.4))
     on_progress("noise of the sensors", 0.4)
     return concluded(contest, noise(contest, seed), decision, seed, on_progress)
 

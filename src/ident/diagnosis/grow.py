@@ -39,6 +39,7 @@ from ident.information.blocks import Error
 from ident.information.hypotheses import PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
+from ident.progress import part
 from ident.version import version
 
 NAME = "growing.json"
@@ -250,15 +251,19 @@ def grow(
         rungs, fit = _again(done, fit, validate)
         visited |= set(map(frozenset, done["visited"]))
         reached(rungs)
+    here = rest = on_progress
     for number in range(len(saved.rounds), ROUNDS):
+        done_before = 1 - 0.5 ** (number - len(saved.rounds))  # nobody knows how many rounds
+        rest = part(on_progress, done_before, 1.0)
+        here = part(rest, 0.0, 0.5)
         # curves judge what is left in the end, the search needs none
-        contest = Contest.of(fit, candidates_of(fit), on_progress, curved=number > 0)
+        contest = Contest.of(fit, candidates_of(fit), part(here, 0.0, 0.4), curved=number > 0)
         draws = noise(contest, seed)
-        search = Search(contest, draws, decision, seed, given, on_progress, visited)
+        search = Search(contest, draws, decision, seed, given, here, visited)
         found = search.run()
         if found.labels == search.start.labels:
             break
-        on_progress("refitting", 0.7)
+        here("refitting", 0.7)
         model = fit.mechanism
         removed = tuple(e for e in model.effects
                         if e.label in search.start.labels - found.labels)  # fmt: skip
@@ -278,9 +283,9 @@ def grow(
     else:
         number = 0
     if number == 0 or contest.fit is not fit:
-        contest = Contest.of(fit, candidates_of(fit), on_progress)
+        contest = Contest.of(fit, candidates_of(fit), part(rest, 0.35, 0.4))
         draws = noise(contest, seed)
-    diagnosis = concluded(contest, draws, decision, seed, on_progress)
+    diagnosis = concluded(contest, draws, decision, seed, rest)
     saved.remove()
     return History(tuple(steps), diagnosis)
 

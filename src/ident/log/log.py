@@ -6,7 +6,7 @@ Its `t` is finite, strictly increasing and in seconds; an error names the remedy
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -17,7 +17,7 @@ import polars as pl
 from numpy.typing import ArrayLike
 
 from ident.display import Displayed
-from ident.errors import LogError, one_of
+from ident.errors import LogError, near, one_of
 from ident.log.storage import write_table
 from ident.log.table import Array, Column, RawTable, check_name, frame_table, renamed
 
@@ -34,6 +34,9 @@ LONGEST_STEP = 0.5  # [s] a log of more than 100 samples with a longer median st
 USUAL_RATES = (10.0, 100e3)  # [Hz]
 SMALLER_UNITS = (1e-3, 1e-6, 1e-9)  # [s] ms, us, ns
 TIME_NAME = re.compile(r"time|stamp|clock|^t([^a-z]|$)|^(ts|secs?|seconds)$|_(ms|us|ns)$", re.I)
+WORDS = {  # in names of columns that are a joint's position or torque
+    "q": ("pos", "angle", "q"), "tau": ("eff", "torq", "tau", "moment", "force", "current"),
+}  # fmt: skip
 
 
 def with_clock(table: RawTable, source: Column | None = None) -> RawTable:
@@ -133,6 +136,19 @@ def _scales(step: float) -> list[float]:
 def _entry(column: str, scale: float) -> str:
     quoted = json.dumps(column, ensure_ascii=False)  # a TOML basic string too
     return f'[log] "t" = {{ column = {quoted}, scale = {scale if scale == 1 else f"{scale:g}"} }}'
+
+
+def entry_for(signal: str, joints: Sequence[str], columns: Iterable[str]) -> str:
+    """Return the entry of [log] for the first joint of which a column seems to be its `q` or `tau`;
+    "" if none does.
+    """
+    for joint in joints:
+        of = {name: name.replace(joint, "").lower() for name in columns if joint in name}
+        found = next((n for n, rest in of.items() if any(w in rest for w in WORDS[signal])), "")
+        if found := found or near(f"{signal}.{joint}", [n for n in columns if n not in of]):
+            more = ", and so on for the others" if len(joints) > 1 else ""
+            return f'mechanism.toml: [log] "{signal}.{joint}" = {{ column = "{found}" }}{more}'
+    return ""
 
 
 def _count(n: int, what: str) -> str:

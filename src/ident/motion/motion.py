@@ -10,8 +10,9 @@ from typing import Any, cast
 import numpy as np
 
 from ident.display import Displayed, render
-from ident.errors import MotionError, near, one_of
+from ident.errors import MotionError, one_of
 from ident.log import Log, read_log
+from ident.log.log import entry_for
 from ident.log.read import distinct
 from ident.log.table import is_frame
 from ident.mechanism.mechanism import Mechanism
@@ -320,8 +321,9 @@ def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) ->
         name, present = missing[0], [c for c in columns if c.startswith("tau.")]
         raise MotionError(
             f"{log}: joint '{name}' is driven, but there is no column 'tau.{name}'"
-            f" ({one_of('tau.' + name, present or columns)}); log it, map it in [log], "
-            f"put '{name}' among the passive joints, or hold it: --lock {name}"
+            f" ({one_of('tau.' + name, present or columns)}); log it, map it in "
+            f"{entry_for('tau', missing, columns) or '[log]'}, put '{name}' among the passive "
+            f"joints, or hold it: --lock {name}"
         )
     shown = ", ".join(f"tau.{name}" for name in missing)
     return [f"{log}: has no {shown}: a motion, no experiment"] if missing else []
@@ -345,8 +347,8 @@ def _determining(mechanism: Mechanism, measured: list[LogSignals]) -> tuple[str,
     given, wanted, still = (", ".join(f"q.{n}" for n in each) for each in (logged, free, fixed))
     check = f": the closures let {still} not move at all, check them" if fixed else ""
     columns = [name for name in fewest.columns if name.partition(".")[2] not in joints]
-    alike = {meant: None for name in free if (meant := near(f"q.{name}", columns))}
-    other = f"; the log has {', '.join(alike)}: map it in [log]" if alike else ""
+    entries = entry_for("q", free, columns)
+    other = f"; or map columns that it has in {entries}" if entries else ""
     raise MotionError(
         f"{fewest.log.name}: {mechanism.name} has {dof} degrees of "
         f"freedom, but the positions logged ({given or 'none'}) determine only {len(names)}{check};"

@@ -63,17 +63,18 @@ class Card:
         before, after, noise = bar.sizes
         return before / longest, after / longest, None if noise is None else noise / longest
 
-    @property
-    def noise(self) -> bool:
-        """Whether any bar has the mark of what noise alone would leave."""
-        return any(bar.sizes[2] is not None for bar in self.bars)
+    def key(self, change: str, noise: str) -> str:
+        """Return the words for what the bars have: a change, the mark of noise, or neither."""
+        has = any(bar.after for bar in self.bars), any(b.sizes[2] is not None for b in self.bars)
+        words = [text for text, there in zip((change, noise), has, strict=True) if there]
+        return ": " * bool(words) + ", ".join(words)
 
     def text(self) -> list[str]:
         """Return the lines for a terminal: █ stays, ░ goes, | is the noise."""
         lines = [*wrapped(self.line, "  "), *wrapped(self.sure, "  ")]
         rows = [[bar.joint, self._strip(bar), bar.words] for bar in self.bars[: self.most]]
         if rows:
-            lines += ["", f"error: █ stays, ░ goes{', | noise' if self.noise else ''}"]
+            lines += ["", f"error{self.key('█ stays, ░ goes', '| noise')}"]
             width = max(len(row[0]) for row in rows)
             lines += [f"  {joint:<{width}}  {strip}  {words}" for joint, strip, words in rows]
         if (more := len(self.bars) - self.most) > 0:

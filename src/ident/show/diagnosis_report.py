@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import escape
 
 from ident.diagnosis.result import Diagnosis, Explanation, errors_of
 from ident.diagnosis.unobservable import name_of
@@ -212,6 +213,7 @@ def write_diagnosis(
     """
     title = f"{d.fit.mechanism.name}: diagnosis"
     report = Page(title, card(d), (*sections, *diagnosis_sections(d))).html()
+    report = report.replace(b"DIR/", str(escape(f"{folder}/")).encode())  # it is known here
     files = {**diagnosis_files(d), **(more or {}), "report.html": report}
     return write_instead(d, Path(folder), files)
 

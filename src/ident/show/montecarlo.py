@@ -20,7 +20,7 @@ from ident.show.html import Page, Section
 from ident.show.motion import made_of, understood
 from ident.show.residual import plot_forces
 from ident.show.sheet import Sheet
-from ident.text import shortened
+from ident.text import listed, shortened
 
 SCHEMA = "ident.montecarlo/1"
 ROWS = 24  # parameters in the printed table; `MonteCarlo.table` has all
@@ -221,8 +221,25 @@ def _page(x: MonteCarlo) -> bytes:
         understood(*source),
         made_of(*source),
     )
+    title = f"{plan.mechanism.name} on {plan.log.name}: Monte Carlo"
+    return Page(title, _headline(x), sections).html()
+
+
+def _headline(x: MonteCarlo) -> str:
+    """Return how often the last estimator's intervals hold the truth, and its largest bias."""
     line = f"{x.runs} runs at each of {', '.join(f'{snr:g}' for snr in x.snr)} dB"
-    return Page(f"{plan.mechanism.name} on {plan.log.name}: Monte Carlo", line, sections).html()
+    rows = x.table.filter(pl.col("estimator") == x.estimators[-1], pl.col("coverage").is_not_null())
+    if rows.is_empty():
+        return line
+    held = rows.group_by("snr", maintain_order=True).agg(pl.col("coverage").mean()).rows()
+    shares = listed([f"{100 * share:.0f} % at {snr:g} dB" for snr, share in held])
+    size = pl.col("bias").abs() / pl.max_horizontal(pl.col("truth").abs(), pl.col("std"))
+    worst = rows.row(rows.select(size.arg_max()).item(), named=True)
+    return (
+        f"{line}. With {x.estimators[-1]}, intervals of 95 % hold the truth in {shares}, "
+        f"over all runs and parameters; the largest bias is {_relative(worst, 'bias')}, of "
+        f"{worst['parameter']} at {worst['snr']:g} dB."
+    )
 
 
 def _typical(x: MonteCarlo) -> tuple[Chart, ...]:
