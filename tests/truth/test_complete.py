@@ -8,7 +8,7 @@ import pytest
 from helpers import Truth, series, write_mechanism
 from ident import identify
 from ident.errors import MechanismError, MotionError
-from ident.log import Log
+from ident.log import Log, read_log
 from ident.mechanism import load
 from ident.mechanism.load import absolute
 from ident.motion import complete
@@ -326,3 +326,16 @@ def test_loops_that_hold_everything_still_are_refused(kind, robots, tmp_path):
     assert "the axis of coupler is not parallel to those of crank, rocker" in str(caught.value)
     with pytest.raises(MechanismError, match=r"^[^ ]*: the loops leave 0 degrees"):
         structure(mechanism)
+
+
+def test_columns_that_look_like_positions_and_torques_are_proposed(robots):
+    log = read_log(robots / "arm" / "run.csv")
+    words = {"q": "position", "tau": "effort"}
+    given = {f"{words[n.split('.')[0]]}_{n.split('.')[1]}": x for n, x in log.columns.items()
+             if n.split(".")[0] in words}  # fmt: skip
+    mechanism = load(robots / "arm")
+    with pytest.raises(MotionError, match=r'"q.yaw" = { column = "position_yaw" }, and so on'):
+        complete(mechanism, Log.from_arrays("x", log.t, given))
+    given |= {n: x for n, x in log.columns.items() if n.startswith("q.")}
+    with pytest.raises(MotionError, match=r'"tau.yaw" = { column = "effort_yaw" }'):
+        complete(mechanism, Log.from_arrays("x", log.t, given))
