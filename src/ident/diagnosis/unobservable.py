@@ -111,7 +111,7 @@ def unsupported(fit: Fit, contest: Contest, decision: Decision) -> tuple[Unsuppo
     torque = max(float(torque_squares(contest, regression).sum()), 1e-300)
     for effect, places in fit.columns.effects:
         mine = np.array([p for p in places if p >= 0 and not fit.estimate.held[p]], dtype=int)
-        absurd = _absurd(fit, effect, places)
+        absurd = _absurd(fit, effect)
         if absurd:
             why = (
                 f"{', '.join(absurd)} is negative beyond its error, which no such effect can be: "
@@ -130,14 +130,12 @@ def unsupported(fit: Fit, contest: Contest, decision: Decision) -> tuple[Unsuppo
     return tuple(found)
 
 
-def _absurd(fit: Fit, effect: Effect, places: np.ndarray) -> list[str]:
+def _absurd(fit: Fit, effect: Effect) -> list[str]:
     """Name the parameters of an effect of the model that are negative beyond their error, and must
     not be; errors are worked out where some value is negative.
     """
-    x, given = fit.estimate.x, fit.point.values
-    now = (x[p] if p >= 0 else given[name] for name, p in zip(effect.names, places, strict=True))
-    pairs = zip(now, effect.parameters, strict=True)
-    if not any(value < 0 and parameter.nonnegative for value, parameter in pairs):
+    pairs = zip(effect.names, effect.parameters, strict=True)
+    if not any(each.nonnegative and fit.point.values.get(name, 0.0) < 0 for name, each in pairs):
         return []
     values = next(each.parameters for each in fit.effects if each.effect.label == effect.label)
     return [

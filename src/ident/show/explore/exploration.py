@@ -22,12 +22,7 @@ from ident.mechanism import Mechanism
 from ident.motion import Motion
 from ident.progress import Progress
 from ident.show.card import named
-from ident.show.explore.predicted import (
-    PredictedGain,
-    delivered,
-    predicted_gains,
-    rows_of,
-)
+from ident.show.explore.predicted import PredictedGain, delivered, predicted_gains, rows_of
 from ident.show.ladder import model_files, refuse_own
 from ident.show.ladder import write as write_history
 from ident.show.laws import curve_name, law_words
