@@ -8,7 +8,8 @@ function unpacked(text) { // an array of ident.show.charts.Arrays
 function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is over that x
   const {Plotting, Range1d, DataRange1d, PlainText, ColumnDataSource} = Bokeh, GREY = "#767c86"
   const POINTS = 1000 // buckets of a line in view
-  const NARROW = 165 // pixels, below which no panel gets
+  const longest = Math.max(0, ...chart.rows.flat().map((panel) => panel?.title?.length ?? 0))
+  const NARROW = Math.max(165, 75 + 7 * longest) // pixels, below which no panel gets: its title is whole
   const numbers = chart.arrays.map(unpacked), cursors = [] // one a panel: a line at a moment
   const columns = (data) => ({ // a source, and each property of a glyph from the column of its name
     source: new ColumnDataSource({data}),
