@@ -308,10 +308,8 @@ class Search:
         alone = max((first.gains[each.label][0] for each in self.new(now)), default=0.0)
         louder = {e.effect.label for e in first.credible if e.gain > alone} - now.labels
         if louder:  # and not explained by what every machine has
-            beside = rank(
-                now.contest, now.regression, None, self.decision, self.seed, curved=False,
-                limit=self.limit, only=louder,
-            )  # fmt: skip
+            beside = rank(now.contest, now.regression, None, self.decision, self.seed,
+                          curved=False, limit=self.limit, only=louder)  # fmt: skip
             sure = tuple(each for each in beside.evidence if each.z > CERTAIN)
             if (best := simplest(replace(beside, evidence=sure), self.decision)) is not None:
                 now = now.plus(best)
