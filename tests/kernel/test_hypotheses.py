@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from statistics import NormalDist
+
 import numpy as np
 import pytest
 
 from ident.information.blocks import Block, Information
-from ident.information.chance import kept_power, quantile, surrogates, zscore
+from ident.information.chance import exceeding, kept_power, quantile, surrogates, zscore
 from ident.information.hypotheses import PartialRegression
 from ident.information.parts import Part
 from ident.information.triangle import Triangle
@@ -165,6 +167,23 @@ def test_power_that_a_model_takes_is_given_back():
     assert made.std() == pytest.approx(r.std(), rel=0.1)
 
 
+def test_a_quantile_of_few_draws_is_that_of_many():
+    random = np.random.default_rng(2)
+    g = 1 / (1 + np.exp(-random.normal(-2.0, 0.6, (200, 100))))
+    for alpha in (0.01, 0.05):
+        true = 1 / (1 + np.exp(2.0 - 0.6 * NormalDist().inv_cdf(1 - alpha)))
+        found = [quantile(each, alpha) for each in g]
+        assert np.mean(found) == pytest.approx(true, rel=0.05)
+        assert exceeding(found[0], g[0]) == pytest.approx(alpha)
+    assert np.std(found) < np.std([each.max() for each in g])
+
+
+def test_draws_without_any_gain_have_a_quantile():
+    g = np.array([-0.1] * 60 + [0.2] * 40)
+    assert quantile(g, 0.01) == 0.2
+    assert exceeding(0.1, g) == 41 / 101
+
+
 def credible(seed: int, size: float) -> tuple[bool, int]:
     """Whether the best of 30 slow candidates is, in coloured noise, and which it is."""
     random = np.random.default_rng(seed)
@@ -181,7 +200,9 @@ def credible(seed: int, size: float) -> tuple[bool, int]:
     left = asked(r).residual[0]
     null = surrogates(left, [slice(0, n)], 100, random)[:, 0]
     found = asked(np.column_stack([r, null])).gains([np.array([i]) for i in range(1, 31)])
-    return found.G.max() > quantile(found.null, 0.01), int(found.G.argmax())
+    shares = (found.null / asked(np.column_stack([r, null])).null_loss).max(axis=0)
+    share = found.G.max() / asked(r).loss.sum()
+    return share > quantile(shares, 0.01), int(found.G.argmax())
 
 
 def test_coloured_noise_makes_no_candidate_credible_and_an_effect_is_found():

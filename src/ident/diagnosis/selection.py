@@ -27,7 +27,7 @@ from ident.diagnosis.null import SURROGATES, NoiseDraws, judging
 from ident.diagnosis.refine import refined
 from ident.effects import Effect
 from ident.errors import FitError
-from ident.information.chance import paired, quantile, zscore
+from ident.information.chance import exceeding, paired, quantile, zscore
 from ident.information.hypotheses import Array, Index, PartialRegression, Refit
 
 PARSIMONY = 0.10  # share of the best gain within which fewer numbers are preferred
@@ -289,13 +289,14 @@ def rank(
 
 def _quantile(null: Array, alpha: float) -> float:
     """Return the larger of the quantiles over surrogates and over draws of the sensors' noise."""
-    parts = null[:, :SURROGATES], null[:, SURROGATES:]
-    return max(quantile(x, alpha) for x in parts)
+    largest = null.max(axis=0, initial=-np.inf)
+    return max(quantile(x, alpha) for x in (largest[:SURROGATES], largest[SURROGATES:]))
 
 
 def chance_of(gain: float, chance: Array) -> float:
     """Chance of a gain where the draws (n,) are those of nothing missing; NaN without any."""
-    return float((1 + (chance >= gain).sum()) / (1 + len(chance))) if len(chance) else np.nan
+    parts = chance[:SURROGATES], chance[SURROGATES:]
+    return max((exceeding(gain, x) for x in parts if len(x)), default=np.nan)
 
 
 @dataclass(frozen=True, eq=False)

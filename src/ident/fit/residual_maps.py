@@ -19,7 +19,6 @@ import numpy as np
 
 from ident.equations.filter import Decimator
 from ident.information import linear
-from ident.information.chance import surrogates
 
 KNOTS, KNOTS_WAVE, KNOTS_TIME = 9, 41, 4  # of a map; of a joint's own position; of time
 JOINTS = 12  # whose signals are compared
@@ -103,6 +102,21 @@ def memory_of(runs: Sequence[np.ndarray], cutoff: float | None, rate: float) -> 
     limit = np.maximum(MEMORY, ERRORS / np.sqrt(pairs))
     worst = int(np.argmax(np.abs(r[lags]) / limit))
     return Memory(float(r[lags[worst]]), float(limit[worst]), effective)
+
+
+def _surrogates(runs: Sequence[np.ndarray], count: int, seed: int) -> np.ndarray:
+    """Return (n, count) series with each run's spectrum and random phases.
+
+    Source: Theiler et al., Physica D 58, 1992.
+    """
+    random = np.random.default_rng(seed)
+    series = []
+    for run in runs:
+        spectrum = np.abs(np.fft.rfft(run))[:, None]
+        phase = np.exp(2j * np.pi * random.random((len(spectrum), count)))
+        phase[0] = np.sign(phase[0].real)
+        series.append(np.fft.irfft(spectrum * phase, len(run), axis=0))
+    return np.concatenate(series)
 
 
 # --- maps of signals -----------------------------------------------------------------------------
@@ -259,8 +273,8 @@ def depends_on(
     chosen: list[int] = []
     while True:
         unexplained = r - sums.Phi[:, sums.at(chosen)] @ sums.solve(chosen, moments[0])
-        random = np.random.default_rng(len(chosen))
-        noise = sums.moments(surrogates(unexplained[:, None], runs, DRAWS, random)[:, 0])
+        series = _surrogates([unexplained[run] for run in runs], DRAWS, seed=len(chosen))
+        noise = sums.moments(series)
         without = sums.held_out(chosen, *noise)
         rest = [i for i in range(len(maps)) if i not in chosen]
         after = {i: float(sums.held_out([*chosen, i], *moments)[0]) for i in rest}

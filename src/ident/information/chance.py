@@ -6,6 +6,8 @@ Source of the series: Theiler et al., Testing for nonlinearity in time series, P
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import exp
+from statistics import NormalDist
 
 import numpy as np
 
@@ -61,11 +63,40 @@ def _transformed(x: Array) -> np.ndarray:
     return np.fft.rfft(np.concatenate([x, x[::-1]]), axis=0)
 
 
-def quantile(null: Array, alpha: float) -> float:
-    """The (1 − alpha) quantile of the largest gain of each draw; null (groups, draws)."""
-    if not null.size:
-        return 0.0
-    return float(np.quantile(null.max(axis=0), 1 - alpha, method="higher"))
+def quantile(chance: Array, alpha: float) -> float:
+    """The (1 − alpha) quantile of shares (draws,), each the largest gain of a draw.
+
+    z = ln g/(1 − g) above its median m is close to normal, and its spread s is known better than
+    the largest of a hundred draws:
+
+        s² = mean (z − m)² over z > m        ln g_α/(1 − g_α) = m + s Φ⁻¹(1 − α)
+    """
+    m, s = _tail(chance)
+    if not np.isfinite(m):  # no gain at all in most draws
+        return float(np.quantile(chance, 1 - alpha, method="higher")) if len(chance) else 0.0
+    return 1 / (1 + exp(-m - s * NormalDist().inv_cdf(1 - alpha)))
+
+
+def exceeding(gain: float, chance: Array) -> float:
+    """Chance that the largest gain of a draw exceeds a gain, both as shares; see `quantile`."""
+    m, s = _tail(chance)
+    if not (np.isfinite(m) and s > 0 and gain > np.median(chance)):
+        return float((1 + (chance >= gain).sum()) / (1 + len(chance))) if len(chance) else np.nan
+    return 1 - NormalDist(m, s).cdf(float(_logit(np.array(gain))))
+
+
+def _tail(chance: Array) -> tuple[float, float]:
+    """Median m and spread s above it of ln g/(1 − g); NaN where no gain is the median."""
+    if not len(chance) or np.median(chance) <= 0:
+        return np.nan, np.nan
+    z = _logit(chance)
+    m = float(np.median(z))
+    return m, float(np.sqrt(np.mean((z[z >= m] - m) ** 2)))
+
+
+def _logit(g: Array) -> Array:
+    g = np.clip(g, 1e-12, 1 - 1e-12)
+    return np.log(g / (1 - g))
 
 
 def paired(a: Array, b: Array) -> float:
