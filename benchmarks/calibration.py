@@ -1,11 +1,11 @@
 """Names given where nothing is missing: clean logs with coloured noise and jittering stamps.
 
-    python benchmarks/calibration.py [--logs 200] [--hidden 40] [--write FILE]
+    python benchmarks/calibration.py [--logs 200] [--write FILE]
 
 Logs of the arm and of the five-bar, 6 s at 100 Hz, whose viscous and dry friction the model has.
 Noise of the torques: 3 % of each, of a correlation of 0.95 from sample to sample; rows are taken
-1 ms rms away from their stamps; positions have 0.1 mrad. A false name: a verdict `missing`. In the
-`hidden` logs one effect more is at work, of 30 % of its joint's torque.
+1 ms rms away from their stamps; positions have 0.1 mrad. A false name: a verdict `missing`.
+Names in the same noise: `python tests/battery/score.py --coloured`.
 """
 
 from __future__ import annotations
@@ -29,14 +29,6 @@ CORRELATION, SIZE = 0.95, 0.03  # of the torques' noise: from sample to sample, 
 JITTER, POSITIONS = 1e-3, 1e-4  # s, rad
 RATE, SECONDS, WAVES = 100.0, 6.0, 5  # Hz, s, waves a joint
 VALUES = {"Fv": 0.3, "Fc": 0.3}  # N m s/rad, N m
-SHARE = 0.3  # of the standard deviation of the joint's torque, that a hidden effect has
-SHAPES = ("vs", "N")
-HIDDEN = {  # effects of the arm with values [N m/rad, N m, kg m², s]
-    "spring:elbow": {"k": 3.0, "b": 0.5}, "torque_offset:shoulder": {"c": 3.0},
-    "rotor_inertia:elbow": {"Ia": 0.4}, "cable:yaw": {"k0": 0.5, "k1": 2.0, "k2": 1.5, "k3": 2.0},
-    "stribeck:yaw": {"Fs": 1.5, "vs": 0.3}, "drag:yaw": {"Fd": 1.0},
-    "ripple:shoulder": {"A": 2.0, "B": 2.0, "N": 12.0}, "delay:yaw": {"d": 0.04},
-}  # fmt: skip
 
 
 def main() -> None:
@@ -44,7 +36,6 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("--logs", type=int, default=200)
-    parser.add_argument("--hidden", type=int, default=40)
     parser.add_argument("--write", type=Path)
     options = parser.parse_args()
     begin = time.process_time()
@@ -54,8 +45,6 @@ def main() -> None:
             "`unexplained` | names |\n|---|---|---|---|---|---|---|---|---|"
         ),
         *clean(options.logs),
-        "",
-        *hidden(options.hidden),
         "",
         f"{time.process_time() - begin:.0f} s of processor time.",
     ]
@@ -90,46 +79,14 @@ def clean(count: int) -> Iterator[str]:
         )
 
 
-def hidden(count: int) -> Iterator[str]:
-    """How many effects are named with the same noise, and those that are not."""
-    right, wrong = 0, []
-    for seed in range(count):
-        label = list(HIDDEN)[seed % len(HIDDEN)]
-        d = ident.diagnose(fitted("arm", 1000 + seed, label))
-        group = [each.label for each in d.group]
-        rivals = [each.label for c in d.candidates[:1] for each in c.rivals]
-        if label in group or (d.verdict == "missing" and label in rivals):
-            right += 1
-        else:
-            wrong.append(f"{label}: {d.verdict} {', '.join(group)}".strip())
-    yield shown(f"Hidden effects named: {right} of {count}. Not: {'; '.join(wrong) or 'none'}.")
-
-
-def fitted(name: str, seed: int, label: str | None = None) -> Any:
-    """A fit of the model with friction to a log, with the effect `label` at work or not."""
+def fitted(name: str, seed: int) -> Any:
+    """A fit of the model with friction to a log in which nothing is missing."""
     robot = ident.load(ROBOTS / name).with_effect("viscous").with_effect("coulomb")
-    true = robot.with_effect(label) if label else robot
     values = {f: VALUES[f.rpartition(".")[2]] for e in robot.effects for f in e.names}
-    friction = dict(values)
-    values |= (
-        {f"{label.replace(':', '.')}.{n}": x for n, x in HIDDEN[label].items()} if label else {}
-    )
     random = np.random.default_rng(seed)
     motion = waves(name, random)
     joints = [c[2:] for c in motion.columns if c.startswith("q.")]
-
-    def simulated(model: Any, some: dict[str, float]) -> ident.Log:
-        return ident.simulate(model, motion, values=some, columns=["q", "tau"], joints=joints)[0]
-
-    log = simulated(true, values)
-    if label and not label.startswith("delay"):
-        joint, bare = label.partition(":")[2], simulated(robot, friction).columns
-        tau = bare[f"tau.{joint}"]
-        share = rms(log.columns[f"tau.{joint}"] - tau) / np.std(tau)
-        prefix = label.replace(":", ".")
-        values |= {f"{prefix}.{n}": x if n in SHAPES else x * SHARE / share
-                   for n, x in HIDDEN[label].items()}  # fmt: skip
-        log = simulated(true, values)
+    log = ident.simulate(robot, motion, values=values, columns=["q", "tau"], joints=joints)[0]
     late = log.t + JITTER * random.standard_normal(len(log.t))
     columns = {}
     for column, x in log.columns.items():
