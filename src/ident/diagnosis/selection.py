@@ -231,8 +231,7 @@ def rank(
     ]
     groups = [group for each in mine for group in each.groups]
     if limit is None and groups:
-        laws = [group for each in mine if not each.curve for group in each.groups]
-        regression = judging(contest, regression, noise, seed, laws or groups)
+        regression = judging(contest, regression, noise, seed, groups)
     found = regression.gains(groups)
     ends = np.cumsum([0, *(len(each.groups) for each in mine)])
     starts = np.array([found.G[a:b].argmax() for a, b in pairwise(ends)], dtype=np.intp)
