@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from calibrate import resolve
 from cases import Case, Hidden, every_case
-from machines import MACHINES
+from mechanisms import MACHINES
 from reference import reference
 from rigid import toml, urdf, write_folder
 from sensors import Columns, columns, noisy, sizes

@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "battery"))
 
 from calibrate import inverse
 from law_cases import ENCODER, SHARE, Case, Law
-from machines import MACHINES
+from mechanisms import MACHINES
 from reference import reference
 from rigid import Machine, urdf, write_folder
 from sensors import noisy, sizes

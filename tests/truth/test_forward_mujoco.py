@@ -12,7 +12,7 @@ from helpers import ROOT
 mujoco = pytest.importorskip("mujoco")
 sys.path.append(str(ROOT / "tests" / "battery"))
 
-from machines import MACHINES  # noqa: E402
+from mechanisms import MACHINES  # noqa: E402
 from rigid import mjcf, write_folder  # noqa: E402
 
 STEP = 2e-5

@@ -303,8 +303,7 @@ def found_curves(
     decision: Decision,
 ) -> tuple[FoundCurve, ...]:  # fmt: skip
     """Find the curves of the joints that have a law, or where the model fails unexplained."""
-    limit, last = selection.last.limit_with_curves, selection.last
-    least = 0.0 if laws else limit  # a law has the evidence
+    last = selection.last
     places = {law.joint: law.beside for law in laws}
     if verdict == "unexplained" and not places:
         rest = last.regression.judging([p.Y[:, :1] for p in last.regression.parts])
@@ -314,7 +313,14 @@ def found_curves(
         curves += [m.curve for m in selection.members if m.curve is not None]
         places = {curve.joints[0]: rest for curve in curves[:1]}
     found = (
-        curve_of(last.contest, beside, joint, limit, decision.rival_se, least)
+        curve_of(
+            last.contest,
+            beside,
+            joint,
+            last.limit_at(joint),
+            decision.rival_se,
+            0.0 if laws else last.limit_at(joint),  # a law has the evidence
+        )
         for joint, beside in places.items()
     )
     used = {name for law in laws for name in law.formula.logged}

@@ -259,7 +259,7 @@ def _law(
     named = [m for m in doubtful if not m.rejected]
     for m in named:
         regression = regression.without(m.columns)
-    limit = max(last.limit, last.limit_with_curves)
+    limit = last.limit_at(joint)
     one = replace(last.contest, regression=regression)
     floors = np.array([floor[name] for name in contest.fit.motion.independent])
     noise = regression.rows * (floors * regression.weight) ** 2

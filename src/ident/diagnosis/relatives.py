@@ -34,7 +34,9 @@ def relatives_of(
     bare = whole.without(best.columns)
     mine = replace(last.contest, regression=bare)
     none = np.zeros(len(bare.rows))
-    search = LawSearch(mine, bare, joint, "", last.limit, none, on_progress, of_position=True)
+    search = LawSearch(
+        mine, bare, joint, "", last.limit_at(joint), none, on_progress, of_position=True
+    )
     found = sorted(search.extended(None), key=lambda each: float(each.loss.sum()))
     equal: dict[str, FittedFormula] = {}
     for each in found:

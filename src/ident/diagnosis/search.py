@@ -38,7 +38,7 @@ from ident.diagnosis.selection import (
 from ident.effects import Effect
 from ident.effects.formula import Formula
 from ident.information import linear
-from ident.information.chance import zscore
+from ident.information.chance import Chance, zscore
 from ident.information.hypotheses import Index, PartialRegression
 
 MOST = 60  # moves of one search
@@ -184,9 +184,10 @@ class Search:
     given: Collection[str]
     on_progress: OnProgress
     visited: set[frozenset[str]] = field(default_factory=set)
-    limit: float = field(default=np.inf, init=False)
+    chance: Chance = field(init=False)
     null_of: frozenset[str] = field(default=frozenset(), init=False)  # the set of the last null
     first: Ranking | None = field(default=None, init=False)  # beside the start
+    all_common: bool = field(default=False, init=False)  # what every machine has is in the set
 
     @cached_property
     def start(self) -> EffectSet:
@@ -204,7 +205,7 @@ class Search:
         self.visited.add(now.labels)
         if first is None:
             first = self.ranked(now, fresh=True)
-        self.limit, self.null_of, self.first = first.limit, now.labels, first
+        self.chance, self.null_of, self.first = first.chance, now.labels, first
         now = self.grouped(self.joined(now, first))
         for number in range(MOST):
             self.on_progress(f"set of {len(now.members)} effects", 0.4 + 0.3 * number / MOST)
@@ -225,18 +226,18 @@ class Search:
             self.seed,
             now.labels,
             curved=False,
-            limit=None if fresh else self.limit,
+            chance=None if fresh else self.chance,
             least=NEAR,
         )
         if fresh:
-            self.limit, self.null_of = found.limit, now.labels
+            self.chance, self.null_of = found.chance, now.labels
         return found
 
     def accepted(self, now: EffectSet, new: EffectSet) -> EffectSet | None:
         """The set without what it made superfluous, if it is a new one and a better one."""
         if new.density <= now.density:
             return None
-        new = self.lean(new.reweighted())
+        new = self.lean(self.restored(new.reweighted()))
         if new.labels in self.visited:
             return None
         self.visited.add(new.labels)
@@ -245,7 +246,7 @@ class Search:
     def lean(self, now: EffectSet) -> EffectSet:
         """The set without what brings no more than chance does, the least first."""
         while True:
-            doubtful = [e for e in now.members if now.shares[e.label] < 2 * self.limit]
+            doubtful = [e for e in now.members if now.shares[e.label] < 2 * self.limit(now, e)]
             for each in sorted(doubtful, key=lambda e: now.shares[e.label]):
                 bare = now.minus(each)
                 if now.shares[each.label] < 0 or self.superfluous(now, bare, each):
@@ -253,6 +254,10 @@ class Search:
                     break
             else:
                 return now
+
+    def limit(self, now: EffectSet, member: Member) -> float:
+        """What chance does where a member acts."""
+        return self.chance.limit(now.regression.place(member.columns))
 
     def superfluous(self, now: EffectSet, bare: EffectSet, member: Member) -> bool:
         """Return whether a set is no worse without a member than chance makes it.
@@ -262,7 +267,7 @@ class Search:
         if member.effect.common:
             D = (bare.regression.losses - now.regression.losses).sum(axis=1)
             return zscore(D) < self.decision.rival_se
-        return bare.loss / now.loss - 1 < self.limit
+        return bare.loss / now.loss - 1 < self.limit(now, member)
 
     def joined(self, now: EffectSet, ranking: Ranking) -> EffectSet:
         """The set with what all drives have in common, before what else single joints may have."""
@@ -274,16 +279,34 @@ class Search:
 
     def together(self, now: EffectSet) -> EffectSet | None:
         """The set with all effects that every machine has, where they explain more together."""
-        common = [each for each in self.contest.candidates if each.effect.common]
-        seen = now.regression.gains([each.groups[0] for each in common]).visible > HIDDEN
-        common = [each for each, visible in zip(common, seen, strict=True) if visible]
+        common = self.common(now, -np.inf)
         if len(common) < 2:
             return None
         columns = np.concatenate([each.groups[0] for each in common])
         G = now.regression.gains([columns, *(each.groups[0] for each in common)]).G
-        if G[0] < self.limit * now.loss or G[0] < TOGETHER * G[1:].max():
+        limit = self.chance.limit(now.regression.place(columns))
+        if G[0] < limit * now.loss or G[0] < TOGETHER * G[1:].max():
             return None
         return self.with_columns(now, common, columns)
+
+    def common(self, now: EffectSet, least: float) -> list[CandidateColumns]:
+        """What every machine has and a set has not, with gains of so many standard errors."""
+        some = [e for e in self.contest.candidates
+                if e.effect.common and e.effect.label not in now.labels]  # fmt: skip
+        found = now.regression.gains([each.groups[0] for each in some])
+        return [
+            each
+            for each, D, visible in zip(some, found.D, found.visible, strict=True)
+            if visible > HIDDEN and zscore(D) > least
+        ]
+
+    def restored(self, now: EffectSet) -> EffectSet:
+        """The set with what every machine has, where another effect has made it visible."""
+        some = self.common(now, self.decision.rival_se) if self.all_common else []
+        if not some:
+            return now
+        new = self.with_columns(now, some, np.concatenate([each.groups[0] for each in some]))
+        return new if new.density > now.density else now
 
     def grouped(self, now: EffectSet) -> EffectSet:
         """The set with what every machine has, without what of it is superfluous."""
@@ -291,13 +314,15 @@ class Search:
         if together is None:
             return now
         self.ranked(together, fresh=True)
-        return self.accepted(now, together) or now
+        found = self.accepted(now, together)
+        self.all_common = found is not None
+        return found or now
 
     def led(self, first: Ranking) -> str:
         """Label of the effect that is named first, as far as the first steps show without a null
         distribution; "" if no effect is credible.
         """
-        self.limit = first.limit
+        self.chance = first.chance
         now = self.joined(self.start, first)
         together = self.together(now)
         if together is not None and together.density > now.density:
@@ -309,7 +334,7 @@ class Search:
         louder = {e.effect.label for e in first.credible if e.gain > alone} - now.labels
         if louder:  # and not explained by what every machine has
             beside = rank(now.contest, now.regression, None, self.decision, self.seed,
-                          curved=False, limit=self.limit, only=louder)  # fmt: skip
+                          curved=False, chance=self.chance, only=louder)  # fmt: skip
             sure = tuple(each for each in beside.evidence if each.z > CERTAIN)
             if (best := simplest(replace(beside, evidence=sure), self.decision)) is not None:
                 now = now.plus(best)
@@ -330,7 +355,7 @@ class Search:
             None,
             self.decision,
             self.seed,
-            limit=-np.inf,
+            chance=Chance({}, {}, self.decision.alpha, -np.inf),
             curved=False,
             only={each.effect.label for each in several},
         )
@@ -340,8 +365,8 @@ class Search:
 
     def forward(self, now: EffectSet, ranking: Ranking) -> EffectSet | None:
         """The set with the simplest of the best effects."""
-        largest = ranking.evidence[0].gain if ranking.evidence else 0.0
-        if largest < CLEAR * self.limit and self.null_of != now.labels:
+        clear = any(each.gain > CLEAR * each.limit for each in ranking.evidence[:1])
+        if not clear and self.null_of != now.labels:
             ranking = self.ranked(now, fresh=True)
         best = simplest(ranking, self.decision)
         rest = [each for each in ranking.credible if each is not best]
@@ -365,7 +390,7 @@ class Search:
                 self.seed,
                 bare.labels,
                 curved=False,
-                limit=self.limit,
+                chance=self.chance,
                 least=NEAR,
                 joints=each.effect.joints,
             )
@@ -376,7 +401,7 @@ class Search:
                 if (
                     own
                     and other.numbers > own.numbers
-                    and by_chance(own, other, bare.regression.rows, self.limit)
+                    and by_chance(own, other, bare.regression.rows, other.limit)
                 ):
                     continue  # more numbers must bring more than chance does
                 new = bare.plus(other, rivals(other, ranking, self.decision))
@@ -496,4 +521,4 @@ def _remains(curve: Effect, last: Ranking, least: float) -> bool:
     richer = last.regression.extended(best.groups[start])
     own = next(each for each in last.contest.candidates if each.effect == curve)
     more = float(richer.gains(own.groups).G.max()) / max(float(richer.loss.sum()), 1e-300)
-    return more > max(last.limit, least)
+    return more > max(last.chance.limit(last.regression.place(own.groups[0])), least)

@@ -27,7 +27,7 @@ from ident.diagnosis.null import SURROGATES, NoiseDraws, judging
 from ident.diagnosis.refine import refined
 from ident.effects import Effect
 from ident.errors import FitError
-from ident.information.chance import exceeding, paired, quantile, zscore
+from ident.information.chance import Chance, paired, zscore
 from ident.information.hypotheses import Array, Index, PartialRegression, Refit
 
 PARSIMONY = 0.10  # share of the best gain within which fewer numbers are preferred
@@ -147,29 +147,35 @@ class Ranking:
         evidence: of those that are credible or come closest.
         gains: by label, share of the left-out squared error, visible share, and which start has
             that gain, of all.
-        limit: the quantile for laws, as a share; total: the left-out squared error.
-        curves: credible curves, best first; limit_with_curves: the quantile for them.
+        chance: the largest gains of all laws where nothing is missing; with_curves: of the curves
+            as well. total: the left-out squared error.
+        curves: credible curves, best first.
         hints: by joint its best curve, where the gain exceeds the quantile of the largest gain of
             this joint's curves; with both.
-        chance: (draws,) largest gain of all laws in each draw of the null distribution.
     """
 
     contest: Contest
     regression: PartialRegression
     evidence: tuple[Evidence, ...]
     gains: Mapping[str, tuple[float, float, int]]
-    limit: float
+    chance: Chance
+    with_curves: Chance
     total: float
     curves: tuple[tuple[Effect, float], ...]
-    limit_with_curves: float
-    chance: Array
     hints: tuple[tuple[Effect, float, float], ...]
 
     def limit_of(self, candidate: CandidateColumns) -> float:
         """What the gain of a candidate is held against, as a share."""
+        place = self.regression.place(candidate.groups[0])
         if candidate.curve:
-            return self.limit_with_curves
-        return self.limit * times(self.contest, candidate.effect)
+            return self.with_curves.limit(place)
+        return self.chance.limit(place) * times(self.contest, candidate.effect)
+
+    def limit_at(self, joint: str) -> float:
+        """What the gain of a curve or law of a joint is held against, as a share."""
+        mine = (e.groups[0] for e in self.contest.candidates if e.effect.joints == (joint,))
+        place = min(map(self.regression.place, mine), default=self.regression.d)
+        return max(self.chance.limit(place), self.with_curves.limit(place))
 
     def place(self, label: str) -> tuple[bool, float]:
         """Sort key of an effect: first what is credible alone, by what it explains alone."""
@@ -185,7 +191,7 @@ class Ranking:
         refits = self.regression.refits([each.groups[start] for each, *_, start in rest])
         found = list(self.evidence)
         for (each, gain, _, start), refit in zip(rest, refits, strict=True):
-            p = chance_of(gain, self.chance)
+            p = self.chance.p(gain, self.regression.place(each.groups[0]))
             found.append(weigh(each, start, gain, self.limit_of(each), p, refit))
         return found
 
@@ -211,15 +217,16 @@ def rank(
     seed: int,
     without: Collection[str] = (),
     curved: bool = True,
-    limit: float | None = None,
+    chance: Chance | None = None,
     least: float = 0.0,
     joints: Collection[str] = (),
     only: Collection[str] = (),
 ) -> Ranking:
     """Weighs all candidates beside a model, `curved`: the curves as well as the laws.
 
-    With a `limit` no null distribution is made. Candidates below the share `least` of the largest
-    gain are not looked at in detail; `joints`: only candidates of one of these; `only`: these.
+    With the limits of a `chance` no null distribution is made. Candidates below the share `least`
+    of the largest gain are not looked at in detail; `joints`: only candidates of one of these;
+    `only`: these.
     """
     mine = [
         each
@@ -230,7 +237,8 @@ def rank(
         and (not joints or set(joints) & set(each.effect.joints) or not each.effect.joints)
     ]
     groups = [group for each in mine for group in each.groups]
-    if limit is None and groups:
+    fresh = chance is None
+    if fresh and groups:
         regression = judging(contest, regression, noise, seed, groups)
     found = regression.gains(groups)
     ends = np.cumsum([0, *(len(each.groups) for each in mine)])
@@ -239,36 +247,45 @@ def rank(
     G = found.G[at]
     visible = np.array([found.visible[a:b].max() for a, b in pairwise(ends)])
     total = max(float(regression.loss.sum()), 1e-300)
-    null = found.null / np.maximum(regression.null_loss, 1e-300)
-    null[:, SURROGATES:] *= np.minimum(regression.null_loss / total, 1.0)[SURROGATES:]
     law = np.repeat([not each.curve for each in mine], np.diff(ends))
     hints = []
-    if limit is None:
-        limit, of_curves = (_quantile(x, decision.alpha) for x in (null[law], null))
+    place = np.array([regression.place(each.groups[0]) for each in mine], dtype=int)
+    with_curves = chance
+    if chance is None:
+        of = np.repeat(place, np.diff(ends))
+        chance, with_curves = (
+            _chance(regression, found.null[some], of[some], decision.alpha)
+            for some in (law, np.full(len(law), True))
+        )
         places = [each.effect.joints[0] if each.curve else "" for each in mine]
         for joint in dict.fromkeys(filter(None, places)):
-            own = [i for i, place in enumerate(places) if place == joint]
+            own = [i for i, name in enumerate(places) if name == joint]
             most = max(own, key=lambda i: float(G[i]))
-            by_luck = max(_quantile(null[at[own]], decision.alpha), 0.0)
-            if G[most] / total > by_luck:
-                hints.append((mine[most].effect, float(G[most]) / total, by_luck))
-    else:
-        of_curves = limit
-    chance = null[law].max(axis=0, initial=-np.inf)
+            by_luck = _chance(regression, found.null[at[own]], place[own], decision.alpha)
+            limit = max(by_luck.limit(int(place[most])), 0.0)
+            if G[most] / total > limit:
+                hints.append((mine[most].effect, float(G[most]) / total, limit))
+    assert with_curves is not None
+    limits = [
+        with_curves.limit(u) if e.curve else chance.limit(u) * times(contest, e.effect)
+        for e, u in zip(mine, place.tolist(), strict=True)
+    ]
     weigh, shares = Weigh(contest, regression, decision, total), (G / total).tolist()
     curves: list[tuple[Effect, float]] = []
     wanted: list[int] = []
     for i in np.argsort(-G).tolist():
         if mine[i].curve:
-            curves += [(mine[i].effect, shares[i])] if shares[i] > of_curves else []
-        elif shares[i] > limit * times(contest, mine[i].effect) or len(wanted) < CLOSEST:
+            curves += [(mine[i].effect, shares[i])] if shares[i] > limits[i] else []
+        elif shares[i] > limits[i] or len(wanted) < CLOSEST:
             wanted.append(i)
 
     def weighed(some: list[int]) -> list[Evidence]:
         refits = regression.refits([mine[i].groups[starts[i]] for i in some])
         return [
-            weigh(mine[i], int(starts[i]), shares[i], limit * times(contest, mine[i].effect),
-                  chance_of(shares[i], chance), refit)
+            weigh(
+                mine[i], int(starts[i]), shares[i], limits[i], chance.p(shares[i], int(place[i])),
+                refit,
+            )
             for i, refit in zip(some, refits, strict=True)
         ]  # fmt: skip
 
@@ -281,21 +298,24 @@ def rank(
     }
     evidence.sort(key=lambda each: -each.gain)
     return Ranking(
-        contest, regression, tuple(evidence), gains, limit, total, tuple(curves), of_curves, chance,
+        contest, regression, tuple(evidence), gains, chance, with_curves, total, tuple(curves),
         tuple(hints),
     )  # fmt: skip
 
 
-def _quantile(null: Array, alpha: float) -> float:
-    """Return the larger of the quantiles over surrogates and over draws of the sensors' noise."""
-    largest = null.max(axis=0, initial=-np.inf)
-    return max(quantile(x, alpha) for x in (largest[:SURROGATES], largest[SURROGATES:]))
-
-
-def chance_of(gain: float, chance: Array) -> float:
-    """Chance of a gain where the draws (n,) are those of nothing missing; NaN without any."""
-    parts = chance[:SURROGATES], chance[SURROGATES:]
-    return max((exceeding(gain, x) for x in parts if len(x)), default=np.nan)
+def _chance(regression: PartialRegression, null: Array, place: Index, alpha: float) -> Chance:
+    """The largest gains (groups, draws) of candidates at their places (groups,): of surrogates, and
+    of draws of the sensors' noise, where this is smaller than the residual as shares of that.
+    """
+    drawn, losses = regression.null_losses, regression.losses.sum(axis=0)
+    own = np.maximum(np.append(losses, losses.sum()), 1e-300)
+    largest, size = {}, {}
+    for u in np.unique(place).tolist():
+        whole = np.maximum(drawn[u], 1e-300)
+        whole[SURROGATES:] = np.maximum(whole[SURROGATES:], own[u])
+        share = null[place == u].max(axis=0) / whole
+        largest[u], size[u] = (share[:SURROGATES], share[SURROGATES:]), float(own[u] / own[-1])
+    return Chance(largest, size, alpha)
 
 
 @dataclass(frozen=True, eq=False)
@@ -420,7 +440,7 @@ def simplest(ranking: Ranking, decision: Decision) -> Evidence | None:
             and each.gain >= (1 - PARSIMONY) * first.gain
             and (
                 behind(each, first) < decision.rival_se
-                or by_chance(each, first, ranking.regression.rows, ranking.limit)
+                or by_chance(each, first, ranking.regression.rows, first.limit)
             )
         )
     ]

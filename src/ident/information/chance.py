@@ -5,7 +5,9 @@ Source of the series: Theiler et al., Testing for nonlinearity in time series, P
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from math import exp
 from statistics import NormalDist
 
@@ -13,7 +15,7 @@ import numpy as np
 
 from ident.information.triangle import Array
 
-SMOOTH = 5  # frequencies over which a share of power is averaged
+SMOOTH = 9  # frequencies over which power is averaged: noise has no lines
 KEPT = 0.05  # the least share: where nearly all is lost, nothing is known of the noise
 
 
@@ -21,10 +23,12 @@ def surrogates(
     r: Array, runs: Sequence[slice], count: int, random: np.random.Generator,
     kept: Sequence[Array] = (),
 ) -> Array:  # fmt: skip
-    """Series (N, d, count) that have the spectra of r (N, d) and nothing else, in single precision.
+    """Series (N, d, count) that have the smooth spectra of r (N, d) and nothing else, in single
+    precision.
 
     Each run of equal steps is mirrored at its end, so that its two ends meet, and its phases are
-    turned at random, in all coordinates alike: correlations between them stay.
+    turned at random, in all coordinates alike: correlations between them stay. The power is the
+    mean of neighbouring frequencies: lines are of the motion, not of the noise.
 
     Args:
         runs: rows without a gap.
@@ -37,8 +41,9 @@ def surrogates(
         if n < 2:
             continue
         F = _transformed(r[run])
-        if kept:
-            F = F / np.sqrt(kept[i])
+        share = _smooth(kept[i]) if kept else 1.0
+        size = np.abs(F)
+        F *= np.sqrt(_smooth(size**2) / share) / np.maximum(size, np.finfo(np.float32).tiny)
         turn = np.exp(2j * np.pi * random.random((len(F), 1, count))).astype(np.complex64)
         turn[0] = np.sign(random.standard_normal((1, count)))
         found[run] = np.fft.irfft(F.astype(np.complex64)[:, :, None] * turn, 2 * n, axis=0)[:n]
@@ -47,15 +52,18 @@ def surrogates(
 
 def kept_power(left: Array, whole: Array) -> Array:
     """Return the share (frequencies, d) of the power of series (n, d, count) that is left of them,
-    averaged over the series and over SMOOTH frequencies.
+    averaged over the series.
     """
-    from scipy.ndimage import uniform_filter1d  # takes 0.1 s to import
-
     if len(left) < 2:
         return np.ones((1, left.shape[1]))
-    power = [(np.abs(_transformed(x)) ** 2).sum(axis=2) for x in (left, whole)]
-    one, other = (uniform_filter1d(x, SMOOTH, axis=0) for x in power)
+    one, other = ((np.abs(_transformed(x)) ** 2).sum(axis=2) for x in (left, whole))
     return np.asarray(np.clip(one / np.maximum(other, np.finfo(np.float32).tiny), KEPT, 1.0))
+
+
+def _smooth(x: Array) -> Array:
+    from scipy.ndimage import uniform_filter1d  # takes 0.1 s to import
+
+    return np.asarray(uniform_filter1d(x, SMOOTH, axis=0))
 
 
 def _transformed(x: Array) -> np.ndarray:
@@ -83,6 +91,44 @@ def exceeding(gain: float, chance: Array) -> float:
     if not (np.isfinite(m) and s > 0 and gain > np.median(chance)):
         return float((1 + (chance >= gain).sum()) / (1 + len(chance))) if len(chance) else np.nan
     return 1 - NormalDist(m, s).cdf(float(_logit(np.array(gain))))
+
+
+@dataclass(frozen=True, eq=False)
+class Chance:
+    """The largest gains where nothing is missing, by the place where candidates act: one
+    coordinate, or several. A noisy joint then has no say in what a quiet one shows.
+
+    Attributes:
+        largest: by place the largest gain of each draw, by kind of draw, as a share of the squared
+            error there; size: that one as a share of the whole, which the limits are of.
+        alpha: chance that any gain of any place exceeds its limit.
+        elsewhere: the limit of all places, where nothing was drawn.
+    """
+
+    largest: Mapping[int, Sequence[Array]]
+    size: Mapping[int, float]
+    alpha: float
+    elsewhere: float = 0.0
+
+    @cached_property
+    def limits(self) -> dict[int, float]:
+        """The quantile of 1 − α/places at each place, the larger one over the kinds of draws."""
+        alpha = self.alpha / max(len(self.largest), 1)
+        return {
+            u: self.size[u] * max(quantile(x, alpha) for x in kinds)
+            for u, kinds in self.largest.items()
+        }
+
+    def limit(self, place: int) -> float:
+        """What a gain at a place must exceed; of a place without candidates the largest limit."""
+        return self.limits.get(place, max(self.limits.values(), default=self.elsewhere))
+
+    def p(self, gain: float, place: int) -> float:
+        """Chance that such a gain is exceeded at any place; NaN without draws."""
+        found = [
+            exceeding(gain / self.size[place], x) for x in self.largest.get(place, ()) if len(x)
+        ]
+        return min(1.0, len(self.largest) * max(found, default=np.nan))
 
 
 def _tail(chance: Array) -> tuple[float, float]:

@@ -130,6 +130,12 @@ class PartialRegression:
         """Coordinates."""
         return len(self.weight)
 
+    def place(self, columns: Index) -> int:
+        """The coordinate in which some columns are; d if they are in several."""
+        squares = self.squares[columns].sum(axis=0) * self.weight**2
+        mine = np.flatnonzero(squares > VISIBLE * squares.sum())
+        return int(mine[0]) if len(mine) == 1 else self.d
+
     @property
     def blocks(self) -> int:
         """Blocks of time."""
@@ -215,15 +221,19 @@ class PartialRegression:
         """(blocks,) left-out squares of b with the model as it is."""
         return self._block[3][:, 0]
 
-    @property
-    def null_loss(self) -> Array:
-        """(B,) left-out squares of r_1 … r_B, all blocks together."""
-        return np.asarray(self._block[3][:, 1:].sum(axis=0))
-
     @cached_property
     def left_out(self) -> Array:
         """L b̃ (rows,), part after part: the errors of blocks that were left out."""
         return np.concatenate(self._left_out([y[:, :1] for y in self.residual]))[:, 0]
+
+    @cached_property
+    def null_losses(self) -> Array:
+        """(d + 1, B) left-out squares of r_1 … r_B by coordinate, and of all together."""
+        found = np.zeros((self.d + 1, self.residual[0].shape[1] - 1))
+        for part, x in zip(self.parts, self._left_out(self.residual), strict=True):
+            found[part.coordinate] += np.einsum("ij,ij->j", x[:, 1:], x[:, 1:])
+        found[-1] = found[:-1].sum(axis=0)
+        return found
 
     def _left_out(self, X: Sequence[Array]) -> list[Array]:
         """L x̃ of projected columns."""

@@ -367,12 +367,13 @@ def _rest(d: Diagnosis) -> list[str]:
 
 
 def _nothing(d: Diagnosis) -> list[str]:
+    most = max(d.selection.first.chance.limits.values(), default=0.0)
     return [
         "Nothing is missing that this data could show: what is left is the sensors' noise, or too "
         f"small to matter. The residual's rms beside that of noise alone: {_beside(d)}.",
         "How small an effect could still hide: nothing is reported below "
         f"{100 * d.decision.material:g} % of a joint's torque, nor what explains, as chance does, "
-        f"less than {100 * d.selection.first.limit:.2g} % of the held-out squared errors. "
+        f"less than {100 * most:.2g} % of the held-out squared errors. "
         f"{_tried(d)} effects were tried at their places.",
     ]
 
@@ -430,7 +431,7 @@ def _nearest(d: Diagnosis) -> list[str]:
     first = d.selection.first
     gains = {e.effect.label: e.gain / max(e.limit, 1e-12) for e in first.evidence if e.sensible}
     for curve, gain in (first.curves or d.selection.last.curves)[:1]:
-        gains[f"a {curve_name(curve)}"] = gain / max(first.limit_with_curves, 1e-12)
+        gains[f"a {curve_name(curve)}"] = gain / max(first.limit_at(curve.joints[0]), 1e-12)
     best = sorted(gains.items(), key=lambda pair: -pair[1])[:MOST]
     if not best:
         return []

@@ -268,7 +268,7 @@ def diagnosis_json(d: Diagnosis) -> dict[str, Any]:
     limits = {each.effect.label: first.limit_of(each) for each in first.contest.candidates}
     decision = {
         **asdict(d.decision),
-        "quantile": first.limit,
+        "quantile": max(first.chance.limits.values(), default=0.0),
         "candidates": [
             {"effect": label, "gain": gain, "quantile": limits[label], "visible": visible}
             for label, (gain, visible, _) in gains
@@ -278,7 +278,7 @@ def diagnosis_json(d: Diagnosis) -> dict[str, Any]:
         {
             **name_of(m.effect),
             "gain": m.gain,
-            "quantile": last.limit,
+            "quantile": last.chance.limit(last.regression.place(m.columns)),
             "curve": m.curve.label if m.curve else None,
             "impossible": m.impossible.label if m.impossible else None,
             "law": m.law.label if m.law else None,

@@ -21,7 +21,7 @@ from ident.diagnosis.unobservable import invisible, unsupported
 from ident.effects import Effect
 from ident.fit import Fit
 from ident.information.blocks import Error
-from ident.information.chance import zscore
+from ident.information.chance import Chance, zscore
 from ident.progress import Progress
 
 SOME = 2.0  # standard errors from which a gain is one
@@ -127,7 +127,15 @@ def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:
     w, regression = _weight(contest), contest.regression
     now = regression.losses @ w
     decision = Decision()
-    first = rank(contest, regression, None, decision, 0, curved=False, limit=LEAST)
+    first = rank(
+        contest,
+        regression,
+        None,
+        decision,
+        0,
+        curved=False,
+        chance=Chance({}, {}, decision.alpha, LEAST),
+    )
     hidden = {each.effect.label: each.why for each in invisible(first)}
     found = [each for each in first.every(decision) if each.effect.label not in hidden]
     after = [each.refit.loss @ w for each in found]

@@ -1,0 +1,203 @@
+"""Which constants of the diagnosis pay: each halved and doubled, on cases and machines.
+
+    python benchmarks/ablation.py [--every 8] [--data DIR] [--only NAME …] [--results FILE]
+
+Every case is fitted once, and the set of effects is searched again with one constant changed at a
+time. Right is: a hidden effect is named first (in a loop: named or a rival); both of two are in the
+set; no name where nothing, or nothing of the library, is missing. A real machine has no such truth:
+there the members of the set that come and go are counted, and the change of the left-out error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # before numpy
+    os.environ.setdefault(name, "1")
+
+import numpy as np  # noqa: E402
+from machines import located  # noqa: E402
+
+import ident  # noqa: E402
+from ident.diagnosis.candidates import Contest, candidates_of  # noqa: E402
+from ident.diagnosis.null import noise  # noqa: E402
+from ident.diagnosis.search import Selection, select  # noqa: E402
+from ident.diagnosis.selection import Decision  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.append(str(ROOT / "tests" / "battery"))
+
+from cases import Case, cases  # noqa: E402
+from generate import make  # noqa: E402
+from judge import label, read  # noqa: E402
+
+CATEGORIES = ("visible", "loop", "quarter", "clean", "outside", "two")
+COLOURED = ("visible", "clean")  # categories that are judged with coloured noise as well
+MACHINES = ("tx40", "panda", "lwr4")
+CONSTANTS = {  # module: constants of the search, then those of the rows, which are made anew
+    "search": ("CLEAR", "TOGETHER", "NEAR", "CERTAIN", "TRIED"),
+    "selection": (
+        "PARSIMONY", "ALIKE", "NEGATIVE", "ONE_BLOCK", "PASSED", "RARE", "HIDDEN", "CLOSEST",
+        "MINE", "SEEN",
+    ),
+    "null": ("TRIALS",),
+    "candidates": ("SLOW", "GUARD", "ENOUGH", "CALM"),
+}  # fmt: skip
+OF_ROWS = "candidates"
+SHARES = {"ALIKE", "ONE_BLOCK", "PASSED", "NEAR", "ENOUGH"}  # doubled: half way to one
+Variant = tuple[str, str, float]  # module, constant, factor
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--every", type=int, default=8, help="one case of each category in so many")
+    parser.add_argument("--data", action="append", type=Path, default=[], metavar="DIR")
+    parser.add_argument("--only", nargs="*", default=[], metavar="NAME", help="these constants")
+    parser.add_argument("--results", type=Path, help="JSON lines, one a case")
+    options = parser.parse_args()
+    variants = [
+        (module, name, factor)
+        for module, names in CONSTANTS.items()
+        for name in names
+        if not options.only or name in options.only
+        for factor in (0.5, 2.0)
+    ]
+    places = [*options.data, Path(os.environ.get("IDENT_DATA", ROOT.parent / "shared" / "data"))]
+    found = []
+    for result in results(variants, options.every, places):
+        found.append(result)
+        print(f"{len(found)} {result['name']}: {result['sets']['as it is']}", file=sys.stderr)
+        if options.results:
+            with options.results.open("a") as file:
+                print(json.dumps(result), file=file)
+    print(table(variants, found))
+
+
+def results(
+    variants: Sequence[Variant], every: int, places: Sequence[Path]
+) -> Iterator[dict[str, Any]]:
+    """One result a case: by variant whether it is right, or what the set is."""
+    for category in CATEGORIES:
+        for coloured in (False, True)[: 1 + (category in COLOURED)]:
+            mine = [each for each in cases("tuning", 1e-3 if coloured else None)
+                    if each.category == category][coloured::every]  # fmt: skip
+            for case in mine:
+                yield result_of(case, coloured, variants)
+    for name in MACHINES:
+        module = importlib.import_module(f"machines.{name}")
+        source = located(module.SOURCE, places)
+        if source is not None:
+            with tempfile.TemporaryDirectory() as folder:
+                machine = module.convert(source, Path(folder))
+                bare = ident.load(machine.mechanism)
+                for effect in (*machine.effects, "viscous", "coulomb"):
+                    bare = bare.with_effect(effect)
+                fit = ident.identify(bare, ident.complete(bare, list(machine.train)))
+                yield {"name": name, "category": "real", **searched(fit, None, variants)}
+
+
+def result_of(case: Case, coloured: bool, variants: Sequence[Variant]) -> dict[str, Any]:
+    from dataclasses import replace
+
+    made = make(replace(case, noise=0.03, coloured=True) if coloured else case)
+    with tempfile.TemporaryDirectory() as folder:
+        mechanism = ident.load(made.folder(Path(folder)))
+        fit = ident.identify(mechanism, ident.complete(mechanism, read(made.logs)))
+        category = case.category + (" coloured" if coloured else "")
+        return {"name": case.name, "category": category, **searched(fit, case, variants)}
+
+
+def searched(fit: Any, case: Case | None, variants: Sequence[Variant]) -> dict[str, Any]:
+    """By variant what is named, and whether that is right."""
+
+    def found(contest: Contest) -> tuple[list[str], bool, float]:
+        selection = select(contest, draws, Decision(), 0, lambda what, share: None)
+        loss = selection.last.regression.losses.sum(axis=0) / selection.last.regression.weight**2
+        density = float(np.log(np.maximum(loss, 1e-300)).mean()) / 2
+        names = [m.label for m in selection.named] if case else [
+            m.label for m in selection.members]  # fmt: skip
+        return names, right(case, selection), density
+
+    contest = Contest.of(fit, candidates_of(fit), lambda what, share: None)
+    draws = noise(contest, 0)
+    result = {"as it is": found(contest)}
+    for variant in variants:
+        with changed(variant):
+            other = contest
+            if variant[0] == OF_ROWS:
+                other = Contest.of(fit, candidates_of(fit), lambda what, share: None)
+            result[text(variant)] = found(other)
+    return {"sets": result}
+
+
+def right(case: Case | None, selection: Selection) -> bool:
+    named = selection.named
+    if case is None or case.category in ("clean", "outside"):
+        return not named
+    hidden = {label(each) for each in case.hidden}
+    if case.category == "two":
+        return hidden <= {m.label for m in selection.members}
+    rivals = {e.effect.label for e in named[0].rivals} if named else set()
+    first = {named[0].label} if named else set()
+    return bool(hidden & (first | rivals if case.category == "loop" else first))
+
+
+@contextmanager
+def changed(variant: Variant) -> Iterator[None]:
+    """One constant of the diagnosis with another value, wherever it is imported."""
+    module, constant, factor = variant
+    value = getattr(importlib.import_module(f"ident.diagnosis.{module}"), constant)
+    new = factor * value if factor < 1 or constant not in SHARES else 0.5 * (1 + value)
+    places = [
+        m for n, m in sys.modules.items()
+        if n.startswith("ident.diagnosis.") and getattr(m, constant, None) == value
+    ]  # fmt: skip
+    for place in places:
+        setattr(place, constant, type(value)(new) if new >= 1 else new)
+    try:
+        yield
+    finally:
+        for place in places:
+            setattr(place, constant, value)
+
+
+def text(variant: Variant) -> str:
+    module, constant, factor = variant
+    return f"{module}.{constant} × {factor:g}"
+
+
+def table(variants: Sequence[Variant], found: Sequence[dict[str, Any]]) -> str:
+    """Markdown: how many cases of each category are right; of real machines what changes."""
+    judged = list(dict.fromkeys(r["category"] for r in found if r["category"] != "real"))
+    real = [r for r in found if r["category"] == "real"]
+    head = ["constant", *judged, *(r["name"] for r in real)]
+    lines = [" | ".join(["", *head, ""]).strip(), "|" + "---|" * len(head)]
+    for variant in ["as it is", *map(text, variants)]:
+        cells = [variant]
+        for category in judged:
+            mine = [r["sets"][variant][1] for r in found if r["category"] == category]
+            cells.append(f"{sum(mine)}/{len(mine)}")
+        for r in real:
+            (before, _, old), (after, _, new) = r["sets"]["as it is"], r["sets"][variant]
+            come, go = len(set(after) - set(before)), len(set(before) - set(after))
+            cells.append(
+                f"{len(before)} effects" if variant == "as it is"
+                else f"+{come} −{go}, {100 * np.expm1(new - old):+.1f} %" if come or go else "–"
+            )  # fmt: skip
+        lines.append(" | ".join(["", *cells, ""]).strip())
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    main()
