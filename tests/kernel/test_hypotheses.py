@@ -200,7 +200,7 @@ def credible(seed: int, size: float) -> tuple[bool, int]:
     left = asked(r).residual[0]
     null = surrogates(left, [slice(0, n)], 100, random)[:, 0]
     found = asked(np.column_stack([r, null])).gains([np.array([i]) for i in range(1, 31)])
-    shares = (found.null / asked(np.column_stack([r, null])).null_losses[-1]).max(axis=0)
+    shares = (found.null / asked(np.column_stack([r, null])).null_loss).max(axis=0)
     share = found.G.max() / asked(r).loss.sum()
     return share > quantile(shares, 0.01), int(found.G.argmax())
 

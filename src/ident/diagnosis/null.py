@@ -22,7 +22,7 @@ from ident.diagnosis.candidates import Contest
 from ident.equations.motion_noise import gain
 from ident.fit.table import Table
 from ident.information.chance import kept_power, surrogates
-from ident.information.hypotheses import Array, Index, PartialRegression
+from ident.information.hypotheses import Array, PartialRegression
 from ident.information.parts import Part
 from ident.motion import State
 from ident.motion.spline import WIDTH, Spline, evaluated
@@ -124,17 +124,13 @@ def runs(table: Table) -> list[slice]:
 
 
 def judging(
-    contest: Contest, regression: PartialRegression, noise: NoiseDraws | None, seed: int,
-    groups: Sequence[Index],
-) -> PartialRegression:  # fmt: skip
-    """The regression with surrogates of its noise, and draws of the sensors' noise, as right-hand
-    sides.
+    contest: Contest, regression: PartialRegression, noise: NoiseDraws | None, seed: int
+) -> PartialRegression:
+    """The regression with surrogates of its residual, and draws of the sensors' noise, as
+    right-hand sides.
 
-    The noise is what the model and the best candidate leave; what these two take of any noise is
-    given back, frequency by frequency, as random series show it that lose the same way.
-
-    Args:
-        groups: of columns, one a candidate and start.
+    What the model takes of any noise is given back, frequency by frequency, as random series show
+    it that lose the same way.
     """
     random, steps = np.random.default_rng(seed), runs(contest.table)
     r = _series(contest, regression, [y[:, :1] for y in regression.residual], weighted=True)
@@ -142,9 +138,9 @@ def judging(
     tries *= contest.use[:, :, None]
     parts = regression.parts
     Y = [np.column_stack([p.Y[:, :1], _rows(contest, p, tries)]) for p in parts]
-    left = _series(contest, regression, regression.judging(Y).left_by_best(groups))
-    kept = [kept_power(left[run, :, 1:], tries[run]) for run in steps]
-    made = surrogates(left[:, :, 0], steps, SURROGATES, random, kept)
+    left = _series(contest, regression, [y[:, 1:] for y in regression.judging(Y).residual], True)
+    kept = [kept_power(left[run], tries[run]) for run in steps]
+    made = surrogates(r[:, :, 0], steps, SURROGATES, random, kept)
     Y = []
     for part in parts:
         more = [part.Y[:, :1], _rows(contest, part, made)]

@@ -355,7 +355,7 @@ class Search:
             None,
             self.decision,
             self.seed,
-            chance=Chance({}, {}, self.decision.alpha, -np.inf),
+            chance=Chance({}, self.decision.alpha, -np.inf),
             curved=False,
             only={each.effect.label for each in several},
         )

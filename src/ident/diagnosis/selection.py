@@ -239,7 +239,7 @@ def rank(
     groups = [group for each in mine for group in each.groups]
     fresh = chance is None
     if fresh and groups:
-        regression = judging(contest, regression, noise, seed, groups)
+        regression = judging(contest, regression, noise, seed)
     found = regression.gains(groups)
     ends = np.cumsum([0, *(len(each.groups) for each in mine)])
     starts = np.array([found.G[a:b].argmax() for a, b in pairwise(ends)], dtype=np.intp)
@@ -247,6 +247,8 @@ def rank(
     G = found.G[at]
     visible = np.array([found.visible[a:b].max() for a, b in pairwise(ends)])
     total = max(float(regression.loss.sum()), 1e-300)
+    null = found.null / np.maximum(regression.null_loss, 1e-300)
+    null[:, SURROGATES:] *= np.minimum(regression.null_loss / total, 1.0)[SURROGATES:]
     law = np.repeat([not each.curve for each in mine], np.diff(ends))
     hints = []
     place = np.array([regression.place(each.groups[0]) for each in mine], dtype=int)
@@ -254,14 +256,13 @@ def rank(
     if chance is None:
         of = np.repeat(place, np.diff(ends))
         chance, with_curves = (
-            _chance(regression, found.null[some], of[some], decision.alpha)
-            for some in (law, np.full(len(law), True))
+            _chance(null[some], of[some], decision.alpha) for some in (law, np.full(len(law), True))
         )
         places = [each.effect.joints[0] if each.curve else "" for each in mine]
         for joint in dict.fromkeys(filter(None, places)):
             own = [i for i, name in enumerate(places) if name == joint]
             most = max(own, key=lambda i: float(G[i]))
-            by_luck = _chance(regression, found.null[at[own]], place[own], decision.alpha)
+            by_luck = _chance(null[at[own]], place[own], decision.alpha)
             limit = max(by_luck.limit(int(place[most])), 0.0)
             if G[most] / total > limit:
                 hints.append((mine[most].effect, float(G[most]) / total, limit))
@@ -303,19 +304,12 @@ def rank(
     )  # fmt: skip
 
 
-def _chance(regression: PartialRegression, null: Array, place: Index, alpha: float) -> Chance:
-    """The largest gains (groups, draws) of candidates at their places (groups,): of surrogates, and
-    of draws of the sensors' noise, where this is smaller than the residual as shares of that.
+def _chance(null: Array, place: Index, alpha: float) -> Chance:
+    """The largest of the shares (groups, draws) of candidates at places (groups,): of surrogates,
+    and of draws of the sensors' noise.
     """
-    drawn, losses = regression.null_losses, regression.losses.sum(axis=0)
-    own = np.maximum(np.append(losses, losses.sum()), 1e-300)
-    largest, size = {}, {}
-    for u in np.unique(place).tolist():
-        whole = np.maximum(drawn[u], 1e-300)
-        whole[SURROGATES:] = np.maximum(whole[SURROGATES:], own[u])
-        share = null[place == u].max(axis=0) / whole
-        largest[u], size[u] = (share[:SURROGATES], share[SURROGATES:]), float(own[u] / own[-1])
-    return Chance(largest, size, alpha)
+    largest = {int(u): null[place == u].max(axis=0) for u in np.unique(place)}
+    return Chance({u: (x[:SURROGATES], x[SURROGATES:]) for u, x in largest.items()}, alpha)
 
 
 @dataclass(frozen=True, eq=False)

@@ -99,14 +99,12 @@ class Chance:
     coordinate, or several. A noisy joint then has no say in what a quiet one shows.
 
     Attributes:
-        largest: by place the largest gain of each draw, by kind of draw, as a share of the squared
-            error there; size: that one as a share of the whole, which the limits are of.
+        largest: by place the largest gain of each draw, by kind of draw, as a share of its squares.
         alpha: chance that any gain of any place exceeds its limit.
         elsewhere: the limit of all places, where nothing was drawn.
     """
 
     largest: Mapping[int, Sequence[Array]]
-    size: Mapping[int, float]
     alpha: float
     elsewhere: float = 0.0
 
@@ -114,10 +112,7 @@ class Chance:
     def limits(self) -> dict[int, float]:
         """The quantile of 1 − α/places at each place, the larger one over the kinds of draws."""
         alpha = self.alpha / max(len(self.largest), 1)
-        return {
-            u: self.size[u] * max(quantile(x, alpha) for x in kinds)
-            for u, kinds in self.largest.items()
-        }
+        return {u: max(quantile(x, alpha) for x in kinds) for u, kinds in self.largest.items()}
 
     def limit(self, place: int) -> float:
         """What a gain at a place must exceed; of a place without candidates the largest limit."""
@@ -125,9 +120,7 @@ class Chance:
 
     def p(self, gain: float, place: int) -> float:
         """Chance that such a gain is exceeded at any place; NaN without draws."""
-        found = [
-            exceeding(gain / self.size[place], x) for x in self.largest.get(place, ()) if len(x)
-        ]
+        found = [exceeding(gain, x) for x in self.largest.get(place, ()) if len(x)]
         return min(1.0, len(self.largest) * max(found, default=np.nan))
 
 

@@ -226,14 +226,10 @@ class PartialRegression:
         """L b̃ (rows,), part after part: the errors of blocks that were left out."""
         return np.concatenate(self._left_out([y[:, :1] for y in self.residual]))[:, 0]
 
-    @cached_property
-    def null_losses(self) -> Array:
-        """(d + 1, B) left-out squares of r_1 … r_B by coordinate, and of all together."""
-        found = np.zeros((self.d + 1, self.residual[0].shape[1] - 1))
-        for part, x in zip(self.parts, self._left_out(self.residual), strict=True):
-            found[part.coordinate] += np.einsum("ij,ij->j", x[:, 1:], x[:, 1:])
-        found[-1] = found[:-1].sum(axis=0)
-        return found
+    @property
+    def null_loss(self) -> Array:
+        """(B,) left-out squares of r_1 … r_B, all blocks together."""
+        return np.asarray(self._block[3][:, 1:].sum(axis=0))
 
     def _left_out(self, X: Sequence[Array]) -> list[Array]:
         """L x̃ of projected columns."""
@@ -422,30 +418,6 @@ class PartialRegression:
             float(np.sqrt(max(values.sum(), 0.0) / max(squares, 1e-300))),
             part_of / max(float(np.linalg.norm(part_of)), 1e-300),
         )
-
-    def left_by_best(self, groups: Sequence[Index]) -> list[Array]:
-        """What the model and the group of columns that gains most leave, unweighted.
-
-        Args:
-            groups: of columns, of which b and each of r_1 … r_B have a best one of their own.
-
-        Returns:
-            (m, 1 + B) of every part.
-        """
-        found = self.gains(groups)
-        best = np.concatenate([found.G[:, None], found.null], axis=1).argmax(axis=0)
-        Y = [y.copy() for y in self.residual]
-        for g in np.unique(best):
-            mine = np.flatnonzero(best == g)
-            C = [self._taken(part, groups[g]) for part in self.parts]
-            P = sum(q.T @ c for q, c in zip(self.Q, C, strict=True))
-            C = [c - q @ P for q, c in zip(self.Q, C, strict=True)]
-            S = np.asarray(sum(c.T @ c for c in C))
-            s = sum(c.T @ y[:, mine] for c, y in zip(C, Y, strict=True))
-            theta = linear.pinv(S, rcond=VISIBLE**2, hermitian=True) @ s
-            for c, y in zip(C, Y, strict=True):
-                y[:, mine] -= c @ theta
-        return [y / self.weight[p.coordinate] for p, y in zip(self.parts, Y, strict=True)]
 
     def extended(self, columns: Index) -> PartialRegression:
         """The same rows with further columns in the model."""
