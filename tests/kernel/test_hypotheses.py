@@ -131,26 +131,6 @@ def test_surrogates_have_the_spectrum_and_nothing_else():
     assert abs(np.mean([np.corrcoef(x, r[:, 0])[0, 1] for x in made[:, 0].T])) < 0.1
 
 
-def test_what_the_best_candidate_leaves_is_that_of_its_refit():
-    given = parts()
-    regression = PartialRegression(given, np.arange(4), WEIGHT)
-    left = regression.left_by_best(GROUPS)
-    gains = regression.gains(GROUPS)
-    best = [int(gains.G.argmax()), *gains.null.argmax(axis=0)]
-    A, Y = [], []
-    for part in given:
-        whole = np.zeros((len(part.X), K))
-        whole[:, part.columns] = part.X
-        A.append(whole * WEIGHT[part.coordinate])
-        Y.append(part.Y * WEIGHT[part.coordinate])
-    A, Y = np.concatenate(A), np.concatenate(Y)
-    for i, group in enumerate(best):
-        mine = A[:, np.append(np.arange(4), GROUPS[group])]
-        e = Y[:, i] - mine @ np.linalg.lstsq(mine, Y[:, i], rcond=None)[0]
-        found = np.concatenate([x[:, i] * w for x, w in zip(left, WEIGHT, strict=True)])
-        np.testing.assert_allclose(found, e, atol=1e-9)
-
-
 def test_power_that_a_model_takes_is_given_back():
     random = np.random.default_rng(1)
     n, run = 2000, [slice(0, 2000)]

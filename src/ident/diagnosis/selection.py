@@ -35,7 +35,7 @@ ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same 
 NEGATIVE = 2.0  # standard errors below zero at which a value is one that no such effect can have
 ONE_BLOCK = 2 / 3  # share of a gain that one block of time may make
 PASSED = 0.5  # share of the samples at which the filter must pass waves of position
-RARE = 2.0  # times the quantile for effects that few machines have and noise of positions resembles
+RARE = 2.0  # times the odds of the quantile for effects that few machines have
 HIDDEN = 0.02  # visible share below which the data cannot speak of an effect
 CLOSEST = 12  # candidates that are looked at in detail though they are not credible
 MINE = 0.1  # share of a fall that makes a coordinate one that it mends
@@ -169,7 +169,7 @@ class Ranking:
         place = self.regression.place(candidate.groups[0])
         if candidate.curve:
             return self.with_curves.limit(place)
-        return self.chance.limit(place) * times(self.contest, candidate.effect)
+        return raised(self.contest, candidate.effect, self.chance.limit(place))
 
     def limit_at(self, joint: str) -> float:
         """What the gain of a curve or law of a joint is held against, as a share."""
@@ -201,12 +201,14 @@ class Ranking:
         return tuple(each for each in self.evidence if each.credible)
 
 
-def times(contest: Contest, effect: Effect) -> float:
-    """Return what an effect needs in multiples of the quantile; what all drives have in common is
-    not rare where there is one drive.
+def raised(contest: Contest, effect: Effect, limit: float) -> float:
+    """Return the limit of an effect, a share, whose odds are RARE times as large where few machines
+    have the effect and noise of positions resembles it. What all drives have in common is not rare
+    where there is one drive.
     """
     common = effect.shared and len(contest.fit.mechanism.driven) == 1
-    return RARE if effect.rare and not common else 1.0
+    rare = effect.rare and not common and 0 < limit < 1
+    return RARE * limit / (1 + (RARE - 1) * limit) if rare else limit
 
 
 def rank(
@@ -268,7 +270,7 @@ def rank(
                 hints.append((mine[most].effect, float(G[most]) / total, limit))
     assert with_curves is not None
     limits = [
-        with_curves.limit(u) if e.curve else chance.limit(u) * times(contest, e.effect)
+        with_curves.limit(u) if e.curve else raised(contest, e.effect, chance.limit(u))
         for e, u in zip(mine, place.tolist(), strict=True)
     ]
     weigh, shares = Weigh(contest, regression, decision, total), (G / total).tolist()
