@@ -40,7 +40,6 @@ HIDDEN = 0.02  # visible share below which the data cannot speak of an effect
 CLOSEST = 12  # candidates that are looked at in detail though they are not credible
 MINE = 0.1  # share of a fall that makes a coordinate one that it mends
 SEEN = 0.1  # share of a richer effect's columns that must be its own for the data to judge them
-MOST = 40  # effects of a set
 OnProgress = Callable[[str, float], None]
 
 
