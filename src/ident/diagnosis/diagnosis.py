@@ -87,7 +87,7 @@ def diagnose(
             f"diagnose needs a fit, given: {type(fit).__name__}; write "
             "ident.diagnose(ident.identify(mechanism, motion))"
         )
-    on_progress = progress or (lambda what, share: None)
+    on_progress = part(progress, 0.0, 1.0)
     decision = Decision(alpha, material, rival_se)
     contest = Contest.of(fit, candidates_of(fit), part(on_progress, 0.0, 0.4))
     on_progress("noise of the sensors", 0.4)

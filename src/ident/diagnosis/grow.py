@@ -229,13 +229,14 @@ def grow(
         progress: called with (what is being done, share done).
         step: called with every rung as it is reached.
     """
-    on_progress = progress or (lambda what, share: None)
+    on_progress = part(progress, 0.05, 1.0)
     decision = Decision(alpha, material, rival_se)
     given = frozenset(effect.label for effect in mechanism.effects if not effect.known)
     # least squares throughout, as the rows that announce an effect's fall
     folder = None if checkpoint is None else Path(checkpoint)
     saved = SavedRounds.of(folder, mechanism, motion, (decision, seed), resume)
-    fit = identify(mechanism, motion, validate=validate, estimator="least-squares")
+    first = part(progress, 0.0, 0.05)
+    fit = identify(mechanism, motion, validate=validate, estimator="least-squares", progress=first)
     steps = [Step((), (), (), fit, errors_of(fit))]
 
     def reached(rungs: Collection[Step]) -> None:
