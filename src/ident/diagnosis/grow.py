@@ -253,8 +253,8 @@ def grow(
         visited |= set(map(frozenset, done["visited"]))
         reached(rungs)
     here = rest = on_progress
-    for number in range(len(saved.rounds), ROUNDS):
-        done_before = 1 - 0.5 ** (number - len(saved.rounds))  # nobody knows how many rounds
+    for number in range(begun := len(saved.rounds), ROUNDS):
+        done_before = 1 - 0.5 ** (number - begun)  # nobody knows how many rounds
         rest = part(on_progress, done_before, 1.0)
         here = part(rest, 0.0, 0.5)
         # curves judge what is left in the end, the search needs none
