@@ -100,7 +100,7 @@ def monitor(
     if page or out is not None:
         from ident.show.streams import MonitorHistory
 
-        history = MonitorHistory(model)
+        history = MonitorHistory(model, watch is not None)
     with (
         _served(model.name, port) if page else contextlib.nullcontext() as tell,
         Session(online, watch, out, every, history, tell) as session,

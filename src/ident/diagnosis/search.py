@@ -30,6 +30,7 @@ from ident.diagnosis.selection import (
     alike,
     behind,
     by_chance,
+    chance_of,
     rank,
     rivals,
     sensible,
@@ -452,7 +453,14 @@ def _alone(member: Member, first: Ranking, decision: Decision) -> Member:
 
 def _judged(member: Member, found: EffectSet, last: Ranking) -> Member:
     """The member with its gain and with what speaks against it."""
-    gain = found.minus(member).loss / found.loss - 1
+    bare, e = found.minus(member), member.evidence
+    gain = bare.loss / found.loss - 1
+    assert e is not None
+    if np.isnan(e.p):  # it came with others, and is judged beside them
+        refit = bare.regression.refit(member.columns)
+        share = refit.G / bare.loss
+        p = chance_of(share, last.chance)
+        e = replace(e, refit=refit, gain=share, limit=last.limit, p=p)
     joints = set(member.effect.joints)
     curve = next(
         (
@@ -464,8 +472,7 @@ def _judged(member: Member, found: EffectSet, last: Ranking) -> Member:
         ),
         None,
     )
-    assert member.evidence is not None
-    mended = set(member.evidence.mends)
+    mended = set(e.mends)
     impossible = next(
         (
             each.effect
@@ -474,7 +481,7 @@ def _judged(member: Member, found: EffectSet, last: Ranking) -> Member:
         ),
         None,
     )
-    return replace(member, gain=gain, curve=curve, impossible=impossible)
+    return replace(member, evidence=e, gain=gain, curve=curve, impossible=impossible)
 
 
 def _remains(curve: Effect, last: Ranking, least: float) -> bool:
