@@ -94,17 +94,6 @@ def rows_of(
     return Contest.of(fit, effects, progress or quiet, curved=False, earlier=earlier)
 
 
-def delivered(before: Fit, after: Fit) -> float | None:
-    """Return the fall from one model to another in the rows and weights of the first.
-
-    None where the other model has other rows.
-    """
-    mine, other = rows_of(before), rows_of(after)
-    if not np.array_equal(mine.use, other.use):
-        return None
-    return _fall(mine.regression.loss, other.regression.weighted(mine.regression.weight).loss)[0]
-
-
 def _fall(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
     """Return the fall between squares (blocks,), as a share, and its standard error over blocks."""
     D, total = before - after, max(float(before.sum()), 1e-300)
