@@ -218,11 +218,6 @@ class Residual(Displayed):
         return total.errors(self.joints, self.units)
 
     @cached_property
-    def floor(self) -> dict[str, float]:
-        """rms by joint that noise of the sensors makes, as `floor_of` has it [N m | N]."""
-        return floor_of(self.model, self.motion)
-
-    @cached_property
     def parts(self) -> dict[str, np.ndarray]:
         """rms (d,) of `measured`, each part, `gravity` and `residual` over all rows."""
 

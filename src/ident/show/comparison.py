@@ -13,7 +13,7 @@ from ident.display import renders
 from ident.files import json_bytes
 from ident.fit.compare import Comparison
 from ident.fit.multipliers import identifiable_multipliers
-from ident.fit.residual import Residual
+from ident.fit.residual import Residual, floor_of
 from ident.information.blocks import Error
 from ident.show.card import ADVICE, Bar, Card, good_enough
 from ident.show.charts import Chart
@@ -61,7 +61,7 @@ def comparison_card(c: Comparison) -> Card:
     """Return the models, and how far the error falls from the first to the last."""
     first, last = (list(c.residuals.values())[i] for i in (0, -1))
     logs = ", ".join(trace.name for trace in first.traces)
-    shown, floor = told_apart(c.residuals), last.floor
+    shown, floor = told_apart(c.residuals), floor_of(last.model, last.motion)
     good = good_enough(last.errors, floor, advice=ADVICE)
     if first is last:
         bars = tuple(Bar(j, e, noise=floor[j] or None) for j, e in last.errors.items())

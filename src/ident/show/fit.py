@@ -290,7 +290,7 @@ def report(fit: Fit, known: Reactions | None = None, more: Sequence[Section] = (
     sections = fit_sections(fit, known, more)
     before = residual_of(urdf_of(fit), fit.motion).errors
     errors = fit.held_out or fit.train
-    floor = fit.residual.floor
+    floor = floor_of(fit, fit.motion)
     bars = tuple(
         Bar(joint, before[joint], error, floor[joint] or None) for joint, error in errors.items()
     )
