@@ -58,7 +58,7 @@ def stages(e: Exploration) -> None:
     print(f"\n{'one click, taken apart':34s} {'wall':>6} {'CPU':>6}")
     grown, *times = clocked(lambda: e.with_effect(CLICKS[0]))
     assert isinstance(grown, Exploration)
-    rows = [("refit, fall delivered", times)]
+    rows = [("refit", times)]
     fit = grown.fit
     rows.append(("torques predicted", clocked(fit.predict)[1:]))
     rows.append(("residual", clocked(lambda: fit.residual)[1:]))

@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence, Sized
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache, partial
 from importlib import metadata
 from itertools import chain
@@ -26,7 +26,7 @@ from typing import Any
 import cloudpickle
 
 from ident.errors import IdentError, line_of
-from ident.progress import Progress
+from ident.progress import Progress, part
 from ident.version import version
 
 TRIES = 3  # of a task whose process dies
@@ -124,6 +124,10 @@ class Workers:
     alone: bool = True  # whether there is one log only, so that what is wrong with it is an error
     on_progress: Progress | None = None  # called with (what is being done, share done)
     broken: dict[str, str] = field(default_factory=dict)  # by name of a log, why it is left out
+
+    def between(self, start: float, end: float) -> Workers:
+        """Return the same workers for a part of the work, between two shares of the whole."""
+        return replace(self, on_progress=part(self.on_progress, start, end))
 
     def over(
         self,

@@ -1,4 +1,7 @@
-"""The public names, each from where it is defined; `ident` has them all."""
+"""The public names, each from where it is defined; `ident` has them all.
+
+Long work shows a bar, if it is not given `progress`.
+"""
 
 from ident.diagnosis import Diagnosis, Health, History, diagnose, grow, health
 from ident.effects import KINDS as effects
@@ -15,6 +18,7 @@ from ident.mechanism import Consistency, Mechanism, Multipliers, load
 from ident.mechanism.load import absolute
 from ident.montecarlo import MonteCarlo, Studies, monte_carlo, monte_carlo_each
 from ident.motion import Motion, complete
+from ident.progress import watched
 from ident.show.explore import Exploration, explore
 from ident.simulate import (
     PD,
@@ -31,6 +35,12 @@ from ident.streams.diagnose_each import Verdicts, diagnose_each
 from ident.streams.gather import Gathered, gather
 from ident.streams.monitor import Alarm, Monitor
 from ident.streams.online import Online, Snapshot
+
+compare, complete, diagnose = watched(compare), watched(complete), watched(diagnose)
+diagnose_each, excite, explore = watched(diagnose_each), watched(excite), watched(explore)
+gather, grow, identify = watched(gather), watched(grow), watched(identify)
+integrate, monte_carlo = watched(integrate), watched(monte_carlo)
+monte_carlo_each, replay = watched(monte_carlo_each), watched(replay)
 
 __all__ = [
     "PD", "Alarm", "Column", "Comparison", "ComputedTorque", "Consistency", "Diagnosis", "Effect",

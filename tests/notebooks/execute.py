@@ -50,6 +50,8 @@ def executed(path: Path) -> NotebookNode:
         "language_info": {"name": "python"},
     }
     for cell in notebook.cells:
+        if "outputs" in cell:  # a bar of progress leaves an empty one, if the machine is slow
+            cell.outputs = [o for o in cell.outputs if o.get("data") != {"text/plain": ""}]
         for output in cell.get("outputs", ()):
             if "image/png" in output.get("data", {}):
                 output.data["image/png"] = small(output.data["image/png"])

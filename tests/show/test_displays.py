@@ -10,7 +10,7 @@ import ident
 from ident import Log
 from ident.information.blocks import Error
 from ident.progress import part
-from ident.show.card import Bar, Card
+from ident.show.card import Bar, Card, good_enough
 from ident.show.residual import plot_forces
 from identification import motion_log, plant, robot
 
@@ -113,6 +113,18 @@ def test_a_card_explains_the_marks_that_it_has():
     assert "error" in Card("x", bars=(still,)).text()
     assert "error: █ stays, ░ goes" in Card("x", bars=(changed,)).text()
     assert "error: | noise" in Card("x", bars=(replace(still, noise=0.1),)).text()
+
+
+def test_a_model_is_good_enough_where_its_error_is_noise_or_does_not_matter():
+    errors = {"elbow": Error(0.1, 0.05, "N m"), "wrist": Error(0.1, 0.002, "N m")}
+    assert good_enough(errors, {}) == ""  # a log without noise
+    assert "Yes: at most 2.0 times" in good_enough(errors, {"elbow": 0.1, "wrist": 0.05}, 2.5)
+    assert "Yes: at most 1.0 times" in good_enough(errors, {"elbow": 0.1, "wrist": 0.1})
+    assert "below 0.3 % of the torque" in good_enough(errors, {"elbow": 0.1, "wrist": 0.001})
+    words = good_enough(errors, {"elbow": 3e-4, "wrist": 1e-4}, advice="; measure again")
+    assert words.startswith("Good enough? Not in elbow (330 times the noise of the sensors)")
+    assert words.endswith("; measure again.")
+    assert "wrist" not in words
 
 
 def test_parts_of_work_follow_each_other():

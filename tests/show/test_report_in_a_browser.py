@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import ident
-from ident.show.charts import MEASURED, Chart, Line, Panel
+from ident.show.charts import MEASURED, Chart, Level, Line, Panel
 from ident.show.html import Page, Section
 from identification import motion_log, plant, robot
 from pages import titles
@@ -301,6 +301,20 @@ def test_a_hundred_thousand_samples_keep_every_peak(opened, tmp_path):
     assert max(lengths) <= 4100
     assert tops.count(9.0) == 7
     assert not wrong
+
+
+def test_words_beside_a_mark_at_the_edge_are_whole(opened, tmp_path):
+    x = np.arange(9.0)
+    marks = (Line(x, x, "formulas", 0), Level(8.0, upright=True, label="chosen"))
+    path = tmp_path / "report.html"
+    path.write_bytes(
+        Page("front", "", (Section("x", (Chart("a front", ((Panel(marks),),)),)),)).html()
+    )
+    page, _ = opened(path, width=400)
+    page.wait_for_function("documents.length && documents.every((each) => each.is_idle)")
+    found = [(text, wide) for wide, _, texts in page.evaluate(PAINTED) for text in texts]
+    (text, wide), *_ = ((text, wide) for text, wide in found if text[0] == "chosen")
+    assert text[3] <= wide
 
 
 def test_titles_are_in_the_order_of_reading(diagnosed):

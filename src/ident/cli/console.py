@@ -8,15 +8,16 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from rich.console import Console
-from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.progress import Progress as Bar
 from rich.text import Text
 
 from ident.files import json_line
-from ident.progress import Progress, running
+from ident.progress import Progress, running, terminal_bar
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
 
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
 NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.])")
@@ -141,21 +142,11 @@ def can_resume() -> None:
 def progress() -> Iterator[Progress]:
     """Show a bar on standard error while something long runs; nothing where that is no terminal."""
     _begun()
-    time = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
-    columns = (TextColumn("{task.description}"), BarColumn(), *time)
-    with Bar(
-        *columns,
-        console=errors,
-        transient=True,
-        disable=not errors.is_terminal,
-        redirect_stdout=False,  # to where the user sends it, not to the bar's terminal
-        redirect_stderr=False,
-    ) as bar:
-        task = bar.add_task("", total=1.0)
+    with terminal_bar(errors) as (bar, show):
 
         def on_progress(what: str, share: float) -> None:
             _steps[:] = [what]
-            bar.update(task, description=what, completed=share)
+            show(what, share)
 
         _bars[:] = [bar]
         yield on_progress

@@ -145,12 +145,13 @@ def identify(
         from ident.fit.identify import identify as identify_
 
         with progress() as on_progress:
-            motion = model.motion(mechanism, logs, part(on_progress, 0.0, 0.3))
+            motion = model.motion(mechanism, logs, part(on_progress, 0.0, 0.2))
+            second = part(on_progress, 0.2, 0.3)
             fit = identify_(
                 mechanism,
                 motion,
                 consistent=limits,
-                validate=model.motion(mechanism, validate, on_progress, like=motion)
+                validate=model.motion(mechanism, validate, second, like=motion)
                 if validate
                 else None,
                 estimator="likelihood" if refine else "auto",
@@ -224,8 +225,9 @@ def compare(
     replayed = None
     with progress() as on_progress:
         band = saved[0].cutoff if cutoff == "fit" else cutoff_of(cutoff)
-        motion = motion_of(model, logs, band, on_progress, smoothing=smoothing)
-        comparison = compare_(*saved, motion=motion, progress=on_progress)
+        end = 0.4 if simulated else 1.0
+        motion = motion_of(model, logs, band, part(on_progress, 0.0, 0.2), smoothing=smoothing)
+        comparison = compare_(*saved, motion=motion, progress=part(on_progress, 0.2, end))
         if simulated:
             from ident.simulate.replay import WINDOW, replay
 
@@ -233,7 +235,7 @@ def compare(
                 *saved,
                 motion=motion,
                 window=WINDOW if window is None else window,
-                progress=on_progress,
+                progress=part(on_progress, end, 1.0),
             )
     if plot is not None:
         (replayed or comparison).plot().save(plot)
@@ -347,7 +349,8 @@ def grow(
         refuse_own(mechanism, out)
     output_folder(out, [*FIT_FILES, *DIAGNOSIS_FILES], [*logs, *(validate or ())])
     with progress() as on_progress:
-        motion = model.motion(mechanism, logs, part(on_progress, 0.0, 0.05))
+        motion = model.motion(mechanism, logs, part(on_progress, 0.0, 0.04))
+        second = part(on_progress, 0.04, 0.05)
 
         def reached(step: Step) -> None:
             first = not step.added and not step.removed
@@ -369,9 +372,7 @@ def grow(
             checkpoint=out,
             resume=resume,
             **decision,
-            validate=model.motion(mechanism, validate, on_progress, like=motion)
-            if validate
-            else None,
+            validate=model.motion(mechanism, validate, second, like=motion) if validate else None,
         )
         text = str(history.diagnosis) if verbose else history.diagnosis.short
     if out is not None:
@@ -408,7 +409,8 @@ def explore(
         with progress() as on_progress:
 
             def first(page: Progress) -> Exploration:
-                return Exploration.of(mechanism, model.motion(mechanism, logs, page), page)
+                motion = model.motion(mechanism, logs, part(page, 0.0, 0.6))
+                return Exploration.of(mechanism, motion, part(page, 0.6, 1.0))
 
             board.begin(first, on_progress)
         assert board.exploration is not None

@@ -33,6 +33,7 @@ from ident.cli.options import (
 )
 from ident.errors import FitError, IdentError, LogError, missing_file
 from ident.files import write_all
+from ident.progress import part
 
 if TYPE_CHECKING:
     from ident.fit import Fit
@@ -82,8 +83,9 @@ def monitor(
         raise LogError(f"{log}: {why}; name a CSV file, or - for standard input")
     if like:
         with progress() as on_progress:
-            motion = motion_of(model, like, cut, on_progress, smoothing=smoothing)
-            fit = identify(model, motion, progress=on_progress)
+            first, second = part(on_progress, 0.0, 0.3), part(on_progress, 0.3, 1.0)
+            motion = motion_of(model, like, cut, first, smoothing=smoothing)
+            fit = identify(model, motion, progress=second)
         notes(fit.warnings)
         watch = _watch(fit)
         if watch is not None and len(like) == 1:
@@ -98,7 +100,7 @@ def monitor(
     if page or out is not None:
         from ident.show.streams import MonitorHistory
 
-        history = MonitorHistory(model)
+        history = MonitorHistory(model, watch is not None)
     with (
         _served(model.name, port) if page else contextlib.nullcontext() as tell,
         Session(online, watch, out, every, history, tell) as session,

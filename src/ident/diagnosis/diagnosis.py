@@ -87,7 +87,7 @@ def diagnose(
             f"diagnose needs a fit, given: {type(fit).__name__}; write "
             "ident.diagnose(ident.identify(mechanism, motion))"
         )
-    on_progress = progress or (lambda what, share: None)
+    on_progress = part(progress, 0.0, 1.0)
     decision = Decision(alpha, material, rival_se)
     contest = Contest.of(fit, candidates_of(fit), part(on_progress, 0.0, 0.4))
     on_progress("noise of the sensors", 0.4)
@@ -109,7 +109,8 @@ def concluded(
     laws: tuple[Law, ...] = ()
     unsearched: tuple[str, ...] = ()
     if not data.faults:
-        lawful, found, unsearched = laws_of(contest, selection, loud, floor, decision, on_progress)
+        here = part(on_progress, 0.7, 0.8)
+        lawful, found, unsearched = laws_of(contest, selection, loud, floor, decision, here)
         on_progress("refitting", 0.8)
         selection, laws = _refitted(fit, lawful, found)
     best = selection.named[0] if selection.named else None
@@ -140,7 +141,9 @@ def concluded(
         curves=curves,
         laws=laws,
         unsearched=unsearched,
-        relatives=relatives_of(contest, selection, decision, on_progress) if best else (),
+        relatives=relatives_of(contest, selection, decision, part(on_progress, 0.9, 1.0))
+        if best
+        else (),
         floor=floor,
         loud=loud,
     )

@@ -229,13 +229,14 @@ def grow(
         progress: called with (what is being done, share done).
         step: called with every rung as it is reached.
     """
-    on_progress = progress or (lambda what, share: None)
+    on_progress = part(progress, 0.05, 1.0)
     decision = Decision(alpha, material, rival_se)
     given = frozenset(effect.label for effect in mechanism.effects if not effect.known)
     # least squares throughout, as the rows that announce an effect's fall
     folder = None if checkpoint is None else Path(checkpoint)
     saved = SavedRounds.of(folder, mechanism, motion, (decision, seed), resume)
-    fit = identify(mechanism, motion, validate=validate, estimator="least-squares")
+    first = part(progress, 0.0, 0.05)
+    fit = identify(mechanism, motion, validate=validate, estimator="least-squares", progress=first)
     steps = [Step((), (), (), fit, errors_of(fit))]
 
     def reached(rungs: Collection[Step]) -> None:
@@ -252,8 +253,8 @@ def grow(
         visited |= set(map(frozenset, done["visited"]))
         reached(rungs)
     here = rest = on_progress
-    for number in range(len(saved.rounds), ROUNDS):
-        done_before = 1 - 0.5 ** (number - len(saved.rounds))  # nobody knows how many rounds
+    for number in range(begun := len(saved.rounds), ROUNDS):
+        done_before = 1 - 0.5 ** (number - begun)  # nobody knows how many rounds
         rest = part(on_progress, done_before, 1.0)
         here = part(rest, 0.0, 0.5)
         # curves judge what is left in the end, the search needs none

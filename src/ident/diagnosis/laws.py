@@ -20,6 +20,7 @@ from ident.effects.formula import Formula, Term
 from ident.equations.rows import ROUNDING, largest_transmission
 from ident.information.chance import paired
 from ident.information.hypotheses import Array, PartialRegression
+from ident.progress import part
 
 LOUD = 1.25  # times the rms of noise, from which more than noise is left
 OTHERS = 1  # joint whose signals are tried beside the own ones
@@ -157,7 +158,8 @@ def laws_of(
         if any(m.law is not None for m in _doubtful(contest, selection, joint)):
             continue  # in a loop, a law of another joint is in their place
         try:
-            law = _law(contest, selection, last, joint, floor, decision, on_progress)
+            here = part(on_progress, i / len(joints), (i + 1) / len(joints))
+            law = _law(contest, selection, last, joint, floor, decision, here)
         except KeyboardInterrupt:
             unsearched = joints[i:]
             break

@@ -477,7 +477,15 @@ def _alone(member: Member, first: Ranking, decision: Decision) -> Member:
 
 def _judged(member: Member, found: EffectSet, last: Ranking) -> Member:
     """The member with its gain and with what speaks against it."""
-    gain = found.minus(member).loss / found.loss - 1
+    bare, e = found.minus(member), member.evidence
+    gain = bare.loss / found.loss - 1
+    assert e is not None
+    if np.isnan(e.p):  # it came with others, and is judged beside them
+        refit = bare.regression.refit(member.columns)
+        share = refit.G / bare.loss
+        place = last.regression.place(member.columns)
+        p, limit = last.chance.p(share, place), last.chance.limit(place)
+        e = replace(e, refit=refit, gain=share, limit=limit, p=p)
     joints = set(member.effect.joints)
     curve = next(
         (
@@ -489,8 +497,7 @@ def _judged(member: Member, found: EffectSet, last: Ranking) -> Member:
         ),
         None,
     )
-    assert member.evidence is not None
-    mended = set(member.evidence.mends)
+    mended = set(e.mends)
     impossible = next(
         (
             each.effect
@@ -499,7 +506,7 @@ def _judged(member: Member, found: EffectSet, last: Ranking) -> Member:
         ),
         None,
     )
-    return replace(member, gain=gain, curve=curve, impossible=impossible)
+    return replace(member, evidence=e, gain=gain, curve=curve, impossible=impossible)
 
 
 def _remains(curve: Effect, last: Ranking, least: float) -> bool:

@@ -118,6 +118,18 @@ def torque_noise(mechanism: Mechanism, e: State, cutoff: float | None) -> np.nda
     return passed * np.asarray(np.sqrt(squares / max(int(e.usable.sum()), 1)))
 
 
+def noise_floor(
+    mechanism: Mechanism, experiments: Sequence[State], point: Point, cutoff: float | None
+) -> np.ndarray:
+    """(d,) rms of r that noise of the sensors makes, of torques and motion together [N m | N]."""
+    squares = [
+        torque_noise(mechanism, e, cutoff) ** 2
+        + (0.0 if e.smooth is None else motion_noise(mechanism, e, point, cutoff))
+        for e in experiments
+    ]
+    return np.asarray(np.sqrt(np.mean(squares, axis=0)))
+
+
 def _spread(spline: Spline, t: np.ndarray) -> np.ndarray:
     """P (n, d, 3, d, 3) of u, u̇, ü at times t (n,)."""
     basis, (count, d) = spline.basis, spline.c.shape

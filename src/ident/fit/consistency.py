@@ -159,7 +159,7 @@ def nearest_possible(
         FitError: for limits that contradict each other, or a solution that does not hold.
     """
     if on_progress:
-        on_progress("physical consistency", 0.8)
+        on_progress("physical consistency", 0.0)
     unlimited = problem.information.squares(found.x)
     before = held_out(problem.fitting, problem.information, found, problem.prior)
     program = Program.of(problem, asked)

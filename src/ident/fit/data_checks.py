@@ -17,7 +17,7 @@ import numpy as np
 
 from ident.display import Displayed
 from ident.effects import Effect
-from ident.equations.motion_noise import torque_noise
+from ident.equations.motion_noise import noise_floor
 from ident.errors import IdentError
 from ident.fit.channel_checks import log_findings
 from ident.fit.channel_fits import (
@@ -42,7 +42,6 @@ from ident.fit.faults import (
     scale_of_time,
 )  # fmt: skip
 from ident.fit.findings import Finding
-from ident.fit.likelihood import share_of_motion
 from ident.fit.problem import Problem
 from ident.fit.table import Table
 from ident.information.chance import zscore
@@ -225,10 +224,9 @@ class DataChecks:
         problem, x = self.problem, self.estimate.x
         totals, motion = problem.information.totals, problem.motion
         left = np.array([t.residual_norm(x) / np.sqrt(max(t.rows, 1)) for t in totals])
-        logs, cutoff = motion.experiments, motion.band.cutoff
-        of_torques = [torque_noise(problem.mechanism, e, cutoff) ** 2 for e in logs]
-        of_motion = share_of_motion(problem, self.estimate) * left**2
-        return np.asarray(left / np.sqrt(np.mean(of_torques, axis=0) + of_motion + 1e-300))
+        at, cutoff = problem.point_at(x), motion.band.cutoff
+        floor = noise_floor(problem.mechanism, motion.experiments, at, cutoff)
+        return np.asarray(left / np.maximum(floor, 1e-150))
 
     def poor(self) -> Iterator[Finding]:
         """Report torques of which the model leaves so much that its numbers mean little: LEAVES, or

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 from ident.equations.unknowns import Point
 from ident.errors import FitError, one_of
@@ -21,7 +22,7 @@ from ident.information.estimate import Estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Consistency
 from ident.motion import Motion
-from ident.progress import Progress
+from ident.progress import Progress, part
 
 ESTIMATORS = ("auto", "least-squares", "likelihood")
 
@@ -65,16 +66,19 @@ def identify(
         )
     if estimator not in ESTIMATORS:
         raise FitError(f"estimator '{estimator}'; {one_of(estimator, ESTIMATORS)}")
-    point = working_point(mechanism, motion, start, progress)
-    problem = Problem.of(mechanism, motion, point, progress)
+    shapes, equations, likely, rest, last = (
+        part(progress, *ends) for ends in pairwise((0.0, 0.3, 0.5, 0.8, 0.95, 1.0))
+    )
+    point = working_point(mechanism, motion, start, shapes)
+    problem = Problem.of(mechanism, motion, point, equations)
     estimate = estimate_of(problem)
-    problem, estimate, likelihood, findings = weighed(problem, estimate, estimator, progress)
-    fit = fit_of(problem, estimate, consistent, findings, likelihood, progress)
+    problem, estimate, likelihood, findings = weighed(problem, estimate, estimator, likely)
+    fit = fit_of(problem, estimate, consistent, findings, likelihood, rest)
     if validate is None:
         return fit
     texts = "its errors are no validation", "validate on another log"
     same = [each for a in motion.logs for b in validate.logs for each in copies(a, b, *texts)]
-    errors = _errors_on(fit, validate, progress)
+    errors = _errors_on(fit, validate, last)
     return replace(fit, validation=errors, findings=(*fit.findings, *same))
 
 

@@ -31,7 +31,7 @@ from ident.fit.problem import Problem, stacks_information
 from ident.information.estimate import Estimate, estimate
 from ident.motion import Motion, State
 from ident.motion.smoothing import along, finer
-from ident.progress import Progress
+from ident.progress import Progress, part
 
 MATTERS = 0.05  # share of a coordinate's squared residual that is the motion's noise
 FINER = 3  # knots of the likelihood for one of smoothing: torques tell more of the motion
@@ -201,15 +201,17 @@ def refined(
     The steps begin at the problem's motion; unknowns that `found` holds at the prior, and how it
     regroups, stay. The problem that is returned has rows whitened by noise of torques and motion.
     """
-    at = Linearization.at(problem, found.x, problem.motion.experiments, None, on_progress)
+    here = part(on_progress, 0.0, 1 / STEPS)
+    at = Linearization.at(problem, found.x, problem.motion.experiments, None, here)
     sigma, runs, now = at.balanced(found)
     step, converged = 1, False
     while step < STEPS and not converged:
-        after = Linearization.at(problem, now.x, at.moved(runs, now.x), at.parts, on_progress)
+        here = part(on_progress, step / STEPS, (step + 1) / STEPS)
+        after = Linearization.at(problem, now.x, at.moved(runs, now.x), at.parts, here)
         for _ in range(HALVES):
             if after.loss(sigma) <= (1 + ROUNDING) * at.loss(sigma):
                 break
-            after = at.halfway(after, on_progress)
+            after = at.halfway(after, here)
         else:
             break  # no step lowers the loss: friction that jumps, or rounding
         if step == 1:  # the first motion was not yet one that the torques agree with

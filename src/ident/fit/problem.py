@@ -28,7 +28,7 @@ from ident.information.triangle import Triangle
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, split
 from ident.motion import Motion
-from ident.progress import Progress
+from ident.progress import Progress, part
 
 FEWEST, MOST, LENGTH = 10, 96, 12  # blocks of a log, and rows that make one
 BOUNDLESS = 1e30  # stands for infinity, with which 0 may be multiplied
@@ -70,10 +70,12 @@ class Problem:
                 right sides are zero.
         """
         columns = Columns.of(mechanism)
-        information = information_of(mechanism, columns, motion, point, on_progress)
+        based = bool(mechanism.closures) and mechanism.multipliers.basis != "free"
+        first = part(on_progress, 0.0, 0.5 if based else 1.0)
+        information = information_of(mechanism, columns, motion, point, first)
         bands: list[EliminatedRun] = []
-        if mechanism.closures and mechanism.multipliers.basis != "free":
-            bands = bands_of(mechanism, columns, motion, point, on_progress)
+        if based:
+            bands = bands_of(mechanism, columns, motion, point, part(on_progress, 0.5, 1.0))
         if bands and not any(t.rows for band in bands for t in band.elimination.factors):
             cut = motion.band.cutoff
             raise FitError(

@@ -22,6 +22,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ident.display import Displayed, Plotted, render
+from ident.equations.motion_noise import noise_floor
 from ident.equations.unknowns import Point
 from ident.errors import FitError
 from ident.fit.prediction import Trace, trace_of
@@ -330,6 +331,13 @@ def residual_of(model: Model, motion: Motion | None = None, *, name: str = "") -
         signals=tuple(joint.name for joint in mechanism.joints),
         traces=tuple(trace for trace in traces if len(trace)),
     )
+
+
+def floor_of(model: Model, motion: Motion) -> dict[str, float]:
+    """Return the rms by joint that noise of the sensors makes in a model's residual [N m | N]."""
+    cutoff = motion.band.cutoff
+    floor = noise_floor(model.mechanism, motion.experiments, model.point, cutoff)
+    return dict(zip(motion.independent, map(float, floor), strict=True))
 
 
 def zero_of(t: np.ndarray) -> float:

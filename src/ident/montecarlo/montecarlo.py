@@ -322,7 +322,7 @@ def monte_carlo_each(
     paths = [Path(log).absolute() if scheduler else Path(log) for log in logs]
     names, workers = names_of(paths), Workers(jobs, scheduler, False, progress)
     common = mechanism, applied, truth, None, tuple(channels), int(seed)
-    made = workers.over(_plan, paths, common, names, "truth of each log")
+    made = workers.between(0.0, 0.1).over(_plan, paths, common, names, "truth of each log")
     # one mechanism for all, so that its functions are compiled once a process
     plans = {
         name: replace(plan, mechanism=mechanism)
@@ -332,7 +332,7 @@ def monte_carlo_each(
     if not plans:
         first = "; ".join(f"{log}: {why}" for log, why in list(workers.broken.items())[:1])
         raise FitError(f"none of {len(paths)} logs can be used: {first or 'none was given'}")
-    runners = Workers(jobs, scheduler, False, progress)
+    runners = replace(workers, broken={}).between(0.1, 1.0)
     studies = _studies(list(plans.values()), ratios, runs, runners)
     left_out = {name: workers.broken[name] for name in names if name in workers.broken}
     return Studies(dict(zip(plans, studies, strict=True)), left_out)

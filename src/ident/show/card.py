@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from ident.effects import Effect
 from ident.information.blocks import Error
 from ident.mechanism.mechanism import Mechanism
-from ident.text import listed, percent, places, wrapped
+from ident.text import listed, percent, places, some, wrapped
 
 STRIP = 32  # characters of the longest bar in a terminal
 BARS = 8  # joints that a terminal shows at most
+NOISY = 1.5  # times the noise of the sensors, in good logs 0.5 to 1.3, from which it is more
+ADVICE = "; `ident diagnose` looks for what is missing"
+TRIFLE = 0.003  # of the torque: what a diagnosis takes to be too small to matter
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,32 @@ class Bar:
         noise = self.sizes[2]
         beside = "" if noise is None else f", noise {percent(noise)}"
         return " → ".join(percent(error.relative) for error in both) + beside
+
+
+def good_enough(
+    errors: Mapping[str, Error], floor: Mapping[str, float], more: float = NOISY, advice: str = ""
+) -> str:
+    """Return a sentence on whether the errors of all joints are noise, or too small to matter.
+
+    Args:
+        errors, floor: by joint, of the model and what noise of the sensors makes [N m | N].
+        more: times the noise from which an error is more than that.
+        advice: what to do where it is not good enough.
+    """
+    times = {joint: e.rms / floor[joint] for joint, e in errors.items() if floor.get(joint)}
+    if not times:
+        return ""
+    above = sorted((j for j, x in times.items() if x > more), key=lambda j: -times[j])
+    if loud := [j for j in above if (errors[j].relative or 1.0) > TRIFLE]:
+        words = [f"{j} ({float(f'{times[j]:.2g}'):g} times)" for j in loud]
+        words[0] = words[0].replace("times)", "times the noise of the sensors)")
+        return f"Good enough? Not in {some(words, 4)}{advice}."
+    if above:
+        return (
+            "Good enough? Yes: in every joint the error is noise of the sensors, or below "
+            f"{percent(TRIFLE)} of the torque."
+        )
+    return f"Good enough? Yes: at most {max(times.values()):.1f} times the noise of the sensors."
 
 
 @dataclass(frozen=True)

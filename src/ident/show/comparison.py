@@ -13,9 +13,9 @@ from ident.display import renders
 from ident.files import json_bytes
 from ident.fit.compare import Comparison
 from ident.fit.multipliers import identifiable_multipliers
-from ident.fit.residual import Residual
+from ident.fit.residual import Residual, floor_of
 from ident.information.blocks import Error
-from ident.show.card import Bar, Card
+from ident.show.card import ADVICE, Bar, Card, good_enough
 from ident.show.charts import Chart
 from ident.show.html import Block, Page, Section, by_log
 from ident.show.html import table as html_table
@@ -61,17 +61,23 @@ def comparison_card(c: Comparison) -> Card:
     """Return the models, and how far the error falls from the first to the last."""
     first, last = (list(c.residuals.values())[i] for i in (0, -1))
     logs = ", ".join(trace.name for trace in first.traces)
+    shown, floor = told_apart(c.residuals), floor_of(last.model, last.motion)
+    good = good_enough(last.errors, floor, advice=ADVICE)
     if first is last:
-        return Card(f"{first.name} on {logs}")
-    bars = tuple(Bar(j, first.errors[j], last.errors[j]) for j in _changed(first, last))
+        bars = tuple(Bar(j, e, noise=floor[j] or None) for j, e in last.errors.items())
+        return Card(f"{shown[first.name]} on {logs}", good, bars)
+    bars = tuple(
+        Bar(j, first.errors[j], last.errors[j], floor[j] or None) for j in _changed(first, last)
+    )
     ratio = {bar.joint: bar.after.rms / max(bar.before.rms, 1e-300) for bar in bars if bar.after}
     ways = {
         "falls": [joint for joint, x in ratio.items() if x < 1 - SAME],
         "rises": [joint for joint, x in ratio.items() if x > 1 + SAME],
     }
     said = [f"{way} in {places(joints)}" for way, joints in ways.items() if joints]
-    shown, words = told_apart(c.residuals), " and ".join(said) or "is the same in all joints"
-    return Card(f"{shown[first.name]} → {shown[last.name]} on {logs}: the error {words}", bars=bars)
+    words = " and ".join(said) or "is the same in all joints"
+    line = f"{shown[first.name]} → {shown[last.name]} on {logs}: the error {words}"
+    return Card(line, good and f"{shown[last.name]}: {good}", bars)
 
 
 def _changed(first: Residual, last: Residual) -> list[str]:

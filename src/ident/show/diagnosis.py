@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from ident.diagnosis.diagnosis import LOUD
 from ident.diagnosis.law_search import FittedFormula
 from ident.diagnosis.result import Diagnosis, Explanation, errors_of
@@ -15,7 +17,7 @@ from ident.effects import Effect
 from ident.fit.data_checks import Health
 from ident.fit.residual import Failure
 from ident.information.blocks import Error
-from ident.show.card import Bar, Card, add_command, by_kind, named
+from ident.show.card import Bar, Card, add_command, by_kind, good_enough, named
 from ident.show.laws import curve_name, curves, expression, labels, laws, numbers
 from ident.show.residual import details
 from ident.show.sheet import Sheet
@@ -26,6 +28,7 @@ BRIEF = 300  # characters of the next experiment in the first lines
 MOST = 3  # joints and candidates that are described
 ABSORBED = "absorbed"
 CANDIDATES = "what adding an effect would do: held-out error of the joint that it mends most"
+RAREST = 1e-3  # chance below which a hundred draws say no more than that it is rarer
 SURE = ((8.0, "beyond doubt"), (4.0, "very sure"), (2.5, "sure"), (-1e9, "fairly sure"))
 Rows = list[list[str]]
 
@@ -38,9 +41,16 @@ def sure(z: float) -> str:
     return next(words for least, words in SURE if z >= least)
 
 
-def times(e: Evidence) -> str:
-    """Return how many times what chance makes the evidence for a candidate is."""
-    return f"{e.gain / max(e.limit, 1e-12):.2g} ×"
+def by_chance(e: Evidence) -> str:
+    """Return how many logs in which nothing is missing would show as much, in words."""
+    count = f"fewer than 1 in {1 / RAREST:,.0f}" if e.p < RAREST else f"1 in {1 / e.p:.0f}"
+    return f"{count} logs in which nothing is missing would show as much"
+
+
+def times(gain: float, limit: float) -> float:
+    """Return how many times what chance does a gain is: explained over left, of both shares."""
+    share, chance = (x / max(1 - x, 1e-12) for x in (gain, limit))
+    return share / max(chance, 1e-12)
 
 
 def noise_errors(d: Diagnosis) -> dict[str, Error]:
@@ -89,7 +99,7 @@ def card(d: Diagnosis) -> Card:
         after, command = d.after, add_command(d.fit.mechanism, d.group)
         value = f"{d.best.label}: " if len(d.group) > 1 else ""
         certain = (
-            f"{sure(best.evidence.z).capitalize()}: {times(best.evidence)} what chance makes; "
+            f"{sure(best.evidence.z).capitalize()}: {by_chance(best.evidence)}; "
             f"{value}{numbers(best.parameters)}."
         )
     else:
@@ -102,7 +112,12 @@ def card(d: Diagnosis) -> Card:
             command = f"{add_command(d.fit.mechanism, [])} {files} --allow-code"
     bars = [Bar(f.joint, errors[f.joint], after.get(f.joint), d.floor[f.joint]) for f in d.where]
     bars.sort(key=lambda bar: bar.sizes[1] - bar.sizes[0])  # the largest fall first
-    return Card(line, " ".join([certain, *_rest(d)]), tuple(bars), command)
+    return Card(line, " ".join([judged(d), certain, *_rest(d)]).strip(), tuple(bars), command)
+
+
+def judged(d: Diagnosis) -> str:
+    """Return whether the model is good enough as it is."""
+    return good_enough(errors_of(d.fit), d.floor, np.inf if d.verdict == "nothing" else LOUD)
 
 
 # --- text -----------------------------------------------------------------------------------------
@@ -167,7 +182,7 @@ def candidate_rows(d: Diagnosis) -> Rows:
 
     `*` marks what is named, `=` what this data cannot tell from it.
     """
-    rows = [["effect", "joint", "error", "× chance", "visible", "values"]]
+    rows = [["effect", "joint", "error", "by chance", "visible", "values"]]
     groups: dict[tuple[str, str], list[Explanation]] = {}
     for each in d.candidates:
         groups.setdefault((mark(d, each), each.effect.kind), []).append(each)
@@ -185,7 +200,8 @@ def _cells(d: Diagnosis, each: Explanation) -> list[str]:
     joint, e = each.joint, each.evidence
     change = Bar(joint, each.before[joint], each.after[joint], d.floor[joint]).words
     visible = f"{100 * e.refit.visible:.0f} %"
-    return [joint, change, times(e).removesuffix(" ×"), visible, numbers(each.parameters)]
+    chance = f"< {100 * RAREST:g} %" if e.p < RAREST else f"{100 * e.p:.2g} %"
+    return [joint, change, "–" if np.isnan(e.p) else chance, visible, numbers(each.parameters)]
 
 
 def mark(d: Diagnosis, each: Explanation) -> str:
@@ -306,8 +322,7 @@ def _missing(d: Diagnosis) -> list[str]:
         f"{before} to {after}, where noise alone would leave {d.floor[best.joint]:.2g} "
         f"{best.after[best.joint].unit}.",
         f"That something is missing here: {sure(e.z)}. In stretches of time that were left out of "
-        f"the fit it explains {times(e)} what the best of all candidates explains by chance in "
-        f"{100 * (1 - d.decision.alpha):g} of 100 logs in which nothing is missing.",
+        f"the fit it explains so much that {by_chance(e)}.",
         *([_apart(d, effect, best.rivals)] if best.rivals else []),
         f"What to look for in the plots of {best.joint}{own}: {effect.signature}. It is gone once "
         f"the effect is in the model: `{add_command(d.fit.mechanism, [effect])}` or `--with "
@@ -429,9 +444,9 @@ CLAIMS = {  # title of what each verdict says, and in which words
 def _nearest(d: Diagnosis) -> list[str]:
     """Return the effects and the curve that come nearest to an explanation."""
     first = d.selection.first
-    gains = {e.effect.label: e.gain / max(e.limit, 1e-12) for e in first.evidence if e.sensible}
+    gains = {e.effect.label: times(e.gain, e.limit) for e in first.evidence if e.sensible}
     for curve, gain in (first.curves or d.selection.last.curves)[:1]:
-        gains[f"a {curve_name(curve)}"] = gain / max(first.limit_at(curve.joints[0]), 1e-12)
+        gains[f"a {curve_name(curve)}"] = times(gain, first.limit_at(curve.joints[0]))
     best = sorted(gains.items(), key=lambda pair: -pair[1])[:MOST]
     if not best:
         return []

@@ -60,9 +60,9 @@ BARS = 12
 LOGS = 4  # whose residuals are drawn below each other
 MARKS = "* named; = this data cannot tell it from the one named."
 FALLS = (
-    "Error: held out, of the joint that it mends most, without it → with it. × chance: how many "
-    "times more it explains, in all joints, than the best of all candidates does where nothing is "
-    "missing. visible: how much of its torque no other parameter could take over."
+    "Error: held out, of the joint that it mends most, without it → with it. By chance: share of "
+    "logs in which nothing is missing where the best of all candidates explains as much. Visible: "
+    "how much of its torque no other parameter could take over."
 )
 EFFECT = (
     "Above, all but the effect is taken off; the line is the effect itself. Below, the effect is "
@@ -163,8 +163,9 @@ def _candidates(d: Diagnosis) -> list[Block]:
     blocks: list[Block] = [paragraph(MARKS)] if d.best else []
     blocks += [plot_candidates(d), paragraph(FALLS), table(candidate_rows(d), "Candidates")]
     if options := tuple(_option(d, each) for each in d.candidates if each.fit is not None):
-        marks = {x.joint: x.effect.label for x in d.candidates[:1]}
-        marks |= {j: e.label for e in d.group for j in e.joints} if d.best else {}
+        marks = {x.joint: x.effect.label for x in d.candidates[: d.best is not None]}
+        marks |= {j: e.label for e in d.group for j in e.joints}
+        marks = marks or {law.joint: f"formula: {law.joint}" for law in d.laws}
         blocks.append(view_of_fit(d.fit.residual, d.fit.predictions, marks))
         blocks += [headed("Its residual before and after"), Choice("Which candidate", options)]
     return blocks

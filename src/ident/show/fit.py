@@ -16,11 +16,11 @@ from ident.fit.findings import Unexcited
 from ident.fit.likelihood import Likelihood
 from ident.fit.multipliers import Reactions
 from ident.fit.prediction import predict
-from ident.fit.residual import residual_of
+from ident.fit.residual import floor_of, residual_of
 from ident.fit.result import Fit
 from ident.fit.shapes import initial
 from ident.fit.values import STRONG, Correlation, Value
-from ident.show.card import Bar, Card
+from ident.show.card import ADVICE, Bar, Card, good_enough
 from ident.show.charts import PRIOR, Chart, Dots, Panel
 from ident.show.html import Block, Page, Section, by_log, items, paragraph
 from ident.show.html import table as html_table
@@ -218,7 +218,10 @@ def sheet(fit: Fit) -> Sheet:
         + (f"zero-phase filter at {cut:.3g} Hz" if cut else "unfiltered")
     )
     tables = {caption: errors, **value_tables(fit)}
-    return Sheet(title, headline(fit), tables=tables, lines=lines, notes=fit.warnings)
+    good = good_enough(fit.held_out or fit.train, floor_of(fit, fit.motion), advice=ADVICE)
+    return Sheet(
+        title, f"{headline(fit)} {good}".strip(), tables=tables, lines=lines, notes=fit.warnings
+    )
 
 
 def summary(fit: Fit) -> str:
@@ -287,9 +290,13 @@ def report(fit: Fit, known: Reactions | None = None, more: Sequence[Section] = (
     sections = fit_sections(fit, known, more)
     before = residual_of(urdf_of(fit), fit.motion).errors
     errors = fit.held_out or fit.train
-    bars = tuple(Bar(joint, before[joint], error) for joint, error in errors.items())
-    sure = "Error of the URDF's own numbers → of the identified ones."
-    top = Card(headline(fit), sure if bars else "", bars)
+    floor = floor_of(fit, fit.motion)
+    bars = tuple(
+        Bar(joint, before[joint], error, floor[joint] or None) for joint, error in errors.items()
+    )
+    sure = "The bars: error of the URDF's own numbers → of the identified ones." if bars else ""
+    good = good_enough(errors, floor, advice=ADVICE)
+    top = Card(headline(fit), f"{good} {sure}".strip(), bars)
     return Page(f"{fit.mechanism.name}: identification", top, sections).html()
 
 

@@ -23,7 +23,7 @@ from ident.mechanism import Mechanism
 from ident.mechanism.write import folder_files
 from ident.show.card import Bar, Card, named
 from ident.show.charts import Chart, Level, Line, Mark, Panel
-from ident.show.diagnosis import noise_errors, verdict_line
+from ident.show.diagnosis import judged, noise_errors, verdict_line
 from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, write_instead
 from ident.show.html import Page, Section, table
 from ident.show.sheet import Sheet
@@ -173,7 +173,7 @@ def history_card(history: History) -> Card:
     bars = tuple(
         Bar(joint, first[joint], error, d.floor[joint]) for joint, error in errors_of(d.fit).items()
     )
-    return Card(f"Added: {added}.", f"Now {verdict_line(d)}.", bars)
+    return Card(f"Added: {added}.", f"{judged(d)} Now {verdict_line(d)}.", bars)
 
 
 @renders(History, "files")

@@ -134,7 +134,8 @@ def plot(x: MonteCarlo, parameters: Sequence[str] | None = None) -> Chart:
         label = f"rms error of {name} [{own['unit'][0]}]"
         panels.append(_panel(x, _quantiles(x, own, "rms"), label, logarithmic=True))
     rows = tuple(tuple(panels[i : i + ACROSS]) for i in range(0, len(panels), ACROSS))
-    words = f"{x.plan.mechanism.name}: {x.runs} runs at each SNR; thin: 5, 95 %; dashed: the truth"
+    words = f"{x.plan.mechanism.name}: {x.runs} runs at each SNR; thin lines: the lowest and "
+    words += "highest 5 % of them; dashed: the truth"
     if parameters is None and len(x.parameters) > len(names):
         words += f"; {len(x.parameters) - len(names)} parameters more are not drawn"
     return Chart(words, rows, width=13)

@@ -304,8 +304,8 @@ class Curve:
 class MonitorHistory:
     """Snapshots, reaction forces and alarms of a running machine, as charts and as a report."""
 
-    def __init__(self, mechanism: Mechanism) -> None:
-        self._mechanism = mechanism
+    def __init__(self, mechanism: Mechanism, watched: bool) -> None:
+        self._mechanism, self._watched = mechanism, watched
         self._parameters, self._errors, self._forces = Curve(), Curve(), Curve()
         self._alarms: list[Alarm] = []
         self._lock = threading.RLock()  # a page is drawn while samples come
@@ -348,7 +348,7 @@ class MonitorHistory:
             last = self._alarms[-1].headline
             head += f"{len(self._alarms)} alarm(s), the last: {last}"
         else:
-            head += "no alarm"
+            head += "no alarm" if self._watched else "alarms need logs of normal running (--like)"
         bars = tuple(Bar(joint, e) for joint, e in self._last.errors.items())
         return Card(head, bars=bars)
 

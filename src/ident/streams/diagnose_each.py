@@ -20,7 +20,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion import complete
 from ident.motion.recipe import AUTO
 from ident.pool import Workers
-from ident.progress import Progress
+from ident.progress import Progress, part
 from ident.streams.logs import Given, excerpt, log_paths, summarise
 
 TOGETHER = 300_000  # samples of all logs, from which stretches stand for them
@@ -197,8 +197,7 @@ def diagnose_each(
         note = f"all logs together are judged on {shown} of their {some.samples} samples"
         motion = replace(some, notes=(*some.notes, note))
     fit = identify(mechanism, motion, estimator="least-squares")
-    last = progress and (lambda what, share: progress(what, EACH + (1 - EACH) * share))
-    return Verdicts(diagnose(fit, progress=last, **rule), verdicts)
+    return Verdicts(diagnose(fit, progress=part(progress, EACH, 1.0), **rule), verdicts)
 
 
 def _verdict(common: tuple[Settings, dict[str, Any]], task: tuple[str, Path]) -> Verdict:

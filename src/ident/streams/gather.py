@@ -205,14 +205,15 @@ def gather(
     if not paths:
         raise FitError(f"{mechanism.name}: no log given")
     workers = Workers(None if scheduler else jobs, scheduler, len(paths) == 1, progress)
-    looked_at = summaries(mechanism, paths, workers)
+    looked_at = summaries(mechanism, paths, workers.between(0.0, 0.3))
     some = excerpt(mechanism, looked_at, cutoff, smoothing, workers.broken)
     logged, prior = some.experiments[0].logged, Point.prior(mechanism)
     common = Plan(mechanism, logged, some.independent, some.band, smoothing, (), prior)
-    plan = with_logs(common, looked_at, samples, workers)
-    plan = replace(plan, point=working_point(mechanism, some, None, progress))
+    plan = with_logs(common, looked_at, samples, workers.between(0.3, 0.4))
+    on_shapes = workers.between(0.4, 0.45).on_progress
+    plan = replace(plan, point=working_point(mechanism, some, None, on_shapes))
     saved = None if checkpoint is None else Checkpoint(Path(checkpoint), plan)
-    blocks, notes, findings, worked, resumed = _summed(plan, workers, saved)
+    blocks, notes, findings, worked, resumed = _summed(plan, workers.between(0.45, 0.9), saved)
     information = Information.of(blocks, len(plan.columns), some.experiments[0].leverage.shape[2])
     regression = Problem(mechanism, some, plan.point, plan.columns, information)
     fitted = estimate_of(regression)
@@ -225,7 +226,8 @@ def gather(
     shown = {log.name for log in some.logs}  # of which health compares the samples
     unseen = [part for part in plan.parts if part.name not in shown]
     findings += _copied(plan, unseen, "standard errors are too small by √2", "leave it out")
-    fit = _fit_of(regression, fitted, notes, findings, workers, consistent)
+    rest = workers.between(0.9, 1.0)
+    fit = _fit_of(regression, fitted, notes, findings, rest, consistent)
     if others:
         x = fitted.solution.x
         errors, copies = _validation(plan, regression, x, workers, others, samples)

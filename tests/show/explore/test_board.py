@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import threading
 
@@ -129,6 +130,15 @@ def test_a_fault_is_said_and_the_page_lives_on(board, monkeypatch):
     monkeypatch.undo()
     board.act({"do": "add", **ELBOW})
     assert len(board.exploration.rungs) == 2
+
+
+def test_a_state_that_is_no_json_is_an_error_that_is_seen(board, monkeypatch):
+    module = sys.modules["ident.show.explore.board"]
+    monkeypatch.setattr(module, "effect_rows", lambda e: [{"label": object()}])
+    board.act({"do": "add", **ELBOW})
+    assert board.state["status"]["kind"] == "bad"
+    assert "fault of ident" in board.state["status"]["text"]
+    json.dumps(board.state)  # a page that connects now gets it
 
 
 @pytest.mark.parametrize(

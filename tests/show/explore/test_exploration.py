@@ -58,7 +58,6 @@ def test_an_effect_whose_shape_was_searched_sets_out_from_there():
     shape = next(x.shape for x in e.candidates if x.label == "stribeck:wrist")
     now = e.with_effect("stribeck:wrist")
     assert now.fit.point.values["stribeck.wrist.vs"] == pytest.approx(shape["vs"], rel=0.3)
-    assert now.now.delivered == pytest.approx(now.now.announced, abs=0.12)  # not linear
 
 
 def test_a_joint_whose_error_has_grown_is_named():
@@ -87,7 +86,6 @@ def test_a_known_effect_can_be_set_free():
     assert now.fit["viscous.elbow.Fv"].value == pytest.approx(
         grown("viscous:elbow").fit["viscous.elbow.Fv"].value, rel=1e-6
     )
-    assert now.now.delivered == pytest.approx(found.fall, abs=1e-8)
 
 
 @pytest.mark.parametrize(

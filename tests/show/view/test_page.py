@@ -18,6 +18,7 @@ from moving import view_of
 
 import ident
 from ident.show.view3d.bodies import BODIES, ENDS
+from ident.show.view3d.scene import SHADES, mapped
 
 STRICT = 6.0  # [deg] of hue, within which an arrow is blue and a blue body is not
 
@@ -118,6 +119,35 @@ def test_a_cursor_over_a_chart_moves_the_machine_and_the_other_charts(five_bar, 
         "x => Math.abs(parseFloat(document.querySelector('figure.scene span').textContent) - x)"
         " < 0.01", arg=at,
     )  # fmt: skip
+    page.close()
+
+
+def test_the_mark_of_the_guilty_joint_has_the_colour_of_its_residual(five_bar, browser, tmp_path):
+    mechanism, motion = five_bar
+    path = tmp_path / "view.html"
+    view = ident.identify(mechanism, motion, estimator="least-squares").view()
+    view.write(path)
+    (joint,) = view.marks
+    page = browser.new_page(viewport={"width": 900, "height": 900})
+    page.add_init_script("""window.marks = []
+        const {arc} = CanvasRenderingContext2D.prototype
+        CanvasRenderingContext2D.prototype.arc = function (...all) {
+          arc.apply(this, all)
+          this.round = true
+        }
+        const {fill} = CanvasRenderingContext2D.prototype
+        CanvasRenderingContext2D.prototype.fill = function () {
+          fill.apply(this)
+          if (this.round) marks.push(this.fillStyle)
+          this.round = false
+        }""")
+    page.goto(path.as_uri())
+    share = view.films[0].misfit[joint]
+    for k in (int(np.nanargmin(share)), int(np.nanargmax(share))):
+        page.locator("figure.scene input").fill(str(view.films[0].t[k]))
+        level = round(min(share[k] / view.scales.misfit, 1.0) * (SHADES - 1))
+        colour = "#" + "".join(f"{x:02x}" for x in mapped(np.linspace(0.0, 1.0, SHADES))[level])
+        page.wait_for_function("colour => marks.at(-1) === colour", arg=colour)
     page.close()
 
 

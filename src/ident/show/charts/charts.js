@@ -81,8 +81,9 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
     if (m.value === null) return
     const style = {line_color: m.colour, line_dash: m.dashed ? "dashed" : "solid"}
     fig.add_layout(new Bokeh.Span({location: m.value, dimension: m.upright ? "height" : "width", ...style}))
+    const {start, end} = ends(), late = 2 * m.value > start + end // then it has room on the left
     if (m.upright && m.label) fig.add_layout(new Bokeh.Label({
-      x: m.value, y: 3, y_units: "screen", x_offset: 4, text: plain(m.label), text_color: m.colour, text_font_size: "11px"}))
+      x: m.value, y: 3, y_units: "screen", x_offset: late ? -4 : 4, text_align: late ? "right" : "left", text: plain(m.label), text_color: m.colour, text_font_size: "11px"}))
   }
 
   function add(fig, m) {
@@ -130,7 +131,7 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
         new Bokeh.ResetTool(),
         new Bokeh.HoverTool({tooltips: [["", "$name"], ["x", "@x{0.0000}"], ["y", "@y{0.00000}"]]}),
       ],
-      background_fill_color: null, border_fill_color: null, min_border_left: inner ? 8 : 70,
+      background_fill_color: null, border_fill_color: null, min_border_left: inner ? 16 : 70,
       outline_line_color: panel.marked ? "#d1495b" : null, outline_line_width: panel.marked ? 3 : 1,
     })
     fig.title = new Bokeh.Title({text: plain(panel.title), text_color: panel.marked ? "#d1495b" : GREY})

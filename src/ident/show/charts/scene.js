@@ -96,7 +96,7 @@ function drawScene(scene, place, told) {
         faces.push({order: ORDER[shape.kind], depth: eye[a][2] + eye[b][2] + eye[c][2], points: [a, b, c].map((j) => seen(eye[j])),
                     colour: css(rgb, bright, shape.kind === "body" ? 0.85 : 1)})
       }
-      if (scene.marks[shape.pivot]) named.push([scene.marks[shape.pivot], seen(eyed(posed(shape.joint, shape.middle)))])
+      if (scene.marks[shape.pivot]) named.push([scene.marks[shape.pivot], seen(eyed(posed(shape.joint, shape.middle))), css(rgb, 1)])
     }
     faces.sort((a, b) => a.order - b.order || b.depth - a.depth)
     for (const {points, colour} of faces) {
@@ -115,7 +115,7 @@ function drawScene(scene, place, told) {
     const edge = Math.max(0, ...faces.flatMap(({points}) => points.map(([x]) => x))) + 30
     const left = Math.max(4, Math.min(edge, width - longest - 6))
     let below = 16
-    for (const [text, [x, y]] of named.sort((a, b) => a[1][1] - b[1][1])) {
+    for (const [text, [x, y], colour] of named.sort((a, b) => a[1][1] - b[1][1])) {
       const line = Math.max(below, Math.min(y + 4, height - 6))
       below = line + 18
       art.strokeStyle = art.fillStyle = "#d1495b"
@@ -127,6 +127,8 @@ function drawScene(scene, place, told) {
       art.stroke()
       art.beginPath()
       art.arc(x, y, 9, 0, 7)
+      art.fillStyle = colour // the joint's own, large enough to be seen
+      art.fill()
       art.stroke()
     }
     now.textContent = `${film.t[k].toFixed(2)} s`

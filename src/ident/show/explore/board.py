@@ -29,11 +29,12 @@ from ident.diagnosis.result import Law
 from ident.effects import Effect
 from ident.effects.formula import Formula
 from ident.errors import IdentError, MechanismError
+from ident.files import json_line
 from ident.fit import Fit
 from ident.log import Log
 from ident.mechanism import Mechanism
 from ident.motion import Motion, complete
-from ident.progress import Progress
+from ident.progress import Progress, part, quiet
 from ident.show.card import Bar, named
 from ident.show.charts import Chart, pieces_of, scripts
 from ident.show.diagnosis import noise_errors
@@ -242,17 +243,17 @@ class Board:
             IdentError: what `make` raises, which the page shows too.
         """
         try:
-            e = make(self._progress("reading", 0, progress))
+            e = make(self._progress("reading", 0, part(progress, 0.0, 0.4)))
+            logs = ", ".join(experiment.name for experiment in e.fit.motion.experiments)
+            joints, worst = list(e.fit.motion.independent), e.fit.residual.where[0].joint
+            self._tell(title=f"{e.mechanism.name} on {logs}", joints=joints, joint=worst)
+            self._show(e)
+            self._draw()
         except Exception as error:
             self._say(_line(error), "bad")
             raise
-        logs = ", ".join(experiment.name for experiment in e.fit.motion.experiments)
-        joints, worst = list(e.fit.motion.independent), e.fit.residual.where[0].joint
-        self._tell(title=f"{e.mechanism.name} on {logs}", joints=joints, joint=worst)
-        self._show(e)
-        self._draw()
         self._tell(busy=False)
-        self._announce(0, beside=progress)
+        self._announce(0, beside=part(progress, 0.4, 1.0))
 
     def act(self, message: dict[str, Any]) -> None:
         """Do what a click asks for, or preview what it would do; a change during another one does
@@ -343,7 +344,7 @@ class Board:
         """Send the state to one page, and do what it asks for, until it is closed."""
         with self._lock:
             self._sockets.add(socket)
-            socket.send(json.dumps(self.state))
+            socket.send(json_line(self.state))
         try:
             for text in socket:
                 message = json.loads(text)
@@ -352,12 +353,12 @@ class Board:
             self._sockets.discard(socket)
 
     def _tell(self, **changes: Any) -> None:
-        """Change the state here and on all pages."""
+        """Change the state here and on all pages; what is no JSON raises and changes nothing."""
         from websockets.exceptions import ConnectionClosed
 
+        text = json_line(changes)
         with self._lock:
             self.state |= changes
-            text = json.dumps(changes) if self._sockets else ""
             for socket in list(self._sockets):
                 with contextlib.suppress(ConnectionClosed):
                     socket.send(text)
@@ -461,12 +462,13 @@ class Board:
         return f"saved into {folder}: {', '.join(files)}"
 
 
-def explore(mechanism: Mechanism, log: Motion | Logs) -> Board:
+def explore(mechanism: Mechanism, log: Motion | Logs, *, progress: Progress | None = None) -> Board:
     """Effects added and removed by a click, while the error falls.
 
     Args:
         mechanism: to start from.
         log: one or several, or their files, or the completed motion.
+        progress: called with (what is being done, share done).
 
     Returns:
         A board, which Jupyter shows as a page served on this machine; its `exploration` holds the
@@ -483,7 +485,7 @@ def explore(mechanism: Mechanism, log: Motion | Logs) -> Board:
         )
     motion = log if isinstance(log, Motion) else complete(mechanism, log)
     board = Board(mechanism.name, f"{mechanism.name}_explored")
-    board.begin(lambda p: Exploration.of(mechanism, motion, p), lambda what, share: None)
+    board.begin(lambda p: Exploration.of(mechanism, motion, p), progress or quiet)
     return board
 
 

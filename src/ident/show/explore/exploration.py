@@ -22,7 +22,7 @@ from ident.mechanism import Mechanism
 from ident.motion import Motion
 from ident.progress import Progress
 from ident.show.card import named
-from ident.show.explore.predicted import PredictedGain, delivered, predicted_gains, rows_of
+from ident.show.explore.predicted import PredictedGain, predicted_gains, rows_of
 from ident.show.ladder import model_files, refuse_own
 from ident.show.ladder import write as write_history
 from ident.show.laws import curve_name, law_words
@@ -39,8 +39,6 @@ class ModelStep:
     Attributes:
         added, removed: what was changed, several of a kind at once; nothing on the first rung.
         fit: everything refitted.
-        announced: the fall that was announced for this change, as a share; None if none was.
-        delivered: the fall that the refit brought, in the same rows; None where they are others.
         candidates: what is announced for the next change; None before that has been worked out.
         diagnosis: None before it was asked for.
     """
@@ -48,8 +46,6 @@ class ModelStep:
     added: tuple[Effect, ...]
     removed: tuple[Effect, ...]
     fit: Fit
-    announced: float | None = None
-    delivered: float | None = None
     candidates: tuple[PredictedGain, ...] | None = None
     diagnosis: Diagnosis | None = None
 
@@ -220,16 +216,16 @@ class Exploration(Displayed):
         for each in [effect] if isinstance(effect, str | Effect) else effect:
             mechanism = mechanism.with_effect(each) if isinstance(each, str) else mechanism + each
         new = tuple(e for e in mechanism.effects if not any(e is own for own in old.effects))
-        gains = [self._announced(each.label, present=False) for each in new]
+        gains = {x.label: x for x in self.candidates if not x.present}
         shapes = {
             full: gain.shape[s.name]
-            for each, gain in zip(new, gains, strict=True)
+            for each in new
+            if (gain := gains.get(each.label)) is not None
             for full, s in zip(each.names[len(each.unknowns) :], each.shapes, strict=True)
-            if gain is not None and s.name in gain.shape
+            if s.name in gain.shape
         }
         start = Point(self.fit.point.pi, {**self.fit.point.values, **shapes})
-        announced = gains[0].fall if len(gains) == 1 and gains[0] else None
-        return self._extended(mechanism, start, announced, progress, added=new)
+        return self._extended(mechanism, start, progress, added=new)
 
     def without(self, label: str, progress: Progress | None = None) -> Exploration:
         """With one effect less, everything refitted.
@@ -243,11 +239,7 @@ class Exploration(Displayed):
         """
         mechanism = self.mechanism.without(label)
         removed = next(e for e in self.mechanism.effects if e.label == label)
-        gain = self._announced(label, present=True)
-        announced = None
-        if gain is not None and gain.fall is not None and gain.fall < 1:
-            announced = -gain.fall / (1 - gain.fall)  # 1 − loss₀/loss₁ seen from the other side
-        return self._extended(mechanism, self.fit.point, announced, progress, removed=(removed,))
+        return self._extended(mechanism, self.fit.point, progress, removed=(removed,))
 
     def at(self, rung: int) -> Exploration:
         """Back to an earlier rung, 0 the model as given.
@@ -300,22 +292,18 @@ class Exploration(Displayed):
         rungs = ([r.name, *(error_text(r.errors.get(j)) for j in joints)] for r in self.rungs)
         return [["model", *joints], *rungs]
 
-    def _announced(self, label: str, *, present: bool) -> PredictedGain | None:
-        found = (x for x in self.candidates if x.label == label and x.present == present)
-        return next(found, None)
-
     def _with(self, now: ModelStep) -> Exploration:
         """Return the same model with more known of it."""
         return replace(self, rungs=(*self.rungs[:-1], now))
 
     def _extended(
-        self, mechanism: Mechanism, start: Point, announced: float | None,
-        progress: Progress | None, added: tuple[Effect, ...] = (), removed: tuple[Effect, ...] = (),
+        self, mechanism: Mechanism, start: Point, progress: Progress | None,
+        added: tuple[Effect, ...] = (), removed: tuple[Effect, ...] = (),
     ) -> Exploration:  # fmt: skip
         fit = identify(  # least squares throughout, as the prediction has it
             mechanism, self.fit.motion, start=start, estimator="least-squares", progress=progress
         )
-        step = ModelStep(added, removed, fit, announced, delivered=delivered(self.fit, fit))
+        step = ModelStep(added, removed, fit)
         return replace(self, rungs=(*self.rungs, step), before=replace(self, contest=None))
 
     def __str__(self) -> str:

@@ -1,9 +1,10 @@
 """Predicted fall of the held-out error for every effect, before anything is refitted.
 
-    fall = 1 − Σ_u w_u L_u′ / Σ_u w_u L_u          w_u = 1 / |τ_u|²
+    fall = 1 − L′ / L
 
-with the left-out squares L of joint u now and L′ with the effect, from `PartialRegression`: exact
-for effects that are linear in their unknowns. It judges nothing.
+with the left-out squares L of all joints now and L′ with the effect, in the weights by which a
+diagnosis judges, from `PartialRegression`: exact for effects that are linear in their unknowns. It
+judges nothing.
 """
 
 from __future__ import annotations
@@ -16,13 +17,13 @@ import numpy as np
 from ident.diagnosis.candidates import Contest, possible
 from ident.diagnosis.result import announced_errors, errors_of
 from ident.diagnosis.search import Search
-from ident.diagnosis.selection import Decision, Evidence, alike, rank, torque_squares
+from ident.diagnosis.selection import Decision, Evidence, alike, rank
 from ident.diagnosis.unobservable import invisible, unsupported
 from ident.effects import Effect
 from ident.fit import Fit
 from ident.information.blocks import Error
 from ident.information.chance import Chance, zscore
-from ident.progress import Progress
+from ident.progress import Progress, quiet
 
 SOME = 2.0  # standard errors from which a gain is one
 APART = 2.0  # standard errors of paired blocks within which two candidates are rivals
@@ -90,26 +91,7 @@ def rows_of(
         progress: called with (what is being done, share done); what it raises stops the work.
         earlier: of another model, from which columns are taken that are the same there.
     """
-    quiet = progress or (lambda what, share: None)
-    return Contest.of(fit, effects, quiet, curved=False, earlier=earlier)
-
-
-def delivered(before: Fit, after: Fit) -> float | None:
-    """Return the fall from one model to another in the rows and weights of the first.
-
-    None where the other model has other rows.
-    """
-    mine, other = rows_of(before), rows_of(after)
-    if not np.array_equal(mine.use, other.use):
-        return None
-    losses = other.regression.weighted(mine.regression.weight).losses
-    return _fall(mine.regression.losses @ _weight(mine), losses @ _weight(mine))[0]
-
-
-def _weight(contest: Contest) -> np.ndarray:
-    """Return w (d,); 0 for a joint without torque."""
-    torque = torque_squares(contest, contest.regression)
-    return np.where(torque > 0, 1.0 / np.where(torque > 0, torque, 1.0), 0.0)
+    return Contest.of(fit, effects, progress or quiet, curved=False, earlier=earlier)
 
 
 def _fall(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
@@ -124,8 +106,8 @@ def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:
     """Return all effects that could be missing, then those of the model; each part best first."""
     fit = contest.fit
     every = possible(fit.mechanism, fit.motion)
-    w, regression = _weight(contest), contest.regression
-    now = regression.losses @ w
+    regression = contest.regression
+    now = regression.loss
     decision = Decision()
     first = rank(
         contest,
@@ -138,7 +120,7 @@ def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:
     )
     hidden = {each.effect.label: each.why for each in invisible(first)}
     found = [each for each in first.every(decision) if each.effect.label not in hidden]
-    after = [each.refit.loss @ w for each in found]
+    after = [each.refit.loss.sum(axis=1) for each in found]
     errors, losses = errors_of(fit), regression.losses.sum(axis=0)
     open_ = []
     for each, squares in zip(found, after, strict=True):
@@ -153,7 +135,7 @@ def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:
             )
         )  # fmt: skip
     given = [effect.label for effect in fit.mechanism.effects]
-    lead = Search(contest, None, decision, 0, given, lambda what, share: None).led(first)
+    lead = Search(contest, None, decision, 0, given, quiet).led(first)
     open_ = _with_rivals(found, after, open_)
     open_.sort(key=lambda each: (each.label != lead, -each.gain))
     shut = [PredictedGain(e, why=hidden[e.label]) for e in every if e.label in hidden]
@@ -165,7 +147,7 @@ def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:
             own = PredictedGain(effect, True, why=doubts.get(effect.label, ""))
             if not effect.corrects:  # a correction is undone by another motion, not by a column
                 bare = regression.without(mine).losses
-                fall, error = _fall(bare @ w, now)
+                fall, error = _fall(bare.sum(axis=1), now)
                 without = announced_errors(errors, losses, bare.sum(axis=0))
                 joint = max(errors, key=lambda name: without[name].rms / (errors[name].rms or 1.0))
                 own = replace(

@@ -114,10 +114,10 @@ const near = new IntersectionObserver((entries) => {
   }
 }, {rootMargin: "400px"})
 figures.forEach((figure) => near.observe(figure))
-const unfold = () => {
-  document.querySelectorAll("details").forEach((each) => { each.open = true })
+const unfold = (which) => {
+  document.querySelectorAll(which).forEach((each) => { each.open = true })
   figures.filter(visible).forEach(draw)
 }
-addEventListener("beforeprint", unfold)
-document.getElementById("unfold")?.addEventListener("click", unfold)
+addEventListener("beforeprint", () => unfold("details"))
+document.getElementById("unfold")?.addEventListener("click", () => unfold("details:not(.scene details)"))
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => documents.forEach(paint))
