@@ -12,6 +12,7 @@ from operator import add
 import numpy as np
 
 from ident.diagnosis.candidates import Contest, OnProgress, candidates_of
+from ident.diagnosis.effect_set import Member
 from ident.diagnosis.found_curves import FoundCurve, curve_of
 from ident.diagnosis.laws import FoundLaw, laws_of
 from ident.diagnosis.null import NoiseDraws, noise
@@ -24,7 +25,7 @@ from ident.diagnosis.result import (
     errors_of,
     known_of,
 )
-from ident.diagnosis.search import Member, Selection, select
+from ident.diagnosis.search import Selection, select
 from ident.diagnosis.selection import (
     Decision,
     Evidence,

@@ -25,9 +25,10 @@ from ident.diagnosis.candidates import (
     possible,
 )
 from ident.diagnosis.diagnosis import Decision, concluded, started
+from ident.diagnosis.effect_set import EffectSet, Member, reweighted
 from ident.diagnosis.null import noise
 from ident.diagnosis.result import Diagnosis, announced_errors, errors_of
-from ident.diagnosis.search import EffectSet, Member, Search, reweighted
+from ident.diagnosis.search import Search
 from ident.diagnosis.selection import Ranking
 from ident.display import Displayed, Plotted, render
 from ident.effects import Effect

@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.diagnosis.candidates import Contest
+from ident.diagnosis.effect_set import Member
 from ident.diagnosis.grammar import PLAIN_WAVE, PROBE
 from ident.diagnosis.law_search import MINE, FittedFormula, LawSearch, OnProgress
-from ident.diagnosis.search import Member, Selection
+from ident.diagnosis.search import Selection
 from ident.diagnosis.selection import Decision, Ranking
 from ident.effects.curve import Curve
 from ident.effects.formula import Formula, Term

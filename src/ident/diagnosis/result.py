@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from ident.diagnosis.effect_set import Member
 from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.law_search import CERTAIN, FittedFormula
 from ident.diagnosis.laws import FoundLaw
-from ident.diagnosis.search import Member, Selection
+from ident.diagnosis.search import Selection
 from ident.diagnosis.selection import Decision, Evidence
 from ident.diagnosis.unobservable import Invisible, Unsupported, name_of
 from ident.display import Plotted, render

@@ -18,13 +18,12 @@ from functools import cached_property
 import numpy as np
 
 from ident.diagnosis.candidates import CandidateColumns, Contest
+from ident.diagnosis.effect_set import EffectSet, Member
 from ident.diagnosis.null import NoiseDraws
-from ident.diagnosis.refine import refined
 from ident.diagnosis.selection import (
     HIDDEN,
     PARSIMONY,
     Decision,
-    Evidence,
     OnProgress,
     Ranking,
     alike,
@@ -32,14 +31,11 @@ from ident.diagnosis.selection import (
     by_chance,
     rank,
     rivals,
-    sensible,
     simplest,
 )
 from ident.effects import Effect
-from ident.effects.formula import Formula
-from ident.information import linear
 from ident.information.chance import Chance, zscore
-from ident.information.hypotheses import Index, PartialRegression
+from ident.information.hypotheses import Index
 
 MOST = 60  # moves of one search
 CLEAR = 3.0  # times the last quantile, from which a gain needs no new null distribution
@@ -47,124 +43,6 @@ TOGETHER = 1.5  # times the largest single gain, from which what every machine h
 NEAR = 0.8  # share of the largest gain below which a candidate is not looked at in detail
 CERTAIN = 3.0  # standard errors, from which a gain needs no null distribution to lead a list
 TRIED = 3  # of the best candidates, until one makes a better set
-
-
-@dataclass(frozen=True, eq=False)
-class Member:
-    """An effect of a set.
-
-    Attributes:
-        columns: its columns in the regression.
-        evidence: when it was chosen, None of an effect of the fit; rivals: then.
-        gain: rise of the left-out squared error of the whole set without it, as a share.
-        curve: a curve of its signals that explains much beside it: the law has the wrong form.
-        impossible: a law that explains more of the same joint than it does, with values that no
-            machine has: the cause is something else.
-        law: a formula that stands in its place, because it has the right form.
-        stands_in: whether its columns are of another effect, for which it stands.
-    """
-
-    effect: Effect
-    columns: Index
-    evidence: Evidence | None = None
-    rivals: tuple[Evidence, ...] = ()
-    gain: float = np.nan
-    curve: Effect | None = None
-    impossible: Effect | None = None
-    law: Formula | None = None
-    stands_in: bool = False
-
-    @property
-    def rejected(self) -> bool:
-        """Whether something speaks against its form."""
-        return any(each is not None for each in (self.curve, self.impossible, self.law))
-
-    @property
-    def label(self) -> str:
-        """The effect's label."""
-        return self.effect.label
-
-
-@dataclass(frozen=True, eq=False)
-class EffectSet:
-    """The model with a set of effects added, on the rows of one fit."""
-
-    contest: Contest
-    regression: PartialRegression
-    members: tuple[Member, ...] = ()
-
-    @property
-    def labels(self) -> frozenset[str]:
-        """Labels of its effects."""
-        return frozenset(each.label for each in self.members)
-
-    @property
-    def loss(self) -> float:
-        """Weighted squared error of left-out blocks."""
-        return float(self.regression.loss.sum())
-
-    @property
-    def density(self) -> float:
-        """Log density L of left-out blocks."""
-        n = np.maximum(self.regression.rows, 1)
-        squares = self.regression.losses.sum(axis=0) / self.regression.weight**2
-        return float(-0.5 * (n * np.log(squares / n + 1e-300)).sum())
-
-    def plus(self, found: Evidence, equal: tuple[Evidence, ...] = ()) -> EffectSet:
-        """The set with a further effect and its rivals."""
-        contest, columns = replace(self.contest, regression=self.regression), found.columns
-        if found.C:  # of a refined shape
-            contest, columns = contest.added(found.C)
-        member = Member(found.effect, columns, found, equal)
-        return EffectSet(contest, contest.regression.extended(columns), (*self.members, member))
-
-    def minus(self, member: Member) -> EffectSet:
-        """The set without one of its effects."""
-        left = tuple(each for each in self.members if each is not member)
-        return replace(self, regression=self.regression.without(member.columns), members=left)
-
-    def polished(self) -> EffectSet:
-        """The set with all shapes refined beside each other: weights have changed since."""
-        found = self
-        for m in self.members:
-            if m.evidence is None or m.effect.corrects or not m.evidence.C:
-                continue
-            bare = found.minus(m)
-            contest = replace(bare.contest, regression=bare.regression)
-            shape, C, refit = refined(contest, bare.regression, m.effect, m.evidence.shape)
-            e = replace(m.evidence, shape=shape, columns=m.columns[:0], C=tuple(C), refit=refit)
-            found = bare.plus(e, m.rivals)
-        return found
-
-    def reweighted(self) -> EffectSet:
-        """The set with weights by the left-out errors that it leaves."""
-        return replace(self, regression=reweighted(self.regression))
-
-    @cached_property
-    def shares(self) -> dict[str, float]:
-        """Rise of the in-sample squared error without each effect, as a share, by label.
-
-        It is larger than the left-out one; −1 of an effect whose values cannot be.
-
-            θ_gᵀ ((XᵀX)⁻¹)_gg⁻¹ θ_g / |e|²
-        """
-        theta, inverse = self.regression.solved
-        place = {int(column): i for i, column in enumerate(self.regression.model)}
-        found = {}
-        for each in self.members:
-            at = np.array([place[int(column)] for column in each.columns])
-            t = theta[at]
-            rise = float(t @ linear.pinv(inverse[np.ix_(at, at)], hermitian=True) @ t)
-            stderr = np.sqrt(np.maximum(np.diag(inverse)[at], 0.0))
-            possible = each.evidence is None or sensible(self.contest, each.effect, t, stderr)
-            found[each.label] = rise / self.loss if possible else -1.0
-        return found
-
-
-def reweighted(regression: PartialRegression) -> PartialRegression:
-    """The regression with weights by the left-out errors of its model."""
-    sigma = np.sqrt(regression.losses.sum(axis=0) / np.maximum(regression.rows, 1))
-    return regression.weighted(regression.weight / np.where(sigma > 0, sigma, 1.0))
 
 
 @dataclass(eq=False)
