@@ -72,7 +72,10 @@ def measured(name: str, source: Path) -> dict[str, Any]:
             bare = bare.with_effect(effect)
         begin = time.process_time()
         motion = ident.complete(bare, list(machine.train))
-        judged = ident.complete(bare, list(machine.validate)) if machine.validate else None
+        cutoff = motion.band.cutoff or "auto"  # one band, else errors are no measure
+        judged = None
+        if machine.validate:
+            judged = ident.complete(bare, list(machine.validate), cutoff=cutoff)
         plain = bare.with_effect("viscous").with_effect("coulomb")
         defaults = ident.identify(plain, motion, validate=judged)
         history = ident.grow(bare, motion, validate=judged)

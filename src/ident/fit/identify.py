@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
+import numpy as np
+
 from ident.equations.unknowns import Point
 from ident.errors import FitError, one_of
 from ident.fit.channel_checks import copies
@@ -78,6 +80,13 @@ def identify(
         return fit
     texts = "its errors are no validation", "validate on another log"
     same = [each for a in motion.logs for b in validate.logs for each in copies(a, b, *texts)]
+    if validate.band.cutoff != motion.band.cutoff:
+        bands = tuple(f"{m.band.cutoff or np.inf:.3g} Hz" for m in (validate, motion))
+        text = (
+            "the validation logs are filtered at {}, the fit's at {}: their errors are no measure"
+        )
+        remedy = "complete them with cutoff=motion.band.cutoff"
+        same.append(Finding("another cut-off", text.format(*bands), remedy))
     errors = _errors_on(fit, validate, last)
     return replace(fit, validation=errors, findings=(*fit.findings, *same))
 
