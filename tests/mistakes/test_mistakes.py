@@ -64,7 +64,11 @@ def test_a_length_that_a_clock_could_be_is_said_to_be_either(arm):
     columns = positions_only(arm.logged(t=0.9 * arm.columns["t"])).columns
     log = ident.Log.from_arrays("run.csv", columns.pop("t"), columns)
     found = ident.diagnose(ident.identify(arm.truth, ident.complete(arm.truth, log)))
-    assert found.best is None or "another scale of time" in " ".join(found.short.split())
+    said = " ".join(found.short.split())
+    assert found.best is None or "which of these: open" in said.partition("error:")[0]
+    assert found.best is None or "another scale of time" in said
+    assert "ident add" not in said
+    assert "Add " not in said
     assert any(each.code == "time" for each in found.health.findings)
 
 

@@ -49,6 +49,7 @@ from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import State
+from ident.text import percent
 
 FAULTS = {  # codes of findings that explain a log better than any effects that were found
     "sign", "swapped", "axis", "position sign", "position scale", "position from",
@@ -175,16 +176,15 @@ class DataChecks:
 
     @property
     def moved(self) -> Array:
-        """By how much each base parameter (rank,) would change without the faults that are named:
-        the bias that they may have made, which the scatter of residuals does not show.
+        """By how much the unknowns (k,) would change without the faults that are named: the bias
+        that they may have made, which the scatter of residuals does not show.
         """
-        found, base = self.faults[1], self.estimate.base
-        if found is None:
-            return np.zeros(base.rank)
-        equations, cause = found
-        x = self.estimate.x.copy()
-        x[~self.estimate.held] = equations.solution(cause, equations.noise(cause))
-        return np.asarray(self.estimate.at(x).solution.beta - self.estimate.solution.beta)
+        found, moved = self.faults[1], np.zeros(len(self.estimate.x))
+        if found is not None:
+            equations, cause = found
+            free = ~self.estimate.held
+            moved[free] = equations.solution(cause, equations.noise(cause)) - self.estimate.x[free]
+        return moved
 
     @cached_property
     def faults(self) -> tuple[list[Finding], tuple[ChannelEquations, Fault] | None, Array]:
@@ -243,7 +243,7 @@ class DataChecks:
         where = tuple(f"tau.{name}" for name, x in zip(names, bad, strict=True) if x)
         left, worst = self.reference[bad], errors[bad].max()
         text = "the model leaves " + ", ".join(
-            f"{100 * x:.3g} % of {name}" for name, x in zip(where, errors[bad], strict=True)
+            f"{percent(x)} of {name}" for name, x in zip(where, errors[bad], strict=True)
         )
         text += " (fitted, or held out in time)"
         if worst < LEAVES:
@@ -259,7 +259,7 @@ class DataChecks:
             text += ": something is missing or wrong, an effect, a length, a mass, and parameters "
             text += "make up for it, which standard errors do not hold"
         else:
-            text += f", and {', '.join(f'{100 * x:.0f} %' for x in left)} with friction and "
+            text += f", and {', '.join(map(percent, left))} with friction and "
             text += "springs: parameters are not to be trusted. "
             strange = [f"tau.{equations.driven[j]}" for j in equations.strangers(self.reference)]
             text += f"{', '.join(strange)} may be of another run. " if strange else ""
