@@ -59,7 +59,8 @@ FEW = 300  # samples that tell a right motion from a wrong one
 BAD = 0.05  # relative error from which positions are doubted, of which there are many wrong ones
 BEYOND = 3.0  # times the sensors' noise from which a residual is not of it; in good logs 0.5 to 1.3
 NEARLY = 1.2  # times the error of a fault that its rival leaves: a missing effect, another scale
-LIKE = 0.9  # correlation from which the URDF's torque is like the identified one
+LIKE = 0.9  # correlation from which the URDF's torque is like the identified one, …
+UNLIKE = 0.5**0.5  # … and below which less than half of its squares is of the same shape
 TIMES = 30.0  # of the URDF's torque at one joint, where a rotor behind its gears may be missing
 TOGETHER = 3.0  # the same at all joints alike: masses in a URDF are rarely so wrong, units are
 ALIKE = 0.7  # difference of logarithms of factors that are one, bodies being off by some 30 %
@@ -268,8 +269,8 @@ class DataChecks:
         yield Finding("poor fit", text, remedy, where, None, LEAVES if worst > LEAVES else DOUBT)
 
     def _magnitudes(self) -> Iterator[Finding]:
-        """Report torques of another size than the URDF's bodies need: a hint, for a URDF may be
-        wrong.
+        """Report torques of another size or shape than the URDF's bodies need: a hint, for a URDF
+        may be wrong.
         """
         columns, table, gains = self.problem.columns, self.table, dict[str, float]()
         rigid = np.arange(len(columns)) < len(columns.rigid)
@@ -288,8 +289,17 @@ class DataChecks:
             )
             sizes = [float(np.linalg.norm(x)) for x in (now, then)]
             fits = name in self.mechanism.driven and self.errors[name] < LEAVES
-            if fits and now @ then > LIKE * sizes[0] * sizes[1] > 0:
+            like = now @ then / max(sizes[0] * sizes[1], 1e-300)
+            if fits and like > LIKE:
                 gains[name] = sizes[0] / sizes[1]
+            if fits and like < UNLIKE and min(sizes) > LEAVES * np.linalg.norm(table.tau[some, u]):
+                text = (
+                    f"tau.{name}: the bodies that were identified need a torque of another shape "
+                    f"than the URDF's (correlation {like:.2f}): gravity, the zero or sign of a "
+                    "position or a unit of time is wrong, unless its masses are no real ones"
+                )
+                remedy = "check [mechanism] gravity, q.… and t against the machine"
+                yield Finding("unlike", text, remedy, (f"tau.{name}",), float(like), UNLIKE)
         logs = np.log(list(gains.values()))
         alike = len(gains) >= enough and np.ptp(logs) < ALIKE
         alike = alike and np.abs(logs).min() > np.log(TOGETHER)
