@@ -318,15 +318,13 @@ def _done_on_worker(index: int, future: Any) -> Done:
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
     """Keep Dask from writing tracebacks of lost connections, which end in one line."""
-    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
-    levels = [each.level for each in loggers]
+    log = logging.getLogger("distributed.client")
+    level = log.level
+    log.setLevel(logging.CRITICAL)
     try:
-        for each in loggers:
-            each.setLevel(logging.CRITICAL)
         yield
     finally:
-        for each, level in zip(loggers, levels, strict=True):
-            each.setLevel(level)
+        log.setLevel(level)
 
 
 @contextlib.contextmanager

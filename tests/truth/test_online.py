@@ -6,13 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from streaming import HOW, blocks, given, samples
+from streaming import HOW, blocks, given, raw_rows, samples
 
 import ident
 from helpers import ROBOTS
 from ident import FitError, Log, LogError, Noise, Online
 from ident.equations.corrections import Scene
-from ident.equations.rows import Rows, largest_transmission, raw_rows
+from ident.equations.rows import Rows, largest_transmission
 from ident.equations.unknowns import Columns
 from ident.information.covariance import covariance
 from ident.streams.stream import INTERVALS, Accumulator
