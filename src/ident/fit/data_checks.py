@@ -60,6 +60,7 @@ BAD = 0.05  # relative error from which positions are doubted, of which there ar
 BEYOND = 3.0  # times the sensors' noise from which a residual is not of it; in good logs 0.5 to 1.3
 NEARLY = 1.2  # times the error of a fault that its rival leaves: a missing effect, another scale
 LIKE = 0.9  # correlation from which the URDF's torque is like the identified one, …
+MANY = 3.0  # equations a parameter, of which fewer say nothing of bodies
 UNLIKE = 0.5**0.5  # … and below which less than half of its squares is of the same shape
 TIMES = 30.0  # of the URDF's torque at one joint, where a rotor behind its gears may be missing
 TOGETHER = 3.0  # the same at all joints alike: masses in a URDF are rarely so wrong, units are
@@ -251,20 +252,13 @@ class DataChecks:
             text += f", up to {beyond[bad].max():.2g} times what noise of the sensors makes"
         if self.faults[1] is not None:
             text += ": what is named above explains it"
-        elif left.max() < min(LEAVES, worst) / 2:
-            text += (
-                f", linear effects at all drives {100 * left.max():.2g} %: an effect is missing, "
-                "or a length or what is known of a body is wrong, and parameters make up for it"
-            )
-        elif worst < LEAVES:
-            text += ": something is missing or wrong, an effect, a length, a mass, and parameters "
-            text += "make up for it, which standard errors do not hold"
         else:
-            text += f", and {', '.join(map(percent, left))} with friction and "
-            text += "springs: parameters are not to be trusted. "
-            strange = [f"tau.{equations.driven[j]}" for j in equations.strangers(self.reference)]
-            text += f"{', '.join(strange)} may be of another run. " if strange else ""
-            text += "If no fault of the data is named above, none that was tried explains it"
+            text += (
+                f", linear effects at all drives {', '.join(map(percent, left))}: an effect is "
+                "missing, or the data, a length or what is known of a body is wrong; parameters "
+                "make up for it, which standard errors do not hold"
+            )
+            text += ": parameters are not to be trusted" if worst > LEAVES else ""
         remedy = "check units, signs, columns and lengths; ident diagnose shows where it fails"
         yield Finding("poor fit", text, remedy, where, None, LEAVES if worst > LEAVES else DOUBT)
 
@@ -292,7 +286,9 @@ class DataChecks:
             like = now @ then / max(sizes[0] * sizes[1], 1e-300)
             if fits and like > LIKE:
                 gains[name] = sizes[0] / sizes[1]
-            if fits and like < UNLIKE and min(sizes) > LEAVES * np.linalg.norm(table.tau[some, u]):
+            many = self.estimate.triangle.rows > MANY * self.estimate.base.rank
+            matter = min(sizes) > LEAVES * float(np.linalg.norm(table.tau[some, u]))
+            if fits and many and matter and like < UNLIKE:
                 text = (
                     f"tau.{name}: the bodies that were identified need a torque of another shape "
                     f"than the URDF's (correlation {like:.2f}): gravity, the zero or sign of a "

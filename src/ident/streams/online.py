@@ -239,26 +239,24 @@ class Online:
         if not len(X):
             return
         self._first.append(X)
-        if self._whole() and self._moving():
+        full = sum(map(len, self._first)) >= LONGEST
+        if (full or self.t - self._first[0][0, 0] >= self._warmup) and self._moving():
             self._start()
 
-    def _whole(self) -> bool:
-        """Whether there are samples for the warm-up."""
-        count = sum(map(len, self._first))
-        return count > 0 and (self.t - self._first[0][0, 0] >= self._warmup or count >= LONGEST)
-
     def _moving(self) -> bool:
-        """Whether enough is left without the samples before the machine moves: they show noise."""
+        """Leave out what comes before the machine moves, which shows noise; whether the samples
+        that remain make a warm-up.
+        """
         X, names = np.concatenate(self._first), self._parser.columns
         channels = [i for i, name in enumerate(names) if name.startswith(("q.", "v."))]
-        while len(X):
+        while len(X) >= LONGEST or (len(X) and X[-1, 0] - X[0, 0] >= self._warmup):
             part = X[:, 0] <= X[0, 0] + self._warmup / 5
             some = X[part][:, channels].T
             if part.sum() < TELL or any(np.std(x) > MOVES * noise_level(x) for x in some):
-                break
+                return True
             X, self._resting = X[~part], self._resting + int(part.sum())
-        self._first = [X] if len(X) else []
-        return self._whole()
+            self._first = [X] if len(X) else []
+        return False
 
     def snapshot(self) -> Snapshot:
         """Return parameters, multipliers and errors by now; this ends a warm-up.
