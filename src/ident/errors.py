@@ -65,6 +65,8 @@ def missing_file(path: Path) -> str:
 
     The path is walked down to its first part that does not exist, and the folder above searched.
     """
+    if os.path.lexists(path) and not path.is_dir():
+        return "no file, but a pipe, a device or a link that leads nowhere"
     missing = path
     while not missing.parent.is_dir() and missing != missing.parent:
         missing = missing.parent

@@ -7,6 +7,7 @@ of them, so its executor (loky) and Dask's are used directly: both return future
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import pickle
 import platform
@@ -36,6 +37,7 @@ CERTIFICATES = (
     "name them by DASK_DISTRIBUTED__COMM__TLS__CA_FILE, …__TLS__CLIENT__CERT and …__CLIENT__KEY in "
     "the environment, as docs/large_logs.md shows"
 )
+STOPPED = "stopped answering; start it and its workers anew and run this again"
 ANSWER = 5  # [s] within which a scheduler answers and has workers
 EMPTY = 60  # [s] without any worker after which the run is given up
 LOOK = 1  # [s] between looks at whether there are workers
@@ -294,10 +296,7 @@ def _on_cluster(
                         f"(dask worker {scheduler}) and run this again"
                     )
         except CancelledError:
-            raise IdentError(
-                f"scheduler {scheduler}: stopped answering; start it and its workers anew and run "
-                "this again"
-            ) from None
+            raise IdentError(f"scheduler {scheduler}: {STOPPED}") from None
         finally:
             with contextlib.suppress(Exception):
                 client.cancel(list(running), force=True)
@@ -314,6 +313,18 @@ def _done_on_worker(index: int, future: Any) -> Done:
         return Done(index, error=_killed(error.allowed_failures + 1))
     except Exception as error:
         return Done(index, error=line_of(error))
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Dask from writing tracebacks of lost connections, which end in one line."""
+    log = logging.getLogger("distributed.client")
+    level = log.level
+    log.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
 
 
 @contextlib.contextmanager
@@ -345,7 +356,7 @@ def _client(scheduler: str) -> Iterator[Any]:
             "tcp://host:8786, which 'dask scheduler' prints; it needs workers: dask worker "
             f"{scheduler}"
         ) from None
-    with client:
+    with _quiet(), client:
         try:
             client.wait_for_workers(1, timeout=ANSWER)
         except TimeoutError:
@@ -357,6 +368,8 @@ def _client(scheduler: str) -> Iterator[Any]:
             client.run(_check_worker, versions())
         except UnfitWorker:
             raise
+        except (OSError, CancelledError):
+            raise IdentError(f"scheduler {scheduler}: {STOPPED}") from None
         except Exception as error:
             raise IdentError(
                 f"scheduler {scheduler}: a worker cannot be used ({line_of(error)}); install ident "

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 WIDTH = 100  # characters of a line in a terminal
+MUCH = 10.0  # relative error above which its size says nothing more
 LARGE = 1e5  # below, a number with an error is written without an exponent
 
 
@@ -91,7 +92,9 @@ def places(names: Iterable[str]) -> str:
 
 def percent(relative: float | None) -> str:
     """Return a relative error in percent, or a dash where nothing was measured."""
-    return "–" if relative is None else f"{100 * relative:.3g} %"
+    if relative is None:
+        return "–"
+    return "over 1000 %" if relative > MUCH else f"{100 * relative:.3g} %"
 
 
 def shortened(name: str, most: int = 72) -> str:

@@ -109,9 +109,9 @@ def judge(case: Case, mistake: Mistake, folder: Path) -> Verdict:
         except IdentError as error:
             return Verdict("error", (str(error),), np.inf, time.perf_counter() - start)
         new = {key: text for key, text in sentences(fit).items() if key not in known}
-    named = [  # a poor fit lists what to check, and names nothing
+    named = [  # a poor fit or a torque of another shape lists what to check, and names nothing
         text for key, text in new.items()
-        if re.search(mistake.names, text) and not key.startswith("poor fit")
+        if re.search(mistake.names, text) and not key.startswith(("poor fit", "unlike"))
     ]  # fmt: skip
     blamed = [key for key in new if any(key.startswith(f"{code} ") for code in CAUSES)]
     doubt = [key for key in new if not key.startswith(WEAK)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import socket
@@ -62,6 +63,17 @@ def test_every_task_is_done_once(started):
     found = by_index(spread(plus_square, range(20), common=5, scheduler=started.address))
     assert found == [Done(i, 5 + i**2) for i in range(20)]
     assert list(spread(plus_square, [], scheduler=started.address)) == []
+
+
+def test_what_dask_logs_of_a_lost_connection_is_not_printed(started, capfd):
+    log = logging.getLogger("distributed.client")
+    before = log.level
+    done = spread(plus_square, range(3), common=5, scheduler=started.address)
+    first = next(done)
+    log.error("Traceback (most recent call last):")
+    assert len([first, *done]) == 3
+    assert "Traceback" not in capfd.readouterr().err
+    assert log.level == before
 
 
 def test_what_a_task_ends_in_is_one_line(started):

@@ -18,7 +18,7 @@ def slow(common, task):
     return task
 
 
-def test_a_scheduler_that_goes_away_is_said_in_one_line(tmp_path):
+def test_a_scheduler_that_goes_away_is_said_in_one_line(tmp_path, capfd):
     with cluster(tmp_path) as found:
         found.start("one")
         found.wait_for(1)
@@ -30,3 +30,4 @@ def test_a_scheduler_that_goes_away_is_said_in_one_line(tmp_path):
             list(done)
         assert time.monotonic() - start < 60.0
         assert "\n" not in str(error.value)
+    assert "Traceback" not in capfd.readouterr().err

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from ident import Log
-from ident.equations.rows import Rows
+from ident.equations.corrections import Scene
+from ident.equations.rows import Rows, informing, largest_transmission
 
 FIELDS = ("t", "sample", "A", "b", "tau", "informed")
 
@@ -41,3 +42,12 @@ HOW = ["one by one", "blocks", "whole"]
 def together(parts: list[Rows]) -> Rows:
     """Rows one after the other."""
     return Rows.joined(parts)
+
+
+def raw_rows(scene: Scene, part: slice, farthest: np.ndarray | None = None) -> Rows:
+    """The rows of some samples, unfiltered; `farthest` is `largest_transmission` of the state."""
+    s, found = scene.samples(part), scene.terms(part)
+    farthest = largest_transmission(scene.e) if farthest is None else farthest
+    informed = informing(s, found.informative, farthest)
+    sample = np.arange(part.start, part.stop)
+    return Rows(scene.e.t[part], sample, found.A, found.b, found.tau, informed)

@@ -6,13 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from streaming import HOW, blocks, given, samples
+from streaming import HOW, blocks, given, raw_rows, samples
 
 import ident
 from helpers import ROBOTS
 from ident import FitError, Log, LogError, Noise, Online
 from ident.equations.corrections import Scene
-from ident.equations.rows import Rows, largest_transmission, raw_rows
+from ident.equations.rows import Rows, largest_transmission
 from ident.equations.unknowns import Columns
 from ident.information.covariance import covariance
 from ident.streams.stream import INTERVALS, Accumulator
@@ -295,6 +295,44 @@ def test_a_snapshot_ends_the_warm_up():
     found = online.snapshot()
     assert online.warm
     assert found.samples == len(case.log.t)
+
+
+def test_a_rest_before_the_motion_decides_nothing():
+    """A stream that begins long before the machine moves, with noise on all channels."""
+    case = made("arm", FRICTION, seconds=8.0)
+    n, noise = 1460, np.random.default_rng(5)
+    columns = {k: x for k, x in case.log.columns.items() if k.startswith(("q.", "tau."))}
+    columns = {k: np.append(x[0] + 1e-5 * noise.standard_normal(n), x) for k, x in columns.items()}
+    t = np.append(np.arange(n) / 200, case.log.t + n / 200 + 1.0)  # what is between is not logged
+    online = Online(case.mechanism, cutoff=12.0)
+    found = fed(online, blocks(Log.from_arrays("rest.csv", t, columns), [50]))
+    assert any("before the machine moved are left out" in note for note in found.notes)
+    assert found.samples == len(t)
+    assert found.rank == 30
+    for value in found.identified:
+        assert abs(value.value - case.values[value.name]) < 6 * value.stderr, value.name
+
+
+def test_a_clock_in_milliseconds_ends_the_stream_at_once():
+    case = made("arm", seconds=6.0)
+    online = Online(case.mechanism)
+    with pytest.raises(ident.MotionError, match="t is not in seconds"):
+        online.update({"t": 1e3 * case.log.t, **case.log.columns})
+
+
+def test_a_named_fault_is_noted_and_standard_errors_hold_it():
+    """All torques 40 ms late: friction is off by many standard errors of the scatter."""
+    case = made("arm", FRICTION, seconds=10.0)
+    names = [name for name in case.log.columns if name.startswith("tau.")]
+    late = {n: np.roll(case.log.columns[n], 8)[8:] for n in names}
+    rest = {n: x[8:] for n, x in case.log.columns.items()}
+    log = Log.from_arrays("late.csv", case.log.t[8:], {**rest, **late})
+    online = Online(case.mechanism)
+    fed(online, blocks(log, [100]))
+    found = online.finish()
+    assert any("ms late" in note for note in found.notes)
+    for value in found.identified:
+        assert abs(value.value - case.values[value.name]) < 3 * value.stderr, value.name
 
 
 def test_what_is_wrong_with_the_first_seconds_is_said():

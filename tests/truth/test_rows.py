@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from streaming import raw_rows
 
 from helpers import Truth, series
 from ident.effects import create
 from ident.equations.corrections import Scene
 from ident.equations.filter import Decimator
-from ident.equations.rows import CHUNK, raw_rows, row_supports, rows
+from ident.equations.rows import CHUNK, row_supports, rows
 from ident.equations.unknowns import Columns
 from ident.log import Log
 from ident.mechanism import load

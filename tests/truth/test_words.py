@@ -15,7 +15,7 @@ from ident.show.card import named
 from ident.show.diagnosis import sure
 from ident.show.diagnosis import words as text_of
 from ident.show.ladder import head, rung
-from ident.text import WIDTH, listed, some
+from ident.text import WIDTH, listed, percent, some
 
 
 def bad(name: str, channel: str) -> Finding:
@@ -212,6 +212,12 @@ def test_joints_with_long_names_are_numbered():
     errors = {name: step.errors["yaw"] for name in joints}
     line = rung(replace(step, errors=errors), joints)
     assert len(line) == len(more[-1])
+
+
+def test_an_error_without_measure_is_no_huge_percentage():
+    assert percent(None) == "–"
+    assert percent(0.00129) == "0.129 %"
+    assert percent(1.49e6) == "over 1000 %"
 
 
 def test_small_pieces():

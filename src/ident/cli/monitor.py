@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from ident.streams.online import Forces, Online, Snapshot
 
 REDRAWN = 1.0  # s between two states of the page
-CHECKED = 20.0, 5000  # s and samples from the beginning, in which errors of the data are looked for
 MOST_NOTED = 20  # lines that are left out, of which each is noted; then they are counted
 PARAMETERS = ("t", "quantity", "value", "stderr", "unit", "state")
 ALARMS = ("onset", "detected", "named", "verdict", "suspects", "evidence", "text")
@@ -200,7 +199,6 @@ class Session(contextlib.ExitStack):
         self._due, self._left_out = -float("inf"), 0
         self._waiting = 0  # line of the sample that may wait for its successor
         self.raised: list[Alarm] = []
-        self._first: list[Mapping[str, np.ndarray]] | None = []
         self._tables: dict[str, Any] = {}
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
@@ -217,7 +215,6 @@ class Session(contextlib.ExitStack):
         """Take lines of the log that came together."""
         for number, why in lines.bad:
             self._leave_out(number, why)
-        self._check(lines.columns)
         source = self._online.mechanism.columns.get("t")
         t = lines.columns.get(source.column if source else "t", np.zeros(len(lines)))
         t = t if source is None else source.scale * t + source.offset
@@ -259,37 +256,12 @@ class Session(contextlib.ExitStack):
 
     def end(self) -> Snapshot:
         """Return the last snapshot, after the last alarms."""
-        self._check(None)
         self._warn(None)
         found = self._snapshot(self._online.finish())
+        notes(map(str, self._online.findings))
         self._later.cancel()
         self._show(now=True)
         return found
-
-    def _check(self, samples: Mapping[str, np.ndarray] | None) -> None:
-        """Look once for errors of the data, in the first samples; None: there are no more."""
-        if self._first is None:
-            return
-        model = self._online.mechanism
-        source = model.columns.get("t")
-        clock, scale = (source.column, source.scale) if source else ("t", 1.0)
-        if samples is not None and len(samples.get(clock, ())):
-            self._first.append(samples)
-            seconds = scale * (samples[clock][-1] - self._first[0][clock][0])
-            if seconds < CHECKED[0] and sum(len(x[clock]) for x in self._first) < CHECKED[1]:
-                return
-        elif samples is not None or not self._first:
-            return
-        from ident.fit import identify
-        from ident.log import Log
-        from ident.motion import complete
-
-        columns = {name: np.concatenate([x[name] for x in self._first]) for name in self._first[0]}
-        self._first, t = None, scale * columns.pop(clock)
-        with contextlib.suppress(IdentError):  # too few: the stream says what it lacks
-            log = Log.from_arrays("first samples", t, columns)
-            fit = identify(model, complete(model, log), estimator="least-squares")
-            notes(map(str, (*fit.health.findings, *fit.checks.poor())))
 
     def _snapshot(self, found: Snapshot) -> Snapshot:
         self._record("multipliers", _multiplier_rows(self._online.multipliers))

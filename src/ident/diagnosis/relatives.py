@@ -13,6 +13,7 @@ from ident.diagnosis.laws import Comparison
 from ident.diagnosis.search import Selection
 from ident.diagnosis.selection import Decision
 from ident.effects import KINDS, Effect, Signals
+from ident.information import linear
 from ident.information.hypotheses import Array
 
 WIDER = 2.0  # times the travelled range, over which laws that do as well are compared
@@ -65,4 +66,4 @@ def _beyond(effect: Effect, shape: Mapping[str, float], theta: Array, x: Array) 
     s = Signals(x, x[:, None], one, one, np.full(1, 1e-12), shape=shape)
     f = effect.columns(s)[:, 0] @ theta[: len(effect.unknowns)]
     A = np.stack([one[:, 0], np.sin(x), np.cos(x)], axis=1)
-    return np.asarray(f - A @ np.linalg.lstsq(A, f, rcond=None)[0])
+    return np.asarray(f - A @ linear.lstsq(A, f)[0])

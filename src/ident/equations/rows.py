@@ -63,17 +63,6 @@ class Rows:
         return cls(*(np.concatenate([getattr(x, name) for x in parts]) for name in names))
 
 
-def raw_rows(scene: Scene, part: slice, farthest: np.ndarray | None = None) -> Rows:
-    """The rows of some samples, unfiltered; `farthest` is `largest_transmission` of the state."""
-    s, e = scene.samples(part), scene.e
-    found = scene.terms(part)
-    informed = informing(
-        s, found.informative, largest_transmission(e) if farthest is None else farthest
-    )
-    sample = np.arange(part.start, part.stop)
-    return Rows(e.t[part], sample, found.A, found.b, found.tau, informed)
-
-
 def informing(
     s: Samples, informative: Sequence[tuple[str, np.ndarray]], farthest: np.ndarray | None
 ) -> np.ndarray:

@@ -223,7 +223,7 @@ class Determined:
     def expected(self, columns: Columns, point: Point) -> tuple[ExpectedValue, ...]:
         """Return prior and standard error of every base parameter."""
         base, x = self.base, columns.prior_at(point.values)
-        prior = x[base.independent] + base.K @ x[base.dependent]
+        prior = base.combined(x)
         units = [columns.units[i] for i in base.independent]
         named = zip(base_names(columns, base), prior, self.stderr, units, strict=True)
         return tuple(ExpectedValue(name, float(p), float(s), unit) for name, p, s, unit in named)

@@ -49,6 +49,7 @@ from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import State
+from ident.text import percent
 
 FAULTS = {  # codes of findings that explain a log better than any effects that were found
     "sign", "swapped", "axis", "position sign", "position scale", "position from",
@@ -58,7 +59,9 @@ FEW = 300  # samples that tell a right motion from a wrong one
 BAD = 0.05  # relative error from which positions are doubted, of which there are many wrong ones
 BEYOND = 3.0  # times the sensors' noise from which a residual is not of it; in good logs 0.5 to 1.3
 NEARLY = 1.2  # times the error of a fault that its rival leaves: a missing effect, another scale
-LIKE = 0.9  # correlation from which the URDF's torque is like the identified one
+LIKE = 0.9  # correlation from which the URDF's torque is like the identified one, …
+MANY = 3.0  # equations a parameter, of which fewer say nothing of bodies
+UNLIKE = 0.5**0.5  # … and below which less than half of its squares is of the same shape
 TIMES = 30.0  # of the URDF's torque at one joint, where a rotor behind its gears may be missing
 TOGETHER = 3.0  # the same at all joints alike: masses in a URDF are rarely so wrong, units are
 ALIKE = 0.7  # difference of logarithms of factors that are one, bodies being off by some 30 %
@@ -175,16 +178,15 @@ class DataChecks:
 
     @property
     def moved(self) -> Array:
-        """By how much each base parameter (rank,) would change without the faults that are named:
-        the bias that they may have made, which the scatter of residuals does not show.
+        """By how much the unknowns (k,) would change without the faults that are named: the bias
+        that they may have made, which the scatter of residuals does not show.
         """
-        found, base = self.faults[1], self.estimate.base
-        if found is None:
-            return np.zeros(base.rank)
-        equations, cause = found
-        x = self.estimate.x.copy()
-        x[~self.estimate.held] = equations.solution(cause, equations.noise(cause))
-        return np.asarray(self.estimate.at(x).solution.beta - self.estimate.solution.beta)
+        found, moved = self.faults[1], np.zeros(len(self.estimate.x))
+        if found is not None:
+            equations, cause = found
+            free = ~self.estimate.held
+            moved[free] = equations.solution(cause, equations.noise(cause)) - self.estimate.x[free]
+        return moved
 
     @cached_property
     def faults(self) -> tuple[list[Finding], tuple[ChannelEquations, Fault] | None, Array]:
@@ -243,33 +245,26 @@ class DataChecks:
         where = tuple(f"tau.{name}" for name, x in zip(names, bad, strict=True) if x)
         left, worst = self.reference[bad], errors[bad].max()
         text = "the model leaves " + ", ".join(
-            f"{100 * x:.3g} % of {name}" for name, x in zip(where, errors[bad], strict=True)
+            f"{percent(x)} of {name}" for name, x in zip(where, errors[bad], strict=True)
         )
         text += " (fitted, or held out in time)"
         if worst < LEAVES:
             text += f", up to {beyond[bad].max():.2g} times what noise of the sensors makes"
         if self.faults[1] is not None:
             text += ": what is named above explains it"
-        elif left.max() < min(LEAVES, worst) / 2:
-            text += (
-                f", linear effects at all drives {100 * left.max():.2g} %: an effect is missing, "
-                "or a length or what is known of a body is wrong, and parameters make up for it"
-            )
-        elif worst < LEAVES:
-            text += ": something is missing or wrong, an effect, a length, a mass, and parameters "
-            text += "make up for it, which standard errors do not hold"
         else:
-            text += f", and {', '.join(f'{100 * x:.0f} %' for x in left)} with friction and "
-            text += "springs: parameters are not to be trusted. "
-            strange = [f"tau.{equations.driven[j]}" for j in equations.strangers(self.reference)]
-            text += f"{', '.join(strange)} may be of another run. " if strange else ""
-            text += "If no fault of the data is named above, none that was tried explains it"
+            text += (
+                f", linear effects at all drives {', '.join(map(percent, left))}: an effect is "
+                "missing, or the data, a length or what is known of a body is wrong; parameters "
+                "make up for it, which standard errors do not hold"
+            )
+            text += ": parameters are not to be trusted" if worst > LEAVES else ""
         remedy = "check units, signs, columns and lengths; ident diagnose shows where it fails"
         yield Finding("poor fit", text, remedy, where, None, LEAVES if worst > LEAVES else DOUBT)
 
     def _magnitudes(self) -> Iterator[Finding]:
-        """Report torques of another size than the URDF's bodies need: a hint, for a URDF may be
-        wrong.
+        """Report torques of another size or shape than the URDF's bodies need: a hint, for a URDF
+        may be wrong.
         """
         columns, table, gains = self.problem.columns, self.table, dict[str, float]()
         rigid = np.arange(len(columns)) < len(columns.rigid)
@@ -288,8 +283,19 @@ class DataChecks:
             )
             sizes = [float(np.linalg.norm(x)) for x in (now, then)]
             fits = name in self.mechanism.driven and self.errors[name] < LEAVES
-            if fits and now @ then > LIKE * sizes[0] * sizes[1] > 0:
+            like = now @ then / max(sizes[0] * sizes[1], 1e-300)
+            if fits and like > LIKE:
                 gains[name] = sizes[0] / sizes[1]
+            many = self.estimate.triangle.rows > MANY * self.estimate.base.rank
+            matter = min(sizes) > LEAVES * float(np.linalg.norm(table.tau[some, u]))
+            if fits and many and matter and like < UNLIKE:
+                text = (
+                    f"tau.{name}: the bodies that were identified need a torque of another shape "
+                    f"than the URDF's (correlation {like:.2f}): gravity, the zero or sign of a "
+                    "position or a unit of time is wrong, unless its masses are no real ones"
+                )
+                remedy = "check [mechanism] gravity, q.… and t against the machine"
+                yield Finding("unlike", text, remedy, (f"tau.{name}",), float(like), UNLIKE)
         logs = np.log(list(gains.values()))
         alike = len(gains) >= enough and np.ptp(logs) < ALIKE
         alike = alike and np.abs(logs).min() > np.log(TOGETHER)

@@ -22,6 +22,7 @@ from ident.information.triangle import Array
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import is_rotational, joint_axis
 from ident.motion import State
+from ident.text import percent
 
 PARALLEL = 0.999  # cosine of two axes that are one, up to rounding in a URDF
 DEGREES = 10.0  # smallest range of a position that may be in degrees
@@ -357,8 +358,8 @@ def fault_finding(mechanism: Mechanism, found: CredibleFault) -> Finding:
     """Return a credible fault in words, with the remedy."""
     fault, moved = found.fault, found.fault.state is not None
     _, text, remedy = (each.format(**_fields(mechanism, fault)) for each in WORDS[fault.kind])
-    text += f" the error of the predicted torque falls from {100 * found.before:.3g} % to "
-    text += f"{100 * found.after:.3g} %"
+    errors = percent(found.before), percent(found.after)
+    text += " the error of the predicted torque falls from {} to {}".format(*errors)
     for each in found.rivals:
         rival = WORDS[each.kind][0].format(**_fields(mechanism, each))
         text += f"; {rival} would do nearly as well"

@@ -149,7 +149,7 @@ class Fit(Charted):
             cov = self.repeated.variance(mean_duration(self.motion)) * cov
         if max(self.relative.values(), default=0.0) < SMALL:  # no fault is named
             return cov
-        moved = self.checks.moved
+        moved = self.estimate.base.combined(self.checks.moved)
         return cov + np.outer(moved, moved)
 
     @cached_property

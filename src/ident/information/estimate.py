@@ -44,6 +44,10 @@ class Base:
         """How many base parameters there are."""
         return len(self.independent)
 
+    def combined(self, x: Array) -> Array:
+        """Return the base parameters (rank,) of all unknowns (k,): x_I + K x_D."""
+        return np.asarray(x[self.independent] + self.K @ x[self.dependent])
+
     def __repr__(self) -> str:
         return (
             f"Base({self.rank} of {len(self.distance)} unknowns independent, {len(self.zero)} "
@@ -177,8 +181,7 @@ class Estimate:
 
     def at(self, x: Array) -> Estimate:
         """Return the same equations and base, with the unknowns at another x (k,)."""
-        beta = x[self.base.independent] + self.base.K @ x[self.base.dependent]
-        return replace(self, solution=replace(self.solution, x=x, beta=beta))
+        return replace(self, solution=replace(self.solution, x=x, beta=self.base.combined(x)))
 
 
 def term_sizes(totals: Sequence[Triangle], x: Array) -> Array:

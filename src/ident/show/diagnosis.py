@@ -74,11 +74,13 @@ def verdict_line(d: Diagnosis) -> str:
     """Return the verdict in one sentence."""
     if d.best is not None:
         first = f"{d.best.label if d.rivals else named(d.group)} ({type(d.best).summary()})"
-        names = [first, *(each.label for each in d.rivals)]
-        names += ["another scale of time" for each in d.health.findings if each.code == "time"]
+        names = [first, *_alike(d)]
         apart = ", which this data cannot tell apart" if names[1:] else ""
         return f"missing: {listed(names, 'or')}{apart}"
     formulas = listed([f"torque of {law.joint} = {law.formula}" for law in d.laws])
+    last = d.laws[-1].after if d.laws else {}  # its fit has all laws
+    if open_ := [name for name in d.loud if d.laws and last[name].rms > LOUD * d.floor[name]]:
+        formulas += f"; even with it more than noise is left in {listed(open_)}"
     return {
         "nothing": "nothing is missing that this data could show",
         "unexplained": "unexplained: something is missing, and no effect of the library explains "
@@ -86,6 +88,12 @@ def verdict_line(d: Diagnosis) -> str:
         "undecided": f"undecided: more is left in {listed(d.loud)} than the sensors' noise, and "
         "this log cannot tell coloured noise from physics",
     }[d.verdict]
+
+
+def _alike(d: Diagnosis) -> list[str]:
+    """Return what this data cannot tell from the best effect."""
+    clock = ["another scale of time"] if any(x.code == "time" for x in d.health.findings) else []
+    return [*(each.label for each in d.rivals), *clock]
 
 
 def card(d: Diagnosis) -> Card:
@@ -96,12 +104,13 @@ def card(d: Diagnosis) -> Card:
     after: Mapping[str, Error] = {}
     if d.best is not None:
         best = d.candidates[0]
-        after, command = d.after, add_command(d.fit.mechanism, d.group)
-        value = f"{d.best.label}: " if len(d.group) > 1 else ""
-        certain = (
-            f"{sure(best.evidence.z).capitalize()}: {by_chance(best.evidence)}; "
-            f"{value}{numbers(best.parameters)}."
-        )
+        after = d.after
+        command = "" if d.health.faults else add_command(d.fit.mechanism, d.group)
+        certain = sure(best.evidence.z).capitalize()
+        if _alike(d):
+            certain = f"That something is missing: {certain.lower()}; which of these: open"
+        value = f"{d.best.label}: " if len(d.group) > 1 or _alike(d) else ""
+        certain += f": {by_chance(best.evidence)}; {value}{numbers(best.parameters)}."
     else:
         certain = f"{_tried(d)} effects were tried, and none explains more than chance does."
         if d.selection.members or d.laws:
@@ -298,10 +307,10 @@ def _missing(d: Diagnosis) -> list[str]:
     effect, e = best.effect, best.evidence
     name = f"{effect.label} ({type(effect).summary()})"
     first = f"Missing is {name}."
-    if best.rivals:
+    if others := _alike(d):
         first = (
-            f"Missing is one of {1 + len(best.rivals)} effects that this data cannot tell apart: "
-            f"{name} comes first, but it could as well be {labels(best.rivals, 'or')}."
+            f"Missing is one of {1 + len(others)} that this data cannot tell apart: {name} comes "
+            f"first, but it could as well be {listed(others, 'or')}."
         )
     if best.known:
         known = [

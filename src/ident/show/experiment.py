@@ -102,8 +102,9 @@ def _words(d: Diagnosis) -> str:
                 "cause: compare both fits there."
             )
         return unexplained(d)
-    why = "check the data first" if d.health.faults else "nothing rivals it"
-    first = "" if d.best is None else f"Add {named(d.group)} and diagnose again: {why}. "
+    first = f"Add {named(d.group)} and diagnose again: nothing rivals it. " if d.best else ""
+    if d.best and d.health.faults:  # of the clock, the only one beside a name
+        first = f"Compare t with another clock, and measure the length {named(d.group)}. "
     return f"{first}{unseen(d)}".strip()
 
 

@@ -12,6 +12,7 @@ from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.result import Diagnosis, Law
 from ident.effects import Effect
 from ident.fit.values import Value
+from ident.information import linear
 from ident.show.charts import FAINT, Chart, Level, Line, Panel
 from ident.show.html import Block, code, headed, paragraph, table
 from ident.text import listed, percent, rounded, some
@@ -178,7 +179,7 @@ def _on_curve(curve: FoundCurve, law: Law) -> np.ndarray | None:
     y = formula.of_signal(effect.first, curve.x, {**values, **second})
     weight = 1 / np.maximum(curve.upper - curve.lower, 1e-12)
     A = np.stack([np.ones_like(curve.x), curve.x], axis=1)[:, : 1 if effect.second else 2]
-    rest = np.linalg.lstsq(A * weight[:, None], (curve.torque - y) * weight, rcond=None)[0]
+    rest = linear.lstsq(A * weight[:, None], (curve.torque - y) * weight)[0]
     return np.asarray(y + A @ rest)
 
 

@@ -15,6 +15,7 @@ drive s. What torques do not determine stays at its prior: λ may depend on it, 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,8 +24,8 @@ from ident.display import Displayed, render
 from ident.equations.corrections import Scene
 from ident.equations.rows import Rows, row_supports
 from ident.equations.unknowns import Columns, Point
-from ident.errors import FitError, LogError, one_of
-from ident.fit import Fit
+from ident.errors import FitError, IdentError, LogError, MotionError, one_of
+from ident.fit import Fit, identify
 from ident.fit.multipliers import identifiable_multipliers
 from ident.fit.problem import plausible_of
 from ident.fit.shapes import working_point
@@ -35,6 +36,7 @@ from ident.information.estimate import Estimate, estimate
 from ident.log import Log
 from ident.mechanism import Mechanism
 from ident.motion import Motion, complete
+from ident.motion.signals import noise_level
 from ident.streams.samples import DataWatch, Sample, SampleParser, Since
 from ident.streams.stream import (
     LATENCY,
@@ -46,7 +48,9 @@ from ident.streams.stream import (
 )  # fmt: skip
 
 WARMUP = 5.0  # [s] from which a stream learns what it is like
+MOVES, TELL = 3.0, 10  # times its noise that a position varies, in so many samples, if it moves
 LONGEST = 100_000  # samples that a warm-up keeps at most
+CHECKED = 20.0, 5000  # s and samples from the beginning, in which errors of the data are looked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +132,8 @@ class Online:
 
     The equations are those of `identify` with the estimator least-squares. Where nothing is
     filtered and positions, velocities and accelerations are given, parameters are the same after
-    every sample; else they are a fixed lag late.
+    every sample; else they are a fixed lag late. Errors of the data are looked for once in the
+    first 20 s or 5000 samples, as `identify` does; standard errors hold what a named one does.
 
     Args:
         mechanism: with what is unknown and which effects it has.
@@ -169,18 +174,22 @@ class Online:
         reads = [name for effect in mechanism.effects for name in effect.reads()]
         self._parser = SampleParser(mechanism.name, mechanism.columns, None, reads)
         self._first: list[np.ndarray] = []  # samples of the warm-up
+        self._resting = 0  # samples before the machine moved
         self._stream: Stream | None = None  # after the warm-up
         self._solved: _Solved | None = None
         self._ahead = Squares.zero(0)
         self.left_out: list[tuple[int, str]] = []  # (row, why) of samples of the last `update`
-        self.findings: list[Since] = []  # new ones of its channels
+        self.findings: list[Since] = []  # new ones
+        self._early: list[np.ndarray] | None = []  # samples not yet looked at for errors
+        self._bias: np.ndarray | None = None  # of the unknowns, by errors that are named
         if like is not None:
             self._begin(like)
 
     @property
     def samples(self) -> int:
         """How many have come."""
-        return self._stream.samples if self._stream else sum(map(len, self._first))
+        since = self._stream.samples if self._stream else sum(map(len, self._first))
+        return self._resting + since
 
     @property
     def warm(self) -> bool:
@@ -223,16 +232,31 @@ class Online:
             stream = self._stream
             self._absorb(stream, stream.push(sample))
             self.left_out = stream.left_out
-            states = [each.e.at_samples(each.inside) for each in stream.windows]
-            self.findings = self._watch.add(stream.last, states)
+            self._judge(stream, stream.last)
             return
         X = self._parser(sample)
         self.left_out = self._parser.left_out
         if not len(X):
             return
         self._first.append(X)
-        if self.t - self._first[0][0, 0] >= self._warmup or self.samples >= LONGEST:
+        full = sum(map(len, self._first)) >= LONGEST
+        if (full or self.t - self._first[0][0, 0] >= self._warmup) and self._moving():
             self._start()
+
+    def _moving(self) -> bool:
+        """Leave out what comes before the machine moves, which shows noise; whether the samples
+        that remain make a warm-up.
+        """
+        X, names = np.concatenate(self._first), self._parser.columns
+        channels = [i for i, name in enumerate(names) if name.startswith(("q.", "v."))]
+        while len(X) >= LONGEST or (len(X) and X[-1, 0] - X[0, 0] >= self._warmup):
+            part = X[:, 0] <= X[0, 0] + self._warmup / 5
+            some = X[part][:, channels].T
+            if part.sum() < TELL or any(np.std(x) > MOVES * noise_level(x) for x in some):
+                return True
+            X, self._resting = X[~part], self._resting + int(part.sum())
+            self._first = [X] if len(X) else []
+        return False
 
     def snapshot(self) -> Snapshot:
         """Return parameters, multipliers and errors by now; this ends a warm-up.
@@ -255,7 +279,30 @@ class Online:
         """
         stream = self._stream or self._start()
         self._absorb(stream, stream.finish())
+        self._judge(stream, stream.last[:0], over=True)
         return self._found(stream)
+
+    def _judge(self, stream: Stream, X: np.ndarray, over: bool = False) -> None:
+        """Look for errors of the data in further samples (n, columns); `over`: no more come."""
+        states = [each.e.at_samples(each.inside) for each in stream.windows]
+        self.findings = [*self._look(stream, X, over), *self._watch.add(X, states, over)]
+
+    def _look(self, stream: Stream, X: np.ndarray, over: bool = False) -> list[Since]:
+        """Ask once what may be wrong with the data, of the first samples."""
+        if self._early is None:
+            return []
+        self._early.append(X)
+        X, names = np.concatenate(self._early)[: CHECKED[1]], stream.columns_of_samples
+        if not len(X) or not (over or len(X) == CHECKED[1] or np.ptp(X[:, 0]) >= CHECKED[0]):
+            return []
+        self._early, mechanism = None, self._known_mechanism
+        with suppress(IdentError):  # too few: the stream says what it lacks
+            columns = dict(zip(names[1:], X.T[1:], strict=True))
+            motion = complete(mechanism, Log.from_arrays(mechanism.name, X[:, 0], columns))
+            fit = identify(mechanism, motion, estimator="least-squares")
+            self._bias = fit.checks.moved
+            return self._watch.note((*fit.health.findings, *fit.checks.poor()), float(X[0, 0]))
+        return []
 
     def _found(self, stream: Stream) -> Snapshot:
         solved, informed = self._solve()
@@ -263,10 +310,12 @@ class Online:
         ahead, self._ahead = self._ahead, Squares.zero(len(self._units))
         names, (lost, why) = self._joints, stream.lost
         left_out = [f"{lost} samples are left out, the last since {why}"] if lost else []
+        if self._resting:
+            left_out += [f"{self._resting} samples before the machine moved are left out"]
         base = solved.estimate.base
         return Snapshot(
             t=self._accumulator.now,
-            samples=stream.samples,
+            samples=self.samples,
             rows=float(solved.squares.rows.mean()),
             parameters=parameters,
             base_parameters=solved.base,
@@ -283,14 +332,19 @@ class Online:
     def _start(self) -> Stream:
         """End the warm-up: look at its samples as at a whole log, and take them like all others."""
         if not self._first:
-            raise LogError(f"{self.mechanism.name}: no sample yet; give `update` some")
+            what = f"nothing moved in {self._resting} samples" if self._resting else "no sample yet"
+            raise LogError(f"{self.mechanism.name}: {what}; give `update` some in which it moves")
         X, names = np.concatenate(self._first), self._parser.columns
         columns = dict(zip(names[1:], X.T[1:], strict=True))
-        log = Log.from_arrays(self.mechanism.name, X[:, 0], columns)
-        like = complete(self.mechanism, log, cutoff=self._cutoff, smoothing=self._smoothing)
+        try:
+            log = Log.from_arrays(self.mechanism.name, X[:, 0], columns)
+            like = complete(self.mechanism, log, cutoff=self._cutoff, smoothing=self._smoothing)
+        except LogError as error:  # not of one sample
+            raise MotionError(str(error)) from None
         self.notes = (*self.notes, *like.notes)
         stream = self._begin(like)
         self._absorb(stream, stream.push(log))
+        self.findings = self._look(stream, stream.last)
         self._first = []
         return stream
 
@@ -348,6 +402,9 @@ class Online:
         cov = covariance(total, fitted) + prior_covariance(fitted, sensible)
         if self._repeated is not None and self._stream is not None:
             cov *= self._repeated.variance(total.rows / total.d * self._stream.period)
+        if self._bias is not None:
+            moved = fitted.base.combined(self._bias)
+            cov = cov + np.outer(moved, moved)
         after = self._point.at(self._known_mechanism, columns, fitted.x)
         values = [*rigid_values(self._known_mechanism, columns, fitted, cov)]
         for each in effect_values(columns, fitted, cov, after):

@@ -32,7 +32,7 @@ from ident.equations.corrections import Scene
 from ident.equations.filter import Decimator
 from ident.equations.rows import row_supports, rows
 from ident.equations.unknowns import Columns, Point
-from ident.errors import FitError, IdentError, MotionError, line_of, one_of
+from ident.errors import FitError, IdentError, MotionError, one_of
 from ident.files import atomic_write, regular
 from ident.fit.channel_checks import log_findings
 from ident.fit.findings import Finding
@@ -378,7 +378,7 @@ class Checkpoint:
         except FileNotFoundError:
             pass
         except Exception as error:  # damaged bytes make readers fail in any way
-            self.unused = f"broken ({line_of(error)})"
+            self.unused = f"broken ({type(error).__name__})"
         return None
 
     def due(self, absorbed: int) -> bool:

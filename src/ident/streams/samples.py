@@ -8,7 +8,7 @@ rests in a window is not judged: its torque may well be constant or noise.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -199,15 +199,17 @@ class DataWatch:
         self._states: list[State] = []
         self.found: dict[tuple[str, tuple[str, ...]], Since] = {}
 
-    def add(self, X: np.ndarray, states: list[State]) -> list[Since]:
-        """Add samples (n, columns) and states that are complete; return what is new."""
+    def add(self, X: np.ndarray, states: list[State], over: bool = False) -> list[Since]:
+        """Add samples (n, columns) and states that are complete; return what is new. `over`: no
+        further ones come, and a shorter window is judged.
+        """
         self._samples += [X] if len(X) else []
         self._states += [e for e in states if len(e)]
         count = sum(map(len, self._states))
         if not count or count < FEWEST:
             return []
         start, end = float(self._states[0].t[0]), float(self._states[-1].t[-1])
-        if end - start < SECONDS or len(self.found) >= REPORTED:
+        if (end - start < SECONDS and not over) or len(self.found) >= REPORTED:
             return []
         t, yd, ydd = (
             np.concatenate([getattr(e, name) for e in self._states]) for name in ("t", "yd", "ydd")
@@ -233,10 +235,11 @@ class DataWatch:
         )  # fmt: skip
         like = self._like
         motion = Motion((state,), like.independent, like.band, 0.0, (), (log,), self._mechanism)
-        new = []
-        for each in log_findings(self._mechanism, motion):
-            key = each.code, each.where
-            if key not in self.found:
-                self.found[key] = Since(each, start)
-                new.append(self.found[key])
-        return new
+        return self.note(log_findings(self._mechanism, motion), start)
+
+    def note(self, findings: Iterable[Finding], start: float) -> list[Since]:
+        """Take findings of a window that begins at `start` [s]; return what is new."""
+        each = {(found.code, found.where): Since(found, start) for found in findings}
+        new = {key: found for key, found in each.items() if key not in self.found}
+        self.found |= new
+        return [*new.values()]
