@@ -240,7 +240,7 @@ def contenders(d: Diagnosis) -> list[Evidence]:
     judged = [  # with a kind of its own for each
         Evidence(
             replace(e.formula, name=e.formula.text), e.shape, none, e.C, e.refit,
-            np.nan, np.nan, np.nan, np.nan, True, True, (),
+            np.nan, np.nan, np.nan, np.nan, True, True,
         )
         for e in formulas
     ]  # fmt: skip

@@ -94,7 +94,6 @@ class Evidence:
         size: rms of its torque as a share of its joint's, the largest.
         sensible: whether no value is one that such an effect cannot have.
         credible: all of it.
-        mends: coordinates that it mends.
     """
 
     effect: Effect
@@ -108,12 +107,17 @@ class Evidence:
     size: float
     sensible: bool
     credible: bool
-    mends: tuple[int, ...]
 
     @property
     def numbers(self) -> int:
         """Number of its parameters."""
         return len(self.effect.parameters)
+
+    @property
+    def mends(self) -> tuple[int, ...]:
+        """Coordinates that it mends."""
+        by = np.maximum(self.refit.by, 0.0)
+        return tuple(int(u) for u in np.flatnonzero(by >= MINE * max(by.sum(), 1e-300)))
 
     @property
     def coordinate(self) -> int:
@@ -363,7 +367,6 @@ class Weigh:
             size,
             plausible,
             passed and plausible and material and steady,
-            tuple(int(u) for u in np.flatnonzero(mends)),
         )
 
 
