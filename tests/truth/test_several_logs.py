@@ -24,7 +24,8 @@ def test_a_length_that_is_wrong_is_named_on_several_logs():
     fit = ident.identify(robot("arm"), ident.complete(robot("arm"), found))
     diagnosis = ident.diagnose(fit)
     labels = [each.effect.label for each in diagnosis.candidates[:2]]
-    assert diagnosis.verdict == "missing" and "geometry:elbow.x" in labels
+    assert diagnosis.verdict == "missing"
+    assert "geometry:elbow.x" in labels
 
 
 def test_a_validation_log_at_another_cutoff_is_noted():
