@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ident.information.blocks import Block, Information
-from ident.information.chance import exceeding, kept_power, quantile, surrogates, zscore
+from ident.information.chance import exceeding, quantile, remaining_power, surrogates, zscore
 from ident.information.hypotheses import PartialRegression
 from ident.information.parts import Part
 from ident.information.triangle import Triangle
@@ -140,9 +140,9 @@ def test_power_that_a_model_takes_is_given_back():
     r, trials = coloured(n, random)[:, :1], coloured(n, random)[:, :1]
     trials = surrogates(trials, run, 25, random)
     left = trials - np.einsum("nk,kdc->ndc", Q, np.einsum("nk,ndc->kdc", Q, trials))
-    kept = kept_power(left, trials)
+    remaining = remaining_power(left, trials)
     e = r - Q @ (Q.T @ r)
-    made = surrogates(e, run, 50, random, [kept])
+    made = surrogates(e, run, 50, random, [remaining])
     assert e.std() < 0.9 * r.std()
     assert made.std() == pytest.approx(r.std(), rel=0.1)
 

@@ -21,7 +21,7 @@ from scipy.sparse.linalg import splu
 from ident.diagnosis.candidates import Contest
 from ident.equations.motion_noise import gain
 from ident.fit.table import Table
-from ident.information.chance import kept_power, surrogates
+from ident.information.chance import remaining_power, surrogates
 from ident.information.hypotheses import Array, PartialRegression
 from ident.information.parts import Part
 from ident.motion import State
@@ -139,8 +139,8 @@ def judging(
     parts = regression.parts
     Y = [np.column_stack([p.Y[:, :1], _rows(contest, p, tries)]) for p in parts]
     left = _series(contest, regression, [y[:, 1:] for y in regression.judging(Y).residual], True)
-    kept = [kept_power(left[run], tries[run]) for run in steps]
-    made = surrogates(r[:, :, 0], steps, SURROGATES, random, kept)
+    remaining = [remaining_power(left[run], tries[run]) for run in steps]
+    made = surrogates(r[:, :, 0], steps, SURROGATES, random, remaining)
     Y = []
     for part in parts:
         more = [part.Y[:, :1], _rows(contest, part, made)]

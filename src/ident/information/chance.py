@@ -16,12 +16,12 @@ import numpy as np
 from ident.information.triangle import Array
 
 SMOOTH = 9  # frequencies over which power is averaged: noise has no lines
-KEPT = 0.05  # the least share: where nearly all is lost, nothing is known of the noise
+LEAST = 0.05  # the least share: where nearly all is lost, nothing is known of the noise
 
 
 def surrogates(
     r: Array, runs: Sequence[slice], count: int, random: np.random.Generator,
-    kept: Sequence[Array] = (),
+    remaining: Sequence[Array] = (),
 ) -> Array:  # fmt: skip
     """Series (N, d, count) that have the smooth spectra of r (N, d) and nothing else, in single
     precision.
@@ -32,8 +32,8 @@ def surrogates(
 
     Args:
         runs: rows without a gap.
-        kept: by run, the share (frequencies, d) of its power that r has kept, from `kept_power`;
-            what it has lost is given back.
+        remaining: by run, the share (frequencies, d) of its power that is left of r, from
+            `remaining_power`; what was lost is given back.
     """
     found = np.zeros((*r.shape, count), dtype=np.float32)
     for i, run in enumerate(runs):
@@ -41,7 +41,7 @@ def surrogates(
         if n < 2:
             continue
         F = _transformed(r[run])
-        share = _smooth(kept[i]) if kept else 1.0
+        share = _smooth(remaining[i]) if remaining else 1.0
         size = np.abs(F)
         F *= np.sqrt(_smooth(size**2) / share) / np.maximum(size, np.finfo(np.float32).tiny)
         turn = np.exp(2j * np.pi * random.random((len(F), 1, count))).astype(np.complex64)
@@ -50,14 +50,14 @@ def surrogates(
     return found
 
 
-def kept_power(left: Array, whole: Array) -> Array:
+def remaining_power(left: Array, whole: Array) -> Array:
     """Return the share (frequencies, d) of the power of series (n, d, count) that is left of them,
     averaged over the series.
     """
     if len(left) < 2:
         return np.ones((1, left.shape[1]))
     one, other = ((np.abs(_transformed(x)) ** 2).sum(axis=2) for x in (left, whole))
-    return np.asarray(np.clip(one / np.maximum(other, np.finfo(np.float32).tiny), KEPT, 1.0))
+    return np.asarray(np.clip(one / np.maximum(other, np.finfo(np.float32).tiny), LEAST, 1.0))
 
 
 def _smooth(x: Array) -> Array:

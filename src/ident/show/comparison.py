@@ -74,8 +74,8 @@ def comparison_card(c: Comparison) -> Card:
         "falls": [joint for joint, x in ratio.items() if x < 1 - SAME],
         "rises": [joint for joint, x in ratio.items() if x > 1 + SAME],
     }
-    said = [f"{way} in {places(joints)}" for way, joints in ways.items() if joints]
-    words = " and ".join(said) or "is the same in all joints"
+    parts = [f"{way} in {places(joints)}" for way, joints in ways.items() if joints]
+    words = " and ".join(parts) or "is the same in all joints"
     line = f"{shown[first.name]} → {shown[last.name]} on {logs}: the error {words}"
     return Card(line, good and f"{shown[last.name]}: {good}", bars)
 
