@@ -41,7 +41,7 @@ MOST = 60  # moves of one search
 CLEAR = 3.0  # times the last quantile, from which a gain needs no new null distribution
 TOGETHER = 1.5  # times the largest single gain, from which what every machine has enters at once
 NEAR = 0.8  # share of the largest gain below which a candidate is not looked at in detail
-CERTAIN = 3.0  # standard errors, from which a gain needs no null distribution to lead a list
+CERTAIN = 3.0  # standard errors, from which a gain needs no null distribution
 TRIED = 3  # of the best candidates, until one makes a better set
 
 
@@ -161,9 +161,9 @@ class Search:
         if len(common) < 2:
             return None
         columns = np.concatenate([each.groups[0] for each in common])
-        G = now.regression.gains([columns, *(each.groups[0] for each in common)]).G
-        limit = self.chance.limit(now.regression.place(columns))
-        if G[0] < limit * now.loss or G[0] < TOGETHER * G[1:].max():
+        found = now.regression.gains([columns, *(each.groups[0] for each in common)])
+        G = found.G
+        if zscore(found.D[0]) < CERTAIN or G[0] < TOGETHER * G[1:].max():
             return None
         return self.with_columns(now, common, columns)
 
