@@ -11,9 +11,7 @@ from ident.cli.console import merged
 def test_notes_of_several_logs_are_one_line_with_ranges():
     said = "samples within 188 ms are left out"
     lines = [f"run{i}.csv: {n} {said}" for i, n in enumerate((96, 7, 12))]
-    assert merged(lines) == [
-        "run0.csv … run2.csv (3 logs): 7 to 96 samples within 188 ms are left out"
-    ]
+    assert merged(lines) == ["run0.csv … run2.csv (3): 7 to 96 samples within 188 ms are left out"]
 
 
 def test_notes_of_different_kinds_stay_as_they_are():

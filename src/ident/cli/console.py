@@ -86,10 +86,10 @@ def notes(lines: Iterable[str]) -> None:
 
 
 def merged(lines: Iterable[str]) -> list[str]:
-    """Join lines that differ in the log's name and in numbers only; numbers become ranges.
+    """Join lines that differ in a name before the colon and in numbers only, which become ranges.
 
     >>> merged(["a.csv: 9 samples are left out", "b.csv: 12 samples are left out", "x"])
-    ['a.csv … b.csv (2 logs): 9 to 12 samples are left out', 'x']
+    ['a.csv … b.csv (2): 9 to 12 samples are left out', 'x']
     """
     kinds: dict[str, list[tuple[str, str]]] = {}
     for line in dict.fromkeys(lines):
@@ -107,7 +107,7 @@ def _one(kind: list[tuple[str, str]]) -> str:
     ranges = (f"{c[0]} to {c[-1]}" if c[0] != c[-1] else c[0] for c in columns)
     text = NUMBER.sub(lambda _: next(ranges), texts[0])
     if len(logs) > 1:
-        return f"{logs[0]} … {logs[-1]} ({len(logs)} logs): {text}"
+        return f"{logs[0]} … {logs[-1]} ({len(logs)}): {text}"
     return f"{logs[0]}: {text}" if logs[0] else text
 
 

@@ -164,7 +164,8 @@ def frozen(c: LoggedChannel) -> Judgement:
         return None
     if c.kind == "tau":  # an extreme is a limit, and what is quantised may well stay
         inside = 0 < abs(c.x[first]) < np.abs(c.x).max()
-        wrong = inside and not c.step and c.moving[longest].all()
+        moving = seconds * float(c.moving[longest].mean())
+        wrong = inside and not c.step and moving > max(FROZEN, 0.5 * seconds)
     else:
         wrong = last < len(step) and step[last] > JUMP * np.delete(step, last).max()
     text = (

@@ -90,6 +90,11 @@ class LogFile:
 
 def log_file(path: str | os.PathLike[str], topic: str | None) -> LogFile:
     """Return the file that `path` or `path#topic` names; a LogError says what would be valid."""
+    if not isinstance(path, str | os.PathLike):
+        raise LogError(
+            f"a log's file is a path, given: {type(path).__name__}; ident.complete takes a data "
+            "frame as it is"
+        )
     path = Path(path)
     before, mark, behind = str(path).partition("#")
     if mark and not path.exists() and (Path(before).exists() or suffix_of(Path(before)) in BAG):

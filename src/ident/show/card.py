@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ident.effects import Effect
+from ident.fit.channel_fits import LEAVES
 from ident.information.blocks import Error
 from ident.mechanism.mechanism import Mechanism
 from ident.text import listed, percent, places, some, wrapped
@@ -68,6 +69,10 @@ def good_enough(
         words = [f"{j} ({float(f'{times[j]:.2g}'):g} times)" for j in loud]
         words[0] = words[0].replace("times)", "times the noise of the sensors)")
         return f"Good enough? Not in {some(words, 4)}{advice}."
+    most = max(times, key=lambda j: errors[j].relative or 0.0)
+    if (left := errors[most].relative or 0.0) > LEAVES:
+        size = f"{percent(left)} of the torque of {most}"
+        return f"Good enough? These logs cannot show it: noise is {size}."
     if above:
         return (
             "Good enough? Yes: in every joint the error is noise of the sensors, or below "
