@@ -335,3 +335,11 @@ def test_a_model_without_unknowns_is_judged_too():
     p = planted("arm", seed=29)
     known = replace(robot("arm"), unknown=())
     assert judged(known, p.log) is not None
+
+
+def test_one_factor_of_all_torques_is_found():
+    mechanism, log = robot("five_bar"), ident.read_log(ROBOTS / "five_bar" / "run.csv")
+    torques = {n: 1.3 * x for n, x in log.columns.items() if n.startswith("tau.")}
+    for factor, shown in ((torques, [pytest.approx(1.3, rel=0.05)]), ({}, [])):
+        fit = ident.identify(mechanism, ident.complete(mechanism, changed(log, **factor)))
+        assert [e.number for e in fit.health.findings if e.code == "magnitude"] == shown

@@ -19,7 +19,16 @@ from ident.progress import Progress, running, terminal_bar
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
-errors = Console(stderr=True, highlight=False, soft_wrap=True)
+
+class Piped(Console):
+    """A console whose reader may leave: rich ends with status 1 then, a shell's tools with 141."""
+
+    def on_broken_pipe(self) -> None:
+        """Leave what happens to `ended_quietly`."""
+        raise BrokenPipeError
+
+
+errors = Piped(stderr=True, highlight=False, soft_wrap=True)
 NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.])")
 _starting: list[str] = []  # the line that shows that a command has begun
 _steps: list[str] = []  # the present step of the command, for the line that Ctrl-C gets
@@ -66,7 +75,7 @@ def result(text: object) -> None:
 def styled(text: str, style: str) -> None:
     """Write a line to standard output, in a style where that is a terminal."""
     _begun()
-    Console(highlight=False, soft_wrap=True).print(Text(text, style))
+    Piped(highlight=False, soft_wrap=True).print(Text(text, style))
 
 
 def result_json(content: Mapping[str, Any]) -> None:
@@ -75,8 +84,12 @@ def result_json(content: Mapping[str, Any]) -> None:
 
 
 def close_pipe() -> None:
-    """Let standard output lead nowhere, since its reader, `head` perhaps, has closed it."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    """Let output lead nowhere, since its reader, `head` perhaps, has closed it."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def notes(lines: Iterable[str]) -> None:

@@ -64,6 +64,8 @@ MANY = 3.0  # equations a parameter, of which fewer say nothing of bodies
 UNLIKE = 0.5**0.5  # … and below which less than half of its squares is of the same shape
 TIMES = 30.0  # of the URDF's torque at one joint, where a rotor behind its gears may be missing
 TOGETHER = 3.0  # the same at all joints alike: masses in a URDF are rarely so wrong, units are
+SAME = 0.03  # difference of logarithms of factors that are one number, as no errors of masses are …
+OTHER = 1.15  # … from which that number is another scale than the URDF's
 ALIKE = 0.7  # difference of logarithms of factors that are one, bodies being off by some 30 %
 
 
@@ -298,7 +300,9 @@ class DataChecks:
                 yield Finding("unlike", text, remedy, (f"tau.{name}",), float(like), UNLIKE)
         logs = np.log(list(gains.values()))
         alike = len(gains) >= enough and np.ptp(logs) < ALIKE
-        alike = alike and np.abs(logs).min() > np.log(TOGETHER)
+        same = len(gains) > 1 and np.ptp(logs) < SAME
+        least = OTHER if same else TOGETHER
+        alike = alike and np.abs(logs).min() > np.log(least)
         found = gains if alike else {n: x for n, x in gains.items() if max(x, 1 / x) > TIMES}
         for names in [list(found)] if alike else [[name] for name in found]:
             gain = float(np.exp(np.mean([np.log(found[name]) for name in names])))
@@ -310,7 +314,7 @@ class DataChecks:
             )
             remedy = log_entry(self.mechanism, where[0], float(f"{1 / gain:.2g}"))
             remedy += ", all alike" if len(names) > 1 else ""
-            yield Finding("magnitude", text, remedy, where, gain, TOGETHER if alike else TIMES)
+            yield Finding("magnitude", text, remedy, where, gain, least if alike else TIMES)
 
     # --- positions, time and gravity --------------------------------------------------------------
 

@@ -17,7 +17,7 @@ from ident.effects import Effect
 from ident.fit.data_checks import Health
 from ident.fit.residual import Failure
 from ident.information.blocks import Error
-from ident.show.card import Bar, Card, add_command, by_kind, good_enough, named
+from ident.show.card import NOISY, Bar, Card, add_command, by_kind, good_enough, named
 from ident.show.laws import curve_name, curves, expression, labels, laws, numbers
 from ident.show.residual import details
 from ident.show.sheet import Sheet
@@ -106,7 +106,8 @@ def card(d: Diagnosis) -> Card:
         best = d.candidates[0]
         after = d.after
         command = "" if d.health.faults else add_command(d.fit.mechanism, d.group)
-        certain = sure(best.evidence.z).capitalize()
+        mine = [m.evidence.z for m in d.selection.named if m.evidence and m.effect in d.group]
+        certain = sure(min(mine, default=best.evidence.z)).capitalize()  # of the least certain one
         if _alike(d):
             certain = f"That something is missing: {certain.lower()}; which of these: open"
         value = f"{d.best.label}: " if len(d.group) > 1 or _alike(d) else ""
@@ -126,7 +127,11 @@ def card(d: Diagnosis) -> Card:
 
 def judged(d: Diagnosis) -> str:
     """Return whether the model is good enough as it is."""
-    return good_enough(errors_of(d.fit), d.floor, np.inf if d.verdict == "nothing" else LOUD)
+    errors = errors_of(d.fit)
+    times = [e.rms / d.floor[j] for j, e in errors.items() if d.floor[j]]
+    if d.verdict == "nothing" and max(times, default=0.0) > NOISY:
+        return f"Good enough? As good as this data can show, at {max(times):.1f} times the noise."
+    return good_enough(errors, d.floor, LOUD)
 
 
 # --- text -----------------------------------------------------------------------------------------
