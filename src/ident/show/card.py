@@ -68,7 +68,7 @@ def good_enough(
     if loud := [j for j in above if (errors[j].relative or 1.0) > TRIFLE]:
         words = [f"{j} ({float(f'{times[j]:.2g}'):g} times)" for j in loud]
         words[0] = words[0].replace("times)", "times the noise of the sensors)")
-        return f"Good enough? Not in {some(words, 4)}{advice}."
+        return f"Good enough? Not in {some(words, 2)}{advice}."
     most = max(times, key=lambda j: errors[j].relative or 0.0)
     if (left := errors[most].relative or 0.0) > LEAVES:
         size = f"{percent(left)} of the torque of {most}"

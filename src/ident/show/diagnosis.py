@@ -109,7 +109,7 @@ def card(d: Diagnosis) -> Card:
         mine = [m.evidence.z for m in d.selection.named if m.evidence and m.effect in d.group]
         certain = sure(min(mine, default=best.evidence.z)).capitalize()  # of the least certain one
         if _alike(d):
-            certain = f"That something is missing: {certain.lower()}; which of these: open"
+            certain = f"Which of these is open; that something is missing: {certain.lower()}"
         value = f"{d.best.label}: " if len(d.group) > 1 or _alike(d) else ""
         certain += f": {by_chance(best.evidence)}; {value}{numbers(best.parameters)}."
     else:
