@@ -22,7 +22,7 @@ from ident.diagnosis.candidates import Contest
 from ident.equations.motion_noise import gain
 from ident.fit.table import Table
 from ident.information.chance import remaining_power, surrogates
-from ident.information.hypotheses import Array, PartialRegression
+from ident.information.hypotheses import Array, Index, PartialRegression
 from ident.information.parts import Part
 from ident.motion import State
 from ident.motion.spline import WIDTH, Spline, evaluated
@@ -124,13 +124,17 @@ def runs(table: Table) -> list[slice]:
 
 
 def judging(
-    contest: Contest, regression: PartialRegression, noise: NoiseDraws | None, seed: int
-) -> PartialRegression:
-    """The regression with surrogates of its residual, and draws of the sensors' noise, as
-    right-hand sides.
+    contest: Contest, regression: PartialRegression, noise: NoiseDraws | None, seed: int,
+    groups: Sequence[Index],
+) -> PartialRegression:  # fmt: skip
+    """The regression with surrogates of its residual, surrogates of what the best candidate leaves,
+    and draws of the sensors' noise, as right-hand sides.
 
-    What the model takes of any noise is given back, frequency by frequency, as random series show
-    it that lose the same way.
+    What the model, and the best candidate, take of any noise is given back, frequency by frequency,
+    as random series show it that lose the same way.
+
+    Args:
+        groups: of columns, one a candidate and start.
     """
     random, steps = np.random.default_rng(seed), runs(contest.table)
     r = _series(contest, regression, [y[:, :1] for y in regression.residual], weighted=True)
@@ -138,12 +142,17 @@ def judging(
     tries *= contest.use[:, :, None]
     parts = regression.parts
     Y = [np.column_stack([p.Y[:, :1], _rows(contest, p, tries)]) for p in parts]
-    left = _series(contest, regression, [y[:, 1:] for y in regression.judging(Y).residual], True)
-    remaining = [remaining_power(left[run], tries[run]) for run in steps]
-    made = surrogates(r[:, :, 0], steps, SURROGATES, random, remaining)
+    tried = regression.judging(Y)
+    made = []
+    for left in (
+        _series(contest, regression, tried.residual, weighted=True),
+        _series(contest, regression, tried.left_by_best(groups)),
+    ):
+        remaining = [remaining_power(left[run, :, 1:], tries[run]) for run in steps]
+        made.append(surrogates(left[:, :, 0], steps, SURROGATES, random, remaining))
     Y = []
     for part in parts:
-        more = [part.Y[:, :1], _rows(contest, part, made)]
+        more = [part.Y[:, :1], *(_rows(contest, part, x) for x in made)]
         if noise is not None:  # of a size that the residual has, at most
             x = _rows(contest, part, noise.rows)
             rms = _rms(_rows(contest, part, r)[:, 0])

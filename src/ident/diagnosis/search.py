@@ -233,7 +233,7 @@ class Search:
             None,
             self.decision,
             self.seed,
-            chance=Chance({}, self.decision.alpha, -np.inf),
+            chance=Chance({}, np.zeros(0), {}, self.decision.alpha, -np.inf),
             curved=False,
             only={each.effect.label for each in several},
         )

@@ -244,7 +244,7 @@ def rank(
     groups = [group for each in mine for group in each.groups]
     fresh = chance is None
     if fresh and groups:
-        regression = judging(contest, regression, noise, seed)
+        regression = judging(contest, regression, noise, seed, groups)
     found = regression.gains(groups)
     ends = np.cumsum([0, *(len(each.groups) for each in mine)])
     starts = np.array([found.G[a:b].argmax() for a, b in pairwise(ends)], dtype=np.intp)
@@ -253,7 +253,8 @@ def rank(
     visible = np.array([found.visible[a:b].max() for a, b in pairwise(ends)])
     total = max(float(regression.loss.sum()), 1e-300)
     null = found.null / np.maximum(regression.null_loss, 1e-300)
-    null[:, SURROGATES:] *= np.minimum(regression.null_loss / total, 1.0)[SURROGATES:]
+    noisy = slice(2 * SURROGATES, None)
+    null[:, noisy] *= np.minimum(regression.null_loss / total, 1.0)[noisy]
     law = np.repeat([not each.curve for each in mine], np.diff(ends))
     hints = []
     place = np.array([regression.place(each.groups[0]) for each in mine], dtype=int)
@@ -310,11 +311,14 @@ def rank(
 
 
 def _chance(null: Array, place: Index, alpha: float) -> Chance:
-    """The largest of the shares (groups, draws) of candidates at places (groups,): of surrogates,
-    and of draws of the sensors' noise.
+    """The largest of the shares (groups, draws) of candidates at places (groups,): of surrogates of
+    the residual, of what the best candidate leaves, and of draws of the sensors' noise.
     """
-    largest = {int(u): null[place == u].max(axis=0) for u in np.unique(place)}
-    return Chance({u: (x[:SURROGATES], x[SURROGATES:]) for u, x in largest.items()}, alpha)
+    ends = SURROGATES, 2 * SURROGATES
+    largest = {int(u): np.split(null[place == u].max(axis=0), ends) for u in np.unique(place)}
+    left = null[:, ends[0] : ends[1]].max(axis=0, initial=-np.inf)
+    whole, noise = ({u: x[i] for u, x in largest.items()} for i in (0, 2))
+    return Chance(whole, left, noise, alpha)
 
 
 @dataclass(frozen=True, eq=False)

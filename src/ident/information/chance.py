@@ -95,24 +95,36 @@ def exceeding(gain: float, chance: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Chance:
-    """The largest gains where nothing is missing, by the place where candidates act: one
-    coordinate, or several. A noisy joint then has no say in what a quiet one shows.
+    """The largest gains where nothing is missing, each as a share of the squares of its draw.
+
+    Two nulls share alpha. Surrogates of the whole residual are judged by the place where candidates
+    act, one coordinate or several, so that a joint with slow noise does not hide what others show;
+    where something large is missing, they have its power too. Surrogates of what the best candidate
+    leaves have not; what that takes of noise is the smaller the more places are looked at together.
 
     Attributes:
-        largest: by place the largest gain of each draw, by kind of draw, as a share of its squares.
-        alpha: chance that any gain of any place exceeds its limit.
+        whole: by place, of surrogates of the residual (draws,).
+        left: at all places, of surrogates of what the best candidate leaves (draws,).
+        noise: by place, of draws of the sensors' noise (draws,).
+        alpha: chance that any gain exceeds its limit.
         elsewhere: the limit of all places, where nothing was drawn.
     """
 
-    largest: Mapping[int, Sequence[Array]]
+    whole: Mapping[int, Array]
+    left: Array
+    noise: Mapping[int, Array]
     alpha: float
     elsewhere: float = 0.0
 
     @cached_property
     def limits(self) -> dict[int, float]:
-        """The quantile of 1 − α/places at each place, the larger one over the kinds of draws."""
-        alpha = self.alpha / max(len(self.largest), 1)
-        return {u: max(quantile(x, alpha) for x in kinds) for u, kinds in self.largest.items()}
+        """What a gain must exceed at each place."""
+        n, half = max(len(self.whole), 1), self.alpha / 2
+        left = quantile(self.left, half)
+        return {
+            u: max(min(quantile(x, half / n), left), quantile(self.noise[u], self.alpha / n))
+            for u, x in self.whole.items()
+        }
 
     def limit(self, place: int) -> float:
         """What a gain at a place must exceed; of a place without candidates the largest limit."""
@@ -120,8 +132,13 @@ class Chance:
 
     def p(self, gain: float, place: int) -> float:
         """Chance that such a gain is exceeded at any place; NaN without draws."""
-        found = [exceeding(gain, x) for x in self.largest.get(place, ()) if len(x)]
-        return min(1.0, len(self.largest) * max(found, default=np.nan))
+        if place not in self.whole:
+            return np.nan
+        n = len(self.whole)
+        found = 2 * min(n * exceeding(gain, self.whole[place]), exceeding(gain, self.left))
+        if len(self.noise[place]):
+            found = max(found, n * exceeding(gain, self.noise[place]))
+        return min(1.0, found)
 
 
 def _tail(chance: Array) -> tuple[float, float]:

@@ -419,6 +419,30 @@ class PartialRegression:
             part_of / max(float(np.linalg.norm(part_of)), 1e-300),
         )
 
+    def left_by_best(self, groups: Sequence[Index]) -> list[Array]:
+        """What the model and the group of columns that gains most leave, unweighted.
+
+        Args:
+            groups: of columns, of which b and each of r_1 … r_B have a best one of their own.
+
+        Returns:
+            (m, 1 + B) of every part.
+        """
+        found = self.gains(groups)
+        best = np.concatenate([found.G[:, None], found.null], axis=1).argmax(axis=0)
+        Y = [y.copy() for y in self.residual]
+        for g in np.unique(best):
+            mine = np.flatnonzero(best == g)
+            C = [self._taken(part, groups[g]) for part in self.parts]
+            P = sum(q.T @ c for q, c in zip(self.Q, C, strict=True))
+            C = [c - q @ P for q, c in zip(self.Q, C, strict=True)]
+            S = np.asarray(sum(c.T @ c for c in C))
+            s = sum(c.T @ y[:, mine] for c, y in zip(C, Y, strict=True))
+            theta = linear.pinv(S, rcond=VISIBLE**2, hermitian=True) @ s
+            for c, y in zip(C, Y, strict=True):
+                y[:, mine] -= c @ theta
+        return [y / self.weight[p.coordinate] for p, y in zip(self.parts, Y, strict=True)]
+
     def extended(self, columns: Index) -> PartialRegression:
         """The same rows with further columns in the model."""
         return replace(self, model=np.append(self.model, columns))

@@ -116,7 +116,7 @@ def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:
         decision,
         0,
         curved=False,
-        chance=Chance({}, decision.alpha, LEAST),
+        chance=Chance({}, np.zeros(0), {}, decision.alpha, LEAST),
     )
     hidden = {each.effect.label: each.why for each in invisible(first)}
     found = [each for each in first.every(decision) if each.effect.label not in hidden]
