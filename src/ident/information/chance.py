@@ -16,6 +16,7 @@ import numpy as np
 from ident.information.triangle import Array
 
 SMOOTH = 9  # frequencies over which power is averaged: noise has no lines
+TOGETHER = 0.75  # share of alpha for the null of all places together; the rest: by place
 LEAST = 0.05  # the least share: where nearly all is lost, nothing is known of the noise
 
 
@@ -119,10 +120,10 @@ class Chance:
     @cached_property
     def limits(self) -> dict[int, float]:
         """What a gain must exceed at each place."""
-        n, half = max(len(self.whole), 1), self.alpha / 2
-        left = quantile(self.left, half)
+        n = max(len(self.whole), 1)
+        left, a = quantile(self.left, TOGETHER * self.alpha), (1 - TOGETHER) * self.alpha / n
         return {
-            u: max(min(quantile(x, half / n), left), quantile(self.noise[u], self.alpha / n))
+            u: max(min(quantile(x, a), left), quantile(self.noise[u], self.alpha / n))
             for u, x in self.whole.items()
         }
 
@@ -135,7 +136,10 @@ class Chance:
         if place not in self.whole:
             return np.nan
         n = len(self.whole)
-        found = 2 * min(n * exceeding(gain, self.whole[place]), exceeding(gain, self.left))
+        found = min(
+            n * exceeding(gain, self.whole[place]) / (1 - TOGETHER),
+            exceeding(gain, self.left) / TOGETHER,
+        )
         if len(self.noise[place]):
             found = max(found, n * exceeding(gain, self.noise[place]))
         return min(1.0, found)
