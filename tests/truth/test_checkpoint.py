@@ -71,8 +71,8 @@ def gathered(mechanism, run, folder=None, **options):
     return ident.gather(mechanism, run, checkpoint=folder, **options)
 
 
-def killed_at(run, folder, share=0.4):
-    """A process of its own, killed when it has worked a share of the portions."""
+def killed_at(run, folder, share=0.65):
+    """A process of its own, killed when it has done a share of all work: half of the portions."""
     words = [sys.executable, "-c", RUN, str(ROBOTS / "arm"), str(run), str(folder)]
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=environment) as process:

@@ -285,4 +285,4 @@ def test_of_many_rows_one_in_so_many_decides(monkeypatch):
     effect = ident.effect("coulomb", "elbow")
     columns = [table.effect_columns(effect, [{}])[0] for table in (some, whole)]
     np.testing.assert_allclose(columns[0], columns[1][shared], atol=1e-12)
-    assert ident.diagnose(fit).best.label == "coulomb:elbow"
+    assert ident.diagnose(fit).candidates[0].effect.label == "coulomb:elbow"
