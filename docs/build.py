@@ -7,7 +7,7 @@ from rich.console import Console
 from sphinx.application import Sphinx
 from sphinx.util.console import nocolor
 
-from ident.progress import terminal_bar
+from ident.show.progress import terminal_bar
 
 HERE = Path(__file__).resolve().parent
 

@@ -18,8 +18,8 @@ from ident.mechanism import Consistency, Mechanism, Multipliers, load
 from ident.mechanism.load import absolute
 from ident.montecarlo import MonteCarlo, Studies, monte_carlo, monte_carlo_each
 from ident.motion import Motion, complete
-from ident.progress import watched
 from ident.show.explore import Exploration, explore
+from ident.show.progress import watched
 from ident.simulate import (
     PD,
     ComputedTorque,

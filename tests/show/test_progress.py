@@ -14,7 +14,8 @@ from nbclient import NotebookClient
 import ident
 from ident.diagnosis import diagnose, grow
 from ident.fit import identify
-from ident.progress import quiet, watched
+from ident.progress import quiet
+from ident.show.progress import watched
 from identification import motion_log, plant, robot
 
 SCRIPT = """
@@ -84,7 +85,7 @@ class Recorder(NotebookClient):
 
 
 def test_a_notebook_shows_a_bar_and_keeps_none(root):
-    hurry = "import ident.progress\nident.progress.AFTER = ident.progress.EVERY = 0.0\n"
+    hurry = "import ident.show.progress as shown\nshown.AFTER = shown.EVERY = 0.0\n"
     book = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(hurry + SCRIPT)])
     client = Recorder(book, timeout=120, resources={"metadata": {"path": str(root)}})
     client.execute()

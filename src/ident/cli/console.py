@@ -14,7 +14,8 @@ from rich.console import Console
 from rich.text import Text
 
 from ident.files import json_line
-from ident.progress import Progress, running, terminal_bar
+from ident.progress import Progress, running
+from ident.show.progress import terminal_bar
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar

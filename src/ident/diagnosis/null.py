@@ -27,7 +27,7 @@ from ident.information.parts import Part
 from ident.motion import State
 from ident.motion.spline import WIDTH, Spline, evaluated
 
-SURROGATES = 100  # of the residual
+SURROGATES = 100  # of each kind
 TRIALS = 25  # random series that show what share of its power a noise loses
 DRAWS = 24  # of the sensors' noise
 CHUNK = 2048  # samples whose noise is in memory at once
