@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from ident.information.blocks import Block, Information
-from ident.information.chance import exceeding, quantile, remaining_power, surrogates, zscore
+from ident.information.chance import (
+    Chance,
+    exceeding,
+    quantile,
+    remaining_power,
+    surrogates,
+    zscore,
+)
 from ident.information.hypotheses import PartialRegression
 from ident.information.parts import Part
 from ident.information.triangle import Triangle
@@ -156,6 +163,19 @@ def test_a_quantile_of_few_draws_is_that_of_many():
         assert np.mean(found) == pytest.approx(true, rel=0.05)
         assert exceeding(found[0], g[0]) == pytest.approx(alpha)
     assert np.std(found) < np.std([each.max() for each in g])
+
+
+def test_a_gain_at_its_limit_has_the_chance_alpha():
+    random = np.random.default_rng(4)
+    loud, quiet, left = (1 / (1 + np.exp(m - random.standard_normal(100))) for m in (1.0, 5.0, 3.0))
+    none = {0: np.zeros(0), 1: np.zeros(0)}
+    chance = Chance({0: loud, 1: quiet}, left, none, 0.01)
+    assert chance.limit(1) < chance.limit(0) < quantile(loud, 0.01)  # a noisy place hides no other
+    for place in (0, 1):
+        assert chance.p(chance.limit(place), place) == pytest.approx(0.01, rel=1e-6)
+    assert chance.limit(7) == chance.limit(0)  # of a place without draws, the largest
+    noisy = Chance({0: loud, 1: quiet}, left, {0: loud, 1: loud}, 0.01)
+    assert noisy.limit(1) == quantile(loud, 0.005)
 
 
 def test_draws_without_any_gain_have_a_quantile():

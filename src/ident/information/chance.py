@@ -16,7 +16,7 @@ import numpy as np
 from ident.information.triangle import Array
 
 SMOOTH = 9  # frequencies over which power is averaged: noise has no lines
-TOGETHER = 0.75  # share of alpha for the null of all places together; the rest: by place
+EVERYWHERE = 0.75  # share of alpha for the null of all places together; the rest: by place
 LEAST = 0.05  # the least share: where nearly all is lost, nothing is known of the noise
 
 
@@ -121,7 +121,7 @@ class Chance:
     def limits(self) -> dict[int, float]:
         """What a gain must exceed at each place."""
         n = max(len(self.whole), 1)
-        left, a = quantile(self.left, TOGETHER * self.alpha), (1 - TOGETHER) * self.alpha / n
+        left, a = quantile(self.left, EVERYWHERE * self.alpha), (1 - EVERYWHERE) * self.alpha / n
         return {
             u: max(min(quantile(x, a), left), quantile(self.noise[u], self.alpha / n))
             for u, x in self.whole.items()
@@ -137,8 +137,8 @@ class Chance:
             return np.nan
         n = len(self.whole)
         found = min(
-            n * exceeding(gain, self.whole[place]) / (1 - TOGETHER),
-            exceeding(gain, self.left) / TOGETHER,
+            n * exceeding(gain, self.whole[place]) / (1 - EVERYWHERE),
+            exceeding(gain, self.left) / EVERYWHERE,
         )
         if len(self.noise[place]):
             found = max(found, n * exceeding(gain, self.noise[place]))
@@ -157,6 +157,12 @@ def _tail(chance: Array) -> tuple[float, float]:
 def _logit(g: Array) -> Array:
     g = np.clip(g, 1e-12, 1 - 1e-12)
     return np.log(g / (1 - g))
+
+
+def odds_ratio(gain: float, limit: float) -> float:
+    """Odds g/(1 − g) of a gain over those of another one, both as shares: explained over left."""
+    one, other = (x / max(1 - x, 1e-12) for x in (gain, limit))
+    return one / max(other, 1e-12)
 
 
 def paired(a: Array, b: Array) -> float:

@@ -221,15 +221,15 @@ class PartialRegression:
         """(blocks,) left-out squares of b with the model as it is."""
         return self._block[3][:, 0]
 
-    @cached_property
-    def left_out(self) -> Array:
-        """L b̃ (rows,), part after part: the errors of blocks that were left out."""
-        return np.concatenate(self._left_out([y[:, :1] for y in self.residual]))[:, 0]
-
     @property
     def null_loss(self) -> Array:
         """(B,) left-out squares of r_1 … r_B, all blocks together."""
         return np.asarray(self._block[3][:, 1:].sum(axis=0))
+
+    @cached_property
+    def left_out(self) -> Array:
+        """L b̃ (rows,), part after part: the errors of blocks that were left out."""
+        return np.concatenate(self._left_out([y[:, :1] for y in self.residual]))[:, 0]
 
     def _left_out(self, X: Sequence[Array]) -> list[Array]:
         """L x̃ of projected columns."""

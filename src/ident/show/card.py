@@ -16,6 +16,7 @@ from ident.text import listed, percent, places, some, wrapped
 STRIP = 32  # characters of the longest bar in a terminal
 BARS = 8  # joints that a terminal shows at most
 NOISY = 1.5  # times the noise of the sensors, in good logs 0.5 to 1.3, from which it is more
+SURE = ((8.0, "beyond doubt"), (4.0, "very sure"), (2.5, "sure"), (-1e9, "fairly sure"))
 ADVICE = "; `ident diagnose` looks for what is missing"
 TRIFLE = 0.003  # of the torque: what a diagnosis takes to be too small to matter
 
@@ -49,6 +50,11 @@ class Bar:
         noise = self.sizes[2]
         beside = "" if noise is None else f", noise {percent(noise)}"
         return " → ".join(percent(error.relative) for error in both) + beside
+
+
+def sure(z: float) -> str:
+    """Return how sure so many standard errors make."""
+    return next(words for least, words in SURE if z >= least)
 
 
 def good_enough(

@@ -17,7 +17,8 @@ from ident.effects import Effect
 from ident.fit.data_checks import Health
 from ident.fit.residual import Failure
 from ident.information.blocks import Error
-from ident.show.card import NOISY, Bar, Card, add_command, by_kind, good_enough, named
+from ident.information.chance import odds_ratio
+from ident.show.card import NOISY, Bar, Card, add_command, by_kind, good_enough, named, sure
 from ident.show.laws import curve_name, curves, expression, labels, laws, numbers
 from ident.show.residual import details
 from ident.show.sheet import Sheet
@@ -28,29 +29,17 @@ BRIEF = 300  # characters of the next experiment in the first lines
 MOST = 3  # joints and candidates that are described
 ABSORBED = "absorbed"
 CANDIDATES = "what adding an effect would do: held-out error of the joint that it mends most"
-RAREST = 1e-3  # chance below which a hundred draws say no more than that it is rarer
-SURE = ((8.0, "beyond doubt"), (4.0, "very sure"), (2.5, "sure"), (-1e9, "fairly sure"))
+RAREST = 0.01  # chance below which a hundred draws say no more than that it is rarer
 Rows = list[list[str]]
 
 
 # --- pieces ---------------------------------------------------------------------------------------
 
 
-def sure(z: float) -> str:
-    """Return how sure so many standard errors make."""
-    return next(words for least, words in SURE if z >= least)
-
-
 def by_chance(e: Evidence) -> str:
     """Return how many logs in which nothing is missing would show as much, in words."""
     count = f"fewer than 1 in {1 / RAREST:,.0f}" if e.p < RAREST else f"1 in {1 / e.p:.0f}"
     return f"{count} logs in which nothing is missing would show as much"
-
-
-def times(gain: float, limit: float) -> float:
-    """Return how many times what chance does a gain is: explained over left, of both shares."""
-    share, chance = (x / max(1 - x, 1e-12) for x in (gain, limit))
-    return share / max(chance, 1e-12)
 
 
 def noise_errors(d: Diagnosis) -> dict[str, Error]:
@@ -458,9 +447,9 @@ CLAIMS = {  # title of what each verdict says, and in which words
 def _nearest(d: Diagnosis) -> list[str]:
     """Return the effects and the curve that come nearest to an explanation."""
     first = d.selection.first
-    gains = {e.effect.label: times(e.gain, e.limit) for e in first.evidence if e.sensible}
+    gains = {e.effect.label: odds_ratio(e.gain, e.limit) for e in first.evidence if e.sensible}
     for curve, gain in (first.curves or d.selection.last.curves)[:1]:
-        gains[f"a {curve_name(curve)}"] = times(gain, first.limit_at(curve.joints[0]))
+        gains[f"a {curve_name(curve)}"] = odds_ratio(gain, first.limit_at(curve.joints[0]))
     best = sorted(gains.items(), key=lambda pair: -pair[1])[:MOST]
     if not best:
         return []
