@@ -1,6 +1,6 @@
-"""Which constants of the diagnosis pay: each halved and doubled, on cases and machines.
+"""Which constants of the diagnosis pay: each switched off, or halved and doubled.
 
-    python benchmarks/ablation.py [--every 8] [--data DIR] [--only NAME …] [--results FILE]
+    python benchmarks/ablation.py [--off] [--every 8] [--data DIR] [--only NAME …] [--results FILE]
 
 Every case is fitted once, and the set of effects is searched again with one constant changed at a
 time. Right is: a hidden effect is named first (in a loop: named or a rival); both of two are in the
@@ -52,9 +52,15 @@ CONSTANTS = {  # module: constants of the search, then those of the rows, which 
     "null": ("TRIALS",),
     "candidates": ("SLOW", "GUARD", "ENOUGH", "CALM"),
 }  # fmt: skip
+OFF = {  # values at which a constant has no influence
+    "CLEAR": (0.0, 1e9), "TOGETHER": (0.0,), "NEAR": (0.0,), "TRIED": (1,), "PARSIMONY": (0.0,),
+    "ALIKE": (-1.0, 1.0), "NEGATIVE": (1e9,), "ONE_BLOCK": (1.0,), "PASSED": (0.0,),
+    "RARE": (1.0,), "HIDDEN": (0.0,), "CLOSEST": (0,), "MINE": (0.0,), "SEEN": (-1.0, 2.0),
+    "GUARD": (0.0,), "CALM": (0.0,),
+}  # fmt: skip
 OF_ROWS = "candidates"
 SHARES = {"ALIKE", "ONE_BLOCK", "PASSED", "NEAR", "ENOUGH"}  # doubled: half way to one
-Variant = tuple[str, str, float]  # module, constant, factor
+Variant = tuple[str, str, float, bool]  # module, constant, factor or value, whether a value
 
 
 def main() -> None:
@@ -64,14 +70,15 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=8, help="one case of each category in so many")
     parser.add_argument("--data", action="append", type=Path, default=[], metavar="DIR")
     parser.add_argument("--only", nargs="*", default=[], metavar="NAME", help="these constants")
+    parser.add_argument("--off", action="store_true", help="switch off, not halve and double")
     parser.add_argument("--results", type=Path, help="JSON lines, one a case")
     options = parser.parse_args()
     variants = [
-        (module, name, factor)
+        (module, name, factor, options.off)
         for module, names in CONSTANTS.items()
         for name in names
         if not options.only or name in options.only
-        for factor in (0.5, 2.0)
+        for factor in (OFF.get(name, ()) if options.off else (0.5, 2.0))
     ]
     places = [*options.data, Path(os.environ.get("IDENT_DATA", ROOT.parent / "shared" / "data"))]
     found = []
@@ -156,15 +163,16 @@ def right(case: Case | None, selection: Selection) -> bool:
 @contextmanager
 def changed(variant: Variant) -> Iterator[None]:
     """One constant of the diagnosis with another value, wherever it is imported."""
-    module, constant, factor = variant
+    module, constant, factor, absolute = variant
     value = getattr(importlib.import_module(f"ident.diagnosis.{module}"), constant)
     new = factor * value if factor < 1 or constant not in SHARES else 0.5 * (1 + value)
+    new = factor if absolute else new
     places = [
         m for n, m in sys.modules.items()
         if n.startswith("ident.diagnosis.") and getattr(m, constant, None) == value
     ]  # fmt: skip
     for place in places:
-        setattr(place, constant, type(value)(new) if new >= 1 else new)
+        setattr(place, constant, type(value)(new) if absolute or new >= 1 else new)
     try:
         yield
     finally:
@@ -173,8 +181,8 @@ def changed(variant: Variant) -> Iterator[None]:
 
 
 def text(variant: Variant) -> str:
-    module, constant, factor = variant
-    return f"{module}.{constant} × {factor:g}"
+    module, constant, factor, absolute = variant
+    return f"{module}.{constant} {'=' if absolute else '×'} {factor:g}"
 
 
 def table(variants: Sequence[Variant], found: Sequence[dict[str, Any]]) -> str:

@@ -9,6 +9,7 @@ from machines import Checkout, Machine, chain, modified_dh, write_log
 
 SOURCE, COMMIT = "marcocognetti/FrankaEmikaPandaDynModel", "24d85ce"
 PUBLISHED = "8.0 3.2 2.3 1.5 10.4 7.5 17.0 % below 3 Hz"
+BAND = 3.0  # Hz, of the published errors
 LOG = "matlab/data/Exciting_Traj/Trajectory_1/rbt_log/exciting_traj_{}.txt"
 TRAIN = 0.7  # share of the run
 DH = np.array([  # Gaz et al., Dynamic Identification of the Franka Emika Panda Robot, table I
