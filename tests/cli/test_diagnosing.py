@@ -216,6 +216,10 @@ def test_json_is_one_line_with_the_content_of_the_file(arm_folder, tmp_path, ide
     assert data["decision"]["alpha"] == 0.02
     assert len(data["candidates"]) == data["judged"]
     first = data["candidates"][0]
+    gains = {each["effect"]: each["gain"] for each in data["decision"]["candidates"]}
+    label = f"{first['effect']}:{','.join(first['joints'])}"
+    assert first["gain"] == pytest.approx(gains[label])  # one meaning of the word
+    assert all("gain" not in each and each["rise"] > 0 for each in data["together"])
     where = next(each for each in data["where"] if each["joint"] == first["joint"])
     assert where["relative"] == first["error_before"]
     assert where["relative_after"] == first["error_after"]

@@ -7,7 +7,9 @@ from functools import cache
 import pytest
 
 import ident
+from helpers import ROBOTS
 from ident import Diagnosis, Fit, Noise
+from ident.show.explore import Exploration, ModelStep
 from identification import Planted, motion_log, plant, robot
 
 NOISE = [Noise("tau", 0.01, relative=True)]
@@ -61,3 +63,19 @@ def test_the_ladder_announces_the_same():
     for joint, error in second.errors.items():
         assert error.rms == pytest.approx(found.after[joint].rms, rel=1e-9)
         assert first.errors[joint].rms == pytest.approx(found.before[joint].rms, rel=1e-9)
+
+
+def test_diagnose_explore_and_grow_begin_with_the_same_group():
+    """Friction is missing in all joints: it is added at once, with the same error announced."""
+    mechanism = robot("arm")
+    motion = ident.complete(mechanism, ROBOTS / "arm" / "run.csv")
+    fit = ident.identify(mechanism, motion, estimator="least-squares")
+    d = ident.diagnose(fit)
+    assert {each.label for each in d.group} == {f"coulomb:{name}" for name in mechanism.driven}
+    assert d.rivals == ()
+    rung = ident.grow(mechanism, motion).steps[1]
+    assert [each.label for each in rung.added] == [each.label for each in d.group]
+    for joint, error in rung.errors.items():
+        assert error.rms == pytest.approx(d.after[joint].rms, rel=1e-9)
+    offered = Exploration((ModelStep((), (), fit),)).screened().candidates
+    assert offered[0].label == d.group[0].label

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from ident.diagnosis.candidates import Contest
+from ident.diagnosis.candidates import ColumnStore, Contest
 from ident.diagnosis.refine import refined
 from ident.diagnosis.selection import Evidence, sensible
 from ident.effects import Effect
@@ -22,13 +23,15 @@ class Member:
 
     Attributes:
         columns: its columns in the regression.
-        evidence: when it was chosen, None of an effect of the fit; rivals: then.
+        evidence: when it was chosen, None of an effect of the fit; rivals: then, or beside the
+            rest of the set of one that came with others.
         gain: rise of the left-out squared error of the whole set without it, as a share.
         curve: a curve of its signals that explains much beside it: the law has the wrong form.
         impossible: a law that explains more of the same joint than it does, with values that no
             machine has: the cause is something else.
         law: a formula that stands in its place, because it has the right form.
         stands_in: whether its columns are of another effect, for which it stands.
+        grouped: whether it came with the others that every machine has.
     """
 
     effect: Effect
@@ -40,6 +43,7 @@ class Member:
     impossible: Effect | None = None
     law: Formula | None = None
     stands_in: bool = False
+    grouped: bool = False
 
     @property
     def rejected(self) -> bool:
@@ -50,6 +54,15 @@ class Member:
     def label(self) -> str:
         """The effect's label."""
         return self.effect.label
+
+
+def leading(members: Sequence[Member]) -> list[Member]:
+    """Return what is added at once: the first, with those of its kind at other joints; the first
+    alone where it has rivals or stands for another effect.
+    """
+    first, *rest = members
+    alone = first.rivals or first.stands_in
+    return [first, *(m for m in rest if not alone and m.effect.kind == first.effect.kind)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,3 +145,23 @@ def reweighted(regression: PartialRegression) -> PartialRegression:
     """The regression with weights by the left-out errors of its model."""
     sigma = np.sqrt(regression.losses.sum(axis=0) / np.maximum(regression.rows, 1))
     return regression.weighted(regression.weight / np.where(sigma > 0, sigma, 1.0))
+
+
+def on_all_rows(
+    contest: Contest, members: Iterable[Member]
+) -> tuple[PartialRegression, dict[str, Index]]:
+    """The rows of a fit, those at reversals too, with columns of members by label: on them errors
+    are announced, as a refit has them.
+    """
+    table, held = contest.table, contest.fit.estimate.held
+    prior = table.columns.prior_at(table.point.values)
+    store = ColumnStore(table, table.informed, table.A, table.b - table.A[:, :, held] @ prior[held])
+    columns = {}
+    for each in members:
+        assert each.evidence is not None
+        shape = each.evidence.shape
+        if each.effect.corrects:
+            shape = {p.name: each.effect.values.get(p.name, 0.0) for p in each.effect.shapes}
+        columns[each.effect.label] = store.add(each.effect, [shape])
+    rows = contest.regression
+    return PartialRegression(store.parts(), rows.model, rows.weight), columns

@@ -17,15 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from ident.diagnosis.candidates import (
-    ColumnStore,
-    Contest,
-    OnProgress,
-    candidates_of,
-    possible,
-)
+from ident.diagnosis.candidates import Contest, OnProgress, candidates_of, possible
 from ident.diagnosis.diagnosis import Decision, concluded, started
-from ident.diagnosis.effect_set import EffectSet, Member, reweighted
+from ident.diagnosis.effect_set import EffectSet, Member, leading, on_all_rows, reweighted
 from ident.diagnosis.null import noise
 from ident.diagnosis.result import Diagnosis, announced_errors, errors_of
 from ident.diagnosis.search import Search
@@ -327,26 +321,14 @@ def ladder(
     removed: tuple[Effect, ...],
     before: Fit,
     after: Fit,
-    first: Ranking | None,
+    first: Ranking,
 ) -> list[Step]:
     """A rung a kind of effect: what a diagnosis names, then what explains most of what is left.
 
     The last rung is fitted; errors before it are announced by the same regression, of all rows.
     """
-    table = start.contest.table
-    held = before.estimate.held
-    prior = table.columns.prior_at(table.point.values)
-    store = ColumnStore(table, table.informed, table.A, table.b - table.A[:, :, held] @ prior[held])
     new = [each for each in found.members if each.evidence is not None]
-    columns = {}
-    for each in new:
-        assert each.evidence is not None
-        shape = each.evidence.shape
-        if each.effect.corrects:
-            shape = {p.name: each.effect.values.get(p.name, 0.0) for p in each.effect.shapes}
-        columns[each.effect.label] = store.add(each.effect, [shape])
-    model, weight = start.contest.regression.model, start.contest.regression.weight
-    regression = PartialRegression(store.parts(), model, weight)
+    regression, columns = on_all_rows(start.contest, new)
     given = regression.losses.sum(axis=0) / regression.weight**2
     errors, rungs = errors_of(before), list[Step]()
 
@@ -363,11 +345,11 @@ def ladder(
         now = announced(regression)
         rungs.append(Step((), removed, (), None, now))
         last = now
-    if first is not None:
-        new.sort(key=lambda each: first.place(each.label))
-    kinds: dict[str, list[Member]] = {}
+    new.sort(key=lambda each: first.place(each.label))
+    lead = leading(new) if new else []
+    kinds: dict[tuple[bool, str], list[Member]] = {}
     for each in new:
-        kinds.setdefault(each.effect.kind, []).append(each)
+        kinds.setdefault((each in lead, each.effect.kind), []).append(each)
     groups = list(kinds.values())
     while groups:
         at = [np.concatenate([columns[each.label] for each in group]) for group in groups]

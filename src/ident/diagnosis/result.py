@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.diagnosis.effect_set import Member
+from ident.diagnosis.effect_set import Member, leading, on_all_rows, reweighted
 from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.law_search import CERTAIN, FittedFormula
 from ident.diagnosis.laws import FoundLaw
@@ -294,16 +294,14 @@ class Diagnosis(Plotted):
 
     @cached_property
     def group(self) -> tuple[Effect, ...]:
-        """The best effect, then those of its kind at other joints that the data ask for beside it.
-
-        The best alone where it has rivals, none where nothing is named.
+        """What is named together: the best effect, then those of its kind at other joints that the
+        data ask for beside it; the best alone where it has rivals, none where nothing is named.
         """
-        if self.best is None or self.rivals:
-            return () if self.best is None else (self.best,)
+        if self.best is None:
+            return ()
         own = next(m for m in self.selection.members if m.label == self.best.label)
-        others = (m for m in self.selection.named if m.effect.kind == self.best.kind)
-        together = (m.effect for m in others if m is not own and not own.stands_in)
-        return (self.best, *together)
+        others = (m for m in self.selection.named if m is not own)
+        return tuple(m.effect for m in leading([own, *others]))
 
     @cached_property
     def after(self) -> dict[str, Error]:
@@ -312,15 +310,10 @@ class Diagnosis(Plotted):
             return errors_of(self.fit)
         if len(self.group) == 1:
             return self.candidates[0].after
-        labels = {effect.label for effect in self.group}
-        regression = self.selection.last.regression
-        for each in self.selection.members:
-            if each.label not in labels:
-                regression = regression.without(each.columns)
-        old, new = (
-            each.losses.sum(axis=0) / each.weight**2
-            for each in (self.selection.first.regression, regression)
-        )
+        mine = [m for m in self.selection.named if m.effect in self.group]
+        regression, columns = on_all_rows(self.selection.first.contest, mine)
+        richer = reweighted(regression.extended(np.concatenate([*columns.values()])))
+        old, new = (x.losses.sum(axis=0) / x.weight**2 for x in (regression, richer))
         return announced_errors(errors_of(self.fit), old, new)
 
     @cached_property

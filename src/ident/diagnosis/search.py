@@ -64,7 +64,7 @@ class Search:
     visited: set[frozenset[str]] = field(default_factory=set)
     chance: Chance = field(init=False)
     null_of: frozenset[str] = field(default=frozenset(), init=False)  # the set of the last null
-    first: Ranking | None = field(default=None, init=False)  # beside the start
+    first: Ranking = field(init=False)  # beside the start
     all_common: bool = field(default=False, init=False)  # what every machine has is in the set
 
     @cached_property
@@ -92,7 +92,30 @@ class Search:
             if following is None:
                 break
             now = following
-        return now
+        return replace(now, members=tuple(self.with_rivals(now, each) for each in now.members))
+
+    def with_rivals(self, now: EffectSet, member: Member) -> Member:
+        """The member; one that came with others with its rivals beside the rest of the set."""
+        if not member.grouped:
+            return member
+        beside = self.beside(now.minus(member), member)
+        own = next((e for e in beside.evidence if e.effect.label == member.label), None)
+        return replace(member, rivals=rivals(own, beside, self.decision)) if own else member
+
+    def beside(self, bare: EffectSet, member: Member) -> Ranking:
+        """What could take the place of a member, of its joints, in a set without it."""
+        return rank(
+            bare.contest,
+            bare.regression,
+            None,
+            self.decision,
+            self.seed,
+            bare.labels,
+            curved=False,
+            chance=self.chance,
+            least=NEAR,
+            joints=member.effect.joints,
+        )
 
     def ranked(self, now: EffectSet, fresh: bool) -> Ranking:
         """All laws beside a set; `fresh`: with a null distribution of its residual."""
@@ -238,7 +261,9 @@ class Search:
             only={each.effect.label for each in several},
         )
         evidence = {each.effect.label: each for each in ranking.evidence}
-        members = [Member(e.effect, e.groups[0], evidence[e.effect.label]) for e in several]
+        members = [
+            Member(e.effect, e.groups[0], evidence[e.effect.label], grouped=True) for e in several
+        ]
         return EffectSet(now.contest, regression, (*now.members, *members)).reweighted()
 
     def forward(self, now: EffectSet, ranking: Ranking) -> EffectSet | None:
@@ -260,18 +285,7 @@ class Search:
             if each.evidence is None:
                 continue
             bare = now.minus(each)
-            ranking = rank(
-                bare.contest,
-                bare.regression,
-                None,
-                self.decision,
-                self.seed,
-                bare.labels,
-                curved=False,
-                chance=self.chance,
-                least=NEAR,
-                joints=each.effect.joints,
-            )
+            ranking = self.beside(bare, each)
             own = next((e for e in ranking.evidence if e.effect.label == each.label), None)
             for other in ranking.credible[:TRIED]:
                 if other is own or (own and behind(own, other) < self.decision.rival_se):
@@ -341,11 +355,14 @@ def _alone(member: Member, first: Ranking, decision: Decision) -> Member:
     """The member with its evidence on the model as it is, where it is credible there.
 
     Beside other effects a member may be better than the simplest effect that explains the same part
-    alone; a user who adds one effect is given the latter, with the member among its rivals.
+    alone; a user who adds one effect is given the latter, with the member among its rivals. One
+    that came with others is named with them, and its rivals are those beside them.
     """
     own = next((e for e in first.credible if e.effect.label == member.label), None)
     if own is None:
         return member
+    if member.grouped:
+        return replace(member, evidence=own)
     simple = simplest(first, decision)
     if simple is not None and alike(own, simple) and behind(own, simple) >= decision.rival_se:
         own = simple

@@ -278,7 +278,7 @@ def diagnosis_json(d: Diagnosis) -> dict[str, Any]:
     together = [
         {
             **name_of(m.effect),
-            "gain": m.gain,
+            "rise": m.gain,
             "quantile": last.chance.limit(last.regression.place(m.columns)),
             "curve": m.curve.label if m.curve else None,
             "impossible": m.impossible.label if m.impossible else None,
