@@ -11,7 +11,7 @@ import runpy
 import secrets
 import shutil
 import stat
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from inspect import isfunction
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -103,7 +103,7 @@ def json_line(content: Mapping[str, Any]) -> str:
     return json.dumps(plain(content), allow_nan=False)
 
 
-def write_all(folder: Path, contents: Mapping[str, bytes | Path]) -> list[Path]:
+def write_all(folder: Path, contents: Mapping[str, bytes | Iterable[bytes]]) -> list[Path]:
     """Write the files of a folder, all or none of them.
 
     Each is written beside its place, then renamed. If that fails midway, the previous files are put
@@ -111,7 +111,8 @@ def write_all(folder: Path, contents: Mapping[str, bytes | Path]) -> list[Path]:
 
     Args:
         folder: made, with its parents, where it does not exist.
-        contents: by name relative to the folder; a path is a file to be moved there.
+        contents: by name relative to the folder, whole or in pieces, which are made as they are
+            written.
     """
     paths = [folder / name for name in contents]
     with contextlib.ExitStack() as scraps, contextlib.ExitStack() as undo:  # undo runs first
@@ -125,10 +126,8 @@ def write_all(folder: Path, contents: Mapping[str, bytes | Path]) -> list[Path]:
             for part, content in zip(parts, contents.values(), strict=True):
                 scraps.callback(_quietly, part.unlink)
                 undo.callback(_quietly, part.unlink)
-                if isinstance(content, Path):
-                    os.replace(content, part)
-                else:
-                    part.write_bytes(content)
+                with part.open("xb") as stream:
+                    stream.writelines([content] if isinstance(content, bytes) else content)
             for part, path in zip(parts, paths, strict=True):
                 old = _beside(path, "old")
                 scraps.callback(_quietly, old.unlink)

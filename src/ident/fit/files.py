@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -38,7 +38,7 @@ def write_fit(
     fit: Fit,
     folder: str | Path,
     reactions: Reactions | None = None,
-    multipliers: Path | None = None,
+    multipliers: Iterable[bytes] | None = None,
     more: Mapping[str, bytes] | None = None,
     sections: Sequence[Any] = (),
 ) -> list[Path]:
@@ -48,8 +48,7 @@ def write_fit(
         fit: what to write.
         folder: made if it is missing.
         reactions: known ones, which the report draws beside the multipliers.
-        multipliers: a file in the folder that becomes multipliers.csv, where the fit's motion is
-            an excerpt.
+        multipliers: pieces of multipliers.csv, where the fit's motion is an excerpt.
         more: further files by name.
         sections: after the errors in the report.
 
@@ -61,7 +60,7 @@ def write_fit(
         FitError: if a body's identified inertia cannot be stated in a URDF.
     """
     urdf = identified_urdf(fit)
-    files: dict[str, bytes | Path] = {
+    files: dict[str, bytes | Iterable[bytes]] = {
         "fit.json": json_bytes(fit_json(fit)),
         "multipliers.csv": multipliers or multipliers_csv(fit),
         "identified.urdf": urdf,

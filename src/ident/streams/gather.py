@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
-import secrets
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -36,7 +34,6 @@ from ident.streams.many_logs import LogComparison, compare_logs
 from ident.streams.portions import (
     Checkpoint,
     Plan,
-    Progress,
     absorbed,
     multipliers_of,
     summaries,
@@ -116,29 +113,12 @@ class Gathered(Displayed):
             if self.each.odd:  # first, since other notes may follow from it
                 sentence = f"{render(self.each, 'sentence')}: see Log by log"
                 fit = replace(fit, findings=(note(sentence), *fit.findings))
-        with self._multipliers(folder) as multipliers:
-            paths = write_fit(fit, folder, reactions, multipliers, more, sections)
+        loops = fit.mechanism.closures
+        multipliers = self._multiplier_rows() if loops else None
+        paths = write_fit(fit, folder, reactions, multipliers, more, sections)
         if self.checkpoint is not None:
             self.checkpoint.remove()
         return paths
-
-    @contextlib.contextmanager
-    def _multipliers(self, folder: Path) -> Iterator[Path | None]:
-        """Write a hidden file with the multipliers of all samples, removed unless it is moved."""
-        if not self.fit.mechanism.kinematics.multipliers:
-            yield None
-            return
-        folder.mkdir(parents=True, exist_ok=True)
-        for stale in folder.glob(".multipliers.csv.*.part"):  # of a run that was killed
-            stale.unlink(missing_ok=True)
-        file = folder / f".multipliers.csv.{secrets.token_hex(4)}.part"
-        try:
-            with file.open("xb") as stream:
-                for rows in self._multiplier_rows():
-                    stream.write(rows)
-            yield file
-        finally:
-            file.unlink(missing_ok=True)
 
     def _multiplier_rows(self) -> Iterator[bytes]:
         """Yield the rows of all portions in order, the header first, in a second pass."""
@@ -263,8 +243,9 @@ def _summed(
     messages, resumed = [], 0
     gravest: dict[tuple[str, str, tuple[str, ...]], Finding] = {}
     if saved is not None and (before := saved.read()) is not None:
-        total, resumed = summed({}, before.blocks), before.absorbed
-        workers.broken.update(before.broken)
+        resumed, blocks, broken = before
+        summed(total, blocks)
+        workers.broken.update(broken)
         messages.append(f"went on from {saved.file}: {resumed} portions were done")
     elif saved is not None and saved.unused:
         messages.append(f"{saved.file}: {saved.unused}; not used, all portions are read")
@@ -280,7 +261,7 @@ def _summed(
             if key not in gravest or (each.number or 0.0) > (gravest[key].number or 0.0):
                 gravest[key] = each
         if saved is not None and saved.due(count):
-            saved.write(Progress(count, tuple(total.values()), dict(workers.broken)))
+            saved.write(count, total.values(), workers.broken)
     out = {i for i, part in enumerate(plan.parts) if part.name in workers.broken}
     blocks = [each for each in total.values() if each.log not in out]
     if not blocks:

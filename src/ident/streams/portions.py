@@ -17,7 +17,7 @@ import hashlib
 import json
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -38,7 +38,7 @@ from ident.fit.channel_checks import log_findings
 from ident.fit.findings import Finding
 from ident.fit.prediction import predict
 from ident.fit.problem import block_edges, triangles
-from ident.information.blocks import Block, summed
+from ident.information.blocks import Block, Key, summed
 from ident.information.triangle import Triangle
 from ident.log import Log
 from ident.log.read import names_of
@@ -48,16 +48,11 @@ from ident.motion import Motion
 from ident.motion.closures import LoopSolver
 from ident.motion.motion import left_out, part_of, state_of
 from ident.motion.recipe import (
-    AUTO,
     Band,
-    Recipe,
-    noise_of_speeds,
     recipe_of,
     standstill,
-    thresholds,
-    top_speeds,
 )
-from ident.motion.signals import Clock, absurd_samples, measure
+from ident.motion.signals import LogSignals, absurd_samples, measure
 from ident.motion.smoothing import derive
 from ident.motion.state import State
 from ident.pool import Workers
@@ -190,43 +185,27 @@ def _check_columns(plan: Plan, log: LogOnDisk) -> None:
 
 
 def _decided(plan: Plan, number: int) -> LogOnDisk:
-    """Decide for all portions of a log, on stretches of it."""
-    part, clock = plan.parts[number], plan.parts[number].clock
-    grid = Decimator.of(plan.band.cutoff, 1 / clock.step).factor
-    recipe = decide(
-        plan.mechanism, part.stretches(), replace(clock, grid=grid), logged=plan.logged,
-        independent=plan.independent, band=plan.band, smoothing=plan.smoothing,
-    )  # fmt: skip
+    """Decide for all portions of a log, on stretches of it that decide by themselves."""
+    part = plan.parts[number]
+    clock = replace(part.clock, grid=Decimator.of(plan.band.cutoff, 1 / part.clock.step).factor)
+    signals, states, _ = zip(*(_completed(plan, log) for log in part.stretches()), strict=True)
+    limits = {name: x for each in signals for name, x in each.limits.items()}
+    recipe = recipe_of(states, plan.band, clock)
+    recipe = replace(recipe, smoothing=plan.smoothing, limits=limits)
     anchors = _anchors(plan, number) if plan.mechanism.closures else None
     return replace(part, recipe=recipe, anchors=anchors)
 
 
-def decide(
-    mechanism: Mechanism,
-    excerpts: Sequence[Log],
-    clock: Clock,
-    *,
-    logged: tuple[str, ...],
-    independent: tuple[str, ...],
-    band: Band,
-    smoothing: float | str | None = AUTO,
-) -> Recipe:
-    """The recipe of a long log, from excerpts of it that decide by themselves."""
-    signals = [measure(mechanism, log) for log in excerpts]
-    derived = [derive(each, logged, band, smoothing) for each in signals]
-    states = [
-        state_of(mechanism, each, logged, band, own)[0]
-        for each, own in zip(signals, derived, strict=True)
-    ]
+def _completed(plan: Plan, log: Log) -> tuple[LogSignals, State, list[str]]:
+    """Return signals, state and notes of a log that decides by itself what `complete` decides."""
+    mechanism, signals = plan.mechanism, measure(plan.mechanism, log)
+    derived = derive(signals, plan.logged, plan.band, plan.smoothing)
+    e, notes = state_of(mechanism, signals, plan.logged, plan.band, derived)
     if mechanism.closures:
-        states = [e.transmitted(mechanism, independent) for e in states]
-    noise = [
-        noise_of_speeds(mechanism, each, e, logged) for each, e in zip(signals, states, strict=True)
-    ]
-    still = thresholds(np.max([top_speeds(e) for e in states], axis=0), np.max(noise, axis=0))
-    states = [replace(e, still=still) for e in states]
-    limits = {name: x for each in signals for name, x in each.limits.items()}
-    return replace(recipe_of(states, band, clock), smoothing=smoothing, limits=limits)
+        before, e = e, e.transmitted(mechanism, plan.independent)
+        notes = [*notes, *left_out(before, e)]
+    still = standstill(mechanism, signals, e, plan.logged)
+    return signals, replace(e, still=still), [*signals.notes, *notes]
 
 
 def _anchors(plan: Plan, number: int) -> np.ndarray:
@@ -268,15 +247,8 @@ def log_of(plan: Plan, portion: Portion) -> Log:
 def motion_of(plan: Plan, portion: Portion, log: Log) -> tuple[State | None, list[str]]:
     """Complete the motion of a portion with its margins, as the whole log would have made it."""
     part, mechanism = plan.parts[portion.log], plan.mechanism
-    if part.recipe is None:  # the whole log: what `complete` makes of it
-        signals = measure(mechanism, log)
-        derived = derive(signals, plan.logged, plan.band, plan.smoothing)
-        e, notes = state_of(mechanism, signals, plan.logged, plan.band, derived)
-        if mechanism.closures:
-            before, e = e, e.transmitted(mechanism, plan.independent)
-            notes = [*notes, *left_out(before, e)]
-        still = standstill(mechanism, signals, e, plan.logged)
-        return replace(e, still=still), [*signals.notes, *notes]
+    if part.recipe is None:  # the whole log
+        return _completed(plan, log)[1:]
     asked = {name for effect in mechanism.effects for name in effect.reads()}
     asked |= {name for name, count in part.values.items() if count > 1}
     absent = [n for n in sorted(asked & {*log.columns}) if np.isfinite(log.columns[n]).sum() < 2]
@@ -336,18 +308,8 @@ def multipliers_of(plan: Plan, portion: Portion) -> tuple[np.ndarray, np.ndarray
 
 NAME = ".gathered.npz"
 PORTIONS, SECONDS = 8, 20.0  # after so many portions and so much time the file is replaced
-
-
-@dataclass(frozen=True, eq=False)
-class Progress:
-    """Progress of a run."""
-
-    absorbed: int  # portions, from the first
-    blocks: Sequence[Block]  # their sum
-    broken: Mapping[str, str]  # reason by name of a log
-
-
-NOUNS = {c.__name__: c for c in (Progress, Block, Triangle)}
+Progress = tuple[int, list[Block], dict[str, str]]
+"""How many portions are absorbed, their sum, and by name of a log why it is left out."""
 
 
 class Checkpoint:
@@ -371,9 +333,10 @@ class Checkpoint:
                 check_claims(arrays, self.file)
                 text = json.loads(str(arrays["text"]))
                 if text["key"] == self.key:
-                    result = _unpacked(text["progress"], arrays["numbers"])
-                    assert isinstance(result, Progress)
-                    return result
+                    counts, numbers = text["counts"], arrays["numbers"]
+                    parts = np.split(numbers, np.cumsum([own[-1] for own in counts], dtype=int))
+                    blocks = [_unpacked(*each) for each in zip(counts, parts[:-1], strict=True)]
+                    return text["absorbed"], blocks, text["broken"]
                 self.unused = "of another mechanism, log, settings or version"
         except FileNotFoundError:
             pass
@@ -386,62 +349,47 @@ class Checkpoint:
         portions, since = self._saved
         return absorbed - portions >= PORTIONS and time.monotonic() - since >= SECONDS
 
-    def write(self, progress: Progress) -> None:
+    def write(self, absorbed: int, blocks: Iterable[Block], broken: Mapping[str, str]) -> None:
         """Replace the file."""
-        numbers: list[np.ndarray] = [np.empty(0)]
-        text = json.dumps({"key": self.key, "progress": _packed(progress, numbers)})
+        packed = [*map(_packed, blocks)]
+        counts, numbers = [each for each, _ in packed], [np.empty(0), *(x for _, x in packed)]
+        text = {"key": self.key, "absorbed": absorbed, "broken": broken, "counts": counts}
         try:
             self.file.parent.mkdir(parents=True, exist_ok=True)
             with atomic_write(self.file) as stream:
-                np.savez(stream, allow_pickle=False, text=text, numbers=np.concatenate(numbers))
+                np.savez(stream, text=json.dumps(text), numbers=np.concatenate(numbers))
         except OSError as error:
             raise IdentError(
                 f"{self.file}: cannot be written ({error.strerror}); name a folder that you may "
                 "write"
             ) from None
-        self._saved = (progress.absorbed, time.monotonic())
+        self._saved = (absorbed, time.monotonic())
 
     def remove(self) -> None:
         """Remove the file, when all is done."""
         self.file.unlink(missing_ok=True)
 
 
-def _packed(thing: Any, numbers: list[np.ndarray]) -> Any:
-    """Return a noun as JSON; its arrays, named by shape and type, are appended to `numbers`."""
-    if isinstance(thing, np.ndarray):
-        numbers.append(thing.ravel().astype(float))
-        return {"shape": thing.shape, "type": thing.dtype.str}
-    if isinstance(thing, Mapping):
-        return {"pairs": [[key, _packed(each, numbers)] for key, each in thing.items()]}
-    if (name := type(thing).__name__) in NOUNS:
-        values = [_packed(getattr(thing, each.name), numbers) for each in fields(thing)]
-        return {"noun": name, "values": values}
-    if isinstance(thing, list | tuple):
-        return [_packed(each, numbers) for each in thing]
-    return thing.item() if isinstance(thing, np.generic) else thing
+def _packed(block: Block) -> tuple[list[int], np.ndarray]:
+    """Return the integers of a block and how many numbers it has, and these numbers."""
+    halves = block.triangle, block.rest
+    numbers = [block.support, [block.torque, *block.span]]
+    numbers += [x for half in halves for x in (half.R.ravel(), half.d, [half.rho])]
+    vector = np.concatenate(numbers)
+    counts = [*block.key, *(half.rows for half in halves), len(block.support), len(vector)]
+    return [int(each) for each in counts], vector
 
 
-def _unpacked(text: Any, numbers: np.ndarray) -> Any:
-    """Return what `_packed` made JSON and numbers of."""
-    at = 0
-
-    def unpack(text: Any) -> Any:
-        nonlocal at
-        if isinstance(text, list):
-            return tuple(map(unpack, text))
-        if not isinstance(text, dict):
-            return text
-        if "noun" in text:
-            return NOUNS[text["noun"]](*map(unpack, text["values"]))
-        if "pairs" in text:
-            return {key: unpack(each) for key, each in text["pairs"]}
-        size = int(np.prod(text["shape"]))
-        array = numbers[at : at + size].astype(text["type"]).reshape(text["shape"])
-        array.flags.writeable = False
-        at += size
-        return array
-
-    return unpack(text)
+def _unpacked(counts: list[int], vector: np.ndarray) -> Block:
+    """Return the block of which `_packed` made integers and numbers."""
+    *key, rows, at_rest, k, _ = counts
+    support, sizes, *halves = np.split(vector, [k, k + 3, k + 3 + k * k + k + 1])
+    some, rest = (
+        Triangle(x[: k * k].reshape(k, k), x[k * k : -1], float(x[-1]), count)
+        for x, count in zip(halves, (rows, at_rest), strict=True)
+    )
+    torque, start, end = sizes.tolist()
+    return Block(*Key(*key), some, rest, support.astype(int), torque, (start, end))
 
 
 def digest(plan: Plan) -> str:
