@@ -25,8 +25,8 @@ from ident.log.read import LogFile, file_errors, log_file
 from ident.log.storage import (
     BOM,
     Head,
-    Lines,
     check_claims,
+    filled_lines,
     head_of,
     parquet_errors,
     refuse_binary,
@@ -141,11 +141,12 @@ def _open_csv(path: Path) -> tuple[int, str, Rows]:
             refuse_binary(text[:begin], file)
             before = head.line
         refuse_binary(text[begin:], file, before)
-        lines = Lines(text[begin:], head.separator)
-        every = lines.filled[-rows % STRIDE :: STRIDE]
-        offsets.append(lines.start[every] + at + begin)
+        lines = text[begin:].splitlines(keepends=True)
+        filled, start = filled_lines(lines), np.cumsum([begin, *map(len, lines)])
+        every = filled[-rows % STRIDE :: STRIDE]
+        offsets.append(start[every] + at)
         numbers.append(every + before)
-        at, before, rows = at + len(text), before + len(lines), rows + len(lines.filled)
+        at, before, rows = at + len(text), before + len(lines), rows + len(filled)
     head = head or head_of(b"", file)
     if not rows:
         rows_of(b"", head, file, before)

@@ -1,7 +1,7 @@
 """Files of columns read and written: CSV, Parquet, NumPy archives.
 
 Each row of a CSV keeps the number of its line, to which error messages point. polars parses the
-cells; it fills short rows up in silence and counts no lines, hence `Lines`.
+cells; it fills short rows up in silence and counts no lines, so these are counted before.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import os
 import re
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -31,7 +31,6 @@ MISQUOTED = "quotes inside cells that do not enclose the whole cell; remove or d
 NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
 LINE = re.compile(rb"([^\r\n]*)(\r\n|\r|\n|\Z)")
 QUOTED = re.compile(rb'"[^"]*"')
-NEWLINE, RETURN, QUOTE = b'\n\r"'
 
 
 @dataclass(frozen=True)
@@ -42,49 +41,6 @@ class Head:
     separator: bytes  # of the cells
     line: int  # the header's, from 1
     end: int  # where the rows begin, in bytes behind a byte order mark
-
-
-class Lines:
-    r"""The lines of a text; `\n`, `\r\n` and `\r` end one.
-
-    Attributes:
-        text: of the lines.
-        start: (n + 1,) where each begins; the end of the text is the last.
-        cells: (n,) one more than the separators in each, quoted ones included.
-        quotes: (n,) quotes in each.
-        filled: (m,) which lines hold more than blanks.
-    """
-
-    def __init__(self, text: bytes, separator: bytes) -> None:
-        data = np.frombuffer(text, dtype=np.uint8)
-        ends = data == NEWLINE
-        if b"\r" in text:
-            ends |= (data == RETURN) & (np.append(data[1:], 0) != NEWLINE)
-        start = np.concatenate([[0], np.flatnonzero(ends) + 1]).astype(np.int64)
-        self.text = text
-        self.start = start if start[-1] == len(text) else np.append(start, len(text))
-        self.cells = self._count(data == separator[0]) + 1
-        self.quotes = self._count(data == QUOTE) if b'"' in text else np.zeros_like(self.cells)
-        blank = [i for i in np.flatnonzero(self.cells == 1) if not self[i].strip(b" ")]
-        self.filled = np.delete(np.arange(len(self.cells)), blank)
-
-    def _count(self, mark: NDArray[np.bool_]) -> NDArray[np.int64]:
-        return np.diff(np.searchsorted(np.flatnonzero(mark), self.start))
-
-    def __len__(self) -> int:
-        return len(self.cells)
-
-    def __getitem__(self, i: int | np.integer) -> bytes:
-        return self.text[self.start[i] : self.start[i + 1]].rstrip(b"\r\n")
-
-    @property
-    def rows(self) -> bytes:
-        """The filled lines alone, separated by newlines."""
-        if len(self.filled) < len(self):
-            return b"\n".join([self[i] for i in self.filled])
-        if b"\r" in self.text:
-            return self.text.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-        return self.text
 
 
 def read_csv(path: Path) -> RawTable:
@@ -114,15 +70,18 @@ def rows_of(text: bytes, head: Head, file: str, before: int, last: bool = True) 
 
     `before` is the number of lines of the file before these, `last` whether it ends with them.
     """
-    lines, width = Lines(text, head.separator), len(head.names)
-    filled = lines.filled
+    lines, width = text.splitlines(), len(head.names)
+    filled = filled_lines(lines)
     if not len(filled):
         raise LogError(
             f"{file}: a header on line {head.line} and no rows; rows of numbers are needed"
         )
-    for i in filled[(lines.cells[filled] != width) | (lines.quotes[filled] > 0)]:
-        _check_row(lines[i], head, f"{file}: line {before + i + 1}", last and i == filled[-1])
-    frame = _values(lines, head, file)
+    for i, line in enumerate(lines):
+        if (line.count(head.separator) != width - 1 or b'"' in line) and line.strip(b" "):
+            _check_row(line, head, f"{file}: line {before + i + 1}", last and i == filled[-1])
+    if len(filled) < len(lines) or b"\r" in text:
+        text = b"\n".join([lines[i] for i in filled])
+    frame = _values(text, lines[filled[0]], head, file)
     if frame.shape != (len(filled), width):
         raise LogError(f"{file}: {MISQUOTED}")
     notes = []
@@ -131,6 +90,11 @@ def rows_of(text: bytes, head: Head, file: str, before: int, last: bool = True) 
         notes.append(f"{blank} blank lines left out, first at line {first}")
     series = [column.alias(name) for name, column in zip(head.names, frame, strict=True)]
     return table_of(file, series, filled + before + 1, notes)
+
+
+def filled_lines(lines: Sequence[bytes]) -> NDArray[np.int64]:
+    """Return which lines (m,) hold more than blanks."""
+    return np.array([i for i, line in enumerate(lines) if line.strip(b" \r\n")], dtype=np.int64)
 
 
 def refuse_binary(raw: bytes, file: str, before: int = 0) -> None:
@@ -161,17 +125,16 @@ def _check_row(line: bytes, head: Head, place: str, last: bool) -> None:
         )
 
 
-def _values(lines: Lines, head: Head, file: str) -> pl.DataFrame:
-    first = _frame(lines[lines.filled[0]], head.separator, file).row(0)
+def _values(text: bytes, line: bytes, head: Head, file: str) -> pl.DataFrame:
+    """Parse rows; a column whose cell in the first line is a number is one of numbers."""
     kinds = {
         f"column_{i}": pl.Float64 if cell and NUMBER.fullmatch(cell) else pl.String
-        for i, cell in enumerate(first, start=1)
+        for i, cell in enumerate(_frame(line, head.separator, file).row(0), start=1)
     }
-    separator = head.separator.decode()
     try:
-        return pl.read_csv(lines.rows, has_header=False, schema=kinds, separator=separator)
+        return pl.read_csv(text, has_header=False, schema=kinds, separator=head.separator.decode())
     except pl.exceptions.PolarsError:
-        return _frame(lines.rows, head.separator, file)
+        return _frame(text, head.separator, file)
 
 
 def _frame(text: bytes, separator: bytes, file: str) -> pl.DataFrame:

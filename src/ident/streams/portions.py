@@ -373,7 +373,7 @@ class Checkpoint:
 def _packed(block: Block) -> tuple[list[int], np.ndarray]:
     """Return the integers of a block and how many numbers it has, and these numbers."""
     halves = block.triangle, block.rest
-    numbers = [block.support, [block.torque, *block.span]]
+    numbers: list[Any] = [block.support, [block.torque, *block.span]]
     numbers += [x for half in halves for x in (half.R.ravel(), half.d, [half.rho])]
     vector = np.concatenate(numbers)
     counts = [*block.key, *(half.rows for half in halves), len(block.support), len(vector)]
