@@ -105,7 +105,12 @@ def actuator_of(drive: Drive | None, plant: Plant, e: State | None) -> Actuator:
     if gains:
         Kp, Kd = _by_joint(gains, plant.mechanism)
     else:
-        inertia = np.ones(len(at)) if computed else _drive_inertia(plant, e)
+        inertia = np.ones(len(at))
+        if not computed:  # [kg m² | kg] at each drive at the start, the others held
+            m = plant.terms(float(e.t[0]), e.q[0], e.v[0], np.zeros(len(plant.laws.states)))
+            lever = m.W[at] @ m.Z
+            mobility = lever @ np.linalg.solve(m.Z.T @ m.M @ m.Z, lever.T)
+            inertia = np.diag(linear.pinv(mobility, 1e-9))
         Kp, Kd = BANDWIDTH**2 * inertia, 2 * BANDWIDTH * inertia
 
     def control(m: InstantTerms, against: np.ndarray) -> np.ndarray:
@@ -133,13 +138,6 @@ def inverse_dynamics(
     back = linear.pinv(m.W[at] @ m.Z, 1e-9)
     a = m.a0 + m.Z @ (back @ (ydd - m.drift[at] - m.W[at] @ m.a0))
     return np.asarray(back.T @ (m.Z.T @ (m.M @ a + m.h + against)))
-
-
-def _drive_inertia(plant: Plant, e: State) -> np.ndarray:
-    """Return (driven,) the inertia [kg m² | kg] at each drive at the start, the others held."""
-    m = plant.terms(float(e.t[0]), e.q[0], e.v[0], np.zeros(len(plant.laws.states)))
-    lever = m.W[plant.driven] @ m.Z
-    return np.diag(linear.pinv(lever @ np.linalg.solve(m.Z.T @ m.M @ m.Z, lever.T), 1e-9)).copy()
 
 
 def _by_joint(gains: Gains, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
@@ -279,10 +277,27 @@ def integrate(
     )
     integration = Integration(dynamics, tolerance, longest, knots)
     integration.run((q, v, np.zeros(len(plant.laws.states))), t, progress)
-    run = _run_of(model, integration)
-    logged = with_noise(_columns(run, point, columns, joints), noise, seed)
-    logged |= {key: x(t) for key, x in extra.items()}
-    return replace(run, log=Log.from_arrays(name, t, logged))
+    terms, balances, modes = zip(*integration.samples, strict=True)
+
+    def series(things: Sequence[object], key: str) -> np.ndarray:
+        return np.array([getattr(each, key) for each in things]).reshape(len(t), -1)
+
+    q, v = series(terms, "q"), series(terms, "v")
+    a, tau = series(balances, "a"), series(balances, "tau")
+    y, yd, ydd = joint_coordinates(model, q, v, a, {})
+    logged = _columns(model, point, t, (y, yd, ydd), tau, columns, joints)
+    logged = with_noise(logged, noise, seed) | {key: x(t) for key, x in extra.items()}
+    friction = series(balances, "friction").T
+    stuck = np.array(modes).reshape(len(t), -1).T == STICK
+    return Run(
+        model, Log.from_arrays(name, t, logged), t, q, v, a, y, yd, ydd, tau,
+        series(balances, "multipliers"),
+        dict(zip(integration.names, friction, strict=True)),
+        dict(zip(integration.names, stuck, strict=True)),
+        tuple(integration.transitions),
+        float(np.abs(model.kinematics.closure_rows(q).value).max(initial=0.0)),
+        integration.evaluations,
+    )  # fmt: skip
 
 
 def _times(since: float, duration: float, rate: float) -> np.ndarray:
@@ -346,50 +361,23 @@ def start_state(
     return q, v[0]
 
 
-def _run_of(mechanism: Mechanism, integration: Integration) -> Run:
-    """Return the result of an integration, without a log."""
-    terms, balances, modes = zip(*integration.samples, strict=True)
-    t = np.array([m.t for m in terms])
-    q, v = (np.array([getattr(m, key) for m in terms]) for key in "qv")
-    a, tau, multipliers, friction = (
-        np.array([getattr(b, key) for b in balances]).reshape(len(t), -1)
-        for key in ("a", "tau", "multipliers", "friction")
-    )
-    stuck = np.array(modes).reshape(len(t), -1) == STICK
-    y, yd, ydd = joint_coordinates(mechanism, q, v, a, {})
-    return Run(
-        mechanism=mechanism,
-        log=Log.from_arrays(mechanism.name, t, {}),
-        t=t,
-        q=q,
-        v=v,
-        a=a,
-        y=y,
-        yd=yd,
-        ydd=ydd,
-        tau=tau,
-        multipliers=multipliers,
-        friction=dict(zip(integration.names, friction.T, strict=True)),
-        stuck=dict(zip(integration.names, stuck.T, strict=True)),
-        transitions=tuple(integration.transitions),
-        closure_error=float(np.abs(mechanism.kinematics.closure_rows(q).value).max(initial=0.0)),
-        evaluations=integration.evaluations,
-    )
-
-
 def _columns(
-    run: Run, point: Point, channels: Sequence[str], joints: Sequence[str] | None
+    mechanism: Mechanism,
+    point: Point,
+    t: np.ndarray,
+    true: Sequence[np.ndarray],
+    torques: np.ndarray,
+    channels: Sequence[str],
+    joints: Sequence[str] | None,
 ) -> dict[str, np.ndarray]:
     """Return the log's columns (n,) by name, with the errors of its sensors, without noise."""
-    mechanism, names = run.mechanism, _logged(run.mechanism)
-    tau = dict(zip(mechanism.driven, run.tau.T, strict=True))
-    true = [run.y, run.yd, run.ydd]
-    sensed = [x.copy() for x in true]
+    tau = dict(zip(mechanism.driven, torques.T, strict=True))
+    names, sensed = _logged(mechanism), [x.copy() for x in true]
     for effect in mechanism.effects:
         if effect.corrects and effect.implicit:  # it depends on the load, over the whole run
             columns = joint_columns(mechanism, dict(zip("qva", true, strict=True)), names)
             columns |= {f"tau.{name}": x for name, x in tau.items()}
-            motion = complete(mechanism, Log.from_arrays("run", run.t, columns), cutoff=None)
+            motion = complete(mechanism, Log.from_arrays("run", t, columns), cutoff=None)
             samples = Samples(mechanism, motion.experiments[0], slice(None), point)
             signals = samples.signals(effect.joints)
             shifts = effect.correction(replace(signals, shape=point.of(effect)[1])).dq
@@ -397,12 +385,12 @@ def _columns(
             shifts = constant_correction(effect, point).dq
         for name, dq in shifts.items():
             i = mechanism.joint_index[name]
-            dq = np.broadcast_to(np.asarray(dq, dtype=float), run.t.shape)
-            dv = np.gradient(dq, run.t)
-            for x, offset in zip(sensed, (dq, dv, np.gradient(dv, run.t)), strict=True):
+            dq = np.broadcast_to(np.asarray(dq, dtype=float), t.shape)
+            dv = np.gradient(dq, t)
+            for x, offset in zip(sensed, (dq, dv, np.gradient(dv, t)), strict=True):
                 x[:, i] -= offset
     names = names if joints is None else tuple(joints)
-    return columns_of(mechanism, point, run.t, sensed, tau, channels, names)
+    return columns_of(mechanism, point, t, sensed, tau, channels, names)
 
 
 def _logged(mechanism: Mechanism) -> tuple[str, ...]:

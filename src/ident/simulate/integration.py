@@ -100,7 +100,10 @@ class Integration:
         x = self._projected(t, x)
         self._sample(t, x)
         while len(self.samples) < len(times):
-            solver, change = self._piece(t, x, end), None
+            method = RK45 if self.tolerance > LOOSE else DOP853
+            rtol, atol = max(self.tolerance, 1e-13), 1e-2 * self.tolerance
+            solver = method(self._slope, t, x, end, rtol=rtol, atol=atol, max_step=self.longest)
+            solver.f, change = self._slope(t, x), None
             while change is None and len(self.samples) < len(times):
                 states, change = self._step(solver)
                 t = solver.t if change is None else change[0]
@@ -146,21 +149,6 @@ class Integration:
         states = zip(self.plant.laws.states, m.z, strict=True)
         zdot = [law.state_rate(float(z), float(m.yd[law.at[0]])) for law, z in states]
         return np.concatenate([self.plant.qdot(m.q, m.v), b.a, zdot])
-
-    def _piece(self, t: float, x: np.ndarray, end: float) -> OdeSolver:
-        """Return a solver that goes on from a state in the present modes."""
-        method = RK45 if self.tolerance > LOOSE else DOP853
-        solver = method(
-            self._slope,
-            t,
-            x,
-            end,
-            rtol=max(self.tolerance, 1e-13),
-            atol=1e-2 * self.tolerance,
-            max_step=self.longest,
-        )
-        solver.f = self._slope(t, x)
-        return solver
 
     def _step(self, solver: OdeSolver) -> tuple[States, ModeChange | None]:
         """Make one step; return its states, and the first change of mode within it."""

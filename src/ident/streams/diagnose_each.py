@@ -25,7 +25,6 @@ from ident.streams.logs import Given, excerpt, log_paths, summarise
 
 TOGETHER = 300_000  # samples of all logs, from which stretches stand for them
 EACH = 0.8  # of the work is done when each log has been diagnosed
-Settings = tuple[Mechanism, float | str | None, float | str | None]
 
 
 @dataclass(frozen=True)
@@ -49,21 +48,6 @@ class Verdict:
     error_before: float | None = None
     error_after: float | None = None
     left_out: str = ""
-
-    @classmethod
-    def of(cls, log: str, samples: int, d: Diagnosis) -> Verdict:
-        """Shorten a log's diagnosis."""
-        named = () if d.best is None else tuple(e.label for e in (d.best, *d.rivals))
-        first = d.candidates[0] if named else None
-        return cls(
-            log,
-            samples,
-            d.verdict,
-            named,
-            first.joint if first else "",
-            first.error_before if first else None,
-            first.error_after if first else None,
-        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -164,13 +148,14 @@ def diagnose_each(
         IdentError: if no log is left.
     """
     paths = log_paths(logs, scheduler)
-    names, settings = names_of(paths), (mechanism, cutoff, smoothing)
-    rule: dict[str, Any] = {
+    names = names_of(paths)
+    rule: Any = {
         "seed": seed,
         "alpha": alpha,
         "material": material,
         "rival_se": rival_se,
     }
+    settings: Any = {"cutoff": cutoff, "smoothing": smoothing}
 
     def on_progress(what: str, share: float) -> None:
         if progress:
@@ -178,7 +163,7 @@ def diagnose_each(
 
     workers = Workers(jobs, scheduler, False, on_progress)
     tasks = list(zip(names, paths, strict=True))
-    done = workers.over(_verdict, tasks, (settings, rule), names, "logs")
+    done = workers.over(_verdict, tasks, (mechanism, settings, rule), names, "logs")
     verdicts = tuple(
         verdict or Verdict(name, left_out=workers.broken[name]) for (name, _), verdict in done
     )
@@ -189,7 +174,7 @@ def diagnose_each(
             if verdicts else "no log given; valid: paths of logs, and of folders of them"
         )  # fmt: skip
     if sum(each.samples for each in verdicts) <= TOGETHER:
-        motion = complete(mechanism, good, cutoff=cutoff, smoothing=smoothing)
+        motion = complete(mechanism, good, **settings)
     else:
         looked_at = [summarise(mechanism, path) for path in good]
         some = excerpt(mechanism, looked_at, cutoff, smoothing, {})
@@ -200,9 +185,13 @@ def diagnose_each(
     return Verdicts(diagnose(fit, progress=part(progress, EACH, 1.0), **rule), verdicts)
 
 
-def _verdict(common: tuple[Settings, dict[str, Any]], task: tuple[str, Path]) -> Verdict:
+def _verdict(common: tuple[Mechanism, Any, Any], task: tuple[str, Path]) -> Verdict:
     """Diagnose one log."""
-    ((mechanism, cutoff, smoothing), rule), (name, path) = common, task
-    motion = complete(mechanism, path, cutoff=cutoff, smoothing=smoothing)
-    fit = identify(mechanism, motion, estimator="least-squares")
-    return Verdict.of(name, motion.samples, diagnose(fit, **rule))
+    (mechanism, settings, rule), (name, path) = common, task
+    motion = complete(mechanism, path, **settings)
+    d = diagnose(identify(mechanism, motion, estimator="least-squares"), **rule)
+    if d.best is None:
+        return Verdict(name, motion.samples, d.verdict)
+    named, first = tuple(effect.label for effect in (d.best, *d.rivals)), d.candidates[0]
+    errors = first.error_before, first.error_after
+    return Verdict(name, motion.samples, d.verdict, named, first.joint, *errors)

@@ -38,7 +38,6 @@ class LogOnDisk:
     starts: np.ndarray  # (k,) [s] times of the rows 0, STRIDE, 2 STRIDE, …
     values: dict[str, int]  # number of values of each signal, by name
     repairs: tuple[str, ...]  # what was changed, in words
-    stamp: tuple[int, int]  # size [bytes] and time of the last change [ns] of the file
     digest: str  # of all values of its signals
     borders: tuple[int, ...] = ()  # rows (k + 1,) between its k portions
     recipe: Recipe | None = None  # None: a log of one portion, which decides by itself
@@ -95,7 +94,7 @@ def summarise(mechanism: Mechanism, path: Path) -> LogOnDisk:
     signals = [name for name in log.columns if is_signal(name)]
     values = dict.fromkeys(signals, 0)
     repairs: dict[str, list[str]] = {}
-    starts, steps, deviations = [], [], []  # of pieces
+    times, steps, deviations = [], [], []  # of pieces
     first, before, count, guess = 0.0, -np.inf, 0, 1.0
     digest = hashlib.blake2b(digest_size=16)
     ends = [*range(LOOK, log.rows - LOOK // 2, LOOK), log.rows]
@@ -114,7 +113,7 @@ def summarise(mechanism: Mechanism, path: Path) -> LogOnDisk:
         off = t - first - guess * np.arange(count, count + len(t))
         deviations += [(i, off.min(), off.max()) for i in (count, count + len(t) - 1)]
         rows = np.arange(0, stop - at, STRIDE)  # without repeated stamps, which are left out
-        starts.append(t[rows * len(t) // (stop - at)])
+        times.append(t[rows * len(t) // (stop - at)])
         count, before = count + len(t), float(t[-1])
         for name in signals:
             x = piece.columns[name]
@@ -138,11 +137,8 @@ def summarise(mechanism: Mechanism, path: Path) -> LogOnDisk:
         for each in repairs.values()
         if not each[0].endswith(" is empty")
     ]
-    file = log.path.stat()
-    return LogOnDisk(
-        log, Clock(first, every, instants, even), np.concatenate(starts), values,
-        tuple(messages), (file.st_size, file.st_mtime_ns), digest.hexdigest(),
-    )  # fmt: skip
+    clock, starts = Clock(first, every, instants, even), np.concatenate(times)
+    return LogOnDisk(log, clock, starts, values, tuple(messages), digest.hexdigest())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
