@@ -84,6 +84,15 @@ def test_adding_a_group_is_the_gain_that_was_announced():
         np.testing.assert_allclose(theta, regression.refit(group).theta, atol=1e-10)
 
 
+def test_last_columns_that_are_zero_everywhere_gain_nothing():
+    regression = PartialRegression(parts(), np.arange(4), WEIGHT, K + 2)
+    gains = regression.gains([np.array([K, K + 1]), np.array([6])])
+    assert gains.visible[0] == 0
+    assert gains.G[0] == 0
+    assert gains.G[1] != 0
+    assert regression.place(np.array([K + 1])) == regression.d
+
+
 def test_columns_that_the_model_has_are_not_visible():
     given = parts()
     twin = tuple(

@@ -196,7 +196,8 @@ class Contest:
             except (IdentError, np.linalg.LinAlgError) as error:
                 failed.append((effect, str(error)))
         sigma = weights(fit, table)
-        regression = PartialRegression(store.parts(), np.flatnonzero(~held), 1.0 / sigma)
+        model = np.flatnonzero(~held)
+        regression = PartialRegression(store.parts(), model, 1.0 / sigma, store.count)
         return cls(fit, table, use, regression, tuple(found), tuple(failed))
 
     @cached_property
@@ -251,7 +252,8 @@ class Contest:
             replace(part, X=np.column_stack([part.X, c]), columns=np.append(part.columns, new))
             for part, c in zip(self.regression.parts, C, strict=True)
         )
-        return replace(self, regression=replace(self.regression, parts=parts)), new
+        regression = replace(self.regression, parts=parts, count=int(new[-1]) + 1)
+        return replace(self, regression=regression), new
 
 
 class ColumnStore:

@@ -88,11 +88,13 @@ class PartialRegression:
         parts: one a coordinate, or several.
         model: (k,) columns of the model.
         weight: (d,) 1/σ of each coordinate.
+        count: number of all columns, where the last ones may be zero in all parts.
     """
 
     parts: tuple[Part, ...]
     model: Index
     weight: Array
+    count: int = 0
 
     @classmethod
     def of(
@@ -123,7 +125,8 @@ class PartialRegression:
             both = np.concatenate(rows)
             y = both[:, -1] - both[:, :-1] @ known[support]
             parts.append(Part(u, support, both[:, :-1], y[:, None], edges))
-        return cls(tuple(parts), np.asarray(model, dtype=np.intp), np.asarray(weight, dtype=float))
+        model, weight = np.asarray(model, dtype=np.intp), np.asarray(weight, dtype=float)
+        return cls(tuple(parts), model, weight, information.k)
 
     @property
     def d(self) -> int:
@@ -144,7 +147,7 @@ class PartialRegression:
     @cached_property
     def columns(self) -> int:
         """All columns, the model's and the candidates'."""
-        return 1 + max(int(part.columns.max(initial=-1)) for part in self.parts)
+        return max(self.count, *(1 + int(part.columns.max(initial=-1)) for part in self.parts))
 
     @cached_property
     def squares(self) -> Array:
