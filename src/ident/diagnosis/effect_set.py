@@ -164,4 +164,4 @@ def on_all_rows(
             shape = {p.name: each.effect.values.get(p.name, 0.0) for p in each.effect.shapes}
         columns[each.effect.label] = store.add(each.effect, [shape])
     rows = contest.regression
-    return PartialRegression(store.parts(), rows.model, rows.weight), columns
+    return PartialRegression(store.parts(), rows.model, rows.weight, store.count), columns
