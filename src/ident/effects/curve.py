@@ -37,6 +37,7 @@ class Curve(Effect):
     signature = "the residual against the signal is a curve"
     confused_with = ("cable", "ripple", "gravity over a small range")
     source = "de Boor, A Practical Guide to Splines, 1978"
+    not_integrable = ""  # its state is the time
 
     @property
     def arity(self) -> int:  # type: ignore[override]
@@ -117,15 +118,6 @@ class Curve(Effect):
     @property
     def asks(self) -> tuple[str, ...]:  # type: ignore[override]
         return tuple({"a", "load"} & self.depends_on)
-
-    @property
-    def not_integrable(self) -> str:
-        return ""
-
-    @property
-    def local(self) -> bool:
-        """It acts on its first joint alone."""
-        return True
 
     def placed(self, rotational: Sequence[bool]) -> Effect:
         return replace(self, rotational=rotational[0], second_rotational=rotational[-1])

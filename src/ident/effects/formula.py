@@ -8,7 +8,7 @@ content of an effect file, which CasADi evaluates.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from types import CodeType
@@ -46,6 +46,25 @@ FUNCTION_OF = {
     "exp": lambda x: np.exp(np.minimum(x, WIDEST)),
 }
 
+Between = Callable[[float, float, float], tuple[float, float]]
+SEARCHED: Mapping[str, tuple[Between, Callable[[float, float], Iterable[float]]]] = {
+    # bounds, of a signal between two values and its span; and where a search between them begins
+    "width": (lambda low, high, span: (0.02 * span, 3.0 * span),
+              lambda low, high: np.geomspace(2.5 * low, high / 3, 5)),
+    "place": (lambda low, high, span: (low - 0.5 * span, high + 0.5 * span),
+              lambda low, high: np.linspace(0.7 * low + 0.3 * high, 0.3 * low + 0.7 * high, 6)),
+    "beyond": (lambda low, high, span: (low - 3.0 * span, high + 3.0 * span),
+               # 0.2 and 1 times the signal's range from its ends
+               lambda low, high: low + (high - low) / 7 * np.array([2.0, 2.8, 4.2, 5.0])),
+    "wave": (lambda low, high, span: (1.0 / span, 60.0 / span),
+             lambda low, high: np.arange(1.5 * low, high, WAVES * low)),
+    # a whole turn on either side of where a search begins, within π: a sign is the coefficient's
+    "angle": (lambda *_: (-2 * np.pi, 2 * np.pi), lambda *_: np.arange(8) * np.pi / 8),
+    "share": (lambda *_: (-0.98, 0.98), lambda *_: (-0.9, -0.5, 0.5, 0.9)),
+    "exponent": (lambda *_: (-6.0, 6.0), lambda *_: (-2.0, -0.7, 0.7, 2.0)),
+    "power": (lambda *_: (0.2, 4.0), lambda *_: (0.5, 1.5, 2.5)),
+}  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Scale:
@@ -53,8 +72,8 @@ class Scale:
 
     Attributes:
         name: in the term's text.
-        of: the signal that has its range: `width` of it, a `place` in it or `beyond` it, a `wave`
-            of it; or an `angle`, a `share` between −1 and 1, an `exponent`, a `power`.
+        of: what it is of its signal, a key of SEARCHED: the `width` of its range, a `place` in it
+            or `beyond` it, a `wave` over it; or an angle, a share, an exponent, a power.
         signal: whose range, a signal or a sum of two; empty where that does not matter.
     """
 
@@ -78,50 +97,11 @@ class Scale:
     def bounds(self, x: np.ndarray) -> tuple[float, float]:
         """Return the lowest and highest value, given the signal x (n,)."""
         low, high = (float(x.min()), float(x.max())) if len(x) else (0.0, 0.0)
-        span = max(high - low, 1e-9)
-        match self.of:
-            case "width":
-                return 0.02 * span, 3.0 * span
-            case "place":
-                return low - 0.5 * span, high + 0.5 * span
-            case "beyond":
-                return low - 3.0 * span, high + 3.0 * span
-            case "wave":
-                return 1.0 / span, 60.0 / span
-            case "angle":  # a whole turn on either side of where a search begins
-                return -2 * np.pi, 2 * np.pi
-            case "share":
-                return -0.98, 0.98
-            case "exponent":
-                return -6.0, 6.0
-            case _:
-                return 0.2, 4.0
+        return SEARCHED[self.of][0](low, high, max(high - low, 1e-9))
 
     def starts(self, x: np.ndarray) -> list[float]:
         """Return where a search begins."""
-        low, high = self.bounds(x)
-        match self.of:
-            case "width":
-                return [float(s) for s in np.geomspace(2.5 * low, high / 3, 5)]
-            case "place":
-                return [
-                    float(s) for s in np.linspace(0.7 * low + 0.3 * high, 0.3 * low + 0.7 * high, 6)
-                ]
-            case "beyond":  # 0.2 and 1 times the range from its ends
-                span = (high - low) / 7
-                return [low + 2 * span, low + 2.8 * span, high - 2.8 * span, high - 2 * span]
-            case "wave":
-                return [float(k) for k in np.arange(1.5 * low, high, WAVES * low)]
-            case "angle":
-                return [
-                    float(b) for b in np.arange(8) * np.pi / 8
-                ]  # within π: a sign is the coefficient's
-            case "share":
-                return [-0.9, -0.5, 0.5, 0.9]
-            case "exponent":
-                return [-2.0, -0.7, 0.7, 2.0]
-            case _:
-                return [0.5, 1.5, 2.5]
+        return [float(start) for start in SEARCHED[self.of][1](*self.bounds(x))]
 
 
 @dataclass(frozen=True)
@@ -184,6 +164,7 @@ class Formula(Effect):
 
     signature: ClassVar[str] = "the residual against the signals is this formula"
     source: ClassVar[str] = "found in the data"
+    not_integrable = ""  # its state is the time
     terms: tuple[Term, ...] = field(default=(), kw_only=True)
     name: str = field(default="law", kw_only=True)
     found: Mapping[str, tuple[float, float, float]] = field(default_factory=dict, kw_only=True)
@@ -200,11 +181,6 @@ class Formula(Effect):
     @property
     def arity(self) -> int:  # type: ignore[override]
         return len(self.joints)
-
-    @property
-    def local(self) -> bool:
-        """It acts on its first joint alone."""
-        return True
 
     @property
     def label(self) -> str:
@@ -268,10 +244,6 @@ class Formula(Effect):
     @property
     def asks(self) -> tuple[str, ...]:  # type: ignore[override]
         return tuple({"a", "load"} & self.signals_used)
-
-    @property
-    def not_integrable(self) -> str:
-        return ""
 
     @property
     def signals_used(self) -> frozenset[str]:
