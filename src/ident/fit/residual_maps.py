@@ -1,28 +1,29 @@
 """Signals on which a residual depends: smooth maps of them, held out in stretches of time.
 
     f(x) = Σ_k c_k h_k(x)                             h_k: hat functions of evenly spaced knots
-    R² = 1 − Σ_folds ‖r − Φ ĉ₋fold‖² / Σ_folds ‖r − r̄₋fold‖²        ĉ by ridge least squares
+    R² = 1 − Σ_folds ‖r − Φ ĉ₋fold‖² / Σ_folds ‖r − r̄₋fold‖²        ĉ by least squares
 
 The direction of motion has a column of its own, since a step is no smooth map; so has a joint's own
 load for bands that widen with it, |load| sign(v). Signals are chosen one after the other (greedy,
 forward), so that one that only copies another earns nothing; each must beat what it would earn on
-noise with the spectrum of the present residual. All of it comes from ΦᵀΦ and Φᵀr of the folds.
+noise with the spectrum of the present residual, by the partial regression of a diagnosis.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from ident.equations.filter import Decimator
 from ident.information import linear
+from ident.information.hypotheses import PartialRegression
+from ident.information.parts import Part
 
 KNOTS, KNOTS_WAVE, KNOTS_TIME = 9, 41, 4  # of a map; of a joint's own position; of time
 JOINTS = 12  # whose signals are compared
-STIFF, STIFF_WAVE = 1e-2, 1e-3  # weight of the map's bends, in shares of a knot's data
 LEAST = 0.03  # share of the residual's variance that a signal must explain to be mentioned
 SIMPLER = 0.02  # R² that is given up for the simpler map, or for the joint's own signal
 SIGNALS = 4  # of one joint
@@ -35,6 +36,7 @@ UNFILTERED = 2  # lags at which differentiated noise of encoders is correlated w
 FINER = 10  # samples a row at which the filter's own correlation is computed
 ALIKE = 0.9  # share of a map's variation that a shape must explain to give it its name
 ROUNDING = 1e-9  # of a signal: a smaller change is none
+RANK = 1e-9  # of the largest singular value: below, maps of several signals are alike
 PROMINENT = 0.3  # of a map's range: smaller bends are no wave
 
 Signal = Callable[[str], tuple[Sequence[np.ndarray], str]]
@@ -130,7 +132,6 @@ class SignalMap:
         name: `v.elbow`, `sign(v).elbow`, `t`, …; kind: `v`, `sign(v)`, …, `wave`, `bands`.
         unit: of the signal.
         columns: (n, c) of the map; knots: (c,) [unit], empty where columns are not hats.
-        stiff: weight of the second differences of the map's values.
     """
 
     name: str
@@ -138,21 +139,15 @@ class SignalMap:
     unit: str
     columns: np.ndarray
     knots: np.ndarray
-    stiff: float = 0.0
-
-    def penalty(self, n: int) -> np.ndarray:
-        """Return κ D₂ᵀD₂ + ε (c, c), by which the map is determined where there are no data."""
-        c = self.columns.shape[1]
-        bends = np.diff(np.eye(c), 2, axis=0)
-        return n / c * (1e-6 * np.eye(c) + self.stiff * bends.T @ bends)
 
 
-def _hats(x: np.ndarray, name: str, kind: str, unit: str, count: int, stiff: float) -> SignalMap:
-    """Return the map of a signal (n,) by hat functions over its range."""
+def _hats(x: np.ndarray, name: str, kind: str, unit: str, count: int) -> SignalMap:
+    """Return the map of a signal (n,) by hat functions over its range, of those with samples."""
     knots = np.linspace(x.min(), x.max(), count)
     at = (x - knots[0]) / max(knots[1] - knots[0], 1e-300)
     columns = np.maximum(0.0, 1.0 - np.abs(at[:, None] - np.arange(count)))
-    return SignalMap(name, kind, unit, columns, knots, stiff)
+    some = columns.any(axis=0)
+    return SignalMap(name, kind, unit, columns[:, some], knots[some])
 
 
 def signal_maps(
@@ -163,7 +158,7 @@ def signal_maps(
     `signal` gives the series of each experiment and the unit by name (`Residual.signal`).
     """
     since = np.concatenate([t - t[0] for t in signal("t")[0]])
-    maps = [_hats(since, "t", "t", "s", KNOTS_TIME, STIFF)]
+    maps = [_hats(since, "t", "t", "s", KNOTS_TIME)]
     others = [name for name in joints if name not in independent]
     for joint in [*independent, *others[: max(0, JOINTS - len(independent))]]:
         direction = np.concatenate(signal(f"sign(v).{joint}")[0])[:, None]
@@ -171,7 +166,7 @@ def signal_maps(
         for kind in ("v", "q", "a", "load") if joint in independent else ("v", "q", "a"):
             x, unit = _joined(signal, f"{kind}.{joint}")
             if np.ptp(x) > ROUNDING * np.abs(x).max():
-                maps.append(_hats(x, f"{kind}.{joint}", kind, unit, KNOTS, STIFF))
+                maps.append(_hats(x, f"{kind}.{joint}", kind, unit, KNOTS))
         if joint in independent:
             load, unit = _joined(signal, f"load.{joint}")
             bands = np.abs(load)[:, None] / max(float(np.abs(load).max()), 1e-300)
@@ -190,7 +185,7 @@ def own_maps(signal: Signal, joint: str, maps: Sequence[SignalMap]) -> list[Sign
     every = list(maps)
     if any(each.name == f"q.{joint}" for each in maps):
         q, unit = _joined(signal, f"q.{joint}")
-        every.append(_hats(q, f"q.{joint}", "wave", unit, KNOTS_WAVE, STIFF_WAVE))
+        every.append(_hats(q, f"q.{joint}", "wave", unit, KNOTS_WAVE))
     return sorted(every, key=lambda each: each.name.partition(".")[2] != joint)
 
 
@@ -214,44 +209,6 @@ class MapStep:
     r2: float
 
 
-class _FoldSums:
-    """ΦᵀΦ (F, c, c), Φᵀr (F, c, m) and rᵀr (F, m) of the folds, for m series r at a time."""
-
-    def __init__(self, maps: Sequence[SignalMap], fold: np.ndarray) -> None:
-        edges = np.cumsum([0, 1, *(each.columns.shape[1] for each in maps)])
-        self.columns = [np.arange(a, b) for a, b in pairwise(edges)]
-        self.Phi = np.hstack([np.ones((len(fold), 1)), *(each.columns for each in maps)])
-        self.parts = np.split(np.arange(len(fold)), np.flatnonzero(np.diff(fold)) + 1)
-        self.gram = np.stack([self.Phi[part].T @ self.Phi[part] for part in self.parts])
-        self.penalty = np.zeros(self.gram.shape[1:])
-        for each, place in zip(maps, self.columns[1:], strict=True):
-            self.penalty[np.ix_(place, place)] = each.penalty(len(fold))
-
-    def moments(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return Φᵀr (F, c, m) and rᵀr (F, m) of series r (n, m)."""
-        cross = np.stack([self.Phi[part].T @ r[part] for part in self.parts])
-        return cross, np.stack([(r[part] ** 2).sum(axis=0) for part in self.parts])
-
-    def at(self, chosen: Sequence[int]) -> np.ndarray:
-        """Return the columns of a constant and some maps."""
-        return np.concatenate([self.columns[0], *(self.columns[i + 1] for i in chosen)])
-
-    def solve(self, chosen: Sequence[int], cross: np.ndarray) -> np.ndarray:
-        """Return the values (c,) of a constant and some maps, from all folds."""
-        at = self.at(chosen)
-        A = self.gram.sum(axis=0)[np.ix_(at, at)] + self.penalty[np.ix_(at, at)]
-        return np.asarray(np.linalg.solve(A, cross.sum(axis=0)[at])[:, 0])
-
-    def held_out(self, chosen: Sequence[int], cross: np.ndarray, square: np.ndarray) -> np.ndarray:
-        """Return Σ_folds ‖r − Φ ĉ₋fold‖² (m,)."""
-        at = self.at(chosen)
-        G, b = self.gram[:, at[:, None], at], cross[:, at]
-        A = G.sum(axis=0) - G + self.penalty[np.ix_(at, at)]
-        c = np.linalg.solve(A, b.sum(axis=0) - b)
-        squares = square - 2 * (c * b).sum(axis=1) + (c * (G @ c)).sum(axis=1)
-        return np.asarray(squares.sum(axis=0))
-
-
 def depends_on(
     r: np.ndarray, fold: np.ndarray, maps: Sequence[SignalMap], runs: Sequence[slice]
 ) -> tuple[list[MapStep], float]:
@@ -263,32 +220,34 @@ def depends_on(
         runs: of rows without a gap.
     """
     steps: list[MapStep] = []
-    scale = float(np.sqrt(np.mean(r**2)))
-    if len(r) < FEWEST or scale == 0 or fold[0] == fold[-1]:
+    if len(r) < FEWEST or not r.any() or fold[0] == fold[-1]:
         return steps, 1.0
-    r = r / scale
-    sums = _FoldSums(maps, fold)
-    moments = sums.moments(r[:, None])
-    now = total = float(sums.held_out([], *moments)[0])
-    chosen: list[int] = []
+    X = np.hstack([np.ones((len(r), 1)), *(each.columns for each in maps)])
+    ends = np.cumsum([1, *(each.columns.shape[1] for each in maps)])
+    groups = [np.arange(a, b) for a, b in pairwise(ends)]
+    edges = np.array([0, *(np.flatnonzero(np.diff(fold)) + 1), len(r)])
+    chosen, total = list[int](), 0.0
     while True:
-        unexplained = r - sums.Phi[:, sums.at(chosen)] @ sums.solve(chosen, moments[0])
-        series = _surrogates([unexplained[run] for run in runs], DRAWS, seed=len(chosen))
-        noise = sums.moments(series)
-        without = sums.held_out(chosen, *noise)
+        model = np.concatenate([[0], *(groups[i] for i in chosen)])
+        values = linear.lstsq(X[:, model], r, rcond=RANK)[0]
+        if chosen:
+            steps[-1] = replace(steps[-1], values=values[-len(groups[chosen[-1]]) :])
+        unexplained = r - X[:, model] @ values
+        noise = _surrogates([unexplained[run] for run in runs], DRAWS, seed=len(chosen))
+        part = Part(0, np.arange(ends[-1]), X, np.column_stack([r, noise]), edges)
+        now = PartialRegression((part,), model, np.ones(1))
         rest = [i for i in range(len(maps)) if i not in chosen]
-        after = {i: float(sums.held_out([*chosen, i], *moments)[0]) for i in rest}
-        chance = [(1 - sums.held_out([*chosen, i], *noise) / without).max() for i in rest]
-        threshold = max(LEAST * total / now, float(max(chance, default=1.0)))
-        least = min(after.values(), default=now)
-        if 1 - least / now <= threshold or len(chosen) == SIGNALS:
+        gains, loss = now.gains([groups[i] for i in rest]), float(now.loss.sum())
+        total = total or loss
+        chance = float((gains.null / now.null_loss).max(initial=0.0)) if rest else 1.0
+        threshold = max(LEAST * total / loss, chance)
+        fall = gains.G / loss
+        if fall.max(initial=0.0) <= threshold or len(chosen) == SIGNALS:
             return steps, threshold
-        near = [i for i, error in after.items() if error <= least + SIMPLER * now]
-        pick = min(near, key=lambda i: (maps[i].columns.shape[1], i))
-        chosen.append(pick)
-        values = scale * sums.solve(chosen, moments[0])[-len(sums.columns[pick + 1]) :]
-        steps.append(MapStep(maps[pick], values, (now - after[pick]) / total))
-        now = after[pick]
+        near = np.flatnonzero(fall >= fall.max() - SIMPLER)
+        pick = min(near, key=lambda k: (len(groups[rest[k]]), rest[k]))
+        chosen.append(rest[pick])
+        steps.append(MapStep(maps[rest[pick]], values, float(fall[pick]) * loss / total))
 
 
 # --- the shape of a map in words -----------------------------------------------------------------
@@ -322,9 +281,9 @@ def described(step: MapStep, unit: str) -> str:
         jump = np.clip(x / (x[1] - x[0]), -1.0, 1.0)
         shapes.append((f"a step of about {np.ptp(f):.2g} {unit} at v = 0", (jump,)))
         shapes.append(("a step at v = 0 and a slope", (jump, x)))
-    third = np.ptp(x) / 3
-    kinks = [("upper", at, np.maximum(0, x - at)) for at in x[:-1] if at >= x[-1] - third]
-    kinks += [("lower", at, np.maximum(0, at - x)) for at in x[1:] if at <= x[0] + third]
+    shares = np.ptp(x) / 3 * np.linspace(0, 1, 7)[1:]  # in the outer thirds
+    kinks = [("upper", at, np.maximum(0, x - at)) for at in x[-1] - shares]
+    kinks += [("lower", at, np.maximum(0, at - x)) for at in x[0] + shares]
     end, at, kink = max(kinks, key=lambda each: explained(each[2]))
     text = f"level, then a kink at the {end} end, from {at:.3g} {own.unit}"
     for words, columns in [*shapes, (text, (kink,))]:
