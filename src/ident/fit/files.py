@@ -308,8 +308,19 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
         if word[:1] == "I" and at >= 0 and link in grown.bodies.links:
             shift = beyond_centroidal(pi[grown.bodies.columns(link)])
             x[at] = value + shift[DYNAMIC.index(f"L{word[1:]}")]
-    point = Point.prior(grown).with_values(given)
-    return Saved(str(path), grown, point.at(grown, columns, x), _cutoff(data), _read_errors(data))
+    point = Point.prior(grown).with_values(given).at(grown, columns, x)
+    cutoff = data["filter"]["cutoff"] if "filter" in data else "auto"
+    errors = data.get("error", {})
+    sets = {"train": errors.get("train"), "held out": errors.get("held_out")}
+    return Saved(
+        str(path), grown, point, cutoff if cutoff in (None, "auto") else float(cutoff), {
+            title: {
+                joint: Error(float(e["rms"]), e["relative"], str(e["unit"]))
+                for joint, e in joints.items() if e["rms"] is not None
+            }
+            for title, joints in {**sets, **(errors.get("validation") or {})}.items() if joints
+        },
+    )  # fmt: skip
 
 
 def _own_kind(path: Path, label: str, entry: dict[str, Any], allow_code: bool) -> type[Effect]:
@@ -324,29 +335,6 @@ def _own_kind(path: Path, label: str, entry: dict[str, Any], allow_code: bool) -
         return read_user_effect(path.parent / name, entry["kind"], allow_code=allow_code)
     except MechanismError as error:
         raise FitError(f"{path}: effect '{label}' is none of the library: {error}") from None
-
-
-def _cutoff(data: dict[str, Any]) -> float | str | None:
-    entry = data.get("filter")
-    if not isinstance(entry, dict) or "cutoff" not in entry:
-        return "auto"
-    return None if entry["cutoff"] is None else float(entry["cutoff"])
-
-
-def _read_errors(data: dict[str, Any]) -> dict[str, dict[str, Error]]:
-    entry = data.get("error")
-    if not isinstance(entry, dict):
-        return {}
-    sets = {"train": entry.get("train"), "held out": entry.get("held_out")}
-    return {
-        title: {
-            joint: Error(float(e["rms"]), e["relative"], str(e["unit"]))
-            for joint, e in errors.items()
-            if e["rms"] is not None
-        }
-        for title, errors in {**sets, **(entry.get("validation") or {})}.items()
-        if errors
-    }
 
 
 def identified_urdf(fit: Fit) -> bytes:

@@ -136,18 +136,18 @@ def _predict(mechanism: Mechanism, motion: Motion, bare: State, point: Point) ->
     scene = Scene.of(mechanism, NOTHING, bare, point, motion.band.cutoff)
     mechanism, e = scene.mechanism, scene.e
     n, d, m = len(e), e.leverage.shape[2], len(mechanism.kinematics.multipliers)
-    parts = {name: np.empty((n, d)) for name in _names(mechanism, e)}
+    parts: dict[str, np.ndarray] = {}
     others = tuple(name for name in mechanism.driven if name not in motion.independent)
     measured, multipliers = np.empty((n, d)), np.empty((n, m))
     for start in range(0, n, CHUNK):
         part = slice(start, min(start + CHUNK, n))
         s, u = scene.generalised(part), scene.samples(part)
         forces = _generalised(s, point)
-        for name, force in zip(parts, forces, strict=True):
-            parts[name][part] = u.reduce(force)
+        for name, force in forces.items():
+            parts.setdefault(name, np.empty((n, d)))[part] = u.reduce(force)
         measured[part] = u.measured(mechanism.driven)
         if e.loop is not None:
-            f = sum(forces) - s.measured(others)
+            f = sum(forces.values()) - s.measured(others)
             multipliers[part] = -np.einsum("nij,ni->nj", e.pinv[part][:, :, :m], f)
     return Prediction(e.name, e.t, measured, parts, motion.independent, multipliers, e.usable)
 
@@ -156,7 +156,8 @@ def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Tr
     """Return the residual of one experiment at a working point."""
     scene = Scene.of(mechanism, NOTHING, e, point, motion.band.cutoff)
     mechanism, e = scene.mechanism, scene.e
-    farthest, names = largest_transmission(e), _names(mechanism, e)
+    farthest = largest_transmission(e)
+    names = list(_generalised(scene.generalised(slice(0, 1)), point))
 
     def make(part: slice) -> list[np.ndarray]:
         """Return measured torque, gravity, parts; joint signals; informed."""
@@ -165,7 +166,7 @@ def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Tr
         gravity = rigid_forces(mechanism.model, e.q[part], 0 * e.v[part], 0 * e.v[part], point.pi)
         direction = np.clip(e.yd[part] / e.still, -1.0, 1.0)
         informs = [each for effect in mechanism.effects for each in informative_joints(u, effect)]
-        rows = [u.measured(mechanism.driven), u.reduce(gravity), *map(u.reduce, forces)]
+        rows = [u.measured(mechanism.driven), u.reduce(gravity), *map(u.reduce, forces.values())]
         joints = np.stack([e.y[part], e.yd[part], e.ydd[part], direction], axis=1)
         return [np.stack(rows, axis=1), joints, informing(u, informs, farthest)]
 
@@ -184,19 +185,13 @@ def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Tr
     return Trace(e.name, t, measured, by_name, segments, gravity, q, v, a, direction, informed)
 
 
-def _names(mechanism: Mechanism, e: State) -> list[str]:
-    """Return the names of the parts, in the order of `_generalised`."""
-    effects = [effect.label for effect in mechanism.effects if effect.unknowns]
-    return [RIGID, *effects, *([WRENCHES] if e.wrench is not None else [])]
-
-
-def _generalised(s: Samples, point: Point) -> list[np.ndarray]:
+def _generalised(s: Samples, point: Point) -> dict[str, np.ndarray]:
     """Return generalised forces (n, nv) of rigid bodies, of each effect, and less the wrenches."""
-    forces = [s.rigid(point.pi)]
+    forces = {RIGID: s.rigid(point.pi)}
     for effect in s.mechanism.effects:
         if effect.unknowns:
-            forces.append(np.zeros(s.shape))
-            s.add_effect(forces[-1], effect, *point.of(effect))
+            forces[effect.label] = np.zeros(s.shape)
+            s.add_effect(forces[effect.label], effect, *point.of(effect))
     if s.e.wrench is not None:
-        forces.append(-s.e.wrench[s.part])
+        forces[WRENCHES] = -s.e.wrench[s.part]
     return forces

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from itertools import groupby, pairwise
 from operator import itemgetter
 
@@ -229,18 +229,12 @@ def blocks_of(
         A = np.concatenate([part.A[:, u, support] for part in parts])
         inside = informed[:, u]
         if inside.all():
-            some, rest = Triangle.of(A, b[:, u]), _empty(len(support))
+            some, rest = Triangle.of(A, b[:, u]), Triangle.empty(len(support))
         else:
             some, rest = (Triangle.of(A[mask], b[mask, u]) for mask in (inside, ~inside))
         torque = float(tau[:, u] @ tau[:, u])
         blocks.append(Block(log, block, u, some, rest, support, torque, span))
     return blocks
-
-
-@cache
-def _empty(k: int) -> Triangle:
-    """Return the triangle of no rows, of which most blocks have one, once."""
-    return Triangle.empty(k)
 
 
 def bands_of(
@@ -274,21 +268,12 @@ def stacks_information(stacks: Sequence[EliminatedRun], motion: Motion) -> Infor
     for each in stacks:
         t = motion.experiments[each.experiment].t[each.segment]
         before = sum(block.log == each.experiment for block in blocks)
-        span = float(t[0]), float(t[-1])
-        blocks += equal_blocks(each.experiment, before, each.elimination.factors, *span)
+        edges = np.linspace(t[0], t[-1], len(each.elimination.factors) + 1).tolist()
+        for i, found in enumerate(each.elimination.factors):
+            support, rest = np.arange(found.k), Triangle.empty(found.k)
+            key, span = (each.experiment, before + i, 0), (edges[i], edges[i + 1])
+            blocks.append(Block(*key, found, rest, support, found.rhs_norm() ** 2, span))
     return Information.of(blocks, blocks[0].triangle.k, 1)
-
-
-def equal_blocks(
-    log: int, before: int, triangles: Sequence[Triangle], first: float, last: float
-) -> list[Block]:
-    """Return blocks of equal parts of the time from `first` to `last` [s], from number `before`."""
-    support, rest = np.arange(triangles[0].k), Triangle.empty(triangles[0].k)
-    edges = np.linspace(first, last, len(triangles) + 1).tolist()
-    return [
-        Block(log, before + i, 0, t, rest, support, t.rhs_norm() ** 2, (edges[i], edges[i + 1]))
-        for i, t in enumerate(triangles)
-    ]
 
 
 def plausible_of(mechanism: Mechanism, columns: Columns, information: Information) -> np.ndarray:

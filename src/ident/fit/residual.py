@@ -236,20 +236,22 @@ class Residual(Displayed):
     @cached_property
     def where(self) -> tuple[Failure, ...]:
         """Where the model fails: one entry a joint, the largest share first."""
-        maps = signal_maps(self.signal, self.signals, self.joints)
-        every = (self.failure(joint, maps) for joint in self.joints)
-        return tuple(sorted(every, key=lambda each: -each.share))
+        return tuple(sorted(map(self.failure, self.joints), key=lambda each: -each.share))
 
-    def failure(self, joint: str, maps: Sequence[SignalMap] = ()) -> Failure:
-        """Return how the model fails in one joint; `maps`: of all signals, if they are made."""
+    def failure(self, joint: str) -> Failure:
+        """Return how the model fails in one joint."""
         if joint not in self._failures:
-            maps = maps or signal_maps(self.signal, self.signals, self.joints)
-            self._failures[joint] = _failure(self, self.joints.index(joint), maps)
+            self._failures[joint] = _failure(self, self.joints.index(joint))
         return self._failures[joint]
 
     @cached_property
     def _failures(self) -> dict[str, Failure]:
         return {}
+
+    @cached_property
+    def maps(self) -> list[SignalMap]:
+        """The maps of all signals, on the rows of all experiments."""
+        return signal_maps(self.signal, self.signals, self.joints)
 
     @cached_property
     def shares(self) -> np.ndarray:
@@ -358,7 +360,7 @@ def where(residual: Residual) -> tuple[Failure, ...]:
     return residual.where
 
 
-def _failure(residual: Residual, u: int, maps: Sequence[SignalMap]) -> Failure:
+def _failure(residual: Residual, u: int) -> Failure:
     joint, again = residual.joints[u], residual.periods
     fold = folds([len(trace) for trace in residual.traces])
     error = residual.errors[joint]
@@ -376,7 +378,7 @@ def _failure(residual: Residual, u: int, maps: Sequence[SignalMap]) -> Failure:
                 rows[a:b] = False
         ends = np.append(0, np.cumsum(rows))[edges]
         together = [slice(int(a), int(b)) for a, b in pairwise(ends) if b > a]
-        mine = own_maps(residual.signal, joint, maps)
+        mine = own_maps(residual.signal, joint, residual.maps)
         if not rows.all():
             mine = [replace(each, columns=each.columns[rows]) for each in mine]
         if together:

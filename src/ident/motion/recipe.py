@@ -131,26 +131,21 @@ def _calm_cutoff(signals: LogSignals, name: str, motion: float) -> float:
 def standstill(
     mechanism: Mechanism, signals: LogSignals, e: State, names: tuple[str, ...]
 ) -> np.ndarray:
-    """(J,) speeds below which joints stand still; one that moves by noise alone never moves."""
-    return thresholds(top_speeds(e), noise_of_speeds(mechanism, signals, e, names))
+    """(J,) speeds below which joints stand still; one that moves by noise alone never moves.
 
-
-def top_speeds(e: State) -> np.ndarray:
-    """(J,) of the usable samples [rad/s | m/s]."""
-    return np.asarray(np.abs(e.yd[e.usable]).max(axis=0, initial=0.0))
-
-
-def noise_of_speeds(
-    mechanism: Mechanism, signals: LogSignals, e: State, names: tuple[str, ...]
-) -> np.ndarray:
-    """(J,) speeds that noise of the logged joints can feign; it reaches the others through the
-    closures, by how fast they move for a unit of its rate.
+    Noise of the logged joints `names` is in the others' speeds too, through the closures, by how
+    fast they move for a unit of its rate.
     """
     at = [mechanism.joint_index[name] for name in names]
     noise = np.array([NOISE * _speed_noise(signals, e, name) for name in names])
     some = e.leverage[np.flatnonzero(e.usable)[:: max(1, len(e) // LOOKED_AT)]]
     gain = some @ linear.pinv(some[:, at])
-    return np.asarray(np.sqrt((gain**2).mean(axis=0) @ noise**2))
+    return thresholds(top_speeds(e), np.sqrt((gain**2).mean(axis=0) @ noise**2))
+
+
+def top_speeds(e: State) -> np.ndarray:
+    """(J,) of the usable samples [rad/s | m/s]."""
+    return np.asarray(np.abs(e.yd[e.usable]).max(axis=0, initial=0.0))
 
 
 def thresholds(top: np.ndarray, noise: np.ndarray) -> np.ndarray:

@@ -64,6 +64,15 @@ class Clock:
     # instants between those at which parts may begin, so that all filter at the same ones
     grid: int = 1
 
+    @classmethod
+    def of(cls, log: Log) -> Clock:
+        """The clock of a log's median step; its own times, where these are uniform."""
+        count = round(log.duration / float(np.median(np.diff(log.t)))) + 1
+        step = log.duration / (count - 1)
+        uniform = log.t[0] + step * np.arange(count)
+        even = count == len(log.t) and float(np.abs(uniform - log.t).max()) < UNEVEN * step
+        return cls(float(log.t[0]), step, count, even)
+
     @property
     def t_end(self) -> float:
         """Its last time [s]."""
@@ -78,26 +87,11 @@ class Clock:
         return self.t0 + self.step * np.arange(first, last + 1)
 
 
-def uniform_clock(log: Log) -> tuple[np.ndarray, bool]:
-    """Times (n,) [s] of the log's median step, and whether they are the log's own."""
-    dt = float(np.median(np.diff(log.t)))
-    count = round(log.duration / dt) + 1
-    uniform = log.t[0] + log.duration / (count - 1) * np.arange(count)
-    even = count == len(log.t) and float(np.abs(uniform - log.t).max()) < UNEVEN * dt
-    return (np.asarray(log.t), True) if even else (uniform, False)
-
-
-def usual_step(at: np.ndarray) -> float:
-    """Step [s] that few of the steps between the times `at` (n,) exceed; of uneven times more than
-    their median, which half of the cells that are missing at random hardly change.
-    """
-    median, large = np.quantile(np.diff(at), (0.5, 0.9))
-    return float(min(large, GAP * median))
-
-
 def gaps(t: np.ndarray, at: np.ndarray) -> np.ndarray:
     """True (n,) where t lies in a gap of a column that has samples at the times `at`."""
-    step = usual_step(at)
+    # a step that few exceed: half of all cells that are missing at random hardly change it
+    median, large = np.quantile(np.diff(at), (0.5, 0.9))
+    step = min(large, GAP * median)
     right = np.clip(np.searchsorted(at, t), 1, len(at) - 1)
     outside = (t < at[0] - 0.5 * step) | (t > at[-1] + 0.5 * step)
     return outside | (at[right] - at[right - 1] > GAP * step) & (
@@ -179,7 +173,8 @@ def measure(
         prefix, _, rest = column.partition(".")
         if prefix in ("q", "v", "a", "tau") and rest and rest not in {*names, *mechanism.locked}:
             notes.append(f"column '{column}' names no joint and is not used; {one_of(rest, names)}")
-    t, even = (clock.within(log), clock.even) if clock else uniform_clock(log)
+    own_clock = clock or Clock.of(log)
+    t, even = own_clock.within(log), own_clock.even
     n, dt = len(t), float(np.median(np.diff(log.t)))
     if not even:
         largest, rms = log.jitter

@@ -177,7 +177,6 @@ class State:
         names: tuple[str, ...] = (),
         *,
         motion: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
-        turns: Mapping[str, np.ndarray] | None = None,
         start: str = "near",
     ) -> State:
         """The mechanism in another state, with all that follows from it.
@@ -189,18 +188,18 @@ class State:
             mechanism: that moves; it may have other lengths than before.
             known: (3, n, d) coordinates, rates and accelerations of joints that determine the
                 motion; names: these joints, by default the logged ones.
-            motion: q, v, a of the model in place of these; turns: by joint, coordinates (n,) that
-                tell whole turns of closures' own joints, by default the present ones.
+            motion: q, v, a of the model in place of these; closures' own joints stay within half a
+                turn of where they are.
             start: of the search for q: `near` its present value; `follow` the motion from the
                 assembled configuration; `same`, q is not moved.
 
         Raises:
             MotionError: if the closures cannot follow, or every sample is near a singular position.
         """
-        usable = self.usable
-        if known is None and turns is None:
+        usable, turns = self.usable, dict[str, np.ndarray]()
+        if known is None:
             turns = {joint.name: self.y[:, i] for i, joint in enumerate(mechanism.joints)}
-        if known is not None:
+        else:
             names = names or self.logged
             turns = dict(zip(names, known[0].T, strict=True))
             if not mechanism.closures:
@@ -217,7 +216,7 @@ class State:
                 v, a = solver.rates(q, *known[1:])
             motion = q, v, a
         assert motion is not None
-        y, yd, ydd = joint_coordinates(mechanism, *motion, turns or {})
+        y, yd, ydd = joint_coordinates(mechanism, *motion, turns)
         q, v, a = motion
         e = replace(self, q=q, v=v, a=a, y=y, yd=yd, ydd=ydd, usable=usable)
         if self.loop is None or start == "same":

@@ -44,7 +44,6 @@ from ident.motion.signals import (
     is_signal,
     runs,
     torque_limits,
-    uniform_clock,
     usual_range,
 )
 from ident.motion.state import State, nearness
@@ -235,7 +234,7 @@ class Stream:
         """Return the state over a window (n, columns); None if no sample of it is usable."""
         log = Log(self.mechanism.name, dict(zip(self._parser.columns[1:], X.T[1:], strict=True)),
                   X[:, 0])  # fmt: skip
-        clock = Clock(self._t0, self._dt, 0, uniform_clock(log)[1])
+        clock = Clock(self._t0, self._dt, 0, Clock.of(log).even)
         t = clock.within(log)
         if len(t) < 2:
             return None
