@@ -11,6 +11,12 @@ Progress = Callable[[str, float], None]
 running: ContextVar[str] = ContextVar("running", default="")
 """The command line, for reports; empty where there is none."""
 
+inputs: ContextVar[tuple[str, str, str]] = ContextVar("inputs", default=("", "LOG.csv", ""))
+"""Its mechanism, logs and options of the model, for the command that goes on from it."""
+
+folder: ContextVar[str] = ContextVar("folder", default="DIR")
+"""Where its files are written."""
+
 
 def quiet(what: str, share: float) -> None:
     """Show nothing."""

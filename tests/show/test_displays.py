@@ -8,9 +8,14 @@ from lxml import html
 
 import ident
 from ident import Log
+from ident.fit.files import fit_json
 from ident.information.blocks import Error
 from ident.progress import part
 from ident.show.card import Bar, Card, good_enough
+from ident.show.comparison import comparison_card, comparison_json
+from ident.show.diagnosis import card as diagnosis_card
+from ident.show.fit import card as fit_card
+from ident.show.html import Page
 from ident.show.residual import plot_forces
 from identification import motion_log, plant, robot
 
@@ -118,13 +123,36 @@ def test_a_card_explains_the_marks_that_it_has():
 def test_a_model_is_good_enough_where_its_error_is_noise_or_does_not_matter():
     errors = {"elbow": Error(0.1, 0.05, "N m"), "wrist": Error(0.1, 0.002, "N m")}
     assert good_enough(errors, {}) == ""  # a log without noise
-    assert "Yes: at most 2.0 times" in good_enough(errors, {"elbow": 0.1, "wrist": 0.05}, 2.5)
+    assert "As good as" in good_enough(errors, {"elbow": 0.05, "wrist": 0.05}, searched=True)
     assert "Yes: at most 1.0 times" in good_enough(errors, {"elbow": 0.1, "wrist": 0.1})
     assert "below 0.3 % of the torque" in good_enough(errors, {"elbow": 0.1, "wrist": 0.001})
-    words = good_enough(errors, {"elbow": 3e-4, "wrist": 1e-4}, advice="; measure again")
+    words = good_enough(errors, {"elbow": 3e-4, "wrist": 1e-4})
     assert words.startswith("Good enough? Not in elbow (330 times the noise of the sensors)")
-    assert words.endswith("; measure again.")
     assert "wrist" not in words
+
+
+def test_an_error_that_rises_is_marked():
+    card = Card("x", bars=(Bar("elbow", Error(1.0, 0.2, "N m"), Error(1.5, 0.3, "N m")),))
+    *_, line = card.text()
+    assert "error: █ stays, ░ goes, ▒ comes" in card.text()
+    assert (line.count("█"), line.count("▒"), line.count("░")) == (21, 11, 0)
+    assert line.endswith("20 % → 30 % (larger)")
+    assert 'class="comes"' in Page("x", card, ()).html().decode()
+
+
+def test_noise_is_one_number_in_every_result(nouns):
+    """Of a fit, its diagnosis, its comparison and their files; with one criterion."""
+    fit, d = nouns["fit"], nouns["diagnosis"]
+    alone = ident.compare(fit)
+    assert d.floor == fit.noise == fit_json(fit)["noise"]
+    (model,) = comparison_json(alone)["models"].values()
+    assert model["noise"] == fit.noise
+    cards = fit_card(fit), comparison_card(alone), diagnosis_card(d)
+    for card in cards:
+        assert {bar.joint: bar.noise for bar in card.bars} == fit.noise
+        assert "Good enough? Not in" in card.sure
+        assert card.command.startswith("ident ")
+    assert cards[-1].then.startswith("Next experiment: ")
 
 
 def test_parts_of_work_follow_each_other():

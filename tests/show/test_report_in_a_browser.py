@@ -253,6 +253,7 @@ def test_the_rest_of_a_report_is_folded(browser, diagnosed, width):
     assert not page.locator("main figure:visible, main p:visible:not(.tools)").count()
     assert page.evaluate("document.body.scrollHeight") < 2 * 900
     page.get_by_text("What is missing", exact=True).click()
+    page.locator("figure.chart:visible").first.scroll_into_view_if_needed()
     page.locator(DRAWN).first.wait_for()
     page.close()
 

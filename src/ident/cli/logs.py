@@ -30,6 +30,7 @@ from ident.cli.options import (
     argument,
     cutoff_of,
     flag,
+    go_on_with,
     interval,
     knots_of,
     many,
@@ -217,6 +218,9 @@ def compare(
     if window is not None and not simulated:
         raise IdentError("--window: applies to --simulate only; add that")
     saved = [read_fit(path, model, allow_code=allow_code) for path in fit]
+    own = {effect.label for effect in model.effects}
+    kinds = dict.fromkeys(e.kind for e in saved[-1].mechanism.effects if e.label not in own)
+    go_on_with(mechanism, logs, [word for kind in kinds for word in ("--with", kind)])
     inputs = [*logs, *fit]
     output_file(plot, CHARTS, inputs)
     output_folder(
@@ -374,7 +378,7 @@ def grow(
             **decision,
             validate=model.motion(mechanism, validate, second, like=motion) if validate else None,
         )
-        text = str(history.diagnosis) if verbose else history.diagnosis.short
+        text = str(history.diagnosis) if verbose else history.short
     if out is not None:
         wrote(history.write(out))
     if json:

@@ -25,6 +25,7 @@ from ident.cli.options import (
     argument,
     cutoff_of,
     flag,
+    go_on_with,
     knots_of,
     mechanism_of,
     motion_of,
@@ -75,6 +76,8 @@ def monitor(
 
     output_folder(out)
     model = mechanism_of(mechanism, with_, allow_code=allow_code, absolute=absolute)
+    effects = [word for effect in with_ or () for word in ("--with", effect)]
+    go_on_with(mechanism, None if log == "-" else [Path(log)], effects)
     cut, knots = cutoff_of(cutoff), knots_of(smoothing)
     fit, watch = None, None
     if log != "-" and not Path(log).is_file():

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import os
+import shlex
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,6 +15,7 @@ import typer
 from ident.cli.console import notes
 from ident.errors import IdentError
 from ident.files import check_writable
+from ident.progress import folder, inputs
 
 if TYPE_CHECKING:
     from ident.mechanism import Mechanism
@@ -119,6 +121,14 @@ class ModelOptions:
 
     def load(self, logs: Paths = None) -> Mechanism:
         """Return the mechanism that the options describe, without hands that `logs` do not have."""
+        given = {each.name: getattr(self, each.name) for each in fields(self)[1:]}
+        words = [
+            (f"--{name.rstrip('_').replace('_', '-')}", *([] if one is True else [str(one)]))
+            for name, value in given.items()
+            if value != type(self).__dataclass_fields__[name].default
+            for one in (value if isinstance(value, list) else [value])
+        ]
+        go_on_with(self.mechanism, logs, [word for pair in words for word in pair])
         return mechanism_of(
             self.mechanism, self.with_, allow_code=self.allow_code, lock=self.lock, logs=logs
         )
@@ -178,6 +188,12 @@ class DecisionOptions:
 
         Decision(self.alpha, self.material, self.rival_se)
         return vars(self)
+
+
+def go_on_with(mechanism: Path, logs: Paths, options: Sequence[str]) -> None:
+    """Remember what the command that goes on from this one is given."""
+    files = map(str, logs or [Path("LOG.csv")])
+    inputs.set((shlex.quote(str(mechanism)), shlex.join(files), shlex.join(options)))
 
 
 def mechanism_of(
@@ -298,6 +314,7 @@ def output_folder(
 ) -> None:
     """Refuse --out, before the long work, where files `names` cannot be written or are inputs."""
     if out is not None:
+        folder.set(shlex.quote(str(out)))
         check_writable(out)
         for name in names:
             _refuse_input(out / name, inputs)

@@ -145,7 +145,7 @@ def concluded(
         relatives=relatives_of(contest, selection, decision, part(on_progress, 0.9, 1.0))
         if best
         else (),
-        floor=floor,
+        floor=fit.noise,
         loud=loud,
     )
 

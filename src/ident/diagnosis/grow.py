@@ -183,6 +183,11 @@ class History(Plotted):
         rows: list[list[str]] = render(self, "ladder")
         return rows
 
+    @property
+    def short(self) -> str:
+        """First lines: the verdict, what was added, errors by joint, and the next step."""
+        return str(render(self, "short"))
+
     def json(self) -> dict[str, Any]:
         """The content of grow.json."""
         found: dict[str, Any] = render(self, "json")

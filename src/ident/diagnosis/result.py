@@ -243,7 +243,7 @@ class Diagnosis(Plotted):
             search for laws.
         relatives: laws of the literature that the travelled range cannot tell from the best, where
             that is a function of position.
-        floor: by joint, rms of a residual of nothing but noise [N m | N].
+        floor: by joint, the rms that noise of the sensors alone would leave [N m | N].
         loud: joints in which more than the sensors' noise is left, without the effect named.
     """
 

@@ -164,6 +164,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
             "unfiltered": _errors(fit.unfiltered),
             "validation": {log: _errors(errors) for log, errors in fit.validation.items()},
         },
+        "noise": fit.noise,
         "smoothing": [
             {
                 "log": e.name,

@@ -25,7 +25,7 @@ from ident.fit.multipliers import Reactions, identifiable_multipliers
 from ident.fit.prediction import Prediction, predict
 from ident.fit.problem import Problem
 from ident.fit.repeated import RepeatedErrors, mean_duration, repeated_errors
-from ident.fit.residual import Charted, Residual, residual_of
+from ident.fit.residual import Charted, Residual, floor_of, residual_of
 from ident.fit.values import (
     BaseValue,
     Correlation,
@@ -110,6 +110,11 @@ class Fit(Charted):
         return {
             joint: max(e[joint].relative or 0.0 for e in both if joint in e) for joint in self.train
         }
+
+    @cached_property
+    def noise(self) -> dict[str, float]:
+        """By joint, the rms that noise of the sensors alone would leave of its torque [N m | N]."""
+        return floor_of(self, self.motion)
 
     @cached_property
     def checks(self) -> DataChecks:

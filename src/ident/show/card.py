@@ -11,13 +11,14 @@ from ident.effects import Effect
 from ident.fit.channel_fits import LEAVES
 from ident.information.blocks import Error
 from ident.mechanism.mechanism import Mechanism
+from ident.progress import folder, inputs
 from ident.text import listed, percent, places, some, wrapped
 
 STRIP = 32  # characters of the longest bar in a terminal
 BARS = 8  # joints that a terminal shows at most
 NOISY = 1.5  # times the noise of the sensors, in good logs 0.5 to 1.3, from which it is more
+SAME = 0.005  # of an error: a change below is none, since both are printed with three digits
 SURE = ((8.0, "beyond doubt"), (4.0, "very sure"), (2.5, "sure"), (-1e9, "fairly sure"))
-ADVICE = "; `ident diagnose` looks for what is missing"
 TRIFLE = 0.003  # of the torque: what a diagnosis takes to be too small to matter
 
 
@@ -38,8 +39,13 @@ class Bar:
             return 0.0, 0.0, None
         torque = error.rms / error.relative
         after = error if self.after is None else self.after
-        noise = None if self.noise is None else self.noise / torque
+        noise = self.noise / torque if self.noise else None
         return error.relative, after.rms / torque, noise
+
+    @property
+    def rises(self) -> bool:
+        """Whether the error is larger after."""
+        return self.after is not None and self.after.rms > (1 + SAME) * self.before.rms
 
     @property
     def words(self) -> str:
@@ -48,7 +54,8 @@ class Bar:
         if self.before.relative is None:
             return " → ".join(f"{error.rms:.3g} {error.unit}" for error in both)
         noise = self.sizes[2]
-        beside = "" if noise is None else f", noise {percent(noise)}"
+        beside = " (larger)" * self.rises
+        beside += "" if noise is None else f", noise {percent(noise)}"
         return " → ".join(percent(error.relative) for error in both) + beside
 
 
@@ -58,23 +65,25 @@ def sure(z: float) -> str:
 
 
 def good_enough(
-    errors: Mapping[str, Error], floor: Mapping[str, float], more: float = NOISY, advice: str = ""
+    errors: Mapping[str, Error], floor: Mapping[str, float], searched: bool = False
 ) -> str:
     """Return a sentence on whether the errors of all joints are noise, or too small to matter.
 
     Args:
         errors, floor: by joint, of the model and what noise of the sensors makes [N m | N].
-        more: times the noise from which an error is more than that.
-        advice: what to do where it is not good enough.
+        searched: whether nothing that is missing was found.
     """
     times = {joint: e.rms / floor[joint] for joint, e in errors.items() if floor.get(joint)}
     if not times:
         return ""
-    above = sorted((j for j, x in times.items() if x > more), key=lambda j: -times[j])
+    above = sorted((j for j, x in times.items() if x > NOISY), key=lambda j: -times[j])
     if loud := [j for j in above if (errors[j].relative or 1.0) > TRIFLE]:
+        if searched:
+            most = f"{max(times.values()):.1f} times the noise of the sensors"
+            return f"Good enough? As good as this data can show, at {most}."
         words = [f"{j} ({float(f'{times[j]:.2g}'):g} times)" for j in loud]
         words[0] = words[0].replace("times)", "times the noise of the sensors)")
-        return f"Good enough? Not in {some(words, 2)}{advice}."
+        return f"Good enough? Not in {some(words, 2)}."
     most = max(times, key=lambda j: errors[j].relative or 0.0)
     if (left := errors[most].relative or 0.0) > LEAVES:
         size = f"{percent(left)} of the torque of {most}"
@@ -89,13 +98,19 @@ def good_enough(
 
 @dataclass(frozen=True)
 class Card:
-    """The first lines of a result: what it is, how sure, the error by joint, what to do next."""
+    """The first lines of a result: what it is, how sure, the error by joint, what to do next.
+
+    Attributes:
+        line, sure: sentences; bars: of the joints, `most` of them in a terminal.
+        command: to be copied; then: a sentence on what to do after it, or in its place.
+    """
 
     line: str
     sure: str = ""
     bars: tuple[Bar, ...] = ()
     command: str = ""
-    most: int = BARS  # bars in a terminal
+    then: str = ""
+    most: int = BARS
 
     def shares(self, bar: Bar) -> tuple[float, float, float | None]:
         """Return before, after and noise of a bar over the longest of all bars."""
@@ -103,27 +118,34 @@ class Card:
         before, after, noise = bar.sizes
         return before / longest, after / longest, None if noise is None else noise / longest
 
-    def key(self, change: str, noise: str) -> str:
-        """Return the words for what the bars have: a change, the mark of noise, or neither."""
-        has = any(bar.after for bar in self.bars), any(b.sizes[2] is not None for b in self.bars)
-        words = [text for text, there in zip((change, noise), has, strict=True) if there]
+    def key(self, change: str, rise: str, noise: str) -> str:
+        """Return the words for what the bars have: a change, a rise, the mark of noise, or none."""
+        has = (
+            any(bar.after for bar in self.bars),
+            any(bar.rises for bar in self.bars),
+            any(bar.sizes[2] is not None for bar in self.bars),
+        )
+        words = [text for text, there in zip((change, rise, noise), has, strict=True) if there]
         return ": " * bool(words) + ", ".join(words)
 
     def text(self) -> list[str]:
-        """Return the lines for a terminal: █ stays, ░ goes, | is the noise."""
+        """Return the lines for a terminal."""
         lines = [*wrapped(self.line, "  "), *wrapped(self.sure, "  ")]
         rows = [[bar.joint, self._strip(bar), bar.words] for bar in self.bars[: self.most]]
         if rows:
-            lines += ["", f"error{self.key('█ stays, ░ goes', '| noise')}"]
+            lines += ["", f"error{self.key('█ stays, ░ goes', '▒ comes', '| noise')}"]
             width = max(len(row[0]) for row in rows)
             lines += [f"  {joint:<{width}}  {strip}  {words}" for joint, strip, words in rows]
         if (more := len(self.bars) - self.most) > 0:
             lines.append(f"  and {more} joint{'s' * (more > 1)} more")
-        return [*lines, *(["", f"  {self.command}"] if self.command else [])]
+        lines += ["", f"  {self.command}"] if self.command else []
+        return [*lines, *([""] if self.then else []), *wrapped(self.then, "  ")]
 
     def _strip(self, bar: Bar) -> str:
         before, after, noise = self.shares(bar)
-        cells = ("█" * round(STRIP * after)).ljust(round(STRIP * before), "░").ljust(STRIP + 1)
+        cells = "█" * round(STRIP * min(before, after))
+        change = round(STRIP * max(before, after)), "▒" if bar.rises else "░"
+        cells = cells.ljust(*change).ljust(STRIP + 1)
         at = STRIP + 1 if noise is None else round(STRIP * noise)
         return f"{cells[:at]}|{cells[at + 1 :]}" if at <= STRIP else cells
 
@@ -149,8 +171,26 @@ def named(effects: Iterable[Effect], word: str = "and") -> str:
     )
 
 
+def place_of(mechanism: Mechanism) -> str:
+    """Return the mechanism as commands take it."""
+    place = mechanism.toml.parent if mechanism.toml else mechanism.urdf
+    return shlex.quote(str(place)) if place != Path() else "MECHANISM"
+
+
 def add_command(mechanism: Mechanism, effects: Iterable[Effect]) -> str:
     """Return the command that adds effects to a mechanism, ready to be copied."""
-    place = mechanism.toml.parent if mechanism.toml else mechanism.urdf
-    folder = shlex.quote(str(place)) if place != Path() else "MECHANISM"
-    return " ".join(["ident add", folder, *(effect.label for effect in effects)])
+    return " ".join(["ident add", place_of(mechanism), *(effect.label for effect in effects)])
+
+
+def next_command(mechanism: Mechanism, verb: str) -> str:
+    """Return the command that goes on with a verb from the one that runs, ready to be copied."""
+    place, logs, options = inputs.get()
+    place, kept = place or place_of(mechanism), folder.get()
+    words = {
+        "compare": f"OTHER.csv --fit {kept}/fit.json",  # on a log that was not fitted
+        "diagnose": f"{logs} {options}",
+        "excite": "--out next.csv",
+        "identify": f"{logs} {options} --out {kept}",
+        "monitor": f"NEXT.csv --like {' --like '.join(logs.split())} {options}",
+    }
+    return " ".join(f"ident {verb} {place} {words[verb]}".split())

@@ -15,7 +15,7 @@ from ident.fit.compare import Comparison
 from ident.fit.multipliers import identifiable_multipliers
 from ident.fit.residual import Residual, floor_of
 from ident.information.blocks import Error
-from ident.show.card import ADVICE, Bar, Card, good_enough
+from ident.show.card import SAME, Bar, Card, good_enough, next_command
 from ident.show.charts import Chart
 from ident.show.html import Block, Page, Section, by_log
 from ident.show.html import table as html_table
@@ -35,7 +35,6 @@ from ident.show.sheet import Sheet
 from ident.text import places
 
 SCHEMA = "ident.compare/1"
-SAME = 0.005  # of an error: a change below is none, since both are printed with three digits
 
 
 @renders(Comparison, "sheet")
@@ -62,13 +61,12 @@ def comparison_card(c: Comparison) -> Card:
     first, last = (list(c.residuals.values())[i] for i in (0, -1))
     logs = ", ".join(trace.name for trace in first.traces)
     shown, floor = told_apart(c.residuals), floor_of(last.model, last.motion)
-    good = good_enough(last.errors, floor, advice=ADVICE)
+    good, mechanism = good_enough(last.errors, floor), last.model.mechanism
+    command = next_command(mechanism, "monitor" if "? Yes" in good else "diagnose")
     if first is last:
-        bars = tuple(Bar(j, e, noise=floor[j] or None) for j, e in last.errors.items())
-        return Card(f"{shown[first.name]} on {logs}", good, bars)
-    bars = tuple(
-        Bar(j, first.errors[j], last.errors[j], floor[j] or None) for j in _changed(first, last)
-    )
+        bars = tuple(Bar(j, e, noise=floor[j]) for j, e in last.errors.items())
+        return Card(f"{shown[first.name]} on {logs}", good, bars, command)
+    bars = tuple(Bar(j, first.errors[j], last.errors[j], floor[j]) for j in _changed(first, last))
     ratio = {bar.joint: bar.after.rms / max(bar.before.rms, 1e-300) for bar in bars if bar.after}
     ways = {
         "falls": [joint for joint, x in ratio.items() if x < 1 - SAME],
@@ -77,7 +75,7 @@ def comparison_card(c: Comparison) -> Card:
     parts = [f"{way} in {places(joints)}" for way, joints in ways.items() if joints]
     words = " and ".join(parts) or "is the same in all joints"
     line = f"{shown[first.name]} → {shown[last.name]} on {logs}: the error {words}"
-    return Card(line, good and f"{shown[last.name]}: {good}", bars)
+    return Card(line, good and f"{shown[last.name]}: {good}", bars, command)
 
 
 def _changed(first: Residual, last: Residual) -> list[str]:
@@ -165,6 +163,7 @@ def comparison_json(c: Comparison) -> dict[str, Any]:
         name: {
             "error": errors(residual.errors),
             "fitted": {key: errors(each) for key, each in c.fitted[name].items()},
+            "noise": floor_of(residual.model, residual.motion),
             "parts": parts(residual, residual.parts),
             "where": [failure.json for failure in residual.where],
         }

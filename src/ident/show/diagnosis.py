@@ -7,18 +7,28 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.diagnosis.diagnosis import LOUD
 from ident.diagnosis.law_search import FittedFormula
 from ident.diagnosis.result import Diagnosis, Explanation, errors_of
 from ident.diagnosis.selection import Evidence
 from ident.diagnosis.unobservable import Invisible
 from ident.display import renders
 from ident.effects import Effect
+from ident.fit import Fit
 from ident.fit.data_checks import Health
 from ident.fit.residual import Failure
 from ident.information.blocks import Error
 from ident.information.chance import odds_ratio
-from ident.show.card import NOISY, Bar, Card, add_command, by_kind, good_enough, named, sure
+from ident.show.card import (
+    NOISY,
+    Bar,
+    Card,
+    add_command,
+    by_kind,
+    good_enough,
+    named,
+    next_command,
+    sure,
+)
 from ident.show.laws import curve_name, curves, expression, labels, laws, numbers
 from ident.show.residual import details
 from ident.show.sheet import Sheet
@@ -42,12 +52,12 @@ def by_chance(e: Evidence) -> str:
     return f"{count} logs in which nothing is missing would show as much"
 
 
-def noise_errors(d: Diagnosis) -> dict[str, Error]:
-    """Return what noise alone would leave in each joint, beside the errors of its diagnosis."""
+def noise_errors(fit: Fit) -> dict[str, Error]:
+    """Return what noise alone would leave in each joint, beside the errors of its fit."""
     return {
         n: replace(e, rms=x, relative=e.relative and e.relative * x / max(e.rms, 1e-300))
-        for n, e in errors_of(d.fit).items()
-        for x in [d.floor[n]]
+        for n, e in errors_of(fit).items()
+        for x in [fit.noise[n]]
     }
 
 
@@ -56,7 +66,7 @@ def failing(d: Diagnosis) -> list[Failure]:
     if d.verdict == "nothing":
         return []
     errors = errors_of(d.fit)
-    return [f for f in d.where if errors[f.joint].rms > LOUD * d.floor[f.joint]] or [*d.where[:1]]
+    return [f for f in d.where if errors[f.joint].rms > NOISY * d.floor[f.joint]] or [*d.where[:1]]
 
 
 def verdict_line(d: Diagnosis) -> str:
@@ -68,7 +78,7 @@ def verdict_line(d: Diagnosis) -> str:
         return f"missing: {listed(names, 'or')}{apart}"
     formulas = listed([f"torque of {law.joint} = {law.formula}" for law in d.laws])
     last = d.laws[-1].after if d.laws else {}  # its fit has all laws
-    if open_ := [name for name in d.loud if d.laws and last[name].rms > LOUD * d.floor[name]]:
+    if open_ := [name for name in d.loud if d.laws and last[name].rms > NOISY * d.floor[name]]:
         formulas += f"; even with it more than noise is left in {listed(open_)}"
     return {
         "nothing": "nothing is missing that this data could show",
@@ -89,7 +99,8 @@ def card(d: Diagnosis) -> Card:
     """Return the verdict, how sure it is, the error by joint, and the command to copy."""
     logs = ", ".join(e.name for e in d.fit.motion.experiments)
     line = f"{d.fit.mechanism.name} on {logs}: {verdict_line(d)}"
-    errors, command = errors_of(d.fit), ""
+    errors = errors_of(d.fit)
+    command = next_command(d.fit.mechanism, "identify" if d.verdict == "nothing" else "excite")
     after: Mapping[str, Error] = {}
     if d.best is not None:
         best = d.candidates[0]
@@ -111,36 +122,37 @@ def card(d: Diagnosis) -> Card:
             command = f"{add_command(d.fit.mechanism, [])} {files} --allow-code"
     bars = [Bar(f.joint, errors[f.joint], after.get(f.joint), d.floor[f.joint]) for f in d.where]
     bars.sort(key=lambda bar: bar.sizes[1] - bar.sizes[0])  # the largest fall first
-    return Card(line, " ".join([judged(d), certain, *_rest(d)]).strip(), tuple(bars), command)
+    words = " ".join([judged(d), certain, *_rest(d)]).strip()
+    return Card(line, words, tuple(bars), command, first_motion(d))
 
 
 def judged(d: Diagnosis) -> str:
     """Return whether the model is good enough as it is."""
-    errors = errors_of(d.fit)
-    times = [e.rms / d.floor[j] for j, e in errors.items() if d.floor[j]]
-    if d.verdict == "nothing" and max(times, default=0.0) > NOISY:
-        return f"Good enough? As good as this data can show, at {max(times):.1f} times the noise."
-    return good_enough(errors, d.floor, LOUD)
+    return good_enough(errors_of(d.fit), d.floor, searched=d.verdict == "nothing")
+
+
+def first_motion(d: Diagnosis) -> str:
+    """Return what to do about data that look wrong, else the next experiment, in some lines."""
+    if not d.health.good:
+        return _health(d)[0]
+    text = d.next_experiment  # whole sentences of some three lines, the first one in any case
+    end = text.find(". ") if len(text) > BRIEF else -1
+    end = max(end, text.rfind(". ", 0, BRIEF)) if end > 0 else len(text)
+    return f"Next experiment: {text[: end + 1]}" if text else ""
 
 
 # --- text -----------------------------------------------------------------------------------------
 
 
 @renders(Diagnosis, "short")
-def short(d: Diagnosis) -> str:
+def short(d: Diagnosis, top: Card | None = None) -> str:
     """Return what a person needs first, in twenty lines: verdict, errors, what to do."""
-    paragraphs = _health(d)
-    paragraphs += laws(d)
+    paragraphs = laws(d)
     if d.verdict in ("unexplained", "undecided") and not d.laws:
         paragraphs += [*_nearest(d), *curves(d)]
-    if experiment := d.next_experiment:
-        # whole sentences of some three lines, the first one in any case
-        end = experiment.find(". ") if len(experiment) > BRIEF else -1
-        end = max(end, experiment.rfind(". ", 0, BRIEF)) if end > 0 else len(experiment)
-        paragraphs.append(f"Next experiment: {experiment[: end + 1]}")
     hidden = f", {len(d.invisible)} effects this log hides" if d.invisible else ""
     paragraphs.append(f"--verbose: all candidates{hidden}; {d.decision}")
-    top = card(d)
+    top = top or card(d)
     text = Sheet(top, paragraphs=paragraphs, indent="  ").text()
     if (over := text.count("\n") + 1 - LINES) > 0:
         top = replace(top, most=max(1, min(top.most, len(top.bars)) - over - 1))
@@ -165,7 +177,7 @@ def where_rows(d: Diagnosis) -> Rows:
     for f in d.where:
         error = errors_of(d.fit)[f.joint]
         signals = ", ".join(each.signal for each in f.depends_on[:2])
-        quiet = error.rms <= LOUD * d.floor[f.joint]
+        quiet = error.rms <= NOISY * d.floor[f.joint]
         rows.append(
             [
                 f.joint,
@@ -203,7 +215,7 @@ def _cells(d: Diagnosis, each: Explanation) -> list[str]:
     joint, e = each.joint, each.evidence
     change = Bar(joint, each.before[joint], each.after[joint], d.floor[joint]).words
     visible = f"{100 * e.refit.visible:.0f} %"
-    chance = f"< {100 * RAREST:g} %" if e.p < RAREST else f"{100 * e.p:.2g} %"
+    chance = f"< {100 * RAREST:g} %" if e.p < RAREST else f"{float(f'{100 * e.p:.2g}'):g} %"
     return [joint, change, "–" if np.isnan(e.p) else chance, visible, numbers(each.parameters)]
 
 

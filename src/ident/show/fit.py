@@ -16,18 +16,18 @@ from ident.fit.findings import Unexcited
 from ident.fit.likelihood import Likelihood
 from ident.fit.multipliers import Reactions
 from ident.fit.prediction import predict
-from ident.fit.residual import floor_of, residual_of
+from ident.fit.residual import residual_of
 from ident.fit.result import Fit
 from ident.fit.shapes import initial
 from ident.fit.values import STRONG, Correlation, Value
-from ident.show.card import ADVICE, Bar, Card, good_enough
+from ident.show.card import Bar, Card, good_enough, next_command
 from ident.show.charts import PRIOR, Chart, Dots, Panel
 from ident.show.html import Block, Page, Section, by_log, items, paragraph
 from ident.show.html import table as html_table
 from ident.show.motion import made_of, understood
 from ident.show.residual import error_rows, errors_section, plot_forces, residual_sections
 from ident.show.sheet import Sheet
-from ident.text import percent, rounded, shortened, some
+from ident.text import listed, percent, rounded, shortened, some
 
 MOST = 60  # parameters in one chart
 WHY = {
@@ -212,16 +212,25 @@ def sheet(fit: Fit) -> Sheet:
             f"known only together (correlation of errors): {some(pairs)}: their sum or difference "
             "is known better than each"
         )
-    title = (
+    line = (
         f"fit of {fit.mechanism.name} to {', '.join(fit.motion.names)}: {fit.rows} rows of "
         f"{fit.motion.samples} samples, "
         + (f"zero-phase filter at {cut:.3g} Hz" if cut else "unfiltered")
     )
     tables = {caption: errors, **value_tables(fit)}
-    good = good_enough(fit.held_out or fit.train, floor_of(fit, fit.motion), advice=ADVICE)
-    return Sheet(
-        title, f"{headline(fit)} {good}".strip(), tables=tables, lines=lines, notes=fit.warnings
-    )
+    return Sheet(card(fit), line, tables=tables, lines=lines, notes=fit.warnings)
+
+
+def card(fit: Fit) -> Card:
+    """Return how well a fit predicts, better than the URDF's own numbers or not, and what next."""
+    before, errors = residual_of(urdf_of(fit), fit.motion).errors, fit.held_out or fit.train
+    bars = tuple(Bar(joint, before[joint], e, fit.noise[joint]) for joint, e in errors.items())
+    words = "The bars: error of the URDF's own numbers → of the identified ones"
+    if worse := [bar.joint for bar in bars if bar.rises]:
+        words += f", which is larger in {listed(worse)}"
+    good = good_enough(errors, fit.noise)
+    command = next_command(fit.mechanism, "compare" if "? Yes" in good else "diagnose")
+    return Card(headline(fit), f"{good} {words}.".strip() * bool(bars), bars, command)
 
 
 def summary(fit: Fit) -> str:
@@ -288,16 +297,7 @@ renders(Fit, "urdf")(write_urdf)
 def report(fit: Fit, known: Reactions | None = None, more: Sequence[Section] = ()) -> bytes:
     """Return the report of a fit, with further sections before its parameters."""
     sections = fit_sections(fit, known, more)
-    before = residual_of(urdf_of(fit), fit.motion).errors
-    errors = fit.held_out or fit.train
-    floor = floor_of(fit, fit.motion)
-    bars = tuple(
-        Bar(joint, before[joint], error, floor[joint] or None) for joint, error in errors.items()
-    )
-    sure = "The bars: error of the URDF's own numbers → of the identified ones." if bars else ""
-    good = good_enough(errors, floor, advice=ADVICE)
-    top = Card(headline(fit), f"{good} {sure}".strip(), bars)
-    return Page(f"{fit.mechanism.name}: identification", top, sections).html()
+    return Page(f"{fit.mechanism.name}: identification", card(fit), sections).html()
 
 
 def urdf_of(fit: Fit) -> Saved:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +21,9 @@ from ident.fit.files import fit_json, multipliers_csv, own_files
 from ident.information.blocks import Error
 from ident.mechanism import Mechanism
 from ident.mechanism.write import folder_files
-from ident.show.card import Bar, Card, named
+from ident.show.card import Bar, Card, named, next_command
 from ident.show.charts import Chart, Level, Line, Mark, Panel
-from ident.show.diagnosis import judged, noise_errors, verdict_line
+from ident.show.diagnosis import card, noise_errors, short, verdict_line
 from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, write_instead
 from ident.show.html import Page, Section, table
 from ident.show.sheet import Sheet
@@ -83,7 +83,7 @@ def changed(step: Step) -> str:
 def noise_rung(history: History) -> str:
     """Return the last row of the ladder: what noise alone would leave."""
     joints = history.fit.motion.independent
-    return _row(NOISE, _cells(noise_errors(history.diagnosis), joints), joints)
+    return _row(NOISE, _cells(noise_errors(history.fit), joints), joints)
 
 
 def _cells(errors: Mapping[str, Error], joints: Sequence[str]) -> list[str]:
@@ -118,7 +118,7 @@ def rows(history: History) -> list[list[str]]:
         cells = [f"{'' if step.fit else '≈ '}{cell}" for cell in _cells(step.errors, joints)]
         rivals = named(step.rivals, "or") if step.rivals else ""
         found.append([f"{changed(step)}{removed}", *cells, rivals])
-    return [*found, [NOISE, *_cells(noise_errors(history.diagnosis), joints), ""]]
+    return [*found, [NOISE, *_cells(noise_errors(history.fit), joints), ""]]
 
 
 @renders(History, "sheet")
@@ -131,7 +131,7 @@ def sheet(history: History) -> Sheet:
 def plot(history: History) -> Chart:
     """Draw the held-out error of every joint against the rungs."""
     names = [_brief(step) for step in history.steps]
-    noise = noise_errors(history.diagnosis)
+    noise = noise_errors(history.fit)
     return plot_rungs(names, [step.errors for step in history.steps], noise)
 
 
@@ -166,18 +166,23 @@ def plot_rungs(
 
 
 def history_card(history: History) -> Card:
-    """Return what was added, the verdict on what is left, and the error before and after."""
-    d = history.diagnosis
-    added = named(history.added) if history.added else "nothing"
-    first = history.steps[0].errors
-    bars = tuple(
-        Bar(joint, first[joint], error, d.floor[joint]) for joint, error in errors_of(d.fit).items()
-    )
-    return Card(f"Added: {added}.", f"{judged(d)} Now {verdict_line(d)}.", bars)
+    """Return the verdict on what is left, what was added, and the error before and after."""
+    d, first, errors = history.diagnosis, history.steps[0].errors, errors_of(history.fit)
+    top, added = card(d), named(history.added) if history.added else "nothing"
+    bars = tuple(Bar(joint, first[joint], e, d.floor[joint]) for joint, e in errors.items())
+    if d.verdict == "nothing":
+        top = replace(top, command=next_command(d.fit.mechanism, "compare"))
+    return replace(top, sure=f"Added: {added}. {top.sure}", bars=bars)
+
+
+@renders(History, "short")
+def brief(history: History) -> str:
+    """Return the first lines: as of a diagnosis, with the error before and after."""
+    return short(history.diagnosis, history_card(history))
 
 
 @renders(History, "files")
-def write(history: History, folder: str | Path) -> list[Path]:
+def write(history: History, place: str | Path) -> list[Path]:
     """Write the grown mechanism's folder, with the last fit, diagnosis and a report of the ladder.
 
     Unknown parameters stay unknown in it: values are in fit.json.
@@ -185,14 +190,14 @@ def write(history: History, folder: str | Path) -> list[Path]:
     Raises:
         IdentError: if it is the folder of the mechanism itself, or cannot be written.
     """
-    refuse_own(history.mechanism, Path(folder))
+    refuse_own(history.mechanism, Path(place))
     blocks = (plot(history), table(rows(history), CAPTION, tied=False))
     ladder = Section("The error falls", blocks)
     sections = (ladder, *diagnosis_sections(history.diagnosis))
     page = Page(f"{history.mechanism.name}: grown model", history_card(history), sections)
     data = {**diagnosis_files(history.diagnosis), "report.html": page.html()}
     data["grow.json"] = json_bytes(history_json(history))
-    return write_instead(history.diagnosis, Path(folder), model_files(history.fit) | data)
+    return write_instead(history.diagnosis, Path(place), model_files(history.fit) | data)
 
 
 @renders(History, "json")
@@ -215,7 +220,7 @@ def history_json(history: History) -> dict[str, Any]:
             }
             for step in history.steps
         ],
-        "noise": {joint: asdict(error) for joint, error in noise_errors(d).items()},
+        "noise": {joint: asdict(error) for joint, error in noise_errors(history.fit).items()},
     }  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from markupsafe import Markup
 
 from ident.show.card import Card
-from ident.show.html import in_frame, piece, strong
+from ident.show.html import in_frame, paragraph, piece, strong
 from ident.text import table, wrapped
 
 Rows = Sequence[Sequence[str]]
@@ -41,14 +41,14 @@ class Sheet:
         """Return all but the remarks for a terminal."""
         width = max(map(len, self.facts), default=0)
         lines = wrapped(self.top, "  ") if isinstance(self.top, str) else self.top.text()
-        lines += wrapped(self.line, "  ")
+        lines += [""] * bool(self.line and not isinstance(self.top, str)) + wrapped(self.line, "  ")
         lines += [f"  {key:<{width}}  {value}" for key, value in self.facts.items() if value]
         for caption, rows in self.tables.items():
             lines += ["", caption, *table(rows)]
         lines += [""] * bool(self.tables and self.lines)
         lines += [part for line in self.lines for part in wrapped(line, "  ")]
-        for paragraph in self.paragraphs:
-            lines += ["", *wrapped(paragraph, self.indent)]
+        for words in self.paragraphs:
+            lines += ["", *wrapped(words, self.indent)]
         return "\n".join(lines)
 
     def text(self) -> str:
@@ -61,5 +61,10 @@ class Sheet:
 
     def html(self) -> str:
         """Return the description for Jupyter."""
-        title = self.top if isinstance(self.top, str) else self.top.line
-        return in_frame([strong(self.line or title), *self.blocks()])
+        plain = isinstance(self.top, str)
+        top = (
+            strong(self.line or self.top)
+            if plain
+            else piece("card", self.top) + paragraph(self.line)
+        )
+        return in_frame([top, *self.blocks()])

@@ -16,7 +16,7 @@ from markupsafe import Markup
 from ident.diagnosis import Diagnosis
 from ident.display import renders
 from ident.mechanism import Mechanism
-from ident.show.card import Bar, Card
+from ident.show.card import Bar, Card, good_enough, next_command
 from ident.show.charts import FAINT, RESIDUAL, Chart, Level, Line, Mark, Panel, pieces_of, scripts
 from ident.show.fit import summary
 from ident.show.html import Block, Page, Section, origin, paragraph, piece, table
@@ -349,8 +349,12 @@ class MonitorHistory:
             head += f"{len(self._alarms)} alarm(s), the last: {last}"
         else:
             head += "no alarm" if self._watched else "alarms need logs of normal running (--like)"
-        bars = tuple(Bar(joint, e) for joint, e in self._last.errors.items())
-        return Card(head, bars=bars)
+        errors, noise = self._last.errors, self._last.noise
+        bars = tuple(Bar(joint, e, noise=noise[joint]) for joint, e in errors.items())
+        good = good_enough(errors, noise)
+        fine = not self._alarms and "Not in" not in good
+        command = next_command(self._mechanism, "monitor" if fine else "diagnose")
+        return Card(head, good, bars, command)
 
     @property
     def sections(self) -> tuple[Section, ...]:

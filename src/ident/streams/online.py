@@ -22,6 +22,7 @@ import numpy as np
 
 from ident.display import Displayed, render
 from ident.equations.corrections import Scene
+from ident.equations.motion_noise import noise_floor
 from ident.equations.rows import Rows, row_supports
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, IdentError, LogError, MotionError, one_of
@@ -90,6 +91,7 @@ class Snapshot(Displayed):
         multipliers: λ of the last sample; none for a tree.
         errors: by joint, of the rows that count, with these parameters.
         ahead: by joint, of the rows since the snapshot before, predicted by its parameters.
+        noise: by joint, the rms that noise of the sensors alone would leave [N m | N].
         rank: number of base parameters; condition_number: of their columns.
         lag: by how much `t` is behind the last sample at most [s].
         notes: what a person should know.
@@ -104,6 +106,7 @@ class Snapshot(Displayed):
     multipliers: Forces | None
     errors: Mapping[str, Error]
     ahead: Mapping[str, Error]
+    noise: Mapping[str, float]
     rank: int
     condition_number: float
     lag: float
@@ -323,6 +326,7 @@ class Online:
             multipliers=self._forces([self._last] if self._last else []),
             errors=solved.squares.errors(names, self._units),
             ahead=ahead.errors(names, self._units) if ahead.rows.any() else {},
+            noise=self._floor,
             rank=base.rank,
             condition_number=base.condition_number,
             lag=stream.lag,
@@ -368,6 +372,8 @@ class Online:
         noise = motion.experiments[0].noise
         self._noise = np.array([noise.get(f"tau.{name}", 0.0) for name in mechanism.driven])
         self._joints, self._rows_cutoff = motion.independent, motion.band.cutoff
+        floor = noise_floor(mechanism, motion.experiments, self._point, self._rows_cutoff)
+        self._floor = dict(zip(self._joints, floor.tolist(), strict=True))
         self._units = [mechanism.joint(name).force_unit for name in motion.independent]
         self._known: dict[str, tuple[Value, float]] = {}  # identified parameters, and when [s]
         self._most = 0  # base parameters that were known at once

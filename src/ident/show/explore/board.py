@@ -71,8 +71,9 @@ def error_rows(e: Exploration) -> list[list[str]]:
     """Return held-out errors joint by joint: as given, before the last change, now."""
     three = e.rungs[0], e.rungs[max(len(e.rungs) - 2, 0)], e.now
     joints = e.fit.motion.independent
-    rows = [[j, *(error_text(rung.errors.get(j)) for rung in three)] for j in joints]
-    return [["joint", "as given", "before", "now"], *rows]
+    four = *(rung.errors for rung in three), noise_errors(e.fit)
+    rows = [[j, *(error_text(errors.get(j)) for errors in four)] for j in joints]
+    return [["joint", "as given", "before", "now", "noise"], *rows]
 
 
 def effect_rows(e: Exploration) -> list[dict[str, Any]]:
@@ -156,9 +157,8 @@ def contents(e: Exploration, view: str, joint: str) -> list[Chart | Markup]:
         return [e.fit.plot().thinned(POINTS)]
     if view == "Ladder":
         remarks = [text for a, b in pairwise(e.rungs) for text in b.risen(a)]
-        noise = noise_errors(e.now.diagnosis) if e.now.diagnosis else {}
         names = [rung.name for rung in e.rungs]
-        ladder = plot_rungs(names, [rung.errors for rung in e.rungs], noise)
+        ladder = plot_rungs(names, [rung.errors for rung in e.rungs], noise_errors(e.fit))
         return [items(remarks), ladder]
     if view == "Numbers":
         return _numbers(e.fit)
