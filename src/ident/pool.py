@@ -11,6 +11,7 @@ import logging
 import os
 import pickle
 import platform
+import signal
 import tempfile
 import threading
 import time
@@ -210,6 +211,19 @@ def _died(future: Future[Any]) -> bool:
     return isinstance(future.exception(), BrokenProcessPool)
 
 
+@contextlib.contextmanager
+def _not_interrupted() -> Iterator[None]:
+    """Ignore Ctrl-C for a moment: processes that are started in it never get it, nor print it."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def _in_processes(
     function: Function, tasks: Tasks, common: bytes, jobs: int
 ) -> Generator[Done, None, None]:
@@ -229,7 +243,8 @@ def _in_processes(
             while True:
                 while len(running) < jobs and (numbered := next(tasks, None)) is not None:
                     try:
-                        future = executor().submit(_call, str(file), function, numbered[1])
+                        with _not_interrupted():
+                            future = executor().submit(_call, str(file), function, numbered[1])
                         running[future] = numbered
                     except BrokenProcessPool:
                         tasks = chain([numbered], tasks)

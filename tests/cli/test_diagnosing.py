@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 import tomllib
 from pathlib import Path
 
@@ -255,7 +256,43 @@ def test_grow_goes_on_where_it_was(arm_folder, tmp_path):
         api.grow(mechanism, motion, checkpoint=tmp_path, step=stop)
     assert (tmp_path / "growing.json").is_file()
     again = api.grow(mechanism, motion, checkpoint=tmp_path, resume=True)
+    again.write(tmp_path)
     assert not (tmp_path / "growing.json").exists()
     assert [str(step) for step in again.steps] == [str(step) for step in whole.steps]
     with pytest.raises(api.FitError, match="growing"):
         api.grow(mechanism, motion, checkpoint=tmp_path, resume=True)
+
+
+@pytest.mark.parametrize("moment", ["candidates_of", "concluded"])
+def test_ctrl_c_in_grow_keeps_what_is_fitted(moment, arm_folder, tmp_path, monkeypatch, ident):
+    """Before the second fit, and after the last one; then it goes on."""
+
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    log, out = arm_folder / "run.csv", tmp_path / "out"
+    words = "grow", arm_folder, log, *given("viscous"), "--out", out
+    with monkeypatch.context() as patched:
+        patched.setattr(sys.modules["ident.diagnosis.grow"], moment, stop)
+        outcome = ident(*words)
+    assert outcome.status == 130
+    assert "--resume" in outcome.err.splitlines()[-1]
+    assert json.loads((out / "fit.json").read_text())["mechanism"] == "arm"
+    assert {"growing.json", "mechanism.toml", "arm.urdf"} <= {path.name for path in out.iterdir()}
+    outcome = ident(*words, "--resume")
+    assert outcome.status == 0
+    assert "nothing is missing" in outcome.out
+    assert not (out / "growing.json").exists()
+
+
+def test_ctrl_c_in_the_next_experiment_keeps_the_diagnosis(
+    arm_folder, tmp_path, monkeypatch, ident
+):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ident.show.experiment._words", stop)
+    outcome = ident("diagnose", arm_folder, arm_folder / "run.csv", "--out", tmp_path)
+    assert outcome.status == 130
+    assert json.loads((tmp_path / "diagnosis.json").read_text())["verdict"] == "missing"
+    assert "the next experiment" in outcome.err.splitlines()[-1]

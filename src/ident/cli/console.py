@@ -141,15 +141,15 @@ def fail(why: object) -> NoReturn:
 def interrupted() -> str:
     """Return one line for Ctrl-C: which step was left, and which files are complete."""
     files = f"complete: {', '.join(map(str, _written))}" if _written else "no file was written"
-    if _resumed and not _written:
+    if _resumed:
         again = running.get() + " --resume" * ("--resume" not in running.get())
-        files = f"finished work is saved; go on with: {again}"
+        files += f"; go on with: {again}"
     return f"interrupted{''.join(f' while {step}' for step in _steps)}; {files}"
 
 
-def can_resume() -> None:
-    """State that the command can go on where it is, if Ctrl-C ends it."""
-    _resumed[:] = [True]
+def can_resume(now: bool) -> None:
+    """State whether the command can go on where it is, if Ctrl-C ends it."""
+    _resumed[:] = [True] * now
 
 
 @contextmanager

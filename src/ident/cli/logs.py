@@ -273,6 +273,7 @@ def diagnose(
     machines; --fail-on then looks at every log and at all of them together.
     """
     from ident.diagnosis.diagnosis import VERDICTS
+    from ident.show.experiment import STOPPED
 
     for each in fail_on or ():
         if each not in VERDICTS:
@@ -311,17 +312,20 @@ def diagnose(
 
                     wrote(write_fit(fit, out))
                 raise
+        written = [] if out is None else found.write(out)
         text = "" if json else str(found) if verbose else found.short
+    wrote(written)
     if out is not None:
-        wrote(found.write(out))
         text = text.replace("DIR/", f"{out}/")
     if json:
         result_json(found.json())
     else:
         result(text)
     notes(remarks)
-    if left := getattr(found, "unsearched", ()):
-        notes([f"interrupted: laws of {', '.join(left)} were not searched; all else is kept"])
+    lost = [f"laws of {', '.join(left)}"] if (left := getattr(found, "unsearched", ())) else []
+    lost += ["the next experiment"] * (getattr(found, "next_experiment", "") == STOPPED)
+    if lost:
+        notes([f"interrupted: {' and '.join(lost)} were not searched; all else is kept"])
         sys.exit(130)
     if bad := sorted(found.verdicts & set(fail_on or ())):
         notes([f"status 3, since --fail-on is {', '.join(bad)}"])
@@ -343,9 +347,11 @@ def grow(
     Prints the ladder of held-out errors while it runs, then the diagnosis of the last model.
     """
     from ident.diagnosis import grow as grow_
-    from ident.show.ladder import head, noise_rung, refuse_own, rung
+    from ident.files import write_all
+    from ident.show.ladder import head, model_files, noise_rung, refuse_own, rung
 
     decision = rule.given
+    fits: list[Fit] = []
     mechanism = model.load(logs)
     if resume and out is None:
         raise IdentError("--resume: goes on in the folder of --out; give the one of that run")
@@ -358,8 +364,8 @@ def grow(
 
         def reached(step: Step) -> None:
             first = not step.added and not step.removed
-            if out is not None and not first:
-                can_resume()
+            can_resume(out is not None)
+            fits.extend([step.fit] if step.fit else [])
             if json:
                 return
             lines = [head(motion.independent)] if first else []
@@ -368,19 +374,27 @@ def grow(
             except BrokenPipeError:  # nobody reads it; the files are wanted still
                 close_pipe()
 
-        history = grow_(
-            mechanism,
-            motion,
-            progress=part(on_progress, 0.05, 1.0),
-            step=reached,
-            checkpoint=out,
-            resume=resume,
-            **decision,
-            validate=model.motion(mechanism, validate, second, like=motion) if validate else None,
-        )
+        try:
+            history = grow_(
+                mechanism,
+                motion,
+                progress=part(on_progress, 0.05, 1.0),
+                step=reached,
+                checkpoint=out,
+                resume=resume,
+                **decision,
+                validate=None
+                if not validate
+                else model.motion(mechanism, validate, second, like=motion),
+            )
+            written = [] if out is None else history.write(out)
+        except KeyboardInterrupt:
+            if out is not None and fits:
+                wrote(write_all(out, model_files(fits[-1])))
+            raise
         text = str(history.diagnosis) if verbose else history.short
-    if out is not None:
-        wrote(history.write(out))
+    wrote(written)
+    can_resume(False)
     if json:
         result_json(history.json())
     else:

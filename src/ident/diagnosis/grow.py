@@ -113,14 +113,13 @@ class SavedRounds:
         ]
         sets = sorted(map(sorted, visited))
         self.rounds.append({"rungs": words, "start": dict(start), "visited": sets})
+        self.write()
+
+    def write(self) -> None:
+        """Write all rounds so far; the file is removed where the result is written."""
         if self.folder is not None:
             content = {"schema": SCHEMA, "key": self.key, "rounds": self.rounds}
             write_all(self.folder, {NAME: json_bytes(content)})
-
-    def remove(self) -> None:
-        """Remove the file, which is of no use once all is done."""
-        if self.folder is not None:
-            (self.folder / NAME).unlink(missing_ok=True)
 
 
 ROUNDS = 4  # fits, lest shapes that move with the working point take turns for ever
@@ -224,7 +223,7 @@ def grow(
         motion: that is fitted.
         validate: of other logs, on which errors are reported.
         seed, alpha, material, rival_se: as `diagnose` takes them.
-        checkpoint: a folder that keeps what is fitted until all is done.
+        checkpoint: a folder that keeps what is fitted until the history is written there.
         resume: whether to go on from there.
         progress: called with (what is being done, share done).
         step: called with every rung as it is reached.
@@ -245,6 +244,7 @@ def grow(
             for each in rungs:
                 step(each)
 
+    saved.write()
     if step:
         step(steps[0])
     visited: set[frozenset[str]] = set()
@@ -286,9 +286,7 @@ def grow(
     if number == 0 or contest.fit is not fit:
         contest = Contest.of(fit, candidates_of(fit), part(rest, 0.35, 0.4))
         draws = noise(contest, seed)
-    diagnosis = concluded(contest, draws, decision, seed, rest)
-    saved.remove()
-    return History(tuple(steps), diagnosis)
+    return History(tuple(steps), concluded(contest, draws, decision, seed, rest))
 
 
 def _again(saved: Mapping[str, Any], fit: Fit, validate: Motion | None) -> tuple[list[Step], Fit]:

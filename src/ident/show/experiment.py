@@ -31,6 +31,7 @@ from ident.text import listed, some
 SHOWS = 0.02  # visible share from which an effect can be seen
 LOOKED_AT = 24  # invisible effects that are tried in other motions
 EXPLAINED = 0.9  # of what exceeds the noise, from which a formula leaves no question in its joint
+STOPPED = "Interrupted before one was worked out."
 NOTHING = "This log leaves no question that another motion would answer."
 HOW = {
     "turn": "turn {names} through a full turn, there and back{before}, at up to {top}",
@@ -83,6 +84,8 @@ def next_experiment(d: Diagnosis) -> str:
     """Return what to log next: which joint, which range, which speed, and what that shows."""
     try:
         return _words(d) or NOTHING
+    except KeyboardInterrupt:  # all else of the diagnosis is kept
+        return STOPPED
     except (IdentError, LinAlgError) as error:  # without advice the diagnosis is still one
         return f"No experiment could be worked out ({error})."
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.diagnosis.grow import NAME as ROUNDS
 from ident.diagnosis.grow import History, Step
 from ident.diagnosis.result import errors_of
 from ident.diagnosis.unobservable import name_of
@@ -197,7 +198,9 @@ def write(history: History, place: str | Path) -> list[Path]:
     page = Page(f"{history.mechanism.name}: grown model", history_card(history), sections)
     data = {**diagnosis_files(history.diagnosis), "report.html": page.html()}
     data["grow.json"] = json_bytes(history_json(history))
-    return write_instead(history.diagnosis, Path(place), model_files(history.fit) | data)
+    written = write_instead(history.diagnosis, Path(place), model_files(history.fit) | data)
+    (Path(place) / ROUNDS).unlink(missing_ok=True)  # of no use any more
+    return written
 
 
 @renders(History, "json")
