@@ -193,6 +193,15 @@ def test_draws_without_any_gain_have_a_quantile():
     assert exceeding(0.1, g) == 41 / 101
 
 
+def test_noise_without_any_gain_makes_no_gain_likely():
+    """As the limit has it: what exceeds that is rarer than alpha, however few draws there are."""
+    draws = 1 / (1 + np.exp(5.0 - np.random.default_rng(5).standard_normal(100)))
+    noise = np.array([-1e-8] * 18 + [1e-5] * 6)
+    chance = Chance({0: draws, 1: draws}, draws, {0: noise, 1: noise}, 0.01)
+    assert chance.limit(0) < 0.6
+    assert chance.p(0.6, 0) < 0.01
+
+
 def credible(seed: int, size: float) -> tuple[bool, int]:
     """Whether the best of 30 slow candidates is, in coloured noise, and which it is."""
     random = np.random.default_rng(seed)

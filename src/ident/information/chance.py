@@ -140,8 +140,9 @@ class Chance:
             n * exceeding(gain, self.whole[place]) / (1 - EVERYWHERE),
             exceeding(gain, self.left) / EVERYWHERE,
         )
-        if len(self.noise[place]):
-            found = max(found, n * exceeding(gain, self.noise[place]))
+        noise = self.noise[place]
+        if len(noise) and (np.median(noise) > 0 or gain <= noise.max()):  # else no tail, as of limits
+            found = max(found, n * exceeding(gain, noise))
         return min(1.0, found)
 
 
