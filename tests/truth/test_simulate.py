@@ -185,6 +185,11 @@ def test_columns_are_those_wanted():
     mechanism, motion = robot("five_bar"), motion_log("five_bar", 50.0, 1.0)
     log, _ = ident.simulate(mechanism, motion, columns=("q", "tau"), joints=["left", "left_elbow"])
     assert set(log.columns) == {"q.left", "q.left_elbow", "tau.left", "tau.right"}
+    arm = robot("arm")  # a tree: what is left out, a hand perhaps, is not of this log
+    log, _ = ident.simulate(
+        arm, motion_log("arm", 50.0, 1.0), columns=("q", "tau"), joints=["yaw", "elbow"]
+    )
+    assert set(log.columns) == {"q.yaw", "q.elbow", "tau.yaw", "tau.elbow"}
     whole, _ = ident.simulate(mechanism, motion)
     assert set(whole.columns) == {
         f"{c}.{j}" for c in ("q", "v", "a", "tau") for j in ("left", "right")

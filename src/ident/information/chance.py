@@ -141,7 +141,9 @@ class Chance:
             exceeding(gain, self.left) / EVERYWHERE,
         )
         noise = self.noise[place]
-        if len(noise) and (np.median(noise) > 0 or gain <= noise.max()):  # else no tail, as of limits
+        if len(noise) and (
+            np.median(noise) > 0 or gain <= noise.max()
+        ):  # else no tail, as of limits
             found = max(found, n * exceeding(gain, noise))
         return min(1.0, found)
 

@@ -30,7 +30,9 @@ CLEAN = 1e-3  # share of noise below which a channel is taken as it is
 NOISY = 0.02  # share of noise in an acceleration that the filter may let pass
 ROWS_OVER_MOTION = 5.0  # cut-off of the rows' filter over the motion's bandwidth
 ROWS_OVER_MOTION_LEAST = 2.0  # the same where accelerations are noisy
-STILL = 0.001  # share of a joint's top speed below which it stands still: splines are off by 3e-7 of it
+STILL = (
+    0.001  # share of a joint's top speed below which it stands still: splines are off by 3e-7 of it
+)
 NOISE = 4.0  # or so many times the noise of speeds, where that is more
 HARDLY = 0.5  # noise that is this share of the top speed is all that moves the joint
 LOOKED_AT = 500  # samples from which the closures' transmission is taken

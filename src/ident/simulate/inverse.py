@@ -17,6 +17,7 @@ from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import CENTROIDAL, DYNAMIC, beyond_centroidal
 from ident.motion import Motion, State, complete
+from ident.motion.closures import independent_joints
 from ident.simulate.plant import constant_correction
 
 CHANNELS = ("q", "v", "a", "tau")
@@ -131,11 +132,14 @@ def columns_of(
     joints: Sequence[str],
 ) -> dict[str, np.ndarray]:
     """Return a log's columns (n,) of the coordinates, rates and accelerations (n, J) of joints, and
-    of the torques (n,) by drive, which their channels write late.
+    of the torques (n,) by drive, which their channels write late: of all drives where these joints
+    determine the motion, else of those that are among them.
     """
     series = {c: x for c, x in zip("qva", motion, strict=True) if c in channels}
     logged = joint_columns(mechanism, series, joints)
     if "tau" in channels:
+        whole = len(independent_joints(mechanism, joints)) == mechanism.degrees_of_freedom
+        tau = {name: x for name, x in tau.items() if whole or name in joints}
         corrections = [constant_correction(effect, point) for effect in mechanism.effects]
         delays = {name: d for each in corrections for name, d in each.delay.items()}
         logged |= {f"tau.{name}": late(t, x, delays.get(name, 0.0)) for name, x in tau.items()}
