@@ -9,7 +9,7 @@ import pytest
 
 import ident
 from ident import Log, Noise
-from ident.fit.repeated import RepeatedErrors
+from ident.fit.repeated import Periods
 from identification import motion_log, plant, robot
 
 
@@ -71,7 +71,7 @@ def test_what_a_motion_repeats_is_one_witness_in_portions_and_streams(tmp_path):
     parts = ident.gather(case.mechanism, path, samples=512).fit
     for fit in (whole, parts):
         assert "repeated errors" in {each.code for each in fit.all_findings}
-        assert fit.repeated.period == pytest.approx(4.0, rel=0.01)
+        assert min(fit.repeated.period.values()) == pytest.approx(4.0, rel=0.01)
         assert np.diag(fit.covariance / fit.scatter).min() > 1.5
     stderr = []
     for repeated in (whole.repeated, None):
@@ -84,7 +84,7 @@ def test_what_a_motion_repeats_is_one_witness_in_portions_and_streams(tmp_path):
 
 
 def test_the_design_effect_grows_with_the_periods():
-    again = RepeatedErrors(4.0, 0.5, 0.6, 0.4)
+    again = Periods({"run": 4.0}, {"a": 0.6, "b": 0.4}, 0.3)
     assert again.variance(2.0) == 1.0
     assert again.variance(20.0) == pytest.approx(3.0)
-    assert replace(again, rho=1.0).variance(20.0) == pytest.approx(5.0)
+    assert replace(again, rho={"a": 1.0}).variance(20.0) == pytest.approx(5.0)

@@ -42,7 +42,8 @@ from ident.fit.channel_fits import LEAVES
 from ident.fit.data_checks import NEARLY, DataChecks, Health
 from ident.fit.faults import CredibleFault, Fault, fault_finding, scale_of_time
 from ident.fit.findings import Finding
-from ident.fit.residual import Periods, residual_of
+from ident.fit.repeated import Periods
+from ident.fit.residual import residual_of
 from ident.progress import part
 
 SHOWN = 3  # candidates that are listed though nothing speaks for them

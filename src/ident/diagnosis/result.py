@@ -23,7 +23,8 @@ from ident.effects import Effect
 from ident.effects.formula import Formula
 from ident.fit import Fit
 from ident.fit.data_checks import Health
-from ident.fit.residual import Failure, Periods
+from ident.fit.repeated import Periods
+from ident.fit.residual import Failure
 from ident.fit.values import Value
 from ident.information.blocks import Error
 from ident.mechanism.mechanism import Mechanism

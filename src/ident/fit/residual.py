@@ -3,17 +3,11 @@
     share_j = (rms_j / rms(τ_j))² / Σ_i (rms_i / rms(τ_i))²
 
 Joints weigh by their measured torque, so that N m and N, strong joints and weak ones can be added.
-Where a log repeats its motion with a period T, the residual that repeats with it is no noise:
-
-    likeness(T) = 1 − Var(q(t+T) − q(t)) / 2 Var(q)         of each independent joint that moves
-    ρ_rep = corr(r(t), r(t+T))
-
-Near 1, physics is missing; near 0, none is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -27,8 +21,8 @@ from ident.equations.unknowns import Point
 from ident.errors import FitError
 from ident.fit.prediction import Trace, trace_of
 from ident.fit.problem import too_short
+from ident.fit.repeated import Periods, repetition
 from ident.fit.residual_maps import (
-    ERRORS,
     MapStep,
     Memory,
     SignalMap,
@@ -36,14 +30,12 @@ from ident.fit.residual_maps import (
     described,
     folds,
     memory_of,
-    own_correlation,
     own_maps,
     signal_maps,
 )
 from ident.information.blocks import Error, Squares
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
-from ident.motion.repetition import period_of
 from ident.motion.signals import runs
 
 FAR = 1e4  # s, beyond which no experiment begins by its own clock
@@ -52,8 +44,6 @@ PARTS = 50  # of an experiment that one window is
 SHORTEST, LONGEST = 0.1, 1.0  # s, of a window
 WINDOW_LARGER = 2.0  # times the median of local rms values
 MOST = 5  # windows
-CHANCE = 0.4  # correlation between periods that the noise of good logs has
-FEWEST = 16  # pairs of rows from which a correlation between periods can be determined
 SHORT = 3  # rows without a gap, too few for a spectrum
 
 
@@ -174,21 +164,6 @@ class Failure(Displayed):
         }
 
 
-@dataclass(frozen=True)
-class Periods:
-    """Repetition of the motion, and of the residual with it.
-
-    Attributes:
-        period: [s], by experiment that has any.
-        rho: correlation of the residual between periods, by joint.
-        chance: correlation below which noise may repeat: 0.4, or four standard errors.
-    """
-
-    period: Mapping[str, float]
-    rho: Mapping[str, float]
-    chance: float
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Residual(Displayed):
     """A model's residual on a motion. Made by `residual_of`.
@@ -265,7 +240,8 @@ class Residual(Displayed):
     @cached_property
     def periods(self) -> Periods | None:
         """Repetition of the motion and of the residual; None where no log repeats its motion."""
-        return _periods(self)
+        joints = np.array([self.signals.index(joint) for joint in self.joints])
+        return repetition(self.motion, self.traces, joints, self.rate)
 
     def zero(self, trace: Trace) -> float:
         """Return where a trace's time is counted from [s]: its log's start if far from 0."""
@@ -427,42 +403,3 @@ def _worst(residual: Residual, u: int, effective: float) -> tuple[Window, ...]:
                 window = Window(name, float(t[run][0]), float(t[run][-1]))
                 windows.append((-float((r[run] ** 2).sum()), window))
     return tuple(window for _, window in sorted(windows, key=lambda each: each[0])[:MOST])
-
-
-# --- repetition ----------------------------------------------------------------------------------
-
-
-def _periods(residual: Residual) -> Periods | None:
-    periods: dict[str, float] = {}
-    pairs = []
-    traces = list(residual.traces)  # in the order of the experiments, of which some have no rows
-    for e in residual.motion.experiments:
-        if not traces or traces[0].name != e.name or traces[0].t[0] < e.t[0]:
-            continue
-        trace = traces.pop(0)
-        at = np.array([residual.signals.index(joint) for joint in residual.joints])
-        if (period := period_of(e, at, residual.motion.band.motion)) is not None:
-            name = e.name if e.name not in periods else f"{e.name} ({len(periods) + 1})"
-            periods[name] = period
-            pairs.append(_pairs(trace, period))
-    if sum(len(early) for early, _ in pairs) < FEWEST:
-        return None
-    first, second = (np.concatenate(each) for each in zip(*pairs, strict=True))
-    a, b = first - first.mean(axis=0), second - second.mean(axis=0)
-    rho = (a * b).sum(axis=0) / np.sqrt((a**2).sum(axis=0) * (b**2).sum(axis=0) + 1e-300)
-    own = own_correlation(residual.motion.band.cutoff, residual.rate)
-    independent = len(first) / float(1 + 2 * (own**2).sum())
-    chance = max(CHANCE, ERRORS / float(np.sqrt(max(independent, 1.0))))
-    return Periods(periods, dict(zip(residual.joints, map(float, rho), strict=True)), chance)
-
-
-def _pairs(trace: Trace, T: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return r(t) and r(t + T) (m, d), at the rows t."""
-    run = max(trace.runs(), key=lambda each: each.stop - each.start)
-    t, r = trace.t[run], trace.residual[run]
-    early = t + T <= t[-1] + 1e-9
-    if not early.any():
-        return r[:0], r[:0]
-    from scipy.interpolate import CubicSpline  # takes 0.2 s to import
-
-    return r[early], CubicSpline(t, r)(np.minimum(t[early] + T, t[-1]))

@@ -24,7 +24,7 @@ from ident.fit.likelihood import Likelihood
 from ident.fit.multipliers import Reactions, identifiable_multipliers
 from ident.fit.prediction import Prediction, predict
 from ident.fit.problem import Problem
-from ident.fit.repeated import RepeatedErrors, mean_duration, repeated_errors
+from ident.fit.repeated import Periods, period_of
 from ident.fit.residual import Charted, Residual, floor_of, residual_of
 from ident.fit.values import (
     BaseValue,
@@ -42,6 +42,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 
 LONG = 40  # characters of a name that tells where each effect is
+ROUNDING = 1e-6  # relative error below which a residual is that of rounding and interpolation
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -134,15 +135,20 @@ class Fit(Charted):
     @cached_property
     def all_findings(self) -> tuple[Finding, ...]:
         """Errors in the data, torques that the model leaves unexplained, then all others."""
-        again = (
-            () if self.repeated is None else (self.repeated.finding(mean_duration(self.motion)),)
-        )
+        again = () if self.repeated is None else (self.repeated.finding(self.motion.duration),)
         return (*self.health.findings, *self.checks.poor(), *self.findings, *again)
 
     @cached_property
-    def repeated(self) -> RepeatedErrors | None:
-        """What a repeated motion repeats of the residual."""
-        return repeated_errors(self.motion, self.train, lambda: self.residual)
+    def repeated(self) -> Periods | None:
+        """What a repeated motion repeats of the residual; None where it is no more than chance."""
+        motion, joints = self.motion, self.mechanism.joint_index
+        places = np.array([joints[name] for name in motion.independent])
+        if all((each.relative or 0.0) < ROUNDING for each in self.train.values()) or not any(
+            period_of(e, places, motion.band.motion) for e in motion.experiments
+        ):
+            return None
+        again = self.residual.periods
+        return again if again and max(again.rho.values()) >= again.chance else None
 
     @cached_property
     def covariance(self) -> np.ndarray:
@@ -151,7 +157,7 @@ class Fit(Charted):
         """
         cov = self.scatter
         if self.repeated is not None:
-            cov = self.repeated.variance(mean_duration(self.motion)) * cov
+            cov = self.repeated.variance(self.motion.duration) * cov
         if max(self.relative.values(), default=0.0) < SMALL:  # no fault is named
             return cov
         moved = self.estimate.base.combined(self.checks.moved)

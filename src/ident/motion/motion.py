@@ -93,6 +93,11 @@ class Motion(Displayed):
         return sum(len(experiment) for experiment in self.experiments)
 
     @property
+    def duration(self) -> float:
+        """Mean duration of the logs [s]; of an excerpt, of whole logs."""
+        return self.samples / float(np.mean([e.rate for e in self.experiments])) / len(self.names)
+
+    @property
     def rows(self) -> list[list[str]]:
         """The logs as a table: name, samples, duration, rate, samples left out; the head first."""
         rows = [["log", "samples", "duration", "rate", "left out"]]
