@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident.excite.excitation import Criterion, log_condition
-from ident.excite.limits import LimitBox, Quantity
+from ident.excite.limits import LimitBox
 from ident.excite.trajectory import Fourier
 
 
@@ -68,7 +68,7 @@ def test_nothing_between_samples_exceeds_the_bound():
 
 def test_excess_of_a_box():
     kinds = ("position", "speed", "singularity", "torque")
-    quantities = tuple(Quantity("j", kind, "1") for kind in kinds)
+    quantities = tuple(("j", kind, "1") for kind in kinds)
     low, high = np.array([-1.0, -2.0, -np.inf, -np.inf]), np.array([2.0, 2.0, 5.0, np.inf])
     box = LimitBox(quantities, low, high)
     z = np.random.default_rng(4).uniform(-0.9, 1.9, size=(6, 4))

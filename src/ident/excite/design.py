@@ -15,7 +15,7 @@ from scipy.optimize import NonlinearConstraint, minimize
 from ident.equations.unknowns import Columns
 from ident.errors import MechanismError, MotionError, one_of
 from ident.excite.excitation import Criterion, Determined, Excitation, places_of, with_rivals
-from ident.excite.limits import LimitBox, Limits, limits_in_force
+from ident.excite.limits import LimitBox, Limits
 from ident.excite.trajectory import (
     Family,
     Fourier,
@@ -27,7 +27,7 @@ from ident.fit.shapes import initial
 from ident.information.estimate import TOLERANCE, Base, rank_revealing
 from ident.information.triangle import Triangle
 from ident.log import Log
-from ident.mechanism.mechanism import Joint, Mechanism
+from ident.mechanism.mechanism import Mechanism
 from ident.motion import Band, Motion
 from ident.motion.closures import LoopSolver
 from ident.motion.recipe import thresholds, top_speeds
@@ -121,19 +121,15 @@ class DesignProblem:
             raise MotionError(f"{mechanism.name}: nothing is unknown, so no motion is needed")
         names = moved_joints(mechanism)
         start = LoopSolver(mechanism, names).coordinates(mechanism.assembled[None]).value[0]
+        at_start = at_rest(mechanism, names, start, np.arange(2.0))
+        pinv = 1.0 if at_start.loop is None else float(np.linalg.norm(at_start.pinv[0]))
         known = dict(zip(names, start, strict=True))
-        all_joints, acceleration, notes = limits_in_force(mechanism, limits, names, known)
-        index = [mechanism.joint_index[name] for name in names]
-        joints = [all_joints[i] for i in index]
-        home = _home(mechanism, joints, start, notes)
-        series = Fourier(
-            period,
-            harmonics,
-            home,
-            half=np.array([0.5 * (j.upper - j.lower) for j in joints]),
-            speed=np.array([j.velocity for j in joints]),
-            acceleration=np.array([acceleration[i] for i in index]),
-        )
+        exact, notes = LimitBox.of(mechanism, limits, known, pinv)
+        low, high = exact.of_joints("position", names)
+        speed = exact.of_joints("speed", names)[1]
+        acceleration = exact.of_joints("acceleration", names)[1]
+        home = _home(mechanism, names, start, low, high, notes)
+        series = Fourier(period, harmonics, home, 0.5 * (high - low), speed, acceleration)
         n = SAMPLES * harmonics
         t = period * np.arange(n) / n
         rest = at_rest(mechanism, names, home, t)
@@ -146,26 +142,24 @@ class DesignProblem:
         family = Family(
             mechanism, columns, initial(mechanism, motion), series, rest, series.basis(t)
         )
-        pinv = 1.0 if rest.loop is None else float(np.linalg.norm(rest.pinv[0]))
-        exact = LimitBox.of(mechanism, limits, all_joints, acceleration, pinv)
         z = exact.z(family.rows(rest.at_samples(slice(0, 1))).e)
         if (at := exact.broken(z)) is not None:
-            quantity, low, high = exact.quantities[at], exact.low[at], exact.high[at]
-            unit = quantity.unit
+            (joint, kind, unit), lower, upper = exact.quantities[at], exact.low[at], exact.high[at]
             why = (
-                f"to stand still at home asks {z[0, at]:.4g} {unit} of {quantity.joint}, and its "
-                f"limit is {high:.4g} {unit} (the reserve of {100 * limits.reserve:.3g} % taken "
+                f"to stand still at home asks {z[0, at]:.4g} {unit} of {joint}, and its "
+                f"limit is {upper:.4g} {unit} (the reserve of {100 * limits.reserve:.3g} % taken "
                 "off); raise its limit of torque, lower the reserve, or give another [joints] start"
             )
-            if quantity.kind == "position":
+            if kind == "position":
                 why = (
-                    f"at home {quantity.joint} is at {z[0, at]:.4g} {unit}, its range is {low:.4g} "
-                    f"to {high:.4g}; widen it, or give another [joints] start"
+                    f"at home {joint} is at {z[0, at]:.4g} {unit}, its range is {lower:.4g} "
+                    f"to {upper:.4g}; widen it, or give another [joints] start"
                 )
             raise MotionError(f"{mechanism.name}: the limits leave no motion: {why}")
         box = exact.tightened(names, series.between(n), MARGIN)
         pilots = _pilots(family, box, seed)
-        sigma = _noise(joints, pilots, noise)
+        torque = exact.of_joints("torque", names)[1] / (1 - limits.reserve)
+        sigma = _noise(names, torque, pilots, noise)
         W = np.concatenate([rows.A for rows in pilots]) / sigma[:, None]
         W = W.reshape(-1, W.shape[2])
         base = rank_revealing(Triangle.of(W, np.zeros(len(W))), TOLERANCE)
@@ -312,25 +306,27 @@ class DesignProblem:
 
 
 def _home(
-    mechanism: Mechanism, joints: list[Joint], start: np.ndarray, notes: list[str]
+    mechanism: Mechanism,
+    names: tuple[str, ...],
+    start: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    notes: list[str],
 ) -> np.ndarray:
     """Return the home (d,) [rad | m]: the start, moved into the ranges of a tree's joints."""
-    home = start.copy()
-    for i, joint in enumerate(joints):
-        inside = joint.lower <= start[i] <= joint.upper
-        if mechanism.closures and not inside:
+    home = start
+    if not mechanism.closures:
+        margin = AWAY * (high - low)
+        home = np.clip(start, low + margin, high - margin)
+    for i in np.flatnonzero((start < low) | (start > high)):
+        unit = mechanism.joint(names[i]).unit
+        if mechanism.closures:
             raise MotionError(
-                f"{mechanism.name}: [joints] start has {joint.name} at {start[i]:.4g} "
-                f"{joint.unit}, outside its range {joint.lower:.4g} to {joint.upper:.4g}; widen "
-                "the range, or give a start inside it"
+                f"{mechanism.name}: [joints] start has {names[i]} at {start[i]:.4g} {unit}, "
+                f"outside its range {low[i]:.4g} to {high[i]:.4g}; widen the range, or give a "
+                "start inside it"
             )
-        if not mechanism.closures:
-            margin = AWAY * (joint.upper - joint.lower)
-            home[i] = np.clip(start[i], joint.lower + margin, joint.upper - margin)
-        if not inside:
-            notes.append(
-                f"{joint.name} starts outside its range: {home[i]:.4g} {joint.unit} is home instead"
-            )
+        notes.append(f"{names[i]} starts outside its range: {home[i]:.4g} {unit} is home instead")
     return home
 
 
@@ -351,17 +347,18 @@ def _pilots(family: Family, box: LimitBox, seed: int) -> list[MotionRows]:
     return pilots
 
 
-def _noise(joints: list[Joint], pilots: list[MotionRows], given: Mapping[str, float]) -> np.ndarray:
+def _noise(
+    names: tuple[str, ...], most: np.ndarray, pilots: list[MotionRows], given: Mapping[str, float]
+) -> np.ndarray:
     """Return (d,) expected noise of torques: given, else 1 % of the limit, else of the rms."""
-    names = [joint.name for joint in joints]
     for name, x in given.items():
         if name not in names:
             raise MechanismError(f"noise: no drive '{name}' is moved; {one_of(name, names)}")
         if not 0 < x < np.inf:
             raise MechanismError(f"noise: {name} = {x:g}; a number above 0 is expected")
     rms = max(float(np.sqrt(np.mean(np.concatenate([p.e.tau for p in pilots]) ** 2))), 1e-9)
-    usual = {j.name: j.effort if np.isfinite(j.effort) else rms for j in joints}
-    return np.array([given.get(name, NOISE * usual[name]) for name in names])
+    usual = NOISE * np.where(np.isfinite(most), most, rms)
+    return np.array([given.get(name, x) for name, x in zip(names, usual, strict=True)])
 
 
 DRAWS = 25  # random motions, the best of which each search starts from

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ident.errors import MechanismError, one_of
-from ident.mechanism.mechanism import Joint, Mechanism
+from ident.mechanism.mechanism import Mechanism
 from ident.motion import State
 
 CROSSING = 1.0  # [s] in which a joint without a limit of speed may cross its range; a convention
@@ -64,64 +64,10 @@ class Limits:
             )
 
 
-def limits_in_force(
-    mechanism: Mechanism, limits: Limits, independent: tuple[str, ...], start: Mapping[str, float]
-) -> tuple[list[Joint], list[float], list[str]]:
-    """Return the joints with their limits, accelerations [rad/s² | m/s²], and assumptions.
-
-    Joints in `independent` are moved; these need a range and a speed, `start` [rad | m] is where
-    they begin. Refuses an unknown joint, or a sliding drive without a range.
-    """
-    for given in (limits.range, limits.speed, limits.acceleration, limits.torque):
-        for name in given if isinstance(given, Mapping) else ():
-            mechanism.joint(name)
-            if given is limits.torque and name not in mechanism.driven:
-                raise MechanismError(
-                    f"{mechanism.name}: limit of torque: '{name}' is passive; "
-                    f"{one_of(name, mechanism.driven)}"
-                )
-    joints, acceleration, notes = [], [], []
-    for joint in mechanism.joints:
-        name, driven = joint.name, joint.name in mechanism.driven
-        low, high = limits.range.get(name, (joint.lower, joint.upper))
-        joint = replace(
-            joint,
-            lower=low,
-            upper=high,
-            velocity=_limit(limits.speed, name, driven, joint.velocity or np.inf),
-            effort=_limit(limits.torque, name, driven, joint.effort or np.inf),
-        )
-        if name in independent:
-            joint, assumed = _bounded(joint, start[name])
-            notes += assumed
-        joints.append(joint)
-        acceleration.append(_limit(limits.acceleration, name, driven, np.inf))
-    return joints, acceleration, notes
-
-
 def _limit(given: Given, name: str, driven: bool, urdf: float) -> float:
     if isinstance(given, Mapping):
         return float(given.get(name, urdf))
     return min(float(given), urdf) if given is not None and driven else urdf
-
-
-def _bounded(joint: Joint, start: float) -> tuple[Joint, list[str]]:
-    """Return a driven joint with a range and a speed, where the URDF gives none."""
-    notes = []
-    if joint.rotational and joint.upper - joint.lower > 2 * np.pi:
-        joint = replace(joint, lower=start - np.pi, upper=start + np.pi)
-        notes.append(f"{joint.name} may turn on and on: moved by up to half a turn either way")
-    if not np.isfinite(joint.upper - joint.lower):
-        raise MechanismError(
-            f"joint '{joint.name}' slides without limits; say how far: "
-            f"--range {joint.name}=LOWER:UPPER"
-        )
-    if not np.isfinite(joint.velocity):
-        joint = replace(joint, velocity=(joint.upper - joint.lower) / CROSSING)
-        notes.append(
-            f"{joint.name} has no limit of speed: {joint.velocity:.3g} {joint.unit}/s is taken"
-        )
-    return joint, notes
 
 
 @dataclass(frozen=True)
@@ -145,13 +91,8 @@ class LimitUse:
     share: float
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """One limited quantity: its joint, kind (position, speed, …) and unit."""
-
-    joint: str
-    kind: str
-    unit: str
+Quantity = tuple[str, str, str]
+"""Joint, kind (position, speed, …) and unit of one limited quantity."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,26 +106,59 @@ class LimitBox:
 
     @classmethod
     def of(
-        cls,
-        mechanism: Mechanism,
-        limits: Limits,
-        joints: Sequence[Joint],
-        acceleration: Sequence[float],
-        size: float,
-    ) -> LimitBox:
-        """Make the box from the limits in force and ‖K⁺‖ at home (unused in a tree)."""
-        rows = [(j.name, "position", j.unit, j.lower, j.upper) for j in joints]
-        rows += [(j.name, "speed", f"{j.unit}/s", -j.velocity, j.velocity) for j in joints]
-        for j, most in zip(joints, acceleration, strict=True):
-            rows.append((j.name, "acceleration", f"{j.unit}/s²", -most, most))
-        for j in (joints[mechanism.joint_index[name]] for name in mechanism.driven):
-            most = (1 - limits.reserve) * j.effort
-            rows.append((j.name, "torque", j.force_unit, -most, most))
+        cls, mechanism: Mechanism, limits: Limits, start: Mapping[str, float], size: float
+    ) -> tuple[LimitBox, list[str]]:
+        """Return the limits in force, and assumptions.
+
+        The joints in `start` [rad | m] are moved from there; they need a range and a speed. `size`
+        is ‖K⁺‖ there. Refuses an unknown joint, or a sliding drive without a range.
+        """
+        for given in (limits.range, limits.speed, limits.acceleration, limits.torque):
+            for name in given if isinstance(given, Mapping) else ():
+                mechanism.joint(name)
+                if given is limits.torque and name not in mechanism.driven:
+                    raise MechanismError(
+                        f"{mechanism.name}: limit of torque: '{name}' is passive; "
+                        f"{one_of(name, mechanism.driven)}"
+                    )
+        rows: dict[Quantity, tuple[float, float]] = {}
+        notes = []
+        for j in mechanism.joints:
+            driven = j.name in mechanism.driven
+            low, high = limits.range.get(j.name, (j.lower, j.upper))
+            speed = _limit(limits.speed, j.name, driven, j.velocity or np.inf)
+            acceleration = _limit(limits.acceleration, j.name, driven, np.inf)
+            torque = (1 - limits.reserve) * _limit(
+                limits.torque, j.name, driven, j.effort or np.inf
+            )
+            if j.name in start and j.rotational and high - low > 2 * np.pi:
+                low, high = start[j.name] - np.pi, start[j.name] + np.pi
+                notes.append(f"{j.name} may turn on and on: moved by up to half a turn either way")
+            if j.name in start and not np.isfinite(high - low):
+                raise MechanismError(
+                    f"joint '{j.name}' slides without limits; say how far: "
+                    f"--range {j.name}=LOWER:UPPER"
+                )
+            if j.name in start and not np.isfinite(speed):
+                speed = (high - low) / CROSSING
+                notes.append(f"{j.name} has no limit of speed: {speed:.3g} {j.unit}/s is taken")
+            rows[j.name, "position", j.unit] = low, high
+            rows[j.name, "speed", f"{j.unit}/s"] = -speed, speed
+            rows[j.name, "acceleration", f"{j.unit}/s²"] = -acceleration, acceleration
+            if driven:
+                rows[j.name, "torque", j.force_unit] = -torque, torque
         if mechanism.closures:
-            rows.append(("", "singularity", "1", -np.inf, limits.singular * size))
-        quantities = tuple(Quantity(*row[:3]) for row in rows)
-        low, high = np.array([row[3:] for row in rows]).T
-        return cls(quantities, low, high)
+            rows["", "singularity", "1"] = -np.inf, limits.singular * size
+        order = [*dict.fromkeys(kind for _, kind, _ in rows)]
+        quantities = sorted(rows, key=lambda q: order.index(q[1]))
+        low_, high_ = np.array([rows[each] for each in quantities]).T
+        return cls(tuple(quantities), low_, high_), notes
+
+    def of_joints(self, kind: str, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+        """Return both limits (d,) of one kind of some joints."""
+        known = [each[:2] for each in self.quantities]
+        at = [known.index((name, kind)) for name in names]
+        return self.low[at], self.high[at]
 
     def z(self, e: State) -> np.ndarray:
         """Return z (n, Z) of an experiment that has its predicted torques."""
@@ -212,7 +186,7 @@ class LimitBox:
         series is bounded between samples too, `margin` to everything that follows from them.
         """
         kinds = ("position", "speed", "acceleration")
-        own = [q.joint in moved and q.kind in kinds for q in self.quantities]
+        own = [joint in moved and kind in kinds for joint, kind, _ in self.quantities]
         share = np.where(own, between, margin)
         low, high = (self.middle + share * (x - self.middle) for x in (self.low, self.high))
         return replace(self, low=low, high=high)
@@ -231,10 +205,12 @@ class LimitBox:
         closed = np.isfinite(self.low) & np.isfinite(self.high)
         low, high = z.min(axis=0), z.max(axis=0)
         covered = np.where(closed, (high - low) / (2 * self.half), 0.0)
-        ranges = [q.kind == "position" for q in self.quantities]
+        ranges = [kind == "position" for _, kind, _ in self.quantities]
         share = np.where(ranges, covered, np.maximum(-low, high) / self.high)
         numbers = np.stack([low, high, self.low, self.high, share], axis=1).tolist()
         return tuple(
-            LimitUse(q.joint, q.kind, a, b, lower, upper, q.unit, used)
-            for q, (a, b, lower, upper, used) in zip(self.quantities, numbers, strict=True)
+            LimitUse(joint, kind, a, b, lower, upper, unit, used)
+            for (joint, kind, unit), (a, b, lower, upper, used) in zip(
+                self.quantities, numbers, strict=True
+            )
         )

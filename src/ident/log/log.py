@@ -27,8 +27,6 @@ import json
 import re
 from dataclasses import replace
 
-from numpy.typing import NDArray
-
 FEWEST_SAMPLES = 10
 LONGEST_STEP = 0.5  # [s] a log of more than 100 samples with a longer median step is not in seconds
 USUAL_RATES = (10.0, 100e3)  # [Hz]
@@ -62,12 +60,13 @@ def with_clock(table: RawTable, source: Column | None = None) -> RawTable:
         )
     repeats = np.flatnonzero(step == 0) + 1
     if repeats.size:
-        run = np.concatenate([[0], np.cumsum(step > 0)])  # (n_rows,) which stamp a row belongs to
         note = (
             f"{_count(repeats.size, 'repeated time stamp')}, first at "
             f"{table.where(int(repeats[0]))}: the first value of each kept"
         )
-        columns = {name: _first_of_runs(x, run) for name, x in table.columns.items()}
+        rows = pl.DataFrame(dict(table.columns)).fill_nan(None)
+        rows = rows.group_by("t", maintain_order=True).agg(pl.all().drop_nulls().first())
+        columns = {each.name: each.fill_null(np.nan).to_numpy() for each in rows}
         repairs = (*table.repairs, note)
         table = replace(table, columns=columns, repairs=repairs, lines=None)  # rows are no lines
         t = table.columns["t"]
@@ -79,13 +78,6 @@ def with_clock(table: RawTable, source: Column | None = None) -> RawTable:
     if t.size > 100 and np.median(np.diff(t)) > LONGEST_STEP:
         raise LogError(f"{table.file}: {_wrong_unit(t, source or Column('t'))}")
     return table
-
-
-def _first_of_runs(x: Array, run: NDArray[np.int64]) -> Array:
-    first = np.full(int(run[-1]) + 1, np.nan)
-    known = np.flatnonzero(~np.isnan(x))[::-1]
-    first[run[known]] = x[known]  # of several, the last assignment stays: the run's first
-    return first
 
 
 def _wrong_unit(t: Array, source: Column) -> str:

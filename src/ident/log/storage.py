@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import os
 import re
 import zipfile
 import zlib
@@ -182,27 +181,11 @@ def read_parquet(path: Path) -> RawTable:
 
 @contextlib.contextmanager
 def parquet_errors(path: Path) -> Iterator[None]:
-    """Raise what polars raises for a bad Parquet file as a LogError, without the words to standard
-    error of threads that panic.
-    """
-    try:
-        with _silence():
-            yield
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
-        raise LogError(f"{path}: not a Parquet file, or a damaged one; write it again") from error
-
-
-@contextlib.contextmanager
-def _silence() -> Iterator[None]:
-    """Let standard error of this process lead nowhere."""
-    before, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 2)
+    """Raise what polars raises for a bad Parquet file as a LogError."""
     try:
         yield
-    finally:
-        os.dup2(before, 2)
-        os.close(before)
-        os.close(nowhere)
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
+        raise LogError(f"{path}: not a Parquet file, or a damaged one; write it again") from error
 
 
 def read_npz(path: Path) -> RawTable:

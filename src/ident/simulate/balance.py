@@ -48,21 +48,19 @@ class Balance:
     holding: bool  # whether the friction of stuck joints suffices
 
 
+@dataclass(eq=False)
 class Dynamics:
-    """The right side of the equations of motion; drives are predicted in `independent` joints."""
+    """The right side of the equations of motion."""
 
-    def __init__(
-        self,
-        plant: Plant,
-        actuator: Actuator,
-        independent: tuple[str, ...],
-        extra: Extra,
-        since: float,
-    ) -> None:
-        self.plant, self.actuator, self.independent = plant, actuator, independent
-        self.extra, self.since = extra, since  # other columns of a log, and its first sample [s]
-        self.wrenches = {name: x for name, x in extra.items() if name.startswith("wrench.")}
-        self.asking = plant.laws.asking
+    plant: Plant
+    actuator: Actuator
+    independent: tuple[str, ...]  # joints in which drives are predicted
+    extra: Extra  # other columns of a log
+    since: float  # its first sample [s]
+
+    def __post_init__(self) -> None:
+        self.wrenches = {n: x for n, x in self.extra.items() if n.startswith("wrench.")}
+        self.asking = self.plant.laws.asking
         self._x, self._slope = np.zeros(len(self.asking)), np.zeros((len(self.asking),) * 2)
 
     def balance(

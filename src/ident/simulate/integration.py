@@ -52,30 +52,28 @@ class Transition:
         return f"{self.t:.6g} s: {self.joint} {what}"
 
 
+@dataclass(eq=False)
 class Integration:
     """One integration over time; `run` performs it, and what it has reached is in the attributes.
 
-    Steps have the relative error `tolerance` and are no longer than `longest` [s]; they end at the
-    times `knots`, where an input is not smooth. Whole turns are counted from coordinates `near`
-    (J,).
-
     Attributes:
+        tolerance: relative error of a step; longest: a step may be [s].
+        knots: times at which steps end, where an input is not smooth [s].
+        near: (J,) coordinates from which whole turns are counted.
         samples: terms, forces and modes (dry,) at the times passed so far.
         transitions: changes of mode; evaluations: of the right side.
     """
 
-    def __init__(
-        self,
-        dynamics: Dynamics,
-        tolerance: float,
-        longest: float = np.inf,
-        knots: np.ndarray | None = None,
-        near: np.ndarray | None = None,
-    ) -> None:
-        self.dynamics, self.tolerance, self.knots = dynamics, tolerance, knots
-        self.plant, self._near = dynamics.plant, near
+    dynamics: Dynamics
+    tolerance: float
+    longest: float = np.inf
+    knots: np.ndarray | None = None
+    near: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        self.plant = self.dynamics.plant
         self.names = [each.name for each in self.plant.laws.dry]
-        self.longest = min(longest, WATCHED) if self.names else longest
+        self.longest = min(self.longest, WATCHED) if self.names else self.longest
         model = self.plant.mechanism.model
         self._cuts = [model.nq, model.nq + model.nv]
         self.samples: list[tuple[InstantTerms, Balance, np.ndarray]] = []
@@ -127,7 +125,7 @@ class Integration:
 
     def _terms(self, t: float, x: np.ndarray) -> InstantTerms:
         q, v, z = np.split(x, self._cuts)
-        return self.plant.terms(t, q, v, z, self._near)
+        return self.plant.terms(t, q, v, z, self.near)
 
     def _speeds(self, x: np.ndarray) -> np.ndarray:
         q, v, _ = np.split(x, self._cuts)
@@ -226,7 +224,7 @@ class Integration:
         q, v, z = np.split(x, self._cuts)
         _, W, _ = plant.joints(q, v)
         q, v = plant.closed(t, q, v, plant.dry[stuck] @ W)
-        self._near, _, _ = plant.joints(q, v, self._near)
+        self.near, _, _ = plant.joints(q, v, self.near)
         return np.concatenate([q, v, z])
 
 

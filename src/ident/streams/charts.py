@@ -217,9 +217,7 @@ def moved_reference(triangle: Triangle, x: np.ndarray) -> np.ndarray:
     """
     size = triangle.column_norms()
     safe = np.where(size > FELT * size.max(initial=0.0), size, np.inf)
-    U, s, Vt = linear.svd(triangle.R / safe)
-    known = s > KNOWN * s[0]
-    return x + Vt[known].T @ ((U[:, known].T @ (triangle.d - triangle.R @ x)) / s[known]) / safe
+    return x + linear.pinv(triangle.R / safe, KNOWN) @ (triangle.d - triangle.R @ x) / safe
 
 
 def statistics(intervals: Sequence[WatchedInterval], x: np.ndarray) -> tuple[np.ndarray, ...]:

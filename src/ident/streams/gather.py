@@ -50,7 +50,6 @@ class Gathered(Displayed):
 
     Attributes:
         fit: of all logs; its motion, and with it every picture, is an excerpt.
-        regression: all rows as triangles; `Block.log` is the number of the log in the plan.
         plan: what all portions had in common; its parts are the logs that were opened.
         workers: who did the work.
         worked, resumed: portions worked in this run, and those found in a checkpoint.
@@ -58,7 +57,6 @@ class Gathered(Displayed):
     """
 
     fit: Fit
-    regression: Problem
     plan: Plan
     workers: Workers
     worked: int
@@ -80,7 +78,7 @@ class Gathered(Displayed):
         """The logs one by one, and which of them disagree with the others."""
         names = {i: part.name for i, part in enumerate(self.plan.parts)}
         samples = {part.name: part.samples for part in self.plan.parts}
-        return compare_logs(self.regression, names, samples, self.broken)
+        return compare_logs(self.fit.problem, names, samples, self.broken)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -212,7 +210,7 @@ def gather(
         x = fitted.solution.x
         errors, copies = _validation(plan, regression, x, workers, others, samples)
         fit = replace(fit, validation=errors, findings=(*fit.findings, *copies))
-    return Gathered(fit, regression, plan, workers, worked, resumed, saved)
+    return Gathered(fit, plan, workers, worked, resumed, saved)
 
 
 def _check_portionable(mechanism: Mechanism, consistent: bool | Consistency) -> None:
@@ -260,7 +258,7 @@ def _summed(
             key = plan.parts[done.portion.log].name, each.code, each.where
             if key not in gravest or (each.number or 0.0) > (gravest[key].number or 0.0):
                 gravest[key] = each
-        if saved is not None and saved.due(count):
+        if saved is not None:
             saved.write(count, total.values(), workers.broken)
     out = {i for i, part in enumerate(plan.parts) if part.name in workers.broken}
     blocks = [each for each in total.values() if each.log not in out]

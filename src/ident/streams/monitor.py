@@ -8,8 +8,8 @@ then      x_ref ← x_ref + θ: what was named is the new normal, and watching g
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -132,43 +132,38 @@ class _Raised:
         return self.lead >= STEADY and length >= ENOUGH
 
 
+@dataclass(eq=False, repr=False)
 class Monitor(Displayed):
     """Watches a machine against its reference; made by `Monitor.of`.
 
-    Args:
+    Attributes:
         watched: the reference and the suspects; its `mechanism`, `columns`, `point` and `cutoff`
             are those of the rows that `absorb` takes.
         calibration: the charts, and how they did on the log of normal running.
-        reference: (k,) what normal running has of all columns.
+        normal: (k,) what normal running has of all columns; reference: (k,) with the changes that
+            have been named.
         multipliers: triangles of ∂λ/∂x.
         seconds: of an interval; patience: longest time for naming [s].
         false_alarms_per_hour: stated.
-
-    Attributes:
-        normal: (k,) as given; reference: (k,) with the changes that have been named.
         alarms: all so far.
         raised: the change that is being named or learnt, if there is one; no other is watched for.
     """
 
-    def __init__(
-        self,
-        watched: Watched,
-        calibration: Calibration,
-        reference: np.ndarray,
-        multipliers: Sequence[Triangle],
-        seconds: float,
-        patience: float,
-        false_alarms_per_hour: float,
-    ) -> None:
-        self.watched, self.calibration, self.multipliers = watched, calibration, multipliers
-        self.seconds, self.patience = seconds, patience
-        self.false_alarms_per_hour = false_alarms_per_hour
-        self.normal, self.reference = reference, reference.copy()
-        self.design = calibration.design
+    watched: Watched
+    calibration: Calibration
+    normal: np.ndarray
+    multipliers: Sequence[Triangle]
+    seconds: float
+    patience: float
+    false_alarms_per_hour: float
+
+    def __post_init__(self) -> None:
+        self.reference = self.normal.copy()
+        self.design = self.calibration.design
         self.alarms: list[Alarm] = []
         self.raised: _Raised | None = None
         self._charts = Charts.fresh(len(self.design.weight))
-        self._cutter = Cutter(seconds)
+        self._cutter = Cutter(self.seconds)
         self._held: deque[WatchedInterval] = deque(maxlen=HELD)
 
     @classmethod
@@ -225,10 +220,7 @@ class Monitor(Displayed):
 
     def fresh(self) -> Monitor:
         """Return the same monitor before it has seen anything, as after a repair."""
-        return Monitor(
-            self.watched, self.calibration, self.normal, self.multipliers, self.seconds,
-            self.patience, self.false_alarms_per_hour,
-        )  # fmt: skip
+        return replace(self)
 
     @property
     def threshold(self) -> float:
@@ -246,7 +238,8 @@ class Monitor(Displayed):
         Args:
             motion: completed with the filter, and best the knots, of normal running.
         """
-        return self._absorbed(rows for e in motion.experiments for rows in self.watched.rows(e))
+        states = motion.experiments
+        return [x for e in states for rows in self.watched.rows(e) for x in self.absorb(rows)]
 
     def absorb(self, rows: Rows) -> list[Alarm]:
         """Return the alarms that further rows raise. Memory stays as it is.
@@ -254,19 +247,15 @@ class Monitor(Displayed):
         Args:
             rows: of `watched.columns`, in order of time.
         """
-        return self._absorbed([rows])
+        sigma = self.design.normal.sigma
+        intervals = (WatchedInterval.of(x, sigma, self.reference) for x in self._cutter.cut(rows))
+        return [alarm for alarm in map(self._step, intervals) if alarm is not None]
 
     def finish(self) -> list[Alarm]:
         """Return the alarm that waits for its name, named by what there is."""
         if self.raised is None or self.raised.named:
             return []
         return [self._alarm(self.raised, *self._naming(self.raised))]
-
-    def _absorbed(self, parts: Iterable[Rows]) -> list[Alarm]:
-        sigma = self.design.normal.sigma
-        cut = (rows for part in parts for rows in self._cutter.cut(part))
-        steps = (self._step(WatchedInterval.of(rows, sigma, self.reference)) for rows in cut)
-        return [alarm for alarm in steps if alarm is not None]
 
     def _step(self, interval: WatchedInterval) -> Alarm | None:
         self._held.append(interval)

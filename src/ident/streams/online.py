@@ -34,11 +34,10 @@ from ident.fit.values import BaseValue, Value, base_values, effect_values, rigid
 from ident.information.blocks import Error, Squares
 from ident.information.covariance import covariance, prior_covariance
 from ident.information.estimate import Estimate, estimate
-from ident.log import Log
 from ident.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.motion.signals import noise_level
-from ident.streams.samples import DataWatch, Sample, SampleParser, Since
+from ident.streams.samples import DataWatch, Sample, SampleParser, Since, log_of
 from ident.streams.stream import (
     LATENCY,
     Accumulator,
@@ -287,25 +286,22 @@ class Online:
 
     def _judge(self, stream: Stream, X: np.ndarray, over: bool = False) -> None:
         """Look for errors of the data in further samples (n, columns); `over`: no more come."""
+        self.findings = []
+        if self._early is not None:  # once, what `identify` says of the first samples
+            self._early.append(X)
+            some = np.concatenate(self._early)[: CHECKED[1]]
+            full = len(some) == CHECKED[1] or (len(some) and np.ptp(some[:, 0]) >= CHECKED[0])
+            if len(some) and (over or full):
+                self._early, mechanism = None, self._known_mechanism
+                with suppress(IdentError):  # too few: the stream says what it lacks
+                    log = log_of(mechanism.name, stream.columns_of_samples, some)
+                    motion = complete(mechanism, log)
+                    fit = identify(mechanism, motion, estimator="least-squares")
+                    self._bias = fit.checks.moved
+                    findings = (*fit.health.findings, *fit.checks.poor())
+                    self.findings = self._watch.note(findings, float(some[0, 0]))
         states = [each.e.at_samples(each.inside) for each in stream.windows]
-        self.findings = [*self._look(stream, X, over), *self._watch.add(X, states, over)]
-
-    def _look(self, stream: Stream, X: np.ndarray, over: bool = False) -> list[Since]:
-        """Ask once what may be wrong with the data, of the first samples."""
-        if self._early is None:
-            return []
-        self._early.append(X)
-        X, names = np.concatenate(self._early)[: CHECKED[1]], stream.columns_of_samples
-        if not len(X) or not (over or len(X) == CHECKED[1] or np.ptp(X[:, 0]) >= CHECKED[0]):
-            return []
-        self._early, mechanism = None, self._known_mechanism
-        with suppress(IdentError):  # too few: the stream says what it lacks
-            columns = dict(zip(names[1:], X.T[1:], strict=True))
-            motion = complete(mechanism, Log.from_arrays(mechanism.name, X[:, 0], columns))
-            fit = identify(mechanism, motion, estimator="least-squares")
-            self._bias = fit.checks.moved
-            return self._watch.note((*fit.health.findings, *fit.checks.poor()), float(X[0, 0]))
-        return []
+        self.findings = [*self.findings, *self._watch.add(X, states, over)]
 
     def _found(self, stream: Stream) -> Snapshot:
         solved, informed = self._solve()
@@ -338,17 +334,16 @@ class Online:
         if not self._first:
             what = f"nothing moved in {self._resting} samples" if self._resting else "no sample yet"
             raise LogError(f"{self.mechanism.name}: {what}; give `update` some in which it moves")
-        X, names = np.concatenate(self._first), self._parser.columns
-        columns = dict(zip(names[1:], X.T[1:], strict=True))
+        X = np.concatenate(self._first)
         try:
-            log = Log.from_arrays(self.mechanism.name, X[:, 0], columns)
+            log = log_of(self.mechanism.name, self._parser.columns, X)
             like = complete(self.mechanism, log, cutoff=self._cutoff, smoothing=self._smoothing)
         except LogError as error:  # not of one sample
             raise MotionError(str(error)) from None
         self.notes = (*self.notes, *like.notes)
         stream = self._begin(like)
         self._absorb(stream, stream.push(log))
-        self.findings = self._look(stream, stream.last)
+        self._judge(stream, stream.last)
         self._first = []
         return stream
 

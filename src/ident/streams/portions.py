@@ -238,28 +238,23 @@ def _anchors(plan: Plan, number: int) -> np.ndarray:
     return np.array(anchors)
 
 
-def log_of(plan: Plan, portion: Portion) -> Log:
-    """Read a portion with its margins."""
-    part = plan.parts[portion.log]
-    return replace(part.file.piece(portion.begin, portion.end), name=part.name)
-
-
-def motion_of(plan: Plan, portion: Portion, log: Log) -> tuple[State | None, list[str]]:
-    """Complete the motion of a portion with its margins, as the whole log would have made it."""
+def motion_of(plan: Plan, portion: Portion) -> tuple[Log, State | None, list[str]]:
+    """Read a portion with its margins and complete it as the whole log would have been."""
     part, mechanism = plan.parts[portion.log], plan.mechanism
+    log = replace(part.file.piece(portion.begin, portion.end), name=part.name)
     if part.recipe is None:  # the whole log
-        return _completed(plan, log)[1:]
+        return log, *_completed(plan, log)[1:]
     asked = {name for effect in mechanism.effects for name in effect.reads()}
     asked |= {name for name, count in part.values.items() if count > 1}
     absent = [n for n in sorted(asked & {*log.columns}) if np.isfinite(log.columns[n]).sum() < 2]
     where = f"{part.name}: rows {portion.begin} to {portion.end - 1}"
     if absent:
-        return None, [f"{where}: {absent[0]} is empty; they are left out"]
+        return log, None, [f"{where}: {absent[0]} is empty; they are left out"]
     if part.anchors is not None:  # on the branch on which the log arrives
         mechanism = mechanism.starting(part.anchors[portion.number])
     signals = measure(mechanism, log, part.recipe.clock, part.recipe.limits)
     state = part_of(mechanism, signals, part.recipe)
-    return state, [f"{where}: no sample can be used"] if state is None else []
+    return log, state, [f"{where}: no sample can be used"] if state is None else []
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,8 +270,7 @@ class PortionRows:
 def absorbed(plan: Plan, portion: Portion) -> PortionRows:
     """Absorb the rows of a portion."""
     part, columns, cutoff = plan.parts[portion.log], plan.columns, plan.band.cutoff
-    log = log_of(plan, portion)
-    e, notes = motion_of(plan, portion, log)
+    log, e, notes = motion_of(plan, portion)
     if e is None:
         return PortionRows(portion, (), tuple(notes))
     supports = row_supports(plan.mechanism, columns, e)
@@ -296,7 +290,7 @@ def absorbed(plan: Plan, portion: Portion) -> PortionRows:
 
 def multipliers_of(plan: Plan, portion: Portion) -> tuple[np.ndarray, np.ndarray]:
     """Compute t (n,) [s] and multipliers (n, m) [N | N m] of the samples of a portion."""
-    e, _ = motion_of(plan, portion, log_of(plan, portion))
+    _, e, _ = motion_of(plan, portion)
     if e is None:
         return np.empty(0), np.empty((0, len(plan.mechanism.kinematics.multipliers)))
     own = (e.t >= portion.since) & (e.t < portion.until)
@@ -322,7 +316,9 @@ class Checkpoint:
 
     def __init__(self, folder: Path, plan: Plan) -> None:
         self.file = folder / NAME
-        self.key = digest(plan)
+        key = hashlib.sha256(version().encode())  # all that the triangles of a plan depend on
+        _feed(key, plan)
+        self.key = key.hexdigest()
         self.unused = ""
         self._saved = (0, time.monotonic())
 
@@ -344,13 +340,11 @@ class Checkpoint:
             self.unused = f"broken ({type(error).__name__})"
         return None
 
-    def due(self, absorbed: int) -> bool:
-        """Whether enough was done since the file was replaced."""
-        portions, since = self._saved
-        return absorbed - portions >= PORTIONS and time.monotonic() - since >= SECONDS
-
     def write(self, absorbed: int, blocks: Iterable[Block], broken: Mapping[str, str]) -> None:
-        """Replace the file."""
+        """Replace the file, if enough was done since it was."""
+        portions, since = self._saved
+        if absorbed - portions < PORTIONS or time.monotonic() - since < SECONDS:
+            return
         packed = [*map(_packed, blocks)]
         counts, numbers = [each for each, _ in packed], [np.empty(0), *(x for _, x in packed)]
         text = {"key": self.key, "absorbed": absorbed, "broken": broken, "counts": counts}
@@ -390,13 +384,6 @@ def _unpacked(counts: list[int], vector: np.ndarray) -> Block:
     )
     torque, start, end = sizes.tolist()
     return Block(*Key(*key), some, rest, support.astype(int), torque, (start, end))
-
-
-def digest(plan: Plan) -> str:
-    """Digest all that the triangles of a plan depend on."""
-    result = hashlib.sha256(version().encode())
-    _feed(result, plan)
-    return result.hexdigest()
 
 
 def _feed(result: Any, thing: Any) -> None:

@@ -27,6 +27,11 @@ Sample = Mapping[str, Any] | Log
 """One sample, or a block of them, by column: numbers, or arrays (n,)."""
 
 
+def log_of(name: str, columns: Sequence[str], X: np.ndarray) -> Log:
+    """Return the log of samples X (n, columns), of which `t` is the first."""
+    return Log.from_arrays(name, X[:, 0], dict(zip(columns[1:], X.T[1:], strict=True)))
+
+
 class SampleParser:
     """Takes samples under this robot's own names or ident's, checks them and scales them to SI.
 

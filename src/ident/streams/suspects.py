@@ -215,12 +215,10 @@ class Reading:
         C = R[:, suspect.places]
         size = np.linalg.norm(C, axis=0)
         safe = np.where(size > 0, size, 1.0)
-        U, s, Vt = linear.svd(C / safe, full_matrices=False)
-        good = s > RANK * s[0]
-        theta = Vt[good].T @ ((U[:, good].T @ e) / s[good]) / safe
-        root = np.sqrt(phi2) * (Vt[good].T / s[good]) / safe[:, None]
+        inverse = linear.pinv(C / safe, RANK) / safe[:, None]
+        theta, root = inverse @ e, np.sqrt(phi2) * inverse
         error = np.linalg.norm(root, axis=1)
-        alone = (size > 0) & ~((Vt[~good] ** 2).sum(axis=0) > FELT)
+        alone = (size > 0) & (1 - np.einsum("ij,ji->i", inverse, C) <= FELT)
         if suspect.effects[0].loaded_link:  # less than what ten free columns would explain
             free, theta = C @ theta, load_change(C, e)
             gain -= float(np.sum((e - C @ theta) ** 2) - np.sum((e - free) ** 2)) / phi2
