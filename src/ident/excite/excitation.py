@@ -112,33 +112,23 @@ def _beside(A: np.ndarray, C: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ExpectedValue:
-    """A base parameter with its prior and its expected standard error.
-
-    The standard error is for torques with white noise of `Excitation.noise`, a value a sample.
-    """
+    """A base parameter with its prior and its expected standard error."""
 
     name: str
     prior: float
-    stderr: float
+    stderr: float  # for torques with white noise of `Excitation.noise`, a value a sample
     unit: str
 
 
 @dataclass(frozen=True)
 class Separation:
-    """How well a motion distinguishes two effects.
+    """How well a motion distinguishes two effects."""
 
-    Attributes:
-        first, second: their labels.
-        cosine: the largest between what both predict, all else projected out; 1: no difference.
-        share: of each one's torque, the part that nothing else explains, the other included.
-        stderr: of each one's first unknown when everything is refitted; units: theirs.
-    """
-
-    first: str
+    first: str  # first, second: their labels
     second: str
-    cosine: float
-    share: tuple[float, float]
-    stderr: tuple[float, float]
+    cosine: float  # the largest of what both predict, all else projected out; 1: no difference
+    share: tuple[float, float]  # of each one's torque, that nothing else explains, the other too
+    stderr: tuple[float, float]  # of each one's first unknown when everything is refitted
     units: tuple[str, str]
 
     def __str__(self) -> str:

@@ -72,23 +72,16 @@ def _limit(given: Given, name: str, driven: bool, urdf: float) -> float:
 
 @dataclass(frozen=True)
 class LimitUse:
-    """The share of one limit that a motion uses.
+    """The share of one limit that a motion uses."""
 
-    Attributes:
-        joint: empty for `singularity`; kind: position, speed, acceleration, torque or singularity.
-        low, high: the extremes reached; lower, upper: the limits, of torque less the reserve.
-        unit: of these four; of a singularity ‖K⁺‖.
-        share: of the range that is covered, or of the limit that is reached; 0 where there is none.
-    """
-
-    joint: str
-    kind: str
-    low: float
+    joint: str  # empty for `singularity`
+    kind: str  # position, speed, acceleration, torque or singularity
+    low: float  # low, high: the extremes reached
     high: float
-    lower: float
+    lower: float  # lower, upper: the limits, of torque less the reserve
     upper: float
-    unit: str
-    share: float
+    unit: str  # of these four; of a singularity ‖K⁺‖
+    share: float  # of the range that is covered, or of the limit that is reached; 0 without one
 
 
 Quantity = tuple[str, str, str]

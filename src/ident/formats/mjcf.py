@@ -137,24 +137,19 @@ def _check_includes(path: Path, data: bytes, folder: Path, above: tuple[Path, ..
 
 
 class _MjcfModel:
-    """One compiled model; bodies and joints by MuJoCo's numbers.
-
-    Attributes:
-        links: names by body; a body without one gets a number.
-        joints: names by joint; one without a name gets its body's.
-        steps: by body, the names of massless links between its joints.
-        offsets: by body, where MuJoCo's body frame is in its link's.
-    """
+    """One compiled model; bodies and joints by MuJoCo's numbers."""
 
     def __init__(self, model: mujoco.MjModel, path: Path) -> None:
         self.model, self.path = model, path
         links = [model.body(i).name for i in range(model.nbody)]
         self.links = [name or _free(f"body_{i}", links) for i, name in enumerate(links)]
+        # one without a name gets its body's
         self.joints = [model.joint(j).name for j in range(model.njnt)]
         for j, name in enumerate(self.joints):
             if not name:
                 body = self.links[model.jnt_bodyid[j]]
                 self.joints[j] = _free(f"{body}_joint", self.joints)
+        # by body, massless links between its joints, and where MuJoCo's frame is in its link's
         self.steps, self.offsets = [], []
         for body in range(model.nbody):
             own = self.joints_of(body)

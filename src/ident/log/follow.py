@@ -48,15 +48,9 @@ class CsvLines:
 def follow(
     path: Path | None, *, grow: bool = False, stop: Callable[[], bool] = lambda: False
 ) -> Iterator[CsvLines]:
-    """Yield the lines of a CSV file or of standard input, as they come.
+    """Yield the lines of a CSV file, or of standard input for None, as they come, no blank ones.
 
-    Args:
-        path: of the file; None: standard input.
-        grow: whether to wait for more at the end of the file.
-        stop: called again and again; true ends it.
-
-    Yields:
-        Lines below the header that came together, without blank ones.
+    `grow` waits for more at the end of the file; `stop` is called again and again, true ends it.
     """
     name = "standard input" if path is None else str(path)
     pieces = _pipe_pieces(stop) if path is None else _file_pieces(path, grow, stop)

@@ -29,17 +29,11 @@ Estimate = Callable[[Mechanism, Log], Fit]
 
 @dataclass(frozen=True)
 class Estimator:
-    """A function from a log to a fit, with a name.
+    """A function from a log to a fit, with a name."""
 
-    Attributes:
-        name: in tables and charts.
-        find: (mechanism, log) → fit.
-        words: description in one line.
-    """
-
-    name: str
-    find: Estimate
-    words: str = ""
+    name: str  # in tables and charts
+    find: Estimate  # (mechanism, log) → fit
+    words: str = ""  # description in one line
 
 
 def with_free_multipliers(mechanism: Mechanism, log: Log, **options: Any) -> Fit:

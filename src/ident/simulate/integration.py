@@ -37,15 +37,11 @@ ModeChange = tuple[float, np.ndarray, bool]  # t [s], sliding joints that stop (
 
 @dataclass(frozen=True)
 class Transition:
-    """A joint that stops, breaks away or turns round.
+    """A joint that stops, breaks away or turns round."""
 
-    Attributes:
-        t: [s]; joint: its name; mode: 0 it sticks, +1 it slides forwards, −1 backwards.
-    """
-
-    t: float
+    t: float  # [s]
     joint: str
-    mode: int
+    mode: int  # 0 it sticks, +1 it slides forwards, −1 backwards
 
     def __str__(self) -> str:
         what = {0: "sticks", 1: "slides forwards", -1: "slides backwards"}[self.mode]
@@ -54,21 +50,13 @@ class Transition:
 
 @dataclass(eq=False)
 class Integration:
-    """One integration over time; `run` performs it, and what it has reached is in the attributes.
-
-    Attributes:
-        tolerance: relative error of a step; longest: a step may be [s].
-        knots: times at which steps end, where an input is not smooth [s].
-        near: (J,) coordinates from which whole turns are counted.
-        samples: terms, forces and modes (dry,) at the times passed so far.
-        transitions: changes of mode; evaluations: of the right side.
-    """
+    """One integration over time: `run` performs it, its attributes hold what it has reached."""
 
     dynamics: Dynamics
-    tolerance: float
-    longest: float = np.inf
-    knots: np.ndarray | None = None
-    near: np.ndarray | None = None
+    tolerance: float  # relative error of a step
+    longest: float = np.inf  # a step may be [s]
+    knots: np.ndarray | None = None  # times at which steps end, where an input is not smooth [s]
+    near: np.ndarray | None = None  # (J,) coordinates from which whole turns are counted
 
     def __post_init__(self) -> None:
         self.plant = self.dynamics.plant
@@ -76,9 +64,10 @@ class Integration:
         self.longest = min(self.longest, WATCHED) if self.names else self.longest
         model = self.plant.mechanism.model
         self._cuts = [model.nq, model.nq + model.nv]
+        # terms, forces and modes (dry,) at the times passed so far
         self.samples: list[tuple[InstantTerms, Balance, np.ndarray]] = []
         self.transitions: list[Transition] = []
-        self.evaluations = 0
+        self.evaluations = 0  # of the right side
         self.modes = np.zeros(len(self.names), dtype=int)
         self._most = 0.0
         # speeds and accelerations (dry,) of the last evaluation, and whether stuck joints hold
@@ -89,8 +78,7 @@ class Integration:
     ) -> None:
         """Integrate from q (nq,), v (nv,), z (states,) at times[0] over all times (n,) [s].
 
-        Raises:
-            MotionError: where the motion cannot go on: singular, unstable, or chattering.
+        Refuses a motion that cannot go on: singular, unstable, or chattering.
         """
         t, x, end = float(times[0]), np.concatenate(start), float(times[-1])
         self._most = MOST[0] + MOST[1] * (end - t)
@@ -144,8 +132,8 @@ class Integration:
         m = self._terms(t, x)
         b = self.dynamics.balance(m, self.modes)
         self._rates = self.plant.dry @ m.yd, b.rates, b.holding
-        states = zip(self.plant.laws.states, m.z, strict=True)
-        zdot = [law.state_rate(float(z), float(m.yd[law.at[0]])) for law, z in states]
+        states = zip(self.plant.laws.states, m.z[:, None], strict=True)
+        zdot = [law.effect.state_rate(z, m.yd[[law.at[0]]], law.shape)[0] for law, z in states]
         return np.concatenate([self.plant.qdot(m.q, m.v), b.a, zdot])
 
     def _step(self, solver: OdeSolver) -> tuple[States, ModeChange | None]:

@@ -93,10 +93,6 @@ class EffectLaw:
         u[0] = max(abs(float(s.yd[list(self.at)].sum())), SIGN_ONLY)
         return float(self.torque(s, u)[0])
 
-    def state_rate(self, z: float, v: float) -> float:
-        """Return ż of its state at the joint's rate v."""
-        return float(self.effect.state_rate(np.array([z]), np.array([v]), self.shape)[0])
-
 
 @dataclass(eq=False)
 class DryJoint:
@@ -115,11 +111,7 @@ class DryJoint:
 
 
 class ForwardLaws:
-    """All effects of a mechanism whose effects all have values, sorted by how they act.
-
-    Raises:
-        MechanismError: for an effect without a law.
-    """
+    """All effects of a mechanism, which all have values and laws, sorted by how they act."""
 
     def __init__(self, mechanism: Mechanism, point: Point) -> None:
         J = len(mechanism.joints)
@@ -210,24 +202,20 @@ class Rigid:
             if body.any() and not storable:
                 extra[0] = 1.0 + 2.0 * abs(body[0])
         signed = [(1.0, bodies + added), *([(-1.0, added)] if added.any() else [])]
-        models = [(sign, _with_inertias(model, part)) for sign, part in signed]
-        return cls(tuple((sign, other, other.createData()) for sign, other in models))
+        terms = []
+        for sign, part in signed:
+            other = model.copy()
+            other.armature = np.zeros(model.nv)  # the inertia that turns with a motor is an effect
+            for index, body in enumerate(part, start=1):
+                inertia = pin.Inertia.FromDynamicParameters(body)
+                other.inertias[index] = inertia if body.any() else pin.Inertia.Zero()
+            terms.append((sign, other, other.createData()))
+        return cls(tuple(terms))
 
     def __call__(self, algorithm: Callable[..., np.ndarray], *state: np.ndarray) -> np.ndarray:
         """Return what an algorithm of Pinocchio makes of a state: crba, nonLinearEffects, rnea."""
         parts = [sign * algorithm(model, data, *state) for sign, model, data in self.terms]
         return np.sum(parts, axis=0) if len(parts) > 1 else parts[0]
-
-
-def _with_inertias(model: pin.Model, bodies: np.ndarray) -> pin.Model:
-    """Return the model with other inertias; a body of zeros has none."""
-    other = model.copy()
-    other.armature = np.zeros(model.nv)  # the inertia that turns with a motor is an effect
-    for index, body in enumerate(bodies, start=1):
-        other.inertias[index] = (
-            pin.Inertia.FromDynamicParameters(body) if body.any() else pin.Inertia.Zero()
-        )
-    return other
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,24 +35,16 @@ TOLERANCE = 1e-8  # the torques are measured: a smaller one gains nothing
 
 @dataclass(frozen=True, eq=False)
 class ReplayedLog:
-    """One model on one log with n samples and j logged joints.
-
-    Attributes:
-        t: (n,) [s]; joints: the logged ones, with their units.
-        measured: (n, j), NaN where there is none.
-        simulated: (n, j), at a restart the end of the window before; NaN where there is none.
-        starts: samples at which a window begins.
-        failures: reasons why windows could not be integrated to their end.
-    """
+    """One model on one log with n samples and j logged joints."""
 
     name: str
-    t: np.ndarray
-    joints: tuple[str, ...]
-    units: tuple[str, ...]
-    measured: np.ndarray
-    simulated: np.ndarray
-    starts: tuple[int, ...]
-    failures: tuple[str, ...] = ()
+    t: np.ndarray  # (n,) [s]
+    joints: tuple[str, ...]  # the logged ones
+    units: tuple[str, ...]  # theirs
+    measured: np.ndarray  # (n, j), NaN where there is none
+    simulated: np.ndarray  # (n, j), the same; at a restart the end of the window before
+    starts: tuple[int, ...]  # samples at which a window begins
+    failures: tuple[str, ...] = ()  # why windows could not be integrated to their end
 
     @property
     def errors(self) -> dict[str, Error]:

@@ -29,25 +29,16 @@ EACH = 0.8  # of the work is done when each log has been diagnosed
 
 @dataclass(frozen=True)
 class Verdict:
-    """The diagnosis of one log, in short.
+    """The diagnosis of one log, in short."""
 
-    Attributes:
-        log: its name; samples: of it.
-        verdict: as `Diagnosis.verdict`.
-        named: labels of the effect that it names and of those it cannot tell from it.
-        joint: whose error the first of `named` lowers; error_before, error_after: held out, as a
-            share.
-        left_out: why there is no diagnosis; empty if there is.
-    """
-
-    log: str
-    samples: int = 0
-    verdict: str = ""
-    named: tuple[str, ...] = ()
-    joint: str = ""
-    error_before: float | None = None
+    log: str  # its name
+    samples: int = 0  # of it
+    verdict: str = ""  # as `Diagnosis.verdict`
+    named: tuple[str, ...] = ()  # the effect that it names and those it cannot tell from it
+    joint: str = ""  # whose error the first of `named` lowers
+    error_before: float | None = None  # held out, as a share
     error_after: float | None = None
-    left_out: str = ""
+    left_out: str = ""  # why there is no diagnosis; empty if there is
 
 
 @dataclass(frozen=True, eq=False, repr=False)

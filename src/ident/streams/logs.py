@@ -143,13 +143,9 @@ def summarise(mechanism: Mechanism, path: Path) -> LogOnDisk:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Excerpt(Motion):
-    """The motion of some stretches, which stands for that of whole logs and counts their samples.
+    """The motion of some stretches that stands for that of whole logs and counts their samples."""
 
-    Attributes:
-        recorded: (name, samples, rate [Hz]) of the logs.
-    """
-
-    recorded: tuple[tuple[str, int, float], ...] = ()
+    recorded: tuple[tuple[str, int, float], ...] = ()  # (name, samples, rate [Hz]) of the logs
 
     def without(self, logs: Container[str]) -> Excerpt:
         """Return the excerpt without some logs, if any is left to be shown."""

@@ -46,46 +46,32 @@ LEAST_NOISE = 0.01, 1e-3  # of σ² of a log's own rows, and of the joint residu
 
 @dataclass(frozen=True)
 class Disagreement:
-    """Difference of one log from the majority of the others.
+    """Difference of one log from the majority of the others."""
 
-    Attributes:
-        p_value: chance that a log like the others looks as odd as this one.
-        clear: whether that is less than `RATE` over the number of logs.
-        unknown: which one alone explains it best; change: by how much it differs, ± stderr, unit.
-        parts: bodies and effects of which each alone explains it nearly as well as the best, that
-            first; share: what the best explains of the excess of squared error.
-    """
-
-    p_value: float
-    clear: bool
-    unknown: str
-    change: float
+    p_value: float  # chance that a log like the others looks as odd as this one
+    clear: bool  # whether that is less than `RATE` over the number of logs
+    unknown: str  # that alone explains it best
+    change: float  # by how much it differs
     stderr: float
     unit: str
+    # bodies and effects of which each alone explains it nearly as well as the best, that first
     parts: tuple[str, ...]
-    share: float
+    share: float  # of the excess of squared error, that the best explains
 
 
 @dataclass(frozen=True)
 class LogRow:
-    """One log among others.
+    """One log among others."""
 
-    Attributes:
-        log: its name; samples: of it.
-        error, own: of the joint model and of the log's own fit in this log, a share of the typical
-            torque, all joints weighed alike; None where nothing could be compared.
-        worst: the joint in which the joint model does worst beside the own fit.
-        disagreement: with the majority of the others; None where there are none.
-        left_out: why it is in no fit; empty if it is.
-    """
-
-    log: str
-    samples: int = 0
+    log: str  # its name
+    samples: int = 0  # of it
+    # errors of the joint model and of the log's own fit in this log, a share of the typical torque,
+    # all joints weighed alike; None where nothing could be compared
     error: float | None = None
     own: float | None = None
-    worst: str = ""
-    disagreement: Disagreement | None = None
-    left_out: str = ""
+    worst: str = ""  # the joint in which the joint model does worst beside the own fit
+    disagreement: Disagreement | None = None  # with the majority of the others, if there are any
+    left_out: str = ""  # why it is in no fit; empty if it is
 
     @property
     def disagrees(self) -> bool:
@@ -95,13 +81,9 @@ class LogRow:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LogComparison(Displayed):
-    """Logs one by one, beside the fit of all of them.
+    """Logs one by one, beside the fit of all of them."""
 
-    Attributes:
-        logs: in the order in which they were given, those that were left out last.
-    """
-
-    logs: tuple[LogRow, ...]
+    logs: tuple[LogRow, ...]  # in the order in which they were given, those left out last
 
     @cached_property
     def table(self) -> pl.DataFrame:
@@ -220,15 +202,7 @@ def disagreements(
 
 
 class _Logs:
-    """Logs in the n base parameters, scaled to columns of unit norm.
-
-    Attributes:
-        H, g: by log (n, n) and (n,), at the estimate; noise: by log s².
-        S: by log (n, n), covariance of g, of its blocks in its own fit; nu: by log, the number of
-            squares that this rests on.
-        ways: (n, k) what a unit of each unknown changes of the base parameters.
-        parts: unknowns by body and effect, those of the fewest first.
-    """
+    """Logs in the n base parameters, scaled to columns of unit norm."""
 
     def __init__(self, information: Information, joint: Estimate, columns: Columns) -> None:
         base, self.columns = joint.base, columns
@@ -236,14 +210,17 @@ class _Logs:
         ways = np.zeros((base.rank, len(joint.solution.x)))
         ways[np.arange(base.rank), base.independent] = 1.0
         ways[:, base.dependent] = base.K
-        self.ways = ways * norm[:, None]
+        self.ways = ways * norm[:, None]  # (n, k) what a unit of each unknown changes of them
         parts: dict[str, list[int]] = {}
         for i in range(len(columns.rigid)):
             parts.setdefault(columns.names[i].rpartition(".")[0], []).append(i)
         for effect, places in columns.effects:
             if own := [int(place) for place in places if place >= 0]:
                 parts[effect.label] = own
+        # unknowns by body and effect, those of the fewest first
         self.parts = dict(sorted(parts.items(), key=lambda item: len(item[1])))
+        # by log: H (n, n) and g (n,) at the estimate, s², S (n, n), the covariance of g, of its
+        # blocks in its own fit, and the number of squares that this rests on
         self.H, self.g, self.noise, self.S, self.nu = {}, {}, {}, {}, {}
         for log in information.logs:
             mine = information.of_log(log)

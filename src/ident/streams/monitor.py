@@ -34,7 +34,7 @@ from ident.streams.charts import (
     moved_reference,
     statistics,
 )  # fmt: skip
-from ident.streams.suspects import WATCHED, Naming, Reading, Watched, name_since_onset
+from ident.streams.suspects import DIRECT, WATCHED, Naming, Reading, Watched, name_since_onset
 
 HELD = 240  # intervals kept, of which the onset can be one
 ENOUGH = 4  # intervals since the onset before anything is named
@@ -53,18 +53,12 @@ class ParameterChange(Displayed):
 
 @dataclass(frozen=True, repr=False)
 class Cause(Displayed):
-    """One cause of an alarm, and what it would have done.
+    """One cause of an alarm, and what it would have done."""
 
-    Attributes:
-        label: `coulomb:elbow`.
-        steps: of its parameters.
-        explains: share of the squares beyond noise that it explains.
-        reactions: by multiplier, rms of the change of its force in normal running [N | N m].
-    """
-
-    label: str
-    steps: tuple[ParameterChange, ...]
-    explains: float
+    label: str  # `coulomb:elbow`
+    steps: tuple[ParameterChange, ...]  # of its parameters
+    explains: float  # share of the squares beyond noise
+    # by multiplier, rms of the change of its force in normal running [N | N m]
     reactions: Mapping[str, float]
 
 
@@ -159,6 +153,8 @@ class Monitor(Displayed):
 
     def __post_init__(self) -> None:
         self.reference = self.normal.copy()
+        # log A: the mean time to a false alarm is A intervals or more
+        self.threshold = float(np.log(3600.0 / (self.false_alarms_per_hour * self.seconds)))
         self.design = self.calibration.design
         self.alarms: list[Alarm] = []
         self.raised: _Raised | None = None
@@ -214,18 +210,15 @@ class Monitor(Displayed):
         x = moved_reference(Triangle.merge([each.triangle for each in first]), x)
         intervals = intervals_of(parts, interval, sigma, x)
         normal = NormalRunning.of(intervals, sigma, x, material)
-        calibration = calibrated(normal, watched.charted, intervals, x)
+        charted = np.zeros(len(x), dtype=bool)
+        charted[[i for suspect in watched.suspects for i in suspect.places[:DIRECT]]] = True
+        calibration = calibrated(normal, charted, intervals, x)
         multipliers = watched.multiplier_triangles(motion)
         return cls(watched, calibration, x, multipliers, interval, patience, false_alarms_per_hour)
 
     def fresh(self) -> Monitor:
         """Return the same monitor before it has seen anything, as after a repair."""
         return replace(self)
-
-    @property
-    def threshold(self) -> float:
-        """log A: the mean time to a false alarm is A intervals or more."""
-        return float(np.log(3600.0 / (self.false_alarms_per_hour * self.seconds)))
 
     @property
     def evidence(self) -> float:

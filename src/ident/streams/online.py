@@ -53,26 +53,18 @@ LONGEST = 100_000  # samples that a warm-up keeps at most
 CHECKED = 20.0, 5000  # s and samples from the beginning, in which errors of the data are looked for
 
 
-@dataclass(frozen=True, eq=False)
-class Forces:
-    """Multipliers λ of n samples.
+@dataclass(frozen=True, eq=False, repr=False)
+class Forces(Displayed):
+    """Multipliers λ of n samples."""
 
-    Attributes:
-        names, units: (m,).
-        t: (n,) [s]; values, stderr: (n, m); NaN where a multiplier is not determined.
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    t: np.ndarray
-    values: np.ndarray
-    stderr: np.ndarray
+    names: tuple[str, ...]  # (m,)
+    units: tuple[str, ...]  # (m,)
+    t: np.ndarray  # (n,) [s]
+    values: np.ndarray  # (n, m) [N | N m], NaN where a multiplier is not determined
+    stderr: np.ndarray  # (n, m)
 
     def __len__(self) -> int:
         return len(self.t)
-
-    def __str__(self) -> str:
-        return str(render(self, "text"))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -307,19 +307,14 @@ Progress = tuple[int, list[Block], dict[str, str]]
 
 
 class Checkpoint:
-    """The file of a run, replaced now and then.
-
-    Attributes:
-        file: its path.
-        unused: why the file that was found is not used; empty where it is, or there is none.
-    """
+    """The file of a run, replaced now and then."""
 
     def __init__(self, folder: Path, plan: Plan) -> None:
         self.file = folder / NAME
         key = hashlib.sha256(version().encode())  # all that the triangles of a plan depend on
         _feed(key, plan)
         self.key = key.hexdigest()
-        self.unused = ""
+        self.unused = ""  # why the file that was found is not used
         self._saved = (0, time.monotonic())
 
     def read(self) -> Progress | None:

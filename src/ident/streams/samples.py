@@ -37,12 +37,6 @@ class SampleParser:
 
     A time far ahead of the last one waits for its successor: if that comes before it, the time that
     jumped was wrong, and not all that follow.
-
-    Attributes:
-        columns: of the arrays that it makes, `t` first; empty before the first sample.
-        last: time of the last sample [s].
-        left_out: (row, why) of the samples of the last call that are left out; of one that waited
-            since an earlier call the row is negative.
     """
 
     def __init__(
@@ -56,20 +50,20 @@ class SampleParser:
     ) -> None:
         self._name, self._mapping, self._reads = name, dict(mapping), {"t", *reads}
         self._any, self._gap = columns is None, gap  # [s] by which a time is far ahead
+        # columns of the arrays that it makes, `t` first; empty before the first sample
         self.columns: tuple[str, ...] = () if columns is None else ("t", *columns)
-        self.last = -np.inf
+        self.last = -np.inf  # time of the last sample [s]
         self._ahead: np.ndarray | None = None  # the sample that waits
         ranges = [(usual or {}).get(name, (0.0, np.inf)) for name in self.columns]
         self._centre, self._reach = np.array(ranges).reshape(-1, 2).T
         self._absurd = 0  # samples in a row that are no measurements
+        # (row, why) of samples of the last call; of one that waited since before, row −1
         self.left_out: list[tuple[int, str]] = []
 
     def __call__(self, sample: Sample) -> np.ndarray:
         """Return the samples (n, columns) that are whole, in order and no absurd numbers.
 
-        Raises:
-            LogError: for one sample that is left out, or for other columns than before.
-            MotionError: if a column is missing.
+        Refuses one sample that would be left out, and other columns than before.
         """
         given = self._renamed(sample)
         names = self.columns or tuple(dict.fromkeys(("t", *given)))
@@ -187,22 +181,14 @@ class Since:
 
 
 class DataWatch:
-    """Looks at windows of a stream; every kind of finding is reported once a channel.
-
-    Args:
-        mechanism: of the stream; like: a motion with its filter and independent joints.
-        columns: of the samples, `t` first.
-
-    Attributes:
-        found: all so far.
-    """
+    """Looks at windows of a stream; every kind of finding is reported once a channel."""
 
     def __init__(self, mechanism: Mechanism, like: Motion, columns: tuple[str, ...]) -> None:
-        self._mechanism, self._columns = mechanism, columns
+        self._mechanism, self._columns = mechanism, columns  # of the samples, `t` first
         self._like = Motion((), like.independent, like.band, 0.0)
         self._samples: list[np.ndarray] = []
         self._states: list[State] = []
-        self.found: dict[tuple[str, tuple[str, ...]], Since] = {}
+        self.found: dict[tuple[str, tuple[str, ...]], Since] = {}  # all so far
 
     def add(self, X: np.ndarray, states: list[State], over: bool = False) -> list[Since]:
         """Add samples (n, columns) and states that are complete; return what is new. `over`: no

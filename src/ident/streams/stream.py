@@ -77,17 +77,7 @@ class Stream:
         latency: how long samples may wait for others [s].
         sticking: share of a row that may come from samples that do not inform it.
 
-    Attributes:
-        recipe: the decisions of the motion.
-        windows: the samples of which the last call made rows.
-        samples: how many have come.
-        left_out: (row, why) of the samples of the last call that are left out.
-        last: (n, columns) those that are not.
-        lost: how many are left out in all, and why the last of them.
-
-    Raises:
-        FitError: for an effect that a whole log decides, naming it.
-        MotionError: for a motion that has no log.
+    Refuses an effect that a whole log decides, naming it, and a motion that has no log.
     """
 
     def __init__(
@@ -127,12 +117,17 @@ class Stream:
             smooth = max(smooth, int(np.ceil(LAG * self.recipe.knots * e.rate)))
         self._around = smooth + self._margin  # samples beside one that its state depends on
         self._block = max(1, round(latency * e.rate))
+        self.columns_of_samples = self._parser.columns  # `t` first
+        self.period = self._decimator.factor * self._dt  # between two rows [s]
+        late = self._around + self._decimator.half + self._decimator.factor + self._block - 2
+        self.lag = late * self._dt  # of the newest row behind the newest sample, at most [s]
         some = np.flatnonzero(e.usable)
         some = some[:: max(1, len(some) // PLACES)]
         self._places = e.known(mechanism)[0, some], e.q[some]
-        self.samples, self.lost = 0, (0, "")
-        self.windows: list[SampleWindow] = []
-        self.left_out: list[tuple[int, str]] = []
+        self.samples = 0  # that have come
+        self.lost = (0, "")  # how many are left out in all, and why the last of them
+        self.windows: list[SampleWindow] = []  # samples of which the last call made rows
+        self.left_out: list[tuple[int, str]] = []  # (row, why) of samples of the last call
         self.last = self._X = np.empty((0, len(self._parser.columns)))
         self._begin = np.nan  # time of the first sample of all [s]
         self._cut()
@@ -149,28 +144,10 @@ class Stream:
         """Time of the last sample [s]."""
         return self._parser.last
 
-    @property
-    def columns_of_samples(self) -> tuple[str, ...]:
-        """Columns of the samples, `t` first."""
-        return self._parser.columns
-
-    @property
-    def lag(self) -> float:
-        """By how much the newest row is older than the newest sample, at most [s]."""
-        around = self._around + self._decimator.half
-        return (around + self._decimator.factor - 1 + self._block - 1) * self._dt
-
-    @property
-    def period(self) -> float:
-        """Time between two rows [s]."""
-        return self._decimator.factor * self._dt
-
     def push(self, sample: Sample) -> list[Rows]:
         """Return the rows that are known with a further sample, or a block of them.
 
-        Raises:
-            LogError: for a sample that is not whole, or absurd; of a block, absurd ones are left
-                out.
+        Refuses a sample that is not whole, or absurd; of a block these are left out.
         """
         X = self._parser(sample)
         self.left_out = self._parser.left_out
@@ -354,9 +331,6 @@ class Accumulator:
     An interval is as long as the shortest before it. Of too many, the first pair that makes the
     shortest one is merged, so that they remain about equal blocks for the jackknife and grow longer
     together; with forgetting, all are equally long, and the two oldest merge.
-
-    Attributes:
-        now: time of the last row [s]; informed: of the last that informs.
     """
 
     def __init__(self, supports: Sequence[np.ndarray], forget: float | None, period: float) -> None:
@@ -365,7 +339,7 @@ class Accumulator:
         self._intervals: list[Interval] = []
         self._open: Interval | None = None
         self._waiting: list[Rows] = []
-        self.now = self.informed = -np.inf
+        self.now = self.informed = -np.inf  # times of the last row, and of the last that informs
 
     def absorb(self, rows: Rows) -> None:
         """Add rows, which come in the order of time."""

@@ -141,14 +141,6 @@ class Watched:
             motion.independent, motion.band.cutoff,
         )  # fmt: skip
 
-    @property
-    def charted(self) -> np.ndarray:
-        """(k,) columns that have charts."""
-        mask = np.zeros(len(self.columns), dtype=bool)
-        for suspect in self.suspects:
-            mask[suspect.places[:DIRECT]] = True
-        return mask
-
     def scene(self, e: State) -> Scene:
         """Return an experiment as these equations see it."""
         return Scene.of(self.mechanism, self.columns, e, self.point, self.cutoff)
