@@ -66,8 +66,7 @@ def test_whatever_text_a_logger_writes(csv, made, line_break, separator):
 def test_columns_are_renamed_and_scaled(csv, made):
     rows = "\n".join(f"{1000 * t},{q}" for t, q in zip(made.t, made.columns["q.a"], strict=True))
     path = csv(f"stamp_ms,angle\n{rows}")
-    log = same(path, {"t": Column("stamp_ms", 0.001), "q.a": Column("angle", 2.0, 1.0)})
-    assert not log.piece(0, 20, ["t"]).columns
+    same(path, {"t": Column("stamp_ms", 0.001), "q.a": Column("angle", 2.0, 1.0)})
 
 
 def test_stamps_count_from_the_files_first_one(made, tmp_path):

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 
@@ -39,8 +39,8 @@ HEAD = 1 << 16  # bytes of a text from which its number of rows is estimated
 STRIDE = 1024  # rows of a CSV file from one kept place to the next
 
 
-Rows = Callable[[int, int, Collection[str] | None], RawTable]
-"""`table(first, stop, only)`: rows first … stop - 1; of the columns `only`, if that saves work."""
+Rows = Callable[[int, int], RawTable]
+"""`table(first, stop)`: rows first … stop - 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,40 +55,27 @@ class Pieces:
     table: Rows
     columns: tuple[str, ...]  # ident's names of all columns of numbers, t among them
 
-    def piece(self, first: int, stop: int, only: Collection[str] | None = None) -> Log:
-        """Return the samples of the rows first … stop - 1, checked and repaired as by `read_log`.
-
-        There are ten rows or more. `only` names the columns that are needed; others may be missing.
+    def piece(self, first: int, stop: int) -> Log:
+        """Return the samples of ten rows or more, first … stop - 1, checked and repaired as by
+        `read_log`.
         """
-        wanted, mapping = None, self.mapping
-        if only is not None:
-            mapping = {name: source for name, source in mapping.items() if name in only}
-            wanted = {mapping[name].column if name in mapping else name for name in only}
         with file_errors(self.path):
-            table = self.table(first, min(stop, self.rows), wanted)
-        if wanted is not None:
-            columns = {name: x for name, x in table.columns.items() if name in wanted}
-            table = replace(table, columns=columns)
-        elif other := sorted(set(renamed(table, mapping).columns) ^ set(self.columns)):
+            table = self.table(first, min(stop, self.rows))
+        if other := sorted(set(renamed(table, self.mapping).columns) ^ set(self.columns)):
             raise LogError(
                 f"{self.path}: column {other[0]!r} holds numbers in some rows and text in others "
                 f"(from {table.where(0)} on); leave cells empty where there is no value"
             )
-        return Log.from_table(self.name, table, mapping, self.sha256)
+        return Log.from_table(self.name, table, self.mapping, self.sha256)
 
 
-def open_log(
-    path: str | os.PathLike[str],
-    columns: Mapping[str, Column] | None = None,
-    *,
-    topic: str | None = None,
-) -> Pieces:
+def open_log(path: str | os.PathLike[str], columns: Mapping[str, Column] | None = None) -> Pieces:
     """Open a log as `read_log` reads it; rows of CSV and Parquet files stay on disk.
 
     A text file is read once, to know where rows begin. Raises LogError for what can be decided
     without reading all values.
     """
-    source, mapping = log_file(path, topic), dict(columns or {})
+    source, mapping = log_file(path, None), dict(columns or {})
     suffix = source.path.suffix.lower()
     with file_errors(source.path):
         regular(source.path)
@@ -100,7 +87,7 @@ def open_log(
             whole = _whole(source, source.path.stat().st_mtime_ns)
             rows, sha256 = len(next(iter(whole.columns.values()), ())), source.sha256()
             table = partial(_rows_of_whole, source)
-        names = tuple(renamed(table(0, min(rows, STRIDE), None), mapping).columns)
+        names = tuple(renamed(table(0, min(rows, STRIDE)), mapping).columns)
     return Pieces(source.path, source.name, mapping, rows, sha256, table, names)
 
 
@@ -114,14 +101,9 @@ def _open_parquet(path: Path) -> tuple[int, Rows]:
     return rows, partial(_rows_of_parquet, path, since)
 
 
-def _rows_of_parquet(
-    path: Path, since: Mapping[str, int], first: int, stop: int, only: Collection[str] | None
-) -> RawTable:
+def _rows_of_parquet(path: Path, since: Mapping[str, int], first: int, stop: int) -> RawTable:
     with parquet_errors(path):
-        lazy = pl.scan_parquet(path).slice(first, stop - first)
-        if only is not None:
-            lazy = lazy.select([name for name in lazy.collect_schema() if name in only])
-        frame = lazy.collect()
+        frame = pl.scan_parquet(path).slice(first, stop - first).collect()
     return table_of(str(path), frame, first=first, since=since)
 
 
@@ -161,7 +143,6 @@ def _rows_of_csv(
     line: NDArray[np.int64],
     first: int,
     stop: int,
-    only: Collection[str] | None,
 ) -> RawTable:
     i, j = first // STRIDE, min(-(-stop // STRIDE), len(line))
     with path.open("rb") as stream:
@@ -184,7 +165,7 @@ def _blocks(path: Path) -> Iterator[bytes]:
             yield rest
 
 
-def _rows_of_whole(file: LogFile, first: int, stop: int, only: Collection[str] | None) -> RawTable:
+def _rows_of_whole(file: LogFile, first: int, stop: int) -> RawTable:
     return _whole(file, file.path.stat().st_mtime_ns).cut(slice(first, stop))
 
 

@@ -99,7 +99,7 @@ def summarise(mechanism: Mechanism, path: Path) -> LogOnDisk:
     digest = hashlib.blake2b(digest_size=16)
     ends = [*range(LOOK, log.rows - LOOK // 2, LOOK), log.rows]
     for at, stop in zip([0, *ends[:-1]], ends, strict=True):
-        piece = log.piece(at, stop, ["t", *signals])
+        piece = log.piece(at, stop)
         t = piece.t[1:] if piece.t[0] == before else piece.t  # a stamp repeated across the cut
         if not at:
             first, guess = float(t[0]), float(np.median(np.diff(t)))

@@ -219,7 +219,7 @@ def _anchors(plan: Plan, number: int) -> np.ndarray:
     portions = list(plan.portions(number))
     q = y = None
     for portion, after in zip(portions, [*portions[1:], portions[-1]], strict=True):
-        log = part.file.piece(portion.begin, portion.end, ["t", *columns])
+        log = part.file.piece(portion.begin, portion.end)
         x = np.stack([log.columns[name] for name in columns], axis=1)
         for channel in x.T:
             channel[absurd_samples(channel)] = np.nan
