@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 from scipy.optimize import NonlinearConstraint, minimize
@@ -157,7 +158,15 @@ class DesignProblem:
                 )
             raise MotionError(f"{mechanism.name}: the limits leave no motion: {why}")
         box = exact.tightened(names, series.between(n), MARGIN)
-        pilots = _pilots(family, box, seed)
+        random = np.random.default_rng([seed, 1])
+        drawn = filter(None, (family.draw(box, random) for _ in range(PILOTS[1])))
+        pilots = [found[1] for found in islice(drawn, PILOTS[0])]
+        if not pilots:
+            raise MotionError(
+                f"{mechanism.name}: none of {PILOTS[1]} random motions from home keeps the limits; "
+                "home is too near a limit or a singular position: give another [joints] start, or "
+                "wider limits"
+            )
         torque = exact.of_joints("torque", names)[1] / (1 - limits.reserve)
         sigma = _noise(names, torque, pilots, noise)
         W = np.concatenate([rows.A for rows in pilots]) / sigma[:, None]
@@ -328,23 +337,6 @@ def _home(
             )
         notes.append(f"{names[i]} starts outside its range: {home[i]:.4g} {unit} is home instead")
     return home
-
-
-def _pilots(family: Family, box: LimitBox, seed: int) -> list[MotionRows]:
-    """Return the rows of some random motions."""
-    random = np.random.default_rng([seed, 1])
-    wanted, most = PILOTS
-    pilots: list[MotionRows] = []
-    for _ in range(most):
-        if len(pilots) < wanted and (found := family.draw(box, random)) is not None:
-            pilots.append(found[1])
-    if not pilots:
-        raise MotionError(
-            f"{family.mechanism.name}: none of {most} random motions from home keeps the "
-            "limits; home is too near a limit or a singular position: give another [joints] "
-            "start, or wider limits"
-        )
-    return pilots
 
 
 def _noise(

@@ -88,19 +88,6 @@ def log_condition(W: np.ndarray) -> tuple[float, np.ndarray]:
     return float(np.log(s[0] / s[-1])), (G - N * (N * G).sum(axis=0)) / size
 
 
-def cosine_and_shares(
-    W: np.ndarray, a: Sequence[int], b: Sequence[int]
-) -> tuple[float, tuple[float, float]]:
-    """Return (cosine, shares) of the columns a and b of W (N, r) beside the others."""
-    rest = np.setdiff1d(np.arange(W.shape[1]), [*a, *b])
-    angles = subspace_angles(*(_beside(W[:, rest], W[:, list(own)]) for own in (a, b)))
-    shares = [
-        float(np.linalg.norm(_beside(W[:, [*rest, *other]], C)) / np.linalg.norm(C))
-        for C, other in ((W[:, list(a)], b), (W[:, list(b)], a))
-    ]
-    return float(np.cos(angles.min())), (shares[0], shares[1])
-
-
 def _beside(A: np.ndarray, C: np.ndarray) -> np.ndarray:
     """Return the part of C orthogonal to the columns of A, which may depend on each other."""
     size = np.linalg.norm(A, axis=0)
@@ -222,13 +209,20 @@ class Determined:
         """Return how well two effects are distinguished."""
         independent = list(self.base.independent)
         a, b = (places_of(columns, label) for label in pair)
-        cosine, share = cosine_and_shares(self.W, a, b)
+        rest = np.setdiff1d(np.arange(self.W.shape[1]), [*a, *b])
+        C, D = self.W[:, a], self.W[:, b]
+        angles = subspace_angles(*(_beside(self.W[:, rest], each) for each in (C, D)))
+        shares = [
+            float(np.linalg.norm(_beside(self.W[:, [*rest, *other]], own)) / np.linalg.norm(own))
+            for own, other in ((C, b), (D, a))
+        ]
         errors = [
             float(self.stderr[independent.index(own[0])]) if own[0] in independent else np.inf
             for own in (a, b)
         ]
         units = columns.units[a[0]], columns.units[b[0]]
-        return Separation(*pair, cosine, share, (errors[0], errors[1]), units)
+        cosine = float(np.cos(angles.min()))
+        return Separation(*pair, cosine, (shares[0], shares[1]), (errors[0], errors[1]), units)
 
 
 def separation(

@@ -372,7 +372,10 @@ def _columns(
 ) -> dict[str, np.ndarray]:
     """Return the log's columns (n,) by name, with the errors of its sensors, without noise."""
     tau = dict(zip(mechanism.driven, torques.T, strict=True))
-    names, sensed = _logged(mechanism), [x.copy() for x in true]
+    sensed, names = [x.copy() for x in true], mechanism.driven
+    if len(independent_joints(mechanism, names)) < mechanism.degrees_of_freedom:
+        tree = tuple(joint.name for joint in mechanism.joints if joint.in_tree)
+        names = tree or tuple(joint.name for joint in mechanism.joints)
     for effect in mechanism.effects:
         if effect.corrects and effect.implicit:  # it depends on the load, over the whole run
             columns = joint_columns(mechanism, dict(zip("qva", true, strict=True)), names)
@@ -391,12 +394,3 @@ def _columns(
                 x[:, i] -= offset
     names = names if joints is None else tuple(joints)
     return columns_of(mechanism, point, t, sensed, tau, channels, names)
-
-
-def _logged(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the drives, or all joints of the tree where drives are fewer than freedoms."""
-    enough = independent_joints(mechanism, mechanism.driven)
-    if len(enough) == mechanism.degrees_of_freedom:
-        return mechanism.driven
-    tree = tuple(joint.name for joint in mechanism.joints if joint.in_tree)
-    return tree or tuple(joint.name for joint in mechanism.joints)

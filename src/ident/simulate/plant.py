@@ -149,7 +149,11 @@ class ForwardLaws:
                 elif acts == "state":
                     self.states.append(law)
                 elif acts == "linear":
-                    self._add_linear(law, rest)
+                    self.T0[list(at)] += (offset := law.torque(rest))
+                    for i in at:  # known from the columns at rest and at unit states
+                        unit = np.eye(J)[i]
+                        self.Tq[list(at), i] += law.torque(replace(rest, y=unit)) - offset
+                        self.Tv[list(at), i] += law.torque(replace(rest, yd=unit)) - offset
                 elif acts in ("dry", "level"):
                     joint = dry.setdefault(effect.joints, DryJoint(",".join(effect.joints), at))
                     joint.effects.append(effect.label)
@@ -165,14 +169,6 @@ class ForwardLaws:
         self.asking = tuple(
             dict.fromkeys((word, i) for law in laws for word in law.effect.asks for i in law.at)
         )
-
-    def _add_linear(self, law: EffectLaw, rest: InstantSignals) -> None:
-        """Add a linear law, known from its columns at rest and at unit states."""
-        at, zero = list(law.at), law.torque(rest)
-        self.T0[at] += zero
-        for i, unit in zip(at, np.eye(len(self.T0))[at], strict=True):
-            self.Tq[at, i] += law.torque(replace(rest, y=unit)) - zero
-            self.Tv[at, i] += law.torque(replace(rest, yd=unit)) - zero
 
 
 SINGULAR = 1e-7  # of the largest singular value of J: below, the closures lose a direction

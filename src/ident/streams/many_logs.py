@@ -147,7 +147,13 @@ def compare_logs(
     broken, whole = left_out or {}, r.information
     by_log = {log: whole.of_log(log) for log in whole.logs}
     joint = estimate(whole.totals, r.prior, r.torque, r.plausible)
-    own = {log: _own_fit(r, mine, joint) for log, mine in by_log.items()}
+    known = {"prior": joint.x, "torque": r.torque, "sigma": joint.sigma, "held": joint.held}
+    own = {  # fits of one log; the joint one in what it does not determine
+        log: estimate(mine.totals, **known).x
+        if len(joint.x) and any(each.rows for each in mine.totals)
+        else joint.x
+        for log, mine in by_log.items()
+    }
     error, rows = np.zeros(r.d), np.zeros(r.d)  # of own fits, in which logs do not differ
     for block in whole:
         x = own[block.log][block.support]
@@ -174,13 +180,6 @@ def compare_logs(
         row = LogRow(name, count, joint_error, own_error, worst, odd.get(number))
         results.append(row)
     return LogComparison(tuple(sorted(results, key=lambda each: bool(each.left_out))))
-
-
-def _own_fit(r: Problem, mine: Information, joint: Estimate) -> np.ndarray:
-    """(k,) the fit of one log; the joint one in what it does not determine."""
-    if not len(joint.x) or not any(each.rows for each in mine.totals):
-        return joint.x
-    return estimate(mine.totals, joint.x, r.torque, sigma=joint.sigma, held=joint.held).x
 
 
 def disagreements(

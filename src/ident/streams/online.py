@@ -292,7 +292,7 @@ class Online:
                     self._bias = fit.checks.moved
                     findings = (*fit.health.findings, *fit.checks.poor())
                     self.findings = self._watch.note(findings, float(some[0, 0]))
-        states = [each.e.at_samples(each.inside) for each in stream.windows]
+        states = [e.at_samples(inside) for e, inside in stream.windows]
         self.findings = [*self.findings, *self._watch.add(X, states, over)]
 
     def _found(self, stream: Stream) -> Snapshot:
@@ -372,8 +372,8 @@ class Online:
 
     def _absorb(self, stream: Stream, parts: Sequence[Rows]) -> None:
         if windows := stream.windows:
-            end = windows[-1].inside.stop
-            self._last = replace(windows[-1], inside=slice(end - 1, end))
+            e, inside = windows[-1]
+            self._last = e, slice(inside.stop - 1, inside.stop)
         for rows in parts:
             if self._solved is not None:
                 off = rows.b - rows.A @ self._solved.estimate.x
@@ -431,8 +431,7 @@ class Online:
         kinematics, mechanism = self._known_mechanism.kinematics, self._known_mechanism
         x, cov, base = self._solved.estimate.x, self._solved.covariance, self._solved.estimate.base
         m, parts = len(kinematics.multipliers), []
-        for window in windows:
-            around, part = window.e, window.inside
+        for around, part in windows:
             scene = Scene.of(mechanism, self._columns, around, self._point, self._rows_cutoff)
             e, equations, s = scene.e, scene.terms(part, full=True), scene.generalised(part)
             K_T = e.pinv[part, :, :m].transpose(0, 2, 1)

@@ -139,12 +139,18 @@ def summaries(mechanism: Mechanism, paths: Sequence[Path], workers: Workers) -> 
 
 def with_logs(plan: Plan, logs: Sequence[LogOnDisk], samples: int, workers: Workers) -> Plan:
     """Return the plan with these logs and with what long ones decide for all of their portions."""
+    wanted = [f"q.{name}" for name in plan.logged]
+    wanted += [f"tau.{name}" for name in plan.mechanism.driven]
     parts = []
     for log in logs:
         if log.name in workers.broken:
             continue
         try:
-            _check_columns(plan, log)
+            for name in (each for each in wanted if each not in log.file.columns):
+                raise MotionError(
+                    f"{log.name}: has no column '{name}', which the other logs have; "
+                    f"{one_of(name, log.file.columns)}"
+                )
             parts.append(log.cut(samples))
         except MotionError as error:
             if workers.alone:
@@ -171,17 +177,6 @@ def _check_some(mechanism: Mechanism, workers: Workers, remaining: object) -> No
         raise FitError(
             f"{mechanism.name}: none of {len(workers.broken)} logs can be used; {name}: {why}{same}"
         )
-
-
-def _check_columns(plan: Plan, log: LogOnDisk) -> None:
-    """Raise MotionError for a log that lacks a column that the others have."""
-    for prefix, joints in (("q", plan.logged), ("tau", plan.mechanism.driven)):
-        for name in (f"{prefix}.{joint}" for joint in joints):
-            if name not in log.file.columns:
-                raise MotionError(
-                    f"{log.name}: has no column '{name}', which the other logs have; "
-                    f"{one_of(name, log.file.columns)}"
-                )
 
 
 def _decided(plan: Plan, number: int) -> LogOnDisk:

@@ -60,12 +60,8 @@ TOGETHER = 128  # samples whose rows are absorbed at once
 SPLINE, TWICE = 12, 2  # samples: where a cubic spline forgets its ends; lost by two differences
 
 
-@dataclass(frozen=True, eq=False)
-class SampleWindow:
-    """Consecutive samples, of which those `inside` have all neighbours that they need."""
-
-    e: State  # the samples
-    inside: slice  # which of them the window stands for
+SampleWindow = tuple[State, slice]
+"""Consecutive samples, and which of them have all neighbours that they need."""
 
 
 class Stream:
@@ -244,7 +240,7 @@ class Stream:
         ):
             if (new & bad).any():
                 self._lose(int((new & bad).sum()), f"{why} at t = {e.t[new & bad][-1]:.6g} s")
-        self.windows += [SampleWindow(e, run) for run in runs(new & e.usable)]
+        self.windows += [(e, run) for run in runs(new & e.usable)]
         cutoff = self.recipe.band.cutoff
         scene = Scene.of(self.mechanism, self.columns, self._aligned(e), self.point, cutoff)
         ready, before = until - half * dt + 0.5 * dt, self._row + 0.5 * dt
