@@ -270,7 +270,7 @@ def integrate(
         extra, name, longest = interpolated(e), e.name, STEPS / e.rate
         knots = rough_times(e) if played else None
     q, v = start_state(model, start or {}, q, v)
-    plant = Plant.of(model, point)
+    plant = Plant(model, point)
     independent = best_conditioned(model, q[None]) if model.closures else ()
     dynamics = Dynamics(
         plant, actuator_of(drive, plant, e), independent, extra, 0.0 if e is None else float(e.t[0])

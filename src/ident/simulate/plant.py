@@ -22,7 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -237,67 +236,37 @@ class InstantTerms:
     a0: np.ndarray  # (nv,)
 
 
-@dataclass(frozen=True, eq=False)
 class Plant:
     """A mechanism ready to be integrated."""
 
-    mechanism: Mechanism  # as its effects correct it (gravity, lengths)
-    laws: ForwardLaws  # of its effects
-    rigid: Rigid  # its bodies with payloads
-    bare: Rigid  # without payloads
-    observed: tuple[int, ...] = ()  # joints whose coordinates are wanted, whatever acts on them
+    def __init__(self, mechanism: Mechanism, point: Point, observed: tuple[int, ...] = ()) -> None:
+        """Prepare a mechanism that its effects have corrected (gravity, lengths).
 
-    @classmethod
-    def of(cls, mechanism: Mechanism, point: Point, observed: tuple[int, ...] = ()) -> Plant:
-        """Prepare a mechanism that is corrected already, with all values in `point`."""
-        laws = ForwardLaws(mechanism, point)
-        bare = Rigid.of(mechanism.model, point.pi)
-        loaded = bool((laws.pi != point.pi).any())
-        rigid = Rigid.of(mechanism.model, laws.pi) if loaded else bare
-        return cls(mechanism, laws, rigid, bare, observed)
-
-    @cached_property
-    def _closure(self) -> Mapped:
-        return Mapped(self.mechanism.kinematics.closure_function, 1)
-
-    @cached_property
-    def _own(self) -> Mapped | None:
-        """Coordinates of closures' own joints; None where nothing needs them."""
-        joints = self.mechanism.joints
-        if all(joints[i].in_tree for i in {*self.laws.joints, *self.driven, *self.observed}):
-            return None
-        return Mapped(self.mechanism.kinematics.own_function, 1)
-
-    @cached_property
-    def dry(self) -> np.ndarray:
-        """(dry, J): the joints whose rates add up where dry friction acts."""
-        sums = np.zeros((len(self.laws.dry), len(self.mechanism.joints)))
-        for row, each in zip(sums, self.laws.dry, strict=True):
+        All values are in `point`; coordinates of the joints `observed` are wanted, whatever acts
+        on them.
+        """
+        model, joints = mechanism.model, mechanism.joints
+        self.mechanism = mechanism
+        self.laws = laws = ForwardLaws(mechanism, point)
+        self.bare = Rigid.of(model, point.pi)  # its bodies without payloads
+        self.rigid = Rigid.of(model, laws.pi) if (laws.pi != point.pi).any() else self.bare
+        self.driven = [mechanism.joint_index[name] for name in mechanism.driven]
+        self.dry = np.zeros((len(laws.dry), len(joints)))  # joints whose rates add up in friction
+        for row, each in zip(self.dry, laws.dry, strict=True):
             row[list(each.at)] = 1.0
-        return sums
-
-    @cached_property
-    def driven(self) -> list[int]:
-        """Indices of the drives among the joints."""
-        return [self.mechanism.joint_index[name] for name in self.mechanism.driven]
-
-    @cached_property
-    def _tree(self) -> Rows:
-        """Indices of tree joints among all joints and in v, and W (J, nv) of them."""
-        joints = self.mechanism.joints
-        at = np.array([i for i, joint in enumerate(joints) if joint.in_tree], dtype=int)
-        index = np.array([joints[i].index for i in at], dtype=int)
-        W = np.zeros((len(joints), self.mechanism.model.nv))
-        W[at, index] = 1.0
-        return at, index, W
-
-    @cached_property
-    def _qdot(self) -> ca.Function | None:
-        model = self.mechanism.model
-        if model.nq == model.nv:
-            return None
-        q, v = ca.SX.sym("q", model.nq), ca.SX.sym("v", model.nv)
-        return ca.Function("qdot", [q, v], [rates(model, q) @ v])
+        self._tree = [i for i, joint in enumerate(joints) if joint.in_tree]
+        self._index = [joints[i].index for i in self._tree]
+        self._W = np.zeros((len(joints), model.nv))
+        self._W[self._tree, self._index] = 1.0
+        self._qdot = None
+        if model.nq != model.nv:
+            symbols = ca.SX.sym("q", model.nq), ca.SX.sym("v", model.nv)
+            self._qdot = ca.Function("qdot", symbols, [rates(model, symbols[0]) @ symbols[1]])
+        self._closure = self._own = None
+        if mechanism.closures:
+            self._closure = Mapped(mechanism.kinematics.closure_function, 1)
+        if not {*laws.joints, *self.driven, *observed} <= {*self._tree}:  # closures' own joints
+            self._own = Mapped(mechanism.kinematics.own_function, 1)
 
     def qdot(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return q̇ (nq,): v itself where every joint has one coordinate."""
@@ -305,9 +274,8 @@ class Plant:
 
     def closures(self, q: np.ndarray, v: np.ndarray) -> Rows:
         """Return Φ (m,), J (m, nv), J̇v (m,)."""
-        if not self.mechanism.closures:
-            nv = self.mechanism.model.nv
-            return np.zeros(0), np.zeros((0, nv)), np.zeros(0)
+        if self._closure is None:
+            return np.zeros(0), np.zeros((0, len(v))), np.zeros(0)
         value, rate, drift = self._closure(q, v)
         return value[0, :, 0], rate[0], drift[0, :, 0]
 
@@ -316,12 +284,11 @@ class Plant:
 
         Whole turns of closures' own joints are counted from coordinates `near` (J,).
         """
-        at, index, W = self._tree
-        y, drift = np.zeros(len(W)), np.zeros(len(W))
-        y[at] = q[index]
+        y, drift = np.zeros((2, len(self._W)))
+        y[self._tree] = q[self._index]
         if self._own is None:
-            return y, W, drift
-        W = W.copy()
+            return y, self._W, drift
+        W = self._W.copy()
         own = self._own(q, v)
         for i, joint in enumerate(self.mechanism.joints):
             if not joint.in_tree:

@@ -134,7 +134,7 @@ def _replayed(
     scene = Scene.of(model.mechanism, NOTHING, bare, model.point, motion.band.cutoff)
     mechanism, e = scene.mechanism, scene.e
     logged = tuple(mechanism.joint_index[name] for name in e.logged)
-    plant = Plant.of(mechanism, model.point, logged)
+    plant = Plant(mechanism, model.point, logged)
     torques, extra = torque_series(e), interpolated(e)
     s = Samples(mechanism, e, slice(None), model.point)
     states = [s.columns(law.effect, law.shape)[:, 0, 0] for law in plant.laws.states]
