@@ -238,11 +238,8 @@ def truth_of(
         words = [f"parameters: of {own}" + (f"; as given: {', '.join(given)}" if given else "")]
     t, true = fit.multipliers[0]
     if reactions is not None:
-        if not any(name in reactions for name in names):
-            column = next(iter(reactions.columns), "t")
-            raise FitError(f"{reactions.name}: no column is a multiplier; {one_of(column, names)}")
-        t, nothing = reactions.t, np.full(len(reactions.t), np.nan)
-        true = np.stack([reactions.columns.get(name, nothing) for name in names], axis=1)
+        known_ones = fit.compare_multipliers(reactions)
+        t, true = known_ones.t, known_ones.known
     if names:
         words.append(f"multipliers: of {own if reactions is None else reactions.name}")
     return Truth(values, units, names, kinematics.units, t, true, tuple(words))
