@@ -290,7 +290,7 @@ class DesignProblem:
         top = top_speeds(e)
         rows = family.rows(replace(e, still=thresholds(top, np.zeros_like(top))))
         e, mechanism, columns = rows.e, family.mechanism, family.columns
-        result = Determined.of(columns, rows, self.sigma)
+        result = Determined(columns, rows, self.sigma)
         logged = joint_columns(mechanism, {"q": e.y, "v": e.yd, "a": e.ydd}, mechanism.driven)
         logged |= {f"tau.{name}": e.tau[:, i] for i, name in enumerate(mechanism.driven)}
         uses = self.exact.uses(self.exact.z(e))
@@ -304,11 +304,11 @@ class DesignProblem:
             uses=uses,
             home=0.0 if e.loop is None else uses[-1].high / self.pinv,
             unknowns=len(columns),
-            base=result.expected(columns, family.point),
+            base=result.expected(family.point),
             condition_number=result.base.condition_number,
             log_det=result.log_det,
             noise=dict(zip(self.names, self.sigma, strict=True)),
-            separation=None if separate is None else result.separation(columns, separate),
+            separation=None if separate is None else result.separation(separate),
             seed=seed,
             notes=self.notes,
         )

@@ -32,7 +32,7 @@ from ident.excite.trajectory import MotionRows, motion_rows
 from ident.fit.shapes import initial
 from ident.fit.values import base_names
 from ident.information import linear
-from ident.information.estimate import TOLERANCE, Base, rank_revealing, solve
+from ident.information.estimate import TOLERANCE, rank_revealing, solve
 from ident.information.triangle import Triangle
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
@@ -173,41 +173,30 @@ class Excitation(Plotted):
         self.log.write(path)
 
 
-@dataclass(frozen=True, eq=False)
 class Determined:
     """The base parameters that the rows of a motion determine."""
 
-    W: np.ndarray  # (N, k) informing rows over the noise
-    base: Base  # the independent columns
-    C: np.ndarray  # covariance of the base parameters
-    log_det: float  # of its inverse
-
-    @classmethod
-    def of(cls, columns: Columns, rows: MotionRows, sigma: np.ndarray) -> Determined:
+    def __init__(self, columns: Columns, rows: MotionRows, sigma: np.ndarray) -> None:
         """Factorise the rows of a motion over the noise (d,) of the torques."""
-        W = (rows.A * rows.informed[:, :, None] / sigma[:, None]).reshape(-1, len(columns))
-        factor = Triangle.of(W, np.zeros(len(W)))
-        base = rank_revealing(factor, TOLERANCE)
-        R = factor.restricted(base.independent).R
-        log_det = 2 * float(np.log(np.abs(R.diagonal())).sum())
-        return cls(W, base, solve(factor, base).C, log_det)
+        W = rows.A * rows.informed[:, :, None] / sigma[:, None]
+        self.columns, self.W = columns, W.reshape(-1, len(columns))  # (N, k) those that inform
+        factor = Triangle.of(self.W, np.zeros(len(self.W)))
+        self.base = rank_revealing(factor, TOLERANCE)
+        R = factor.restricted(self.base.independent).R
+        self.log_det = 2 * float(np.log(np.abs(R.diagonal())).sum())  # of the information
+        self.stderr = np.sqrt(solve(factor, self.base).C.diagonal())  # (r,) of base parameters
 
-    @property
-    def stderr(self) -> np.ndarray:
-        """Standard errors of the base parameters (r,)."""
-        return np.sqrt(self.C.diagonal())
-
-    def expected(self, columns: Columns, point: Point) -> tuple[ExpectedValue, ...]:
+    def expected(self, point: Point) -> tuple[ExpectedValue, ...]:
         """Return prior and standard error of every base parameter."""
-        base, x = self.base, columns.prior_at(point.values)
-        prior = base.combined(x)
+        base, columns = self.base, self.columns
+        prior = base.combined(columns.prior_at(point.values))
         units = [columns.units[i] for i in base.independent]
         named = zip(base_names(columns, base), prior, self.stderr, units, strict=True)
         return tuple(ExpectedValue(name, float(p), float(s), unit) for name, p, s, unit in named)
 
-    def separation(self, columns: Columns, pair: tuple[str, str]) -> Separation:
+    def separation(self, pair: tuple[str, str]) -> Separation:
         """Return how well two effects are distinguished."""
-        independent = list(self.base.independent)
+        independent, columns = list(self.base.independent), self.columns
         a, b = (places_of(columns, label) for label in pair)
         rest = np.setdiff1d(np.arange(self.W.shape[1]), [*a, *b])
         C, D = self.W[:, a], self.W[:, b]
@@ -243,7 +232,7 @@ def separation(
     columns = Columns.of(mechanism)
     rows = motion_rows(mechanism, columns, initial(mechanism, motion), motion.experiments[0])
     sigma = np.full(rows.A.shape[1], noise)
-    return Determined.of(columns, rows, sigma).separation(columns, pair)
+    return Determined(columns, rows, sigma).separation(pair)
 
 
 def places_of(columns: Columns, label: str) -> list[int]:

@@ -141,29 +141,22 @@ def _replayed(
     z = np.stack(states, axis=1) if states else np.zeros((len(e), 0))
     knots, since = rough_times(e), float(e.t[0])
 
-    def play(a: int, b: int) -> tuple[np.ndarray, str]:
-        """Return y (≤ b − a + 1, J) at the samples a to b, and why it ended before, if it did."""
-        dynamics, failure = Dynamics(plant, torques, motion.independent, extra, since), ""
-        integration = Integration(dynamics, TOLERANCE, STEPS / e.rate, knots, e.y[a])
-        try:
-            integration.run((e.q[a], e.v[a], z[a]), e.t[a : b + 1])
-        except MotionError as error:
-            failure = str(error)
-        y = np.array([m.y for m, _, _ in integration.samples])
-        return y.reshape(-1, len(mechanism.joints)), failure
-
     simulated, starts, failures = np.full(e.y.shape, np.nan), [], []
     length = max(2, round(window * e.rate))
     for segment in e.segments():
         for a in range(segment.start, segment.stop - 1, length):
             if on_progress:
                 on_progress(f"simulating {e.name}", a / len(e))
-            y, failure = play(a, min(a + length, segment.stop - 1))
-            if failure:
-                failures.append(failure)
-            else:
-                simulated[a + 1 : a + len(y)] = y[1:]
             starts.append(a)
+            times = e.t[a : min(a + length, segment.stop - 1) + 1]
+            dynamics = Dynamics(plant, torques, motion.independent, extra, since)
+            integration = Integration(dynamics, TOLERANCE, STEPS / e.rate, knots, e.y[a])
+            try:
+                integration.run((e.q[a], e.v[a], z[a]), times)
+            except MotionError as error:
+                failures.append(str(error))
+                continue
+            simulated[a + 1 : a + len(times)] = [m.y for m, _, _ in integration.samples[1:]]
     return ReplayedLog(
         e.name,
         e.t,

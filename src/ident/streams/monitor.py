@@ -196,7 +196,7 @@ class Monitor(Displayed):
                 f"interval {interval:g} s, {false_alarms_per_hour:g} false alarms an hour, "
                 f"patience {patience:g} s, material {material:g}; valid: above 0"
             )
-        watched = Watched.of(reference, motion, kinds)
+        watched = Watched(reference, motion, kinds)
         x, parts = watched.reference, [p for e in motion.experiments for p in watched.rows(e)]
         count = sum(part.informed.sum(axis=0) for part in parts)
         squares = sum((np.where(p.informed, p.b - p.A @ x, 0.0) ** 2).sum(axis=0) for p in parts)

@@ -96,20 +96,10 @@ class Suspect:
         return set(map(int, other.places)) < set(map(int, self.places))
 
 
-@dataclass(frozen=True, eq=False)
 class Watched:
     """The reference, opened for everything that could change."""
 
-    mechanism: Mechanism  # with all suspects
-    columns: Columns  # its k unknowns
-    point: Point  # where rows are evaluated
-    reference: np.ndarray  # (k,) x_ref
-    suspects: tuple[Suspect, ...]  # what could change
-    joints: tuple[str, ...]  # of the d coordinates in which torques are compared
-    cutoff: float | None  # of the rows' filter [Hz]
-
-    @classmethod
-    def of(cls, reference: Fit | Mechanism, motion: Motion, kinds: Sequence[str]) -> Watched:
+    def __init__(self, reference: Fit | Mechanism, motion: Motion, kinds: Sequence[str]) -> None:
         """Open the reference for suspects of some kinds."""
         valid = [*WATCHED, *(kind for kind, cls in KINDS.items() if cls.watched == "request")]
         for kind in kinds:
@@ -128,18 +118,18 @@ class Watched:
                 whole = whole + effect
             if effect.corrects:
                 shapes |= {name: values.values.get(name, 0.0) for name in effect.names}
-        point = Point(values.pi, {**values.values, **shapes})
-        columns = Columns.of(whole)
+        self.mechanism = whole  # with all suspects
+        self.columns = Columns.of(whole)  # its k unknowns
+        self.point = Point(values.pi, {**values.values, **shapes})  # where rows are evaluated
+        self.reference = self.point.unknowns(self.columns)  # (k,) x_ref
+        self.joints = motion.independent  # of the d coordinates in which torques are compared
+        self.cutoff = motion.band.cutoff  # of the rows' filter [Hz]
         # each alone, and companions of a joint together
         groups: list[tuple[Effect, ...]] = [(each,) for each in effects]
         for name in dict.fromkeys(e.joints[0] for e in effects if e.companions):
             together = tuple(e for e in effects if e.companions and e.joints[0] == name)
             groups += [together] if len(together) > 1 else []
-        return cls(
-            whole, columns, point, point.unknowns(columns),
-            tuple(Suspect.of(group, columns) for group in groups),
-            motion.independent, motion.band.cutoff,
-        )  # fmt: skip
+        self.suspects = tuple(Suspect.of(group, self.columns) for group in groups)
 
     def scene(self, e: State) -> Scene:
         """Return an experiment as these equations see it."""
