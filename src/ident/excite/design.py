@@ -17,13 +17,7 @@ from ident.equations.unknowns import Columns
 from ident.errors import MechanismError, MotionError, one_of
 from ident.excite.excitation import Criterion, Determined, Excitation, places_of, with_rivals
 from ident.excite.limits import LimitBox, Limits
-from ident.excite.trajectory import (
-    Family,
-    Fourier,
-    MotionRows,
-    at_rest,
-    moved_joints,
-)
+from ident.excite.trajectory import Family, Fourier, MotionRows, at_rest, moved_joints
 from ident.fit.shapes import initial
 from ident.information.estimate import TOLERANCE, Base, rank_revealing
 from ident.information.triangle import Triangle

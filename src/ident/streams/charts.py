@@ -136,11 +136,7 @@ class NormalRunning:
 
     @classmethod
     def of(
-        cls,
-        intervals: Sequence[WatchedInterval],
-        sigma: np.ndarray,
-        x: np.ndarray,
-        material: float,
+        cls, intervals: Sequence[WatchedInterval], sigma: np.ndarray, x: np.ndarray, material: float
     ) -> NormalRunning:
         """Learn normal running from `FEWEST` intervals or more."""
         triangle = Triangle.merge([each.triangle for each in intervals])
@@ -171,11 +167,7 @@ class NormalRunning:
         return replace(self, spread=spread, least=least, freedom=self.freedom / factor)
 
     def moved(
-        self,
-        places: np.ndarray,
-        root: np.ndarray,
-        since: Sequence[WatchedInterval],
-        x: np.ndarray,
+        self, places: np.ndarray, root: np.ndarray, since: Sequence[WatchedInterval], x: np.ndarray
     ) -> NormalRunning:
         """Return normal running after a change has been made part of the reference.
 

@@ -140,12 +140,7 @@ def diagnose_each(
     """
     paths = log_paths(logs, scheduler)
     names = names_of(paths)
-    rule: Any = {
-        "seed": seed,
-        "alpha": alpha,
-        "material": material,
-        "rival_se": rival_se,
-    }
+    rule: Any = {"seed": seed, "alpha": alpha, "material": material, "rival_se": rival_se}
     settings: Any = {"cutoff": cutoff, "smoothing": smoothing}
 
     def on_progress(what: str, share: float) -> None:

@@ -31,14 +31,7 @@ from ident.motion.recipe import AUTO
 from ident.pool import Workers
 from ident.streams.logs import Excerpt, Given, LogOnDisk, excerpt, log_paths
 from ident.streams.many_logs import LogComparison, compare_logs
-from ident.streams.portions import (
-    Checkpoint,
-    Plan,
-    absorbed,
-    multipliers_of,
-    summaries,
-    with_logs,
-)
+from ident.streams.portions import Checkpoint, Plan, absorbed, multipliers_of, summaries, with_logs
 from ident.streams.stream import with_free_multipliers
 
 SAMPLES = 65_536  # of a portion

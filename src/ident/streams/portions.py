@@ -47,11 +47,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.motion.closures import LoopSolver
 from ident.motion.motion import left_out, part_of, state_of
-from ident.motion.recipe import (
-    Band,
-    recipe_of,
-    standstill,
-)
+from ident.motion.recipe import Band, recipe_of, standstill
 from ident.motion.signals import LogSignals, absurd_samples, measure
 from ident.motion.smoothing import derive
 from ident.motion.state import State
