@@ -263,21 +263,19 @@ class ChannelEquations:
             if LEAST_FACTOR < max(best, 1 / best) < LARGEST_FACTOR:
                 yield from (at(best), at(2.5 * best), at(0.4 * best))
 
-    def strangers(self, noise: Array) -> tuple[int, ...]:
+    def strangers(self, noise: Array) -> list[str]:
         """Driven joints of which the torque is explained no better than at another time of the log:
-        it is not of this motion, or is noise. `noise` (d,) is that of the log as it is. Of less
-        than SEVERAL joints, effects that the library does not have may make the torques.
+        it is not of this motion, or is noise; `noise` (d,) is that of the log as it is. None, if
+        these are not most of several: effects that the library does not have may make a few.
         """
-        found, now = [], self.as_logged
-        for u, j in enumerate(self.own):
-            if noise[u] > LEAVES and self.near < len(self.lags) and len(self.own) >= SEVERAL:
-                turned = [
-                    self.noise(now.with_("delay", 0.0, shift={j: shift}), noise)[u]
-                    for shift in range(self.near, len(self.lags))
-                ]
-                if noise[u] > AS_GOOD * min(turned):
-                    found.append(j)
-        return tuple(found)
+        found, turned = [], range(self.near, len(self.lags))
+        for u in np.flatnonzero(noise > LEAVES) if len(self.own) >= SEVERAL and turned else ():
+            name = self.driven[self.own[u]]
+            shifts = ({self.own[u]: shift} for shift in turned)
+            causes = (self.as_logged.with_("delay", 0.0, shift=each) for each in shifts)
+            if noise[u] > AS_GOOD * min(self.noise(each, noise)[u] for each in causes):
+                found.append(name)
+        return found if len(found) >= max(SEVERAL, len(self.own) / 2) else []
 
     def refined_delay(self, cause: Fault) -> float:
         """The delay [s] of a cause between the shifts that were tried, by a parabola."""

@@ -27,7 +27,6 @@ from ident.fit.channel_fits import (
     HALF,
     LEAVES,
     RIVAL,
-    SEVERAL,
     SMALL,
     ChannelEquations,
     credible_t,
@@ -205,18 +204,15 @@ class DataChecks:
             found, own = [moved[0]], moved[1]
         elif found:
             own = ChannelEquations.of(self.estimate, self.table, self.use, [], shifts=True)
-        named = [fault_finding(self.mechanism, each) for each in found]
         held = "; standard errors hold what it does to parameters"
-        named = [replace(each, meaning=each.meaning + held) for each in named]
+        findings = [fault_finding(self.mechanism, each) for each in found]
+        named = [replace(each, meaning=each.meaning + held) for each in findings]
         return named, None if own is None else (own, found[-1].fault), noise
 
     def _strangers(self, noise: Array) -> Iterator[Finding]:
-        """Report torques that do not belong to this motion: most of several, for one or two may be
-        made by effects that the library does not have, or by a motor that is off.
-        """
-        names = [f"tau.{self.equations.driven[j]}" for j in self.equations.strangers(noise)]
-        many = len(names) >= max(SEVERAL, len(self.equations.own) / 2)
-        if many and self.reference.max() > LEAVES:
+        """Report torques that do not belong to this motion."""
+        names = [f"tau.{name}" for name in self.equations.strangers(noise)]
+        if names and self.reference.max() > LEAVES:
             text = (
                 f"{', '.join(names)}: explained no better by this motion than at another time of "
                 "the log: they are of another run, of another joint, or no measurement"
@@ -275,6 +271,8 @@ class DataChecks:
         )
         enough = 2  # torques; one alone where it is gravity's, which no rotor makes
         for u, name in enumerate(self.problem.motion.independent):
+            if name not in self.mechanism.driven or self.errors[name] >= LEAVES:
+                continue
             some = self.use[:, u]
             A, known = table.A[some, u], (table.tau - table.b)[some, u]  # of known bodies
             some_of = rigid
@@ -284,13 +282,12 @@ class DataChecks:
                 A[:, some_of] @ x[some_of] + known for x in (columns.prior, self.estimate.x)
             )
             sizes = [float(np.linalg.norm(x)) for x in (now, then)]
-            fits = name in self.mechanism.driven and self.errors[name] < LEAVES
             like = now @ then / max(sizes[0] * sizes[1], 1e-300)
-            if fits and like > LIKE:
+            if like > LIKE:
                 gains[name] = sizes[0] / sizes[1]
             many = self.estimate.triangle.rows > MANY * self.estimate.base.rank
             matter = min(sizes) > LEAVES * float(np.linalg.norm(table.tau[some, u]))
-            if fits and many and matter and like < UNLIKE:
+            if many and matter and like < UNLIKE:
                 text = (
                     f"tau.{name}: the bodies that were identified need a torque of another shape "
                     f"than the URDF's (correlation {like:.2f}): gravity, the zero or sign of a "
@@ -299,13 +296,11 @@ class DataChecks:
                 remedy = "check [mechanism] gravity, q.… and t against the machine"
                 yield Finding("unlike", text, remedy, (f"tau.{name}",), float(like), UNLIKE)
         logs = np.log(list(gains.values()))
-        alike = len(gains) >= enough and np.ptp(logs) < ALIKE
-        same = len(gains) > 1 and np.ptp(logs) < SAME
-        least = OTHER if same else TOGETHER
-        alike = alike and np.abs(logs).min() > np.log(least)
-        found = gains if alike else {n: x for n, x in gains.items() if max(x, 1 / x) > TIMES}
-        for names in [list(found)] if alike else [[name] for name in found]:
-            gain = float(np.exp(np.mean([np.log(found[name]) for name in names])))
+        least = OTHER if len(gains) > 1 and np.ptp(logs) < SAME else TOGETHER
+        alike = len(gains) >= enough and np.ptp(logs) < ALIKE and np.abs(logs).min() > np.log(least)
+        alone = [[name] for name, x in gains.items() if max(x, 1 / x) > TIMES]
+        for names in [list(gains)] if alike else alone:
+            gain = float(np.exp(np.mean([np.log(gains[name]) for name in names])))
             where = tuple(f"tau.{name}" for name in names)
             text = (
                 f"{', '.join(where)}: {gain:.3g} times what the URDF's bodies need, and of the "

@@ -14,7 +14,6 @@ Rows at another point differ in the columns of effects and in nothing else: the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -146,14 +145,19 @@ def variable_projection(
     first = _estimate(mechanism, columns, information_of(mechanism, columns, motion, point))
     same = SAME * float(np.sum((first.triangle.column_norms() * first.x) ** 2))
     loss = np.inf
-    for step in range(STEPS):
+    for number in range(STEPS):
         if on_progress:
-            on_progress("searching shapes", step / STEPS)
+            on_progress("searching shapes", number / STEPS)
         now, before = solved(point, first, first.held), point.unknowns(columns)
         if shapes.any():
             loss = trial(point, first)[1] if np.isinf(loss) else loss
             for half in range(HALVES):
-                x = stepped(columns, point, now.x, bounds, 0.5**half)
+                x = now.x.copy()
+                for i in columns.shapes:  # no farther than LONGEST, within bounds
+                    low, high = bounds[int(i)]
+                    most = LONGEST * (high - low)
+                    step = np.clip(0.5**half * (x[i] - before[i]), -most, most)
+                    x[i] = np.clip(before[i] + step, low, high)
                 after, error = trial(point.at(mechanism, columns, x), first)
                 if error <= loss + same:
                     break
@@ -174,22 +178,6 @@ def _estimate(mechanism: Mechanism, columns: Columns, information: Information) 
     """Estimate the linear equations at a point, weights and held unknowns included."""
     sensible = plausible_of(mechanism, columns, information)
     return estimate(information.totals, columns.prior, information.rms_torque, sensible)
-
-
-def stepped(
-    columns: Columns,
-    point: Point,
-    x: np.ndarray,
-    bounds: Mapping[int, tuple[float, float]],
-    share: float,
-) -> np.ndarray:
-    """Return x with shapes a share of the way to it, no farther than LONGEST, within bounds."""
-    x, before = x.copy(), columns.prior_at(point.values)
-    for i in columns.shapes:
-        low, high = bounds[int(i)]
-        step = np.clip(share * (x[i] - before[i]), -LONGEST * (high - low), LONGEST * (high - low))
-        x[i] = np.clip(before[i] + step, low, high)
-    return x
 
 
 def beyond_bounds(problem: Problem, found: Estimate) -> np.ndarray:

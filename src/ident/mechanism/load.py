@@ -102,7 +102,7 @@ def load(
         model=tree.model,
         bodies=bodies,
         joints=joints,
-        closures=_closures([*loops, *closures, *mimics], context, top),
+        closures=tuple(read_closure(table, context) for table in (*loops, *closures, *mimics)),
         driven=tuple(joint.name for joint in joints if joint.name not in passive),
         passive=tuple(joint.name for joint in joints if joint.name in passive),
         start=start,
@@ -116,6 +116,9 @@ def load(
         locked=held,
         consistency=read_consistency(parameters, bodies),
     )
+    names = [closure.name for closure in mechanism.closures]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise top.error(f"two closures are named '{twice[0]}'")
     at = ", ".join(f"{name} at {value:.4g}" for name, value in held.items())
     locks = [f"locked: {at}"] if at else []
     notes = (*source.notes, *tree.notes, *locks, *_remarks(mechanism))
@@ -165,14 +168,6 @@ def stated(data: Mapping[str, Any], source: Description) -> dict[str, Any]:
         joints["start"] = {**source.start, **given.get("start", {})}
     gravity = data.get("gravity", list(source.gravity or GRAVITY))
     return {**data, "joints": joints, "gravity": gravity}
-
-
-def _closures(tables: list[TomlTable], context: Context, top: TomlTable) -> tuple[Closure, ...]:
-    closures = [read_closure(table, context) for table in tables]
-    names = [closure.name for closure in closures]
-    if twice := [name for name in names if names.count(name) > 1]:
-        raise top.error(f"two closures are named '{twice[0]}'")
-    return tuple(closures)
 
 
 def _effect(table: TomlTable, context: Context) -> Effect:

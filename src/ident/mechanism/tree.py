@@ -188,17 +188,13 @@ def placements(model: pin.Model, q: ca.SX) -> list[Placement]:
         if model.joints[index].nq == 7:
             own = Placement(_rotation_of_quaternion(q[at + 3 : at + 7]), q[at : at + 3])
         elif is_rotational(model, index):
-            own = Placement(_rotation_about(joint_axis(model, index), q[at]), ca.SX.zeros(3))
+            cross = ca.skew(ca.SX(joint_axis(model, index)))  # Rodrigues
+            turned = ca.sin(q[at]) * cross + (1 - ca.cos(q[at])) * (cross @ cross)
+            own = Placement(ca.SX.eye(3) + turned, ca.SX.zeros(3))
         else:
             own = Placement(ca.SX.eye(3), ca.SX(joint_axis(model, index)) * q[at])
         placed.append(fixed * own)
     return placed
-
-
-def _rotation_about(axis: np.ndarray, angle: ca.SX) -> ca.SX:
-    # Rodrigues: R = I + sin(q) [a]× + (1 − cos(q)) [a]×²
-    cross = ca.skew(ca.SX(axis))
-    return ca.SX.eye(3) + ca.sin(angle) * cross + (1 - ca.cos(angle)) * (cross @ cross)
 
 
 def _rotation_of_quaternion(xyzw: ca.SX) -> ca.SX:

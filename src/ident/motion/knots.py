@@ -31,9 +31,7 @@ ALIKE = 0.02  # share by which errors must fall for other knots than the present
 ROWS = 250  # filtered rows of a coordinate, at least: a dozen in each of a diagnosis's 20 blocks
 OVERSAMPLING = 4.0  # filtered rows a period of the cut-off, as `equations.filter` keeps them
 CLOSEST = 1.01  # times the closest knots: no further than rounding
-FILTER = (
-    7.3  # knots that the filter with the cut-off of knots spans, as `equations.filter` makes it
-)
+FILTER = 7.3  # knots that the filter of `equations.filter` spans at the cut-off of knots
 LOST = 2.0  # lengths of the filter that the usual run between gaps must last
 SAMPLES = 1000  # of a log, at which torques are predicted
 FOLDS = 10  # stretches of time that are left out in turn
