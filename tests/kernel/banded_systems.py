@@ -6,6 +6,13 @@ from ident.information.band import Chunk
 from ident.information.splines import Basis
 
 
+def chunk_of(first, values, J_T, A, b):
+    """The rows of N samples: L = Jᵀ B(t) (paper, eq. 7)."""
+    N, n, m = J_T.shape
+    L = np.einsum("tw,tim->tiwm", values, J_T).reshape(N * n, values.shape[1], m)
+    return Chunk(np.repeat(first, n), L, A.reshape(N * n, A.shape[2]), b.reshape(-1))
+
+
 class System:
     """Smooth random columns: N samples of n rows, m multipliers, k parameters, noisy right side."""
 
@@ -22,7 +29,7 @@ class System:
     def chunks(self, size=10**9):
         for start in range(0, len(self.t), size):
             part = slice(start, start + size)
-            yield Chunk.of_samples(
+            yield chunk_of(
                 self.first[part], self.values[part], self.J_T[part], self.A[part], self.b[part]
             )
 

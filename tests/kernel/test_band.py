@@ -2,7 +2,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from banded_systems import System, relative
+from banded_systems import System, chunk_of, relative
 
 from ident.errors import FitError
 from ident.information.band import Chunk, eliminate
@@ -163,7 +163,7 @@ def test_gaps_leave_their_multipliers_at_zero_and_the_rest_untouched(degree):
 def test_a_single_sample_and_a_span_of_one_interval():
     basis = Basis.spanning(0, 1, 1.0)
     first, values = basis.window([0.25])
-    chunk = Chunk.of_samples(
+    chunk = chunk_of(
         first, values, np.ones((1, 2, 1)), np.array([[[1.0], [0.0]]]), np.array([[5.0, 2.0]])
     )
     elimination, x, a = solved([chunk], basis.count)

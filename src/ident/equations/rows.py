@@ -191,21 +191,12 @@ def stack(scene: Scene, cutoff: float | None, segment: slice, basis: Basis) -> I
         inside = slice(sample[0] - decimator.half, sample[-1] + decimator.half + 1)
         J_T = scene.mechanism.kinematics.closure_rows(e.q[inside]).rate.transpose(0, 2, 1)
         first, values = basis.window(e.t[inside])
-        if decimator.taps is None:
-            chunk = Chunk.of_samples(first, values, J_T, A, b)
-        else:
-            values = values[:, :, None, None] * J_T[:, None]
-            first, L = filtered_windows(
-                decimator, basis, e.t[inside], first, values, sample - inside.start
-            )
-            L = L.transpose(0, 2, 1, 3)
-            n, nv = b.shape
-            chunk = Chunk(
-                np.repeat(first, nv), L.reshape(n * nv, *L.shape[2:]),
-                A.reshape(n * nv, A.shape[2]), b.reshape(n * nv),
-            )  # fmt: skip
-        chosen = informed.reshape(-1)
-        yield Chunk(chunk.first[chosen], chunk.L[chosen], chunk.A[chosen], chunk.b[chosen])
+        values = values[:, :, None, None] * J_T[:, None]  # L = Jᵀ B(t) (paper, eq. 7)
+        first, L = filtered_windows(
+            decimator, basis, e.t[inside], first, values, sample - inside.start
+        )
+        first = np.broadcast_to(first[:, None], b.shape)
+        yield Chunk(first[informed], L.transpose(0, 2, 1, 3)[informed], A[informed], b[informed])
 
 
 def full_rows(scene: Scene, part: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -58,21 +58,6 @@ class Chunk:
         if not np.isfinite([self.L.sum(), self.A.sum(), self.b.sum()]).all():
             raise FitError("an equation has a number that is not finite; valid: finite ones only")
 
-    @classmethod
-    def of_samples(cls, first: Index, values: Array, J_T: Array, A: Array, b: Array) -> Chunk:
-        """Return the rows of N samples: L = Jᵀ B(t) (paper, eq. 7).
-
-        Args:
-            first, values: (N,), (N, width): the basis at the samples' times, `Basis.window`.
-            J_T: (N, n, m), transposed constraint Jacobians.
-            A, b: (N, n, k), (N, n).
-        """
-        (N, n, m), width, k = J_T.shape, values.shape[1], A.shape[2]
-        L = np.tile(J_T.reshape(N * n, m), width)
-        L *= values.repeat(n, axis=0).repeat(m, axis=1)
-        rows = L.reshape(N * n, width, m), A.reshape(N * n, k), b.reshape(N * n)
-        return cls(np.repeat(first, n), *rows)
-
     @property
     def shape(self) -> tuple[int, int, int]:
         """Width, m, k."""
