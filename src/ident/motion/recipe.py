@@ -30,10 +30,10 @@ CLEAN = 1e-3  # share of noise below which a channel is taken as it is
 NOISY = 0.02  # share of noise in an acceleration that the filter may let pass
 ROWS_OVER_MOTION = 5.0  # cut-off of the rows' filter over the motion's bandwidth
 ROWS_OVER_MOTION_LEAST = 2.0  # the same where accelerations are noisy
-STILL = (
-    0.001  # share of a joint's top speed below which it stands still: splines are off by 3e-7 of it
-)
+STILL = 0.004  # share of a joint's top speed below which it counts as standing still
 NOISE = 4.0  # or so many times the noise of speeds, where that is more
+EXACT = 250.0  # times that, where it is less: in a log without noise what moves slowly still moves
+LEAST = 1e-4  # share of the top speed that is standstill even there; splines are off by 3e-7 of it
 HARDLY = 0.5  # noise that is this share of the top speed is all that moves the joint
 LOOKED_AT = 500  # samples from which the closures' transmission is taken
 
@@ -150,9 +150,11 @@ def top_speeds(e: State) -> np.ndarray:
     return np.asarray(np.abs(e.yd[e.usable]).max(axis=0, initial=0.0))
 
 
-def thresholds(top: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """(J,) speeds of standstill from top speeds and speeds that noise feigns, both (J,)."""
-    speed = np.maximum(STILL * top, noise)
+def thresholds(top: np.ndarray, noise: np.ndarray | None = None) -> np.ndarray:
+    """(J,) speeds of standstill from top speeds and, of a log, speeds that noise feigns, (J,)."""
+    speed = STILL * top
+    if noise is not None:
+        speed = np.maximum.reduce([np.minimum(speed, EXACT * noise), noise, LEAST * top])
     return np.maximum(np.where(speed < HARDLY * top, speed, 1.01 * top), 1e-9)
 
 

@@ -6,8 +6,8 @@ from ident.display import Displayed, render, renderer, renders
 
 MODULES = {
     "comparison": ("Comparison",),
-    "diagnosis": ("Diagnosis", "Health"),
-    "diagnosis_report": ("Diagnosis",),
+    "diagnosis": ("Diagnosis",),
+    "diagnosis_report": ("Diagnosis", "Health"),
     "experiment": ("Diagnosis",),
     "fit": (
         "Binding", "Correlation", "Fit", "Likelihood", "Reactions",

@@ -14,7 +14,6 @@ from ident.diagnosis.unobservable import Invisible
 from ident.display import renders
 from ident.effects import Effect
 from ident.fit import Fit
-from ident.fit.data_checks import Health
 from ident.fit.residual import Failure
 from ident.information.blocks import Error
 from ident.information.chance import odds_ratio
@@ -122,13 +121,10 @@ def card(d: Diagnosis) -> Card:
             command = f"{add_command(d.fit.mechanism, [])} {files} --allow-code"
     bars = [Bar(f.joint, errors[f.joint], after.get(f.joint), d.floor[f.joint]) for f in d.where]
     bars.sort(key=lambda bar: bar.sizes[1] - bar.sizes[0])  # the largest fall first
-    words = " ".join([judged(d), certain, *_rest(d)]).strip()
-    return Card(line, words, tuple(bars), command, first_motion(d))
-
-
-def judged(d: Diagnosis) -> str:
-    """Return whether the model is good enough as it is."""
-    return good_enough(errors_of(d.fit), d.floor, searched=d.verdict == "nothing")
+    good = good_enough(errors, d.floor, searched=d.verdict == "nothing")
+    return Card(
+        line, " ".join([good, certain, *_rest(d)]).strip(), tuple(bars), command, first_motion(d)
+    )
 
 
 def first_motion(d: Diagnosis) -> str:
@@ -225,19 +221,6 @@ def mark(d: Diagnosis, each: Explanation) -> str:
     if any(effect.label == label for effect in d.group):
         return "*"
     return "=" if any(effect.label == label for effect in d.rivals) else " "
-
-
-@renders(Health, "sheet")
-def health_sheet(h: Health) -> Sheet:
-    """Return the findings as a table and in words."""
-    found = "nothing is wrong" if h.good else f"{len(h.findings)} finding(s)"
-    rows = [["finding", "channels", "number", "threshold"]]
-    for each in h.findings:
-        values = ("–" if x is None else f"{x:.3g}" for x in (each.number, each.threshold))
-        rows.append([each.code, ", ".join(each.where), *values])
-    tables = {} if h.good else {"findings": rows}
-    lines = [f"! {each}" for each in h.findings]
-    return Sheet(f"health of the data: {found}", tables=tables, lines=lines)
 
 
 # --- in words -------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ from ident.diagnosis.result import Diagnosis, Explanation, errors_of
 from ident.diagnosis.unobservable import name_of
 from ident.display import renders
 from ident.files import json_bytes, plain, regular, write_all
+from ident.fit.data_checks import Health
 from ident.fit.prediction import predict
 from ident.fit.residual import Failure, Residual, residual_of
 from ident.show.card import Bar
@@ -35,7 +36,6 @@ from ident.show.diagnosis import (
     CLAIMS,
     candidate_rows,
     card,
-    health_sheet,
     mark,
     story,
     where_rows,
@@ -54,6 +54,7 @@ from ident.show.html import (
 )
 from ident.show.laws import curve_json, labels, law_blocks, numbers
 from ident.show.residual import plot_maps, time_label, view_of_fit
+from ident.show.sheet import Sheet
 
 SCHEMA = "ident.diagnosis/1"
 BARS = 12
@@ -130,6 +131,19 @@ def plot_before_after(before: Residual, after: Residual, joint: str, label: str)
         title += f"; the first {LOGS} of {len(before.traces)} logs"
     clock = before.traces[0].name if len(rows) == 1 else ""
     return Chart(title, tuple(rows), shared_x=True, clock=clock)
+
+
+@renders(Health, "sheet")
+def health_sheet(h: Health) -> Sheet:
+    """Return the findings as a table and in words."""
+    found = "nothing is wrong" if h.good else f"{len(h.findings)} finding(s)"
+    rows = [["finding", "channels", "number", "threshold"]]
+    for each in h.findings:
+        values = ("–" if x is None else f"{x:.3g}" for x in (each.number, each.threshold))
+        rows.append([each.code, ", ".join(each.where), *values])
+    tables = {} if h.good else {"findings": rows}
+    lines = [f"! {each}" for each in h.findings]
+    return Sheet(f"health of the data: {found}", tables=tables, lines=lines)
 
 
 # --- report ---------------------------------------------------------------------------------------

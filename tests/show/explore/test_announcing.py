@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from explored import grown, screened
 
 import ident
-from ident.show.explore.board import GROUPS, beside_verdict, effect_rows
+from ident.show.explore.board import GROUPS, effect_rows
 from ident.show.explore.exploration import Exploration
 from ident.show.explore.predicted import PredictedGain, rows_of
 
@@ -155,14 +154,3 @@ def test_what_would_raise_the_error_lowers_none():
     falls = {x.label: x.fall for x in screened().candidates if x.fall is not None}
     for label, fall in falls.items():
         assert ("lowers the error" in rows[label]["about"]) == (fall > 0)
-
-
-@pytest.mark.parametrize(("verdict", "said"), [("missing", False), ("nothing", True)])
-def test_falls_beside_a_verdict_are_spoken_of(verdict, said):
-    judged = SimpleNamespace(verdict=verdict)
-    candidates = screened().candidates
-    sure = [each for each in candidates if each.sure and not each.present]
-    words = beside_verdict(candidates, judged)
-    assert (sure[0].label in words and "first" in words) is said
-    assert beside_verdict(screened().candidates[-3:], judged) == ""
-    assert beside_verdict(screened().candidates, None) == ""

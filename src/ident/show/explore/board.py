@@ -17,13 +17,11 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from importlib import resources
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
 
-from ident.diagnosis import Diagnosis
 from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.result import Law
 from ident.effects import Effect
@@ -68,12 +66,14 @@ UNJUDGED = (
 
 
 def error_rows(e: Exploration) -> list[list[str]]:
-    """Return held-out errors joint by joint: as given, before the last change, now."""
-    three = e.rungs[0], e.rungs[max(len(e.rungs) - 2, 0)], e.now
-    joints = e.fit.motion.independent
-    four = *(rung.errors for rung in three), noise_errors(e.fit)
-    rows = [[j, *(error_text(errors.get(j)) for errors in four)] for j in joints]
-    return [["joint", "as given", "before", "now", "noise"], *rows]
+    """Return held-out errors joint by joint: as given, and from the last change to now."""
+    first, noise = e.rungs[0].errors, e.fit.noise
+    before = e.rungs[max(len(e.rungs) - 2, 0)].errors
+    rows = [
+        [j, error_text(first.get(j)), Bar(j, before.get(j, now), now, noise[j]).words]
+        for j, now in e.now.errors.items()
+    ]
+    return [["joint", "as given", "last change"], *rows]
 
 
 def effect_rows(e: Exploration) -> list[dict[str, Any]]:
@@ -127,22 +127,6 @@ def _effect_row(x: PredictedGain, mark: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def beside_verdict(found: Sequence[PredictedGain], d: Diagnosis | None) -> str:
-    """Return what is to be said where no effect is judged missing, but falls are announced."""
-    falling = [each for each in found if each.sure and not each.present]
-    if d is None or d.verdict == "missing" or not falling:
-        return ""
-    best = falling[0]
-    named = "nothing is missing" if d.verdict == "nothing" else "no effect explains what is left"
-    change = "" if best.before is None else Bar("", best.before, best.after).words
-    return (
-        f"Judged: {named} that this data could show. Changes are announced all the same, first "
-        f"{best.label} ({change}, of {listed(best.joints[:1])}): to be named, an "
-        "effect must also do more than effects do by chance in logs without them, matter "
-        "against the torque, and have values that it can have."
-    )
-
-
 def contents(e: Exploration, view: str, joint: str) -> list[Chart | Markup]:
     """Return the charts and HTML of one view, from above.
 
@@ -156,15 +140,13 @@ def contents(e: Exploration, view: str, joint: str) -> list[Chart | Markup]:
     if view == "All joints":
         return [e.fit.plot().thinned(POINTS)]
     if view == "Ladder":
-        remarks = [text for a, b in pairwise(e.rungs) for text in b.risen(a)]
         names = [rung.name for rung in e.rungs]
-        ladder = plot_rungs(names, [rung.errors for rung in e.rungs], noise_errors(e.fit))
-        return [items(remarks), ladder]
+        return [plot_rungs(names, [rung.errors for rung in e.rungs], noise_errors(e.fit))]
     if view == "Numbers":
         return _numbers(e.fit)
     if (d := e.now.diagnosis) is None:
         return [paragraph(UNJUDGED)]
-    return [paragraph(beside_verdict(e.candidates, d)), code(str(d))]
+    return [code(str(d))]
 
 
 def _joint(e: Exploration, joint: str) -> list[Chart | Markup]:
@@ -182,8 +164,7 @@ def _joint(e: Exploration, joint: str) -> list[Chart | Markup]:
     if failure.white:
         depends = [f"what is left of {joint} alone cannot be told from noise in a log this long"]
     depends = depends or [f"the residual of {joint} depends on no single signal, and is no noise"]
-    remarks = items([*e.now.risen(last[0]), *depends])
-    return [remarks, torque.thinned(POINTS), plot_maps({"now": e.fit.residual}, joint)]
+    return [items(depends), torque.thinned(POINTS), plot_maps({"now": e.fit.residual}, joint)]
 
 
 def _numbers(fit: Fit) -> list[Chart | Markup]:
@@ -387,11 +368,13 @@ class Board:
         """Make an exploration the present one, and show all of it but the charts."""
         self.exploration = e
         changes: dict[str, Any] = {"stale": True, "note": "announced for another model …"}
-        if (found := e.now.candidates) is not None:
+        if e.now.candidates is not None:
             rows = effect_rows(e)
             note = f"{len(rows)} effects; held-out error of the joint without → with each"
-            if beside_verdict(found, e.now.diagnosis):
-                note += "; none of them is judged to be missing"
+            if (d := e.now.diagnosis) is not None and d.best is None:
+                note += (
+                    "; none is judged to be missing: a fall may be chance, or too small to matter"
+                )
             changes = {"effects": rows, "stale": False, "note": note}
         errors = str(table(error_rows(e), "Held-out error"))
         self._tell(errors=errors, ladder=e.table(), undo=e.before is not None, **changes)

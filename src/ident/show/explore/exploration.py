@@ -29,7 +29,6 @@ from ident.show.laws import curve_name, law_words
 from ident.text import percent, table
 
 START = "as given"
-GROWN = 1.05  # ratio of a joint's rms errors above which it is said to have grown: chance does 5 %
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,23 +59,6 @@ class ModelStep:
     def errors(self) -> dict[str, Error]:
         """Held out, by joint; of the fitted data where the log is too short for that."""
         return errors_of(self.fit)
-
-    def risen(self, before: ModelStep) -> list[str]:
-        """Return a sentence for each joint whose error has grown though another's has fallen."""
-        why = (
-            "a refit weights the joints anew, by what remains in each"
-            if not self.removed
-            else f"what {named(self.removed)} explained remains"
-        )
-        sentences = []
-        for joint, error in self.errors.items():
-            old = before.errors.get(joint)
-            if old is not None and error.rms > GROWN * old.rms:
-                sentences.append(
-                    f"{self.name}: the held-out error of {joint} has grown from {old.rms:.3g} to "
-                    f"{error.rms:.3g} {error.unit}; {why}"
-                )
-        return sentences
 
     @property
     def step(self) -> Step:
