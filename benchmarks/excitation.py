@@ -38,7 +38,7 @@ def main() -> None:
 
 def compared(mechanism: Mechanism, count: int, logs: int) -> None:
     began = time.perf_counter()
-    problem = DesignProblem.of(mechanism, Limits(), DURATION / PERIODS, HARMONICS, {}, SEED)
+    problem = DesignProblem(mechanism, Limits(), DURATION / PERIODS, HARMONICS, {}, SEED)
     names = (f"best log det of {count}", f"best condition of {count}")
     tried = dict(zip(names, best_of(problem, count), strict=True))
     drawing = time.perf_counter() - began

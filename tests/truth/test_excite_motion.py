@@ -128,7 +128,7 @@ def test_better_than_random_motions(found):
     """Of the same family and limits; the best of each, which need not be the same motion."""
     name, x = found
     mechanism = ident.load(ROBOTS / name)
-    problem = DesignProblem.of(mechanism, ROOM[name], x.period, x.harmonics, {}, 7)
+    problem = DesignProblem(mechanism, ROOM[name], x.period, x.harmonics, {}, 7)
     criterion, random = problem.criterion(None, 0.0), np.random.default_rng(5)
     det, condition = [], []
     for _ in range(25):
@@ -206,7 +206,7 @@ def slope(f, x: np.ndarray, h: float = 1e-6) -> np.ndarray:
 
 @pytest.mark.parametrize("name", ["arm", "five_bar"])
 def test_slopes_of_a_motion(name):
-    problem = DesignProblem.of(ident.load(ROBOTS / name), Limits(), 6.0, 2, {}, 0)
+    problem = DesignProblem(ident.load(ROBOTS / name), Limits(), 6.0, 2, {}, 0)
     criterion = problem.criterion(None, 0.5)
     here = problem.draw(np.random.default_rng(0), criterion)
     dJ, dz = here.slopes
@@ -227,7 +227,7 @@ def test_slopes_of_a_motion(name):
 
 
 def test_the_search_stays_inside_and_gains():
-    problem = DesignProblem.of(ident.load(ROBOTS / "five_bar"), Limits(), 6.0, 2, {}, 0)
+    problem = DesignProblem(ident.load(ROBOTS / "five_bar"), Limits(), 6.0, 2, {}, 0)
     criterion = problem.criterion(None, 0.5)
     start = problem.draw(np.random.default_rng(0), criterion)
     found = problem.search(start, criterion)

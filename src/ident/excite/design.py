@@ -19,7 +19,7 @@ from ident.excite.excitation import Criterion, Determined, Excitation, places_of
 from ident.excite.limits import LimitBox, Limits
 from ident.excite.trajectory import Family, Fourier, MotionRows, at_rest, moved_joints
 from ident.fit.shapes import initial
-from ident.information.estimate import TOLERANCE, Base, rank_revealing
+from ident.information.estimate import TOLERANCE, rank_revealing
 from ident.information.triangle import Triangle
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
@@ -86,30 +86,18 @@ class ExcitingMotion:
         return dJ.ravel(), dz.reshape(*self.z.shape, d * P)
 
 
-@dataclass(frozen=True, eq=False)
 class DesignProblem:
     """Motions of one mechanism, their limits, and the scales in which they are compared."""
 
-    family: Family  # of motions
-    exact: LimitBox  # their limits
-    box: LimitBox  # the same, tightened for samples
-    names: tuple[str, ...]  # of the drives that are moved
-    notes: tuple[str, ...]  # assumptions
-    base: Base  # what can be identified at all
-    size: np.ndarray  # usual norms of its columns
-    sigma: np.ndarray  # (d,) expected noise of the torques [N m | N]
-    pinv: float  # ‖K⁺‖ at home, 1 in a tree
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         mechanism: Mechanism,
         limits: Limits,
         period: float,
         harmonics: int,
         noise: Mapping[str, float],
         seed: int,
-    ) -> DesignProblem:
+    ) -> None:
         """Prepare a search; refuse limits without a motion, and models without unknowns."""
         columns = Columns.of(mechanism)
         if not len(columns):
@@ -117,9 +105,9 @@ class DesignProblem:
         names = moved_joints(mechanism)
         start = LoopSolver(mechanism, names).coordinates(mechanism.assembled[None]).value[0]
         at_start = at_rest(mechanism, names, start, np.arange(2.0))
-        pinv = 1.0 if at_start.loop is None else float(np.linalg.norm(at_start.pinv[0]))
+        size = 1.0 if at_start.loop is None else float(np.linalg.norm(at_start.pinv[0]))
         known = dict(zip(names, start, strict=True))
-        exact, notes = LimitBox.of(mechanism, limits, known, pinv)
+        exact, notes = LimitBox.of(mechanism, limits, known, size)
         low, high = exact.of_joints("position", names)
         speed = exact.of_joints("speed", names)[1]
         acceleration = exact.of_joints("acceleration", names)[1]
@@ -151,7 +139,10 @@ class DesignProblem:
                     f"to {upper:.4g}; widen it, or give another [joints] start"
                 )
             raise MotionError(f"{mechanism.name}: the limits leave no motion: {why}")
-        box = exact.tightened(names, series.between(n), MARGIN)
+        self.family, self.exact = family, exact  # of motions; their limits
+        self.box = box = exact.tightened(names, series.between(n), MARGIN)  # for samples
+        self.names, self.notes = names, tuple(notes)  # of the drives that are moved; assumptions
+        self.pinv = size  # ‖K⁺‖ at home, 1 in a tree
         random = np.random.default_rng([seed, 1])
         drawn = filter(None, (family.draw(box, random) for _ in range(PILOTS[1])))
         pilots = [found[1] for found in islice(drawn, PILOTS[0])]
@@ -162,12 +153,12 @@ class DesignProblem:
                 "wider limits"
             )
         torque = exact.of_joints("torque", names)[1] / (1 - limits.reserve)
-        sigma = _noise(names, torque, pilots, noise)
-        W = np.concatenate([rows.A for rows in pilots]) / sigma[:, None]
+        self.sigma = _noise(names, torque, pilots, noise)  # (d,) of the torques [N m | N]
+        W = np.concatenate([rows.A for rows in pilots]) / self.sigma[:, None]
         W = W.reshape(-1, W.shape[2])
-        base = rank_revealing(Triangle.of(W, np.zeros(len(W))), TOLERANCE)
-        size = np.linalg.norm(W[:, base.independent], axis=0) / np.sqrt(len(pilots))
-        return cls(family, exact, box, names, tuple(notes), base, size, sigma, pinv)
+        # what can be identified at all, and usual norms of its columns
+        self.base = rank_revealing(Triangle.of(W, np.zeros(len(W))), TOLERANCE)
+        self.size = np.linalg.norm(W[:, self.base.independent], axis=0) / np.sqrt(len(pilots))
 
     def criterion(self, separate: tuple[str, str] | None, balance: float) -> Criterion:
         """Return D-optimality, or the separation of two effects that no others make up."""
@@ -392,7 +383,7 @@ def excite(
     if separate is not None:
         separate = (separate[0], separate[1])
         mechanism = with_rivals(mechanism, separate)
-    problem = DesignProblem.of(
+    problem = DesignProblem(
         mechanism, limits or Limits(), duration / periods, harmonics, noise or {}, seed
     )
     criterion = problem.criterion(separate, balance)
