@@ -33,9 +33,7 @@ ROWS_OVER_MOTION_LEAST = 2.0  # the same where accelerations are noisy
 STILL = 0.004  # share of a joint's top speed below which it counts as standing still
 NOISE = 4.0  # or so many times the noise of speeds, where that is more
 EXACT = 250.0  # times that, where it is less: in a log without noise what moves slowly still moves
-LEAST = (
-    0.002  # share of the top speed that is standstill even there: friction of simulators is soft
-)
+LEAST = 0.002  # share of the top speed that is standstill even there: simulators' friction is soft
 HARDLY = 0.5  # noise that is this share of the top speed is all that moves the joint
 LOOKED_AT = 500  # samples from which the closures' transmission is taken
 
