@@ -11,7 +11,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from ident.effects.effect import NOWHERE, UNITS, Bounds, Effect, Shape, Signals, Unknown
+from ident.effects.effect import (
+    NOWHERE,
+    UNITS,
+    Bounds,
+    Effect,
+    Shape,
+    Signals,
+    Unknown,
+    unit_of,
+)
 from ident.effects.friction import direction
 from ident.errors import MechanismError, one_of
 
@@ -19,8 +28,15 @@ PIECES = 5  # intervals of a curve of one signal
 FEW = 3  # of a curve that multiplies another signal, and of each half of a curve of speed
 DEGREE = 3
 PRODUCTS = (  # the curve's signal, what it multiplies
-    "q*sign", "t*sign", "load*sign", "temperature*sign", "q*v", "t*v", "temperature*v", "t*load",
-)  # fmt: skip
+    "q*sign",
+    "t*sign",
+    "load*sign",
+    "temperature*sign",
+    "q*v",
+    "t*v",
+    "temperature*v",
+    "t*load",
+)
 OF_TWO = "q*q"  # a curve of the second joint's position, times the first joint's
 
 
@@ -86,12 +102,8 @@ class Curve(Effect):
     def unknowns(self) -> tuple[Unknown, ...]:  # type: ignore[override]
         # a curve of speed has an odd half, which is dry friction, and an even one
         count, dry = self.pieces + DEGREE, "dry" if self.second == "sign" else "torque"
-        turns = UNITS["v" if self.second == "v" else "q"] if self.second in ("v", "q") else None
-        force = ("1", "1") if self.second == "load" else ("N m", "N")
-        units = force if turns is None else tuple(
-            f"{f} s/{t.removesuffix('/s')}" if t.endswith("/s") else f"{f}/{t}"
-            for f, t in zip(force, turns, strict=True)
-        )  # fmt: skip
+        powers = {self.second: -1.0} if self.second in UNITS else {}
+        units = tuple(unit_of(powers, turns, turns, 1.0) for turns in (True, False))
         odd = tuple(
             Unknown(f"c{i}", units, "coefficient", acts="dry" if self.first == "v" else dry)
             for i in range(count)
