@@ -28,15 +28,8 @@ PIECES = 5  # intervals of a curve of one signal
 FEW = 3  # of a curve that multiplies another signal, and of each half of a curve of speed
 DEGREE = 3
 PRODUCTS = (  # the curve's signal, what it multiplies
-    "q*sign",
-    "t*sign",
-    "load*sign",
-    "temperature*sign",
-    "q*v",
-    "t*v",
-    "temperature*v",
-    "t*load",
-)
+    "q*sign", "t*sign", "load*sign", "temperature*sign", "q*v", "t*v", "temperature*v", "t*load",
+)  # fmt: skip
 OF_TWO = "q*q"  # a curve of the second joint's position, times the first joint's
 
 

@@ -8,9 +8,10 @@ would be, on few samples; `faults` has the hypotheses.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from itertools import groupby
+from operator import attrgetter, itemgetter
 from typing import Any
 
 import numpy as np
@@ -331,17 +332,16 @@ class DataChecks:
         names = zip(motion.independent, noise, strict=True)
         every_fault = motion_faults(none, mechanism, thin, {name for name, x in names if x > BAD})
         tried: list[tuple[float, Fault, ChannelEquations, Array]] = []
-        equations: ChannelEquations | None = None
-        last: object = None
-        for each in every_fault:
-            if each.state is not last:  # an axis and a sign, say, are the same motion
-                last, equations = each.state, None
-                with suppress(IdentError, np.linalg.LinAlgError):  # a motion that does not close
-                    equations = self._moved(each, thin, table, self.common)
-            if equations is not None and len(equations.rows) == len(base):
+        for _, alike in groupby(every_fault, attrgetter("state")):  # an axis, say, and a sign
+            faults = [*alike]
+            try:
+                equations = self._moved(faults[0], thin, table, self.common)
+            except (IdentError, np.linalg.LinAlgError):  # a motion that does not close
+                continue
+            for each in faults if len(equations.rows) == len(base) else ():
                 after = equations.noise(each)
                 tried.append((float(np.log(after).mean()), each, equations, after))
-                tried = sorted(tried, key=lambda trial: trial[0])[:CLOSEST]  # others take memory
+                tried = sorted(tried, key=itemgetter(0))[:CLOSEST]  # others take memory
         enough = float(np.log(AS_WELL * self.reference).mean())
         best = [
             (each, after, own.left_out(each, after).sum(axis=1))
