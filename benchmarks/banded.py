@@ -53,8 +53,11 @@ class System:
 
     def eliminated(self) -> tuple[Array, Array]:
         """Return parameters (k,) and coefficients (count, m) by orthogonal transformations."""
-        chunk = Chunk.of_samples(self.first, self.values, self.J_T, self.A, self.b)
-        elimination = eliminate([chunk], self.basis.count)
+        (N, n, m), width, k = self.J_T.shape, self.values.shape[1], self.A.shape[2]
+        L = np.tile(self.J_T.reshape(N * n, m), width)  # Jᵀ B(t)
+        L *= self.values.repeat(n, axis=0).repeat(m, axis=1)
+        rows = L.reshape(N * n, width, m), self.A.reshape(N * n, k), self.b.reshape(N * n)
+        elimination = eliminate([Chunk(np.repeat(self.first, n), *rows)], self.basis.count)
         x = solve(elimination.border, rank_revealing(elimination.border)).x
         return x, elimination.back_substitute(x)
 

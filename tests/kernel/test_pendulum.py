@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from banded_systems import chunk_of
 from scipy.integrate import solve_ivp
 
-from ident.information.band import Chunk, eliminate
+from ident.information.band import eliminate
 from ident.information.estimate import rank_revealing, solve
 from ident.information.splines import Basis
 from ident.information.triangle import Triangle
@@ -39,7 +40,7 @@ def pendulum():
 def identified(pendulum, degree):
     t, J_T, A, b, _ = pendulum
     basis = Basis.with_count(0.0, 5.0, 101, degree)
-    elimination = eliminate([Chunk.of_samples(*basis.window(t), J_T, A, b)], basis.count)
+    elimination = eliminate([chunk_of(*basis.window(t), J_T, A, b)], basis.count)
     x = solve(elimination.border, rank_revealing(elimination.border)).x
     return x[0], basis.evaluate(elimination.back_substitute(x), t)
 
