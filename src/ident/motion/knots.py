@@ -1,10 +1,10 @@
 """Knots and cut-off of logs whose noise is not white, chosen by the measured torques.
 
-Time stamps jitter, rows repeat, encoders have steps: such noise is alike from sample to sample, and
-a criterion for white noise takes it for motion; of a trapeze it misses the ramps. But the torques
-know which accelerations are real: with rigid bodies, friction and offsets in every joint they are
-predicted best by the right ones. Their error at full rate, in stretches of time left out of the
-fit, is one currency for all knots.
+Time stamps jitter, rows repeat, encoders have steps, links vibrate: such noise is alike from sample
+to sample, and a criterion for white noise takes it for motion; of a trapeze it misses the ramps.
+But the torques know which accelerations are real: with rigid bodies, friction and offsets in every
+joint they are predicted best by the right ones. Their error at full rate, in stretches of time left
+out of the fit, is one currency for all knots.
 """
 
 from __future__ import annotations
@@ -42,17 +42,14 @@ VALUES = 40_000_000  # of the regressor in memory; of larger mechanisms fewer sa
 
 
 def doubtful(derived: Sequence[Derived], band: Band) -> bool:
-    """Whether smoothing leaves more of a position than white noise, or asks for the closest knots
+    """Whether smoothing leaves more of a channel than white noise, or asks for the closest knots
     that it may choose.
     """
     return any(
         each.smooth is not None
         and (
             each.smooth.spacing <= CLOSEST * max(finest(band, each.smooth.channels), band.knots[0])
-            or any(
-                c.spacing and c.column.startswith("q.") and c.residual > INCONSISTENT * c.noise
-                for c in each.table
-            )
+            or any(c.spacing and c.residual > INCONSISTENT * c.noise for c in each.table)
         )
         for each in derived
     )

@@ -206,7 +206,7 @@ def complete(
             derived = [derive(signals, names, band, smoothing) for signals in measured]
             if np.isfinite(band.knots[1]):
                 notes.append(
-                    f"noise of the positions is not white: knots {1e3 * band.knots[1]:.3g} ms, "
+                    f"noise of the motion is not white: knots {1e3 * band.knots[1]:.3g} ms, "
                     "with which rigid bodies and friction predict the torques best"
                 )
     experiments: list[State] = []
