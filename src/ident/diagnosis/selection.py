@@ -39,7 +39,6 @@ RARE = 2.0  # times the odds of the quantile for effects that few machines have
 HIDDEN = 0.02  # visible share below which the data cannot speak of an effect
 CLOSEST = 12  # candidates that are looked at in detail though they are not credible
 MINE = 0.1  # share of a fall that makes a coordinate one that it mends
-SEEN = 0.1  # share of a richer effect's columns that must be its own for the data to judge them
 OnProgress = Callable[[str, float], None]
 
 
@@ -457,11 +456,7 @@ def rivals(best: Evidence, ranking: Ranking, decision: Decision) -> tuple[Eviden
         if each is not best
         and alike(each, best)
         and behind(each, best) < decision.rival_se
-        and not (
-            _nested(best, each)
-            and behind(best, each) < 1.0
-            and _beyond(each, best, ranking.regression) > SEEN
-        )
+        and not (_nested(best, each) and behind(best, each) < 1.0)
     )
 
 
@@ -469,16 +464,3 @@ def _nested(small: Evidence, large: Evidence) -> bool:
     """Return whether one law is a special case of the other, at the same place."""
     a, b = small.effect, large.effect
     return a.joints == b.joints and b.kind in a.nested_in
-
-
-def _beyond(large: Evidence, small: Evidence, regression: PartialRegression) -> float:
-    """Share of a richer effect's columns that the smaller one's cannot make: what it has beyond it
-    would be seen.
-    """
-    X, Y = (
-        np.concatenate(each.C or [part.taken(each.columns) for part in regression.parts])
-        for each in (large, small)
-    )
-    X = X / np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-    Q = np.linalg.qr(Y)[0]
-    return float(np.linalg.norm(X - Q @ (Q.T @ X)) / np.sqrt(X.shape[1]))
