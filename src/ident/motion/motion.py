@@ -268,7 +268,7 @@ def prescribed(
     if mechanism.closures:
         e = e.transmitted(mechanism, best_conditioned(mechanism, e.q))
     top = top_speeds(e)
-    e = replace(e, still=thresholds(top))
+    e = replace(e, still=thresholds(top, np.zeros_like(top)))
     return Motion((e,), e.independent, Band(0.0, 0.0, None), 0.0, mechanism=mechanism)
 
 

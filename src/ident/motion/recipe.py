@@ -32,8 +32,6 @@ ROWS_OVER_MOTION = 5.0  # cut-off of the rows' filter over the motion's bandwidt
 ROWS_OVER_MOTION_LEAST = 2.0  # the same where accelerations are noisy
 STILL = 0.004  # share of a joint's top speed below which it counts as standing still
 NOISE = 4.0  # or so many times the noise of speeds, where that is more
-EXACT = 1e5  # times that, where it is less: in a log without noise what moves slowly still moves
-LEAST = 0.002  # share of the top speed that is standstill even there: simulators' friction is soft
 HARDLY = 0.5  # noise that is this share of the top speed is all that moves the joint
 LOOKED_AT = 500  # samples from which the closures' transmission is taken
 
@@ -150,11 +148,9 @@ def top_speeds(e: State) -> np.ndarray:
     return np.asarray(np.abs(e.yd[e.usable]).max(axis=0, initial=0.0))
 
 
-def thresholds(top: np.ndarray, noise: np.ndarray | None = None) -> np.ndarray:
-    """(J,) speeds of standstill from top speeds and, of a log, speeds that noise feigns, (J,)."""
-    speed = STILL * top
-    if noise is not None:
-        speed = np.maximum.reduce([np.minimum(speed, EXACT * noise), noise, LEAST * top])
+def thresholds(top: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """(J,) speeds of standstill from top speeds and speeds that noise feigns, both (J,)."""
+    speed = np.maximum(STILL * top, noise)
     return np.maximum(np.where(speed < HARDLY * top, speed, 1.01 * top), 1e-9)
 
 

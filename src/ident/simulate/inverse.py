@@ -18,7 +18,6 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import CENTROIDAL, DYNAMIC, beyond_centroidal
 from ident.motion import Motion, State, complete
 from ident.motion.closures import independent_joints
-from ident.motion.recipe import thresholds, top_speeds
 from ident.simulate.plant import constant_correction
 
 CHANNELS = ("q", "v", "a", "tau")
@@ -87,7 +86,6 @@ def simulate(
             )
     point = point_of(mechanism, values, pi)
     e = one_run(completed)
-    e = replace(e, still=np.maximum(e.still, thresholds(top_speeds(e))))  # as a noisy log has it
     (prediction,) = predict(mechanism, replace(completed, experiments=(e,)), point)
     if joints is None:
         joints = [joint.name for joint in mechanism.joints if f"q.{joint.name}" in motion]
