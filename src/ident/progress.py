@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextvars import ContextVar
+from dataclasses import dataclass
 
 Progress = Callable[[str, float], None]
 """Called with the name of the present step and the share of it that is done, 0 to 1."""
@@ -11,11 +12,21 @@ Progress = Callable[[str, float], None]
 running: ContextVar[str] = ContextVar("running", default="")
 """The command line, for reports; empty where there is none."""
 
-inputs: ContextVar[tuple[str, str, str]] = ContextVar("inputs", default=("", "LOG.csv", ""))
-"""Its mechanism, logs and options of the model, for the command that goes on from it."""
+folder: ContextVar[str] = ContextVar("folder", default="")
+"""Where its files are written; empty where they are not."""
 
-folder: ContextVar[str] = ContextVar("folder", default="DIR")
-"""Where its files are written."""
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a command line is given: the mechanism, logs, and options of the model as words."""
+
+    mechanism: str
+    logs: tuple[str, ...]
+    options: tuple[str, ...]
+
+
+inputs: ContextVar[Inputs | None] = ContextVar("inputs", default=None)
+"""Those of the running command; None where there is none, or they do not describe its model."""
 
 
 def quiet(what: str, share: float) -> None:

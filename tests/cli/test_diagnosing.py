@@ -81,10 +81,10 @@ def test_laws_that_are_found_before_ctrl_c_are_kept(robots, tmp_path, monkeypatc
     written = {x.name for x in out.iterdir()}
     assert {"diagnosis.json", "report.html"} <= written
     if joints[0] == "wrist":  # none is found yet
-        assert "interrupted: laws of wrist, elbow were not searched" in outcome.err
+        assert "interrupted before the laws of wrist, elbow" in outcome.err
         assert "missing: cable:elbow" in outcome.out  # in whose place the law would be
     else:
-        assert "interrupted: laws of wrist were not searched" in outcome.err
+        assert "interrupted before the laws of wrist;" in outcome.err
         assert "A formula explains it: torque of elbow = " in outcome.out
         assert "law_elbow.py" in written
         assert f"{tmp_path / 'out'}/law_elbow.py" in (tmp_path / "out" / "report.html").read_text()

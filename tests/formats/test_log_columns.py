@@ -8,6 +8,7 @@ import pytest
 
 from ident.errors import LogError
 from ident.log import Column, Log
+from ident.log.table import RawTable
 
 ROWS = "\n".join(
     ["stamp_ms,motor_current,theta,mode", *(f"{10 * k},{k},{k / 8},run" for k in range(12))]
@@ -78,3 +79,10 @@ def test_these_are_refused(
 def test_a_scale_that_loses_the_data_is_refused(scale: float, offset: float) -> None:
     with pytest.raises(LogError, match=r"'q': scale = .*valid: finite"):
         Column("q", scale, offset)
+
+
+def test_a_file_in_own_names_needs_no_mapping() -> None:
+    mapping = {"t": Column("stamp", 1e-3), "q.hip": Column("deg", 0.0174)}
+    t, q = np.linspace(0, 1, 101), np.ones(101)
+    log = Log.from_table("next.csv", RawTable("next.csv", {"t": t, "q.hip": q}), mapping)
+    np.testing.assert_array_equal(log.columns["q.hip"], q)

@@ -209,6 +209,7 @@ def compare(
     Errors, the parts of the sum, and where each model fails: in which joint, when, and on
     which signals what is left depends.
     """
+    from ident.effects import KINDS
     from ident.fit.compare import compare as compare_
     from ident.fit.files import read_fit
     from ident.show.comparison import comparison_json
@@ -218,9 +219,12 @@ def compare(
     if window is not None and not simulated:
         raise IdentError("--window: applies to --simulate only; add that")
     saved = [read_fit(path, model, allow_code=allow_code) for path in fit]
-    own = {effect.label for effect in model.effects}
-    kinds = dict.fromkeys(e.kind for e in saved[-1].mechanism.effects if e.label not in own)
-    go_on_with(mechanism, logs, [word for kind in kinds for word in ("--with", kind)])
+    own, last = {effect.label for effect in model.effects}, saved[-1].mechanism
+    extra = [effect for effect in last.effects if effect.label not in own]
+    if last.locked == model.locked and all(effect.kind in KINDS for effect in extra):
+        words = [word for effect in extra for word in ("--with", effect.label)]
+        words += ["--absolute"] * absolute + ["--allow-code"] * allow_code
+        go_on_with(mechanism, logs, words)
     inputs = [*logs, *fit]
     output_file(plot, CHARTS, inputs)
     output_folder(
@@ -322,10 +326,10 @@ def diagnose(
     else:
         result(text)
     notes(remarks)
-    lost = [f"laws of {', '.join(left)}"] if (left := getattr(found, "unsearched", ())) else []
+    lost = [f"the laws of {', '.join(left)}"] if (left := getattr(found, "unsearched", ())) else []
     lost += ["the next experiment"] * (getattr(found, "next_experiment", "") == STOPPED)
     if lost:
-        notes([f"interrupted: {' and '.join(lost)} were not searched; all else is kept"])
+        notes([f"interrupted before {' and '.join(lost)}; everything else is complete"])
         sys.exit(130)
     if bad := sorted(found.verdicts & set(fail_on or ())):
         notes([f"status 3, since --fail-on is {', '.join(bad)}"])

@@ -76,8 +76,9 @@ def monitor(
 
     output_folder(out)
     model = mechanism_of(mechanism, with_, allow_code=allow_code, absolute=absolute)
-    effects = [word for effect in with_ or () for word in ("--with", effect)]
-    go_on_with(mechanism, None if log == "-" else [Path(log)], effects)
+    words = [word for effect in with_ or () for word in ("--with", effect)]
+    words += ["--absolute"] * absolute + ["--allow-code"] * allow_code
+    go_on_with(mechanism, None if log == "-" else [Path(log)], words)
     cut, knots = cutoff_of(cutoff), knots_of(smoothing)
     fit, watch = None, None
     if log != "-" and not Path(log).is_file():

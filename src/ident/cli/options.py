@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import shlex
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -15,7 +14,7 @@ import typer
 from ident.cli.console import notes
 from ident.errors import IdentError
 from ident.files import check_writable
-from ident.progress import folder, inputs
+from ident.progress import Inputs, folder, inputs
 
 if TYPE_CHECKING:
     from ident.mechanism import Mechanism
@@ -193,7 +192,7 @@ class DecisionOptions:
 def go_on_with(mechanism: Path, logs: Paths, options: Sequence[str]) -> None:
     """Remember what the command that goes on from this one is given."""
     files = map(str, logs or [Path("LOG.csv")])
-    inputs.set((shlex.quote(str(mechanism)), shlex.join(files), shlex.join(options)))
+    inputs.set(Inputs(str(mechanism), tuple(files), tuple(options)))
 
 
 def mechanism_of(
@@ -314,7 +313,7 @@ def output_folder(
 ) -> None:
     """Refuse --out, before the long work, where files `names` cannot be written or are inputs."""
     if out is not None:
-        folder.set(shlex.quote(str(out)))
+        folder.set(str(out))
         check_writable(out)
         for name in names:
             _refuse_input(out / name, inputs)

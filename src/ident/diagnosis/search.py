@@ -41,6 +41,7 @@ MOST = 60  # moves of one search
 CLEAR = 3.0  # times the last quantile, from which a gain needs no new null distribution
 TOGETHER = 1.5  # times the largest single gain, from which what every machine has enters at once
 NEAR = 0.8  # share of the largest gain below which a candidate is not looked at in detail
+TRIED = 3  # of the best candidates, until one makes a better set
 CERTAIN = 3.0  # standard errors, from which a gain needs no null distribution
 
 
@@ -270,9 +271,13 @@ class Search:
         clear = any(each.gain > CLEAR * each.limit for each in ranking.evidence[:1])
         if not clear and self.null_of != now.labels:
             ranking = self.ranked(now, fresh=True)
-        if (best := simplest(ranking, self.decision)) is None:
-            return None
-        return self.accepted(now, now.plus(best, rivals(best, ranking, self.decision)))
+        best = simplest(ranking, self.decision)
+        rest = [each for each in ranking.credible if each is not best]
+        for each in [best, *rest][:TRIED] if best is not None else []:
+            new = now.plus(each, rivals(each, ranking, self.decision))
+            if (found := self.accepted(now, new)) is not None:
+                return found
+        return None
 
     def exchanged(self, now: EffectSet) -> EffectSet | None:
         """The set with one effect exchanged for a better one of its joints, beyond chance."""
@@ -282,7 +287,7 @@ class Search:
             bare = now.minus(each)
             ranking = self.beside(bare, each)
             own = next((e for e in ranking.evidence if e.effect.label == each.label), None)
-            for other in ranking.credible:
+            for other in ranking.credible[:TRIED]:
                 if other is own or (own and behind(own, other) < self.decision.rival_se):
                     continue
                 if (

@@ -310,8 +310,8 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
             shift = beyond_centroidal(pi[grown.bodies.columns(link)])
             x[at] = value + shift[DYNAMIC.index(f"L{word[1:]}")]
     point = Point.prior(grown).with_values(given).at(grown, columns, x)
-    cutoff = data["filter"]["cutoff"] if "filter" in data else "auto"
-    errors = data.get("error", {})
+    cutoff = filtered["cutoff"] if (filtered := data.get("filter")) else "auto"
+    errors = data.get("error") or {}
     sets = {"train": errors.get("train"), "held out": errors.get("held_out")}
     return Saved(
         str(path), grown, point, cutoff if cutoff in (None, "auto") else float(cutoff), {

@@ -96,7 +96,7 @@ class Window:
     stop: float
 
     def __str__(self) -> str:
-        return f"{self.start:.4g}–{self.stop:.4g} s"
+        return f"{self.start:.7g}–{self.stop:.7g} s"
 
 
 @dataclass(frozen=True)

@@ -82,9 +82,12 @@ class Column:
 def renamed(table: RawTable, mapping: Mapping[str, Column]) -> RawTable:
     """Return the table under ident's names and in SI units; unmapped columns keep their own name.
 
-    Two columns may exchange their names.
+    Two columns may exchange their names. A file with none of the mapped columns, but a `t`, has
+    ident's names already, as simulated and planned motions have.
     """
     used = {source.column for source in mapping.values()}
+    if "t" in table.columns and not used & (table.columns.keys() | table.ignored.keys()):
+        return table
     for name, source in mapping.items():
         wanted = f"{table.file}: column {source.column!r}, [log] {name!r} in mechanism.toml,"
         if source.column in table.ignored:

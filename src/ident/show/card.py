@@ -14,6 +14,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.progress import folder, inputs
 from ident.text import listed, percent, places, some, wrapped
 
+MONITOR = {"--with", "--absolute", "--allow-code", "--cutoff", "--smoothing"}  # it takes
 STRIP = 32  # characters of the longest bar in a terminal
 BARS = 8  # joints that a terminal shows at most
 NOISY = 1.5  # times the noise of the sensors, in good logs 0.5 to 1.3, from which it is more
@@ -86,7 +87,7 @@ def good_enough(
         return f"Good enough? Not in {some(words, 2)}."
     most = max(times, key=lambda j: errors[j].relative or 0.0)
     if (left := errors[most].relative or 0.0) > LEAVES:
-        size = f"{percent(left)} of the torque of {most}"
+        size = f"{percent(left * floor[most] / errors[most].rms)} of the torque of {most}"
         return f"Good enough? These logs cannot show it: noise is {size}."
     if above:
         return (
@@ -182,15 +183,23 @@ def add_command(mechanism: Mechanism, effects: Iterable[Effect]) -> str:
     return " ".join(["ident add", place_of(mechanism), *(effect.label for effect in effects)])
 
 
-def next_command(mechanism: Mechanism, verb: str) -> str:
-    """Return the command that goes on with a verb from the one that runs, ready to be copied."""
-    place, logs, options = inputs.get()
-    place, kept = place or place_of(mechanism), folder.get()
+def next_command(verb: str) -> str:
+    """Return the command that goes on with a verb from the one that runs, ready to be copied.
+
+    Nothing outside of a command, or where the verb does not take the options of the model.
+    """
+    if (given := inputs.get()) is None:
+        return ""
+    options, out = given.options, folder.get()
+    if verb == "monitor" and {o for o in options if o[:2] == "--"} - MONITOR:
+        return ""
+    if verb == "compare" and not out:
+        verb = "identify"  # which writes the fit
     words = {
-        "compare": f"OTHER.csv --fit {kept}/fit.json",  # on a log that was not fitted
-        "diagnose": f"{logs} {options}",
-        "excite": "--out next.csv",
-        "identify": f"{logs} {options} --out {kept}",
-        "monitor": f"NEXT.csv --like {' --like '.join(logs.split())} {options}",
+        "compare": ["OTHER.csv", "--fit", f"{out}/fit.json"],  # on a log that was not fitted
+        "diagnose": [*given.logs, *options],
+        "excite": ["--out", "next.csv"],
+        "identify": [*given.logs, *options, "--out", out or "DIR"],
+        "monitor": ["NEXT.csv", *(w for log in given.logs for w in ("--like", log)), *options],
     }
-    return " ".join(f"ident {verb} {place} {words[verb]}".split())
+    return shlex.join(["ident", verb, given.mechanism, *words[verb]])

@@ -61,8 +61,8 @@ def comparison_card(c: Comparison) -> Card:
     first, last = (list(c.residuals.values())[i] for i in (0, -1))
     logs = ", ".join(trace.name for trace in first.traces)
     shown, floor = told_apart(c.residuals), floor_of(last.model, last.motion)
-    good, mechanism = good_enough(last.errors, floor), last.model.mechanism
-    command = next_command(mechanism, "monitor" if "? Yes" in good else "diagnose")
+    good = good_enough(last.errors, floor)
+    command = next_command("monitor" if "? Yes" in good else "diagnose")
     if first is last:
         bars = tuple(Bar(j, e, noise=floor[j]) for j, e in last.errors.items())
         return Card(f"{shown[first.name]} on {logs}", good, bars, command)

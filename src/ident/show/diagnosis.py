@@ -99,7 +99,7 @@ def card(d: Diagnosis) -> Card:
     logs = ", ".join(e.name for e in d.fit.motion.experiments)
     line = f"{d.fit.mechanism.name} on {logs}: {verdict_line(d)}"
     errors = errors_of(d.fit)
-    command = next_command(d.fit.mechanism, "identify" if d.verdict == "nothing" else "excite")
+    command = next_command("identify" if d.verdict == "nothing" else "excite")
     after: Mapping[str, Error] = {}
     if d.best is not None:
         best = d.candidates[0]

@@ -229,7 +229,7 @@ def card(fit: Fit) -> Card:
     if worse := [bar.joint for bar in bars if bar.rises]:
         words += f", which is larger in {listed(worse)}"
     good = good_enough(errors, fit.noise)
-    command = next_command(fit.mechanism, "compare" if "? Yes" in good else "diagnose")
+    command = next_command("compare" if "? Yes" in good else "diagnose")
     return Card(headline(fit), f"{good} {words}.".strip() * bool(bars), bars, command)
 
 

@@ -172,7 +172,7 @@ def history_card(history: History) -> Card:
     top, added = card(d), named(history.added) if history.added else "nothing"
     bars = tuple(Bar(joint, first[joint], e, d.floor[joint]) for joint, e in errors.items())
     if d.verdict == "nothing":
-        top = replace(top, command=next_command(d.fit.mechanism, "compare"))
+        top = replace(top, command=next_command("compare"))
     return replace(top, sure=f"Added: {added}. {top.sure}", bars=bars)
 
 

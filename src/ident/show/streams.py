@@ -353,7 +353,7 @@ class MonitorHistory:
         bars = tuple(Bar(joint, e, noise=noise[joint]) for joint, e in errors.items())
         good = good_enough(errors, noise)
         fine = not self._alarms and "Not in" not in good
-        command = next_command(self._mechanism, "monitor" if fine else "diagnose")
+        command = next_command("monitor" if fine else "diagnose")
         return Card(head, good, bars, command)
 
     @property
