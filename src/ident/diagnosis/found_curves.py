@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.diagnosis.candidates import CandidateColumns, Contest
-from ident.diagnosis.laws import Comparison
+from ident.diagnosis.laws import LossComparison
 from ident.diagnosis.refine import normal_equations
 from ident.effects import Signals
 from ident.effects.curve import Curve
@@ -130,7 +130,7 @@ def curve_of(
         for p, c in zip(beside.parts, C, strict=True)
     )
     mends = np.flatnonzero(refit.by >= PARSIMONY * refit.by.sum())
-    compare = Comparison([int(u) for u in mends], rival_se)
+    compare = LossComparison([int(u) for u in mends], rival_se)
     depends, independent = _signals(contest, C, mine, effect, limit)
     return FoundCurve(
         effect, joint, x, torque, torque - half, torque + half,

@@ -90,7 +90,7 @@ class FoundLaw:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class LossComparison:
     """Left-out squares of models in the coordinates that a law mends.
 
     Attributes:
@@ -272,7 +272,7 @@ def _law(
         return None
     best = min(found, key=lambda each: float(each.loss.sum()))
     mends = np.flatnonzero(best.refit.by >= MINE * best.refit.by.sum())
-    compare = Comparison([int(u) for u in mends], decision.rival_se)
+    compare = LossComparison([int(u) for u in mends], decision.rival_se)
     law = compare.equal(found, ONE_SE)[0]
     equal = compare.equal(found, decision.rival_se)
     # where a cubic does as well as a law, the names stay, and the law stands beside them
@@ -330,7 +330,7 @@ def _formulas(contest: Contest, search: LawSearch) -> list[FittedFormula]:
 
 def _takes_place(
     law: FittedFormula, named: Collection[Member], with_names: PartialRegression,
-    compare: Comparison, chance: float | None, once: bool,
+    compare: LossComparison, chance: float | None, once: bool,
 ) -> bool:  # fmt: skip
     """Return whether a law takes the place of names: it is clearly better, or as good and shorter.
 
@@ -376,7 +376,7 @@ def _nearest(law: FittedFormula, found: Sequence[FittedFormula]) -> tuple[str, f
 
 
 def _front(
-    found: Sequence[FittedFormula], compare: Comparison, before: float
+    found: Sequence[FittedFormula], compare: LossComparison, before: float
 ) -> list[tuple[int, float, str]]:
     """Return complexity, share left and text of formulas that no simpler one is better than."""
     front: list[tuple[int, float, str]] = []

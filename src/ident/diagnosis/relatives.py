@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.diagnosis.candidates import Contest
 from ident.diagnosis.law_search import MINE, FittedFormula, LawSearch, OnProgress
-from ident.diagnosis.laws import Comparison
+from ident.diagnosis.laws import LossComparison
 from ident.diagnosis.search import Selection
 from ident.diagnosis.selection import Decision
 from ident.effects import KINDS, Effect, Signals
@@ -42,7 +42,7 @@ def relatives_of(
     equal: dict[str, FittedFormula] = {}
     for each in found:
         mends = np.flatnonzero(each.refit.by >= MINE * each.refit.by.sum())
-        compare = Comparison([int(u) for u in mends], decision.rival_se)
+        compare = LossComparison([int(u) for u in mends], decision.rival_se)
         name = each.formula.terms[0].known_as
         as_good = compare.better(each.refit.loss, whole.losses) < decision.rival_se
         if name and name not in KINDS and as_good and each.determined(bare):

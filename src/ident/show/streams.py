@@ -274,7 +274,7 @@ SHARE = 1.96  # standard errors on either side of a band
 ACROSS = 2  # panels beside each other
 
 
-class Curve:
+class ThinnedSeries:
     """Values over time in bounded memory, evenly thinned as they come.
 
     Attributes:
@@ -306,7 +306,11 @@ class MonitorHistory:
 
     def __init__(self, mechanism: Mechanism, watched: bool) -> None:
         self._mechanism, self._watched = mechanism, watched
-        self._parameters, self._errors, self._forces = Curve(), Curve(), Curve()
+        self._parameters, self._errors, self._forces = (
+            ThinnedSeries(),
+            ThinnedSeries(),
+            ThinnedSeries(),
+        )
         self._alarms: list[Alarm] = []
         self._lock = threading.RLock()  # a page is drawn while samples come
         self._last: Snapshot | None = None
@@ -406,7 +410,7 @@ class MonitorHistory:
             if len(t) and t[0] <= x.onset <= t[-1]
         ]
 
-    def _chart(self, words: str, curve: Curve, known: dict[str, tuple[int, str]]) -> Chart:
+    def _chart(self, words: str, curve: ThinnedSeries, known: dict[str, tuple[int, str]]) -> Chart:
         """Draw values with bands of 95 %, a panel a name."""
         t, values = curve.series
         panels: list[Panel] = []

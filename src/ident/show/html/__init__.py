@@ -91,7 +91,7 @@ class Choice:
     options: tuple[Option, ...]
 
 
-class Scene(Protocol):
+class SceneBlock(Protocol):
     """A mechanism in 3-D, which the template tells by its films."""
 
     @property
@@ -100,7 +100,7 @@ class Scene(Protocol):
         ...
 
 
-Block = Markup | Chart | Choice | Scene
+Block = Markup | Chart | Choice | SceneBlock
 
 
 @dataclass(frozen=True, eq=False)
