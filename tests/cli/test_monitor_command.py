@@ -13,7 +13,7 @@ import pytest
 import ident
 from helpers import ROBOTS
 from ident import Log, Noise
-from ident.show.streams import Curve
+from ident.show.streams import ThinnedSeries
 from identification import motion_log, plant, robot
 
 CRANK = ROBOTS / "slider_crank"
@@ -284,7 +284,7 @@ def test_the_page_shows_what_comes_and_the_report_stays(log, tmp_path, browser):
 
 
 def test_curves_of_hours_are_thinned_evenly():
-    curve = Curve()
+    curve = ThinnedSeries()
     for k in range(50_000):
         curve.add(float(k), np.array([k]))
     t, values = curve.series

@@ -82,11 +82,12 @@ class Column:
 def renamed(table: RawTable, mapping: Mapping[str, Column]) -> RawTable:
     """Return the table under ident's names and in SI units; unmapped columns keep their own name.
 
-    Two columns may exchange their names. A file with none of the mapped columns, but a `t`, has
-    ident's names already, as simulated and planned motions have.
+    Two columns may exchange their names. A file with none of the mapped columns, but with `t` and
+    some of the names that they are to have, has ident's names already, as planned motions have.
     """
     used = {source.column for source in mapping.values()}
-    if "t" in table.columns and not used & (table.columns.keys() | table.ignored.keys()):
+    own = mapping.keys() & table.columns.keys()
+    if "t" in table.columns and own - {"t"} and not used & {*table.columns, *table.ignored}:
         return table
     for name, source in mapping.items():
         wanted = f"{table.file}: column {source.column!r}, [log] {name!r} in mechanism.toml,"
@@ -101,11 +102,11 @@ def renamed(table: RawTable, mapping: Mapping[str, Column]) -> RawTable:
                 f"remove the [log] entry, or rename the file's column"
             )
     columns: dict[str, Array] = {}
-    for own, x in table.columns.items():
-        if own not in used:
-            columns[own] = x
+    for column, x in table.columns.items():
+        if column not in used:
+            columns[column] = x
         for name, source in mapping.items():
-            if source.column == own:
+            if source.column == column:
                 with np.errstate(over="ignore"):  # infinite values are refused later, by place
                     columns[name] = source.scale * x + source.offset
     return replace(table, columns=columns)
