@@ -79,3 +79,13 @@ def test_diagnose_explore_and_grow_begin_with_the_same_group():
         assert error.rms == pytest.approx(d.after[joint].rms, rel=1e-9)
     offered = Exploration((ModelStep((), (), fit),)).screened().candidates
     assert offered[0].label == d.group[0].label
+
+
+def test_a_short_log_has_its_name_though_the_best_candidate_makes_no_better_set():
+    log = ident.read_log(ROBOTS / "arm" / "run.csv")
+    some = {name: x[:400] for name, x in log.columns.items()}
+    mechanism = robot("arm")
+    motion = ident.complete(mechanism, ident.Log.from_arrays("short", log.t[:400], some))
+    d = ident.diagnose(ident.identify(mechanism, motion))
+    assert d.verdict == "missing"
+    assert "viscous:shoulder" in {d.best.label, *(each.label for each in d.rivals)}

@@ -41,8 +41,8 @@ MOST = 60  # moves of one search
 CLEAR = 3.0  # times the last quantile, from which a gain needs no new null distribution
 TOGETHER = 1.5  # times the largest single gain, from which what every machine has enters at once
 NEAR = 0.8  # share of the largest gain below which a candidate is not looked at in detail
-TRIED = 3  # of the best candidates, until one makes a better set
 CERTAIN = 3.0  # standard errors, from which a gain needs no null distribution
+TRIED = 3  # of the best candidates, until one makes a better set
 
 
 @dataclass(eq=False)

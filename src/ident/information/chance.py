@@ -141,9 +141,8 @@ class Chance:
             exceeding(gain, self.left) / EVERYWHERE,
         )
         noise = self.noise[place]
-        if len(noise) and (
-            np.median(noise) > 0 or gain <= noise.max()
-        ):  # else no tail, as of limits
+        # where most draws bring no gain there is no tail: beyond all of them, as the limit says
+        if len(noise) and (np.median(noise) > 0 or gain <= noise.max()):
             found = max(found, n * exceeding(gain, noise))
         return min(1.0, found)
 

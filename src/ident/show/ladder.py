@@ -199,7 +199,7 @@ def write(history: History, place: str | Path) -> list[Path]:
     data = {**diagnosis_files(history.diagnosis), "report.html": page.html()}
     data["grow.json"] = json_bytes(history_json(history))
     written = write_instead(history.diagnosis, Path(place), model_files(history.fit) | data)
-    (Path(place) / ROUNDS).unlink(missing_ok=True)  # of no use any more
+    (Path(place) / ROUNDS).unlink(missing_ok=True)  # it serves an interrupted run only
     return written
 
 
