@@ -23,13 +23,11 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 import ident
-from ident.equations.corrections import Scene
-from ident.equations.rows import full_rows
+from ident.equations.rows import Scene, full_rows
 from ident.equations.unknowns import Columns
-from ident.information.band import Chunk, eliminate
 from ident.information.estimate import rank_revealing, solve
-from ident.information.splines import Basis
-from ident.information.triangle import Array, Index
+from ident.information.linear import Array, Index
+from ident.information.time_bases import Basis, Chunk, eliminate
 
 REPEAT = 200
 CRANK = Path(__file__).resolve().parent.parent / "robots" / "slider_crank"

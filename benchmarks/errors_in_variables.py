@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import ident
-from ident.equations.corrections import Scene
-from ident.equations.rows import raw_rows
+from ident.equations.rows import Scene
 from ident.equations.unknowns import Columns
 from ident.montecarlo.trial import noisy, random_of
 
@@ -38,7 +37,7 @@ def instruments(mechanism: ident.Mechanism, log: ident.Log) -> np.ndarray:
         half = ident.Log.from_arrays(log.name, log.t, columns)
         motion = ident.complete(mechanism, half, cutoff=None, smoothing=whole.smooth.spacing)
         (e,) = motion.experiments
-        rows = raw_rows(Scene.of(mechanism, Columns.of(mechanism), e), slice(0, len(e)))
+        rows = Scene.of(mechanism, Columns.of(mechanism), e).terms(slice(0, len(e)))
         halves.append((rows.A[:, 0], rows.b[:, 0]))
     n = min(len(b) for _, b in halves)
     (A, b), (C, d) = ((A[:n], b[:n]) for A, b in halves)

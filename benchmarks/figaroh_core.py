@@ -86,12 +86,11 @@ def ours(folder: Path, whole: bool) -> dict[str, object]:
     import arm7
 
     import ident
-    from ident.equations.corrections import Scene
-    from ident.equations.rows import rows
+    from ident.equations.rows import Scene, rows
     from ident.equations.unknowns import Columns, Point
     from ident.fit.problem import Problem
     from ident.information.estimate import rank_revealing, solve
-    from ident.information.triangle import Triangle
+    from ident.information.linear import Triangle
 
     mechanism, arrays = arm7.mechanism(), np.load(folder / "arrays.npz")
     columns = {

@@ -26,7 +26,7 @@ import polars as pl
 
 import ident
 from ident.cli.monitor import Session
-from ident.log.follow import follow
+from ident.log.pieces import follow
 from ident.streams.online import Online, Snapshot
 
 ROOT = Path(__file__).resolve().parents[1]

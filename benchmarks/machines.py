@@ -1,6 +1,6 @@
 """Real machines: published errors, those of the defaults, those of the grown model, its effects.
 
-    python benchmarks/machines.py [--data DIR]… [NAME …]
+    python benchmarks/machines.py [--data DIR]… [--picture FILE] [NAME …]
 
 Looks for measurements in DIR, in $IDENT_DATA and in ../shared/data beside the checkout: folders of
 shared data, and clones of the public repositories that the converters in `machines/` name. Each
@@ -8,7 +8,8 @@ machine runs in a process of its own, with BLAS on one thread. Errors are of the
 cut-off of the published ones, or else of the fit, ‖τ − τ̂‖/‖τ‖ of each joint in % on the
 validation logs, or held out in time without any; `whole`: of the whole vector; `moving`: without
 rows of standstill, at which dry friction is open. `by hand`: the defaults' errors with the one of
-some training cut-offs that serves the joints best, judged in the same band.
+some training cut-offs that serves the joints best, judged in the same band. The picture has a panel
+a machine: published errors, those of the defaults, those of the grown model.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import argparse
 import importlib
 import json
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -25,8 +27,10 @@ import time
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 from machines import located
+from matplotlib.patches import Patch
 
 import ident
 
@@ -44,6 +48,7 @@ def main() -> None:
     )
     parser.add_argument("names", nargs="*", help=f"of {', '.join(NAMES)}; default: all")
     parser.add_argument("--data", action="append", type=Path, default=[], metavar="DIR")
+    parser.add_argument("--picture", type=Path, metavar="FILE")
     parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.one:
@@ -51,6 +56,7 @@ def main() -> None:
         return
     places = [*options.data, Path(os.environ.get("IDENT_DATA", ROOT.parent / "shared" / "data"))]
     print(f"| {' | '.join(COLUMNS)} |\n|{'---|' * len(COLUMNS)}")
+    bars: dict[str, dict[str, list[float]]] = {}
     for name in options.names or NAMES:
         module = importlib.import_module(f"machines.{name}")
         source = located(module.SOURCE, places)
@@ -66,6 +72,32 @@ def main() -> None:
         row = json.loads(run.stdout.splitlines()[-1])
         cells = (name, module.PUBLISHED, *(str(row[key]) for key in COLUMNS[2:]))
         print(f"| {' | '.join(cells)} |", flush=True)
+        bars[name] = row["bars"]
+        published = re.findall(r"\d+\.\d+", module.PUBLISHED)
+        if len(published) == len(row["bars"]["defaults"]):
+            bars[name] = {"published": [float(x) for x in published], **row["bars"]}
+    if options.picture and bars:
+        drawn(bars, options.picture)
+
+
+def drawn(bars: dict[str, dict[str, list[float]]], path: Path) -> None:
+    """Errors [%] of each machine's joints."""
+    colours = {"published": "0.75", "defaults": "tab:orange", "grown": "tab:blue"}
+    figure, panels = plt.subplots(
+        1 + len(bars) // 2, 2, figsize=(9, 2 * (1 + len(bars) // 2)), squeeze=False
+    )
+    for panel in panels.flat[len(bars) :]:
+        panel.axis("off")
+    for panel, (name, sets) in zip(panels.flat, bars.items(), strict=False):
+        for k, (title, values) in enumerate(sets.items()):
+            at = np.arange(1, len(values) + 1) + (k - (len(sets) - 1) / 2) * 0.27
+            panel.bar(at, values, 0.25, color=colours[title], label=title)
+        panel.set(title=name, ylabel="error [%]", xlabel="joint")
+        panel.set_xticks(range(1, 1 + len(sets["grown"])))
+    names = [Patch(color=colour, label=title) for title, colour in colours.items()]
+    panels.flat[-1].legend(handles=names, loc="center", frameon=False)
+    figure.tight_layout()
+    figure.savefig(path, dpi=70)
 
 
 def measured(name: str, source: Path) -> dict[str, Any]:
@@ -98,6 +130,10 @@ def measured(name: str, source: Path) -> dict[str, Any]:
         "viscous + Coulomb": errors(defaults, judged),
         "by hand": "–" if judged is None else chosen + errors(best, judged).split(" (")[0],
         "grown": errors(history.fit, judged),
+        "bars": {
+            title: [100 * e.relative for e in by_joint(fit)]
+            for title, fit in (("defaults", defaults), ("grown", history.fit))
+        },
         "effects": ", ".join(effect.label for effect in history.added),
         "time": f"{spent:.0f} s",
         "memory": f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB",

@@ -7,7 +7,8 @@ of robosuite (`pip download --no-deps robosuite`: the wheel, or the folder it is
 Nothing of a robot's files is changed. The simulation is independent of ident: Pinocchio's RNEA on
 the URDF as `pinocchio.buildModelFromUrdf` reads it, with torques of joints that mimic projected
 onto those they follow, or MuJoCo's inverse dynamics on the MJCF, damping, dry friction and armature
-included. The base is fixed. Motion: random sums of sines within the limits of position and speed,
+included. The base is fixed, and a body that is free in
+MJCF is locked. Motion: random sums of sines within the limits of position and speed,
 100 Hz, 20 s, only positions and torques logged, torque noise of 0.5 % of each joint's rms.
 
 A robot passes if its base parameters agree with the truth within their intervals (no more |z| above
@@ -31,7 +32,7 @@ import sys
 import tempfile
 import time
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -97,6 +98,7 @@ class Simulated:
             that ident has.
         torque: from q, v, a (n, joints) to torques (n, joints), those of followers included.
         effects: to be identified, with their values by joint.
+        locked: joints of several coordinates, such as a free base, that are held.
     """
 
     joints: tuple[str, ...]
@@ -108,6 +110,7 @@ class Simulated:
     bodies: Mapping[str, np.ndarray]
     torque: Any
     effects: Mapping[str, Mapping[str, float]]
+    locked: tuple[str, ...] = ()
 
 
 def by_pinocchio(path: Path) -> Simulated:
@@ -154,10 +157,15 @@ def by_pinocchio(path: Path) -> Simulated:
 
 
 def by_mujoco(path: Path) -> Simulated:
-    """Read an MJCF by MuJoCo alone; contacts and limits exert no force."""
+    """Read an MJCF by MuJoCo alone, free bodies welded; contacts and limits exert no force."""
     import mujoco
 
-    model = mujoco.MjModel.from_xml_path(str(path))
+    spec = mujoco.MjSpec.from_file(str(path))
+    free = [j for j in spec.joints if j.type == mujoco.mjtJoint.mjJNT_FREE]
+    locked = tuple(j.name or f"{j.parent.name}_joint" for j in free)
+    for joint in free:
+        spec.delete(joint)
+    model = spec.compile()
     off = mujoco.mjtDisableBit
     model.opt.disableflags |= off.mjDSBL_CONTACT | off.mjDSBL_LIMIT
     model.opt.disableflags |= off.mjDSBL_FRICTIONLOSS  # added below, without a solver's smoothing
@@ -184,6 +192,7 @@ def by_mujoco(path: Path) -> Simulated:
         {}, {}, torque,
         {kind: {n: float(x) for n, x in zip(names, of, strict=True) if x}
          for kind, of in values.items()},
+        locked,
     )  # fmt: skip
 
 
@@ -266,11 +275,13 @@ def distances(mechanism: ident.Mechanism, robot: Simulated, fit: ident.Fit) -> n
 
 def measured(path: Path, seed: int = 1) -> dict[str, Any]:
     """Return what a robot's own log says about its identification."""
-    ident.load(path)  # first: what is no robot is refused in words
-    robot = by_mujoco(path) if path.suffix == ".xml" else by_pinocchio(path)
+    robot = by_mujoco(path) if path.suffix == ".xml" else None
+    locked = dict.fromkeys(robot.locked if robot else ())
+    ident.load(path, locked=locked)  # first: what is no robot is refused in words
+    robot = robot or by_pinocchio(path)
     logs = [log_of(robot, seed), log_of(robot, seed + 1)]
     begun = time.process_time()
-    mechanism = ident.load(path)
+    mechanism = ident.load(path, locked=locked)
     for kind, values in robot.effects.items():
         for joint in values:
             mechanism = mechanism.with_effect(f"{kind}:{joint}")
@@ -297,7 +308,7 @@ def measured(path: Path, seed: int = 1) -> dict[str, Any]:
         within += f"; {LOGS} further logs: {100 * (each < 1.96).mean():.0f} %"
     return {
         "passed": bool(good and error < ERROR),
-        "joints": len(mechanism.joints),
+        "joints": " ".join((str(len(mechanism.joints)), *(f"`--lock {n}`" for n in locked))),
         "parameters": len(z),
         "within": within,
         "largest z": f"{z.max():.1f}",
@@ -356,23 +367,30 @@ def main() -> None:
         for line in rows(paths):
             lines.append(line)
             print(line, flush=True)
-    verdicts = [verdict(line) for line in lines[2:]]
-    print(f"\n{verdicts.count(True)} of {len(verdicts) - verdicts.count(None)}")
+    print(f"\n{summary(lines[2:])}")
     if given.write:
         before, _, rest = PAGE.read_text().partition(MARKS[0])
         table, _, after = rest.partition(MARKS[1])
         every = {name_of(row): row for row in table.splitlines() if row.startswith("| ")}
         every |= {name_of(row): row for row in lines[2:]}
         head, *others = every.values()
-        verdicts = [verdict(row) for row in others]
-        count = f"{verdicts.count(True)} of {len(verdicts) - verdicts.count(None)}"
-        content = [MARKS[0], head, lines[1], *sorted(others, key=name_of), "", count, MARKS[1]]
+        content = [MARKS[0], summary(others), "", head, lines[1], *sorted(others, key=name_of)]
+        content.append(MARKS[1])
         PAGE.write_text(before + "\n".join(content) + after)
 
 
 def name_of(row: str) -> str:
     """Return the robot of a row of the table."""
     return row.split("|")[1].strip().removesuffix(" ✗")
+
+
+def summary(rows: Sequence[str]) -> str:
+    """Return how many of each collection identify, of those that have a joint that moves."""
+    counts = []
+    for what, own in (("URDFs", False), ("robots of robosuite", True)):
+        verdicts = [verdict(x) for x in rows if name_of(x).startswith("robosuite/") == own]
+        counts.append(f"{verdicts.count(True)} of {len(verdicts) - verdicts.count(None)} {what}")
+    return f"{' and '.join(counts)} identify."
 
 
 def verdict(row: str) -> bool | None:

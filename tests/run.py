@@ -50,7 +50,8 @@ def main() -> int:
     system()
     if not (BIN / "python").exists():
         venv.create(ROOT / ".venv", with_pip=True)
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # workers share the cores
+    # workers share the cores; processes that tests start need not compile the package anew
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": ""}
     for tool, *arguments in CHECKS:
         if tool == "pytest" and "--slow" in sys.argv[1:]:
             arguments += ["-m", "slow or not slow"]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 SOURCE = Path(__file__).resolve().parents[1] / "src"
 ORDER = (
-    ("errors", "progress", "display", "version"),
+    ("errors", "progress", "display"),
     ("files", "text", "plugins"),
     ("information", "pool"),  # know no robot
     ("log",),

@@ -54,7 +54,9 @@ def _entry(module: str, name: str, thing: object) -> list[str]:
     if inspect.isclass(thing):
         role = "exception" if issubclass(thing, BaseException) else "class"
         lines += [f".. auto{role}:: {name}"]
-        lines += ["   :show-inheritance:"] if role == "exception" else ["   :members:"]
+        # of its base classes as well, such as `write`; not of Python's own
+        own = ["   :members:", "   :inherited-members: object, dict, tuple"]
+        lines += ["   :show-inheritance:"] if role == "exception" else own
     elif callable(thing):
         lines += [f".. autofunction:: {name}"]
     else:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ident.effects import KINDS, Unknown
-from ident.show.effects import facts
+from ident.show.laws import facts
 from making.signatures import SHOWN, picture
 
 PICTURES = "signatures"

@@ -16,7 +16,7 @@ from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
 import ident
-from ident.show.demo import make_puzzle
+from ident.cli.demo import make_puzzle
 
 PICTURE = Path(__file__).resolve().with_name("diagnosis.png")
 SEED = 1

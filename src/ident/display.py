@@ -1,4 +1,4 @@
-"""Registry of renderers, through which nouns print and plot themselves without knowing how.
+"""What the kernel knows of presentation: callbacks of progress, and a registry of renderers.
 
 A noun derives from `Displayed` and asks for a form by name: `text`, `html`, `plot`, `view`, …
 The package `ident.show` answers: the modules of it register one function for each noun and form.
@@ -7,8 +7,64 @@ They are imported at the first use, so that no kernel module imports a plotting 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
+
+Progress = Callable[[str, float], None]
+"""Called with the name of the present step and the share of it that is done, 0 to 1."""
+
+running: ContextVar[str] = ContextVar("running", default="")
+"""The command line, for reports; empty where there is none."""
+
+folder: ContextVar[str] = ContextVar("folder", default="")
+"""Where its files are written; empty where they are not."""
+
+
+@contextmanager
+def writing(place: str | Path) -> Iterator[None]:
+    """Let commands in a result name the folder into which it is being written."""
+    before = folder.set(str(place))
+    try:
+        yield
+    finally:
+        folder.reset(before)
+
+
+acceptable: ContextVar[float | None] = ContextVar("acceptable", default=None)
+"""Error, as a share of a joint's torque, that it takes for good enough; None where it asks not."""
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a command line is given: the mechanism, logs, and options of the model as words.
+
+    `like` are its logs of normal running, where it has any.
+    """
+
+    mechanism: str
+    logs: tuple[str, ...]
+    options: tuple[str, ...]
+    like: tuple[str, ...] = ()
+
+
+inputs: ContextVar[Inputs | None] = ContextVar("inputs", default=None)
+"""Those of the running command; None where there is none, or they do not describe its model."""
+
+
+def quiet(what: str, share: float) -> None:
+    """Show nothing."""
+
+
+def part(on_progress: Progress | None, start: float, end: float) -> Progress:
+    """Report the progress of one part of the work as that of the whole, between two shares."""
+    if on_progress is None:
+        return quiet
+    return lambda what, share: on_progress(what, start + share * (end - start))
+
 
 Renderer = Callable[..., Any]
 _renderers: dict[tuple[type, str], Renderer] = {}

@@ -6,6 +6,7 @@ import contextlib
 import difflib
 import os
 from collections.abc import Iterable
+from numbers import Integral
 from pathlib import Path
 
 
@@ -58,6 +59,12 @@ def one_of(name: str, valid: Iterable[str]) -> str:
     meant = near(name, words)
     listed = ", ".join(words[:12]) + (f", … ({len(words)} in all)" if len(words) > 12 else "")
     return (f"did you mean '{meant}'? " if meant else "") + f"valid: {listed or 'none'}"
+
+
+def check_whole(name: str, number: object, least: int = 0) -> None:
+    """Refuse what is no whole number from `least` on; bool is none."""
+    if isinstance(number, bool) or not isinstance(number, Integral) or int(number) < least:
+        raise IdentError(f"{name} {number!r}; valid: a whole number, {least} or more")
 
 
 def missing_file(path: Path) -> str:

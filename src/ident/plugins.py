@@ -1,4 +1,5 @@
-"""Readers of file formats by the suffix of the file: ident's own, and those of installed packages.
+"""What is installed: the version of ident, and readers of file formats by the suffix of the file,
+ident's own and those of other packages.
 
 A package adds a format by a function and one line of its pyproject.toml:
 
@@ -13,42 +14,42 @@ or an `ident.mechanism.description.Description` that states closures and all els
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib.metadata import EntryPoint, entry_points
+from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from ident.errors import IdentError, LogError, MechanismError, line_of
 
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint, EntryPoints
+
 GROUP = "ident.formats"
-OWN = tuple(
-    EntryPoint(name, function, GROUP)
-    for name, function in {
-        "log.csv": "ident.log.storage:read_csv",
-        "log.parquet": "ident.log.storage:read_parquet",
-        "log.npz": "ident.log.storage:read_npz",
-        "log.mcap": "ident.formats.rosbag:read_bag",
-        "log.db3": "ident.formats.rosbag:read_bag",
-        "mechanism.urdf": "ident.mechanism.description:Description",
-        "mechanism.xml": "ident.formats.mjcf:read_mjcf",
-        "mechanism.mjcf": "ident.formats.mjcf:read_mjcf",
-        "mechanism.sdf": "ident.formats.sdf:read_sdf",
-        "mechanism.world": "ident.formats.sdf:read_sdf",
-    }.items()
-)
+OWN = {
+    "log.csv": "ident.log.storage:read_csv",
+    "log.parquet": "ident.log.storage:read_parquet",
+    "log.npz": "ident.log.storage:read_npz",
+    "log.mcap": "ident.formats.rosbag:read_bag",
+    "log.db3": "ident.formats.rosbag:read_bag",
+    "mechanism.urdf": "ident.mechanism.description:Description",
+    "mechanism.xml": "ident.formats.mjcf:read_mjcf",
+    "mechanism.mjcf": "ident.formats.mjcf:read_mjcf",
+    "mechanism.sdf": "ident.formats.sdf:read_sdf",
+    "mechanism.world": "ident.formats.sdf:read_sdf",
+}
 Kind = Literal["log", "mechanism"]
 ERRORS: dict[str, type[IdentError]] = {"log": LogError, "mechanism": MechanismError}
 
 
 def suffixes(kind: Kind) -> tuple[str, ...]:
     """Return the suffixes of all formats of a kind, ident's own first."""
-    names = [each.name for each in (*OWN, *entry_points(group=GROUP))]
+    names = [*OWN, *(each.name for each in _of_others())]
     kinds = [f".{name.partition('.')[2].lower()}" for name in names if name.startswith(f"{kind}.")]
     return tuple(dict.fromkeys(kinds))
 
 
 def is_own(kind: Kind, suffix: str) -> bool:
     """Return whether a format is one of ident's own."""
-    return any(own.name == f"{kind}{suffix}" for own in OWN)
+    return f"{kind}{suffix}" in OWN
 
 
 def reader_of(kind: Kind, suffix: str) -> Callable[..., Any] | None:
@@ -58,13 +59,19 @@ def reader_of(kind: Kind, suffix: str) -> Callable[..., Any] | None:
     becomes a LogError or MechanismError that names the file and the function.
     """
     name = f"{kind}{suffix}"
-    for own in OWN:
-        if own.name == name:
-            return own.load()
-    for entry in entry_points(group=GROUP):
+    if name in OWN:
+        module, _, function = OWN[name].partition(":")
+        return getattr(import_module(module), function)
+    for entry in _of_others():
         if entry.name.lower() == name:
             return _guarded(entry, ERRORS[kind])
     return None
+
+
+def _of_others() -> EntryPoints:
+    from importlib.metadata import entry_points  # `ident --help` need not wait for it
+
+    return entry_points(group=GROUP)
 
 
 def _guarded(entry: EntryPoint, error_class: type[IdentError]) -> Callable[[Path], Any]:
@@ -80,3 +87,13 @@ def _guarded(entry: EntryPoint, error_class: type[IdentError]) -> Callable[[Path
             ) from error
 
     return read
+
+
+def version(package: str = "ident", missing: str = "0") -> str:
+    """Return the version of a package, `missing` of one that is not installed, as a checkout."""
+    from importlib import metadata
+
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return missing

@@ -20,16 +20,15 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache, partial
-from importlib import metadata
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import cloudpickle
 
-from ident.errors import IdentError, line_of
-from ident.progress import Progress, part
-from ident.version import version
+from ident.display import Progress, part
+from ident.errors import IdentError, check_whole, line_of
+from ident.plugins import version
 
 TRIES = 3  # of a task whose process dies
 IDLE = 300  # [s] after which a process that has nothing to do ends
@@ -100,8 +99,8 @@ def spread(
             f"jobs {jobs} and scheduler {scheduler}: its workers are the processes; give one of "
             "the two"
         )
-    if jobs is not None and (isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1):
-        raise IdentError(f"jobs {jobs!r}; valid: a whole number, 1 or more")
+    if jobs is not None:
+        check_whole("jobs", jobs, 1)
     most = len(tasks) if isinstance(tasks, Sized) else cores()
     jobs = min(cores() if jobs is None else jobs, max(most, 1))
     if scheduler is None and jobs == 1:
@@ -175,15 +174,9 @@ def versions() -> dict[str, str]:
     """Return the versions that must be equal on all machines, by name."""
     found = {"ident": version(), "Python": ".".join(platform.python_version_tuple()[:2])}
     for name, packages in NUMERICAL.items():
-        found[name] = next(filter(None, map(_version_of, packages)), "of an unknown version")
+        known = filter(None, (version(package, "") for package in packages))
+        found[name] = next(known, "of an unknown version")
     return found
-
-
-def _version_of(package: str) -> str:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return ""
 
 
 def _outcome(function: Function, common: Any, task: Any) -> tuple[Any, str | None]:

@@ -1,6 +1,6 @@
 """The public names, each from where it is defined; `ident` has them all.
 
-Long work shows a bar, if it is not given `progress`.
+Long work shows a bar, if it is not given `display`.
 """
 
 from ident.diagnosis import Diagnosis, Health, History, diagnose, grow, health
@@ -10,13 +10,13 @@ from ident.effects import create as effect
 from ident.errors import FitError, IdentError, LogError, MechanismError, MotionError
 from ident.excite import Excitation, Limits, excite
 from ident.fit import Fit, identify
-from ident.fit.compare import Comparison, compare
 from ident.fit.files import Saved, read_fit, write_fit
+from ident.fit.identify import Comparison, compare
 from ident.fit.residual import Residual, residual_of, where
 from ident.log import Column, Log, read_log
 from ident.mechanism import Consistency, Mechanism, Multipliers, load
 from ident.mechanism.load import absolute
-from ident.montecarlo import MonteCarlo, Studies, monte_carlo, monte_carlo_each
+from ident.montecarlo import MonteCarlo, monte_carlo
 from ident.motion import Motion, complete
 from ident.show.explore import Exploration, explore
 from ident.show.progress import watched
@@ -31,24 +31,23 @@ from ident.simulate import (
     replay,
     simulate,
 )
-from ident.streams.diagnose_each import Verdicts, diagnose_each
 from ident.streams.gather import Gathered, gather
+from ident.streams.many_logs import Verdicts, diagnose_each
 from ident.streams.monitor import Alarm, Monitor
 from ident.streams.online import Online, Snapshot
 
 compare, complete, diagnose = watched(compare), watched(complete), watched(diagnose)
 diagnose_each, excite, explore = watched(diagnose_each), watched(excite), watched(explore)
 gather, grow, identify = watched(gather), watched(grow), watched(identify)
-integrate, monte_carlo = watched(integrate), watched(monte_carlo)
-monte_carlo_each, replay = watched(monte_carlo_each), watched(replay)
+integrate, monte_carlo, replay = watched(integrate), watched(monte_carlo), watched(replay)
 
 __all__ = [
     "PD", "Alarm", "Column", "Comparison", "ComputedTorque", "Consistency", "Diagnosis", "Effect",
     "Excitation", "Exploration", "Fit", "FitError", "Gathered", "Health", "History", "IdentError",
     "Limits", "Log", "LogError", "Mechanism", "MechanismError", "Monitor", "MonteCarlo", "Motion",
     "MotionError", "Multipliers", "Noise", "Online", "Replay", "Residual", "Run", "Saved",
-    "Snapshot", "Studies", "Torques", "Verdicts", "absolute", "compare", "complete", "diagnose",
+    "Snapshot", "Torques", "Verdicts", "absolute", "compare", "complete", "diagnose",
     "diagnose_each", "effect", "effects", "excite", "explore", "gather", "grow", "health",
-    "identify", "integrate", "load", "monte_carlo", "monte_carlo_each", "read_fit", "read_log",
+    "identify", "integrate", "load", "monte_carlo", "read_fit", "read_log",
     "read_user_effect", "replay", "residual_of", "simulate", "user_effect", "where", "write_fit",
 ]  # fmt: skip

@@ -10,7 +10,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 pytest.importorskip("mujoco", reason="the battery's logs are simulated by MuJoCo")
 
-from cases import Case, cases
+from cases import Case, cases, effects
 from judge import judge
 from scores import SCORES
 
@@ -32,3 +32,14 @@ def test_a_hidden_effect(case: Case) -> None:
     assert "error" not in result, result["error"]
     (score,) = (each for each in SCORES if each.title == DECIDES[case.category])
     assert all(ok for _, ok in score.of([result])), result
+
+
+def test_three_effects_of_one_joint_of_which_none_is_credible_alone() -> None:
+    """Found together as a path that random residuals do not have."""
+    (hidden,) = effects("drift:shoulder + torque_offset:shoulder + hysteresis:shoulder")
+    case = Case(
+        "three", "two", "arm3", hidden, 1.0, noise=0.01, encoder=0.001, motion=71, seed=9010
+    )
+    result = judge(case)
+    assert "error" not in result, result["error"]
+    assert all(each in result["added"] for each in result["hidden"]), result["added"]

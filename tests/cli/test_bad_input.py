@@ -11,6 +11,8 @@ import sys
 import numpy as np
 import pytest
 
+from helpers import ROBOTS
+
 PNG = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR\x00\x00\x00\x01"
 HEADER = "t,q.theta,v.theta,a.theta,tau.theta,tau.s"
 
@@ -314,3 +316,12 @@ def test_in_a_process_of_its_own(text, words, slider, checked):
     ran = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     checked(ran.returncode, ran.stdout, ran.stderr, words)
     assert not re.search(r"\x1b", ran.stderr)
+
+
+def test_explore_reads_its_logs_before_it_gives_an_address(tmp_path, spoken):
+    log = tmp_path / "bad.csv"
+    log.write_text("a,b\n1,x\n")
+    for path in (log, tmp_path / "none.csv"):
+        status, text, said = spoken("explore", ROBOTS / "arm", path, "--no-browser")
+        assert (status, text) == (1, "")
+        assert path.name in said

@@ -4,8 +4,8 @@ import io
 
 from rich.console import Console
 
-from ident.cli import console
-from ident.cli.console import merged
+from ident.cli import app as console
+from ident.cli.app import merged
 
 
 def test_notes_of_several_logs_are_one_line_with_ranges():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ident as api
-from ident.show.demo import SECRETS, make_puzzle
+from ident.cli.demo import SECRETS, make_puzzle
 
 
 def test_the_story_comes_out_right_and_keeps_its_files(done, tmp_path):

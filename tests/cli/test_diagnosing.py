@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 import sys
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from test_outputs import failing, snapshot
 
 import ident as api
 from ident.diagnosis import laws
+from ident.streams import many_logs
 from identification import motion_log, plant, robot
 
 NOISE = (api.Noise("tau", 0.02, relative=True), api.Noise("q", 1e-5))
@@ -88,6 +91,52 @@ def test_laws_that_are_found_before_ctrl_c_are_kept(robots, tmp_path, monkeypatc
         assert "A formula explains it: torque of elbow = " in outcome.out
         assert "law_elbow.py" in written
         assert f"{tmp_path / 'out'}/law_elbow.py" in (tmp_path / "out" / "report.html").read_text()
+
+
+@pytest.mark.parametrize("out", [(), ("--out", "out")], ids=["printed", "written"])
+def test_verdicts_before_ctrl_c_are_printed(arm_folder, tmp_path, monkeypatch, ident, out):
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    for name in ("a", "b", "c"):
+        (logs / f"{name}.csv").write_bytes((arm_folder / "run.csv").read_bytes())
+    monkeypatch.chdir(tmp_path)
+
+    def verdict(_, task):
+        if task[0] == "c.csv":
+            raise KeyboardInterrupt
+        return many_logs.Verdict(task[0], 2500, "nothing")
+
+    monkeypatch.setattr(many_logs, "_verdict", verdict)
+    words = "diagnose", arm_folder, logs, *given("viscous"), "--jobs", "1", *out
+    outcome = ident(*words)
+    assert outcome.status == 130
+    assert "a.csv" in outcome.out
+    assert "b.csv" in outcome.out
+    assert "1 of 3 logs are left; go on with: ident diagnose" in outcome.err
+    assert f"{logs / 'c.csv'} --with viscous" in outcome.err
+    assert (tmp_path / "out" / "logs.csv").is_file() is bool(out)
+
+
+def test_the_command_to_copy_tells_rivals_apart(robots, tmp_path, done):
+    """Friction in one bearing of a four-bar whose crank swings a little: which one is open."""
+    mechanism = api.load(robots / "four_bar")
+    t = np.arange(0.0, 10.0, 0.004)
+    q = {"q.crank": np.pi / 2 + 0.26 * np.sin(5 * t) + 0.05 * np.sin(11.5 * t)}
+    noise = api.Noise("tau", 0.1), api.Noise("q", 1e-5)
+    hidden = mechanism.with_effect("coulomb:rocker")
+    swing = api.Log.from_arrays("swing", t, q)
+    made = api.simulate(hidden, swing, values={"coulomb.rocker.Fc": 0.06}, noise=noise)[0]
+    made.write(tmp_path / "swing.csv")
+    text = done("diagnose", robots / "four_bar", tmp_path / "swing.csv").out
+    assert "which this data cannot tell apart" in " ".join(text.split())
+    (line,) = (line for line in text.splitlines() if line.startswith("  ident "))
+    words = shlex.split(line)
+    assert words[:3] == ["ident", "excite", str(robots / "four_bar")]
+    assert words[3] == "--separate"
+    assert "planned by this command or by hand" in text
+    out = tmp_path / "next.csv"
+    done(*words[1:-1], out, "--tries", 1, "--harmonics", 3)
+    assert out.is_file()
 
 
 def test_diagnose_of_a_whole_model_is_no_failure(arm_folder, done):

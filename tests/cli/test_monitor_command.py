@@ -15,6 +15,7 @@ from helpers import ROBOTS
 from ident import Log, Noise
 from ident.show.streams import ThinnedSeries
 from identification import motion_log, plant, robot
+from pages import read_page
 
 CRANK = ROBOTS / "slider_crank"
 COMMAND = [sys.executable, "-m", "ident", "monitor"]
@@ -192,6 +193,14 @@ def test_bad_input_is_one_line(spoken, log, words, said):
     assert said in errors
 
 
+def test_normal_running_that_is_too_short_is_stated_on_the_page(spoken, log, tmp_path):
+    spoken("monitor", CRANK, log, "--like", log, "--every", 100, "--out", tmp_path)
+    header = " ".join(read_page(tmp_path / "report.html").find(".//header").text_content().split())
+    assert "no alarms: normal running: " in header
+    assert "give longer logs" in header
+    assert "ident monitor" not in header  # that would raise none either
+
+
 def test_files_of_other_columns_are_left_alone(spoken, log, tmp_path):
     (tmp_path / "parameters.csv").write_text("t,mine\n0,1\n")
     status, _, said = spoken("monitor", CRANK, log, "--like", log, "--out", tmp_path)
@@ -277,7 +286,7 @@ def test_the_page_shows_what_comes_and_the_report_stays(log, tmp_path, browser):
         page.get_by_text("The command has ended").wait_for()
         page.close()
     assert (run.returncode, faults) == (0, [])
-    assert "alarms need logs of normal running" in before
+    assert "no alarms: normal running: 7 intervals" in before
     report = (tmp_path / "out" / "report.html").read_text()
     for title in ("Parameters over time", "Reaction forces", "Error of the predicted torque"):
         assert f"{title}</h2>" in report

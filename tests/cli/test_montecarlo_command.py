@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from ident.montecarlo import montecarlo
+import ident.montecarlo as montecarlo
 
 ROBOT = Path(__file__).resolve().parents[2] / "robots" / "slider_crank"
 

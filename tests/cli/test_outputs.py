@@ -269,3 +269,23 @@ def test_ctrl_c_is_one_line(slider, tmp_path, monkeypatch, ident):
     assert line.startswith("interrupted")
     assert line.endswith("no file was written")
     assert not (tmp_path / "out").exists()
+
+
+def test_ctrl_c_among_many_logs_loses_no_verdict(slider, tmp_path, monkeypatch, ident):
+    from ident.streams.many_logs import Verdict
+
+    def verdict(common, task):
+        if task[0].startswith("b"):
+            raise KeyboardInterrupt
+        return Verdict(task[0], 10, "nothing")
+
+    monkeypatch.setattr("ident.streams.many_logs._verdict", verdict)
+    (tmp_path / "logs").mkdir()
+    for name in ("a", "b"):
+        shutil.copy(slider / "run.csv", tmp_path / "logs" / f"{name}.csv")
+    words = ("diagnose", slider, tmp_path / "logs", "--jobs", 1, "--out", tmp_path / "out")
+    outcome = ident(*words)
+    assert outcome.status == 130
+    assert "logs.csv" in outcome.err.splitlines()[-1]
+    (row,) = (tmp_path / "out" / "logs.csv").read_text().splitlines()[1:]
+    assert row.startswith("a.csv,10,nothing")

@@ -94,7 +94,7 @@ def test_every_public_name_is_there(pages, site):
     reference = pages[site / "generated" / "reference.html"]
     for name in ident.__all__:
         assert f"ident.{name}" in reference.ids, name
-    for name in ("Fit.predict", "Diagnosis.best", "Mechanism.with_effect", "Log.from_arrays"):
+    for name in ("Fit.predict", "Diagnosis.write", "Mechanism.with_effect", "Log.from_arrays"):
         assert f"ident.{name}" in reference.ids, name
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ident import LogError
-from ident.log.follow import follow
+from ident.log.pieces import follow
 
 GOOD = "t,q.a,tau.a\n0,1,2\n0.1,1.5,2.5\n"
 

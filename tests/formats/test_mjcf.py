@@ -103,6 +103,38 @@ def test_torques_are_those_of_mujoco(make, text):
         np.testing.assert_allclose(found[k], data.qfrc_inverse[at], atol=1e-12)
 
 
+WALKER = """<mujoco><option gravity="0 1 -9"/><worldbody>
+  <body name="trunk" pos="0 0 1" euler="10 20 30"><freejoint/><geom size="0.1"/>
+    <body name="leg" pos="0.1 0 -0.1"><joint name="hip" axis="0 1 0" pos="0 0 .02"/>
+      <geom type="capsule" size="0.03" fromto="0 0 0 0.1 0 -0.3"/>
+      <body name="foot" pos="0.1 0 -0.3"><joint name="ankle" type="ball"/><geom size="0.05"/></body>
+    </body>
+    <body name="arm" pos="0 0.1 0"><joint name="lift" type="slide"/><geom size="0.04"/></body>
+  </body></worldbody><actuator><motor joint="hip"/><motor joint="lift"/></actuator></mujoco>"""
+
+
+def test_a_locked_free_joint_is_welded(make):
+    """Torques are MuJoCo's with its base, and a ball joint, at rest where the file has them."""
+    path = make(WALKER)
+    mechanism = load(path, locked={"trunk_joint": None, "ankle": None})
+    assert (mechanism.driven, mechanism.passive) == (("hip", "lift"), ())
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    data = mujoco.MjData(model)
+    places = [[model.joint(n).qposadr[0] for n in ("hip", "lift")]]
+    places += [[model.joint(n).dofadr[0] for n in ("hip", "lift")]]
+    q, v, a = states(2)
+    found = regressor(mechanism.model, q, v, a) @ mechanism.prior
+    for k in range(len(q)):
+        data.qpos[places[0]], data.qvel[places[1]], data.qacc[places[1]] = q[k], v[k], a[k]
+        mujoco.mj_inverse(model, data)
+        np.testing.assert_allclose(found[k], data.qfrc_inverse[places[1]], atol=1e-12)
+    with pytest.raises(MechanismError, match="--lock ankle"):
+        load(path, locked={"trunk_joint": 0.0})
+    with pytest.raises(MechanismError, match="only --lock trunk_joint, where the file has it"):
+        load(path, locked={"trunk_joint": 0.3, "ankle": None})
+
+
 def test_places_are_those_of_mujoco(make):
     """Of every body, and of a site: by the closure frame that would be written for it."""
     path = make(ARM)
@@ -360,8 +392,9 @@ def test_a_grown_folder_is_the_same_machine(make, tmp_path, text):
 # --- refused ------------------------------------------------------------------------------------
 
 BAD = {
-    "free joint": (BODY.format("<freejoint/>", ""), "body 'a' has a free joint"),
-    "ball joint": (BODY.format('<joint type="ball"/>', ""), "ball joint"),
+    "free joint": (BODY.format("<freejoint/>", ""), "'a_joint' is of type floating"),
+    "its remedy": (BODY.format('<freejoint name="root"/>', ""), "--lock root"),
+    "ball joint": (BODY.format('<joint type="ball"/>', ""), "'a_joint' is of type floating"),
     "truncated": (MJCF[:500], "no well-formed XML"),
     "unknown element": (BODY.format("<spring/>", ""), "MuJoCo refuses it"),
     "unknown joint": (

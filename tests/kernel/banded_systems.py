@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from ident.information.band import Chunk
-from ident.information.splines import Basis
+from ident.information.time_bases import Basis, Chunk
 
 
 def chunk_of(first, values, J_T, A, b):

@@ -5,10 +5,9 @@ import pytest
 from banded_systems import System, chunk_of, relative
 
 from ident.errors import FitError
-from ident.information.band import Chunk, eliminate
 from ident.information.estimate import rank_revealing, solve
-from ident.information.splines import Basis
-from ident.information.triangle import Triangle
+from ident.information.linear import Triangle
+from ident.information.time_bases import Basis, Chunk, eliminate
 
 
 def solved(chunks, count, **options):

@@ -3,7 +3,7 @@ import pytest
 
 from ident.errors import FitError
 from ident.information.estimate import rank_revealing, solve
-from ident.information.triangle import Triangle
+from ident.information.linear import Triangle
 
 
 @pytest.fixture

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from ident.excite.excitation import Criterion, log_condition
-from ident.excite.limits import LimitBox
-from ident.excite.trajectory import Fourier
+from ident.excite.trajectory import Fourier, LimitBox
 
 
 def slope(f, x: np.ndarray, h: float = 1e-6) -> np.ndarray:

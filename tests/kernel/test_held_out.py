@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ident.information.covariance import without_each
-from ident.information.triangle import Triangle
+from ident.information.chance import without_each
+from ident.information.linear import Triangle
 
 
 @pytest.mark.parametrize("count", [1, 2, 7])

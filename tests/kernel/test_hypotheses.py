@@ -7,8 +7,10 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from ident.information.blocks import Block, Information
+from ident.fit.residual_maps import SignalMap, depends_on
+from ident.information.blocks import Block, Information, Part
 from ident.information.chance import (
+    SMOOTH,
     Chance,
     exceeding,
     quantile,
@@ -17,8 +19,7 @@ from ident.information.chance import (
     zscore,
 )
 from ident.information.hypotheses import PartialRegression
-from ident.information.parts import Part
-from ident.information.triangle import Triangle
+from ident.information.linear import Triangle
 
 BLOCKS, ROWS, K = 6, 25, 14
 WEIGHT = np.array([1.0, 2.5])
@@ -65,7 +66,7 @@ def test_gains_are_those_of_refits():
         D = before - refitted(given, np.append(np.arange(4), group))
         np.testing.assert_allclose(gains.D[i], D[:, 0], atol=1e-10)
         np.testing.assert_allclose(
-            gains.null[i], D[:, 1:].sum(axis=0), 1e-5, 1e-5
+            gains.null[i].sum(axis=0), D[:, 1:].sum(axis=0), 1e-5, 1e-5
         )  # single precision
         refit = regression.refit(group)
         np.testing.assert_allclose(refit.D, D[:, 0], atol=1e-10)
@@ -147,6 +148,45 @@ def test_surrogates_have_the_spectrum_and_nothing_else():
     assert abs(np.mean([np.corrcoef(x, r[:, 0])[0, 1] for x in made[:, 0].T])) < 0.1
 
 
+def test_surrogates_of_a_series_with_gaps_are_as_slow_as_the_series():
+    random = np.random.default_rng(3)
+    n = 600
+    r, known = coloured(n, random, 0.95), np.ones((n, 2), dtype=bool)
+    for begin in random.integers(0, n, 40):  # as around reversals
+        known[begin : begin + 10] = False
+    whole = surrogates(r, [slice(0, n)], 100, random)
+    given = surrogates(np.where(known, r, 0.0), [slice(0, n)], 100, random, known=known)
+    one, other = (np.mean(x[1:] * x[:-1]) / np.mean(x**2) for x in (whole, given))
+    assert other == pytest.approx(one, abs=0.05)
+    assert given.std() == pytest.approx(whole.std(), rel=0.15)
+
+
+def test_surrogates_of_a_constant_are_numbers_and_keep_what_coordinates_share():
+    random = np.random.default_rng(5)
+    for n in (2, 3, 20, 60):
+        assert np.isfinite(surrogates(np.ones((n, 2)), [slice(0, n)], 20, random)).all()
+    z = coloured(400, random)[:, :1]
+    made = surrogates(np.column_stack([z, -2 * z]), [slice(0, 400)], 20, random)
+    np.testing.assert_allclose(made[:, 1], -2 * made[:, 0], atol=1e-4 * made.std())
+
+
+def test_surrogates_differ_as_much_as_noise_does_whose_spectrum_one_run_shows():
+    random = np.random.default_rng(4)
+    n, slow = 300, slice(1, 2 * SMOOTH)
+
+    def slow_share(x: np.ndarray) -> np.ndarray:
+        power = np.abs(np.fft.rfft(x, axis=0)) ** 2
+        return np.log(power[slow].sum(axis=0) / power[1:].sum(axis=0)).ravel()
+
+    runs = [coloured(n, random)[:, :1] for _ in range(40)]
+    true = np.array([slow_share(r)[0] for r in runs])
+    made = [slow_share(surrogates(r, [slice(0, n)], 50, random)[:, 0]) for r in runs[:10]]
+    spread = np.mean(
+        [x.std() for x in made]
+    )  # a resampled periodogram's is up to √2 times as large
+    assert 0.9 * true.std() < spread < 1.6 * true.std()
+
+
 def test_power_that_a_model_takes_is_given_back():
     random = np.random.default_rng(1)
     n, run = 2000, [slice(0, 2000)]
@@ -176,14 +216,14 @@ def test_a_quantile_of_few_draws_is_that_of_many():
 
 def test_a_gain_at_its_limit_has_the_chance_alpha():
     random = np.random.default_rng(4)
-    loud, quiet, left = (1 / (1 + np.exp(m - random.standard_normal(100))) for m in (1.0, 5.0, 3.0))
+    loud, quiet = (1 / (1 + np.exp(m - random.standard_normal(100))) for m in (1.0, 5.0))
     none = {0: np.zeros(0), 1: np.zeros(0)}
-    chance = Chance({0: loud, 1: quiet}, left, none, 0.01)
-    assert chance.limit(1) < chance.limit(0) < quantile(loud, 0.01)  # a noisy place hides no other
+    chance = Chance({0: loud, 1: quiet}, none, 0.01)
+    assert chance.limit(1) < 0.2 < chance.limit(0)  # a noisy place hides no other
     for place in (0, 1):
         assert chance.p(chance.limit(place), place) == pytest.approx(0.01, rel=1e-6)
     assert chance.limit(7) == chance.limit(0)  # of a place without draws, the largest
-    noisy = Chance({0: loud, 1: quiet}, left, {0: loud, 1: loud}, 0.01)
+    noisy = Chance({0: loud, 1: quiet}, {0: loud, 1: loud}, 0.01)
     assert noisy.limit(1) == quantile(loud, 0.005)
 
 
@@ -193,11 +233,17 @@ def test_draws_without_any_gain_have_a_quantile():
     assert exceeding(0.1, g) == 41 / 101
 
 
+def test_no_gain_exceeds_draws_that_do_not_differ_by_chance():
+    """Of a log without noise: gains of rounding are all alike."""
+    assert exceeding(0.9, np.full(24, 1e-13)) == 0.0
+    assert exceeding(1e-14, np.full(24, 1e-13)) == 1.0
+
+
 def test_noise_without_any_gain_makes_no_gain_likely():
     """As the limit has it: what exceeds that is rarer than alpha, however few draws there are."""
     draws = 1 / (1 + np.exp(5.0 - np.random.default_rng(5).standard_normal(100)))
     noise = np.array([-1e-8] * 18 + [1e-5] * 6)
-    chance = Chance({0: draws, 1: draws}, draws, {0: noise, 1: noise}, 0.01)
+    chance = Chance({0: draws, 1: draws}, {0: noise, 1: noise}, 0.01)
     assert chance.limit(0) < 0.6
     assert chance.p(0.6, 0) < 0.01
 
@@ -217,9 +263,10 @@ def credible(seed: int, size: float) -> tuple[bool, int]:
 
     left = asked(r).residual[0]
     null = surrogates(left, [slice(0, n)], 100, random)[:, 0]
-    found = asked(np.column_stack([r, null])).gains([np.array([i]) for i in range(1, 31)])
-    shares = (found.null / asked(np.column_stack([r, null])).null_loss).max(axis=0)
-    share = found.G.max() / asked(r).loss.sum()
+    judged = asked(np.column_stack([r, null]))
+    found = judged.gains([np.array([i]) for i in range(1, 31)])
+    shares = judged.explained(found.null.transpose(0, 2, 1), judged.null_losses.T).max(axis=0)
+    share = judged.explained(found.by).max()
     return share > quantile(shares, 0.01), int(found.G.argmax())
 
 
@@ -228,6 +275,39 @@ def test_coloured_noise_makes_no_candidate_credible_and_an_effect_is_found():
     assert all(credible(seed, 1.0) == (True, 17) for seed in range(10))
 
 
+def test_what_explains_all_of_one_coordinate_is_not_diluted_by_the_others():
+    """The likelihood ratio of coordinates with noise of their own; weights do not matter to it."""
+    random = np.random.default_rng(0)
+    edges, d, n = np.arange(6) * 20, 7, 100
+    X = random.standard_normal((n, 2))
+    some = [Part(u, np.arange(2), X * (u == 0), random.standard_normal((n, 3)), edges)
+            for u in range(d)]  # fmt: skip
+    some[0].Y[:, 0] = 1e3 * X[:, 1] + 1e-2 * random.standard_normal(n)
+    for weight in (np.ones(d), np.array([p.Y[:, 0].std() for p in some]) ** -1):
+        asked = PartialRegression(tuple(some), np.arange(1), weight)
+        gains = asked.gains([np.array([1])])
+        losses = asked.losses.sum(axis=0)
+        left = asked.extended(np.array([1])).losses.sum(axis=0)
+        np.testing.assert_allclose(gains.by[0], losses - left, atol=1e-9 * losses.sum())
+        assert asked.explained(gains.by)[0] > 1 - 1e-5 ** (1 / d)
+        assert asked.gain(asked.refit(np.array([1]))) == pytest.approx(asked.explained(gains.by)[0])
+    before = asked.null_losses.T
+    assert before.shape == (2, d)
+    assert np.abs(asked.explained(gains.null.transpose(0, 2, 1), before)).max() < 0.1
+
+
 def test_differences_that_do_not_differ_have_no_z():
     assert zscore(np.zeros(5)) == 0.0
     assert zscore(np.array([1.0, 1.1, 0.9, 1.0])) > 10
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-3, 1e-6])
+def test_what_a_residual_depends_on_does_not_depend_on_its_unit(size: float) -> None:
+    random, n = np.random.default_rng(0), 600
+    x = np.sin(np.linspace(0, 40, n))
+    r = size * (x + 0.3 * random.standard_normal(n))
+    maps = [SignalMap("v.elbow", "v", "rad/s", x[:, None], np.zeros(0))]
+    (step,), threshold = depends_on(r, np.arange(n) // 60, maps, [slice(0, n)])
+    assert step.r2 == pytest.approx(0.85, abs=0.03)
+    assert step.values == pytest.approx(size * np.ones(1), rel=0.05)
+    assert 0.03 <= threshold < 1

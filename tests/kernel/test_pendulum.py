@@ -5,10 +5,9 @@ import pytest
 from banded_systems import chunk_of
 from scipy.integrate import solve_ivp
 
-from ident.information.band import eliminate
 from ident.information.estimate import rank_revealing, solve
-from ident.information.splines import Basis
-from ident.information.triangle import Triangle
+from ident.information.linear import Triangle
+from ident.information.time_bases import Basis, eliminate
 
 M, I_ZZ, L, g = 10.0, 0.2, 0.5, 9.81  # kg, kg m², m, m/s²
 

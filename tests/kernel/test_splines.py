@@ -3,7 +3,7 @@ import pytest
 from scipy.interpolate import BSpline
 
 from ident.errors import FitError
-from ident.information.splines import Basis
+from ident.information.time_bases import Basis
 
 
 def centres(basis):

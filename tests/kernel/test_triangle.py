@@ -5,7 +5,7 @@ import pytest
 
 from ident.errors import FitError
 from ident.information.estimate import rank_revealing, solve
-from ident.information.triangle import Triangle
+from ident.information.linear import Triangle
 
 
 def householder_longdouble(A, b):

@@ -16,7 +16,7 @@ from law_judge import apart, closed, equal, judge, variables
 from law_logs import RATE, Complement, Made, bodies, make, rms
 
 import ident
-from ident.progress import Progress
+from ident.display import Progress
 from ident.show.laws import plot_curve
 
 MACHINES = ("arm3", "five_bar", "crank_rocker")

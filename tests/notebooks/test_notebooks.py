@@ -15,6 +15,9 @@ NAMES = {
     "real_arm", "own_effect", "hidden_law",
 }  # fmt: skip
 LARGEST = 1_000_000  # bytes
+# the computations of these are run by other tests: examples/hidden_friction.py and truth/test_tx40*
+SLOW = ("hidden_friction", "real_arm")
+RUN = [pytest.param(p, marks=[pytest.mark.slow] * (p.stem in SLOW), id=p.stem) for p in NOTEBOOKS]
 
 
 def named(path: Path) -> str:
@@ -25,7 +28,7 @@ def outputs(notebook):
     return [out for cell in notebook.cells for out in cell.get("outputs", ())]
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=named)
+@pytest.mark.parametrize("path", RUN)
 def test_it_runs(path, tmp_path, monkeypatch):
     if reason := missing(path):
         pytest.skip(reason)

@@ -24,13 +24,7 @@ from bases import NAMES  # noqa: E402
 from hypothesis import HealthCheck, Phase, given, seed, settings  # noqa: E402
 from hypothesis import strategies as st  # noqa: E402
 from mutants import MUTANTS, SHARES  # noqa: E402
-from outcomes import (  # noqa: E402
-    FAULTS,
-    OUTCOMES,
-    Outcome,
-    outcome_in_library,
-    outcome_of_command,
-)
+from outcomes import FAULTS, OUTCOMES, Outcome, outcome_in_library, outcome_of_command  # noqa: E402
 
 KINDS = [kind for kind, share in SHARES.items() for _ in range(share)]
 

@@ -8,18 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from ident.errors import IdentError
-from ident.show.charts import (
-    RESIDUAL,
-    ROLES,
-    SERIES,
-    Bars,
-    Chart,
-    Dots,
-    Level,
-    Line,
-    Panel,
-    Points,
-)
+from ident.show.charts import RESIDUAL, ROLES, SERIES, Bars, Chart, Dots, Level, Line, Panel, Points
 
 T = np.linspace(0.0, 10.0, 50_001)
 AT = np.arange(3.0)

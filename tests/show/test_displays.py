@@ -8,14 +8,14 @@ from lxml import html
 
 import ident
 from ident import Log
+from ident.diagnosis.result import errors_of
+from ident.display import part
 from ident.fit.files import fit_json
 from ident.information.blocks import Error
-from ident.progress import part
-from ident.show.card import Bar, Card, good_enough
-from ident.show.comparison import comparison_card, comparison_json
 from ident.show.diagnosis import card as diagnosis_card
 from ident.show.fit import card as fit_card
-from ident.show.html import Page
+from ident.show.html import Bar, Card, Page, good_enough
+from ident.show.ladder import comparison_card, comparison_json
 from ident.show.residual import plot_forces
 from identification import motion_log, plant, robot
 
@@ -159,3 +159,14 @@ def test_parts_of_work_follow_each_other():
     for k in range(2):
         part(lambda what, share: told.append(share), 0.5 * k, 0.5 * (k + 1))("x", 0.5)
     assert told == [0.25, 0.75]
+
+
+def test_a_name_that_leaves_most_of_the_error_is_not_sure(nouns):
+    d = nouns["diagnosis"]
+    best = d.candidates[0]
+    joint, old = best.joint, errors_of(d.fit)[best.joint]
+    assert "Not sure" not in diagnosis_card(d).sure
+    for left, sure in ((0.9, False), (0.1, True)):
+        after = {**best.after, joint: replace(old, rms=left * old.rms)}
+        partial = replace(d, loud=(joint,), candidates=(replace(best, after=after),))
+        assert ("Not sure that it is this (with it 81 %" in diagnosis_card(partial).sure) != sure

@@ -6,9 +6,9 @@ import pytest
 
 import ident
 from helpers import ROBOTS
-from ident.progress import Inputs, folder, inputs
-from ident.show.card import next_command
+from ident.display import Inputs, folder, inputs
 from ident.show.fit import card
+from ident.show.html import add_command, next_command
 
 
 @pytest.fixture
@@ -16,8 +16,8 @@ def given():
     """Sets what the running command is given, until the test ends."""
     tokens = []
 
-    def give(options=(), out="", logs=("a  b.csv", "c.csv")):
-        tokens.append((inputs, inputs.set(Inputs("my arm", logs, tuple(options)))))
+    def give(options=(), out="", logs=("a  b.csv", "c.csv"), like=()):
+        tokens.append((inputs, inputs.set(Inputs("my arm", logs, tuple(options), like))))
         tokens.append((folder, folder.set(out)))
 
     yield give
@@ -34,6 +34,11 @@ def test_names_with_blanks_stay_in_one_piece(given):
     assert shlex.split(next_command("compare"))[-2:] == ["--fit", "o 1/fit.json"]
 
 
+def test_normal_running_stays_what_a_command_was_given_as_such(given):
+    given(like=("normal.csv",))
+    assert next_command("monitor") == "ident monitor 'my arm' NEXT.csv --like normal.csv"
+
+
 def test_a_fit_that_was_not_written_is_written_first(given):
     given(["--with", "coulomb"])
     assert next_command("compare").startswith("ident identify 'my arm' 'a  b.csv' c.csv --with")
@@ -43,6 +48,23 @@ def test_no_command_where_the_verb_does_not_take_the_options(given):
     given(["--lock", "wrist"])
     assert next_command("monitor") == ""
     assert next_command("diagnose").endswith("--lock wrist")
+
+
+def test_what_was_given_with_stays_in_the_command_that_adds(given):
+    arm = ident.load(ROBOTS / "arm")
+    spring = arm.with_effect("spring:elbow").effects
+    words = ["--with", "viscous", "--lock", "wrist", "--with", "my own.py:bump:elbow"]
+    given([*words, "--allow-code"])
+    assert shlex.split(add_command(arm, spring))[3:] == [
+        "viscous", "my own.py:bump:elbow", "spring:elbow", "--allow-code",
+    ]  # fmt: skip
+    assert shlex.split(add_command(arm, spring, ["o 1/law.py:law:wrist"]))[-2] == (
+        "o 1/law.py:law:wrist"
+    )
+    planned = shlex.split(next_command("excite"))
+    assert planned[3:] == [*words, "--allow-code", "--out", "next.csv"]
+    given(["--absolute", "--cutoff", "8"], out="out")
+    assert shlex.split(next_command("compare"))[-1] == "--absolute"
 
 
 def test_no_command_outside_of_a_command_line():

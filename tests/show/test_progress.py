@@ -13,8 +13,8 @@ from nbclient import NotebookClient
 
 import ident
 from ident.diagnosis import diagnose, grow
+from ident.display import quiet
 from ident.fit import identify
-from ident.progress import quiet
 from ident.show.progress import watched
 from identification import motion_log, plant, robot
 

@@ -244,6 +244,25 @@ def test_light_and_dark_and_print(opened, diagnosed):
     assert page.locator("h1").is_visible()
 
 
+def test_a_folded_report_prints_all_charts_as_wide_as_paper(browser, diagnosed):
+    page = browser.new_page(viewport={"width": 1400, "height": 900}, color_scheme="dark")
+    page.goto(diagnosed[1].as_uri())
+    page.evaluate("""() => addEventListener("beforeprint", () => { // after the page's own
+      window.paper = figures.filter(visible).map((f) => {
+        const part = f.querySelector(f.matches(".scene") ? "canvas" : "svg.picture")
+        const marks = part instanceof SVGElement ? part.querySelectorAll("path").length
+          : new Set(part.getContext("2d").getImageData(0, 0, part.width, part.height).data).size
+        return [part.getBoundingClientRect().width, marks]
+      })})""")
+    page.pdf(print_background=True)
+    printed = page.evaluate("paper")
+    assert len(printed) > 5
+    assert all(600 < width < 700 and marks > 10 for width, marks in printed), printed
+    assert not page.locator("svg.picture").count()
+    assert page.locator("figure.chart:visible").first.bounding_box()["width"] > 1200
+    page.close()
+
+
 @pytest.mark.parametrize("width", [1400, 400])
 def test_the_rest_of_a_report_is_folded(browser, diagnosed, width):
     page = browser.new_page(viewport={"width": width, "height": 900}, offline=True)
@@ -316,6 +335,21 @@ def test_words_beside_a_mark_at_the_edge_are_whole(opened, tmp_path):
     found = [(text, wide) for wide, _, texts in page.evaluate(PAINTED) for text in texts]
     (text, wide), *_ = ((text, wide) for text, wide in found if text[0] == "chosen")
     assert text[3] <= wide
+
+
+def test_long_names_leave_room_for_a_chart(opened, tmp_path):
+    names = tuple(f"coulomb:shoulder_lift_joint_of_the_second_robot_{i}" for i in range(5))
+    x = np.arange(5.0)
+    panel = Panel((Line(x, x, "error", 0),), "held-out error [%]", y_names=names)
+    path = tmp_path / "report.html"
+    path.write_bytes(Page("names", "", (Section("x", (Chart("bars", ((panel,),)),)),)).html())
+    page, _ = opened(path, width=400)
+    page.wait_for_function("documents.length && documents.every((each) => each.is_idle)")
+    for wide, _, texts in page.evaluate(PAINTED):
+        assert not overlapping(texts)
+        assert all(text[1] > -1 and text[3] < wide + 1 for text in texts), texts
+    painted = [text[0] for _, _, texts in page.evaluate(PAINTED) for text in texts]
+    assert any(text.endswith("robot_0") for text in painted)
 
 
 def test_titles_are_in_the_order_of_reading(diagnosed):

@@ -52,6 +52,7 @@ def run(
     seed: int,
     seconds: float,
     changes: Mapping[float, tuple[str, Mapping[str, float]]] | None = None,
+    louder: float = 1.0,
 ) -> Motion:
     """Completed; from each time [s] on with the torques of another model, all noisy.
 
@@ -59,6 +60,7 @@ def run(
         seed: of motion and noise.
         seconds: of the log.
         changes: by time, an effect that there is then (or none) and values beyond the usual ones.
+        louder: factor of the wrist's noise from the first of them on.
     """
     rng = np.random.default_rng(seed)
     mechanism, values = arm()
@@ -72,7 +74,10 @@ def run(
             columns[name] = np.where(log.t < begins, x, made.columns[name])
     for name in columns:
         sigma = SIGMA[name[4:]] if name.startswith("tau.") else 2e-5
-        columns[name] = columns[name] + sigma * rng.standard_normal(len(log.t))
+        more = np.where(
+            log.t < min(changes or [np.inf]), 1.0, louder if name == "tau.wrist" else 1.0
+        )
+        columns[name] = columns[name] + sigma * more * rng.standard_normal(len(log.t))
     noisy = Log.from_arrays("arm.csv", log.t, columns)
     return ident.complete(mechanism, noisy, cutoff=CUTOFF, smoothing=KNOTS)
 

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ident import Log
-from ident.equations.corrections import Scene
-from ident.equations.rows import Rows, informing, largest_transmission
+from ident.equations.rows import Rows, Scene, informing, largest_transmission
 
 FIELDS = ("t", "sample", "A", "b", "tau", "informed")
 

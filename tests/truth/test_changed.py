@@ -12,8 +12,9 @@ import pytest
 from diagnosed import planted
 
 import ident
-from ident import Diagnosis, Log, Mechanism, MechanismError, Noise
-from identification import motion_log
+from ident import Diagnosis, Fit, Log, Mechanism, MechanismError, Noise
+from ident.fit.files import fit_json
+from identification import motion_log, plant, robot
 
 WORDS = ("m", "mx", "my", "mz", "Lxx", "Lxy", "Lyy", "Lxz", "Lyz", "Lzz")
 VALUES = (0.5, 0.04, 0.005, 0.01, 1e-3, 0.0, 4e-3, 0.0, 0.0, 4e-3)
@@ -126,3 +127,82 @@ def test_only_what_is_known_is_freed():
         free.with_effect("coulomb:elbow")
     with pytest.raises(MechanismError, match="'coulomb:elbow' already"):
         mechanism.with_effect("coulomb:elbow", {"Fc": 0.1})
+
+
+FRICTION = {
+    f"{kind}.{joint}": value
+    for kind, joint, value in (
+        ("viscous", "yaw.Fv", 1.2), ("viscous", "shoulder.Fv", 1.5), ("viscous", "elbow.Fv", 0.5),
+        ("viscous", "wrist.Fv", 0.02), ("coulomb", "yaw.Fc", 2.0), ("coulomb", "shoulder.Fc", 2.5),
+        ("coulomb", "elbow.Fc", 0.9), ("coulomb", "wrist.Fc", 0.04),
+    )
+}  # fmt: skip
+NOISE = (Noise("tau", 0.01, relative=True), Noise("q", 1e-5))
+
+
+def later(folder, seed: int = 0, **change: float) -> Fit:
+    """A fit of another motion of the same machine, compared with one of an earlier log."""
+    mechanism = robot("arm").with_effect("viscous").with_effect("coulomb")
+    first = plant(mechanism, motion_log("arm", 100.0, 8.0), FRICTION, noise=NOISE, seed=100 + seed)
+    first.fit(cutoff="auto").write(folder)
+    again = ident.load(folder)
+    assert set(again.unknown) == set(mechanism.unknown)
+    assert again.name == mechanism.name
+    assert not any(effect.values for effect in again.effects)
+    values = {name: x + change.get(name, 0.0) for name, x in first.values.items()}
+    how = {"noise": NOISE, "seed": 500 + seed, "columns": ("q", "tau")}
+    log = ident.simulate(mechanism, motion_log("arm", 100.0, 10.0, 5.0), values=values, **how)[0]
+    fit = ident.identify(again, ident.complete(again, log))
+    return fit.since(ident.read_fit(folder, again))
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_no_parameter_is_named_where_none_changed(tmp_path, seed):
+    changes = later(tmp_path, seed).changes
+    assert changes is not None
+    assert changes.changed == ()
+    assert len(changes.compared) == 30
+    assert changes.apart == ()
+
+
+def test_the_parameter_that_changed(tmp_path):
+    fit = later(tmp_path, **{"viscous.elbow.Fv": 0.5})
+    assert fit.changes is not None
+    (only,) = fit.changes.changed
+    assert only.after.name == "viscous.elbow.Fv"
+    assert only.before.value == pytest.approx(0.5, abs=4 * only.before.stderr)
+    assert only.after.value == pytest.approx(1.0, abs=4 * only.after.stderr)
+    assert str(fit).startswith("Changed since ")
+    assert str(fit.changes).startswith("Changed since ")
+
+
+def test_a_load_that_was_picked_up(tmp_path):
+    fit = later(tmp_path, **{f"hand.{word}": x for word, x in zip(WORDS, VALUES, strict=True)})
+    assert fit.changes is not None
+    assert len(fit.changes.changed) > 4
+    assert all("hand." in each.after.name for each in fit.changes.changed)
+    entries = fit_json(fit)["changes"]["compared"]
+    assert sum(each["changed"] for each in entries) == len(fit.changes.changed)
+
+
+def test_an_effect_that_the_model_lacks_is_no_unchanged_machine(tmp_path):
+    mechanism = robot("arm").with_effect("viscous")
+    first = plant(mechanism, motion_log("arm", 100.0, 8.0), noise=NOISE, seed=1)
+    first.fit(cutoff="auto").write(tmp_path)
+    again = ident.load(tmp_path)
+    rubs = mechanism.with_effect("coulomb:elbow")
+    values = {**first.values, "coulomb.elbow.Fc": 1.5}
+    log = ident.simulate(rubs, motion_log("arm", 100.0, 10.0, 5.0), values=values, noise=NOISE)[0]
+    fit = ident.identify(again, ident.complete(again, log))
+    text = " ".join(str(fit.since(ident.read_fit(tmp_path, again))).split())
+    assert "the error in elbow" in text
+    assert "Nothing has changed" not in text
+
+
+def test_the_folder_of_a_fit_grows(tmp_path):
+    """What is written from it has its unknowns, not the known values."""
+    planted().fit(cutoff="auto").write(tmp_path / "fit")
+    mechanism = ident.load(tmp_path / "fit").without("coulomb:elbow")
+    history = ident.grow(mechanism, ident.complete(mechanism, planted().log))
+    history.write(tmp_path / "grown")
+    assert ident.load(tmp_path / "grown").unknown == mechanism.unknown

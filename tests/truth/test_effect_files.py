@@ -12,7 +12,7 @@ from ident.effects import KINDS
 from ident.errors import MechanismError, MotionError
 from ident.fit.prediction import predict
 from ident.mechanism.write import add_effects
-from ident.show.effects import facts
+from ident.show.laws import facts
 from identification import motion_log, plant, robot
 
 SITES = {

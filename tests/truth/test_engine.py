@@ -12,7 +12,7 @@ import pytest
 import ident
 from ident import Diagnosis, Mechanism, Motion, Noise
 from ident.diagnosis.candidates import GUARD, Contest, away_from_reversals, candidates_of
-from ident.diagnosis.null import noise
+from ident.diagnosis.null import noise, path_shares
 from ident.effects import Effect
 from ident.fit.table import Table
 from identification import Planted, motion_log, plant, robot
@@ -286,3 +286,35 @@ def test_of_many_rows_one_in_so_many_decides(monkeypatch):
     columns = [table.effect_columns(effect, [{}])[0] for table in (some, whole)]
     np.testing.assert_allclose(columns[0], columns[1][shared], atol=1e-12)
     assert ident.diagnose(fit).candidates[0].effect.label == "coulomb:elbow"
+
+
+def test_three_effects_of_which_none_is_credible_alone_are_found_together():
+    """One slow law explains random residuals of that spectrum as well; three do not."""
+    labels = ("ripple:elbow", "spring:elbow", "coulomb:elbow")
+    values = {
+        "ripple.elbow.A": 0.3, "ripple.elbow.B": 0.2, "ripple.elbow.N": 9.0,
+        "spring.elbow.k": 1.0, "spring.elbow.b": 0.1, "coulomb.elbow.Fc": 0.5,
+    }  # fmt: skip
+    d = diagnosed(planted(labels, values))
+    assert d.selection.first.credible == ()
+    assert {m.label for m in d.selection.named} == set(labels)
+    path = [m for m in d.selection.named if m.path is not None]
+    assert {effect.label for effect in d.group} == {m.label for m in path}  # added as a whole
+    assert len(path) >= 2
+    for m in path:
+        assert m.evidence is not None
+        assert m.evidence.credible
+        assert m.path <= m.evidence.p <= 0.01**2
+
+
+def test_a_path_explains_what_its_groups_explain_together():
+    contest = clean().selection.first.contest
+    regression = contest.regression
+    laws = [e for e in contest.laws if regression.place(e.groups[0]) == 2]
+    groups = [each.groups[0] for each in laws][:12]
+    (shares,) = path_shares(regression, 2, [[g] for g in groups], 3, 0).T
+    (part,) = (i for i, p in enumerate(regression.parts) if p.coordinate == 2)
+    first = max(groups, key=lambda g: regression.refit(g).by[2])
+    whole = float((regression.residual[part][:, 0] ** 2).sum())
+    assert shares[0] == pytest.approx(regression.refit(first).by[2] / whole, rel=0.05)
+    assert shares[0] <= shares[1] <= shares[2] <= 1 + 1e-9

@@ -10,11 +10,10 @@ from scipy.linalg import null_space
 import ident
 from helpers import J, tree_urdf, write_mechanism
 from ident import Log, Noise
-from ident.equations.corrections import Scene
-from ident.equations.rows import full_rows
+from ident.equations.rows import Scene, full_rows
 from ident.equations.unknowns import Columns
 from ident.information.estimate import rank_revealing, solve
-from ident.information.triangle import Triangle
+from ident.information.linear import Triangle
 from identification import close, motion_log, plant, robot
 
 NAMES = ["arm", "four_bar", "five_bar", "slider_crank", "pendulum"]

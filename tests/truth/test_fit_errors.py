@@ -9,7 +9,7 @@ import ident
 from ident import FitError, Log, Noise
 from ident.fit.problem import information_of, stacks_information
 from ident.information.blocks import Information
-from ident.information.covariance import folds
+from ident.information.chance import folds
 from identification import motion_log, plant, robot
 
 NOISE = [Noise("tau", 0.02, relative=True)]

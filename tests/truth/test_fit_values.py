@@ -8,7 +8,7 @@ import pytest
 import ident
 from helpers import J, tree_urdf, write_mechanism
 from ident import Log, Noise
-from ident.information.covariance import covariance
+from ident.information.chance import covariance
 from ident.motion.regressor import regressor
 from identification import close, motion_log, plant, robot
 

@@ -343,3 +343,15 @@ def test_one_factor_of_all_torques_is_found():
     for factor, shown in ((torques, [pytest.approx(1.3, rel=0.05)]), ({}, [])):
         fit = ident.identify(mechanism, ident.complete(mechanism, changed(log, **factor)))
         assert [e.number for e in fit.health.findings if e.code == "magnitude"] == shown
+
+
+@pytest.mark.parametrize("factor", [0.4, 2.5])
+def test_known_friction_that_changed_is_no_scale(factor):
+    """Last month's model on a log in which the dry friction of the wrist is another one."""
+    model = replace(robot("arm").with_effect("coulomb:wrist", {"Fc": 0.6}), unknown=())
+    changed_one = robot("arm").with_effect("coulomb:wrist", {"Fc": 0.6 * factor})
+    noise = [Noise("tau", 0.005, relative=True)]
+    p = plant(changed_one, motion_log("arm"), spread=0.0, offset=0.0, noise=noise, seed=2)
+    assert found(judged(model, p.log)) == set()
+    log = changed(p.log, tau__elbow=2.5 * p.log.columns["tau.elbow"])
+    assert ("scale", ("tau.elbow",)) in found(judged(model, log))

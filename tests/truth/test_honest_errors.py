@@ -9,7 +9,7 @@ import pytest
 
 import ident
 from ident import Log, Noise
-from ident.fit.repeated import Periods
+from ident.fit.residual_maps import Periods
 from identification import motion_log, plant, robot
 
 

@@ -44,14 +44,11 @@ def test_a_worker_killed_at_work_loses_no_log(mechanism, folder, tmp_path):
             if what != "equations":
                 return
             seen.append(share)
-            if victim.poll() is not None:
-                return
-            victim.send_signal(signal.SIGSTOP)  # so that it keeps the task that it has
-            if started.busy("victim"):
-                victim.send_signal(signal.SIGKILL)
-                assert victim.wait() == -signal.SIGKILL
-            else:
-                victim.send_signal(signal.SIGCONT)
+            if victim.poll() is None:
+                victim.send_signal(signal.SIGSTOP)  # so that it keeps the next task that it gets
+                if started.busy("victim"):
+                    victim.send_signal(signal.SIGKILL)
+                    assert victim.wait() == -signal.SIGKILL
 
         found = ident.gather(mechanism, folder, scheduler=started.address, progress=told)
     alone = ident.gather(mechanism, folder, jobs=1)

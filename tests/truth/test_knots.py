@@ -7,7 +7,7 @@ from scipy.signal import lfilter
 
 import ident
 from helpers import ROBOTS
-from ident.motion.time_errors import ROUGH, common
+from ident.motion.knots import ROUGH, common
 
 FRICTION = 0.3  # N m s/rad, N m: of all joints
 

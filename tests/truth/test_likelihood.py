@@ -8,9 +8,8 @@ import pytest
 
 import ident
 from ident import Multipliers
-from ident.equations.corrections import Scene
 from ident.equations.motion_noise import STICKING, gain, linear, rows_cutoff
-from ident.equations.rows import rows
+from ident.equations.rows import Scene, rows
 from ident.equations.unknowns import Columns, Point
 from ident.motion.smoothing import along, finer
 from ident.motion.spline import Smooth

@@ -404,6 +404,7 @@ BAD_URDF = {
     "no link": ('<robot name="r"/>', "no <link>"),
     "nothing moves": (urdf_of("fixed"), "every joint is fixed"),
     "floating": (urdf_of("floating"), "three prismatic and three revolute"),
+    "its remedy": (urdf_of("floating"), "--lock j (or [joints] locked"),
     "an unknown type": (urdf_of("revolut"), "did you mean 'revolute'"),
     "an unknown parent": (urdf_of(parent="bas"), "did you mean 'base'"),
     "two links of a name": (

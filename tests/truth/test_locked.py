@@ -1,6 +1,7 @@
 """Joints that are held at a coordinate: one body with their parent, in every result."""
 
 import json
+import shutil
 
 import numpy as np
 import pinocchio as pin
@@ -92,3 +93,58 @@ def test_the_command_line_holds_it(tmp_path, spoken):
     assert names
     assert not any(name.startswith("hand.") for name in names)
     assert spoken("check", arm, "--lock", "wrist=much")[0] == 1
+
+
+BALL = (
+    '<mujoco><worldbody><body name="a"><joint name="hinge" type="hinge"/>'
+    '<geom type="sphere" size=".1" mass="1"/><body name="b" pos="0 0 1"><joint name="ball" '
+    'type="ball"/><geom type="sphere" size=".1" mass="1"/></body></body></worldbody></mujoco>'
+)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("wrist=abc",), "--lock wrist=abc: is no joint with a number; write --lock JOINT"),
+        (("=",), "--lock =: is no joint"),
+        (("=0.3",), "--lock =0.3: is no joint"),
+        (("wrist=0", "wrist=0.3"), "--lock wrist=0.3: 'wrist' has another value already"),
+        (("wrist", "wrist=0.3"), "two places for one joint"),
+        (("nothing",), "no joint 'nothing' to be locked; valid: elbow, shoulder, wrist, yaw"),
+    ],
+)
+def test_what_cannot_be_locked(spoken, options, words):
+    given = [word for text in options for word in ("--lock", text)]
+    status, _, said = spoken("check", ROBOTS / "arm", *given)
+    assert status == 1
+    assert words in said
+
+
+def test_a_ball_joint_is_locked_where_the_file_has_it(tmp_path, spoken):
+    model = tmp_path / "ball.xml"
+    model.write_text(BALL)
+    assert spoken("check", model, "--lock", "ball")[0] == 0
+    status, _, said = spoken("check", model, "--lock", "ball=0.3")
+    assert (status, "several coordinates, so 0.3 is no place of it" in said) == (1, True)
+
+
+def test_a_loop_that_locks_cannot_close_names_the_lock(spoken):
+    crank = ROBOTS / "slider_crank"
+    assert "lock fewer joints than theta" in spoken("check", crank, "--lock", "theta=0")[2]
+    assert "are locked: alpha at 0" in spoken("check", crank, "--lock", "alpha=0")[2]
+
+
+def test_a_log_may_lack_the_columns_of_a_locked_joint(tmp_path, spoken):
+    shutil.copytree(ROBOTS / "arm", tmp_path / "arm")
+    toml = tmp_path / "arm" / "mechanism.toml"
+    names = (f'"{c}.{j}" = "{j}_{c}"' for c in ("q", "tau") for j in ("yaw", "elbow", "wrist"))
+    toml.write_text(toml.read_text() + "\n[log]\n" + "\n".join(names) + "\n")
+    case = plant(ident.load(ROBOTS / "arm", locked={"wrist": HELD}), motion_log("arm"))
+    case.log.write(tmp_path / "run.csv")
+    text = (tmp_path / "run.csv").read_text()
+    for c in ("q", "tau"):
+        for j in ("yaw", "elbow"):
+            text = text.replace(f"{c}.{j}", f"{j}_{c}", 1)
+    (tmp_path / "run.csv").write_text(text)
+    words = ("check", tmp_path / "arm", tmp_path / "run.csv")
+    assert spoken(*words, "--lock", f"wrist={HELD}")[0] == 0

@@ -16,7 +16,7 @@ import ident
 from ident.errors import IdentError, LogError
 from ident.information.blocks import Block, Information
 from ident.information.estimate import estimate
-from ident.information.triangle import Triangle
+from ident.information.linear import Triangle
 from ident.log.read import expanded, logs_in
 from ident.streams.many_logs import compare_logs, disagreements
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
@@ -12,8 +13,9 @@ from folders import arm, log_of, written
 import ident
 from helpers import ROBOTS
 from ident.cli.app import main
-from ident.errors import FitError, IdentError
-from ident.montecarlo import monte_carlo
+from ident.errors import FitError
+
+SWING = ROBOTS / "pendulum" / "run.csv"
 
 
 @pytest.fixture(scope="module")
@@ -80,31 +82,6 @@ def test_no_log_left_to_diagnose(without_elbow, tmp_path):
     (tmp_path / "a.csv").write_text("t\n")
     with pytest.raises(FitError, match=r"none of 1 logs can be used; a\.csv"):
         ident.diagnose_each(without_elbow, tmp_path, jobs=1)
-
-
-def test_studies_of_a_folder_are_those_of_each_log(tmp_path):
-    crank = ROBOTS / "slider_crank"
-    mechanism, log = ident.load(crank), ident.read_log(crank / "run.csv")
-    half = {name: x[:1000] for name, x in log.columns.items()}
-    written(tmp_path, {"a.csv": log, "b.csv": ident.Log.from_arrays("b.csv", log.t[:1000], half)})
-    (tmp_path / "c.csv").write_text("t\n")
-    paths = sorted(tmp_path.glob("*.csv"))
-    settings = {"snr": (50, 40), "runs": 2, "estimators": ["least-squares"], "seed": 3}
-    found = ident.monte_carlo_each(mechanism, paths, jobs=2, **settings)
-    assert list(found.studies) == ["a.csv", "b.csv"]
-    assert list(found.left_out) == ["c.csv"]
-    for path in paths[:2]:
-        alone = monte_carlo(mechanism, path, jobs=1, **settings)
-        mine = found.studies[path.name]
-        assert mine.samples["value"].to_list() == pytest.approx(
-            alone.samples["value"].to_list(), rel=1e-6
-        )
-        rows = found.table.filter(log=path.name).drop("log")
-        assert rows["mean"].to_list() == pytest.approx(alone.table["mean"].to_list(), rel=1e-6)
-    assert (tmp_path / "out" / "b.csv" / "report.html") in found.write(tmp_path / "out")
-    assert pl.read_csv(tmp_path / "out" / "logs.csv").height == found.table.height
-    with pytest.raises(IdentError, match="none of 1 logs"):
-        ident.monte_carlo_each(mechanism, paths[2:], jobs=1)
 
 
 @pytest.fixture
@@ -177,9 +154,40 @@ def test_a_folder_without_logs_is_said(spoken, tmp_path, command):
 
 @pytest.mark.slow
 def test_of_long_logs_stretches_are_judged_together(without_elbow, folder, monkeypatch):
-    monkeypatch.setattr(sys.modules["ident.streams.diagnose_each"], "TOGETHER", 2000)
+    monkeypatch.setattr(sys.modules["ident.streams.many_logs"], "TOGETHER", 2000)
     monkeypatch.setattr(sys.modules["ident.streams.logs"], "SAMPLES", 1500)
     found = ident.diagnose_each(without_elbow, folder, jobs=2)
     said = "all logs together are judged on 1494 of their 2400 samples"  # 3 stretches of each
     assert said in found.notes
     assert "coulomb:elbow" in found.asked
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (
+            lambda m, fit: ident.diagnose_each(m, [SWING], jobs=1, done=()),
+            "done is a tuple; give a",
+        ),
+        (lambda m, fit: ident.diagnose_each(m, [3], jobs=1), "int is no path"),
+        (lambda m, fit: ident.diagnose_each(m, [SWING], jobs=1, alpha=2), "alpha = 2: 100 random"),
+        (lambda m, fit: ident.diagnose(fit, alpha="x"), "alpha = 'x': is no number"),
+        (lambda m, fit: ident.diagnose(fit, seed=-1), "seed -1; valid: a whole number, 0 or more"),
+        (lambda m, fit: ident.grow(m, fit), "grow needs a motion, given: Fit"),
+        (lambda m, fit: ident.excite(m, separate=("drag:elbow",)), "valid: two effects"),
+        (lambda m, fit: fit.since("before"), "since needs a fit, given: str"),
+        (lambda m, fit: fit.plot(9), "experiment 9; valid: 0 to 0"),
+    ],
+)
+def test_python_refuses_what_it_is_given_in_words(call, words):
+    mechanism = ident.load(ROBOTS / "pendulum")
+    fit = ident.identify(mechanism, ident.complete(mechanism, SWING))
+    with pytest.raises(ident.IdentError, match=re.escape(words)):
+        call(mechanism, fit)
+
+
+def test_verdicts_are_added_to_those_that_are_there():
+    done = ["earlier"]
+    arm = ident.load(ROBOTS / "pendulum")
+    ident.diagnose_each(arm, [SWING], jobs=1, done=done)
+    assert [str(each) == "earlier" for each in done] == [True, False]

@@ -62,6 +62,12 @@ def test_a_second_change_is_found_after_the_first(monitor):
     assert alarms[1].onset == pytest.approx(40.0, abs=0.51)
 
 
+def test_noise_that_grows_with_a_load_is_no_second_change(monitor):
+    load = {f"payload.hand.{name}": x for name, x in LOAD.items()}
+    alarms = monitor.fresh().watch(run(16, 60.0, {20.0: ("payload:hand", load)}, louder=4.0))
+    assert [alarm.suspects for alarm in alarms] == [("payload:hand",)]
+
+
 def test_an_absurd_sample_raises_no_alarm(monitor):
     mechanism, _ = arm()
     log = run(14, 30.0).logs[0]

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 import ident
 from ident.equations.rows import Rows
-from ident.information.triangle import Triangle
+from ident.information.linear import Triangle
 from ident.streams.charts import (
     MARGIN,
     Charts,
@@ -21,13 +21,7 @@ from ident.streams.charts import (
     moved_reference,
     statistics,
 )
-from ident.streams.suspects import (
-    Naming,
-    Suspect,
-    load_change,
-    name_change,
-    onset,
-)
+from ident.streams.suspects import Naming, Suspect, load_change, name_change, onset
 
 ROWS, K, D = 12, 5, 2
 

@@ -14,6 +14,7 @@ import ident
 from ident.errors import FitError, IdentError, LogError
 from ident.montecarlo import ESTIMATORS, Estimator, monte_carlo, paper
 from ident.montecarlo.trial import level, noisy, random_of
+from pages import read_page, reading
 
 ROBOT = Path(__file__).resolve().parents[2] / "robots" / "slider_crank"
 TRUE = {"rod.Ixx": 4e-3, "rod.Iyy": 4e-4, "rod.Izz": 4e-3}  # table 1 of the paper
@@ -34,13 +35,7 @@ def log():
 def found(mechanism, log):
     """Paper and default at 40 dB, against what is exact."""
     return monte_carlo(
-        mechanism,
-        log,
-        snr=40,
-        runs=6,
-        truth=TRUE,
-        reactions=ROBOT / "reactions.csv",
-        jobs=1,
+        mechanism, log, snr=40, runs=6, truth=TRUE, reactions=ROBOT / "reactions.csv", jobs=1
     )
 
 
@@ -120,6 +115,22 @@ def test_the_papers_bias_is_seen_and_the_default_has_little(found):
         r["estimator"]: r["mean"] for r in found.multipliers.filter(multiplier="force").to_dicts()
     }
     assert force["default"] < force["paper"] / 3
+
+
+def test_a_report_begins_with_the_largest_bias_of_its_table(found, tmp_path):
+    """A parameter that scatters by more than its value has no bias in percent, which is stated."""
+    sign, name = 1 - 2 * (pl.col("run") % 2), pl.col("parameter")
+    value = pl.when(name == "rod.Iyy").then(4e-4 * (3 + 7 * sign)).otherwise(pl.col("value"))
+    value = pl.when(name == "rod.Ixx").then(4e-3 * 1.5 + 1e-6 * sign).otherwise(value)
+    replace(found, samples=found.samples.with_columns(value=value)).write(tmp_path)
+    page = read_page(tmp_path / "report.html")
+    assert "the largest bias of what scatters by less than its value is +50.0 %, of rod.Ixx" in (
+        page.find(".//header").text_content()
+    )
+    assert "default: bias" in reading(page)
+    labels = next(json.loads(e.text) for e in page.iter("script") if e.get("type"))["rows"]
+    assert [p["y"] for row in labels for p in row][:3] == ["[kg m²]"] * 3
+    assert [p["title"] for row in labels for p in row][:3] == list(TRUE)
 
 
 def test_statistics_are_those_of_the_runs(found):

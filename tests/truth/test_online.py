@@ -11,10 +11,9 @@ from streaming import HOW, blocks, given, raw_rows, samples
 import ident
 from helpers import ROBOTS
 from ident import FitError, Log, LogError, Noise, Online
-from ident.equations.corrections import Scene
-from ident.equations.rows import Rows, largest_transmission
+from ident.equations.rows import Rows, Scene, largest_transmission
 from ident.equations.unknowns import Columns
-from ident.information.covariance import covariance
+from ident.information.chance import covariance
 from ident.streams.stream import INTERVALS, Accumulator
 from identification import motion_log, plant, robot
 

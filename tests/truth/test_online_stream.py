@@ -10,8 +10,7 @@ from streaming import FIELDS, HOW, blocks, given, samples, together
 import ident
 from helpers import ROBOTS
 from ident import FitError, Log, LogError, MotionError, Noise
-from ident.equations.corrections import Scene
-from ident.equations.rows import rows
+from ident.equations.rows import Scene, rows
 from ident.equations.unknowns import Columns, Point
 from ident.motion.signals import measure
 from ident.streams.stream import Stream

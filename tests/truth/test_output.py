@@ -42,9 +42,7 @@ CONTRACT: dict[str, Any] = {
             "p_value": NUMBER,
             "visible": NUMBER,
             "rivals": [NAME],
-            "parameters": [
-                {"name": str, "value": NUMBER, "stderr": NUMBER_OR_NONE, "unit": str},
-            ],
+            "parameters": [{"name": str, "value": NUMBER, "stderr": NUMBER_OR_NONE, "unit": str}],
         }
     ],
     "decision": {"alpha": NUMBER, "material": NUMBER, "rival_se": NUMBER},

@@ -7,8 +7,7 @@ import pytest
 
 import ident
 from ident import Multipliers
-from ident.equations.corrections import Scene
-from ident.equations.rows import full_rows
+from ident.equations.rows import Scene, full_rows
 from ident.equations.unknowns import Columns
 
 TRUTH = {"rod.Ixx": 4e-3, "rod.Iyy": 4e-4, "rod.Izz": 4e-3}  # kg m², table 1

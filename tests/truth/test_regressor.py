@@ -8,14 +8,7 @@ from helpers import J, Truth, raw_configuration, tree_urdf, write_mechanism
 from ident.equations.unknowns import Columns, Point
 from ident.errors import MechanismError
 from ident.mechanism import load
-from ident.mechanism.parameters import (
-    Bodies,
-    about_origin,
-    join,
-    pseudo_inertia,
-    split,
-    unit_of,
-)
+from ident.mechanism.parameters import Bodies, about_origin, join, pseudo_inertia, split, unit_of
 from ident.motion.regressor import FEW, regressor, rigid_forces, supports
 
 TREES = {

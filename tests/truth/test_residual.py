@@ -98,3 +98,14 @@ def test_several_logs_are_several_traces():
         assert trace.informed.all()
     assert "the sum taken apart" in str(residual)
     assert "<table" in residual._repr_html_()
+
+
+def test_a_motion_that_is_made_twice_repeats():
+    """Once more as the diagnosis of a residual advises it, though smoothing takes both ends."""
+    mechanism = robot("arm").with_effect("drag:elbow")
+    case = plant(mechanism, motion_log("arm", 100.0, 8.0, 4.0), noise=(Noise("q", 1e-5),))
+    again = case.fit(mechanism=mechanism.without("drag:elbow"), cutoff="auto").residual.periods
+    assert again is not None
+    assert list(again.period.values()) == pytest.approx([4.0], rel=0.01)
+    once = plant(mechanism, motion_log("arm", 100.0, 8.0, 8.0), noise=(Noise("q", 1e-5),))
+    assert once.fit(cutoff="auto").residual.periods is None

@@ -10,7 +10,7 @@ from helpers import ROBOTS
 from ident import Log, Noise
 from ident.errors import MotionError
 from ident.information.estimate import estimate
-from ident.information.triangle import Triangle
+from ident.information.linear import Triangle
 from ident.motion.signals import absurd_samples
 from identification import motion_log, plant, robot
 

@@ -9,9 +9,8 @@ from streaming import raw_rows
 
 from helpers import Truth, series
 from ident.effects import create
-from ident.equations.corrections import Scene
 from ident.equations.filter import Decimator
-from ident.equations.rows import CHUNK, row_supports, rows
+from ident.equations.rows import CHUNK, Scene, row_supports, rows
 from ident.equations.unknowns import Columns
 from ident.log import Log
 from ident.mechanism import load

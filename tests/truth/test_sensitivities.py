@@ -5,7 +5,7 @@ import pytest
 
 import ident
 from ident.effects import KINDS, Correcting
-from ident.equations.corrections import Scene
+from ident.equations.rows import Scene
 from ident.equations.unknowns import Columns, Point
 from identification import motion_log, plant, robot
 

@@ -11,10 +11,12 @@ import ident
 from ident import Health
 from ident.diagnosis.unobservable import Invisible, Unsupported
 from ident.fit.findings import Finding
-from ident.show.card import NOISY, named
+from ident.fit.values import Value
 from ident.show.diagnosis import sure
 from ident.show.diagnosis import words as text_of
+from ident.show.html import NOISY, named
 from ident.show.ladder import head, rung
+from ident.show.laws import numbers
 from ident.text import WIDTH, listed, percent, some
 
 
@@ -231,3 +233,11 @@ def test_small_pieces():
         "sure",
         "fairly sure",
     ]
+
+
+def test_a_value_smaller_than_its_error_is_not_determined():
+    known = Value("hysteresis.elbow.z0", 0.07, 0.01, "rad", True, 0.0)
+    unknown = Value("hysteresis.elbow.sigma", 3.0, 290.0, "N m/rad", True, 0.0)
+    text = numbers([known, unknown])
+    assert "z0 = 0.07 ± 0.01 rad and" in text
+    assert text.endswith("290 N m/rad (not determined)")

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sys
 import webbrowser
+from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
-from ident.cli.console import can_resume, close_pipe, notes, progress, result, result_json, wrote
+from ident.cli.app import can_resume, close_pipe, notes, progress, result, result_json, wrote
 from ident.cli.options import (
     CHARTS,
     DIAGNOSIS_FILES,
@@ -18,8 +20,10 @@ from ident.cli.options import (
     Cutoff,
     DecisionOptions,
     FitOptions,
+    GoodEnough,
     Jobs,
     Json,
+    Lock,
     LogPaths,
     MechanismPath,
     Paths,
@@ -40,20 +44,21 @@ from ident.cli.options import (
     option,
     output_file,
     output_folder,
+    read_logs,
     setting,
 )
+from ident.display import Progress, acceptable, part
 from ident.errors import IdentError, one_of
-from ident.progress import Progress, part
 
 if TYPE_CHECKING:
     from ident.diagnosis import Diagnosis
     from ident.diagnosis.grow import Step
     from ident.fit import Fit
-    from ident.streams.diagnose_each import Verdicts
+    from ident.information.blocks import Error
     from ident.streams.gather import Gathered
+    from ident.streams.many_logs import Verdicts
 
 MOST_IN_MEMORY = 1_000_000  # samples of all logs that are read at once
-ADVICE = 4  # sentences on motions that would determine more
 Verbose = Annotated[bool, option("All candidates, and all reasons.", None, "--verbose")]
 
 
@@ -96,24 +101,33 @@ def identify(
     ),
     jobs: Jobs = None,
     scheduler: Scheduler = None,
+    good_enough: GoodEnough = None,
     json: Json = False,
     out: Path | None = setting("Write fit, report and identified model into this folder.", "DIR"),
 ) -> None:
     """Identify parameters, effects and multipliers from logs.
 
     Values come with their standard errors, and with the error of the torque that they predict. With
-    a folder, every log is also compared with the others, and invalid ones are left out.
+    a folder, every log is also compared with the others, and invalid ones are left out. Where
+    MECHANISM is the folder of an earlier fit, what has changed since is named first; both are then
+    filtered alike, unless --cutoff is given.
     """
+    from ident.fit.files import read_fit
     from ident.log.pieces import likely_rows
     from ident.log.read import expanded
     from ident.mechanism import Consistency
 
+    acceptable.set(None if good_enough is None else good_enough / 100)
     mechanism = model.load(logs)
     remedy = (
         "is no bound; write NAME=LOW:HIGH, such as rod.m=0.4:0.6, or one of the two, rod.m=0.4:"
     )
     bounds = named(bound, "--bound", remedy, interval)
     limits = Consistency(bounds, total_mass) if bound or total_mass is not None else consistent
+    earlier = model.mechanism / "fit.json"
+    since = read_fit(earlier, mechanism, allow_code=model.allow_code) if earlier.is_file() else None
+    if since is not None and model.cutoff == "auto" != since.cutoff:  # both are filtered alike
+        model = replace(model, cutoff="none" if since.cutoff is None else f"{since.cutoff!r}")
     inputs = [model.mechanism, *logs, *(validate or ()), reactions]
     output_folder(out, [*FIT_FILES, "logs.csv"], inputs)
     long = sum(map(likely_rows, logs)) > MOST_IN_MEMORY
@@ -141,6 +155,8 @@ def identify(
                 jobs=1 if jobs is None and len(expanded(logs)) == 1 else jobs,
                 progress=on_progress,
             )
+        if since is not None:
+            gathered = replace(gathered, fit=gathered.fit.since(since))
         fit = gathered.fit
     else:
         from ident.fit.identify import identify as identify_
@@ -158,7 +174,24 @@ def identify(
                 estimator="likelihood" if refine else "auto",
                 progress=part(on_progress, 0.3, 1.0),
             )
+        fit = fit if since is None else fit.since(since)
     _show(fit, gathered, reactions, json, out)
+    if good_enough is not None:
+        sets = {"": fit.held_out or fit.train}
+        sets |= {f" of {log}": errors for log, errors in fit.validation.items()}
+        _judge(sets, fit.noise, good_enough)
+
+
+def _judge(
+    sets: Mapping[str, Mapping[str, Error]], floor: Mapping[str, float], percent: float
+) -> None:
+    """End with status 3 where an error is above a threshold of one's own and above noise."""
+    from ident.show.html import too_large
+
+    found = {of: too_large(errors, floor, percent / 100) for of, errors in sets.items()}
+    if loud := [f"{', '.join(joints)}{of}" for of, joints in found.items() if joints]:
+        notes([f"status 3: {'; '.join(loud)} above --good-enough {percent:g} %"])
+        sys.exit(3)
 
 
 def _show(
@@ -180,11 +213,10 @@ def _show(
             result(f"\n{known}")
     notes(gathered.notes if gathered else fit.warnings)
     try:
-        advice = list(fit.unexcited.advice)
+        advice = fit.unexcited.advice
     except IdentError:
         return
-    more = [f"and {len(advice) - ADVICE} more such: fit.unexcited"] if len(advice) > ADVICE else []
-    notes(advice[:ADVICE] + more)
+    notes([advice] if advice else [])
 
 
 def compare(
@@ -195,7 +227,9 @@ def compare(
     smoothing: Smoothing = "auto",
     absolute: Absolute = False,
     allow_code: AllowCode = False,
+    lock: Lock = None,
     plot: Plot = None,
+    good_enough: GoodEnough = None,
     json: Json = False,
     out: Path | None = setting("Write report.html and compare.json into this folder.", "DIR"),
     simulated: bool = flag(
@@ -210,20 +244,27 @@ def compare(
     which signals what is left depends.
     """
     from ident.effects import KINDS
-    from ident.fit.compare import compare as compare_
     from ident.fit.files import read_fit
-    from ident.show.comparison import comparison_json
+    from ident.fit.identify import compare as compare_
+    from ident.fit.residual import floor_of
+    from ident.show.ladder import comparison_json, judged
     from ident.show.simulate import replay_json
 
-    model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute, logs=logs)
+    acceptable.set(None if good_enough is None else good_enough / 100)
+    model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute, lock=lock, logs=logs)
     if window is not None and not simulated:
         raise IdentError("--window: applies to --simulate only; add that")
     saved = [read_fit(path, model, allow_code=allow_code) for path in fit]
     own, last = {effect.label for effect in model.effects}, saved[-1].mechanism
     extra = [effect for effect in last.effects if effect.label not in own]
     if last.locked == model.locked and all(effect.kind in KINDS for effect in extra):
-        words = [word for effect in extra for word in ("--with", effect.label)]
+        labels = {effect.label: effect.kind for effect in extra}
+        whole = {k for k in labels.values() if all(f"{k}:{j}" in labels for j in last.driven)}
+        drives = {f"{kind}:{joint}" for kind in whole for joint in last.driven}  # a kind alone
+        names = dict.fromkeys(k if label in drives else label for label, k in labels.items())
+        words = [word for name in names for word in ("--with", name)]
         words += ["--absolute"] * absolute + ["--allow-code"] * allow_code
+        words += [word for text in lock or () for word in ("--lock", text)]
         go_on_with(mechanism, logs, words)
     inputs = [*logs, *fit]
     output_file(plot, CHARTS, inputs)
@@ -256,6 +297,10 @@ def compare(
     else:
         result("\n\n".join(map(str, filter(None, (comparison, replayed)))))
     notes(motion.notes)
+    if good_enough is not None:
+        residual = [*comparison.residuals.values()][-1]
+        floor = floor_of(residual.model, residual.motion)
+        _judge({"": judged(comparison, residual)}, floor, good_enough)
 
 
 def diagnose(
@@ -288,18 +333,31 @@ def diagnose(
     found: Diagnosis | Verdicts
     with progress() as on_progress:
         if many(logs, jobs, scheduler):
-            from ident.streams.diagnose_each import diagnose_each
+            from ident.files import write_all
+            from ident.streams.many_logs import Verdict, diagnose_each, table_of
 
-            found = diagnose_each(
-                mechanism,
-                logs,
-                cutoff=cutoff_of(model.cutoff),
-                smoothing=knots_of(model.smoothing),
-                jobs=jobs,
-                scheduler=scheduler,
-                progress=on_progress,
-                **decision,
-            )
+            done: list[Verdict] = []
+            how: dict[str, Any] = {
+                "cutoff": cutoff_of(model.cutoff),
+                "smoothing": knots_of(model.smoothing),
+            }
+            how |= {"jobs": jobs, "scheduler": scheduler, "done": done, "progress": on_progress}
+            try:
+                found = diagnose_each(mechanism, logs, **how, **decision)
+            except KeyboardInterrupt:
+                if out is not None and done:
+                    wrote(write_all(out, {"logs.csv": table_of(done).write_csv().encode()}))
+                if done:
+                    from ident.show.streams import partly
+                    from ident.streams.logs import log_paths
+
+                    text, how_on = partly(done, log_paths(logs, scheduler)[len(done) :])
+                    if json:
+                        result_json({"each": table_of(done).to_dicts()})
+                    else:
+                        result(text)
+                    notes([how_on])
+                raise
             remarks = found.notes
         else:
             from ident.diagnosis import diagnose as diagnose_
@@ -319,8 +377,6 @@ def diagnose(
         written = [] if out is None else found.write(out)
         text = "" if json else str(found) if verbose else found.short
     wrote(written)
-    if out is not None:
-        text = text.replace("DIR/", f"{out}/")
     if json:
         result_json(found.json())
     else:
@@ -419,19 +475,21 @@ def explore(
     of the library with the fall of the held-out error that it would bring; a click adds it and
     refits everything.
     """
-    from ident.show.explore import Board, Exploration
-    from ident.show.local import wait
+    from ident.show.local import Place, wait
 
     mechanism = model.load(logs)
+    given, place = read_logs(mechanism, logs), Place(port)  # a log that cannot be read has no page
+    result(f"{mechanism.name}: {place.address}")  # before what takes a second to import
+    from ident.show.explore import Board, Exploration
+
     board = Board(mechanism.name, out or f"{mechanism.name}_explored")
-    with board.serve(port) as address:
-        result(f"{mechanism.name}: {address}")
+    with board.serve(place) as address:
         if not no_browser:
             webbrowser.open(address)
         with progress() as on_progress:
 
             def first(page: Progress) -> Exploration:
-                motion = model.motion(mechanism, logs, part(page, 0.0, 0.6))
+                motion = model.motion(mechanism, given, part(page, 0.0, 0.6))
                 return Exploration.of(mechanism, motion, part(page, 0.6, 1.0))
 
             board.begin(first, on_progress)

@@ -1,27 +1,50 @@
-"""`add`, `effects` and `view`."""
+"""Commands of a model alone: `add`, `effects`, `view`, `simulate`, `excite`, `montecarlo`."""
 
 from __future__ import annotations
 
+import operator
 import os
+import sys
+from dataclasses import replace
+from functools import reduce
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from ident.cli.console import notes, progress, result
+import typer
+
+from ident.cli.app import notes, progress, result, wrote
 from ident.cli.options import (
+    CHARTS,
+    LOGS,
     Absolute,
     AllowCode,
+    Jobs,
     Lock,
     MechanismPath,
+    ModelOptions,
     Paths,
+    Plot,
+    Scheduler,
+    Seed,
     Smoothing,
+    Texts,
     argument,
+    finite,
+    flag,
+    interval,
     kinds_beginning,
     mechanism_of,
     motion_of,
+    named,
     output_file,
+    output_folder,
     setting,
+    share,
+    value,
     with_effect,
 )
-from ident.errors import IdentError
+from ident.display import part
+from ident.errors import IdentError, one_of
 
 
 def add(
@@ -63,7 +86,7 @@ def effects(
     when it is missing.
     """
     from ident.effects import KINDS, kind_of
-    from ident.show.effects import described
+    from ident.show.laws import described
 
     kinds = KINDS.values() if kind is None else [kind_of(kind)]
     result("\n\n".join(described(each) for each in kinds))
@@ -90,6 +113,7 @@ def view(
     from ident.fit.files import read_fit
     from ident.fit.prediction import predict
     from ident.fit.residual import residual_of
+    from ident.show.local import wait
     from ident.show.view3d.page import SUFFIXES
 
     output_file(out, SUFFIXES, logs or ())
@@ -122,6 +146,298 @@ def view(
     with shown.serve(port) as page:
         result(f"{page.address}    (Ctrl-C ends it)")
         try:
-            page.wait()
+            wait()
         except KeyboardInterrupt:
             return
+
+
+if TYPE_CHECKING:
+    from ident.mechanism import Mechanism
+    from ident.simulate.integrate import Drive
+
+CONTROLS = ("none", "torque", "pd", "computed-torque")
+BOUND = "VALUE|JOINT=VALUE"
+
+
+def simulate(
+    model: ModelOptions,
+    motion: Path | None = argument("A log: its positions, or torques.", "MOTION", default=None),
+    forward: bool = flag("Integrate the motion that forces make.", "--forward"),
+    fit: Path | None = setting("Parameters and effects of a fit.", "FIT.json"),
+    set_: Texts = setting("A parameter's value: viscous.elbow.Fv=0.4.", "NAME=VALUE", "--set"),
+    control: str | None = setting(
+        "Drive of --forward: none (default without MOTION), torque (default: MOTION's "
+        "torques), or pd or computed-torque, which follow MOTION's positions.",
+        "NAME",
+    ),
+    gains: Texts = setting("Of the controller; or JOINT=KP,KD. Default: 5 Hz.", "KP,KD"),
+    start: Texts = setting("q.crank=0.3, v.crank=2. Default: as MOTION, or rest.", "NAME=VALUE"),
+    duration: float | None = setting("Default: MOTION's, else 10 s.", "S"),
+    rate: float | None = setting("Samples a second. Default: MOTION's, else 250 Hz.", "HZ"),
+    tolerance: float | None = setting("Relative error a step. Default: 1e-10.", "SIZE"),
+    noise: Texts = setting("Standard deviation: q=1e-5 in SI units, tau=2%.", "CHANNEL=LEVEL"),
+    seed: Seed = 0,
+    columns: str = setting("Channels of the log.", "LIST", default="q,v,a,tau"),
+    joints: str | None = setting("Joints of the log. Default: of MOTION, or drives.", "LIST"),
+    multipliers: Path | None = setting("Write the true multipliers here.", "FILE"),
+    out: Path | None = setting("Write a .csv, .parquet or .npz; else CSV to the screen.", "FILE"),
+) -> None:
+    """Simulate a log of the model itself.
+
+    On a given motion: the torques that it needs, exactly. With --forward: the motion that forces
+    make, integrated, with dry friction that really sticks. Then noise.
+    """
+    from ident.fit.files import read_fit
+    from ident.log import Log, read_log
+    from ident.show.simulate import csv_text
+    from ident.simulate import Noise, integrate
+    from ident.simulate import simulate as simulate_
+
+    if not forward:
+        own = {"--control": control, "--gains": gains, "--start": start, "--duration": duration}
+        for option, given in {**own, "--rate": rate, "--tolerance": tolerance}.items():
+            if given:
+                raise IdentError(f"{option}: is of an integration; add --forward")
+        if motion is None:
+            raise typer.BadParameter(
+                "Missing argument 'MOTION', whose torques are computed; or add --forward."
+            )
+    mechanism = model.load()
+    output_file(out, LOGS, [motion])
+    output_file(multipliers, LOGS, [motion, out])
+    values = named(set_, "--set", "write NAME=NUMBER, as viscous.elbow.Fv=0.4", finite)
+    pi = None
+    if fit is not None:
+        saved = read_fit(fit, mechanism, allow_code=model.allow_code)
+        known = (*replace(model, with_=None).load().effects, *saved.mechanism.effects)
+        more = [e for e in mechanism.effects if e.label not in {each.label for each in known}]
+        mechanism, pi = reduce(operator.add, more, saved.mechanism), saved.dynamic_parameters
+        values = {**saved.point.values, **values}
+    levels = named(noise, "--noise", "write CHANNEL=LEVEL, as tau=2% or q=1e-5", share)
+    common: dict[str, Any] = {
+        "values": values,
+        "pi": pi,
+        "noise": [Noise(channel, *level) for channel, level in levels.items()],
+        "seed": seed,
+        "columns": _list(columns),
+        "joints": None if joints is None else _list(joints),
+    }
+    if forward:
+        if tolerance is not None:
+            common["tolerance"] = tolerance
+        begin = named(start, "--start", "write NAME=NUMBER, as q.crank=0.3", finite)
+        drive = _drive(mechanism, motion, control, gains)
+        common |= {"duration": duration, "rate": rate, "start": begin}
+        with progress() as on_progress:
+            run = integrate(mechanism, drive, progress=on_progress, **common)
+        log, t, forces = run.log, run.t, run.multipliers
+    else:
+        assert motion is not None
+        log, prediction = simulate_(mechanism, read_log(motion, mechanism.columns), **common)
+        t, forces = prediction.t, prediction.multipliers
+    if out is not None:
+        log.write(out)
+        wrote([out])
+    if multipliers is not None:
+        series = {name: forces[:, i] for i, name in enumerate(mechanism.kinematics.multipliers)}
+        Log.from_arrays(multipliers.name, t, series).write(multipliers)
+        wrote([multipliers])
+    if forward and out is None:
+        notes(run.summary.splitlines())
+    notes(log.repairs)
+    if out is None:
+        result(csv_text(log).rstrip("\n"))
+    elif forward:
+        result(run)
+
+
+def _list(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",")]
+
+
+def _drive(
+    mechanism: Mechanism, motion: Path | None, control: str | None, gains: Texts
+) -> Drive | None:
+    """Return what drives the mechanism forward.
+
+    Raises:
+        IdentError: for a control that is not there, or lacks the motion or goes without one.
+    """
+    from ident.log import read_log
+    from ident.simulate import PD, ComputedTorque, Torques
+
+    control = control or ("none" if motion is None else "torque")
+    if control not in CONTROLS:
+        raise IdentError(f"--control {control}: {one_of(control, CONTROLS)}")
+    if gains and control in ("none", "torque"):
+        raise IdentError(f"--gains: --control {control} has none; valid with pd, computed-torque")
+    if control == "none":
+        if motion is not None:
+            raise IdentError("--control none: goes without MOTION; leave that out, or use torque")
+        return None
+    if motion is None:
+        raise IdentError(f"--control {control}: needs a MOTION, the log that it plays or follows")
+    log = read_log(motion, mechanism.columns)
+    if control == "torque":
+        return Torques(log)
+    remedy = "write KP,KD or JOINT=KP,KD, as 400,30"
+    pairs = named(gains, "--gains", remedy, _pair, bare="pair")
+    return (PD if control == "pd" else ComputedTorque)(log, pairs.get("", pairs) or None)
+
+
+def _pair(text: str) -> tuple[float, float]:
+    Kp, Kd = (float(x) for x in text.split(","))
+    return Kp, Kd
+
+
+def excite(
+    model: ModelOptions,
+    separate: tuple[str, str] | None = setting("Separate these two best.", "EFFECT EFFECT"),
+    duration: float = setting("Length of the whole log.", "S", default=30.0),
+    periods: int = setting("How often the motion is repeated.", "N", default=3),
+    rate: float = setting("Samples a second.", "HZ", default=100.0),
+    harmonics: int = setting("Harmonics of the Fourier series.", "N", default=5),
+    range_: Texts = setting("Range in place of the URDF's.", "JOINT=LOWER:UPPER", "--range"),
+    speed: Texts = setting("Largest speed of all drives or of one joint.", BOUND),
+    acceleration: Texts = setting("Largest acceleration; a URDF has no such limit.", BOUND),
+    torque: Texts = setting("Largest torque of a drive.", BOUND),
+    reserve: str = setting("Torque left to what is not modelled.", "SHARE", default="20%"),
+    singular: float = setting("Largest ‖K⁺‖ over that at the start.", "X", default=3.0),
+    noise: Texts = setting("Expected noise of a torque. Default: 1 % of its limit.", "JOINT=VALUE"),
+    balance: float = setting("Weight of the condition number beside log det.", "W", default=0.5),
+    tries: int = setting("Searches; the best one counts.", "N", default=4),
+    seed: int = setting("Seed of the searches.", "N", default=0, min=0),
+    plot: Plot = None,
+    out: Path | None = setting("Write the motion, a .csv, .parquet or .npz.", "FILE"),
+) -> None:
+    """Plan a periodic motion that determines most, within limits.
+
+    What it uses of the limits, and the standard errors to be expected of a log of it.
+    """
+    from ident.excite import Limits
+    from ident.excite import excite as excite_
+    from ident.show.html import place_of
+
+    mechanism = model.load()
+    output_file(out, LOGS)
+    output_file(plot, CHARTS)
+    limits = Limits(
+        range=named(range_, "--range", "write JOINT=LOWER:UPPER, as elbow=-1:1.5", interval),
+        speed=_limit("--speed", speed),
+        acceleration=_limit("--acceleration", acceleration),
+        torque=_limit("--torque", torque),
+        reserve=value(reserve, "--reserve", "write a share, as 20% or 0.2", share)[0],
+        singular=singular,
+    )
+    with progress() as on_progress:
+        found = excite_(
+            mechanism,
+            duration=duration,
+            periods=periods,
+            rate=rate,
+            harmonics=harmonics,
+            limits=limits,
+            separate=separate,
+            noise=named(noise, "--noise", "write NAME=NUMBER, as elbow=1.5", finite),
+            balance=balance,
+            tries=tries,
+            seed=seed,
+            progress=on_progress,
+        )
+    for path, write in ((out, found.write), (plot, lambda path: found.plot().save(path))):
+        if path is not None:
+            write(path)
+            wrote([path])
+    result(found)
+    look = f": look at it, ident view {place_of(mechanism)} {out}" if out else ""
+    notes([f"planned with the masses of the file; collisions are not checked{look}"])
+
+
+def _limit(given: str, texts: Texts) -> float | dict[str, float] | None:
+    """Return one number for all drives, or numbers by joint."""
+    found = named(texts, given, "is no number; write 1.5 or elbow=1.5", finite, bare="number")
+    return found.get("", found or None)
+
+
+def montecarlo(
+    model: ModelOptions,
+    log: Path = argument("Without noise; or a folder of such logs.", "LOG", default=...),
+    snr: str = setting("Signal-to-noise ratios, in dB.", "LIST", default="60,50,40,30"),
+    runs: int = setting("Draws of the noise at each.", "N", default=100),
+    estimator: Texts = setting(
+        "paper, default, least-squares, likelihood or consistent; may be repeated. Default: paper "
+        "and default.",
+        "NAME",
+    ),
+    spacing: float | None = setting("Knots of `paper`. Default: as the basis, or 5 samples.", "S"),
+    truth: Texts = setting("As rod.Ixx=0.004. Default: of the log as it is.", "NAME=VALUE"),
+    reactions: Path | None = setting("True multipliers. Default: of the log as it is.", "LOG"),
+    wrench: bool = flag("Noise on external wrenches too.", "--wrench"),
+    seed: Seed = 0,
+    jobs: Jobs = None,
+    scheduler: Scheduler = None,
+    out: Path | None = setting("Write table, all runs, picture and report there.", "DIR"),
+) -> None:
+    """Study what noise does to the estimates: bias and spread.
+
+    The same log is identified with ever new noise, which shows whether standard errors are honest.
+    Estimators meet the same noise and stand side by side, the paper's method among them.
+    """
+    from ident.log.read import is_folder_of_logs, logs_in
+    from ident.montecarlo import monte_carlo, paper
+    from ident.montecarlo.trial import USUAL
+
+    names = estimator or ["paper", "default"]
+    if spacing is not None and "paper" not in names:
+        raise IdentError(
+            f"--spacing {spacing:g}: is of the paper's hats; add --estimator paper, or leave it out"
+        )
+    output_folder(out, ("runs.csv", "multiplier_errors.csv"), [log, reactions])
+    mechanism = model.load()
+    common: dict[str, Any] = {
+        "snr": value(
+            snr,
+            "--snr",
+            "write numbers of dB with commas, as 60,40,30",
+            lambda text: [float(part) for part in text.split(",")],
+        ),
+        "runs": runs,
+        "estimators": [paper(spacing) if name == "paper" else name for name in names],
+        "truth": named(truth, "--truth", "write NAME=NUMBER, as rod.Ixx=0.004", finite),
+        "channels": (*USUAL, "wrench") if wrench else USUAL,
+        "seed": seed,
+        "jobs": jobs,
+        "scheduler": scheduler,
+    }
+    logs, several = [log], is_folder_of_logs(log)
+    if several:
+        if reactions is not None:
+            raise IdentError(f"--reactions {reactions}: are of one log, and {log} is a folder")
+        logs, reactions = logs_in(log), None
+    studies, broken = [], list[str]()
+    for i, each in enumerate(logs):
+        try:
+            with progress() as show:
+                of_log = part(show, i / len(logs), (i + 1) / len(logs))
+                found = monte_carlo(mechanism, each, reactions=reactions, progress=of_log, **common)
+        except IdentError as error:
+            if not several:
+                raise
+            broken.append(f"{each.name}: left out: {error}")
+            continue
+        if out is not None:
+            wrote(found.write(out / each.name if several else out))
+        result(found)
+        if found.runs < runs:
+            text = f"interrupted: {found.runs} of {runs} runs are done and kept"
+            notes([f"{text}; the same seed repeats them"])
+            sys.exit(130)
+        studies.append(found)
+    if not studies:
+        raise IdentError(f"none of {len(logs)} logs can be used: {broken[0]}")
+    notes(broken)
+    for found in studies:
+        if found.samples.is_empty():
+            raise IdentError(
+                f"every run ended in an error, the first: {found.failures['error'][0]}"
+            )

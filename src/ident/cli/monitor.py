@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
-from ident.cli.console import notes, progress, result, wrote
+from ident.cli.app import notes, progress, result, wrote
 from ident.cli.options import (
     Absolute,
     AllowCode,
@@ -32,13 +32,13 @@ from ident.cli.options import (
     output_folder,
     setting,
 )
+from ident.display import part
 from ident.errors import FitError, IdentError, LogError, missing_file
 from ident.files import write_all
-from ident.progress import part
 
 if TYPE_CHECKING:
     from ident.fit import Fit
-    from ident.log.follow import CsvLines
+    from ident.log.pieces import CsvLines
     from ident.show.streams import MonitorHistory
     from ident.streams.monitor import Alarm
     from ident.streams.online import Forces, Online, Snapshot
@@ -71,16 +71,16 @@ def monitor(
     shows parameters with bands, reaction forces and alarms on 127.0.0.1 while they come.
     """
     from ident.fit import identify
-    from ident.log.follow import follow
+    from ident.log.pieces import follow
     from ident.streams.online import Online
 
     output_folder(out)
     model = mechanism_of(mechanism, with_, allow_code=allow_code, absolute=absolute)
     words = [word for effect in with_ or () for word in ("--with", effect)]
     words += ["--absolute"] * absolute + ["--allow-code"] * allow_code
-    go_on_with(mechanism, None if log == "-" else [Path(log)], words)
+    go_on_with(mechanism, None if log == "-" else [Path(log)], words, like)
     cut, knots = cutoff_of(cutoff), knots_of(smoothing)
-    fit, watch = None, None
+    fit, watch, silent = None, None, "alarms need logs of normal running (--like)"
     if log != "-" and not Path(log).is_file():
         why = "is a folder" if Path(log).is_dir() else missing_file(Path(log))
         raise LogError(f"{log}: {why}; name a CSV file, or - for standard input")
@@ -90,7 +90,12 @@ def monitor(
             motion = motion_of(model, like, cut, first, smoothing=smoothing)
             fit = identify(model, motion, progress=second)
         notes(fit.warnings)
-        watch = _watch(fit)
+        try:
+            watch, silent = Watch(fit), ""
+            notes(str(watch.monitor).splitlines()[:3])
+        except FitError as error:
+            silent = f"no alarms: {error}"
+            notes([silent])
         if watch is not None and len(like) == 1:
             notes(
                 [
@@ -103,7 +108,7 @@ def monitor(
     if page or out is not None:
         from ident.show.streams import MonitorHistory
 
-        history = MonitorHistory(model, watch is not None)
+        history = MonitorHistory(model, silent)
     with (
         _served(model.name, port) if page else contextlib.nullcontext() as tell,
         Session(online, watch, out, every, history, tell) as session,
@@ -162,16 +167,6 @@ class Watch:
             made = []
         alarms = [alarm for rows in made for alarm in self.monitor.absorb(rows)]
         return alarms if samples is not None else [*alarms, *self.monitor.finish()]
-
-
-def _watch(fit: Fit) -> Watch | None:
-    try:
-        watch = Watch(fit)
-    except FitError as error:
-        notes([f"no alarms: {error}"])
-        return None
-    notes(str(watch.monitor).splitlines()[:3])
-    return watch
 
 
 class Session(contextlib.ExitStack):

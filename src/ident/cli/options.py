@@ -11,15 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ident.cli.console import notes
+from ident.cli.app import notes
+from ident.display import Inputs, folder, inputs
 from ident.errors import IdentError
 from ident.files import check_writable
-from ident.progress import Inputs, folder, inputs
 
 if TYPE_CHECKING:
+    from ident.display import Progress
+    from ident.log import Log
     from ident.mechanism import Mechanism
     from ident.motion import Motion
-    from ident.progress import Progress
 
 LOGS = (".csv", ".parquet", ".npz")  # suffixes of logs that can be written
 CHARTS = (".png", ".svg", ".pdf", ".html")  # suffixes of charts
@@ -102,10 +103,24 @@ Seed = Annotated[int, option("Seed of the noise.", "N", min=0)]
 Json = Annotated[
     bool, option("Print one line of JSON, the content of the file, not text.", None, "--json")
 ]
+GoodEnough = Annotated[
+    float | None,
+    option(
+        "End with status 3 where an error is above this and above noise; 0: above noise.",
+        "PERCENT",
+        min=0,
+    ),
+]
 Jobs = Annotated[int | None, option("Processes on this machine. Default: one a core.", "N")]
 Scheduler = Annotated[
     str | None, option("Dask scheduler whose workers do it, as tcp://host:8786.", "ADDRESS")
 ]
+
+
+LOCK = (
+    "is no joint with a number; write --lock JOINT to hold it at its start, or --lock JOINT=VALUE "
+    "in rad or m, as --lock finger=0.02"
+)
 
 
 # Groups of options: a command has a parameter of the class, the command line all of its fields.
@@ -154,7 +169,7 @@ class FitOptions(ModelOptions):
     def motion(
         self,
         mechanism: Mechanism,
-        logs: Sequence[Path],
+        logs: Sequence[Path | Log],
         on_progress: Progress | None = None,
         *,
         like: Motion | None = None,
@@ -189,10 +204,10 @@ class DecisionOptions:
         return vars(self)
 
 
-def go_on_with(mechanism: Path, logs: Paths, options: Sequence[str]) -> None:
+def go_on_with(mechanism: Path, logs: Paths, options: Sequence[str], like: Paths = None) -> None:
     """Remember what the command that goes on from this one is given."""
-    files = map(str, logs or [Path("LOG.csv")])
-    inputs.set(Inputs(str(mechanism), tuple(files), tuple(options)))
+    files, normal = map(str, logs or [Path("LOG.csv")]), map(str, like or ())
+    inputs.set(Inputs(str(mechanism), tuple(files), tuple(options), tuple(normal)))
 
 
 def mechanism_of(
@@ -211,8 +226,13 @@ def mechanism_of(
     from ident.mechanism import load
     from ident.mechanism.load import absolute as in_absolute
 
-    at = named([text for text in lock or () if "=" in text], "--lock", "--lock finger=0.02", finite)
-    locked = at | {text: None for text in lock or () if "=" not in text}
+    bare: dict[str, float | None] = {text: None for text in lock or () if "=" not in text}
+    locked = bare | named([text for text in lock or () if "=" in text], "--lock", LOCK, finite)
+    if both := [name for name in bare if locked[name] is not None]:
+        raise IdentError(
+            f"--lock {both[0]} and --lock {both[0]}={locked[both[0]]:g}: are two places for one "
+            "joint, its start and a value; give one of them"
+        )
     mechanism = load(path, allow_code=allow_code, locked=locked)
     if hands := _unlogged_hands(mechanism, logs):
         locked |= dict.fromkeys(hands, None)
@@ -271,25 +291,33 @@ def with_basis(mechanism: Mechanism, basis: str | None, spacing: float | None) -
 
 def motion_of(
     mechanism: Mechanism,
-    paths: Sequence[Path],
+    logs: Sequence[Path | Log],
     cutoff: float | str | None,
     on_progress: Progress | None = None,
     torques: bool = True,
     smoothing: str = "auto",
 ) -> Motion:
     """Return the completed motion of some logs, those in folders among them."""
-    from ident.log import read_log
-    from ident.log.read import expanded
     from ident.motion import complete
 
+    paths = [each for each in logs if isinstance(each, Path)]
+    read = [each for each in logs if not isinstance(each, Path)]
     return complete(
         mechanism,
-        [read_log(path, mechanism.columns) for path in expanded(paths)],
+        [*read, *read_logs(mechanism, paths)],
         cutoff=cutoff,
         torques=torques,
         smoothing=knots_of(smoothing),
         progress=on_progress,
     )
+
+
+def read_logs(mechanism: Mechanism, paths: Sequence[Path]) -> list[Log]:
+    """Return some logs, those in folders among them."""
+    from ident.log import read_log
+    from ident.log.read import expanded
+
+    return [read_log(path, mechanism.columns) for path in expanded(paths)]
 
 
 def many(paths: Sequence[Path], jobs: int | None, scheduler: str | None) -> bool:
@@ -396,7 +424,11 @@ def named(
             raise ValueError
         return name, read(content)
 
-    found = dict(value(text, given, remedy, pair) for text in texts or ())
+    found: dict[str, Any] = {}
+    for text in texts or ():
+        name, content = value(text, given, remedy, pair)
+        if found.setdefault(name, content) != content and name:
+            raise IdentError(f"{given} {text}: '{name}' has another value already; give one")
     if "" in found and len(texts or ()) > 1:
         raise IdentError(
             f"{given} {' '.join(texts or ())}: give one {bare} for all drives, or JOINT={bare} for "

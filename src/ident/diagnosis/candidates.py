@@ -14,8 +14,8 @@ from ident.equations.rows import LEVER, ROUNDING, largest_transmission
 from ident.errors import IdentError
 from ident.fit import Fit
 from ident.fit.table import Table
+from ident.information.blocks import Part
 from ident.information.hypotheses import PartialRegression
-from ident.information.parts import Part
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 

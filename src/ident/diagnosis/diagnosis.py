@@ -16,35 +16,22 @@ from ident.diagnosis.effect_set import Member
 from ident.diagnosis.found_curves import FoundCurve, curve_of
 from ident.diagnosis.laws import FoundLaw, laws_of
 from ident.diagnosis.null import NoiseDraws, noise
-from ident.diagnosis.relatives import relatives_of
-from ident.diagnosis.result import (
-    Diagnosis,
-    Explanation,
-    Law,
-    announced,
-    errors_of,
-    known_of,
-)
+from ident.diagnosis.result import Diagnosis, Explanation, Law, announced, errors_of, known_of
 from ident.diagnosis.search import Selection, select
-from ident.diagnosis.selection import (
-    Decision,
-    Evidence,
-    Ranking,
-    torque_squares,
-)
-from ident.diagnosis.unobservable import invisible, unsupported
+from ident.diagnosis.selection import Decision, Evidence, Ranking, torque_squares
+from ident.diagnosis.unobservable import invisible, relatives_of, unsupported
+from ident.display import part
 from ident.effects import Effect
 from ident.effects.formula import Formula
 from ident.equations.unknowns import Point
-from ident.errors import FitError, IdentError
+from ident.errors import FitError, IdentError, check_whole
 from ident.fit import Fit, identify
 from ident.fit.channel_fits import LEAVES
 from ident.fit.data_checks import NEARLY, DataChecks, Health
 from ident.fit.faults import CredibleFault, Fault, fault_finding, scale_of_time
 from ident.fit.findings import Finding
-from ident.fit.repeated import Periods
 from ident.fit.residual import residual_of
-from ident.progress import part
+from ident.fit.residual_maps import Periods
 
 SHOWN = 3  # candidates that are listed though nothing speaks for them
 TRIED = 3  # rivals of a formula whose constants are not determined
@@ -91,6 +78,7 @@ def diagnose(
         )
     on_progress = part(progress, 0.0, 1.0)
     decision = Decision(alpha, material, rival_se)
+    check_whole("seed", seed)
     contest = Contest.of(fit, candidates_of(fit), part(on_progress, 0.0, 0.4))
     on_progress("noise of the sensors", 0.4)
     return concluded(contest, noise(contest, seed), decision, seed, on_progress)

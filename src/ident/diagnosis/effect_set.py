@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from ident.diagnosis.candidates import ColumnStore, Contest
-from ident.diagnosis.refine import refined
+from ident.diagnosis.law_search import refined
 from ident.diagnosis.selection import Evidence, sensible
 from ident.effects import Effect
 from ident.effects.formula import Formula
 from ident.information import linear
-from ident.information.hypotheses import Index, PartialRegression
+from ident.information.hypotheses import EXACT, Index, PartialRegression
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,8 @@ class Member:
             machine has: the cause is something else.
         law: a formula that stands in its place, because it has the right form.
         stands_in: whether its columns are of another effect, for which it stands.
-        grouped: whether it came with the others that every machine has.
+        grouped: whether it came with others, which every machine has or which are a path.
+        path: chance of the path with which it came; None of what came without one.
     """
 
     effect: Effect
@@ -44,6 +45,7 @@ class Member:
     law: Formula | None = None
     stands_in: bool = False
     grouped: bool = False
+    path: float | None = None
 
     @property
     def rejected(self) -> bool:
@@ -58,9 +60,11 @@ class Member:
 
 def leading(members: Sequence[Member]) -> list[Member]:
     """Return what is added at once: the first, with those of its kind at other joints; the first
-    alone where it has rivals or stands for another effect.
+    alone where it has rivals or stands for another effect. A path is added as a whole.
     """
     first, *rest = members
+    if first.path is not None:
+        return [first, *(m for m in rest if m.path is not None)]
     alone = first.rivals or first.stands_in
     return [first, *(m for m in rest if not alone and m.effect.kind == first.effect.kind)]
 
@@ -89,6 +93,12 @@ class EffectSet:
         n = np.maximum(self.regression.rows, 1)
         squares = self.regression.losses.sum(axis=0) / self.regression.weight**2
         return float(-0.5 * (n * np.log(squares / n + 1e-300)).sum())
+
+    def rise(self, bare: EffectSet) -> float:
+        """Rise of the left-out squares without some effects, as a share; see `hypotheses`."""
+        more = bare.regression.losses - self.regression.losses
+        share = float(bare.regression.explained(more.sum(axis=0)))
+        return share / max(1 - share, EXACT)
 
     def plus(self, found: Evidence, equal: tuple[Evidence, ...] = ()) -> EffectSet:
         """The set with a further effect and its rivals."""

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.diagnosis.candidates import CandidateColumns, Contest
+from ident.diagnosis.law_search import normal_equations
 from ident.diagnosis.laws import LossComparison
-from ident.diagnosis.refine import normal_equations
 from ident.effects import Signals
 from ident.effects.curve import Curve
 from ident.effects.formula import plain
@@ -95,8 +95,7 @@ def curve_of(
     ]
     if not mine:
         return None
-    total = float(beside.loss.sum())
-    G = beside.gains([each.groups[0] for each in mine]).G / total
+    G = beside.explained(beside.gains([each.groups[0] for each in mine]).by)
     if G.max() <= least:
         return None
     near = [i for i in range(len(mine)) if G[i] >= (1 - PARSIMONY) * G.max()]
@@ -167,7 +166,7 @@ def _signals(
     """Return the signals of which further curves lower the error beside a curve, and which not."""
     contest, new = contest.added(C)
     regression = contest.regression.extended(new)
-    total = max(float(regression.loss.sum()), 1e-300)
+    total = max(float(regression.loss.sum()), 1e-300)  # what no signal explains counts as well
     G = regression.gains([each.groups[0] for each in curves]).G / total
     more = {*effect.depends_on, *(f"q.{name}" for name in effect.joints[1:])}
     for each, gain in zip(curves, G, strict=True):

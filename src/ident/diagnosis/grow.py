@@ -21,21 +21,20 @@ from ident.diagnosis.candidates import Contest, OnProgress, candidates_of, possi
 from ident.diagnosis.diagnosis import Decision, concluded, started
 from ident.diagnosis.effect_set import EffectSet, Member, leading, on_all_rows, reweighted
 from ident.diagnosis.null import noise
-from ident.diagnosis.result import Diagnosis, announced_errors, errors_of
+from ident.diagnosis.result import Concluded, Diagnosis, announced_errors, errors_of
 from ident.diagnosis.search import Search
 from ident.diagnosis.selection import Ranking
-from ident.display import Displayed, Plotted, render
+from ident.display import Displayed, part, render
 from ident.effects import Effect
 from ident.equations.unknowns import Point
-from ident.errors import FitError
+from ident.errors import FitError, check_whole
 from ident.files import json_bytes, write_all
 from ident.fit import Fit, identify
 from ident.information.blocks import Error
 from ident.information.hypotheses import PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
-from ident.progress import part
-from ident.version import version
+from ident.plugins import version
 
 NAME = "growing.json"
 SCHEMA = "ident.growing/1"
@@ -144,7 +143,7 @@ class Step(Displayed):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class History(Plotted):
+class History(Concluded):
     """The ladder of a growing model, from `ident.grow`.
 
     Attributes:
@@ -182,25 +181,6 @@ class History(Plotted):
         rows: list[list[str]] = render(self, "ladder")
         return rows
 
-    @property
-    def short(self) -> str:
-        """First lines: the verdict, what was added, errors by joint, and the next step."""
-        return str(render(self, "short"))
-
-    def json(self) -> dict[str, Any]:
-        """The content of grow.json."""
-        found: dict[str, Any] = render(self, "json")
-        return found
-
-    def write(self, folder: str | Path) -> list[Path]:
-        """The grown mechanism's folder, with its last fit, diagnosis and a report.
-
-        Raises:
-            IdentError: if the folder is the mechanism's own, or cannot be written.
-        """
-        paths: list[Path] = render(self, "files", folder)
-        return paths
-
 
 def grow(
     mechanism: Mechanism,
@@ -228,8 +208,14 @@ def grow(
         progress: called with (what is being done, share done).
         step: called with every rung as it is reached.
     """
+    if not isinstance(motion, Motion):
+        raise FitError(
+            f"grow needs a motion, given: {type(motion).__name__}; write "
+            "ident.grow(mechanism, ident.complete(mechanism, log))"
+        )
     on_progress = part(progress, 0.05, 1.0)
     decision = Decision(alpha, material, rival_se)
+    check_whole("seed", seed)
     given = frozenset(effect.label for effect in mechanism.effects if not effect.known)
     # least squares throughout, as the rows that announce an effect's fall
     folder = None if checkpoint is None else Path(checkpoint)
@@ -277,7 +263,7 @@ def grow(
         again = identify(model, motion, validate=validate, start=start, estimator="least-squares")
         if not better(errors_of(fit), errors_of(again)):
             break
-        rungs = ladder(search.start, found, removed, fit, again, search.first)
+        rungs = ladder(search.start, found, removed, fit, again, search.first, material)
         saved.add(rungs, start.values, visited)
         reached(rungs)
         fit = again
@@ -325,10 +311,12 @@ def ladder(
     before: Fit,
     after: Fit,
     first: Ranking,
+    material: float,
 ) -> list[Step]:
     """A rung a kind of effect: what a diagnosis names, then what explains most of what is left.
 
-    The last rung is fitted; errors before it are announced by the same regression, of all rows.
+    The last rung is fitted; errors before it are announced by the same regression, of all rows. A
+    rung whose announcement the fit contradicts is one with the last.
     """
     new = [each for each in found.members if each.evidence is not None]
     regression, columns = on_all_rows(start.contest, new)
@@ -371,7 +359,17 @@ def ladder(
         rivals = tuple(rival for label, rival in equal.items() if label not in together)
         rungs.append(Step(tuple(each.effect for each in group), (), rivals, None, last))
     rungs[-1] = replace(rungs[-1], fit=after, errors=errors_of(after))
+    while len(rungs) > 1 and _contradicted(rungs[-2].errors, rungs[-1].errors, material):
+        *rungs, one, two = rungs
+        both = (one.added + two.added, one.removed + two.removed, one.rivals + two.rivals)
+        rungs.append(Step(*both, after, two.errors))
     return rungs
+
+
+def _contradicted(announced: Mapping[str, Error], fitted: Mapping[str, Error], most: float) -> bool:
+    """Whether a fit with more effects leaves more in a joint, by a share `most` of its torque."""
+    pairs = [(error, fitted[joint]) for joint, error in announced.items() if error.relative]
+    return any((b.rms / a.rms - 1) * (a.relative or 0.0) > most for a, b in pairs if a.rms)
 
 
 def _fall(before: Mapping[str, Error], after: Mapping[str, Error]) -> float:

@@ -1,5 +1,9 @@
 """The search of formulas: terms of a grammar, their constants refined, sums of several terms.
 
+Shapes of an effect are refined on the rows, everything else refitted (variable projection):
+
+    [C̃ D̃] [c; δs] = r        D = ∂(C c)/∂s        C̃, D̃: what the model cannot make of C and D
+
 Terms of a grammar are columns like any effect's. Each is projected off the model, which makes a
 candidate a matrix product, and the fall of the squared error orders them. The best ones have their
 constants refined, and are judged by the left-out error. Sums of two terms grow from the best single
@@ -15,11 +19,126 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.diagnosis.candidates import Contest
+from ident.diagnosis.candidates import Contest, Shape
 from ident.diagnosis.grammar import terms
-from ident.diagnosis.refine import RANK, normal_equations, refined, screened
+from ident.effects import Effect
 from ident.effects.formula import Formula, Term
 from ident.information.hypotheses import Array, PartialRegression, Refit
+
+STEPS = 8  # of Gauss-Newton
+LONGEST = 0.3  # of a shape's range, the longest step
+RISE = 1e-3  # of the error, that a further step must bring
+RANK = 1e-6  # of a unit column's square: less of it is new
+SLOPE = 1e-4  # of a shape's range, for its slope
+
+
+def refined(
+    contest: Contest, regression: PartialRegression, effect: Effect, shape: Shape
+) -> tuple[Shape, list[Array], Refit]:
+    """Refine the shapes of an effect that have slopes, from where they are.
+
+    Returns:
+        The shapes; columns, then slopes, (m, u) in each part; everything refitted with both.
+        Without slopes where the change that they ask for is beyond the shapes' bounds.
+    """
+    free = [each.name for each in effect.searched if not each.discrete]
+    bounds, shape = contest.table.bounds(effect), dict(shape)
+    u, C = len(effect.unknowns), contest.columns(effect, shape)
+    S, g = normal_equations(regression, C)
+    now = fall(S, g)
+    low, high = (np.array([bounds[name][i] for name in free]) for i in (0, 1))
+    for _ in range(STEPS if free else 0):
+        both = contest.with_slopes(effect, shape, C, solved(S, g), _steps(shape, free, bounds))
+        step = solved(*normal_equations(regression, both))[u:]
+        before, at = now, np.array([shape[name] for name in free])
+        for half in range(4):
+            most = LONGEST * (high - low)
+            new = np.clip(at + 0.5**half * np.clip(step, -most, most), low, high)
+            tried = {**shape, **dict(zip(free, map(float, new), strict=True))}
+            trial = contest.columns(effect, tried)
+            S_new, g_new = normal_equations(regression, trial)
+            if fall(S_new, g_new) > now:
+                shape, C, S, g, now = tried, trial, S_new, g_new, fall(S_new, g_new)
+                break
+        if now - before < RISE * max(_squares(regression, C) - now, 0.0):
+            break
+    if free:
+        both = contest.with_slopes(effect, shape, C, solved(S, g), _steps(shape, free, bounds))
+        refit = regression.refit_with(both)
+        end = np.array([shape[name] for name in free]) + refit.theta[u:]
+        if (low <= end).all() and (end <= high).all():  # else the slopes are no change of shape
+            return shape, both, refit
+    return shape, C, regression.refit_with(C)
+
+
+def _steps(
+    shape: Shape, free: Sequence[str], bounds: Mapping[str, tuple[float, float]]
+) -> dict[str, float]:
+    """Return by shape the step of its central difference."""
+    return {
+        name: max(
+            min(SLOPE * (bounds[name][1] - bounds[name][0]), 1e-2 * abs(shape[name]) or np.inf),
+            1e-9,
+        )
+        for name in free
+    }
+
+
+def _squares(regression: PartialRegression, C: Sequence[Array]) -> float:
+    """Return |r|² in the coordinates in which columns are."""
+    pairs = zip(regression.residual, C, strict=True)
+    return sum(float(r[:, 0] @ r[:, 0]) for r, c in pairs if c.any())
+
+
+def screened(regression: PartialRegression, C: Sequence[np.ndarray], groups: int) -> Array:
+    """(groups,) in-sample fall of the squares by each group of columns, equal in number."""
+    S, g = normal_equations(regression, C)
+    u = len(g) // groups
+    parts = (slice(k * u, (k + 1) * u) for k in range(groups))
+    return np.array([fall(S[at, at], g[at]) for at in parts])
+
+
+def at_most(regression: PartialRegression, falls: Sequence[float] | Array) -> list[float]:
+    """Return the largest shares that falls (n,) of the squares can explain, in sample: where each
+    is in one coordinate.
+    """
+    r = np.concatenate([x[:, 0] for x in regression.residual])
+    before = regression.by_coordinate(r**2).sum(axis=0)
+    each = np.minimum(np.reshape(falls, (-1, 1)), before)
+    shares = regression.explained(each[:, :, None] * np.eye(len(before)), before)
+    return shares.max(axis=1).tolist()
+
+
+def normal_equations(regression: PartialRegression, C: Sequence[np.ndarray]) -> tuple[Array, Array]:
+    """C̃ᵀC̃ and C̃ᵀr, weighted, of columns C (m, u) in each part; (0, u) where they are zero.
+
+    What is left of a column is set to zero where it is less than RANK of its squares.
+    """
+    u = C[0].shape[1]
+    S, g, P = np.zeros((u, u)), np.zeros(u), np.zeros((regression.rank, u))
+    for part, Q, r, c in zip(regression.parts, regression.Q, regression.residual, C, strict=True):
+        if c.any():
+            c = c * regression.weight[part.coordinate]
+            S += c.T @ c
+            g += c.T @ r[:, 0]
+            P += Q.T @ c
+    rest = S - P.T @ P
+    new = np.diag(rest) > RANK * np.diag(S)
+    return rest * np.outer(new, new), g * new
+
+
+def fall(S: Array, g: Array) -> float:
+    """gᵀ S⁺ g in the directions that are new."""
+    return float(g @ solved(S, g))
+
+
+def solved(S: Array, g: Array) -> Array:
+    """S⁺ g in the directions that are new."""
+    size = np.sqrt(np.where(np.diag(S) > 0, np.diag(S), 1.0))
+    values, V = np.linalg.eigh(S / size[:, None] / size)
+    good = values > RANK
+    return np.asarray((V[:, good] / values[good]) @ (V[:, good].T @ (g / size)) / size)
+
 
 WIDE = 32  # terms whose constants are refined
 WAVES = 4  # wave numbers of sines with which other functions of a wave are screened
@@ -83,7 +202,7 @@ class LawSearch:
         joint: whose torque.
         other: a joint on whose signals, with the own ones, the terms depend; empty for terms of
             the own signals alone.
-        limit: share of the left-out squared error that a term must explain.
+        limit: share g of the left-out squares that a term must explain.
         noise: (d,) left-out squares that the sensors' noise alone makes, at most.
         on_progress: called with (what is being done, share done).
         of_position: whether only functions of the joint's own position are searched.
@@ -150,10 +269,9 @@ class LawSearch:
         ]
 
     def probed(self, term: Term) -> float:
-        """The share of the squared error that a term without constants explains, in sample."""
+        """The fall of the squares by a term without constants, in sample."""
         formula = replace(self.terms[0], terms=(term,))
-        fall_ = float(screened(self.regression, self.columns(formula, [{}]), 1)[0])
-        return fall_ / float(self.regression.loss.sum())
+        return float(screened(self.regression, self.columns(formula, [{}]), 1)[0])
 
     def run(self, known: FittedFormula | None = None) -> list[FittedFormula]:
         """All formulas that were fitted, those of one term first; `known`: one that they must be
@@ -162,7 +280,7 @@ class LawSearch:
         beam: list[FittedFormula | None] = [None]
         found: list[FittedFormula] = []
         so_far = ""
-        least = float((self.regression.loss if known is None else known.loss).sum())
+        losses = (self.regression.losses if known is None else known.refit.loss).sum(axis=0)
         for number in range(TERMS):
             new: list[FittedFormula] = []
             for i, before in enumerate(beam):
@@ -170,12 +288,14 @@ class LawSearch:
                 self.on_progress(what, (number + i / len(beam)) / TERMS)
                 new += self.extended(before)
             new = [e for e in new if e.determined(self.regression) and self.inside(e)]
-            found += [each for each in new if float(each.loss.sum()) < (1 - self.limit) * least]
-            new = [each for each in new if each in found]
+            falls = [losses - each.refit.loss.sum(axis=0) for each in new]
+            shares = self.regression.explained(np.reshape(falls, (-1, len(losses))), losses)
+            new = [each for each, share in zip(new, shares, strict=True) if share > self.limit]
+            found += new
             if not new:
                 break
             new.sort(key=lambda each: float(each.loss.sum()))
-            least = float(new[0].loss.sum())
+            losses = new[0].refit.loss.sum(axis=0)
             so_far = f", so far {new[0].formula.text}"
             self.on_progress(f"law of {self.joint}{so_far}", (number + 1) / TERMS)
             if self.explained(new[0]):
@@ -217,12 +337,12 @@ class LawSearch:
             each = screened(regression, columns, len(starts))
             falls += [(float(each[k]), i, int(k)) for k in np.argsort(-each)[: 1 + len(one.scales)]]
         falls.sort(reverse=True)
+        most = at_most(regression, [each for each, *_ in falls])
         wide = WIDE if before is None else WIDE // 4
         chosen = list(dict.fromkeys(i for _, i, _ in falls))[:wide]
         found: dict[int, FittedFormula] = {}
-        before_it = sum(float(r[:, 0] @ r[:, 0]) for r in regression.residual)
-        for gain, i, start in falls:
-            if i not in chosen or gain < self.limit * before_it:
+        for share, (_, i, start) in zip(most, falls, strict=True):
+            if i not in chosen or share < self.limit:
                 continue
             one = self.terms[i]
             joints = max([one.joints, before.formula.joints if before else ()], key=len)

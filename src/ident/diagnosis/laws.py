@@ -13,15 +13,15 @@ import numpy as np
 from ident.diagnosis.candidates import Contest
 from ident.diagnosis.effect_set import Member
 from ident.diagnosis.grammar import PLAIN_WAVE, PROBE
-from ident.diagnosis.law_search import MINE, FittedFormula, LawSearch, OnProgress
+from ident.diagnosis.law_search import MINE, FittedFormula, LawSearch, OnProgress, at_most
 from ident.diagnosis.search import Selection
 from ident.diagnosis.selection import Decision, Ranking
+from ident.display import part
 from ident.effects.curve import Curve
 from ident.effects.formula import Formula, Term
 from ident.equations.rows import ROUNDING, largest_transmission
 from ident.information.chance import paired
 from ident.information.hypotheses import Array, PartialRegression
-from ident.progress import part
 
 LOUD = 1.25  # times the rms of noise, from which more than noise is left
 OTHERS = 1  # joint whose signals are tried beside the own ones
@@ -220,8 +220,8 @@ def _hint(last: Ranking, joint: str, signals: frozenset[str]) -> float | None:
 
 
 def _doubtful(contest: Contest, selection: Selection, joint: str) -> list[Member]:
-    """Members that a law of a joint could replace: what acts on it alone; in a loop, also what acts
-    on another joint alone and mends the same coordinates.
+    """Members that a law of a joint could replace: what acts on it, but not on all drives in
+    common; in a loop, also what acts on another joint alone and mends the same coordinates.
     """
     at = contest.table.mechanism.joint_index[joint]
     felt: set[int] = set()
@@ -233,6 +233,7 @@ def _doubtful(contest: Contest, selection: Selection, joint: str) -> list[Member
         m
         for m in selection.members
         if not m.effect.common
+        and not m.effect.joined
         and (
             joint in m.effect.joints[:1]
             or (m.effect.local and m.evidence is not None and felt.issuperset(m.evidence.mends))
@@ -300,7 +301,7 @@ def _law(
     return FoundLaw(
         found=law,
         joint=joint,
-        gain=law.refit.G / float(regression.loss.sum()),
+        gain=regression.gain(law.refit),
         explained=float(np.clip(explained, 0.0, 1.0)),
         limit=limit,
         nearest=nearest,
@@ -322,9 +323,10 @@ def _formulas(contest: Contest, search: LawSearch) -> list[FittedFormula]:
     if best is not None and search.explained(best):
         return found
     others = [replace(search, other=name) for name in _moving(contest, search.joint)]
-    shares = {each.other: each.probed(PROBE) for each in others}
-    for each in sorted(others, key=lambda each: -shares[each.other])[:OTHERS]:
-        found += each.run(best) if shares[each.other] > search.limit else []
+    falls = {each.other: each.probed(PROBE) for each in others}
+    for each in sorted(others, key=lambda each: -falls[each.other])[:OTHERS]:
+        if at_most(each.regression, [falls[each.other]])[0] > search.limit:
+            found += each.run(best)
     return found
 
 

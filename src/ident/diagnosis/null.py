@@ -10,7 +10,7 @@ through the same filter; their rms is the noise floor.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -21,13 +21,15 @@ from scipy.sparse.linalg import splu
 from ident.diagnosis.candidates import Contest
 from ident.equations.motion_noise import gain
 from ident.fit.table import Table
+from ident.information import linear
+from ident.information.blocks import Part
 from ident.information.chance import remaining_power, surrogates
-from ident.information.hypotheses import Array, Index, PartialRegression
-from ident.information.parts import Part
+from ident.information.hypotheses import RANK, Array, Index, PartialRegression
 from ident.motion import State
 from ident.motion.spline import WIDTH, Spline, evaluated
 
-SURROGATES = 100  # of each kind
+VISIBLE = 1e-6  # norm of a column beside the model below which it is rounding
+SURROGATES = 100  # random series with the spectrum of the residual
 TRIALS = 25  # random series that show what share of its power a noise loses
 DRAWS = 24  # of the sensors' noise
 CHUNK = 2048  # samples whose noise is in memory at once
@@ -124,41 +126,87 @@ def runs(table: Table) -> list[slice]:
 
 
 def judging(
-    contest: Contest, regression: PartialRegression, noise: NoiseDraws | None, seed: int,
-    groups: Sequence[Index],
-) -> PartialRegression:  # fmt: skip
-    """The regression with surrogates of its residual, surrogates of what the best candidate leaves,
-    and draws of the sensors' noise, as right-hand sides.
+    contest: Contest, regression: PartialRegression, noise: NoiseDraws | None, seed: int
+) -> PartialRegression:
+    """The regression with surrogates of its residual, and draws of the sensors' noise, as
+    right-hand sides.
 
-    What the model, and the best candidate, take of any noise is given back, frequency by frequency,
-    as random series show it that lose the same way.
-
-    Args:
-        groups: of columns, one a candidate and start.
+    What the model takes of any noise is given back to the surrogates, frequency by frequency, as
+    random series show it that lose the same way.
     """
     random, steps = np.random.default_rng(seed), runs(contest.table)
-    r = _series(contest, regression, [y[:, :1] for y in regression.residual], weighted=True)
-    tries = surrogates(r[:, :, 0], steps, TRIALS, random)
-    tries *= contest.use[:, :, None]
+    r = _series(contest, regression, [y[:, :1] for y in regression.residual])[:, :, 0]
+    tries = surrogates(r, steps, TRIALS, random, known=contest.use) * contest.use[:, :, None]
     parts = regression.parts
-    Y = [np.column_stack([p.Y[:, :1], _rows(contest, p, tries)]) for p in parts]
-    tried = regression.judging(Y)
-    made = []
-    for left in (
-        _series(contest, regression, tried.residual, weighted=True),
-        _series(contest, regression, tried.left_by_best(groups)),
-    ):
-        remaining = [remaining_power(left[run, :, 1:], tries[run]) for run in steps]
-        made.append(surrogates(left[:, :, 0], steps, SURROGATES, random, remaining))
+    tried = regression.judging([_rows(contest, part, tries) for part in parts])
+    left = _series(contest, regression, tried.residual)
+    remaining = [remaining_power(left[run], tries[run]) for run in steps]
+    drawn = surrogates(r, steps, SURROGATES, random, remaining, contest.use)
     Y = []
     for part in parts:
-        more = [part.Y[:, :1], *(_rows(contest, part, x) for x in made)]
+        more = [part.Y[:, :1], _rows(contest, part, drawn)]
         if noise is not None:  # of a size that the residual has, at most
-            x = _rows(contest, part, noise.rows)
-            rms = _rms(_rows(contest, part, r)[:, 0])
+            x, rms = _rows(contest, part, noise.rows), _rms(_rows(contest, part, r))
             more.append(x * rms / np.maximum(_rms(x), rms))
         Y.append(np.column_stack(more))
     return regression.judging(Y)
+
+
+def path_shares(
+    regression: PartialRegression, u: int, effects: Sequence[Sequence[Index]], steps: int,
+    draws: int,
+) -> Array:  # fmt: skip
+    """Return the shares (steps, 1 + draws) of the squares of coordinate u that 1, 2, … effects
+    explain in all rows, for the residual and for draws of the right-hand sides.
+
+    Args:
+        effects: groups of columns of each, one a start of its search.
+
+    Each effect is the one that explains most beside those before it (orthogonal matching pursuit):
+
+        Δ = t_gᵀ T_gg⁻¹ t_g        T = S − S_c S_cc⁻¹ S_cᵀ, t = s − S_c S_cc⁻¹ s_c        c: chosen
+    """
+    groups = [group for each in effects for group in each]
+    owner = np.repeat(np.arange(len(effects)), [len(each) for each in effects])
+    C, r = (np.concatenate(x) for x in zip(*_projected(regression, u, groups), strict=True))
+    r = r[:, : 1 + draws]
+    size = np.sqrt((C**2).sum(axis=0))
+    C = C / np.where(size > VISIBLE, size, np.inf)
+    S, s, squares = C.T @ C, C.T @ r, np.maximum((r**2).sum(axis=0), 1e-300)
+    ends = np.cumsum([0, *map(len, groups)])
+    of_size = [(n, np.flatnonzero(np.diff(ends) == n)) for n in np.unique(np.diff(ends))]
+    found = np.zeros((steps, r.shape[1]))
+    for draw in range(r.shape[1]):
+        chosen, free = np.zeros(0, dtype=int), np.full(len(groups), True)
+        for step in range(steps):
+            K = S[:, chosen] @ linear.pinv(S[np.ix_(chosen, chosen)], rcond=RANK, hermitian=True)
+            T, t = S - K @ S[chosen], s[:, draw] - K @ s[chosen, draw]
+            best: tuple[float, Index, int] = 0.0, chosen[:0], -1
+            for n, every in of_size:
+                some = every[free[every]]
+                if not len(some):
+                    continue
+                at = ends[some][:, None] + np.arange(n)
+                inverse = linear.inverse(T[at[:, :, None], at[:, None, :]])
+                falls = np.einsum("gi,gij,gj->g", t[at], inverse, t[at])
+                if falls.max() > best[0]:
+                    best = float(falls.max()), at[falls.argmax()], int(owner[some[falls.argmax()]])
+            found[step, draw] = (found[step - 1, draw] if step else 0.0) + best[0] / squares[draw]
+            chosen = np.append(chosen, best[1])
+            free &= owner != best[2]
+    return found
+
+
+def _projected(
+    regression: PartialRegression, u: int, groups: Sequence[Index]
+) -> Iterator[tuple[Array, Array]]:
+    """Yield the columns of groups and the residuals in coordinate u, without the model."""
+    parts, Q, residual = regression.parts, regression.Q, regression.residual
+    C = [part.taken(np.concatenate(groups)) * regression.weight[part.coordinate] for part in parts]
+    P = sum(q.T @ c for q, c in zip(Q, C, strict=True))
+    for part, c, q, r in zip(parts, C, Q, residual, strict=True):
+        if part.coordinate == u:
+            yield c - q @ P, r
 
 
 def _rows(contest: Contest, part: Part, x: Array) -> Array:
@@ -166,14 +214,12 @@ def _rows(contest: Contest, part: Part, x: Array) -> Array:
     return x[contest.use[:, part.coordinate], part.coordinate]
 
 
-def _series(
-    contest: Contest, regression: PartialRegression, Y: Sequence[Array], weighted: bool = False
-) -> Array:
-    """Return series (N, d, count) of rows Y (m, count) of every part; zero elsewhere."""
+def _series(contest: Contest, regression: PartialRegression, Y: Sequence[Array]) -> Array:
+    """Return series (N, d, count) of weighted rows Y (m, count) of every part; zero elsewhere."""
     found = np.zeros((*contest.table.b.shape, Y[0].shape[1]))
     for part, y in zip(regression.parts, Y, strict=True):
         u = part.coordinate
-        found[contest.use[:, u], u] = y / regression.weight[u] if weighted else y
+        found[contest.use[:, u], u] = y / regression.weight[u]
     return found
 
 

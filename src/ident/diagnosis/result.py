@@ -23,8 +23,8 @@ from ident.effects import Effect
 from ident.effects.formula import Formula
 from ident.fit import Fit
 from ident.fit.data_checks import Health
-from ident.fit.repeated import Periods
 from ident.fit.residual import Failure
+from ident.fit.residual_maps import Periods
 from ident.fit.values import Value
 from ident.information.blocks import Error
 from ident.mechanism.mechanism import Mechanism
@@ -225,8 +225,30 @@ class Law:
         }
 
 
+class Concluded(Plotted):
+    """A noun with a verdict: its first lines, its content as JSON, and files of its own."""
+
+    @property
+    def short(self) -> str:
+        """First lines: the verdict, its certainty, errors by joint, and the next step."""
+        return str(render(self, "short"))
+
+    def json(self) -> dict[str, Any]:
+        """The content of diagnosis.json, or of grow.json."""
+        return dict(render(self, "json"))
+
+    def write(self, folder: str | Path) -> list[Path]:
+        """The report and the numbers, files of laws and tables of curves; of a model that was
+        grown its folder too. All of them or none.
+
+        Raises:
+            IdentError: if the folder cannot be written, or is that of the mechanism that has grown.
+        """
+        return list(render(self, "files", folder))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Diagnosis(Plotted):
+class Diagnosis(Concluded):
     """Where a model fails and which effects would explain it. Made by `ident.diagnose`.
 
     Attributes:
@@ -336,25 +358,6 @@ class Diagnosis(Plotted):
     def text(self) -> str:
         """The whole diagnosis as text."""
         return str(render(self, "words"))
-
-    @property
-    def short(self) -> str:
-        """First lines: the verdict, its certainty, errors by joint, and the next step."""
-        return str(render(self, "short"))
-
-    def json(self) -> dict[str, Any]:
-        """The content of diagnosis.json."""
-        found: dict[str, Any] = render(self, "json")
-        return found
-
-    def write(self, folder: str | Path) -> list[Path]:
-        """diagnosis.json, report.html, files of laws and tables of curves; all of them or none.
-
-        Raises:
-            IdentError: if the folder cannot be written.
-        """
-        paths: list[Path] = render(self, "files", folder)
-        return paths
 
 
 def _entry(v: Value) -> dict[str, Any]:

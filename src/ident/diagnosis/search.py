@@ -5,25 +5,27 @@ No model is refitted between the moves of the search:
     L = −½ Σ_u n_u log(|e_u|²/n_u)        e_u: errors of left-out blocks in coordinate u
 
 must rise with every effect that is added or exchanged, and no set is visited twice. What every
-machine has enters together where that explains more than any single effect. An addition is
-followed by eliminations of what brings less than chance does.
+machine has enters together where that explains more than any single effect, and so do two or three
+effects of one joint where none is credible alone. An addition is followed by eliminations of what
+brings less than chance does.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from ident.diagnosis.candidates import CandidateColumns, Contest
 from ident.diagnosis.effect_set import EffectSet, Member
-from ident.diagnosis.null import NoiseDraws
+from ident.diagnosis.null import SURROGATES, NoiseDraws, judging, path_shares
 from ident.diagnosis.selection import (
     HIDDEN,
     PARSIMONY,
     Decision,
+    Evidence,
     OnProgress,
     Ranking,
     alike,
@@ -34,14 +36,16 @@ from ident.diagnosis.selection import (
     simplest,
 )
 from ident.effects import Effect
-from ident.information.chance import Chance, zscore
-from ident.information.hypotheses import Index
+from ident.information.chance import Chance, exceeding, paired, quantile, zscore
+from ident.information.hypotheses import Index, PartialRegression
 
 MOST = 60  # moves of one search
 CLEAR = 3.0  # times the last quantile, from which a gain needs no new null distribution
 TOGETHER = 1.5  # times the largest single gain, from which what every machine has enters at once
 NEAR = 0.8  # share of the largest gain below which a candidate is not looked at in detail
-CERTAIN = 3.0  # standard errors, from which a gain needs no null distribution
+CERTAIN = 3.0  # standard errors over blocks, from which effects may enter together
+PATH = 3  # effects of one joint that are looked at together
+ALONE = 0.1  # of the squares beyond noise, which one effect leaves where only a path is credible
 TRIED = 3  # of the best candidates, until one makes a better set
 
 
@@ -64,6 +68,7 @@ class Search:
     visited: set[frozenset[str]] = field(default_factory=set)
     chance: Chance = field(init=False)
     null_of: frozenset[str] = field(default=frozenset(), init=False)  # the set of the last null
+    judged: PartialRegression = field(init=False)  # with the draws of the last null
     first: Ranking = field(init=False)  # beside the start
     all_common: bool = field(default=False, init=False)  # what every machine has is in the set
 
@@ -84,12 +89,15 @@ class Search:
         if first is None:
             first = self.ranked(now, fresh=True)
         self.chance, self.null_of, self.first = first.chance, now.labels, first
+        self.judged = first.regression
         now = self.grouped(self.joined(now, first))
         for number in range(MOST):
             self.on_progress(f"set of {len(now.members)} effects", 0.4 + 0.3 * number / MOST)
             ranking = first if now is self.start else self.ranked(now, fresh=False)
-            following = self.forward(now, ranking) or self.exchanged(now)
-            if following is None:
+            following = self.forward(now, ranking) or self.exchanged(now) or self.grouped(now)
+            if following is now and not self.new(now):
+                following = self.several(now) or now
+            if following is now:
                 break
             now = following
         return replace(now, members=tuple(self.with_rivals(now, each) for each in now.members))
@@ -103,7 +111,7 @@ class Search:
         return replace(member, rivals=rivals(own, beside, self.decision)) if own else member
 
     def beside(self, bare: EffectSet, member: Member) -> Ranking:
-        """What could take the place of a member, of its joints, in a set without it."""
+        """Return what could take the place of a member, of its joints, in a set without it."""
         return rank(
             bare.contest,
             bare.regression,
@@ -131,7 +139,7 @@ class Search:
             least=NEAR,
         )
         if fresh:
-            self.chance, self.null_of = found.chance, now.labels
+            self.chance, self.null_of, self.judged = found.chance, now.labels, found.regression
         return found
 
     def accepted(self, now: EffectSet, new: EffectSet) -> EffectSet | None:
@@ -168,7 +176,7 @@ class Search:
         if member.effect.common:
             D = (bare.regression.losses - now.regression.losses).sum(axis=1)
             return zscore(D) < self.decision.rival_se
-        return bare.loss / now.loss - 1 < self.limit(now, member)
+        return now.rise(bare) < self.limit(now, member)
 
     def joined(self, now: EffectSet, ranking: Ranking) -> EffectSet:
         """The set with what all drives have in common, before what else single joints may have."""
@@ -185,8 +193,10 @@ class Search:
             return None
         columns = np.concatenate([each.groups[0] for each in common])
         found = now.regression.gains([columns, *(each.groups[0] for each in common)])
-        G = found.G
-        if zscore(found.D[0]) < CERTAIN or G[0] < TOGETHER * G[1:].max():
+        g = now.regression.explained(found.by)
+        before = now.regression.loss
+        sure = paired(before, before - found.D[0]) > CERTAIN
+        if not sure or g[0] < TOGETHER * g[1:].max():
             return None
         return self.with_columns(now, common, columns)
 
@@ -212,12 +222,100 @@ class Search:
     def grouped(self, now: EffectSet) -> EffectSet:
         """The set with what every machine has, without what of it is superfluous."""
         together = self.together(now)
-        if together is None:
+        if together is None or not self.beyond_chance(now, together):
             return now
-        self.ranked(together, fresh=True)
-        found = self.accepted(now, together)
-        self.all_common = found is not None
+        found = self.tried(now, together)
+        self.all_common |= found is not None
         return found or now
+
+    def tried(
+        self, now: EffectSet, new: EffectSet, stays: Callable[[EffectSet], bool] = lambda _: True
+    ) -> EffectSet | None:
+        """The set, if it is accepted by a null distribution of its own and stays; else the null
+        distribution is the one before.
+        """
+        before = self.chance, self.null_of, self.judged
+        self.ranked(new, fresh=True)
+        found = self.accepted(now, new)
+        if found is None or not stays(found):
+            self.chance, self.null_of, self.judged = before
+            return None
+        return found
+
+    def beyond_chance(self, now: EffectSet, together: EffectSet) -> bool:
+        """Return whether a set's new members explain more than of a residual without them."""
+        new = np.concatenate([e.columns for e in together.members if e.label not in now.labels])
+        judged = judging(now.contest, now.regression, None, self.seed)
+        found = judged.gains([new])
+        null = judged.explained(found.null[0].T, judged.null_losses.T)
+        return float(judged.explained(found.by)[0]) > quantile(null, self.decision.alpha)
+
+    def several(self, now: EffectSet) -> EffectSet | None:
+        """The set with several effects of one joint that explain together more than such a path
+        does of random residuals, where none of them is credible alone.
+        """
+        laws = [e for e in now.contest.laws if e.effect.label not in now.labels]
+        place = [now.regression.place(each.groups[0]) for each in laws]
+        judged = self.judged if self.null_of == now.labels else None
+        judged = judged or judging(now.contest, now.regression, None, self.seed)
+        for u in (u for u in range(judged.d) if place.count(u) > 1):
+            mine = [each for each, v in zip(laws, place, strict=True) if v == u]
+            steps, p = self.beyond(judged, u, [each.groups for each in mine])
+            if not steps:
+                continue
+            new, labels = now, {each.effect.label for each in mine}
+            while len(new.members) < len(now.members) + steps:
+                rest = labels - new.labels
+                best = self.best_of(new, rest) if rest else None
+                if best is None:
+                    break
+                new = new.plus(best)
+            found = self.tried(now, new, partial(self.explains, now, u))
+            if found is not None:
+                path = (
+                    m if m.label in now.labels else replace(m, grouped=True, path=p)
+                    for m in found.members
+                )
+                return replace(found, members=tuple(path))
+        return None
+
+    def explains(self, now: EffectSet, u: int, path: EffectSet) -> bool:
+        """Return whether two effects of a path stay, or one that leaves next to nothing."""
+        several = len(self.new(path)) > len(self.new(now)) + 1
+        return several or self.left(path, u) < ALONE * self.left(now, u)
+
+    def left(self, now: EffectSet, u: int) -> float:
+        """Left-out squares of a coordinate beyond the sensors' noise [N²m² | N²]."""
+        regression = now.regression
+        floor = self.noise.floor[u] if self.noise is not None else 0.0
+        squares = regression.losses.sum(axis=0)[u] / regression.weight[u] ** 2
+        return max(float(squares - regression.rows[u] * floor**2), 0.0)
+
+    def beyond(
+        self, judged: PartialRegression, u: int, effects: Sequence[Sequence[Index]]
+    ) -> tuple[int, float]:
+        """Return how many effects of a coordinate, given by their groups of columns, explain
+        together more than chance does, 0 if none do, and the chance of such a path in any
+        coordinate: k of them must be as improbable as k that are credible each, alphaᵏ. A few
+        draws are enough to see that a path is nothing special.
+        """
+        alpha, looks = self.decision.alpha, judged.d * (PATH - 1)
+        for draws in (SURROGATES // 6, SURROGATES):
+            g = path_shares(judged, u, effects, PATH, draws)[1:]
+            p = {k: looks * exceeding(float(x[0]), x[1:]) for k, x in enumerate(g, 2)}
+            if draws < SURROGATES and min(p.values()) > looks * alpha:
+                return 0, 1.0
+        good = [k for k, x in p.items() if x <= alpha**k]
+        k = min(good, key=lambda k: p[k], default=0)
+        return k, p.get(k, 1.0)
+
+    def best_of(self, now: EffectSet, labels: Collection[str]) -> Evidence | None:
+        """The simplest of the effects that explain most beside a set, whatever chance does."""
+        beside = rank(
+            now.contest, now.regression, None, self.decision, self.seed, curved=False,
+            chance=Chance({}, {}, self.decision.alpha, -np.inf), least=NEAR, only=labels,
+        )  # fmt: skip
+        return simplest(beside, self.decision)
 
     def led(self, first: Ranking) -> str:
         """Label of the effect that is named first, as far as the first steps show without a null
@@ -256,7 +354,7 @@ class Search:
             None,
             self.decision,
             self.seed,
-            chance=Chance({}, np.zeros(0), {}, self.decision.alpha, -np.inf),
+            chance=Chance({}, {}, self.decision.alpha, -np.inf),
             curved=False,
             only={each.effect.label for each in several},
         )
@@ -373,14 +471,17 @@ def _alone(member: Member, first: Ranking, decision: Decision) -> Member:
 def _judged(member: Member, found: EffectSet, last: Ranking) -> Member:
     """The member with its gain and with what speaks against it."""
     bare, e = found.minus(member), member.evidence
-    gain = bare.loss / found.loss - 1
+    gain = found.rise(bare)
     assert e is not None
     if np.isnan(e.p):  # it came with others, and is judged beside them
         refit = bare.regression.refit(member.columns)
-        share = refit.G / bare.loss
+        share = bare.regression.gain(refit)
         place = last.regression.place(member.columns)
         p, limit = last.chance.p(share, place), last.chance.limit(place)
-        e = replace(e, refit=refit, gain=share, limit=limit, p=p)
+        p = max(p, member.path or 0.0)
+        e = replace(
+            e, refit=refit, gain=share, limit=limit, p=p, credible=share > limit and e.sensible
+        )
     joints = set(member.effect.joints)
     curve = next(
         (
@@ -419,8 +520,8 @@ def _remains(curve: Effect, last: Ranking, least: float) -> bool:
     if not laws:
         return True
     best = max(laws, key=lambda each: last.gains[each.effect.label][0])
-    start = int(last.regression.gains(best.groups).G.argmax())
+    start = int(last.regression.explained(last.regression.gains(best.groups).by).argmax())
     richer = last.regression.extended(best.groups[start])
     own = next(each for each in last.contest.candidates if each.effect == curve)
-    more = float(richer.gains(own.groups).G.max()) / max(float(richer.loss.sum()), 1e-300)
+    more = float(richer.explained(richer.gains(own.groups).by).max())
     return more > max(last.chance.limit(last.regression.place(own.groups[0])), least)

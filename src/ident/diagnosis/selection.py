@@ -2,7 +2,7 @@
 
 A candidate is credible if
 
-* its gain G exceeds the (1 − alpha) quantile of the largest gain over all candidates on residuals
+* its gain g exceeds the (1 − alpha) quantile of the largest gain over all candidates on residuals
   in which nothing is missing, and no single block of time makes most of it: what happens once
   has many explanations. Waves of position must pass the filter at most speeds, not only around
   reversals, where friction that is not quite sign(v) looks like some wave;
@@ -16,15 +16,16 @@ difference and by more than chance.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from numbers import Real
 
 import numpy as np
 
 from ident.diagnosis.candidates import CandidateColumns, Contest, Shape
+from ident.diagnosis.law_search import refined
 from ident.diagnosis.null import SURROGATES, NoiseDraws, judging
-from ident.diagnosis.refine import refined
 from ident.effects import Effect
 from ident.errors import FitError
 from ident.information.chance import Chance, paired, zscore
@@ -59,6 +60,9 @@ class Decision:
     def __post_init__(self) -> None:
         """Refuse what is no chance, no share, or below what the random residuals can show."""
         least = 1 / SURROGATES
+        for name, number in vars(self).items():
+            if not isinstance(number, Real):
+                raise FitError(f"{name} = {number!r}: is no number; valid: 0.01, for one")
         if not least <= self.alpha <= 0.5:
             raise FitError(
                 f"alpha = {self.alpha:g}: {SURROGATES} random residuals show chances from "
@@ -87,7 +91,7 @@ class Evidence:
         columns: where its columns are in the regression; () of a refined shape, whose columns and
             sensitivities C (m, u) in each part are new.
         refit: everything refitted with it; its columns, then its shapes' sensitivities.
-        gain: fall of the left-out squared error, as a share.
+        gain: share g of the left-out squares that it explains, all coordinates.
         limit: what the gain was held against, as a share; p: chance of such a gain where nothing
             is missing, NaN where no null distribution was made.
         size: rms of its torque as a share of its joint's, the largest.
@@ -147,7 +151,7 @@ class Ranking:
 
     Attributes:
         evidence: of those that are credible or come closest.
-        gains: by label, share of the left-out squared error, visible share, and which start has
+        gains: by label, share g of the left-out squares, visible share, and which start has
             that gain, of all.
         chance: the largest gains of all laws where nothing is missing; with_curves: of the curves
             as well. total: the left-out squared error.
@@ -213,6 +217,66 @@ def raised(contest: Contest, effect: Effect, limit: float) -> float:
     return RARE * limit / (1 + (RARE - 1) * limit) if rare else limit
 
 
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """Gains of n candidates beside a model, each from the best of its starts.
+
+    Attributes:
+        candidates: which.
+        start, gain, visible, place: (n,) start, share g, visible share, coordinate.
+        null: (groups, draws) shares of random residuals, of all starts; of: (groups,) candidate.
+    """
+
+    candidates: Sequence[CandidateColumns]
+    start: Index
+    gain: Array
+    visible: Array
+    place: Index
+    null: Array
+    of: Index
+
+    @classmethod
+    def beside(
+        cls, regression: PartialRegression, candidates: Sequence[CandidateColumns]
+    ) -> Screened:
+        """Screen candidates, with the random residuals that the regression has."""
+        found = regression.gains([group for each in candidates for group in each.groups])
+        ends = np.cumsum([0, *(len(each.groups) for each in candidates)])
+        every = regression.explained(found.by)
+        start = np.array([every[a:b].argmax() for a, b in pairwise(ends)], dtype=np.intp)
+        visible = np.array([found.visible[a:b].max() for a, b in pairwise(ends)])
+        place = np.array([regression.place(each.groups[0]) for each in candidates], dtype=int)
+        losses = regression.losses.sum(axis=0)
+        before = regression.null_losses.T.copy()  # (draws, d)
+        before[SURROGATES:] = np.maximum(before[SURROGATES:], losses)  # noise as it is
+        null = regression.explained(found.null.transpose(0, 2, 1), before)
+        of = np.repeat(np.arange(len(candidates)), np.diff(ends))
+        return cls(candidates, start, every[ends[:-1] + start], visible, place, null, of)
+
+    def chance(self, some: Sequence[int], alpha: float) -> Chance:
+        """The largest shares of some candidates, by place: of surrogates of the residual and of
+        draws of the sensors' noise.
+        """
+        mine = np.isin(self.of, some)
+        null, place = self.null[mine], self.place[self.of[mine]]
+        largest = {int(u): null[place == u].max(axis=0) for u in np.unique(place)}
+        residual, noise = (
+            {u: x[draws] for u, x in largest.items()}
+            for draws in (slice(SURROGATES), slice(SURROGATES, None))
+        )
+        return Chance(residual, noise, alpha)
+
+    def hints(self, alpha: float) -> Iterator[tuple[Effect, float, float]]:
+        """Yield by joint its best curve, the gain and the limit, where the gain is larger."""
+        curves = [i for i, each in enumerate(self.candidates) if each.curve]
+        for joint in dict.fromkeys(self.candidates[i].effect.joints[0] for i in curves):
+            own = [i for i in curves if self.candidates[i].effect.joints[0] == joint]
+            best = max(own, key=lambda i: float(self.gain[i]))
+            limit = max(self.chance(own, alpha).limit(int(self.place[best])), 0.0)
+            if self.gain[best] > limit:
+                yield self.candidates[best].effect, float(self.gain[best]), limit
+
+
 def rank(
     contest: Contest,
     regression: PartialRegression,
@@ -240,84 +304,50 @@ def rank(
         and (not only or each.effect.label in only)
         and (not joints or set(joints) & set(each.effect.joints) or not each.effect.joints)
     ]
-    groups = [group for each in mine for group in each.groups]
-    fresh = chance is None
-    if fresh and groups:
-        regression = judging(contest, regression, noise, seed, groups)
-    found = regression.gains(groups)
-    ends = np.cumsum([0, *(len(each.groups) for each in mine)])
-    starts = np.array([found.G[a:b].argmax() for a, b in pairwise(ends)], dtype=np.intp)
-    at = ends[:-1] + starts
-    G = found.G[at]
-    visible = np.array([found.visible[a:b].max() for a, b in pairwise(ends)])
-    total = max(float(regression.loss.sum()), 1e-300)
-    null = found.null / np.maximum(regression.null_loss, 1e-300)
-    noisy = slice(2 * SURROGATES, None)
-    null[:, noisy] *= np.minimum(regression.null_loss / total, 1.0)[noisy]
-    law = np.repeat([not each.curve for each in mine], np.diff(ends))
-    hints = []
-    place = np.array([regression.place(each.groups[0]) for each in mine], dtype=int)
-    with_curves = chance
+    if chance is None and mine:
+        regression = judging(contest, regression, noise, seed)
+    screened = Screened.beside(regression, mine)
+    hints: tuple[tuple[Effect, float, float], ...] = ()
     if chance is None:
-        of = np.repeat(place, np.diff(ends))
-        chance, with_curves = (
-            _chance(null[some], of[some], decision.alpha) for some in (law, np.full(len(law), True))
-        )
-        places = [each.effect.joints[0] if each.curve else "" for each in mine]
-        for joint in dict.fromkeys(filter(None, places)):
-            own = [i for i, name in enumerate(places) if name == joint]
-            most = max(own, key=lambda i: float(G[i]))
-            by_luck = _chance(null[at[own]], place[own], decision.alpha)
-            limit = max(by_luck.limit(int(place[most])), 0.0)
-            if G[most] / total > limit:
-                hints.append((mine[most].effect, float(G[most]) / total, limit))
-    assert with_curves is not None
+        laws = [i for i, each in enumerate(mine) if not each.curve]
+        chance = screened.chance(laws, decision.alpha)
+        with_curves = screened.chance(range(len(mine)), decision.alpha)
+        hints = tuple(screened.hints(decision.alpha))
+    else:
+        with_curves = chance
+    gain, places = screened.gain.tolist(), screened.place.tolist()
     limits = [
         with_curves.limit(u) if e.curve else raised(contest, e.effect, chance.limit(u))
-        for e, u in zip(mine, place.tolist(), strict=True)
+        for e, u in zip(mine, places, strict=True)
     ]
-    weigh, shares = Weigh(contest, regression, decision, total), (G / total).tolist()
-    curves: list[tuple[Effect, float]] = []
-    wanted: list[int] = []
-    for i in np.argsort(-G).tolist():
-        if mine[i].curve:
-            curves += [(mine[i].effect, shares[i])] if shares[i] > limits[i] else []
-        elif shares[i] > limits[i] or len(wanted) < CLOSEST:
-            wanted.append(i)
+    order = np.argsort(-screened.gain).tolist()
+    curves = tuple(
+        (mine[i].effect, gain[i]) for i in order if mine[i].curve and gain[i] > limits[i]
+    )
+    of_laws = [i for i in order if not mine[i].curve]
+    wanted = [i for k, i in enumerate(of_laws) if gain[i] > limits[i] or k < CLOSEST]
+    total = max(float(regression.loss.sum()), 1e-300)
+    weigh = Weigh(contest, regression, decision, total)
 
-    def weighed(some: list[int]) -> list[Evidence]:
-        refits = regression.refits([mine[i].groups[starts[i]] for i in some])
+    def weighed(some: Sequence[int]) -> list[Evidence]:
+        start = screened.start.tolist()
+        refits = regression.refits([mine[i].groups[start[i]] for i in some])
         return [
-            weigh(
-                mine[i], int(starts[i]), shares[i], limits[i], chance.p(shares[i], int(place[i])),
-                refit,
-            )
+            weigh(mine[i], start[i], gain[i], limits[i], chance.p(gain[i], places[i]), refit)
             for i, refit in zip(some, refits, strict=True)
-        ]  # fmt: skip
+        ]
 
     evidence = weighed(wanted[: 1 if least else None])
     if least and evidence:
-        evidence += weighed([i for i in wanted[1:] if shares[i] >= least * evidence[0].gain])
+        evidence += weighed([i for i in wanted[1:] if gain[i] >= least * evidence[0].gain])
     gains = {
-        each.effect.label: (float(g) / total, float(v), int(k))
-        for each, g, v, k in zip(mine, G, visible, starts, strict=True)
+        each.effect.label: (gain[i], float(screened.visible[i]), int(screened.start[i]))
+        for i, each in enumerate(mine)
     }
     evidence.sort(key=lambda each: -each.gain)
     return Ranking(
-        contest, regression, tuple(evidence), gains, chance, with_curves, total, tuple(curves),
-        tuple(hints),
-    )  # fmt: skip
-
-
-def _chance(null: Array, place: Index, alpha: float) -> Chance:
-    """The largest of the shares (groups, draws) of candidates at places (groups,): of surrogates of
-    the residual, of what the best candidate leaves, and of draws of the sensors' noise.
-    """
-    ends = SURROGATES, 2 * SURROGATES
-    largest = {int(u): np.split(null[place == u].max(axis=0), ends) for u in np.unique(place)}
-    left = null[:, ends[0] : ends[1]].max(axis=0, initial=-np.inf)
-    whole, noise = ({u: x[i] for u, x in largest.items()} for i in (0, 2))
-    return Chance(whole, left, noise, alpha)
+        contest, regression, tuple(evidence), gains, chance, with_curves, total, curves, hints
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,10 +382,12 @@ class Weigh:
         noise = np.sqrt(refit.loss.sum() / self.total)  # that is left with the effect
         stderr = refit.stderr * noise
         plausible = sensible(self.contest, effect, refit.theta, stderr)
-        material = size > self.decision.material and refit.visible > HIDDEN
+        material = size > self.decision.material
         most = int(refit.D.argmax())  # block that gains most; without it the rest must convince
-        rest = self.total - float(self.regression.loss[most])
-        steady = refit.D[most] < max(ONE_BLOCK * refit.G, refit.G - limit * rest)
+        others = np.arange(len(refit.D)) != most
+        before, after = (x[others].sum(axis=0) for x in (self.regression.losses, refit.loss))
+        rest = float(self.regression.explained(before - after, before))
+        steady = refit.D[most] < ONE_BLOCK * refit.G or rest > limit
         if effect.waves:
             steady &= self.contest.passed(effect.joints[0], shape[effect.waves]) > PASSED
         return Evidence(
@@ -364,7 +396,7 @@ class Weigh:
             columns,
             tuple(C),
             refit,
-            refit.G / self.total,
+            self.regression.gain(refit),
             limit,
             p,
             size,

@@ -1,8 +1,18 @@
 """The library of physical effects: one class a kind, one file a family; see `effect`."""
 
 from ident.effects.effect import Correcting, Correction, Effect, Signals, Sites, Unknown
-from ident.effects.library import KINDS, candidates, create, kind_of, parse, separating
-from ident.effects.user import UserEffect, parse_user, read_user_effect, user_effect
+from ident.effects.library import (
+    KINDS,
+    UserEffect,
+    candidates,
+    create,
+    kind_of,
+    parse,
+    parse_user,
+    read_user_effect,
+    separating,
+    user_effect,
+)
 
 __all__ = [
     "KINDS",

@@ -11,17 +11,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from ident.effects.effect import (
-    NOWHERE,
-    UNITS,
-    Bounds,
-    Effect,
-    Shape,
-    Signals,
-    Unknown,
-    unit_of,
-)
-from ident.effects.friction import direction
+from ident.effects.effect import NOWHERE, UNITS, Bounds, Effect, Shape, Signals, Unknown, unit_of
+from ident.effects.joint import direction
 from ident.errors import MechanismError, one_of
 
 PIECES = 5  # intervals of a curve of one signal

@@ -29,7 +29,7 @@ from ident.effects.effect import (
     scaled,
     unit_of,
 )
-from ident.effects.friction import direction
+from ident.effects.joint import direction
 from ident.text import rounded
 
 FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "sign", "tanh")

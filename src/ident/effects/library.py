@@ -1,31 +1,60 @@
-"""All kinds by name; how `kind:joint[,joint]` is read; all effects that a mechanism could have."""
+"""All kinds of effects by name, how `kind:joint[,joint]` is read, and a user's own.
+
+These are CasADi expressions of the signals:
+
+    def bump(s, w: "rad" = (0.1, 0.01, 1.0)):             # a shape: start, lowest, highest
+        return {"A [N m]": ca.exp(-(((s.q - 0.3) / w) ** 2))}   # torque = A · column
+
+Units, as an annotation of a shape and in brackets behind an unknown, may be left out. `s` has t
+(from the log's first sample), and q, v, … as `SIGNALS` describes them. With several joints
+the torque acts on the first, and each signal but t is a vector: s.q[0], s.q[1] …
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import inspect
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
 
 from ident.effects.curve import Curve
-from ident.effects.drive import Coupling, Delay, Drift, RotorInertia, TorqueGain, TorqueOffset
-from ident.effects.effect import Effect, Sites
-from ident.effects.elastic import Cable, EndStop, Payload, Ripple, Spring
-from ident.effects.friction import (
-    Coulomb,
-    Drag,
-    Hysteresis,
-    LoadFriction,
-    Stribeck,
-    TemperatureFriction,
-    Viscous,
-)
-from ident.effects.measurement import (
+from ident.effects.drive import (
     Backlash,
     ClosureCompliance,
+    Coupling,
+    Delay,
+    Drift,
     Elasticity,
     EncoderOffset,
     Geometry,
     GravityTilt,
+    RotorInertia,
+    TorqueGain,
+    TorqueOffset,
 )
-from ident.errors import MechanismError, one_of
+from ident.effects.effect import Effect, Shape, Signals, Sites, Unknown
+from ident.effects.joint import (
+    Cable,
+    Coulomb,
+    Drag,
+    EndStop,
+    Hysteresis,
+    LoadFriction,
+    Payload,
+    Ripple,
+    Spring,
+    Stribeck,
+    TemperatureFriction,
+    Viscous,
+    direction,
+)
+from ident.errors import MechanismError, line_of, one_of
+from ident.files import function_of
 
 KINDS: Mapping[str, type[Effect]] = {
     effect.kind: effect
@@ -119,3 +148,263 @@ def separating(kinds: Collection[str]) -> list[str]:
         for rival, text in kind.separated_by.items() if rival in kinds
     ]  # fmt: skip
     return list(dict.fromkeys(texts))
+
+
+SIGNALS = {
+    "q": "coordinate [rad | m]",
+    "v": "its rate",
+    "a": "its acceleration",
+    "tau": "torque that the model predicts for the joint [N m | N]",
+    "lam": "the part of it that the links need, in a closure's own joint |λ| [N m | N]",
+    "direction": "sign of v, smooth below the speed of standstill, so that it can be simulated",
+    "temperature": "the log's column temperature.<joint> [°C]",
+}
+PREDICTED = {"a": 2, "torque": 3, "load": 4}  # `Effect.asks`, by their place among the inputs
+DIRECTION, TEMPERATURE, TIME = 5, 6, 7  # their places among the inputs
+STARTS = 12  # of the search, for each shape
+MOST = 3  # joints whose signals a function is tried with
+UserFunction = Callable[..., Mapping[str, Any]]
+
+
+class UserEffect(Effect):
+    """Base of the classes that `user_effect` makes."""
+
+    function: ClassVar[UserFunction]
+    starting: ClassVar[Mapping[str, float]]  # where the search of each shape starts
+    fewest: ClassVar[int] = 1  # joints whose signals the function asks for
+
+    def __post_init__(self) -> None:
+        if len(self.joints) < self.fewest:
+            raise MechanismError(
+                f"effect '{self.kind}' looks at {self.fewest} joint(s), given: "
+                f"{', '.join(self.joints) or 'none'}; write "
+                f"{self.kind}:{','.join(['joint'] * self.fewest)}"
+            )
+        _compiled(type(self), len(self.joints))
+        super().__post_init__()
+
+    @property
+    def arity(self) -> int:  # type: ignore[override]
+        return len(self.joints)
+
+    @property
+    def asks(self) -> tuple[str, ...]:  # type: ignore[override]
+        return tuple(
+            word
+            for word, place in PREDICTED.items()
+            if place in _used(type(self), len(self.joints))
+        )
+
+    def reads(self) -> tuple[str, ...]:
+        used = _used(type(self), len(self.joints))
+        return tuple(f"temperature.{name}" for name in self.joints if TEMPERATURE in used)
+
+    def informed(self, s: Signals) -> np.ndarray:
+        found = np.ones(s.q.shape, dtype=bool)
+        if DIRECTION in _used(type(self), len(self.joints)):
+            found[:, 0] = (np.abs(s.v) >= s.still).all(axis=1)
+        return found
+
+    @property
+    def not_integrable(self) -> str:
+        compiled = _compiled(type(self), len(self.joints))
+        used = {compiled.instruction_id(i) for i in range(compiled.n_instructions())}
+        if ca.OP_SIGN in used:
+            return "its function has sign(), which jumps; write s.direction for that of s.v"
+        return ""
+
+    def columns(self, s: Signals) -> np.ndarray:
+        """E (n, joints, unknowns): the function's columns at the first joint, 0 at the others."""
+        n, compiled = len(s.t), _compiled(type(self), len(self.joints))
+        zero = np.zeros_like(s.q)
+        asked = (s.torque, s.load) if self.implicit else (zero, zero)
+        heat = np.stack([s.extra[name] for name in self.reads()] or list(zero.T))
+        shape = np.array([s.shape[each.name] for each in self.shapes]).reshape(-1, 1)
+        values = compiled(
+            *(x.T for x in (s.q, s.v, s.a, *asked, direction(s.v, s.still))), heat,
+            (s.t - s.t[0])[None], np.tile(shape, n),
+        )  # fmt: skip
+        E = np.zeros((*s.q.shape, len(self.unknowns)))
+        E[:, 0] = values.full().T
+        if not np.isfinite(E).all():
+            at = int(np.argmin(np.isfinite(E).all(axis=(1, 2))))
+            raise MechanismError(
+                f"effect '{self.label}': its function is {E[at, 0]} at t = {s.t[at]:.4g} s, where "
+                f"q = {s.q[at, 0]:.4g}, v = {s.v[at, 0]:.4g}; make it finite for every motion"
+            )
+        return E
+
+    def starts(self, s: Signals) -> list[Shape]:
+        # the given start, and points spread evenly between the bounds
+        if not self.starting:
+            return [{}]
+        start = np.array(list(self.starting.values()))
+        low, high = np.array([shape.range for shape in self.shapes]).T
+        k = len(start)
+        from scipy.stats import qmc  # takes half a second to import
+
+        shares = qmc.Halton(k, scramble=False).random(STARTS * k + 1)[1:]
+        return [
+            dict(zip(self.starting, map(float, x), strict=True))
+            for x in (start, *(low + shares * (high - low)))
+        ]
+
+
+def user_effect(name: str, function: UserFunction, file: Path | None = None) -> type[UserEffect]:
+    """A kind of effect from a function of signals; `mechanism + Kind(("elbow",))` adds it.
+
+    Args:
+        name: of the kind, as in parameters' names.
+        function: `s -> {unknown: column}`, CasADi expressions of s.q, s.v, s.a, … of `SIGNALS`, and
+            s.t (from the log's first sample);
+            keyword arguments with defaults (start, lowest, highest) are shapes, to be searched.
+        file: where it was read from, if it was.
+
+    Raises:
+        MechanismError: if the function cannot be used.
+    """
+    if not name.isidentifier() or name in KINDS:
+        why = "is in the library" if name in KINDS else "is no name"
+        raise MechanismError(f"effect '{name}' {why}; give another of letters, digits and _")
+    starting, shapes = _shapes(name, function)
+    members: dict[str, Any] = {
+        "__doc__": inspect.getdoc(function) or "A user's own effect.",
+        "__module__": __name__,
+        "kind": name,
+        "function": staticmethod(function),
+        "starting": starting,
+        "shapes": shapes,
+        "file": file,
+        "signature": "as the function has it",
+        "source": file.name if file else "a function of one's own",
+    }
+    kind: type[UserEffect] = type(name, (UserEffect,), members)
+    first: MechanismError | None = None
+    for joints in range(1, MOST + 1):  # a function of two joints' signals fails with one
+        try:
+            columns, inputs = _evaluated(kind, joints)
+            break
+        except MechanismError as error:
+            first = first or error
+    else:
+        assert first is not None
+        raise first
+    kind.fewest = joints
+    kind.unknowns = tuple(
+        Unknown(key, (unit, unit), "of the function") for key, (_, unit) in columns.items()
+    )
+    kind.equation = " + ".join(f"{key} ({column})" for key, (column, _) in columns.items())
+    every = ca.vertcat(*(column for column, _ in columns.values()))
+    kind.memory = bool(ca.depends_on(every, inputs[TIME]))  # t from the start
+    kind.implicit = bool(ca.depends_on(every, ca.vertcat(*inputs[3:5])))
+    _compiled(kind, joints)
+    return kind
+
+
+def _shapes(name: str, function: UserFunction) -> tuple[dict[str, float], tuple[Unknown, ...]]:
+    try:
+        given = list(inspect.signature(function).parameters.items())[1:]
+    except (TypeError, ValueError):
+        raise MechanismError(f"effect '{name}': {function!r} is no function of s") from None
+    starting, shapes = {}, []
+    for key, parameter in given:
+        try:
+            start, low, high = (float(x) for x in parameter.default)
+        except (TypeError, ValueError):
+            start, low, high = np.nan, 0.0, 0.0
+        if not -np.inf < low <= start <= high < np.inf or not low < high:
+            shown = "nothing" if parameter.default is parameter.empty else repr(parameter.default)
+            raise MechanismError(
+                f"effect '{name}': the default of {key} is {shown}; give its start and bounds: "
+                f"{key}=(start, lowest, highest)"
+            )
+        unit = parameter.annotation
+        unit = unit.strip("'\"") if isinstance(unit, str) else "?"
+        starting[key] = start
+        shapes.append(Unknown(key, (unit, unit), "of the function", range=(low, high)))
+    return starting, tuple(shapes)
+
+
+def _evaluated(
+    kind: type[UserEffect], joints: int
+) -> tuple[dict[str, tuple[ca.SX, str]], list[ca.SX]]:
+    symbols = {name: ca.SX.sym(name, joints) for name in SIGNALS}
+    t, shapes = ca.SX.sym("t"), {name: ca.SX.sym(name) for name in kind.starting}
+    try:
+        returned = kind.function(SimpleNamespace(**symbols, t=t), **shapes)
+        columns = {}
+        for key, column in returned.items():
+            name, _, unit = str(key).partition(" [")
+            columns[name] = ca.SX(column), unit.removesuffix("]") or "?"
+    except (Exception, SystemExit) as error:  # it is the user's code
+        raise MechanismError(
+            f"effect '{kind.kind}': its function fails: {line_of(error)}; it is given s with "
+            f"{', '.join(SIGNALS)}, t and returns {{'unknown': CasADi expression}}"
+        ) from None
+    for name, (column, _) in columns.items():
+        if not name.isidentifier() or column.shape != (1, 1):
+            raise MechanismError(
+                f"effect '{kind.kind}': its function returns {column.shape[0]} × "
+                f"{column.shape[1]} numbers for the unknown '{name}'; valid: one expression for "
+                "each name (of several joints take one: s.q[0])"
+            )
+    if not columns:
+        raise MechanismError(f"effect '{kind.kind}': its function returns no unknown")
+    return columns, [*symbols.values(), t, ca.vertcat(*shapes.values())]
+
+
+@cache
+def _compiled(kind: type[UserEffect], joints: int) -> ca.Function:
+    columns, inputs = _evaluated(kind, joints)
+    column = ca.densify(ca.vertcat(*(each for each, _ in columns.values())))
+    try:
+        return ca.Function("columns", inputs, [column])
+    except Exception as error:  # it contains other symbols than its inputs
+        raise MechanismError(
+            f"effect '{kind.kind}': its expression has other symbols than those of s: "
+            f"{line_of(error)}"
+        ) from None
+
+
+@cache
+def _used(kind: type[UserEffect], joints: int) -> frozenset[int]:
+    """Return the places of the inputs on which its columns depend."""
+    compiled = _compiled(kind, joints)
+    return frozenset(i for i in range(compiled.n_in()) if compiled.jac_sparsity(0, i).nnz())
+
+
+def parse_user(text: str) -> tuple[Path, str, tuple[str, ...]] | None:
+    """`file.py:function:joint[,joint]` as (file, function, joints); None for anything else."""
+    stem, python, rest = text.partition(".py:")
+    if not python and not text.endswith(".py"):
+        return None
+    name, _, joints = rest.partition(":")
+    names = tuple(part.strip() for part in joints.split(","))
+    if not name or not all(names):
+        file = text if text.endswith(".py") else f"{stem}.py"
+        raise MechanismError(
+            f"effect '{text}': write file, function and joint: {file}:{name or 'function'}:joint"
+        )
+    return Path(f"{stem}.py"), name, names
+
+
+def read_user_effect(
+    file: Path, name: str, *, allow_code: bool, where: str = ""
+) -> type[UserEffect]:
+    """The kind of effect that a Python file's function `name` describes; runs the file.
+
+    Args:
+        file: to be run.
+        name: of the function, and of the kind.
+        allow_code: whether it may be run.
+        where: begins the message of an error.
+
+    Raises:
+        MechanismError: if it may not or cannot be run, or has no such function.
+    """
+    before = f"{where}: " if where else ""
+    try:
+        return user_effect(name, function_of(file, name, allow_code=allow_code), file)
+    except MechanismError as error:
+        effect = f"effect '{name}': "
+        raise MechanismError(f"{before}{effect}{str(error).removeprefix(effect)}") from None

@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ident.information.splines import Basis
+from ident.information.time_bases import Basis
 
 RIPPLE = 60.0  # dB in the stop band
 OVERSAMPLING = 4.0  # filtered samples a period of the cut-off

@@ -30,13 +30,11 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from ident.equations.corrections import Scene, corrected, residual
 from ident.equations.filter import Decimator, filtered_windows
-from ident.equations.rows import informing, largest_transmission, rows
+from ident.equations.rows import Scene, corrected, informing, largest_transmission, residual, rows
 from ident.equations.terms import Samples, informative_joints
 from ident.equations.unknowns import Columns, Point
-from ident.information.band import Chunk, Elimination, eliminate
-from ident.information.splines import Basis
+from ident.information.time_bases import Basis, Chunk, Elimination, eliminate
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.smoothing import through_motion
 from ident.motion.spline import WIDTH, Smooth, Spline, fitted
@@ -53,11 +51,7 @@ PERIOD = 8.0  # samples of G to a period of the rows' cut-off; between them it i
 
 
 def gain(
-    mechanism: Mechanism,
-    e: State,
-    names: tuple[str, ...],
-    point: Point,
-    cutoff: float | None,
+    mechanism: Mechanism, e: State, names: tuple[str, ...], point: Point, cutoff: float | None
 ) -> np.ndarray:
     """G (n, d, coordinates, 3) of all samples of a state, which may be thinned, at a point.
 

@@ -121,13 +121,16 @@ class Samples:
         return self._signals[joints]
 
     def columns(self, effect: Effect, shape: Mapping[str, float]) -> np.ndarray:
-        """E (n, arity, unknowns) of an effect at a shape."""
-        if not effect.memory:
+        """E (n, arity, unknowns) of an effect at a shape; those of a part of what depends on the
+        past are of the whole, which is stored for the other parts.
+        """
+        whole = isinstance(self.part, slice) and self.part == slice(None)
+        if whole or not effect.memory:
             return effect.columns(replace(self.signals(effect.joints), shape=shape))
         key = (effect.label, *sorted(shape.items()))
         if key not in self.memo:
-            whole = self.generalised(slice(None)).signals(effect.joints)
-            self.memo[key] = effect.columns(replace(whole, shape=shape))
+            signals = self.generalised(slice(None)).signals(effect.joints)
+            self.memo[key] = effect.columns(replace(signals, shape=shape))
         return self.memo[key][self.part]
 
     def add_effect(
@@ -155,12 +158,7 @@ class Samples:
             self.add_torque(out, name, E[:, i] @ c)
 
     def add_sensitivity(
-        self,
-        out: np.ndarray,
-        effect: Effect,
-        c: np.ndarray,
-        shape: Mapping[str, float],
-        name: str,
+        self, out: np.ndarray, effect: Effect, c: np.ndarray, shape: Mapping[str, float], name: str
     ) -> None:
         """Adds ∂(E(s) c)/∂s (n, r) of one shape parameter, by central differences."""
         h = self.step(effect, shape, name)

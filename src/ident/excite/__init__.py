@@ -2,6 +2,6 @@
 
 from ident.excite.design import excite
 from ident.excite.excitation import Excitation, Separation, separation
-from ident.excite.limits import Limits
+from ident.excite.trajectory import Limits
 
 __all__ = ["Excitation", "Limits", "Separation", "excite", "separation"]

@@ -13,20 +13,27 @@ from itertools import islice
 import numpy as np
 from scipy.optimize import NonlinearConstraint, minimize
 
+from ident.display import Progress
 from ident.equations.unknowns import Columns
-from ident.errors import MechanismError, MotionError, one_of
+from ident.errors import MechanismError, MotionError, check_whole, one_of
 from ident.excite.excitation import Criterion, Determined, Excitation, places_of, with_rivals
-from ident.excite.limits import LimitBox, Limits
-from ident.excite.trajectory import Family, Fourier, MotionRows, at_rest, moved_joints
+from ident.excite.trajectory import (
+    Family,
+    Fourier,
+    LimitBox,
+    Limits,
+    MotionRows,
+    at_rest,
+    moved_joints,
+)
 from ident.fit.shapes import initial
 from ident.information.estimate import TOLERANCE, rank_revealing
-from ident.information.triangle import Triangle
+from ident.information.linear import Triangle
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Band, Motion
 from ident.motion.closures import LoopSolver
 from ident.motion.recipe import thresholds, top_speeds
-from ident.progress import Progress
 from ident.simulate.inverse import joint_columns
 
 SAMPLES = 24  # of the search, a period of the highest harmonic
@@ -377,11 +384,15 @@ def excite(
             for a mechanism with fewer drives than degrees of freedom; for rivals that no motion
             distinguishes.
     """
+    check_whole("seed", seed)
     _check(duration, periods, rate, harmonics, tries)
     if not 0 <= balance < np.inf:
         raise MotionError(f"balance {balance:g}; a number from 0 is expected")
     if separate is not None:
-        separate = (separate[0], separate[1])
+        if isinstance(separate, str) or len(separate) != 2:
+            raise MotionError(
+                f"separate {separate!r}; valid: two effects, as ('drag:a', 'viscous:a')"
+            )
         mechanism = with_rivals(mechanism, separate)
     problem = DesignProblem(
         mechanism, limits or Limits(), duration / periods, harmonics, noise or {}, seed

@@ -27,13 +27,12 @@ from ident.display import Plotted
 from ident.effects import KINDS, parse
 from ident.equations.unknowns import Columns, Point
 from ident.errors import MechanismError
-from ident.excite.limits import LimitUse
-from ident.excite.trajectory import MotionRows, motion_rows
+from ident.excite.trajectory import LimitUse, MotionRows, motion_rows
 from ident.fit.shapes import initial
 from ident.fit.values import base_names
 from ident.information import linear
 from ident.information.estimate import TOLERANCE, rank_revealing, solve
-from ident.information.triangle import Triangle
+from ident.information.linear import Triangle
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion

@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from ident.fit.findings import Finding
-from ident.information.triangle import Array
+from ident.information.linear import Array
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion import Motion, State

@@ -17,7 +17,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import lapack
 
 from ident.effects import Effect
 from ident.fit.faults import CredibleFault, Fault, another_factor, torque_faults
@@ -172,38 +172,41 @@ class ChannelEquations:
         weights for a relative noise (d,); or of one block, fitted to the others.
         """
         c, size = self.squares_of(cause)
-        x = np.broadcast_to(self.solution(cause, noise, block), (len(c), self.k))
+        x = np.broadcast_to(self._solved(c, size * noise**2, block), (len(c), self.k))
         judged = self.total if block is None else self.gram_of(block)
         return np.maximum(squares(judged, np.concatenate([x, -c], axis=1)), 0.0) / size
 
-    def solution(self, cause: Fault, noise: Array, block: int | None = None) -> Array:
-        """The unknowns (k,) of a cause, fitted to all rows or to all but those of a block."""
-        k, d = self.k, len(self.total)
+    def solution(self, cause: Fault, noise: Array) -> Array:
+        """The unknowns (k,) of a cause, fitted to all rows."""
         c, size = self.squares_of(cause)
-        fitted = self.total if block is None else self.total - self.gram_of(block)
-        scale, factor, GH, L = self._factor(fitted, size * noise**2, block)
-        b = sum((fitted[u, :k, k:] @ c[u] / (size * noise**2)[u] for u in range(d)), np.zeros(k))
-        x = cho_solve(factor, b / scale)
-        slack = self.limits[0] / scale @ x + self.limits[1]
+        return self._solved(c, size * noise**2, None)
+
+    def _solved(self, c: Array, size: Array, block: int | None) -> Array:
+        """The unknowns (k,) of right-hand sides c (d, r), with weights 1/size (d,), fitted to all
+        rows or to all but those of a block.
+        """
+        k, key = self.k, (block, *np.round(np.log(size), 2))
+        others = self.total if block is None else self.total - self.gram_of(block)
+        if key not in self.memo:  # R of the Cholesky factors, for unit columns
+            H = np.tensordot(1 / size, others[:, :k, :k], 1)
+            scale = np.sqrt(np.where(np.diag(H) > 0, np.diag(H), 1.0))
+            R, failed = lapack.dpotrf(H / scale / scale[:, None] + RIDGE * np.eye(k))
+            if failed:
+                raise np.linalg.LinAlgError("normal equations without a Cholesky factor")
+            self.memo[key] = scale, R
+        scale, R = self.memo[key]
+        b = (1 / size) @ (others[:, :k, k:] @ c[:, :, None])[:, :, 0]
+        x, _ = lapack.dpotrs(R, b / scale)
+        G = self.limits[0] / scale
+        slack = G @ x + self.limits[1]
         if (slack < 0).any():  # the dual problem: min ½|Lᵀμ + L⁻¹ slack|² over μ ≥ 0
             from scipy.optimize import nnls  # takes 0.2 s to import
 
-            x = x + GH @ nnls(L.T, -solve_triangular(L, slack, lower=True))[0]
-        return np.asarray(x / scale)
-
-    def _factor(self, total: Array, size: Array, block: int | None) -> Any:
-        """Cholesky factors of the normal equations, weighted by 1/size (d,), and of their dual."""
-        key = block, *np.round(np.log(size), 2)
-        if key not in self.memo:
-            H = np.tensordot(1 / size, total[:, : self.k, : self.k], 1)
-            scale = np.sqrt(np.where(np.diag(H) > 0, np.diag(H), 1.0))
-            factor = cho_factor(H / scale / scale[:, None] + RIDGE * np.eye(self.k))
-            G = self.limits[0] / scale
-            GH = cho_solve(factor, G.T)
+            GH, _ = lapack.dpotrs(R, G.T)
             dual = G @ GH
             L = np.linalg.cholesky(dual + (1e-12 * np.trace(dual) or 1.0) * np.eye(len(dual)))
-            self.memo[key] = scale, factor, GH, L
-        return self.memo[key]
+            x = x + GH @ nnls(L.T, -lapack.dtrtrs(L, slack, lower=1)[0])[0]
+        return np.asarray(x / scale)
 
     def rows_of(self, cause: Fault) -> Array:
         """Which coordinates (d,) feel the joints of a cause."""
@@ -357,7 +360,7 @@ def credible_t(hypotheses: int, blocks: int) -> float:
 
 def squares(gram: Array, z: Array) -> Array:
     """zᵀ G z (d,) of G (d, n, n) and z (d, n)."""
-    return np.array([v @ G @ v for G, v in zip(gram, z, strict=True)])
+    return np.asarray((z[:, None] @ gram @ z[:, :, None])[:, 0, 0])
 
 
 def _steps(table: Table) -> tuple[Array, int]:
@@ -379,9 +382,9 @@ def _own_torques(table: Table, own: tuple[int, ...], steps: Array) -> Array:
         shifted = np.arange(n)[:, None] + steps[1:]
         far = np.abs(steps[1:]) > LONGEST * scene.e.rate + 1
         shifted = np.where(far, shifted % n, np.clip(shifted, 0, n - 1))
-        late = table.filtered(number, tau[shifted][:, :, list(own)]).transpose(0, 2, 1)
-        every = np.repeat(table.filtered(number, tau)[:, None], len(own), axis=1)
-        found.append(np.concatenate([every, late], axis=2))
+        every = table.filtered(number, tau)
+        each = (np.hstack([every, table.filtered(number, tau[shifted, j])]) for j in own)
+        found.append(np.stack([*each], axis=1))  # one drive after the other, to take less memory
     return np.concatenate(found)
 
 
@@ -427,14 +430,13 @@ def _limits(
     places |= {name: k - len(extra) + i for i, name in enumerate(extra)}
     G = np.zeros((d, k))
     G[:, : int((~held).sum())] = inertia[:, ~held]
-    positive = []
-    for each in (*mechanism.effects, *effects):
+    positive, given = [], []
+    for each in {e.label: e for e in (*effects, *mechanism.effects)}.values():
         for name, unknown in zip(each.names, each.parameters, strict=True):
             if name not in places or not (each.common and unknown.nonnegative):
                 continue
             positive.append(np.eye(k)[places[name]])
+            given.append(each.values.get(unknown.name, 0.0))  # of which the unknown is the change
             if unknown.acts == "inertia" and each.joints[0] in independent:
                 G[independent.index(each.joints[0]), places[name]] += 1.0
-    return np.concatenate([G, *([positive] if positive else [])]), np.concatenate(
-        [offset, np.zeros(len(positive))]
-    )
+    return np.concatenate([G, *([positive] if positive else [])]), np.concatenate([offset, given])

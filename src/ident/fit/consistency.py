@@ -23,14 +23,15 @@ from typing import Any
 
 import numpy as np
 
-from ident.display import Displayed
+from ident.display import Displayed, Progress
 from ident.equations.unknowns import Columns
 from ident.errors import FitError
 from ident.fit.findings import Finding, bodies_with_unknowns
-from ident.fit.limits import limits_of, pseudo_inertia_basis, smallest_eigenvalues, unit_balls
+from ident.fit.limits import in_balls, limits_of, of_bodies, smallest_eigenvalues
 from ident.fit.problem import Problem
 from ident.fit.shapes import shape_bounds
 from ident.information.blocks import Squares
+from ident.information.chance import held_out, rise
 from ident.information.cone import (
     SLACK,
     Limit,
@@ -42,12 +43,10 @@ from ident.information.cone import (
     smat,
     svec,
 )
-from ident.information.covariance import held_out, rise
 from ident.information.estimate import FLOOR, Estimate
-from ident.information.triangle import Triangle
+from ident.information.linear import Triangle
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import COUNT, Consistency
-from ident.progress import Progress
+from ident.mechanism.parameters import Consistency
 
 STILL = 0.1  # rows that all rows of a coordinate at standstill count as
 PULL = 0.01  # ρ: bodies' own sizes in which the prior counts as one standard deviation
@@ -129,31 +128,18 @@ class Binding(Displayed):
         }
 
 
-@dataclass(frozen=True, eq=False)
-class Constrained:
-    """A consistent estimate.
-
-    Attributes:
-        problem: at the point where it was found; estimate: with the consistent x.
-        free: without limits, at the same point.
-        outside: held-out errors, each stretch of time predicted by a consistent fit to the others.
-        binding: which limits hold it back, and what they cost.
-    """
-
-    problem: Problem
-    estimate: Estimate
-    free: Estimate
-    outside: Squares | None
-    binding: Binding
-
-
 def nearest_possible(
     problem: Problem, found: Estimate, asked: Consistency, on_progress: Progress | None = None
-) -> Constrained:
+) -> tuple[Problem, Estimate, Estimate, Squares | None, Binding]:
     """Return the consistent estimate that is nearest to the data; weights are those of `found`.
 
     Where columns depend on the solution, the rows are made anew there until it rests; rows in which
     the motion has moved stay as they are.
+
+    Returns:
+        The problem at the point where it was found; the estimate with the consistent x, and without
+        limits; held-out errors, each stretch of time predicted by a consistent fit to the others;
+        which limits hold it back, and what they cost.
 
     Raises:
         FitError: for limits that contradict each other, or a solution that does not hold.
@@ -180,7 +166,7 @@ def nearest_possible(
     worse = None if outside is None or before is None else rise(outside, before)
     rises = rise(problem.information.squares(point.x), unlimited), worse
     binding = _binding(problem, asked, program.limits, point, rises)
-    return Constrained(problem, found.at(point.x), found, outside, binding)
+    return problem, found.at(point.x), found, outside, binding
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,21 +270,17 @@ def _metric(
     mechanism: Mechanism, columns: Columns, scale: np.ndarray, ball: float, at: np.ndarray | None
 ) -> np.ndarray:
     """Return W: a body's change by S = P(at) + ball · B (or the ball alone), an effect by size."""
-    rows, balls = [], unit_balls(mechanism)
+    rows, D = [], of_bodies(mechanism, columns)
     pi = None if at is None else columns.dynamic_parameters(mechanism, at)
-    for number in range(len(mechanism.bodies.links)):
-        mine = slice(COUNT * number, COUNT * (number + 1))
-        places = np.flatnonzero((columns.rigid >= mine.start) & (columns.rigid < mine.stop))
-        if not len(places):
+    for link, P in zip(mechanism.bodies.links, in_balls(mechanism), strict=True):
+        mine = mechanism.bodies.columns(link)
+        if not D[mine].any():
             continue
-        P = pseudo_inertia_basis(balls[number])
         S = ball * np.eye(4) + (0.0 if pi is None else smat(P @ pi[mine]))
         eigenvalues, V = np.linalg.eigh(S)
         root = V @ np.diag(eigenvalues**-0.5) @ V.T
         block = np.stack([svec(root @ smat(column) @ root) for column in P.T], axis=1)
-        wide = np.zeros((COUNT, len(columns)))
-        wide[:, places] = block[:, columns.rigid[places] - mine.start]
-        rows.append(wide)
+        rows.append(block @ D[mine])
     effects = np.arange(len(columns.rigid), len(columns))
     rows.append(np.eye(len(columns))[effects] / scale[effects, None])
     return np.vstack(rows)

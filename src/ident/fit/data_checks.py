@@ -122,18 +122,19 @@ class DataChecks:
 
     @cached_property
     def effects(self) -> list[Effect]:
-        """The library's linear effects at every drive that the model lacks."""
+        """The library's linear effects at every drive that the model lacks, or has with known
+        values, which may have changed.
+        """
         driven = set(self.mechanism.driven)
-        has = {each.label for each in self.mechanism.effects}
+        changed = [each.freed for each in self.mechanism.effects if each.known]
         return [
             each
-            for each in self.mechanism.candidates()
+            for each in (*self.mechanism.candidates(), *changed)
             if each.local
             and each.linear
             and not each.shapes
             and len(each.joints) == 1
             and set(each.joints) <= driven
-            and each.label not in has
         ]
 
     @cached_property

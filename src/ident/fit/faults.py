@@ -18,7 +18,7 @@ import numpy as np
 
 from ident.effects import KINDS
 from ident.fit.findings import Finding
-from ident.information.triangle import Array
+from ident.information.linear import Array
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import is_rotational, joint_axis
 from ident.motion import State

@@ -1,4 +1,4 @@
-"""Files of a fit: fit.json, multipliers.csv, identified.urdf; and reading fit.json back."""
+"""Files of a fit: fit.json, multipliers.csv, identified.urdf; fit.json read back."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, MechanismError, missing_file, one_of
 from ident.files import json_bytes, regular, write_all
 from ident.fit.findings import LEAST_MASS, bodies_with_unknowns
-from ident.fit.multipliers import Reactions
+from ident.fit.prediction import Reactions
 from ident.fit.result import Fit
-from ident.fit.values import BaseValue, Value
+from ident.fit.values import ALPHA, BaseValue, Changes, Value
 from ident.information.blocks import Error
 from ident.mechanism.description import read_description
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import DYNAMIC, beyond_centroidal, pseudo_inertia
+from ident.mechanism.parameters import pseudo_inertia
 from ident.mechanism.urdf import fixed_parameters, lock, parse_urdf, with_inertials
 from ident.mechanism.write import folder_files
 from ident.motion import Motion
@@ -181,9 +181,23 @@ def fit_json(fit: Fit) -> dict[str, Any]:
         "condition_number": fit.condition_number,
         "rank": fit.rank,
         **({} if fit.binding is None else {"consistency": fit.binding.json()}),
+        **({} if fit.changes is None else {"changes": _changes(fit.changes)}),
         "correlated": [list(pair) for pair in fit.correlation.pairs()],
         "warnings": list(fit.warnings),
     }
+
+
+def _changes(x: Changes) -> dict[str, Any]:
+    entries = [
+        {
+            "name": each.after.name, "unit": each.after.unit, "changed": each in x.changed,
+            "before": each.before.value, "before_stderr": each.before.stderr,
+            "value": each.after.value, "stderr": each.after.stderr, "z": each.z,
+        }
+        for each in x.compared
+    ]  # fmt: skip
+    return {"since": x.since, "alpha": ALPHA, "least_z": x.least, "compared": entries,
+            "not_compared": list(x.apart)}  # fmt: skip
 
 
 def _entry(value: Value | BaseValue) -> dict[str, Any]:
@@ -204,6 +218,7 @@ class Saved:
         point: values of all parameters.
         cutoff: of the filter that the fit was made with [Hz], None for none, "auto" if not stated.
         errors: of the fit by set (`train`, `held out`, a log it was validated on), then joint.
+        base_parameters: the combinations that its log determined.
         motion: always None, as of no fit that is read from a file.
     """
 
@@ -212,6 +227,7 @@ class Saved:
     point: Point
     cutoff: float | str | None = "auto"
     errors: Mapping[str, Mapping[str, Error]] = field(default_factory=dict)
+    base_parameters: tuple[BaseValue, ...] = ()
     motion: Motion | None = field(default=None, init=False)  # a file does not hold its data
 
     @property
@@ -297,19 +313,9 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
                 f"{one_of(name.split('.')[0], grown.bodies.links)}"
             )
     given = {name: float(value) for name, value in values.items() if value is not None}
+    start = Point(grown.bodies.with_values(grown.prior, {**given}), given)
     columns = Columns.of(grown)
-    x = columns.prior.copy()
-    for name, value in given.items():
-        if name in columns.index:
-            x[columns.index[name]] = value
-    pi = columns.dynamic_parameters(grown, x)
-    for name, value in given.items():  # moments of inertia about the centre of mass
-        link, _, word = name.rpartition(".")
-        at = columns.index.get(f"{link}.L{word[1:]}", -1)
-        if word[:1] == "I" and at >= 0 and link in grown.bodies.links:
-            shift = beyond_centroidal(pi[grown.bodies.columns(link)])
-            x[at] = value + shift[DYNAMIC.index(f"L{word[1:]}")]
-    point = Point.prior(grown).with_values(given).at(grown, columns, x)
+    point = start.at(grown, columns, start.unknowns(columns))
     cutoff = filtered["cutoff"] if (filtered := data.get("filter")) else "auto"
     errors = data.get("error") or {}
     sets = {"train": errors.get("train"), "held out": errors.get("held_out")}
@@ -321,6 +327,10 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
             }
             for title, joints in {**sets, **(errors.get("validation") or {})}.items() if joints
         },
+        tuple(
+            BaseValue(str(e["name"]), float(e["value"]), float(e["stderr"]), str(e["unit"]))
+            for e in data.get("base_parameters") or () if e["stderr"] is not None
+        ),
     )  # fmt: skip
 
 

@@ -1,30 +1,35 @@
-"""The verb `identify`: mechanism and motion become a fit."""
+"""The verbs `identify`: mechanism and motion become a fit; `compare`: fits on the same motion."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
+from ident.display import Progress, part
 from ident.equations.unknowns import Point
 from ident.errors import FitError, one_of
+from ident.files import Written
 from ident.fit.channel_checks import copies
 from ident.fit.consistency import nearest_possible
+from ident.fit.files import Saved
 from ident.fit.findings import Finding, basis_bias, findings_of
 from ident.fit.likelihood import Likelihood, weighed
+from ident.fit.prediction import Prediction, predict
 from ident.fit.problem import Problem, information_of
+from ident.fit.residual import Charted, Failure, Residual, residual_of
 from ident.fit.result import Fit
 from ident.fit.shapes import beyond_bounds, working_point
 from ident.fit.values import effect_values
 from ident.information.blocks import Error
-from ident.information.covariance import covariance, held_out, prior_covariance
+from ident.information.chance import covariance, held_out, prior_covariance
 from ident.information.estimate import Estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Consistency
 from ident.motion import Motion
-from ident.progress import Progress, part
 
 ESTIMATORS = ("auto", "least-squares", "likelihood")
 
@@ -124,9 +129,8 @@ def fit_of(
     free, binding, limits = estimate, None, problem.mechanism.consistency
     if consistent:
         limits |= consistent if isinstance(consistent, Consistency) else Consistency()
-        possible = nearest_possible(problem, estimate, limits, on_progress)
-        problem, estimate, free = possible.problem, possible.estimate, possible.free
-        outside, binding = possible.outside, possible.binding
+        found = nearest_possible(problem, estimate, limits, on_progress)
+        problem, estimate, free, outside, binding = found
         findings += binding.findings
     else:
         outside = held_out(problem.fitting, problem.information, estimate, problem.prior)
@@ -166,3 +170,75 @@ def _errors_on(
         e.name: rows.of_log(number).squares(fit.estimate.x).errors(joints, units)
         for number, e in enumerate(motion.experiments)
     }
+
+
+# --- models on the same motion --------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Charted, Written):
+    """One or several models on the same motion. Made by `ident.compare`.
+
+    Attributes:
+        residuals: residual of each model, by its name.
+        fitted: errors of each model's own fit, by name: `train`, `held out`, and logs it was
+            validated on; by joint.
+    """
+
+    residuals: Mapping[str, Residual]
+    fitted: Mapping[str, Mapping[str, Mapping[str, Error]]]
+
+    @property
+    def errors(self) -> dict[str, dict[str, Error]]:
+        """Errors on this motion, by model, then joint."""
+        return {name: residual.errors for name, residual in self.residuals.items()}
+
+    @property
+    def where(self) -> dict[str, tuple[Failure, ...]]:
+        """Where each model fails, the joint with the largest share first."""
+        return {name: residual.where for name, residual in self.residuals.items()}
+
+    @cached_property
+    def predictions(self) -> dict[str, list[Prediction]]:
+        """Predictions of each model, one an experiment, at full rate and unfiltered."""
+        return {
+            name: predict(r.model.mechanism, r.motion, r.model.point)
+            for name, r in self.residuals.items()
+        }
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the independent joints' torques."""
+        return next(iter(self.residuals.values())).units
+
+
+def compare(
+    *models: Fit | Saved, motion: Motion | None = None, progress: Progress | None = None
+) -> Comparison:
+    """Compare models with measurement on one motion.
+
+    Args:
+        models: fits, or fit.json files read back.
+        motion: on which to compare; default: the one that the first fit was made from.
+        progress: called with (what is being done, share done).
+
+    Raises:
+        FitError: if there is no model, or no motion to compare on.
+    """
+    if not models:
+        raise FitError("nothing to compare; give one fit or several")
+    for model in models:
+        if not isinstance(model, Fit | Saved):
+            kind = type(model).__name__
+            raise FitError(f"compare needs fits, given: {kind}; a motion goes by name: motion=…")
+    motion = models[0].motion if motion is None else motion
+    residuals: dict[str, Residual] = {}
+    fitted: dict[str, Mapping[str, Mapping[str, Error]]] = {}
+    for i, model in enumerate(models):
+        name = f"fit {i + 1}" if isinstance(model, Fit) and len(models) > 1 else ""
+        residual = residual_of(model, motion, name=name)
+        residuals[residual.name] = residual
+        fitted[residual.name] = model.errors
+        if progress:
+            progress(f"where {residual.name} fails", (i + 0.5) / len(models))
+    return Comparison(residuals, fitted)

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.display import Displayed
+from ident.display import Displayed, Progress, part
 from ident.equations.motion_noise import (
     EliminatedRun,
     Linear,
@@ -31,7 +31,6 @@ from ident.fit.problem import Problem, stacks_information
 from ident.information.estimate import Estimate, estimate
 from ident.motion import Motion, State
 from ident.motion.smoothing import along, finer
-from ident.progress import Progress, part
 
 MATTERS = 0.05  # share of a coordinate's squared residual that is the motion's noise
 FINER = 3  # knots of the likelihood for one of smoothing: torques tell more of the motion

@@ -19,7 +19,7 @@ import numpy as np
 from ident.equations.unknowns import Columns
 from ident.errors import FitError, one_of
 from ident.fit.problem import body_scales
-from ident.information.cone import Limit, svec
+from ident.information.cone import Limit, smat, svec
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import (
     CENTROIDAL,
@@ -36,8 +36,8 @@ SMALL = 1e-3  # of a mean link, the least size that is believed
 CENTROID = {centroidal: about for about, centroidal in CENTROIDAL.items()}
 
 
-def unit_balls(mechanism: Mechanism) -> list[np.ndarray]:
-    """Return F⁻¹ (4, 4) of every body.
+def in_balls(mechanism: Mechanism) -> list[np.ndarray]:
+    """Return (10, 10) of every body: `svec` of F⁻¹ P F⁻ᵀ of each dynamic parameter, a column each.
 
     Where the URDF gives no mass or no size, those of a mean link stand in.
     """
@@ -50,27 +50,26 @@ def unit_balls(mechanism: Mechanism) -> list[np.ndarray]:
         r = np.sqrt(max(np.trace(L) / (2 * m) - c @ c, 0.0))
         if r < SMALL * mean_l:
             r = 0.1 * mean_l
-        inverse = np.eye(4)
-        inverse[:3, :3] /= r
-        inverse[:3, 3] = -c / r
-        found.append(inverse / np.sqrt(m))
+        F = np.eye(4)  # its inverse
+        F[:3, :3] /= r
+        F[:3, 3] = -c / r
+        F /= np.sqrt(m)
+        columns = [svec(F @ pseudo_inertia(one) @ F.T) for one in np.eye(COUNT)]
+        found.append(np.stack(columns, axis=1))
     return found
 
 
-def pseudo_inertia_basis(inverse: np.ndarray) -> np.ndarray:
-    """Return (10, 10): `svec` of F⁻¹ P F⁻ᵀ of each dynamic parameter, a column each."""
-    return np.stack(
-        [svec(inverse @ pseudo_inertia(one) @ inverse.T) for one in np.eye(COUNT)], axis=1
-    )
+def of_bodies(mechanism: Mechanism, columns: Columns) -> np.ndarray:
+    """Return ∂π/∂x (10 · bodies, k) of all dynamic parameters."""
+    D = np.zeros((len(mechanism.prior), len(columns)))
+    D[columns.rigid, np.arange(len(columns.rigid))] = 1.0
+    return D
 
 
 def smallest_eigenvalues(mechanism: Mechanism, pi: np.ndarray) -> dict[str, float]:
     """Return that of F⁻¹ P F⁻ᵀ by link: below zero for an impossible body."""
-    bodies = zip(mechanism.bodies.links, unit_balls(mechanism), pi.reshape(-1, COUNT), strict=True)
-    return {
-        link: float(np.linalg.eigvalsh(inverse @ pseudo_inertia(body) @ inverse.T)[0])
-        for link, inverse, body in bodies
-    }
+    bodies = zip(mechanism.bodies.links, in_balls(mechanism), pi.reshape(-1, COUNT), strict=True)
+    return {link: float(np.linalg.eigvalsh(smat(S @ body))[0]) for link, S, body in bodies}
 
 
 def limits_of(
@@ -119,50 +118,40 @@ def limits_of(
 
 def _bodies(mechanism: Mechanism, columns: Columns) -> list[Limit]:
     """Return P ⪰ MARGIN · B of every body with unknowns, and of every body with its payload."""
-    own = {int(column): i for i, column in enumerate(columns.rigid)}
+    D = of_bodies(mechanism, columns)
+    known = columns.dynamic_parameters(mechanism, np.zeros(len(columns)))
     payloads = {
         effect.joints[0]: (effect, places)
         for effect, places in columns.effects
         if effect.loaded_link
     }
-    found, balls = [], unit_balls(mechanism)
-    for number, link in enumerate(mechanism.bodies.links):
-        S = pseudo_inertia_basis(balls[number])
-        G, h = np.zeros((COUNT, len(columns))), -MARGIN * svec(np.eye(4))
-        for j in range(COUNT):
-            column = COUNT * number + j
-            if column in own:
-                G[:, own[column]] += S[:, j]
-            else:
-                h += S[:, j] * mechanism.prior[column]
+    found, edge = [], MARGIN * svec(np.eye(4))
+    for link, S in zip(mechanism.bodies.links, in_balls(mechanism), strict=True):
+        mine = mechanism.bodies.columns(link)
+        G, pi = D[mine].copy(), known[mine].copy()
         if G.any():
-            found.append(Limit(f"{link} is a possible body", "psd", G, h, link))
+            found.append(Limit(f"{link} is a possible body", "psd", S @ G, S @ pi - edge, link))
         if link in payloads:
             effect, places = payloads[link]
-            G, h = G.copy(), h.copy()
             for j, (at, parameter) in enumerate(zip(places, effect.parameters, strict=True)):
                 if at >= 0:
-                    G[:, at] += S[:, j]
+                    G[j, at] += 1.0
                 else:
-                    h += S[:, j] * effect.values[parameter.name]
-            found.append(Limit(f"{link} with its payload is a possible body", "psd", G, h, link))
+                    pi[j] += effect.values[parameter.name]
+            name = f"{link} with its payload is a possible body"
+            found.append(Limit(name, "psd", S @ G, S @ pi - edge, link))
     return found
 
 
 def _total(mechanism: Mechanism, columns: Columns, mass: float) -> Limit:
-    masses = [f"{link}.m" for link in mechanism.bodies.links]
-    unknown = [columns.index[name] for name in masses if name in columns.index]
-    names = mechanism.bodies.names
-    known = sum(
-        float(mechanism.prior[names.index(name)]) for name in masses if name not in columns.index
-    )
-    if not unknown:
+    masses = np.tile(np.eye(COUNT)[0], len(mechanism.bodies.links))
+    row = masses @ of_bodies(mechanism, columns) / mass
+    known = float(masses @ columns.dynamic_parameters(mechanism, np.zeros(len(columns))))
+    if not row.any():
         raise FitError(
             f"total mass {mass:g} kg: no body's mass is unknown, they add up to {known:.6g} kg; "
             "leave it out, or make a link's m unknown"
         )
-    row = np.zeros(len(columns))
-    row[unknown] = 1.0 / mass
     return Limit(f"total mass = {mass:g} kg", "zero", row[None], np.array([known / mass - 1.0]))
 
 

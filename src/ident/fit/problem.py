@@ -16,19 +16,18 @@ from operator import itemgetter
 
 import numpy as np
 
-from ident.equations.corrections import Scene
+from ident.display import Progress, part
 from ident.equations.motion_noise import EliminatedRun, time_blocks
-from ident.equations.rows import Rows, basis_of, row_supports, rows, stack
+from ident.equations.rows import Rows, Scene, basis_of, row_supports, rows, stack
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError
-from ident.information.band import eliminate
 from ident.information.blocks import Block, Information
-from ident.information.estimate import FLOOR, Estimate, estimate
-from ident.information.triangle import Triangle
+from ident.information.estimate import Estimate, estimate
+from ident.information.linear import Triangle
+from ident.information.time_bases import eliminate
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, split
 from ident.motion import Motion
-from ident.progress import Progress, part
 
 FEWEST, MOST, LENGTH = 10, 96, 12  # blocks of a log, and rows that make one
 BOUNDLESS = 1e30  # stands for infinity, with which 0 may be multiplied
@@ -57,11 +56,7 @@ class Problem:
 
     @classmethod
     def of(
-        cls,
-        mechanism: Mechanism,
-        motion: Motion,
-        point: Point,
-        on_progress: Progress | None = None,
+        cls, mechanism: Mechanism, motion: Motion, point: Point, on_progress: Progress | None = None
     ) -> Problem:
         """Make all rows at a point.
 
@@ -152,14 +147,6 @@ class Problem:
             return estimate(self.fitting.totals, self.prior, np.ones(1), self.plausible, **fixed)
         totals = self.information.totals
         return estimate(totals, self.prior, self.torque, self.plausible, **fixed)
-
-    def row_scale(self, found: Estimate) -> np.ndarray:
-        """Return what one row of each coordinate is weighed by in comparisons (d,) [N m | N]."""
-        if not self.stacked:
-            return found.sigma
-        squares = self.information.squares(found.x)
-        rms = np.sqrt(squares.error / np.maximum(squares.rows, 1))
-        return np.maximum(rms, FLOOR * self.torque) + 1e-300
 
 
 def information_of(

@@ -7,7 +7,7 @@ Joints weigh by their measured torque, so that N m and N, strong joints and weak
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -19,21 +19,24 @@ from ident.display import Displayed, Plotted, render
 from ident.equations.motion_noise import noise_floor
 from ident.equations.unknowns import Point
 from ident.errors import FitError
+from ident.fit.channel_fits import credible_t
 from ident.fit.prediction import Trace, trace_of
-from ident.fit.problem import too_short
-from ident.fit.repeated import Periods, repetition
+from ident.fit.problem import block_edges, too_short
 from ident.fit.residual_maps import (
     MapStep,
     Memory,
+    Periods,
     SignalMap,
     depends_on,
     described,
     folds,
     memory_of,
     own_maps,
+    repetition,
     signal_maps,
 )
 from ident.information.blocks import Error, Squares
+from ident.information.chance import paired
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.motion.signals import runs
@@ -44,7 +47,7 @@ PARTS = 50  # of an experiment that one window is
 SHORTEST, LONGEST = 0.1, 1.0  # s, of a window
 WINDOW_LARGER = 2.0  # times the median of local rms values
 MOST = 5  # windows
-SHORT = 3  # rows without a gap, too few for a spectrum
+LEAST = 30  # rows from which an error away from reversals is one
 
 
 class Model(Protocol):
@@ -85,6 +88,9 @@ class Charted(Plotted):
             FitError: if the joint is not an independent one.
         """
         return render(self, "plot_maps", joint)
+
+
+ANOTHER = 2.0  # times the squares that the same machine may leave of another motion
 
 
 @dataclass(frozen=True)
@@ -191,6 +197,57 @@ class Residual(Displayed):
         """rms and relative error by joint, over all rows, as `Fit.train` has them."""
         total = sum((trace.squares for trace in self.traces), Squares.zero(len(self.joints)))
         return total.errors(self.joints, self.units)
+
+    @cached_property
+    def away(self) -> dict[str, float]:
+        """Rms by joint [N m | N] of the rows half a period of the cut-off or more away from where a
+        speed with dry friction reverses; of joints with such friction and enough of such rows.
+
+        Friction jumps there, so a smooth speed that crosses zero late misses much of the torque.
+        """
+        mechanism, cutoff = self.model.mechanism, self.motion.band.cutoff
+        own = [
+            (name, mechanism.joint_index[name])
+            for effect in mechanism.effects if effect.jumps
+            for name in effect.joints if name in mechanism.joint_index
+        ]  # fmt: skip
+        found = dict[str, float]()
+        for u, joint in enumerate(self.joints):
+            felt = [i for name, i in own if mechanism.closures or name == joint]
+            far = []
+            for trace in self.traces:
+                turns = np.diff(np.sign(trace.v[:, felt]), axis=0).any(axis=1)
+                reach = 0.5 / cutoff if cutoff else 0.0
+                t = np.append(trace.t[1:][turns], trace.t[:-1][turns])
+                near = np.abs(trace.t[:, None] - t).min(axis=1, initial=np.inf) <= reach
+                far.append(trace.residual[~near, u])
+            rest = np.concatenate(far)
+            if felt and len(rest) >= LEAST:
+                found[joint] = float(np.sqrt(np.mean(rest**2)))
+        return found
+
+    def risen(self, then: Mapping[str, Error]) -> list[str]:
+        """Return the joints whose error is above that of `then`, the most first: by more than it
+        differs between blocks of time and motions, not because the torque or the noise is larger.
+        """
+        if not then:
+            return []
+        noise = floor_of(self.model, self.motion)
+        found, cutoff = dict[str, float](), self.motion.band.cutoff
+        for u, joint in enumerate(self.joints):
+            if (old := then.get(joint)) is None:
+                continue
+            squares: list[float] = []
+            for trace in self.traces:
+                edges = block_edges(cutoff, trace.t[0], trace.t[-1], len(trace))
+                blocks = np.split(trace.residual[:, u] ** 2, np.searchsorted(trace.t, edges))
+                squares += [float(block.mean()) for block in blocks if len(block)]
+            torque = self.parts["measured"][u]
+            least = max(old.rms, (old.relative or 0.0) * torque, noise.get(joint) or 0.0)
+            usual = np.full(len(squares), ANOTHER * least**2)
+            if paired(np.array(squares), usual) > credible_t(len(then), len(squares)):
+                found[joint] = self.errors[joint].rms / max(old.rms, 1e-300)
+        return sorted(found, key=lambda joint: -found[joint])
 
     @cached_property
     def parts(self) -> dict[str, np.ndarray]:
@@ -349,9 +406,6 @@ def _failure(residual: Residual, u: int) -> Failure:
     if not nothing:
         rows = np.concatenate([trace.informed[:, u] for trace in residual.traces])
         edges = np.cumsum([0, *map(len, pieces)])
-        for a, b in pairwise(edges):
-            if rows[a:b].sum() <= SHORT:  # between two gaps: no spectrum
-                rows[a:b] = False
         ends = np.append(0, np.cumsum(rows))[edges]
         together = [slice(int(a), int(b)) for a, b in pairwise(ends) if b > a]
         mine = own_maps(residual.signal, joint, residual.maps)

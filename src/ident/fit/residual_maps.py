@@ -1,4 +1,4 @@
-"""Signals on which a residual depends: smooth maps of them, held out in stretches of time.
+"""What a residual depends on: smooth maps of signals, and periods with which it repeats.
 
     f(x) = Σ_k c_k h_k(x)                             h_k: hat functions of evenly spaced knots
     R² = 1 − Σ_folds ‖r − Φ ĉ₋fold‖² / Σ_folds ‖r − r̄₋fold‖²        ĉ by least squares
@@ -7,20 +7,33 @@ The direction of motion has a column of its own, since a step is no smooth map; 
 load for bands that widen with it, |load| sign(v). Signals are chosen one after the other (greedy,
 forward), so that one that only copies another earns nothing; each must beat what it would earn on
 noise with the spectrum of the present residual, by the partial regression of a diagnosis.
+
+Where a log repeats its motion with a period T, the residual that repeats with it is no noise:
+
+    likeness(T) = 1 − Var(q(t+T) − q(t)) / 2 Var(q)         of each independent joint that moves
+    ρ = corr(r(t), r(t+T))
+
+Near 1, physics is missing; near 0, none is. What the model lacks and the steps of an encoder are
+the same in each of K periods, which are then not independent: the variance of a parameter is
+1 + (K − 1) ρ times as large (Kish, Survey Sampling, 1965, 5.4: the design effect of clusters).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from ident.equations.filter import Decimator
+from ident.fit.findings import Finding
+from ident.fit.prediction import Trace
 from ident.information import linear
+from ident.information.blocks import Part
+from ident.information.chance import surrogates
 from ident.information.hypotheses import PartialRegression
-from ident.information.parts import Part
+from ident.motion import Motion, State
 
 KNOTS, KNOTS_WAVE, KNOTS_TIME = 9, 41, 4  # of a map; of a joint's own position; of time
 JOINTS = 12  # whose signals are compared
@@ -36,13 +49,12 @@ UNFILTERED = 2  # lags at which differentiated noise of encoders is correlated w
 FINER = 10  # samples a row at which the filter's own correlation is computed
 ALIKE = 0.9  # share of a map's variation that a shape must explain to give it its name
 ROUNDING = 1e-9  # of a signal: a smaller change is none
-RANK = 1e-9  # of the largest singular value: below, maps of several signals are alike
 PROMINENT = 0.3  # of a map's range: smaller bends are no wave
 
 Signal = Callable[[str], tuple[Sequence[np.ndarray], str]]
 
 
-# --- correlation in time, and noise of the same spectrum -----------------------------------------
+# --- correlation in time ----------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -104,21 +116,6 @@ def memory_of(runs: Sequence[np.ndarray], cutoff: float | None, rate: float) -> 
     limit = np.maximum(MEMORY, ERRORS / np.sqrt(pairs))
     worst = int(np.argmax(np.abs(r[lags]) / limit))
     return Memory(float(r[lags[worst]]), float(limit[worst]), effective)
-
-
-def _surrogates(runs: Sequence[np.ndarray], count: int, seed: int) -> np.ndarray:
-    """Return (n, count) series with each run's spectrum and random phases.
-
-    Source: Theiler et al., Physica D 58, 1992.
-    """
-    random = np.random.default_rng(seed)
-    series = []
-    for run in runs:
-        spectrum = np.abs(np.fft.rfft(run))[:, None]
-        phase = np.exp(2j * np.pi * random.random((len(spectrum), count)))
-        phase[0] = np.sign(phase[0].real)
-        series.append(np.fft.irfft(spectrum * phase, len(run), axis=0))
-    return np.concatenate(series)
 
 
 # --- maps of signals -----------------------------------------------------------------------------
@@ -219,35 +216,35 @@ def depends_on(
         maps: in order of preference where they explain alike.
         runs: of rows without a gap.
     """
-    steps: list[MapStep] = []
+    steps, threshold = list[MapStep](), 1.0
     if len(r) < FEWEST or not r.any() or fold[0] == fold[-1]:
-        return steps, 1.0
+        return steps, threshold
     X = np.hstack([np.ones((len(r), 1)), *(each.columns for each in maps)])
     ends = np.cumsum([1, *(each.columns.shape[1] for each in maps)])
     groups = [np.arange(a, b) for a, b in pairwise(ends)]
     edges = np.array([0, *(np.flatnonzero(np.diff(fold)) + 1), len(r)])
-    chosen, total = list[int](), 0.0
-    while True:
-        model = np.concatenate([[0], *(groups[i] for i in chosen)])
-        values = linear.lstsq(X[:, model], r, rcond=RANK)[0]
-        if chosen:
-            steps[-1] = replace(steps[-1], values=values[-len(groups[chosen[-1]]) :])
-        unexplained = r - X[:, model] @ values
-        noise = _surrogates([unexplained[run] for run in runs], DRAWS, seed=len(chosen))
-        part = Part(0, np.arange(ends[-1]), X, np.column_stack([r, noise]), edges)
-        now = PartialRegression((part,), model, np.ones(1))
-        rest = [i for i in range(len(maps)) if i not in chosen]
-        gains, loss = now.gains([groups[i] for i in rest]), float(now.loss.sum())
-        total = total or loss
-        chance = float((gains.null / now.null_loss).max(initial=0.0)) if rest else 1.0
-        threshold = max(LEAST * total / loss, chance)
-        fall = gains.G / loss
-        if fall.max(initial=0.0) <= threshold or len(chosen) == SIGNALS:
-            return steps, threshold
-        near = np.flatnonzero(fall >= fall.max() - SIMPLER)
+    size = float(np.sqrt(np.mean(r**2)))  # in units of which squares are compared
+    r = r / size
+    part = Part(0, np.arange(ends[-1]), X, r[:, None], edges)
+    now = PartialRegression((part,), np.zeros(1, dtype=np.intp), np.ones(1))
+    total, rest, random = float(now.loss.sum()), [*range(len(maps))], np.random.default_rng(0)
+    while rest:
+        noise = surrogates(now.residual[0], runs, DRAWS, random)[:, 0]
+        asked = now.judging([np.column_stack([r, noise])])
+        gains = asked.gains([groups[i] for i in rest])
+        chance = asked.explained(gains.null.transpose(0, 2, 1), asked.null_losses.T)
+        left = float(now.loss.sum())
+        threshold = max(LEAST, float(chance.max()) * left / total)
+        g = asked.explained(gains.by) * left / total
+        if g.max() <= threshold or len(steps) == SIGNALS:
+            break
+        near = np.flatnonzero(g >= g.max() - SIMPLER)
         pick = min(near, key=lambda k: (len(groups[rest[k]]), rest[k]))
-        chosen.append(rest[pick])
-        steps.append(MapStep(maps[rest[pick]], values, float(fall[pick]) * loss / total))
+        chosen = rest.pop(pick)
+        now = now.extended(groups[chosen])
+        values = size * now.solved[0][-len(groups[chosen]) :]
+        steps.append(MapStep(maps[chosen], values, float(g[pick])))
+    return steps, threshold
 
 
 # --- the shape of a map in words -----------------------------------------------------------------
@@ -297,3 +294,147 @@ def described(step: MapStep, unit: str) -> str:
     if turns == 1 or explained((x - middle) ** 2) > ALIKE:
         return "a bow, the same at both ends"
     return "a curve" if turns < 3 else f"a curve with {turns} bends"
+
+
+ALIKE_PERIODS = 0.98  # likeness of two periods of one motion
+APART = 0.5  # likeness below which the motion has left where it was
+MOVING = 0.05  # share of samples in which a joint moves, for it to count
+FINE = 16  # samples a period of the motion's bandwidth, from which periods are found
+LONGEST = 0.6  # of a log, of its period: a motion that is made twice loses its ends
+FEWEST_PAIRS = 16  # samples, and pairs of rows, from which repetition can be determined
+CHANCE = 0.4  # correlation between periods that the noise of good logs has
+
+
+@dataclass(frozen=True)
+class Periods:
+    """Repetition of the motion, and of the residual with it.
+
+    Attributes:
+        period: [s], by experiment that has any.
+        rho: correlation of the residual between periods, by joint.
+        chance: correlation below which noise may repeat: 0.4, or four standard errors.
+    """
+
+    period: Mapping[str, float]
+    rho: Mapping[str, float]
+    chance: float
+
+    def periods(self, seconds: float) -> float:
+        """Return how often the motion is repeated in so many seconds."""
+        return seconds / min(self.period.values())
+
+    def variance(self, seconds: float) -> float:
+        """Return by how much variances over so many seconds are larger than of white residuals."""
+        rho = float(np.mean([max(0.0, each) for each in self.rho.values()]))
+        return 1 + max(self.periods(seconds) - 1, 0.0) * rho
+
+    def finding(self, seconds: float) -> Finding:
+        """Return what a person should know of logs of so many seconds."""
+        rho = float(np.mean([max(0.0, each) for each in self.rho.values()]))
+        text = (
+            f"the motion is repeated every {min(self.period.values()):.4g} s and {100 * rho:.0f} % "
+            f"of the residual with it: {self.periods(seconds):.3g} periods are not independent, so "
+            f"standard errors are {np.sqrt(self.variance(seconds)):.3g} times as wide"
+        )
+        return Finding("repeated errors", text, "", (), max(self.rho.values()), self.chance)
+
+
+def repetition(
+    motion: Motion, traces: Sequence[Trace], joints: np.ndarray, rate: float
+) -> Periods | None:
+    """Return what a motion repeats of the residual in its traces; None where it repeats nothing.
+
+    Args:
+        motion: some of whose experiments have no rows, and no trace.
+        traces: in the order of the experiments.
+        joints: places (d,) of the independent joints among all.
+        rate: rows a second [Hz].
+    """
+    found, pairs, left = dict[str, float](), [], list(traces)
+    for e in motion.experiments:
+        if not left or left[0].name != e.name or left[0].t[0] < e.t[0]:
+            continue
+        trace = left.pop(0)
+        if (period := period_of(e, joints, motion.band.motion)) is not None:
+            name = e.name if e.name not in found else f"{e.name} ({len(found) + 1})"
+            found[name] = period
+            pairs.append(_pairs(trace, period))
+    if sum(len(early) for early, _ in pairs) < FEWEST_PAIRS:
+        return None
+    first, second = (np.concatenate(each) for each in zip(*pairs, strict=True))
+    a, b = first - first.mean(axis=0), second - second.mean(axis=0)
+    rho = (a * b).sum(axis=0) / np.sqrt((a**2).sum(axis=0) * (b**2).sum(axis=0) + 1e-300)
+    own = own_correlation(motion.band.cutoff, rate)
+    independent = len(first) / float(1 + 2 * (own**2).sum())
+    chance = max(CHANCE, ERRORS / float(np.sqrt(max(independent, 1.0))))
+    return Periods(found, dict(zip(motion.independent, map(float, rho), strict=True)), chance)
+
+
+def _pairs(trace: Trace, T: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return r(t) and r(t + T) (m, d), at the rows t."""
+    run = max(trace.runs(), key=lambda each: each.stop - each.start)
+    t, r = trace.t[run], trace.residual[run]
+    early = t + T <= t[-1] + 1e-9
+    if not early.any():
+        return r[:0], r[:0]
+    return r[early], _between(t, r, np.minimum(t[early] + T, t[-1]))
+
+
+def _between(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Return x (n, d) of equal steps t at other times (m,): cubics through the four nearest rows.
+
+    SciPy's spline would take 0.2 s to import.
+    """
+    nodes = np.arange(min(4, len(t)))
+    s = (at - t[0]) / (t[1] - t[0]) if len(t) > 1 else np.zeros(len(at))
+    first = np.clip(s.astype(int) - 1, 0, len(t) - len(nodes))
+    found = np.zeros((len(at), x.shape[1]))
+    for k in nodes:
+        others = nodes[nodes != k]
+        weight = np.prod((s[:, None] - first[:, None] - others) / (k - others), axis=1)
+        found += weight[:, None] * x[first + k]
+    return found
+
+
+def period_of(e: State, joints: np.ndarray, bandwidth: float) -> float | None:
+    """Return the period [s] of a motion in its longest run; None if it is not repeated.
+
+    Args:
+        e: the motion.
+        joints: places of the joints (d,) that are looked at.
+        bandwidth: of the motion [Hz].
+    """
+    run = max(e.segments(), key=lambda each: each.stop - each.start, default=slice(0, 0))
+    stride = max(1, int(e.rate / (FINE * max(bandwidth, 1e-9))))
+    t, y, yd = (x[run][::stride] for x in (e.t, e.y, e.yd))
+    if len(t) < FEWEST_PAIRS:
+        return None
+    moves = (np.abs(yd[:, joints]) > e.still[joints]).mean(axis=0) > MOVING
+    if not moves.any():
+        return None
+    likeness = np.min([_likeness(y[:, i]) for i in joints[moves]], axis=0)
+    inner = likeness[1:-1]
+    peak = (inner >= likeness[:-2]) & (inner >= likeness[2:]) & (inner >= ALIKE_PERIODS)
+    away = np.flatnonzero(likeness < APART)
+    lags = 1 + np.flatnonzero(peak)
+    lags = lags[lags > away[0]] if len(away) else lags[:0]
+    if not len(lags):
+        return None
+    low, mid, high = likeness[lags[0] - 1 : lags[0] + 2]
+    bend = low - 2 * mid + high
+    exact = lags[0] + (0.5 * (low - high) / bend if bend < 0 else 0.0)
+    return float(exact * (t[-1] - t[0]) / (len(t) - 1))
+
+
+def _likeness(q: np.ndarray) -> np.ndarray:
+    """Return the likeness by lag (LONGEST n + 3,); whole turns between periods do not count."""
+    n = len(q)
+    x = q - np.linspace(q[0], q[-1], n)  # a joint that turns on and on varies about this
+    x -= x.mean()
+    lags = np.arange(int(LONGEST * n) + 3)
+    product = np.fft.irfft(np.abs(np.fft.rfft(x, 2 * n)) ** 2)[: len(lags)]
+    s, ss = (np.concatenate([[0.0], np.cumsum(y)]) for y in (x, x**2))
+    pairs = n - lags
+    mean = (s[n] - s[lags] - s[pairs]) / pairs
+    difference = (ss[n] - ss[lags] + ss[pairs] - 2 * product) / pairs - mean**2
+    return np.asarray(1 - difference / (2 * max(float(np.var(x)), 1e-300)))

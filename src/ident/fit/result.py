@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,20 +15,21 @@ from ident.effects import Effect
 from ident.effects.effect import Found
 from ident.equations.motion_noise import EliminatedRun
 from ident.equations.unknowns import Columns, Point
-from ident.errors import one_of
+from ident.errors import FitError, one_of
 from ident.fit.channel_fits import SMALL
 from ident.fit.consistency import Binding
 from ident.fit.data_checks import DataChecks, Health
 from ident.fit.findings import Finding, Unexcited, unexcited
 from ident.fit.likelihood import Likelihood
-from ident.fit.multipliers import Reactions, identifiable_multipliers
-from ident.fit.prediction import Prediction, predict
+from ident.fit.prediction import Prediction, Reactions, identifiable_multipliers, predict
 from ident.fit.problem import Problem
-from ident.fit.repeated import Periods, period_of
 from ident.fit.residual import Charted, Residual, floor_of, residual_of
+from ident.fit.residual_maps import Periods, period_of
 from ident.fit.values import (
     BaseValue,
+    Changes,
     Correlation,
+    Earlier,
     EffectValues,
     Value,
     base_values,
@@ -57,6 +58,7 @@ class Fit(Charted):
         findings: what a person should know before trusting the numbers; `warnings` as text.
         binding: of a consistent fit, where it touches its limits and what that costs.
         likelihood: where the noise of the motion counts, how it was weighed.
+        earlier: a fit of an earlier log, of which `changes` tells what is different now.
     """
 
     problem: Problem
@@ -68,6 +70,7 @@ class Fit(Charted):
     findings: tuple[Finding, ...] = ()
     binding: Binding | None = None
     likelihood: Likelihood | None = None
+    earlier: Earlier | None = None
 
     @property
     def mechanism(self) -> Mechanism:
@@ -173,6 +176,26 @@ class Fit(Charted):
     def base_parameters(self) -> tuple[BaseValue, ...]:
         """The combinations that this motion and this mechanism can identify."""
         return base_values(self.columns, self.estimate, self.covariance)
+
+    def since(self, earlier: Earlier) -> Fit:
+        """Return the fit with its `changes`: what is different from an earlier one.
+
+        Args:
+            earlier: a fit of the same mechanism, or its fit.json, from `read_fit`.
+        """
+        if not hasattr(earlier, "base_parameters"):
+            raise FitError(
+                f"since needs a fit, given: {type(earlier).__name__}; write "
+                "fit.since(ident.read_fit(folder, mechanism))"
+            )
+        return replace(self, earlier=earlier)
+
+    @cached_property
+    def changes(self) -> Changes | None:
+        """What is different from the earlier fit; None where there is none."""
+        if self.earlier is None:
+            return None
+        return Changes.of(self.earlier, self.columns, self.estimate, self.covariance)
 
     @cached_property
     def effects(self) -> tuple[EffectValues, ...]:

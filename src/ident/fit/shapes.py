@@ -1,4 +1,4 @@
-"""The search for shapes, and whatever else the equations are not linear in: variable projection.
+"""The search for shape parameters, and for all else that the equations are not linear in.
 
     s ← s + δs,  [Γ E S] [p; c; s] = b + S s₀        (Gauss-Newton, at most to the bounds, halved
                                                       while the error does not fall)
@@ -7,9 +7,6 @@ The error at s is the least over p and c, and S is taken at that p and c (variab
 from the solution the linearised c would be wrong, and S with it. Source: Golub, Pereyra, SIAM J.
 Numer. Anal. 10(2), 1973. Effects that depend on the model's prediction (load, gain) converge
 meanwhile. A start for every shape comes from its own coarse search, everything else refitted.
-
-Rows at another point differ in the columns of effects and in nothing else: the filtered columns of
-Γ stay with the motion's states (`equations.rows`), unless an effect corrects data or mechanism.
 """
 
 from __future__ import annotations
@@ -18,8 +15,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ident.display import Progress
 from ident.effects import Effect
-from ident.equations.corrections import check_needs
+from ident.equations.rows import check_needs
 from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
 from ident.fit.problem import Problem, information_of, plausible_of
@@ -29,7 +27,6 @@ from ident.information.blocks import Information
 from ident.information.estimate import Estimate, estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
-from ident.progress import Progress
 
 STEPS = 15
 HALVES = 5

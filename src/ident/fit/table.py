@@ -1,8 +1,11 @@
-"""All rows of a motion in memory, and further effects' columns in the same rows.
+"""All rows of a motion in memory, and further effects' columns in them.
 
     A x + C c = b          A, b: the model's rows, C: a candidate's, through the same filter
 
 For searching shapes and judging candidates, where many columns meet the same rows.
+
+Rows at another point differ in the columns of effects and in nothing else: the filtered columns of
+Γ stay with the motion's states (`equations.rows`), unless an effect corrects data or mechanism.
 """
 
 from __future__ import annotations
@@ -14,9 +17,8 @@ from functools import cached_property
 import numpy as np
 
 from ident.effects import Effect, Signals
-from ident.equations.corrections import Scene, beside, corrected, residual
 from ident.equations.filter import Decimator, decimated
-from ident.equations.rows import Rows, rows
+from ident.equations.rows import Rows, Scene, beside, corrected, residual, rows
 from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
 from ident.mechanism.mechanism import Mechanism

@@ -1,31 +1,36 @@
 """Values with their standard errors, under the names that users know.
 
 Base parameters are named as a person reads them: `link_2.Lzz + 0.05 link_3.m + …`. Correlation of
-their errors: r_ij = cov_ij / (s_i s_j).
+their errors: r_ij = cov_ij / (s_i s_j). Of n base parameters b that an earlier fit determines too,
+those have changed whose difference is beyond the errors of both:
+
+    z_k = (b_k − b'_k) / √(s_k² + s'_k²),     |z_k| > Φ⁻¹(1 − α / 2n)          (Bonferroni)
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
 
 import numpy as np
+from scipy.special import ndtri
 
 from ident.display import Displayed
 from ident.effects import Effect
 from ident.equations.unknowns import Columns, Point
 from ident.information.estimate import Base, Estimate
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import (
-    CENTROIDAL,
-    COUNT,
-    DYNAMIC,
-    beyond_centroidal,
-    unit_of,
-)
+from ident.mechanism.parameters import CENTROIDAL, COUNT, DYNAMIC, beyond_centroidal, unit_of
 from ident.text import rounded
 
 STRONG = 0.95  # |r| at which two parameters are known only together
+ALPHA = 0.01  # chance that one of all unchanged parameters is named as changed
+SAME = 1e-4  # of a combination's coefficients, which names state with six digits
+EXACT = 1e-6  # of a value: a change below is that of rounding and interpolation
+TERM = re.compile(r"(?:^| ([+-]) )(?:([\d.e+-]+) )?(\S+)")
 
 
 @dataclass(frozen=True)
@@ -250,3 +255,82 @@ class Correlation(Displayed):
                 raise KeyError(f"'{name}' leads no base parameter; valid: {some}")
         i, j = (self.names.index(name) for name in names)
         return float(self.matrix[i, j])
+
+
+class Earlier(Protocol):
+    """A fit of an earlier log, or its file."""
+
+    @property
+    def name(self) -> str:
+        """Return its name."""
+        ...
+
+    @property
+    def base_parameters(self) -> tuple[BaseValue, ...]:
+        """Return the combinations that its log determined."""
+        ...
+
+
+@dataclass(frozen=True)
+class Change:
+    """One base parameter in two fits; z: their difference in standard errors of it."""
+
+    before: BaseValue
+    after: BaseValue
+    z: float
+
+
+@dataclass(frozen=True, repr=False)
+class Changes(Displayed):
+    """What a fit has in common with an earlier one, and what is different.
+
+    Attributes:
+        since: name of the earlier fit.
+        compared: base parameters of the earlier fit that this one determines too, the most
+            significant change first; apart: the names of those that it does not determine.
+    """
+
+    since: str
+    compared: tuple[Change, ...]
+    apart: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, earlier: Earlier, columns: Columns, estimate: Estimate, cov: np.ndarray) -> Changes:
+        """Compare base parameters and their covariance (n, n) with those of an earlier fit.
+
+        Args:
+            earlier: with its base parameters.
+            columns, estimate, cov: of the present one.
+        """
+        base, compared, apart = estimate.base, list[Change](), list[str]()
+        for before in earlier.base_parameters:
+            c, known = np.zeros(len(columns)), True
+            for sign, factor, name in TERM.findall(before.name):
+                known &= name in columns.index
+                if name in columns.index:
+                    c[columns.index[name]] = float(factor or 1.0) * (-1.0 if sign == "-" else 1.0)
+            ours, theirs = base.K.T @ c[base.independent], c[base.dependent]
+            size = np.abs(base.K).T @ np.abs(c[base.independent]) + np.abs(theirs)
+            g = c[base.independent]
+            value, stderr = float(g @ estimate.solution.beta), float(np.sqrt(g @ cov @ g))
+            other = not known or (np.abs(ours - theirs) > SAME * size).any()
+            if other or not np.isfinite(stderr):
+                apart.append(before.name)
+                continue
+            after = BaseValue(before.name, value, stderr, before.unit)
+            step, error = value - before.value, float(np.hypot(stderr, before.stderr))
+            exact = abs(step) <= EXACT * max(abs(value), abs(before.value))
+            z = 0.0 if exact else step / error if error else np.copysign(np.inf, step)
+            compared.append(Change(before, after, float(z)))
+        compared.sort(key=lambda each: -abs(each.z))
+        return cls(earlier.name, tuple(compared), tuple(apart))
+
+    @property
+    def least(self) -> float:
+        """Return the standard errors from which a change is none of chance."""
+        return float(-ndtri(ALPHA / 2 / max(len(self.compared), 1)))
+
+    @cached_property
+    def changed(self) -> tuple[Change, ...]:
+        """Return the changes beyond the errors of both fits, the most significant first."""
+        return tuple(each for each in self.compared if abs(each.z) > self.least)

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 DOT = 1e-3  # [m] radius of a sphere in the place of a missing mesh
 DEEPEST = 20  # includes within includes
 SHOWN = 2  # the last group of shapes that MuJoCo shows unasked
-FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
+SLIDE, HINGE = 2, 3  # mjtJoint; before them free and ball, of several coordinates
 SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = range(2, 8)  # mjtGeom
 CONNECT, WELD, JOINT = range(3)  # mjtEq
 OTHER_EQUALITIES = {3: "tendon", 4: "flex"}
@@ -188,7 +188,9 @@ class _MjcfModel:
         )
 
     def _ref(self, j: int) -> float:
-        return float(self.model.qpos0[self.model.jnt_qposadr[j]])
+        """Return where a joint starts; one of several coordinates starts where its body is."""
+        scalar = self.model.jnt_type[j] in (SLIDE, HINGE)
+        return float(self.model.qpos0[self.model.jnt_qposadr[j]]) if scalar else 0.0
 
     def _add(self, urdf: UrdfWriter, body: int) -> None:
         m, joints = self.model, self.joints_of(body)
@@ -204,24 +206,12 @@ class _MjcfModel:
             name = _free(f"{links[1]}_fixed", self.joints)
             urdf.joint(name, "fixed", (links[0], links[1]), placement)
         for k, j in enumerate(joints):
-            kind, axis, ref = int(m.jnt_type[j]), m.jnt_axis[j], self._ref(j)
-            if kind == HINGE:
-                back = pin.SE3(pin.exp3(-ref * axis), np.zeros(3))
-            elif kind == SLIDE:
-                back = _pose(-ref * axis)
-            else:
-                what, remedy = {
-                    FREE: ("free", "fix its body to the world, or state it as three slides and"),
-                    BALL: ("ball", "state it as"),
-                }[kind]
-                raise MechanismError(
-                    f"{self.path}: body '{self.links[body]}' has a {what} joint, whose orientation "
-                    f"is no column of a log; {remedy} three hinges in one body"
-                )
-            limits = self._limits(j)
-            name = "prismatic" if kind == SLIDE else "revolute"
+            kind, axis, limits = int(m.jnt_type[j]), m.jnt_axis[j], self._limits(j)
+            name = {SLIDE: "prismatic", HINGE: "revolute"}.get(kind, "floating")
             if kind == HINGE and not np.isfinite(limits.lower):
                 name = "continuous"
+            step = -self._ref(j) * axis
+            back = pin.SE3(pin.exp3(step), np.zeros(3)) if kind == HINGE else _pose(step)
             at = placement * _pose(m.jnt_pos[j]) * back
             urdf.joint(self.joints[j], name, (links[k], links[k + 1]), at, axis, limits)
             placement = _pose(-m.jnt_pos[j])
@@ -270,7 +260,8 @@ class _MjcfModel:
                 first = int(m.tendon_adr[target])
                 wraps = range(first, first + int(m.tendon_num[target]))
                 driven |= {int(m.wrap_objid[w]) for w in wraps if m.wrap_type[w] == 1}
-        return [j for j in range(m.njnt) if j not in driven] if driven else []
+        scalar = [j for j in range(m.njnt) if m.jnt_type[j] in (SLIDE, HINGE)]
+        return [j for j in scalar if j not in driven] if driven else []
 
     def _notes(self, passive: tuple[str, ...]) -> list[str]:
         m, notes = self.model, []

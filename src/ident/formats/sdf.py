@@ -17,6 +17,7 @@ import pinocchio as pin
 from lxml import etree
 
 from ident.errors import MechanismError, one_of
+from ident.files import HUGE
 from ident.mechanism.description import (
     Description,
     JointLimits,
@@ -28,7 +29,6 @@ from ident.mechanism.description import (
     mimic_table,
     place_table,
 )
-from ident.mechanism.toml import HUGE
 from ident.mechanism.urdf import parse_xml, refuse
 
 TREE = ("revolute", "continuous", "prismatic", "fixed")  # joints that a URDF has, too

@@ -21,7 +21,7 @@ from scipy import sparse
 from scipy.linalg import lapack
 
 from ident.errors import FitError
-from ident.information.triangle import Array, Triangle
+from ident.information.linear import Array, Triangle
 
 TOLERANCE = 1e-9
 PASSES, ABOUT, HEAVIEST = 4, 1e-2, 1e24  # of the cost's weight

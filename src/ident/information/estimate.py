@@ -20,7 +20,7 @@ from scipy.linalg import lapack
 
 from ident.errors import FitError
 from ident.information import linear
-from ident.information.triangle import Array, Triangle
+from ident.information.linear import Array, Triangle
 
 _EPS = float(np.finfo(float).eps)
 _NULL = 1e-12  # of its reference magnitude: a column, or what is left of one, is null below this

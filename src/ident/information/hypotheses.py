@@ -9,9 +9,14 @@ nothing were missing. With the rows divided by the coordinates' σ,
     e_k = L_k b̃_k − L_k C̃_k θ₋k              D_k = |L_k b̃_k|² − |e_k|²          G = Σ_k D_k
 
 are the errors of blocks that were left out of all refits, without a single refit: partial
-regression (Frisch, Waugh, Lovell) with block downdating (Belsley, Kuh, Welsch, PartialRegression
-Diagnostics, 1980). The largest G over all candidates on r_1 … r_B is the null distribution of the
-largest G on b (Westfall, Young, Resampling-Based Multiple Testing, 1993).
+regression (Frisch, Waugh, Lovell) with block downdating (Belsley, Kuh, Welsch, Regression
+Diagnostics, 1980). Coordinates have noise of their own: with left-out squares L_u of n_u rows
+before and L'_u after, N rows in all, the likelihood ratio of normal errors gives the share
+
+    g = 1 − Π_u (L'_u / L_u)^(n_u / N)
+
+The largest g over all candidates on r_1 … r_B is the null distribution of the largest g on b
+(Westfall, Young, Resampling-Based Multiple Testing, 1993).
 """
 
 from __future__ import annotations
@@ -24,13 +29,13 @@ from itertools import pairwise
 import numpy as np
 
 from ident.information import linear
-from ident.information.blocks import Information
-from ident.information.parts import Part, columns_at, places
-from ident.information.triangle import Array, Index
+from ident.information.blocks import Information, Part, columns_at, places
+from ident.information.linear import Array, Index
 
 RANK = 1e-8  # of the largest singular value of unit columns: below, a direction is rounding
 VISIBLE = 1e-4  # share of a column that must be new; squares of less are rounding
 TOGETHER = 64  # columns that are projected at once
+EXACT = 1e-6  # of the squares that a coordinate's weight expects: what is below is explained
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,11 +44,13 @@ class Gains:
 
     Attributes:
         D: (groups, blocks) by how much the left-out squares of b fall.
-        null: (groups, B) total fall of the left-out squares of r_1 … r_B.
+        by: (groups, d) the same by coordinate.
+        null: (groups, d, B) fall of the left-out squares of r_1 … r_B by coordinate.
         visible: (groups,) share of the columns that the model does not have.
     """
 
     D: Array
+    by: Array
     null: Array
     visible: Array
 
@@ -224,10 +231,28 @@ class PartialRegression:
         """(blocks,) left-out squares of b with the model as it is."""
         return self._block[3][:, 0]
 
-    @property
-    def null_loss(self) -> Array:
-        """(B,) left-out squares of r_1 … r_B, all blocks together."""
-        return np.asarray(self._block[3][:, 1:].sum(axis=0))
+    @cached_property
+    def null_losses(self) -> Array:
+        """(d, B) left-out squares of r_1 … r_B in each coordinate, all blocks together."""
+        _, M, q, _ = self._block
+        found = np.zeros((self.d, q.shape[2] - 1))
+        for part, Q, Y in zip(self.parts, self.Q, self.residual, strict=True):
+            for k in range(self.blocks):
+                rows = part.block(k)
+                e = Y[rows, 1:] + Q[rows] @ (M[k] @ q[k, :, 1:])
+                found[part.coordinate] += np.einsum("ij,ij->j", e, e)
+        return found
+
+    def explained(self, fall: Array, before: Array | None = None) -> Array:
+        """Return the shares g that falls (…, d) of left-out squares explain.
+
+        Args:
+            before: (…, d) squares that fall; without it, those of b.
+        """
+        before = self.losses.sum(axis=0) if before is None else before
+        n, least = self.rows, EXACT * np.maximum(self.rows, 1.0)
+        after = np.maximum(before - fall, 0.0)
+        return np.asarray(-np.expm1(np.log((after + least) / (before + least)) @ n / n.sum()))
 
     @cached_property
     def left_out(self) -> Array:
@@ -283,20 +308,20 @@ class PartialRegression:
     def gains(self, groups: Sequence[Index]) -> Gains:
         """Return what each group of columns does by itself, everything refitted."""
         B = self.residual[0].shape[1] - 1
-        D, null = np.zeros((len(groups), self.blocks)), np.zeros((len(groups), B))
-        visible = np.zeros(len(groups))
+        D, by = np.zeros((len(groups), self.blocks)), np.zeros((len(groups), self.d))
+        null, visible = np.zeros((len(groups), self.d, B)), np.zeros(len(groups))
         sizes = np.array([len(group) for group in groups])
         for u in np.unique(sizes[sizes > 0]):
             which = np.flatnonzero(sizes == u)
             for some in np.array_split(which, -(-len(which) * u // 600)):
                 found = self._gains(np.array([groups[i] for i in some]))
-                D[some], null[some], visible[some] = found.D, found.null, found.visible
-        return Gains(D, null, visible)
+                D[some], by[some] = found.D, found.by
+                null[some], visible[some] = found.null, found.visible
+        return Gains(D, by, null, visible)
 
     def _gains(self, groups: Index) -> Gains:
         """Gains of groups (n, u) of equal size, those of r_1 … r_B in single precision."""
         n, u = groups.shape
-        flat = groups.ravel()
         G, M, q, _ = self._block
         blocks, rank, B = self.blocks, self.rank, q.shape[2] - 1
         p = np.zeros((blocks, rank, n * u))
@@ -304,11 +329,9 @@ class PartialRegression:
         cy = np.zeros((blocks, n * u, 1))
         cn = np.zeros((blocks, n * u, B), dtype=np.float32)
         for part, Q, Y in zip(self.parts, self.Q, self.residual, strict=True):
-            at = places(part.columns, self.columns)[flat].reshape(n, u)
-            mine = np.flatnonzero((at >= 0).any(axis=1))
+            mine, X = self._columns_of(part, groups)
             if not len(mine):
                 continue
-            X = columns_at(part.X, at[mine].ravel()) * self._factor(part)[groups[mine].ravel()]
             place = (mine[:, None] * u + np.arange(u)).ravel()
             r = Y[:, 1:].astype(np.float32)
             where = slice(None) if len(place) == n * u else place  # a view, where it can be
@@ -338,27 +361,54 @@ class PartialRegression:
         new = values > VISIBLE**2
         V = V * (new / np.sqrt(np.where(new, values, 1.0)))[:, None, :]
         # from here on columns x V, for which S = I
-        three = p.reshape(blocks, rank, n, u)
-        three = three * V[:, 0, 0][:, None] if u == 1 else np.einsum("krni,nij->krnj", three, V)
-        p = np.ascontiguousarray(three).reshape(blocks, rank, n * u)
+        turned = V.astype(np.float32)
+        p, P = (_turned(V, x) for x in (p, P))
         cc = V.transpose(0, 2, 1) @ cc @ V
         cy = linear.turned(V, cy.reshape(blocks, n, u, 1))
-        cn = linear.turned(V.astype(np.float32), cn.reshape(blocks, n, u, B))
+        cn = linear.turned(turned, cn.reshape(blocks, n, u, B))
         s, sn = cy.sum(axis=0), cn.sum(axis=0)
         idle = np.eye(u) * ~new[:, None, :]
-        D, null = np.zeros((n, blocks)), np.zeros((n, B))
-        for k in range(blocks):
+        Z = np.empty((blocks, rank, n * u))  # L c̃ = c − Q Z
+        for k in range(blocks):  # cy, cn become θ
             Mp = M[k] @ p[k]
-            Wp = M[k] @ Mp
-            three = p[k].reshape(rank, n, u)
-            a1 = cc[k] + linear.inner(three, Mp.reshape(rank, n, u))
-            a2 = a1 + linear.inner(three, Wp.reshape(rank, n, u))
+            a1 = cc[k] + linear.inner(p[k].reshape(rank, n, u), Mp.reshape(rank, n, u))
             inverse = linear.inverse(np.eye(u) * new[:, None, :] - a1 + idle)
-            D[:, k] = _fall(s, cy[k], Mp, Wp, q[k, :, :1], inverse, a2)[:, 0]
+            cy[k] = _theta(s, cy[k], Mp, q[k, :, :1], inverse)
             if B:
-                of_null = [x.astype(np.float32) for x in (Mp, Wp, inverse, a2)]
-                null += _fall(sn, cn[k], of_null[0], of_null[1], qn[k], of_null[2], of_null[3])
-        return Gains(D, null, np.sqrt(np.clip(values.sum(axis=1), 0.0, None) / u))
+                cn[k] = _theta(sn, cn[k], *(x.astype(np.float32) for x in (Mp, qn[k], inverse)))
+            Z[k] = P - Mp
+        D, by = np.zeros((n, blocks)), np.zeros((n, self.d))
+        null = np.zeros((n, self.d, B), dtype=np.float32)
+        for part, Q, Y in zip(self.parts, self.Q, self.residual, strict=True):
+            mine, X = self._columns_of(part, groups)
+            for k in range(blocks):
+                rows = part.block(k)
+                e = Y[rows] + Q[rows] @ (M[k] @ q[k])
+                x = _turned(V[mine], X[rows])
+                GZ = (Q[rows].T @ Q[rows]) @ Z[k]
+                three = Z[k].reshape(rank, n, u)
+                a = linear.inner(three, GZ.reshape(rank, n, u))
+                each = x.reshape(len(x), len(mine), u)
+                cross = linear.inner((Q[rows].T @ x).reshape(rank, len(mine), u), three[:, mine])
+                a[mine] += linear.inner(each, each) - cross - cross.transpose(0, 2, 1)
+                qe = Q[rows].T @ e
+                fall = _fall(mine, cy[k], x, Z[k], e[:, :1], qe[:, :1], a)[:, 0]
+                D[:, k] += fall
+                by[:, part.coordinate] += fall
+                if B:
+                    single = (cn[k], x, Z[k], e[:, 1:], qe[:, 1:], a)
+                    null[:, part.coordinate] += _fall(mine, *(y.astype(np.float32) for y in single))
+        return Gains(D, by, null, np.sqrt(np.clip(values.sum(axis=1), 0.0, None) / u))
+
+    def _columns_of(self, part: Part, groups: Index) -> tuple[Index, Array]:
+        """Which groups (n, u) have columns in a part, and those (m, ·), weighted."""
+        at = places(part.columns, self.columns)[groups]
+        mine = np.flatnonzero((at >= 0).any(axis=1))
+        return mine, columns_at(part.X, at[mine].ravel()) * self._factor(part)[groups[mine].ravel()]
+
+    def gain(self, refit: Refit) -> float:
+        """Return the share g that a group of columns explains."""
+        return float(self.explained((self.losses - refit.loss).sum(axis=0)))
 
     def refit(self, columns: Index) -> Refit:
         """One group of columns in detail."""
@@ -422,30 +472,6 @@ class PartialRegression:
             part_of / max(float(np.linalg.norm(part_of)), 1e-300),
         )
 
-    def left_by_best(self, groups: Sequence[Index]) -> list[Array]:
-        """What the model and the group of columns that gains most leave, unweighted.
-
-        Args:
-            groups: of columns, of which b and each of r_1 … r_B have a best one of their own.
-
-        Returns:
-            (m, 1 + B) of every part.
-        """
-        found = self.gains(groups)
-        best = np.concatenate([found.G[:, None], found.null], axis=1).argmax(axis=0)
-        Y = [y.copy() for y in self.residual]
-        for g in np.unique(best):
-            mine = np.flatnonzero(best == g)
-            C = [self._taken(part, groups[g]) for part in self.parts]
-            P = sum(q.T @ c for q, c in zip(self.Q, C, strict=True))
-            C = [c - q @ P for q, c in zip(self.Q, C, strict=True)]
-            S = np.asarray(sum(c.T @ c for c in C))
-            s = sum(c.T @ y[:, mine] for c, y in zip(C, Y, strict=True))
-            theta = linear.pinv(S, rcond=VISIBLE**2, hermitian=True) @ s
-            for c, y in zip(C, Y, strict=True):
-                y[:, mine] -= c @ theta
-        return [y / self.weight[p.coordinate] for p, y in zip(self.parts, Y, strict=True)]
-
     def extended(self, columns: Index) -> PartialRegression:
         """The same rows with further columns in the model."""
         return replace(self, model=np.append(self.model, columns))
@@ -473,17 +499,34 @@ class PartialRegression:
         return (inverse @ (A.T @ b)) / size, inverse / size[:, None] / size
 
 
-def _fall(
-    s: np.ndarray,
-    c: np.ndarray,
-    Mp: np.ndarray,
-    Wp: np.ndarray,
-    q: np.ndarray,
-    inverse: np.ndarray,
-    a2: np.ndarray,
+def _turned(V: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Columns x (…, n u) of n groups times V (n, u, u)."""
+    n, u = V.shape[:2]
+    if u == 1:
+        return np.asarray(x * V[:, 0, 0])
+    three = x.reshape(*x.shape[:-1], n, u)
+    return np.ascontiguousarray(np.einsum("...ni,nij->...nj", three, V)).reshape(x.shape)
+
+
+def _theta(
+    s: np.ndarray, c: np.ndarray, Mp: np.ndarray, q: np.ndarray, inverse: np.ndarray
 ) -> np.ndarray:
-    """Fall of a block's left-out squares (n, R); s, c (n, u, R): of all blocks, of this one."""
-    c1 = c + (Mp.T @ q).reshape(c.shape)
-    theta = linear.times(inverse, s - c1)
-    c2 = c1 + (Wp.T @ q).reshape(c.shape)
-    return (theta * (2 * c2 - linear.times(a2, theta))).sum(axis=1)
+    """θ₋k (n, u, R) without a block; s, c (n, u, R): C̃ᵀỹ of all blocks, of this one."""
+    return linear.times(inverse, s - c - (Mp.T @ q).reshape(c.shape))
+
+
+def _fall(
+    mine: Index, theta: np.ndarray, x: np.ndarray, Z: np.ndarray, e: np.ndarray, qe: np.ndarray,
+    a: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Fall of a block's left-out squares (n, R) in one coordinate: θᵀ(2 (Lc̃)ᵀe − (Lc̃)ᵀLc̃ θ).
+
+    Args:
+        mine: groups that have columns x (m, ·) there; Z: of all of them, Lc̃ = c − Q Z.
+        theta: (n, u, R).
+        e: (m, R) left-out errors; qe: Qᵀe.
+        a: (n, u, u) of (Lc̃)ᵀLc̃.
+    """
+    c = -(Z.T @ qe).reshape(theta.shape)
+    c[mine] += (x.T @ e).reshape(len(mine), *theta.shape[1:])
+    return (theta * (2 * c - linear.times(a, theta))).sum(axis=1)

@@ -1,15 +1,217 @@
-"""Singular values, pseudo-inverses and least squares that survive LAPACK's fast driver.
+"""Linear algebra: the triangular factor of equations A x = b, and drivers that do not fail.
 
-That of NumPy (divide and conquer) does not converge for rare matrices; the slower ones of SciPy (QR
-iterations) do. Arguments and results are those of `numpy.linalg`, stacks of matrices included.
+    Qᵀ [A | b] = [R  d; 0  ρ]    so that    |A x − b|² = |R x − d|² + ρ²   for every x
+
+Rows arrive in any order and in any pieces, and the triangles of pieces add: batch, recursive and
+distributed identification are the same few lines. Source: sequential orthogonal reduction, Å.
+Björck, Numerical Methods for Least Squares Problems (SIAM 1996), sect. 3.2.4 and 6.2; Q is never
+formed and AᵀA never multiplied out (it would square the condition number).
+
+Singular values, pseudo-inverses and least squares survive LAPACK's fast driver, too: that of NumPy
+(divide and conquer) does not converge for rare matrices; the slower ones of SciPy (QR iterations)
+do. Arguments and results are those of `numpy.linalg`, stacks of matrices included.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import lapack
 
 from ident.errors import FitError
-from ident.information.triangle import Array
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+_PIECE = 512  # rows reduced at a time: the piece and the triangle stay in the cache
+_PANEL = 16  # columns LAPACK handles as one block
+
+
+@dataclass(frozen=True, eq=False)
+class Triangle:
+    """An immutable triangular factor of the stacked block [A | b], A (rows, k), b (rows,).
+
+    Where columns depend on each other, rounding decides which part of the residual is in d and
+    which in rho; `residual_norm` is the same, and `restricted` to independent columns is definite.
+
+    Attributes:
+        R: (k, k), upper triangular with a diagonal ≥ 0, so that equal data give an equal R.
+        d: (k,), the right-hand side that some x attains.
+        rho: ≥ 0, the norm of what no x attains.
+        rows: number of equations absorbed (it feeds the degrees of freedom, rows − rank).
+    """
+
+    R: Array
+    d: Array
+    rho: float
+    rows: int
+
+    @classmethod
+    def empty(cls, k: int) -> Triangle:
+        """Return the triangle of no equations in `k` unknowns."""
+        return cls._of_square(np.zeros((k + 1, k + 1), order="F"), 0)
+
+    @classmethod
+    def of(cls, A: ArrayLike, b: ArrayLike) -> Triangle:
+        """Return the triangle of A (rows, k), b (rows,).
+
+        Raises:
+            FitError: if the shapes do not fit or a number is not finite.
+        """
+        A = np.asarray(A, dtype=float)
+        if A.ndim != 2:
+            raise FitError(f"A has shape {A.shape}; valid: two dimensions, (rows, unknowns)")
+        return cls.empty(A.shape[1]).updated(A, b)
+
+    @classmethod
+    def merge(cls, triangles: Iterable[Triangle]) -> Triangle:
+        """Return the triangle of all equations together; they must have the same unknowns."""
+        triangles = list(triangles)
+        if not triangles:
+            raise FitError("nothing to merge; valid: one triangle or more")
+        if len({each.k for each in triangles}) > 1:
+            raise FitError(f"triangles of {[t.k for t in triangles]} unknowns; valid: all the same")
+        if len(triangles) == 1:
+            return triangles[0]
+        first, *others = triangles
+        stack = np.concatenate([each.stack() for each in others])
+        stack = stack[stack.any(axis=1)]  # rows of zeros hold no information
+        merged = cls._absorbed(first._square(), 0, stack[:, :-1], stack[:, -1])
+        return replace(merged, rows=sum(each.rows for each in triangles))
+
+    @property
+    def k(self) -> int:
+        """Number of unknowns."""
+        return self.R.shape[1]
+
+    def updated(self, A: ArrayLike, b: ArrayLike) -> Triangle:
+        """Return the triangle with the further equations A (rows, k), b (rows,).
+
+        Time is 2 rows (k+1)² flops, memory beyond A and b a few hundred rows.
+
+        Raises:
+            FitError: if the shapes do not fit or a number is not finite.
+        """
+        return self._absorbed(self._square(), self.rows, A, b)
+
+    def __add__(self, other: Triangle) -> Triangle:
+        """Return the triangle of both blocks of equations."""
+        return Triangle.merge((self, other))
+
+    def scaled(self, w: float) -> Triangle:
+        """Multiply every equation by `w` ≥ 0; a weight of 1/σ gives unit noise."""
+        if not (np.isfinite(w) and w >= 0):
+            raise FitError(f"weight {w}; valid: finite and not negative")
+        triangle = Triangle(w * self.R, w * self.d, float(w * self.rho), self.rows)
+        triangle.R.flags.writeable = triangle.d.flags.writeable = False
+        return triangle
+
+    def embedded(self, columns: ArrayLike, k: int) -> Triangle:
+        """Return the same equations among `k` unknowns: these are at `columns`, others zero."""
+        place = _indices(columns, k)
+        if len(place) != self.k:
+            raise FitError(f"{len(place)} columns for {self.k} unknowns; valid: one for each")
+        stack = self.stack()
+        wide = np.zeros((len(stack), k + 1))
+        wide[:, np.append(place, k)] = stack
+        if len(self.R) < self.k or (np.diff(place) < 0).any():
+            return Triangle._of_rows(wide, self.rows)
+        square = np.zeros((k + 1, k + 1))  # a triangle stays one
+        square[np.append(place, k)] = wide
+        return Triangle._of_square(square, self.rows)
+
+    def restricted(self, columns: ArrayLike, x_known: ArrayLike | None = None) -> Triangle:
+        """Return the equations in the unknowns `columns` alone, in that order.
+
+        The other unknowns are zero or, where `x_known` (k,) is given, have their values in it and
+        move to the right-hand side, d − R_known x_known; its entries at `columns` are ignored.
+        """
+        keep = _indices(columns, self.k)
+        stack = self.stack()
+        if x_known is not None:
+            known = np.array(x_known, dtype=float)
+            if known.shape != (self.k,):
+                raise FitError(f"x_known has shape {known.shape}; valid: {(self.k,)}")
+            known[keep] = 0.0
+            stack[: len(self.R), -1] -= self.R @ known
+        return Triangle._of_rows(stack[:, np.append(keep, self.k)], self.rows)
+
+    def stack(self) -> Array:
+        """Return rows [A | b] (k + 1, k + 1) that say the same as all equations: [R d; 0 ρ]."""
+        k = self.k
+        stack = np.zeros((k + 1, k + 1))
+        stack[:k, :k], stack[:k, k], stack[k, k] = self.R, self.d, self.rho
+        return stack
+
+    def residual_norm(self, x: ArrayLike) -> float:
+        """Return |A x − b| = √(|R x − d|² + ρ²) at x (k,)."""
+        return float(np.hypot(np.linalg.norm(self.R @ np.asarray(x) - self.d), self.rho))
+
+    def gradient(self, x: ArrayLike) -> Array:
+        """Return Aᵀ (b − A x) = Rᵀ (d − R x), (k,): the slope of −|A x − b|²/2 at x (k,)."""
+        return self.R.T @ (self.d - self.R @ np.asarray(x))
+
+    def rhs_norm(self) -> float:
+        """Return |b|."""
+        return float(np.hypot(np.linalg.norm(self.d), self.rho))
+
+    def column_norms(self) -> Array:
+        """Return |A_j| of every column, (k,)."""
+        return np.linalg.norm(self.R, axis=0)
+
+    def __repr__(self) -> str:
+        return f"Triangle({self.rows} equations, {self.k} unknowns, rho={self.rho:.6g})"
+
+    def _square(self) -> Array:
+        """Return [R d; 0 ρ] (k + 1, k + 1) in Fortran's order, to be overwritten."""
+        return np.asfortranarray(self.stack())
+
+    @classmethod
+    def _absorbed(cls, triangle: Array, rows: int, A: ArrayLike, b: ArrayLike) -> Triangle:
+        """Absorb further equations into a triangle, which is overwritten."""
+        A, b, k = np.asarray(A, dtype=float), np.asarray(b, dtype=float), len(triangle) - 1
+        if A.ndim != 2 or A.shape[1] != k or b.shape != A.shape[:1]:
+            raise FitError(f"A {A.shape} and b {b.shape}; valid: (rows, {k}) and (rows,)")
+        for start in range(0, len(b), _PIECE):
+            part = slice(start, start + _PIECE)
+            piece = np.empty((len(b[part]), k + 1), order="F")
+            piece[:, :-1], piece[:, -1] = A[part], b[part]
+            triangle, *_ = lapack.dtpqrt(
+                0, min(_PANEL, k + 1), triangle, piece, overwrite_a=1, overwrite_b=1
+            )
+        return cls._of_square(triangle, rows + len(b))
+
+    @classmethod
+    def _of_rows(cls, stack: Array, rows: int) -> Triangle:
+        """Return the triangle of ready rows [A | b], counted as `rows`."""
+        k = stack.shape[1] - 1
+        empty = np.zeros((k + 1, k + 1), order="F")
+        return replace(cls._absorbed(empty, 0, stack[:, :-1], stack[:, -1]), rows=rows)
+
+    @classmethod
+    def _of_square(cls, triangle: Array, rows: int) -> Triangle:
+        if not np.isfinite(triangle).all():
+            raise FitError("an equation has a number that is not finite; valid: finite ones only")
+        signed = triangle * np.where(triangle.diagonal() < 0, -1.0, 1.0)[:, None]
+        signed += 0.0  # no −0.0
+        signed.flags.writeable = False
+        return cls(signed[:-1, :-1], signed[:-1, -1], float(signed[-1, -1]), rows)
+
+
+def _indices(columns: ArrayLike, k: int) -> Index:
+    """Return distinct column numbers among k, from numbers or a mask."""
+    given = np.asarray(columns)
+    try:
+        index = np.arange(k)[given if given.size else []]
+    except IndexError:
+        raise FitError(f"columns {given} of {k}; valid: 0 to {k - 1}") from None
+    if len(np.unique(index)) < len(index):
+        raise FitError(f"columns {given} are not distinct; valid: each at most once")
+    return index
+
 
 NOT_FINITE = (
     "the equations hold numbers that are not finite: some value of the log or of the mechanism is "

@@ -64,12 +64,15 @@ class RawTable:
 class Column:
     """A column of the file and its conversion to SI units: value = scale * file + offset.
 
+    A file may lack one that is not `required`, as of a locked joint.
+
     Raises LogError where `scale` is zero or not finite, or `offset` is not finite.
     """
 
     column: str  # its name in the file
     scale: float = 1.0  # [SI unit / file's unit]
     offset: float = 0.0  # [SI unit]
+    required: bool = True
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.scale) and self.scale != 0.0 and math.isfinite(self.offset)):
@@ -85,6 +88,11 @@ def renamed(table: RawTable, mapping: Mapping[str, Column]) -> RawTable:
     Two columns may exchange their names. A file with none of the mapped columns, but with `t` and
     some of the names that they are to have, has ident's names already, as planned motions have.
     """
+    mapping = {
+        name: source
+        for name, source in mapping.items()
+        if source.required or source.column in table.columns
+    }
     used = {source.column for source in mapping.values()}
     own = mapping.keys() & table.columns.keys()
     if "t" in table.columns and own - {"t"} and not used & {*table.columns, *table.ignored}:

@@ -22,8 +22,7 @@ import numpy as np
 import pinocchio as pin
 
 from ident.errors import MechanismError, line_of, one_of
-from ident.files import function_of
-from ident.mechanism.toml import TomlTable
+from ident.files import TomlTable, function_of
 from ident.mechanism.tree import Placement
 
 Coordinates = Mapping[str, ca.SX]

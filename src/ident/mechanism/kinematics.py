@@ -76,7 +76,6 @@ class Kinematics:
     model: pin.Model
     closures: tuple[Closure, ...]
     coordinates: Mapping[str, int]
-    _newtons: dict[tuple[str, ...], ca.Function] = field(default_factory=dict, init=False)
     _maps: dict[tuple[str, int], Mapped] = field(default_factory=dict, init=False)
 
     @cached_property
@@ -154,43 +153,6 @@ class Kinematics:
         v = np.zeros((len(q), self.model.nv)) if v is None else v
         value, rate, drift = self._evaluate(function, q, v)
         return ConstraintRows(value[..., 0], rate, drift[..., 0])
-
-    def newton(
-        self, names: tuple[str, ...], q: np.ndarray, y: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Two steps of Newton's method towards Φ = 0 with some joints at coordinates y.
-
-            K δq = [−Φ; y − y_u(q)]        K = [J; W_u], by QR; no step is longer than 0.5 rad or m
-
-        Returns q (n, nq), the size of the last step (n,) and the remaining error (n,) [rad | m].
-        Where K has no full column rank, q may be anything. For mechanisms of scalar joints. It
-        starts from q (n, nq); y (n, d) are the coordinates [rad | m] of the joints `names`.
-        """
-        if names not in self._newtons:
-            self._newtons[names] = self._newton(names)
-        q, size, error = self._evaluate(self._newtons[names], q, y)
-        return q[..., 0], size[:, 0, 0], error[:, 0, 0]
-
-    def _newton(self, names: tuple[str, ...]) -> ca.Function:
-        (q, _), y = self._symbols, ca.SX.sym("y", len(names))
-        own = {joint.name: joint for joint in self.own}
-        rows = [-each.phi for each in self._constraints]
-        for i, name in enumerate(names):
-            if name in self.coordinates:
-                rows.append(y[i] - q[self.coordinates[name]])
-                continue
-            apart = y[i] - own[name].expression
-            turns = ca.floor(apart / (2 * np.pi) + 0.5) if own[name].rotational else 0.0
-            rows.append(apart - 2 * np.pi * turns)  # an angle is known up to whole turns
-        error = ca.vertcat(*rows)
-        Q, R = ca.qr(ca.densify(-ca.jacobian(error, q)))
-        step = ca.solve(R, Q.T @ error)
-        size = ca.mmax(ca.fabs(step))
-        moved = q + step * ca.fmin(1.0, LARGEST_STEP / (size + 1e-300))
-        once = ca.Function("once", [q, y], [moved, size, ca.mmax(ca.fabs(error))])
-        twice, size, _ = once(once(q, y)[0], y)
-        _, _, error = once(twice, y)
-        return ca.Function(f"newton_{len(self._newtons)}", [q, y], [twice, size, error])
 
     def _evaluate(self, function: ca.Function, q: np.ndarray, x: np.ndarray) -> list[np.ndarray]:
         parts = []

@@ -5,6 +5,7 @@ The same mechanism may have absolute coordinates: every moving body free, every 
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
@@ -16,6 +17,7 @@ import pinocchio as pin
 
 from ident.effects import KINDS, Effect, create, read_user_effect
 from ident.errors import MechanismError, missing_file, one_of
+from ident.files import TomlTable, read_toml
 from ident.log import Column
 from ident.mechanism.closures import (
     Closure,
@@ -28,7 +30,6 @@ from ident.mechanism.closures import (
 from ident.mechanism.description import Description, align_z, read_description
 from ident.mechanism.mechanism import Joint, Mechanism, multipliers
 from ident.mechanism.parameters import Bodies, read_consistency
-from ident.mechanism.toml import TomlTable, read_toml
 from ident.mechanism.tree import Tree, build_tree, is_rotational, joint_axis
 from ident.mechanism.urdf import lock, parse_urdf
 from ident.plugins import suffixes
@@ -43,14 +44,13 @@ WORDS = re.compile(
 
 
 def load(
-    path: str | Path,
-    *,
-    allow_code: bool = False,
-    locked: Mapping[str, float | None] | None = None,
+    path: str | Path, *, allow_code: bool = False, locked: Mapping[str, float | None] | None = None
 ) -> Mechanism:
     """The mechanism of a folder with a mechanism.toml, of such a file, or of a bare URDF.
 
-    In a URDF's place may stand a MuJoCo model (`.xml`) or an SDF, with the loops it has.
+    In a URDF's place may stand a MuJoCo model (`.xml`) or an SDF, with the loops it has. A folder
+    that `ident identify --out` wrote is its model: with the identified values as its prior, and
+    what was unknown is unknown again.
 
     Args:
         path: folder, `mechanism.toml`, `.urdf`, `.xml` or `.sdf`.
@@ -63,6 +63,9 @@ def load(
         MechanismError: one line that names the file, what is wrong and what would be valid.
     """
     path = Path(path)
+    if is_fit(path):
+        known = load(path / "identified", allow_code=allow_code, locked=locked)
+        return _unknown_again(known, path / "fit.json")
     toml = _toml_of(path)
     top, urdf, name = TomlTable(str(path)), path, path.stem
     if toml is not None:
@@ -110,7 +113,10 @@ def load(
         multipliers=multipliers(
             basis.text("basis", "free"), basis.number("spacing", 0.0), basis.where
         ),
-        columns=_columns(top.table("log")),
+        columns={
+            name: replace(column, required=name.partition(".")[2] not in held)
+            for name, column in _columns(top.table("log")).items()
+        },
         urdf=urdf,
         toml=toml,
         locked=held,
@@ -137,6 +143,36 @@ def load(
         except MechanismError as error:
             raise (error if table.where in str(error) else table.error(str(error))) from None
     return mechanism
+
+
+def is_fit(path: Path) -> bool:
+    """Return whether a folder is one that `ident identify --out` wrote."""
+    files = "fit.json", "identified/mechanism.toml"
+    return not (path / "mechanism.toml").exists() and all((path / x).is_file() for x in files)
+
+
+def _unknown_again(known: Mechanism, file: Path) -> Mechanism:
+    """Return an identified mechanism in which what its fit.json estimated is unknown."""
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+        name, bodies = str(data["mechanism"]), [str(each["name"]) for each in data["parameters"]]
+        values = [value for effect in data["effects"] for value in effect["parameters"]]
+        free = {value["name"] for value in values if value["stderr"] != 0.0}  # 0: it was given
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise MechanismError(
+            f"{file}: is no complete fit.json ({error}); identify again, or give {file.parent}/"
+            "identified, in which everything is known"
+        ) from None
+    effects = []
+    for each in known.effects:
+        open_ = {
+            p.name for full, p in zip(each.names, each.parameters, strict=True) if full in free
+        }
+        effects.append(
+            replace(each, values={n: x for n, x in each.values.items() if n not in open_})
+        )
+    unknown = known.bodies.select(bodies, str(file))
+    return replace(known, name=name, unknown=unknown, effects=tuple(effects))
 
 
 def _toml_of(path: Path) -> Path | None:
@@ -281,6 +317,8 @@ def unlogged_hands(mechanism: Mechanism, columns: Iterable[str]) -> tuple[str, .
     logged = {
         joint for prefix, _, joint in (name.partition(".") for name in given) if prefix in CHANNELS
     }
+    if given and not logged:
+        return ()  # columns are not mapped yet
     model = mechanism.model
     free = {i: model.names[i] not in logged for i in range(1, model.njoints)}
     for i in reversed(free):

@@ -190,10 +190,11 @@ class Mechanism(Displayed):
         at = int(worst.argmax())
         name, unit = self.kinematics.multipliers[at], self.kinematics.units[at]
         unit = {"N": " m", "N m": " rad"}.get(unit, "")  # what λ does work along
+        held = ", ".join(f"{joint} at {value:.4g}" for joint, value in self.locked.items())
         raise MechanismError(
             f"{self.name}: the loops do not close from [joints] start: the equation '{name}' is "
             f"left at {worst.max():.3g}{unit}; give a start near an assembled position, and check "
-            "the closures' frames"
+            "the closures' frames" + f" and where joints are locked: {held}" * bool(held)
         )
 
     # --- effects --------------------------------------------------------------------------------

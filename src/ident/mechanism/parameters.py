@@ -16,9 +16,9 @@ import numpy as np
 import pinocchio as pin
 
 from ident.effects import KINDS
-from ident.effects.elastic import Payload
+from ident.effects.joint import Payload
 from ident.errors import MechanismError, one_of
-from ident.mechanism.toml import HUGE, TomlTable
+from ident.files import HUGE, TomlTable
 
 UNITS = {each.name: each.units[0] for each in Payload.unknowns}  # of a body as of a payload
 DYNAMIC = tuple(UNITS)
@@ -76,6 +76,21 @@ class Bodies:
             wanted = DYNAMIC if word == "*" else ("L" + word[1:] if word[0] == "I" else word,)
             chosen.update(f"{link}.{each}" for each in wanted)
         return tuple(name for name in self.names if name in chosen)
+
+    def with_values(self, pi: np.ndarray, given: dict[str, float]) -> np.ndarray:
+        """Return dynamic parameters (10 · bodies,) with other values by name, which leave `given`;
+        moments `rod.Ixx` are about the centre of mass, as a URDF has them.
+        """
+        pi = pi.copy()
+        for i, name in enumerate(self.names):
+            pi[i] = given.pop(name, pi[i])
+        for link in self.links:
+            at = self.columns(link)
+            shift = beyond_centroidal(pi[at])
+            for k, word in enumerate(DYNAMIC):
+                if (name := f"{link}.{CENTROIDAL.get(word)}") in given:
+                    pi[at.start + k] = given.pop(name) + shift[k]
+        return pi
 
     def check(self, name: str, where: str) -> None:
         """Refuse a name that is no body's parameter and can be no effect's."""

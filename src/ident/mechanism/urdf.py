@@ -17,15 +17,16 @@ import pinocchio as pin
 from lxml import etree
 
 from ident.errors import MechanismError, one_of
+from ident.files import HUGE
 from ident.mechanism.parameters import COUNT, about_origin, join, split
-from ident.mechanism.toml import HUGE
 
 MOST = 500  # joints, those that are fixed among them
-TYPES = ("fixed", "revolute", "continuous", "prismatic", "planar")
-SCALAR = ("revolute", "continuous", "prismatic")
-FLOATING = (
-    "an orientation cannot be written as one column a coordinate; state it as three prismatic and "
-    "three revolute joints with massless links between them"
+TYPES = ("fixed", "revolute", "continuous", "prismatic", "planar", "floating")
+HELD = ("revolute", "continuous", "prismatic", "floating")  # what can be locked
+FLOATING = (  # a MuJoCo model's joints free and ball, too
+    "an orientation cannot be written as one column a coordinate; if it does not move in the log, "
+    "--lock {0} (or [joints] locked = {{ {0} = 0 }}) fixes it where the file has it; else state it "
+    "as three prismatic and three revolute joints with massless links between them"
 )
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # as C++ reads it, too
 TERMS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -154,8 +155,6 @@ def _check_tree(robot: etree._Element, where: str) -> None:
 
 def _check_joint(joint: etree._Element, where: str) -> None:
     name, kind = joint.get("name"), joint.get("type") or ""
-    if kind == "floating":
-        refuse(joint, where, f"joint '{name}' is of type floating: {FLOATING}")
     if kind not in TYPES:
         refuse(joint, where, f"joint '{name}' is of type '{kind}'; {one_of(kind, TYPES)}")
     for element in joint:
@@ -196,14 +195,22 @@ def lock(robot: etree._Element, values: Mapping[str, float], where: str) -> dict
     """Fix joints of a `<robot>` at coordinates [rad | m], and joints that mimic them; return all.
 
     Raises:
-        MechanismError: for a joint that is not there or has not one coordinate.
+        MechanismError: for a joint that is not there or has several coordinates; a floating one
+            can be fixed at its origin, and must be.
     """
-    joints = {j.get("name"): j for j in robot.findall("joint") if j.get("type") in SCALAR}
+    joints = {j.get("name"): j for j in robot.findall("joint") if j.get("type") in HELD}
     locked = dict(values)
     for name in locked:
         if name not in joints:
-            what = f"no joint '{name}' of one coordinate can be locked"
+            what = f"there is no joint '{name}' to be locked"
             raise MechanismError(f"{where}: {what}; {one_of(name, joints)}")
+    for name, joint in joints.items():
+        if joint.get("type") == "floating" and locked.get(name, 0) != 0:
+            what = f"joint '{name}' has several coordinates, so {locked[name]:g} is no place of it"
+            raise MechanismError(f"{where}: {what}; only --lock {name}, where the file has it")
+        if joint.get("type") == "floating" and name not in locked:
+            what = f"joint '{name}' is of type floating: {FLOATING.format(name)}"
+            raise MechanismError(f"{where}: {what}")
     followers = [(name, each.find("mimic")) for name, each in joints.items()]
     pending = [(name, mimic) for name, mimic in followers if mimic is not None]
     for _ in pending:  # one may mimic another that mimics

@@ -87,6 +87,8 @@ def folder_files(
         urdf_name = mechanism.urdf.with_suffix(".urdf").name
         _spell_out(document, mechanism, source)
     document["urdf"] = urdf_name
+    if unknown is None and document.get("parameters", {}).get("unknown") == []:
+        unknown = mechanism.unknown  # of the folder of a fit, in which all is known
     if unknown is not None:
         document["parameters"] = {"unknown": list(unknown)}
     files = {urdf_name: urdf}

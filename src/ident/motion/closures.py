@@ -27,7 +27,6 @@ STRIDE = 32  # samples between the anchors that are solved one after the other
 CLOSED = 1e-11  # [m | rad] largest equation that Newton leaves
 OPEN = 1e-10  # [m | rad] largest equation at which a configuration counts as closed
 STEPS = 12
-LARGEST = 12  # coordinates up to which Newton's steps are compiled; their QR is written out
 FARTHEST = 1000.0  # [rad | m] from the start to the sample nearest to it; beyond, a unit is wrong
 BENT = 0.2  # share of a step by which it may differ from the prediction of the tangents at its ends
 LEAP = 20.0  # [rad | m] from one sample to the next
@@ -61,8 +60,6 @@ class LoopSolver:
         self.joints = tuple(mechanism.joint(name) for name in names)
         self.surplus = len(self.joints) > mechanism.degrees_of_freedom
         self.scale = np.ones(len(self.joints)) if scale is None or not self.surplus else scale
-        model = mechanism.model
-        self._compiled = model.nq == model.nv <= LARGEST and not self.surplus
 
     def coordinates(self, q: np.ndarray, v: np.ndarray | None = None) -> ConstraintRows:
         """y (n, d), W_u (n, d, nv) and Ẇ_u v (n, d) of the joints."""
@@ -90,20 +87,6 @@ class LoopSolver:
 
     def newton(self, q: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Configurations (n, nq) near q at the targets (n, d), and the largest |Φ| there (n,)."""
-        if not self._compiled:
-            return self._newton(q, target)
-        names = tuple(joint.name for joint in self.joints)
-        at = q
-        for _ in range(STEPS // 2):
-            at, size, gap = self.mechanism.kinematics.newton(names, at, target)
-            if size.max() < CLOSED:
-                break
-        bad = ~(np.isfinite(at).all(axis=1) & (gap < OPEN))
-        if bad.any():  # K is singular there, or nearly
-            at[bad], gap[bad] = self._newton(q[bad], target[bad])
-        return at, gap
-
-    def _newton(self, q: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         model, m = self.mechanism.model, len(self.mechanism.kinematics.multipliers)
         for _ in range(STEPS):
             off, K = self._residual(q, target)
@@ -117,10 +100,12 @@ class LoopSolver:
             q = integrate(model, q, step * np.minimum(1.0, 0.5 / (largest + 1e-300)))
             if largest.max() < CLOSED:
                 break
+        else:
+            off, _ = self._residual(q, target)
         for _ in range(3 * self.surplus):
             rows = self.mechanism.kinematics.closure_rows(q)
             q = integrate(model, q, -_times(linear.pinv(rows.rate, 1e-9), rows.value))
-        off, _ = self._residual(q, target)
+            off, _ = self._residual(q, target)
         return q, np.abs(off[:, :m] if self.surplus else off).max(axis=1, initial=0.0)
 
     def rates(
@@ -367,6 +352,8 @@ def check_freedom(mechanism: Mechanism) -> None:
             "it is in a planar loop: check its <axis> (without one it is x of the joint's frame) "
             "and the closures' frames and kinds"
         )
+    if mechanism.locked:
+        why = f"lock fewer joints than {', '.join(mechanism.locked)}"
     raise MechanismError(
         f"{name}: the loops leave 0 degrees of freedom, so nothing can move; {why}"
     )

@@ -1,21 +1,29 @@
-"""Knots and cut-off of logs whose noise is not white, chosen by the measured torques.
+"""Motions of logs whose noise is not white: errors of time stamps, knots chosen by the torques.
 
-Time stamps jitter, rows repeat, encoders have steps, links vibrate: such noise is alike from sample
-to sample, and a criterion for white noise takes it for motion; of a trapeze it misses the ramps.
-But the torques know which accelerations are real: with rigid bodies, friction and offsets in every
-joint they are predicted best by the right ones. Their error at full rate, in stretches of time left
-out of the fit, is one currency for all knots.
+Stamps jitter and rows repeat: positions are then off by speed times one time error δ_i,
+
+    r_ij = q_ij − s_j(t_i) = ṡ_j(t_i) δ_i + e_ij
+    δ_i = Σ_j ṡ_j r_ij/σ_j² / (Σ_j ṡ_j²/σ_j² + 1/σ_t²)
+
+of row i and joint j, s: the smooth motion. Whether there is such an error is shown by each joint's
+r, as far as the δ of all other joints predicts it: noise of encoders is not predicted at all.
+
+Encoders have steps and links vibrate, too: such noise is alike from sample to sample, and a
+criterion for white noise takes it for motion; of a trapeze it misses the ramps. But the torques
+know which accelerations are real: with rigid bodies, friction and offsets in every joint they are
+predicted best by the right ones. Their error at full rate, in stretches of time left out of the
+fit, is one currency for all knots.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
+from ident.information.blocks import Part
+from ident.information.hypotheses import PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.closures import best_conditioned
 from ident.motion.recipe import Band
@@ -24,6 +32,64 @@ from ident.motion.signals import LogSignals, runs
 from ident.motion.smoothing import FEWEST, Derived, finest
 from ident.motion.spline import INCONSISTENT, basis_over, fitted
 from ident.motion.state import State
+
+STEPS = 5  # of the alternation between δ and the sizes of both noises
+STRETCHES = 10  # of a log, lest one jump decides
+PREDICTED = 0.2  # share of a joint's squared r that the others must predict, in half of all cases
+ROUGH = 0.3  # of 2 δ² that its steps must be: what a spline misses of a corner is smooth
+SLOWEST = 0.05  # share of the top speed below which positions say nothing of time
+
+
+def without_time_errors(
+    signals: LogSignals, derived: Derived, names: Sequence[str]
+) -> tuple[LogSignals, float] | None:
+    """The log with positions and rates at its stamps, and the rms of its time errors [s]; None if
+    the joints `names` have none in common.
+    """
+    smooth, log = derived.smooth, signals.log
+    moving = [n for n in names if smooth is not None and n in smooth.names]
+    t = np.asarray(log.t)
+    if smooth is None or len(moving) < 2:
+        return None
+    r, v, a = np.zeros((3, len(t), len(moving)))
+    for run, spline in smooth.runs:
+        inside = (t >= signals.t[run][0]) & (t <= signals.t[run][-1])
+        at = [smooth.names.index(name) for name in moving]
+        q, v[inside], a[inside] = spline.at(t[inside])[:, :, at]
+        logged = np.stack([log.columns[f"q.{name}"][inside] for name in moving], axis=1)
+        r[inside] = np.nan_to_num(logged - q)
+    error, shares = common(r, v)
+    size = float(np.mean(error**2))
+    if np.median(shares) < PREDICTED or np.mean(np.diff(error) ** 2) < ROUGH * 2 * size:
+        return None
+    columns, here = dict(log.columns), dict(signals.columns)
+    for j, name in enumerate(moving):
+        for column, rate in ((f"q.{name}", v), (f"v.{name}", a)):
+            if column in here:
+                columns[column] = columns[column] - rate[:, j] * error
+                good = np.isfinite(columns[column])
+                here[column] = np.interp(signals.t, t[good], columns[column][good])
+    return replace(signals, log=replace(log, columns=columns), columns=here), float(np.sqrt(size))
+
+
+def common(r: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """δ (n,) [s] of residuals r and speeds v (n, J), and by stretch of time and joint the share
+    (STRETCHES, J) of its squared residual that the others' δ predicts.
+    """
+    v = np.where(np.abs(v) > SLOWEST * np.abs(v).max(axis=0), v, 0.0)
+    noise, spread = (r**2).mean(axis=0) + 1e-300, np.inf
+    for _ in range(STEPS):
+        up, down = v * r / noise, v**2 / noise
+        error = up.sum(axis=1) / (down.sum(axis=1) + 1 / spread + 1e-300)
+        noise = ((r - v * error[:, None]) ** 2).mean(axis=0) + 1e-300
+        spread = float(np.mean(error**2)) + 1e-300
+    others = (up.sum(axis=1)[:, None] - up) / (down.sum(axis=1)[:, None] - down + 1 / spread)
+    squares = [
+        [(x[part] ** 2).sum(axis=0) for x in (r - v * others, r)]
+        for part in np.array_split(np.arange(len(r)), STRETCHES)
+    ]
+    return error, np.array([1 - left / (all_ + 1e-300) for left, all_ in squares])
+
 
 STEP = 2.0  # ratio of one spacing that is tried to the next
 FINER, COARSER = 4, 3  # steps from the present spacing that are tried
@@ -37,7 +103,6 @@ SAMPLES = 1000  # of a log, at which torques are predicted
 FOLDS = 10  # stretches of time that are left out in turn
 SLOW = 0.01  # share of a joint's top speed below which its dry friction is gradual
 ROUNDING = 1e-9  # of the largest torque
-RIDGE = 1e-9  # of a column's square, in directions that the motion does not determine
 VALUES = 40_000_000  # of the regressor in memory; of larger mechanisms fewer samples are taken
 
 
@@ -143,30 +208,17 @@ def torque_errors(mechanism: Mechanism, e: State) -> np.ndarray:
     parts = (gamma, spread * e.yd[:, None], spread * dry[:, None], spread)
     driven = [mechanism.joint_index[name] for name in mechanism.driven]
     b = np.einsum("njd,nj->nd", lever[:, driven], e.tau)
-    X, columns = [], []  # of each coordinate, what acts on it: in a tree, the bodies it carries
-    for u in range(b.shape[1]):
-        x = np.concatenate([part[:, u] for part in parts], axis=1)
-        columns.append(np.flatnonzero(x.any(axis=0)))
-        X.append(x[:, columns[u]])
     count = sum(part.shape[2] for part in parts)
     edges = np.linspace(0, len(e), FOLDS + 1).astype(int)
-    folds = [slice(i, j) for i, j in pairwise(edges)]
+    blocks = []
+    for u, y in enumerate(b.T):
+        x = np.concatenate([part[:, u] for part in parts], axis=1)
+        own = np.flatnonzero(x.any(axis=0))  # in a tree, the bodies that the coordinate carries
+        blocks.append(Part(u, own, x[:, own], y[:, None], edges))
     largest = float(np.abs(b).max()) or 1.0
     sigma = np.full(b.shape[1], largest)  # a passive joint has no torque
     for _ in range(2):  # the second time with weights by the errors of the first
-        H, g = np.zeros((FOLDS, count, count)), np.zeros((FOLDS, count))
-        for x, at, y, s in zip(X, columns, b.T, sigma, strict=True):
-            for i, fold in enumerate(folds):
-                H[i][np.ix_(at, at)] += x[fold].T @ x[fold] / s**2
-                g[i, at] += x[fold].T @ y[fold] / s**2
-        total, right = H.sum(axis=0), g.sum(axis=0)
-        size = np.sqrt(np.where(np.diag(total) > 0, np.diag(total), 1.0))
-        off = np.empty_like(b)
-        for i, fold in enumerate(folds):
-            others = (total - H[i]) / np.outer(size, size)
-            others.flat[:: count + 1] += RIDGE
-            found = cho_solve(cho_factor(others), (right - g[i]) / size) / size
-            for u, (x, at) in enumerate(zip(X, columns, strict=True)):
-                off[fold, u] = b[fold, u] - x[fold] @ found[at]
-        sigma = np.maximum(np.sqrt((off**2).mean(axis=0)), ROUNDING * largest)
+        found = PartialRegression(tuple(blocks), np.arange(count), 1 / sigma)
+        left = sigma * np.sqrt(found.losses.sum(axis=0) / len(e))
+        sigma = np.maximum(left, ROUNDING * largest)
     return sigma

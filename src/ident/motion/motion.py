@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from ident.display import Displayed, render
+from ident.display import Displayed, Progress, render
 from ident.errors import MotionError, one_of
 from ident.log import Log, read_log
 from ident.log.log import entry_for
@@ -17,7 +17,7 @@ from ident.log.read import distinct
 from ident.log.table import is_frame
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.closures import best_conditioned, check_freedom, independent_joints
-from ident.motion.knots import by_torques, doubtful
+from ident.motion.knots import by_torques, doubtful, without_time_errors
 from ident.motion.recipe import (
     AUTO,
     CLEAN,
@@ -28,14 +28,7 @@ from ident.motion.recipe import (
     thresholds,
     top_speeds,
 )
-from ident.motion.signals import (
-    LogSignals,
-    Smoothed,
-    channels_of,
-    measure,
-    noise_level,
-    runs,
-)
+from ident.motion.signals import LogSignals, Smoothed, channels_of, measure, noise_level, runs
 from ident.motion.smoothing import (
     AS_LOGGED,
     Derived,
@@ -48,8 +41,6 @@ from ident.motion.smoothing import (
 )
 from ident.motion.spline import reweighted
 from ident.motion.state import State, wrenches
-from ident.motion.time_errors import without_time_errors
-from ident.progress import Progress
 
 Given = Log | str | os.PathLike[str] | Any  # a polars or pandas data frame
 AGREE = 1e-9  # share of its motion below which a logged joint differs by rounding only
@@ -425,11 +416,7 @@ def state_of(
 
 
 def _together(
-    mechanism: Mechanism,
-    signals: LogSignals,
-    e: State,
-    band: Band,
-    recipe: Recipe | None,
+    mechanism: Mechanism, signals: LogSignals, e: State, band: Band, recipe: Recipe | None
 ) -> State:
     """More joints logged than needed, with noise: one smooth motion made by all their channels.
 

@@ -175,12 +175,7 @@ def _motions(
 
 
 def _move(
-    joint: _Joint,
-    before: np.ndarray,
-    body: np.ndarray,
-    q: np.ndarray,
-    v: np.ndarray,
-    a: np.ndarray,
+    joint: _Joint, before: np.ndarray, body: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Set the motion of a body from its parent's; returns R (3, 3, n) and p (3, n) of its origin.
 

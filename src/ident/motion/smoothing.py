@@ -23,7 +23,7 @@ from math import comb
 
 import numpy as np
 
-from ident.information.splines import Basis
+from ident.information.time_bases import Basis
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.recipe import AUTO, CLEAN, Band, Recipe
 from ident.motion.signals import Channel, LogSignals, Smoothed, channels_of, runs

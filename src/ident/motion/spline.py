@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from ident.information.splines import Basis
+from ident.information.time_bases import Basis
 from ident.motion.signals import Channel
 
 DEGREE = 5

@@ -5,7 +5,6 @@ from importlib import import_module
 from ident.display import Displayed, render, renderer, renders
 
 MODULES = {
-    "comparison": ("Comparison",),
     "diagnosis": ("Diagnosis",),
     "diagnosis_report": ("Diagnosis", "Health"),
     "experiment": ("Diagnosis",),
@@ -13,8 +12,8 @@ MODULES = {
         "Binding", "Correlation", "Fit", "Likelihood", "Reactions",
         "Unexcited",
     ),
-    "ladder": ("History", "Step"),
-    "montecarlo": ("MonteCarlo", "Studies"),
+    "ladder": ("Comparison", "History", "Step"),
+    "montecarlo": ("MonteCarlo",),
     "motion": ("Log", "Mechanism", "Motion"),
     "residual": ("Comparison", "Failure", "Fit", "Residual"),
     "simulate": ("Excitation", "Replay", "Run"),

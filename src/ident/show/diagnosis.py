@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,13 +11,14 @@ from ident.diagnosis.law_search import FittedFormula
 from ident.diagnosis.result import Diagnosis, Explanation, errors_of
 from ident.diagnosis.selection import Evidence
 from ident.diagnosis.unobservable import Invisible
-from ident.display import renders
-from ident.effects import Effect
+from ident.display import folder, renders
+from ident.effects import KINDS, Effect
 from ident.fit import Fit
 from ident.fit.residual import Failure
 from ident.information.blocks import Error
 from ident.information.chance import odds_ratio
-from ident.show.card import (
+from ident.show.experiment import APART
+from ident.show.html import (
     NOISY,
     Bar,
     Card,
@@ -38,6 +39,7 @@ BRIEF = 300  # characters of the next experiment in the first lines
 MOST = 3  # joints and candidates that are described
 ABSORBED = "absorbed"
 CANDIDATES = "what adding an effect would do: held-out error of the joint that it mends most"
+PART = 0.5  # share that stays beyond noise, from which a name may be that of another cause
 RAREST = 0.01  # chance below which a hundred draws say no more than that it is rarer
 Rows = list[list[str]]
 
@@ -72,7 +74,7 @@ def verdict_line(d: Diagnosis) -> str:
     """Return the verdict in one sentence."""
     if d.best is not None:
         first = f"{d.best.label if d.rivals else named(d.group)} ({type(d.best).summary()})"
-        names = [first, *_alike(d)]
+        names = ["other values of " * bool(d.candidates[0].known) + first, *_alike(d)]
         apart = ", which this data cannot tell apart" if names[1:] else ""
         return f"missing: {listed(names, 'or')}{apart}"
     formulas = listed([f"torque of {law.joint} = {law.formula}" for law in d.laws])
@@ -88,53 +90,96 @@ def verdict_line(d: Diagnosis) -> str:
     }[d.verdict]
 
 
+def _known(best: Explanation) -> str:
+    """Return the values that the model has of an effect that it has."""
+    own = [(v.name.rpartition(".")[2], v) for v in best.parameters if v.name in best.known]
+    return some([f"{n} = {best.known[v.name]:.4g} {v.unit}".removesuffix(" 1") for n, v in own])
+
+
+def _stays(d: Diagnosis, after: Mapping[str, Error]) -> float:
+    """Return the share of the squares beyond noise that the group leaves where the first name acts;
+    0 where no more than noise is left with the whole set.
+    """
+    joint = d.candidates[0].joint
+    if joint not in d.loud:
+        return 0.0
+    floor = d.floor[joint] ** 2
+    before, left = (max(e.rms**2 - floor, 0.0) for e in (errors_of(d.fit)[joint], after[joint]))
+    return left / max(before, floor)
+
+
 def _alike(d: Diagnosis) -> list[str]:
     """Return what this data cannot tell from the best effect."""
     clock = ["another scale of time"] if any(x.code == "time" for x in d.health.findings) else []
     return [*(each.label for each in d.rivals), *clock]
 
 
-def card(d: Diagnosis) -> Card:
+def _separable(d: Diagnosis) -> tuple[str, ...]:
+    """Return the best effect and a rival, at another place if there is one, where a motion tells
+    them apart.
+    """
+    if d.best is None or not d.rivals or APART not in d.next_experiment:
+        return ()
+    rival = next((each for each in d.rivals if each.kind == d.best.kind), d.rivals[0])
+    known = all(each.kind in KINDS and not each.signal for each in (d.best, rival))
+    return (d.best.label, rival.label) if known else ()
+
+
+def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
     """Return the verdict, how sure it is, the error by joint, and the command to copy."""
     logs = ", ".join(e.name for e in d.fit.motion.experiments)
     line = f"{d.fit.mechanism.name} on {logs}: {verdict_line(d)}"
     errors = errors_of(d.fit)
-    command = next_command("identify" if d.verdict == "nothing" else "excite")
+    command = next_command("identify" if d.verdict == "nothing" else "excite", added)
     after: Mapping[str, Error] = {}
+    planned = ""
     if d.best is not None:
         best = d.candidates[0]
         after = d.after
-        command = "" if d.health.faults else add_command(d.fit.mechanism, d.group)
+        command = add_command(d.fit.mechanism, [*added, *d.group])
+        if planned := next_command("excite", added, pair) if (pair := _separable(d)) else "":
+            command = planned
         mine = [m.evidence.z for m in d.selection.named if m.evidence and m.effect in d.group]
         certain = sure(min(mine, default=best.evidence.z)).capitalize()  # of the least certain one
-        if _alike(d):
+        certain = certain if best.evidence.p < RAREST else "Not sure"
+        if (stays := _stays(d, after)) > PART:
+            certain = (
+                f"Not sure that it is this (with it {100 * stays:.0f} % of the squared error "
+                f"beyond noise stays in {best.joint})"
+            )
+        elif _alike(d):
             certain = f"Which of these is open; that something is missing: {certain.lower()}"
         value = f"{d.best.label}: " if len(d.group) > 1 or _alike(d) else ""
-        certain += f": {by_chance(best.evidence)}; {value}{numbers(best.parameters)}."
+        had = f", in the model {_known(best)}" * bool(best.known)
+        certain += f": {by_chance(best.evidence)}; {value}{numbers(best.parameters)}{had}."
     else:
         certain = f"{_tried(d)} effects were tried, and none explains more than chance does."
         if d.selection.members or d.laws:
             certain = f"{_tried(d)} effects were tried, and none explains it."
         if d.laws:
             after = d.laws[-1].after  # its fit has all laws
-            files = " ".join(f"DIR/{law.option}" for law in d.laws)
-            command = f"{add_command(d.fit.mechanism, [])} {files} --allow-code"
+            files = [f"{folder.get() or 'DIR'}/{law.option}" for law in d.laws]
+            command = add_command(d.fit.mechanism, added, files)
     bars = [Bar(f.joint, errors[f.joint], after.get(f.joint), d.floor[f.joint]) for f in d.where]
     bars.sort(key=lambda bar: bar.sizes[1] - bar.sizes[0])  # the largest fall first
-    good = good_enough(errors, d.floor, searched=d.verdict == "nothing")
+    good = good_enough(errors, d.floor, d.fit.residual.away, d.verdict == "nothing")
+    sentences = " ".join([*_health(d), good, certain, *_rest(d)]).strip()
     return Card(
-        line, " ".join([good, certain, *_rest(d)]).strip(), tuple(bars), command, first_motion(d)
+        line, sentences, tuple(bars), command * d.health.good, first_motion(d, bool(planned))
     )
 
 
-def first_motion(d: Diagnosis) -> str:
-    """Return what to do about data that look wrong, else the next experiment, in some lines."""
+def first_motion(d: Diagnosis, planned: bool) -> str:
+    """Return the next experiment in some lines, `planned` by the card's command, unless the data
+    look wrong.
+    """
     if not d.health.good:
-        return _health(d)[0]
+        return ""
     text = d.next_experiment  # whole sentences of some three lines, the first one in any case
     end = text.find(". ") if len(text) > BRIEF else -1
     end = max(end, text.rfind(". ", 0, BRIEF)) if end > 0 else len(text)
-    return f"Next experiment: {text[: end + 1]}" if text else ""
+    way = ", planned by this command or by hand" if planned else ""
+    return f"Next experiment{way}: {text[: end + 1]}" if text else ""
 
 
 # --- text -----------------------------------------------------------------------------------------
@@ -302,11 +347,7 @@ def _missing(d: Diagnosis) -> list[str]:
             f"first, but it could as well be {listed(others, 'or')}."
         )
     if best.known:
-        known = [
-            f"{v.name.rpartition('.')[2]} = {best.known[v.name]:.4g} {v.unit}".removesuffix(" 1")
-            for v in best.parameters
-        ]
-        first += f" The model has it, as {some(known)}: that must have changed."
+        first += f" The model has it, as {_known(best)}: that must have changed."
     before, after = (_error(x) for x in (best.before[best.joint], best.after[best.joint]))
     own = ""
     if effect.joints and best.joint not in effect.joints:

@@ -10,16 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import escape
 
 from ident.diagnosis.result import Diagnosis, Explanation, errors_of
 from ident.diagnosis.unobservable import name_of
-from ident.display import renders
+from ident.display import renders, writing
 from ident.files import json_bytes, plain, regular, write_all
 from ident.fit.data_checks import Health
 from ident.fit.prediction import predict
 from ident.fit.residual import Failure, Residual, residual_of
-from ident.show.card import Bar
 from ident.show.charts import (
     FAINT,
     MEASURED,
@@ -32,16 +30,10 @@ from ident.show.charts import (
     Line,
     Panel,
 )
-from ident.show.diagnosis import (
-    CLAIMS,
-    candidate_rows,
-    card,
-    mark,
-    story,
-    where_rows,
-)
+from ident.show.diagnosis import CLAIMS, candidate_rows, card, mark, story, where_rows
 from ident.show.fit import fit_sections
 from ident.show.html import (
+    Bar,
     Block,
     Choice,
     Option,
@@ -78,8 +70,16 @@ EFFECT = (
 def plot_candidates(d: Diagnosis) -> Chart:
     """Draw the error of its joint without and with each candidate, and what noise would leave."""
     named = [each for each in d.every if mark(d, each) != " "]
-    shown = [*named, *(each for each in d.every if each not in named)][: max(BARS, len(named))]
-    rows = [Bar(x.joint, x.before[x.joint], x.after[x.joint], d.floor[x.joint]) for x in shown]
+    others = [each for each in d.every if each not in named][: max(BARS - len(named), 0)]
+
+    def bar(x: Explanation) -> Bar:
+        return Bar(x.joint, x.before[x.joint], x.after[x.joint], d.floor[x.joint])
+
+    def fall(x: Explanation) -> float:
+        return bar(x).sizes[1] - bar(x).sizes[0]
+
+    shown = [*sorted(named, key=fall), *sorted(others, key=fall)]
+    rows = [bar(x) for x in shown]
     before, after, noise = (
         100 * np.array([size or 0.0 for size in sizes])
         for sizes in zip(*(row.sizes for row in rows), strict=True)
@@ -227,8 +227,8 @@ def write_diagnosis(
         IdentError: if the folder cannot be written.
     """
     title = f"{d.fit.mechanism.name}: diagnosis"
-    report = Page(title, card(d), (*sections, *diagnosis_sections(d))).html()
-    report = report.replace(b"DIR/", str(escape(f"{folder}/")).encode())  # it is known here
+    with writing(folder):
+        report = Page(title, card(d), (*sections, *diagnosis_sections(d))).html()
     files = {**diagnosis_files(d), **(more or {}), "report.html": report}
     return write_instead(d, Path(folder), files)
 

@@ -25,13 +25,14 @@ from ident.display import renders
 from ident.effects import Effect
 from ident.effects.library import separating
 from ident.errors import IdentError
-from ident.show.card import named
+from ident.show.html import named
 from ident.text import listed, some
 
 SHOWS = 0.02  # visible share from which an effect can be seen
 LOOKED_AT = 24  # invisible effects that are tried in other motions
 EXPLAINED = 0.9  # of what exceeds the noise, from which a formula leaves no question in its joint
 STOPPED = "Interrupted before one was worked out."
+APART = "then differ by at least"  # what a motion that tells rivals apart shows
 NOTHING = "This log leaves no question that another motion would answer."
 HOW = {
     "turn": "turn {names} through a full turn, there and back{before}, at up to {top}",
@@ -134,7 +135,7 @@ def _between(d: Diagnosis, rivals: Sequence[Evidence], tried: Sequence[Attempt])
 def _proposed(d: Diagnosis, p: Proposal) -> str:
     text = (
         f"{_capital(described(p.trial, present(d.fit.mechanism, d.fit.motion)))}: "
-        f"{some([each.label for each in p.apart])} then differ by at least {p.separation:.2g} "
+        f"{some([each.label for each in p.apart])} {APART} {p.separation:.2g} "
         f"standard errors in a log as long as this one; log about "
         f"{float(f'{p.seconds:.2g}'):g} s of it to be sure"
     )

@@ -14,22 +14,32 @@ from ident.fit.consistency import Binding
 from ident.fit.files import Saved, write_fit, write_urdf
 from ident.fit.findings import Unexcited
 from ident.fit.likelihood import Likelihood
-from ident.fit.multipliers import Reactions
-from ident.fit.prediction import predict
+from ident.fit.prediction import Reactions, predict
 from ident.fit.residual import residual_of
 from ident.fit.result import Fit
 from ident.fit.shapes import initial
-from ident.fit.values import STRONG, Correlation, Value
-from ident.show.card import Bar, Card, good_enough, next_command
+from ident.fit.values import STRONG, Change, Changes, Correlation, Value
 from ident.show.charts import PRIOR, Chart, Dots, Panel
-from ident.show.html import Block, Page, Section, by_log, items, paragraph
+from ident.show.html import (
+    Bar,
+    Block,
+    Card,
+    Page,
+    Section,
+    by_log,
+    good_enough,
+    items,
+    next_command,
+    paragraph,
+)
 from ident.show.html import table as html_table
 from ident.show.motion import made_of, understood
-from ident.show.residual import error_rows, errors_section, plot_forces, residual_sections
+from ident.show.residual import error_rows, errors_section, plot_forces, residual_sections, short
 from ident.show.sheet import Sheet
 from ident.text import listed, percent, rounded, shortened, some
 
 MOST = 60  # parameters in one chart
+LITTLE = 0.1  # of the farthest joint's way: one that moves less is named
 WHY = {
     "noise": "too little of it for a residual of this size",
     "same columns": "acts as {}",
@@ -81,32 +91,27 @@ def _pairs(x: Correlation) -> list[str]:
 
 @renders(Unexcited, "text")
 def unexcited(x: Unexcited) -> str:
-    """Return what a motion does not determine, why, and which motion would."""
+    """Return what a motion does not determine, which joints hardly move, and what plans one."""
     if not x.lost:
         return "this motion tells all that a motion can tell"
     lines = ["this motion does not determine what another one would:"]
     lines += [f"  {e.name}: {WHY[e.why].format(', '.join(e.carriers[:3]))}" for e in x.lost]
-    return "\n".join([*lines, *x.advice])
+    return "\n".join([*lines, x.advice])
 
 
 @renders(Unexcited, "advice")
-def advice(x: Unexcited) -> list[str]:
-    """Return one sentence for all unknowns that the same joints determine."""
-    groups: dict[str, list[str]] = {}
-    for each in x.lost:
-        groups.setdefault(each.joints[0] if each.joints else "", []).append(each.name)
-    found = []
-    for joint, names in groups.items():
-        what = "move several joints at once, farther and faster: none alone would do"
-        if joint:
-            far, fast, unit = x.moved[joint]
-            size, top = x.swing[joint]
-            what = (
-                f"swing {joint} by ±{size:.2g} {unit} with up to {top:.2g} {unit}/s² "
-                f"(it moved through {far:.2g} {unit} with up to {fast:.2g} {unit}/s²)"
-            )
-        found.append(f"to tell {some(names, 5)}: {what}")
-    return found
+def advice(x: Unexcited) -> str:
+    """Return what to do so that the unknowns are determined; empty if none is lost."""
+    if not x.lost:
+        return ""
+    farthest: dict[str, float] = {}  # of the joints of a unit
+    for far, unit in x.moved.values():
+        farthest[unit] = max(far, farthest.get(unit, 0.0))
+    moved = x.moved.items()
+    still = [f"{j} by {far:.2g} {u}" for j, (far, u) in moved if far < LITTLE * farthest[u]]
+    why = f" (it moves {some(still, 3)} only)" if still else ""
+    names = some([each.name for each in x.lost], 5)
+    return f"this motion does not determine {names}{why}: ident excite plans one that does"
 
 
 def _reaction_rows(x: Reactions) -> Rows:
@@ -217,20 +222,76 @@ def sheet(fit: Fit) -> Sheet:
         f"{fit.motion.samples} samples, "
         + (f"zero-phase filter at {cut:.3g} Hz" if cut else "unfiltered")
     )
-    tables = {caption: errors, **value_tables(fit)}
+    tables = {**change_tables(fit.changes), caption: errors, **value_tables(fit)}
     return Sheet(card(fit), line, tables=tables, lines=lines, notes=fit.warnings)
 
 
 def card(fit: Fit) -> Card:
     """Return how well a fit predicts, better than the URDF's own numbers or not, and what next."""
-    before, errors = residual_of(urdf_of(fit), fit.motion).errors, fit.held_out or fit.train
+    earlier = fit.earlier if isinstance(fit.earlier, Fit | Saved) else None
+    before = residual_of(earlier or urdf_of(fit), fit.motion).errors
+    errors = fit.held_out or fit.train
     bars = tuple(Bar(joint, before[joint], e, fit.noise[joint]) for joint, e in errors.items())
-    words = "The bars: error of the URDF's own numbers → of the identified ones"
-    if worse := [bar.joint for bar in bars if bar.rises]:
+    whose = f"of {short(earlier.name)}" if earlier else "of the URDF's own numbers"
+    words = f"The bars: error {whose} → of the identified ones"
+    words += ", held out" * bool(fit.held_out)
+    if (worse := [bar.joint for bar in bars if bar.rises]) and earlier is None:
         words += f", which is larger in {listed(worse)}"
-    good = good_enough(errors, fit.noise)
+    good = good_enough(errors, fit.noise, fit.residual.away)
     command = next_command("compare" if "? Yes" in good else "diagnose")
-    return Card(headline(fit), f"{good} {words}.".strip() * bool(bars), bars, command)
+    trust = f"{good} {words}.".strip() * bool(bars)
+    if fit.changes is None:
+        return Card(headline(fit), trust, bars, command)
+    then = earlier.errors if earlier else {}
+    worse = fit.residual.risen(then.get("held out") or then.get("train") or {})
+    line = changes_line(fit.changes, worse)
+    return Card(line, f"{headline(fit)} {trust}", bars, command)
+
+
+def changes_line(x: Changes, worse: Sequence[str] = ()) -> str:
+    """Return which parameters differ from those of an earlier fit, or that none does.
+
+    Args:
+        x: the comparison.
+        worse: joints in which the model does worse than then, though it was fitted again.
+    """
+    since, n = short(x.since), len(x.compared)
+    beside = f"the error in {listed(worse)} has: the model does not explain what is new there"
+    if not n:
+        return f"Nothing can be compared with {since}: no parameter is determined by both logs."
+    apart = f"; {len(x.apart)} more cannot be compared" * bool(x.apart)
+    if not x.changed and worse:
+        return f"No parameter has changed since {since} beyond the errors of both, but {beside}."
+    if not x.changed:
+        return (
+            f"Nothing has changed since {since}: none of {n} parameters differs by more than "
+            f"{x.least:.2g} standard errors, the most {abs(x.compared[0].z):.2g}{apart}."
+        )
+    first = [f"{shortened(c.after.name, 40)} ({_then_now(c)} {c.after.unit})" for c in x.changed]
+    rest = f" And {beside}." * bool(worse)
+    return f"Changed since {since}: {some(first, 2)}, of {n} parameters{apart}.{rest}"
+
+
+def _then_now(x: Change) -> str:
+    return " → ".join(rounded(each.value, each.stderr) for each in (x.before, x.after))
+
+
+@renders(Changes, "sheet")
+def changes_sheet(x: Changes) -> Sheet:
+    """Return which parameters differ from those of an earlier fit."""
+    return Sheet(changes_line(x), tables=change_tables(x))
+
+
+def change_tables(x: Changes | None, most: int = 48) -> dict[str, Rows]:
+    """Return the table of what has changed since an earlier fit, the most significant first."""
+    if x is None or not x.changed:
+        return {}
+    rows = [["parameter", "then → now", "unit", "difference / its error"]]
+    rows += [
+        [shortened(c.after.name, most), _then_now(c), c.after.unit, f"{c.z:+.3g}"]
+        for c in x.changed
+    ]
+    return {f"Changed since {short(x.since)}, beyond the errors of both": rows}
 
 
 def summary(fit: Fit) -> str:
@@ -311,6 +372,10 @@ def fit_sections(
     """Return errors, warnings, where it fails, parameters, multipliers, and what went in."""
     notes = [each for each in fit.warnings if each not in fit.motion.notes]  # those stand elsewhere
     return (
+        *(
+            Section("What has changed", (html_table(rows, title),))
+            for title, rows in change_tables(fit.changes, 120).items()
+        ),
         errors_section(error_table(fit)[1]),
         Section("Warnings", (items(notes),) if notes else ()),
         *residual_sections(

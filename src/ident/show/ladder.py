@@ -1,7 +1,8 @@
-"""A model that grew: the ladder of held-out errors as text, table, chart, report and files."""
+"""Models side by side, and the ladder of one that grew: text, tables, charts, reports, files."""
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
@@ -14,21 +15,218 @@ from ident.diagnosis.grow import NAME as ROUNDS
 from ident.diagnosis.grow import History, Step
 from ident.diagnosis.result import errors_of
 from ident.diagnosis.unobservable import name_of
-from ident.display import renders
+from ident.display import renders, writing
 from ident.errors import IdentError
 from ident.files import json_bytes
 from ident.fit import Fit
 from ident.fit.files import fit_json, multipliers_csv, own_files
+from ident.fit.identify import Comparison
+from ident.fit.prediction import identifiable_multipliers
+from ident.fit.residual import Residual, floor_of
 from ident.information.blocks import Error
 from ident.mechanism import Mechanism
 from ident.mechanism.write import folder_files
-from ident.show.card import Bar, Card, named, next_command
 from ident.show.charts import Chart, Level, Line, Mark, Panel
 from ident.show.diagnosis import card, noise_errors, short, verdict_line
 from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, write_instead
-from ident.show.html import Page, Section, table
+from ident.show.html import (
+    SAME,
+    Bar,
+    Block,
+    Card,
+    Page,
+    Section,
+    by_log,
+    good_enough,
+    named,
+    next_command,
+    table,
+)
+from ident.show.html import table as html_table
+from ident.show.motion import made_of, understood
+from ident.show.residual import (
+    Models,
+    all_parts,
+    below,
+    error_rows,
+    errors_section,
+    plot_forces,
+    residual_sections,
+    told_apart,
+    where_lines,
+)  # fmt: skip
 from ident.show.sheet import Sheet
-from ident.text import WIDTH, percent, wrapped
+from ident.text import WIDTH, percent, places, wrapped
+
+SCHEMA = "ident.compare/1"
+
+
+@renders(Comparison, "sheet")
+def comparison_sheet(c: Comparison) -> Sheet:
+    """Return how far the error falls, errors, the parts of the sum, and where each model fails."""
+    first, shown = next(iter(c.residuals.values())), told_apart(c.residuals)
+    tables: dict[str, list[list[str]]] = {}
+    for i in range(0, len(shown), 2):  # as many as a terminal has room for
+        names = {shown[name]: c.errors[name] for name in list(shown)[i : i + 2]}
+        title = f"error of the predicted torque{below(first)}"
+        tables[title if not tables else ", ".join(names)] = error_rows(names)
+    for name, fitted in c.fitted.items():
+        if any(fitted.values()):
+            tables[f"errors of {shown[name]} as it was fitted"] = error_rows(fitted)
+    lines = ["where it fails"]
+    for name, residual in c.residuals.items():
+        before = "" if len(shown) == 1 else f"{shown[name]}, "
+        lines += [before + line for line in where_lines(residual)]
+    return Sheet(comparison_card(c), tables=tables | all_parts(c.residuals), lines=lines)
+
+
+def comparison_card(c: Comparison) -> Card:
+    """Return the models, and how far the error falls from the first to the last."""
+    first, last = (list(c.residuals.values())[i] for i in (0, -1))
+    logs = ", ".join(trace.name for trace in first.traces)
+    shown, floor = told_apart(c.residuals), floor_of(last.model, last.motion)
+    errors = judged(c, last)
+    good = good_enough(errors, floor, last.away)
+    command = next_command("monitor" if "? Yes" in good else "diagnose")
+    if first is last:
+        then = _fitted(c, first.name)
+        changed = first.risen(then)
+        joints = [*changed, *(j for j in errors if j not in changed)]
+        bars = tuple(
+            Bar(j, then.get(j, errors[j]), errors[j] if j in then else None, floor[j])
+            for j in joints
+        )
+        words = ": in all joints as when it was fitted" * bool(then)
+        if changed:
+            words = f": changed since it was fitted in {places(changed)}"
+            words += "; all other joints are as then" * (len(changed) < len(joints))
+        return Card(f"{shown[first.name]} on {logs}{words}", good, bars, command)
+    bars = tuple(Bar(j, first.errors[j], last.errors[j], floor[j]) for j in _changed(first, last))
+    ratio = {bar.joint: bar.after.rms / max(bar.before.rms, 1e-300) for bar in bars if bar.after}
+    ways = {
+        "falls": [joint for joint, x in ratio.items() if x < 1 - SAME],
+        "rises": [joint for joint, x in ratio.items() if x > 1 + SAME],
+    }
+    parts = [f"{way} in {places(joints)}" for way, joints in ways.items() if joints]
+    words = " and ".join(parts) or "is the same in all joints"
+    line = f"{shown[first.name]} → {shown[last.name]} on {logs}: the error {words}"
+    return Card(line, good and f"{shown[last.name]}: {good}", bars, command)
+
+
+def judged(c: Comparison, residual: Residual) -> Mapping[str, Error]:
+    """Return the errors that count: on the data of its own fit those that were held out of it."""
+    errors, train = residual.errors, c.fitted[residual.name].get("train", {})
+    same = train.keys() == errors.keys() and all(
+        math.isclose(train[j].rms, e.rms, rel_tol=SAME) for j, e in errors.items()
+    )
+    return _fitted(c, residual.name) if same else errors
+
+
+def _fitted(c: Comparison, name: str) -> Mapping[str, Error]:
+    """Return a model's errors when it was fitted, held out in time where that is known."""
+    return c.fitted[name].get("held out") or c.fitted[name].get("train") or {}
+
+
+def _changed(first: Residual, last: Residual) -> list[str]:
+    """Return the joints, the one whose error changes most against its torque first."""
+    change = {
+        joint: abs(error.rms - last.errors[joint].rms) * ((error.relative or 0) / (error.rms or 1))
+        for joint, error in first.errors.items()
+    }
+    return sorted(change, key=lambda joint: -change[joint])
+
+
+@renders(Comparison, "files")
+def comparison_files(c: Comparison) -> dict[str, bytes]:
+    """Return report.html and compare.json."""
+    residuals = c.residuals
+    first, shown = next(iter(residuals.values())), told_apart(residuals)
+    mechanism, motion = first.model.mechanism, first.motion
+    changed = _changed(first, list(residuals.values())[-1])[0] if len(residuals) > 1 else ""
+    fitted = [
+        html_table(error_rows(errors), f"{shown[name]} as it was fitted")
+        for name, errors in c.fitted.items()
+        if any(errors.values())
+    ]
+    sections = (
+        errors_section(error_rows({shown[name]: each for name, each in c.errors.items()}), *fitted),
+        *residual_sections(c.predictions, residuals, changed),
+        Section("Parameters", _parameters(residuals)),
+        Section("Multipliers", _multipliers(c)),
+        understood(mechanism, motion),
+        made_of(mechanism, motion, [Path(name) for name in residuals if Path(name).is_file()]),
+    )
+    title = f"{mechanism.name}: model against measurement"
+    report = Page(title, comparison_card(c), sections).html()
+    return {"report.html": report, "compare.json": json_bytes(comparison_json(c))}
+
+
+def _parameters(residuals: Models) -> tuple[Block, ...]:
+    """Return values of the effects and of the bodies' unknowns, model beside model."""
+    models, names = [each.model for each in residuals.values()], told_apart(residuals).values()
+    mechanism, values = models[0].mechanism, [dict(each.point.values) for each in models]
+    effects, bodies = [["effect", *names]], [["parameter about the joint", "prior", *names]]
+    for name in dict.fromkeys(name for own in values for name in own):
+        effects.append([name, *(f"{own[name]:.5g}" if name in own else "–" for own in values)])
+    for i, name in enumerate(mechanism.bodies.names):
+        if name in mechanism.unknown:
+            found = (mechanism.prior[i], *(model.point.pi[i] for model in models))
+            bodies.append([name, *(f"{value:.5g}" for value in found)])
+    titles = "Effects", "Unknown parameters of the bodies; fit.json has standard errors"
+    tables = zip((effects, bodies), titles, strict=True)
+    return tuple(html_table(rows, title) for rows, title in tables if len(rows) > 1)
+
+
+def _multipliers(c: Comparison) -> tuple[Block, ...]:
+    """Draw λ of every model, log by log."""
+    first = next(iter(c.residuals.values()))
+    mechanism, shown = first.model.mechanism, told_apart(c.predictions)
+    known = identifiable_multipliers(mechanism, first.motion)
+    kinematics = mechanism.kinematics
+    names, units = (np.array(x)[known] for x in (kinematics.multipliers, kinematics.units))
+
+    def draw(i: int) -> Chart:
+        series = {}
+        for name, predictions in c.predictions.items():
+            p = predictions[i]
+            values = np.where(p.usable[:, None], p.multipliers, np.nan)
+            series[shown[name]] = (p.t, values[:, known])
+        return plot_forces(names, units, series, first.motion.experiments[i].name)
+
+    logs = [experiment.name for experiment in first.motion.experiments]
+    return by_log(logs, draw) if np.any(known) else ()
+
+
+def comparison_json(c: Comparison) -> dict[str, Any]:
+    """Return the content of compare.json."""
+
+    def errors(named: Mapping[str, Error]) -> dict[str, Any]:
+        return {joint: asdict(error) for joint, error in named.items()}
+
+    def parts(residual: Residual, named: Mapping[str, np.ndarray]) -> dict[str, Any]:
+        joints = residual.joints
+        return {name: dict(zip(joints, values, strict=True)) for name, values in named.items()}
+
+    first = next(iter(c.residuals.values()))
+    models = {
+        name: {
+            "error": errors(residual.errors),
+            "fitted": {key: errors(each) for key, each in c.fitted[name].items()},
+            "changed": residual.risen(_fitted(c, name)),
+            "noise": floor_of(residual.model, residual.motion),
+            "parts": parts(residual, residual.parts),
+            "where": [failure.json for failure in residual.where],
+        }
+        for name, residual in c.residuals.items()
+    }
+    return {
+        "schema": SCHEMA,
+        "logs": [trace.name for trace in first.traces],
+        "cutoff": first.motion.band.cutoff,
+        "rows": first.rows,
+        "models": models,
+    }
+
 
 NAME, CELL = 30, 7  # characters of the columns
 NOISE = "noise alone"
@@ -169,10 +367,10 @@ def plot_rungs(
 def history_card(history: History) -> Card:
     """Return the verdict on what is left, what was added, and the error before and after."""
     d, first, errors = history.diagnosis, history.steps[0].errors, errors_of(history.fit)
-    top, added = card(d), named(history.added) if history.added else "nothing"
+    top, added = card(d, history.added), named(history.added) if history.added else "nothing"
     bars = tuple(Bar(joint, first[joint], e, d.floor[joint]) for joint, e in errors.items())
     if d.verdict == "nothing":
-        top = replace(top, command=next_command("compare"))
+        top = replace(top, command=next_command("compare", history.added))
     return replace(top, sure=f"Added: {added}. {top.sure}", bars=bars)
 
 
@@ -194,9 +392,10 @@ def write(history: History, place: str | Path) -> list[Path]:
     refuse_own(history.mechanism, Path(place))
     blocks = (plot(history), table(rows(history), CAPTION, tied=False))
     ladder = Section("The error falls", blocks)
-    sections = (ladder, *diagnosis_sections(history.diagnosis))
-    page = Page(f"{history.mechanism.name}: grown model", history_card(history), sections)
-    data = {**diagnosis_files(history.diagnosis), "report.html": page.html()}
+    with writing(place):
+        sections = (ladder, *diagnosis_sections(history.diagnosis))
+        page = Page(f"{history.mechanism.name}: grown model", history_card(history), sections)
+        data = {**diagnosis_files(history.diagnosis), "report.html": page.html()}
     data["grow.json"] = json_bytes(history_json(history))
     written = write_instead(history.diagnosis, Path(place), model_files(history.fit) | data)
     (Path(place) / ROUNDS).unlink(missing_ok=True)  # it serves an interrupted run only

@@ -1,8 +1,9 @@
-"""Curves and formulas of a diagnosis: words, charts, a section of the report, and JSON."""
+"""Laws as words, charts and JSON: curves and formulas of a diagnosis, the library of effects."""
 
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -10,7 +11,8 @@ import numpy as np
 
 from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.result import Diagnosis, Law
-from ident.effects import Effect
+from ident.display import folder
+from ident.effects import Effect, Unknown
 from ident.fit.values import Value
 from ident.information import linear
 from ident.show.charts import FAINT, Chart, Level, Line, Panel
@@ -30,11 +32,15 @@ CLEARLY = 0.8  # times the error with a formula: a curve that leaves less shows 
 
 
 def numbers(parameters: Sequence[Value]) -> str:
-    """Return `Fc = 0.312 ± 0.004 N m`; of several values the first ones."""
+    """Return `Fc = 0.312 ± 0.004 N m`, of several values the first ones; a value that is smaller
+    than its error is one that the data do not determine.
+    """
     found = []
     for v in parameters:
-        value = f"{v.name.rpartition('.')[2]} = {rounded(v.value, v.stderr)} {v.unit}"
-        found.append(value.removesuffix(" 1"))
+        name, number = v.name.rpartition(".")[2], rounded(v.value, v.stderr)
+        unknown = v.stderr is not None and abs(v.value) < v.stderr
+        value = f"{name} = {number} {v.unit}".removesuffix(" 1")
+        found.append(value + " (not determined)" * unknown)
     return some(found)
 
 
@@ -95,9 +101,10 @@ def laws(d: Diagnosis) -> list[str]:
         law = each.found
         before, after = (errors[each.felt].relative for errors in (each.before, each.after))
         with_ = f" with {labels(each.beside)} beside it" if each.beside else ""
-        error = (
-            f"{with_} the error of {each.felt} falls from {percent(before)} to {percent(after)},"
-        )
+        falls = (after or 0.0) < (before or 0.0)
+        way = f"{'falls' if falls else 'rises'} from {percent(before)} to {percent(after)}"
+        share = f", {100 * law.explained:.0f} % of what exceeds the noise" * falls
+        error = f"{with_} the error of {each.felt} {way}{share}"
         rivals = [f"`{one.formula.text}`" for one in law.rivals]
         or_ = f" This motion cannot tell it from {listed(rivals[:MOST], 'or')}." if rivals else ""
         instead = f" It takes the place of {listed(law.replaced)}." if law.replaced else ""
@@ -115,10 +122,9 @@ def laws(d: Diagnosis) -> list[str]:
         same = [other.joint for other in d.of_same_form(each)]
         one = f" {listed(same)} has the same form, with constants of its own." if same else ""
         found.append(
-            f"{head} {law_words(each)};{error} "
-            f"{100 * law.explained:.0f} % of what exceeds the noise.{not_all}{or_}{one}{instead} "
+            f"{head} {law_words(each)};{error}.{not_all}{or_}{one}{instead} "
             f"It is a description, not yet a cause. `--out DIR` writes it as {each.file}: `--with "
-            f"DIR/{each.option} --allow-code`."
+            f"{folder.get() or 'DIR'}/{each.option} --allow-code`."
         )
     return found
 
@@ -220,3 +226,56 @@ def curve_json(d: Diagnosis, curve: FoundCurve) -> dict[str, Any]:
         "independent": list(curve.independent),
         "file": curve.file,
     }
+
+
+SITS = {
+    "joint": "any joint, a closure's own as well",
+    "driven": "a driven joint",
+    "mechanism": "the whole mechanism",
+    "link": "a moving link",
+    "closure": "a closure",
+    "place": "<joint>.<x|y|z>, <closure>.<a|b>.<x|y|z> or <closure>.length",
+}
+WIDTH, INDENT = 96, 17
+
+
+def facts(kind: type[Effect]) -> dict[str, list[str]]:
+    """Return the description of a kind, lines by heading, without headings that have none."""
+    effect = kind.example()
+    how = {True: "a few values are tried", False: "from several starting values"}
+    shapes = [f"{_parameter(x)}; searched: {how[x.discrete]}" for x in effect.shapes]
+    lines = {
+        "what": [kind.summary()],
+        "torque": [kind.equation],
+        "unknowns": [_parameter(unknown) for unknown in effect.unknowns],
+        "shapes": shapes,
+        "settings": [f"{name} = {value:g} by default" for name, value in kind.settings.items()],
+        "sits on": [SITS[kind.sits] if effect.arity < 2 else f"{effect.arity} driven joints"],
+        "signals": [", ".join(kind.signals)] if kind.signals else [],
+        "needs": [f"{each} at the same joint" for each in kind.needs]
+        + [f"the log's column {name.replace('joint1', '<joint>')}" for name in effect.reads()],
+        "when missing": [kind.signature],
+        "confused with": [", ".join(kind.confused_with) or "nothing"],
+        "contained in": [", ".join(kind.nested_in)] if kind.nested_in else [],
+        "source": [kind.source],
+    }
+    return {heading: each for heading, each in lines.items() if each}
+
+
+def described(kind: type[Effect]) -> str:
+    """Return the text of a kind for a terminal."""
+    lines = [kind.example().call]
+    for heading, each in facts(kind).items():
+        for i, line in enumerate(each):
+            first = f"  {heading if i == 0 else '':<{INDENT - 2}}"
+            lines += textwrap.wrap(
+                line, WIDTH, initial_indent=first, subsequent_indent=" " * INDENT
+            )
+    return "\n".join(lines)
+
+
+def _parameter(parameter: Unknown) -> str:
+    rotational, linear = parameter.units
+    unit = rotational if rotational == linear else f"{rotational} | {linear}"
+    sign = ", not negative" if parameter.nonnegative else ""
+    return f"{parameter.name} [{unit}] {parameter.meaning}{sign}"

@@ -16,6 +16,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any
 
@@ -63,34 +64,8 @@ class Place:
         self._token = secrets.token_urlsafe(TOKEN)
         self.address = f"http://{HOST}:{self.port}/{self._token}/"
 
-    def path_of(self, request: Any) -> str | None:
-        """Return the path of a request below the token; None for one that is not of the page."""
-        hosts = {f"{HOST}:{self.port}", f"localhost:{self.port}"}
-        origins = request.headers.get_all("Origin")
-        if set(request.headers.get_all("Host")) - hosts or not request.headers.get_all("Host"):
-            return None
-        if set(origins) - {f"http://{host}" for host in hosts}:
-            return None
-        if request.headers.get_all("Upgrade") and not origins:
-            return None  # browsers name the origin of every web socket
-        token, _, path = request.path.removeprefix("/").partition("/")
-        same = secrets.compare_digest(token.encode(), self._token.encode())
-        return f"/{path}" if same else None
-
-    def guarded(self, answer: Callable[..., Any] | None) -> Callable[..., Any]:
-        """Return a `process_request` of websockets that answers only requests of the page."""
-
-        def checked(connection: Any, request: Any) -> Any:
-            path = self.path_of(request)
-            if path is None:
-                return connection.respond(HTTPStatus.FORBIDDEN, "Open the printed address.\n")
-            request.path = path
-            return None if answer is None else answer(connection, request)
-
-        return checked
-
-    def serve(self, page: str, talk: Callable[[Any], None]) -> Callable[[], None]:
-        """Serve one page and its web sockets in threads, until the function returned is called.
+    def serve(self, page: str, talk: Callable[[Any], None]) -> Served:
+        """Serve one page and its web sockets in threads.
 
         Args:
             page: HTML.
@@ -98,23 +73,62 @@ class Place:
         """
         from websockets.sync.server import serve  # loaded only where something is served
 
+        hosts = {f"{HOST}:{self.port}", f"localhost:{self.port}"}
+
         def answer(connection: Any, request: Any) -> Any:
-            if request.headers.get_all("Upgrade"):
+            named, origins, upgrade = map(request.headers.get_all, ("Host", "Origin", "Upgrade"))
+            token, _, path = request.path.removeprefix("/").partition("/")
+            if (
+                not named
+                or set(named) - hosts
+                or set(origins) - {f"http://{host}" for host in hosts}
+                or (upgrade and not origins)  # browsers name the origin of every web socket
+                or not secrets.compare_digest(token.encode(), self._token.encode())
+            ):
+                return connection.respond(HTTPStatus.FORBIDDEN, "Open the printed address.\n")
+            if upgrade:
                 return None
-            if request.path.partition("?")[0] != "/":
+            if path.partition("?")[0]:
                 return connection.respond(HTTPStatus.NOT_FOUND, "There is one page only.\n")
             response = connection.respond(HTTPStatus.OK, page)
             del response.headers["Content-Type"]
             response.headers["Content-Type"] = "text/html; charset=utf-8"
             return response
 
-        guard = self.guarded(answer)
         log = logging.getLogger("ident.page")
         # browsers open connections ahead and close them unused, which is no fault
         log.addFilter(lambda record: record.msg != "opening handshake failed")
-        server = serve(talk, sock=self.socket, process_request=guard, close_timeout=1, logger=log)
+        server = serve(talk, sock=self.socket, process_request=answer, close_timeout=1, logger=log)
         threading.Thread(target=server.serve_forever, name="ident page", daemon=True).start()
-        return server.shutdown
+        return Served(self.port, self.address, server.shutdown)
+
+
+@dataclass(repr=False)
+class Served:
+    """A page on this machine, until it is stopped; also a context.
+
+    Attributes:
+        port: on 127.0.0.1; address: to open in a browser; shut: closes the page.
+    """
+
+    port: int
+    address: str
+    shut: Callable[[], None] | None
+
+    def stop(self) -> None:
+        """Close the page; once is enough."""
+        if self.shut:
+            self.shut()
+            self.shut = None
+
+    def __enter__(self) -> Served:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def __repr__(self) -> str:
+        return self.address + " (ended)" * (self.shut is None)
 
 
 class Readers:

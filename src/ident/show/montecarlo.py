@@ -12,7 +12,7 @@ import polars as pl
 from ident.display import renders
 from ident.errors import FitError
 from ident.files import json_bytes
-from ident.montecarlo.montecarlo import MonteCarlo, Studies
+from ident.montecarlo import MonteCarlo
 from ident.montecarlo.trial import SUMS
 from ident.motion import complete
 from ident.show.charts import PRIOR, Chart, Level, Line, Mark, Panel
@@ -31,8 +31,8 @@ ZERO = 1e-9  # of the spread: a truth below it is zero, so that percentages of i
 
 
 @renders(MonteCarlo, "sheet")
-def sheet(x: MonteCarlo) -> Sheet:
-    """Return a heading, the tables of parameters and multipliers, and notes."""
+def sheet(x: MonteCarlo, most: int | None = ROWS) -> Sheet:
+    """Return a heading, the tables of `most` parameters and of multipliers, and notes."""
     plan = x.plan
     runs = "run" if x.runs == 1 else "runs"
     ratios = ", ".join(f"{each:g}" for each in x.snr)
@@ -40,10 +40,10 @@ def sheet(x: MonteCarlo) -> Sheet:
         f"Monte Carlo of {plan.mechanism.name} on {plan.log.name}: {x.runs} {runs} at {ratios} dB "
         f"each, seed {plan.seed}"
     )
-    tables = {BIAS: parameter_rows(x)}
+    tables = {BIAS: parameter_rows(x, most)}
     if rows := multiplier_rows(x):
         tables[FORCES] = rows
-    more = len(x.parameters) - ROWS
+    more = len(x.parameters) - (most or len(x.parameters))
     lines = [f"… and {more} parameters more"] if more > 0 else []
     return Sheet(title, facts=_basis(x), tables=tables, lines=lines, notes=x.notes)
 
@@ -54,16 +54,12 @@ def _basis(x: MonteCarlo) -> dict[str, str]:
     return basis | estimators
 
 
-def parameter_rows(x: MonteCarlo) -> list[list[str]]:
-    """Return two heads and a row for each parameter and SNR: bias, std, mean stderr, coverage."""
+def parameter_rows(x: MonteCarlo, most: int | None = None) -> list[list[str]]:
+    """Return a head and a row for each parameter and SNR: bias, std, mean stderr, coverage."""
     of = {(r["estimator"], r["snr"], r["parameter"]): r for r in x.table.iter_rows(named=True)}
-    count = len(x.estimators)
-    heads = [h for name in x.estimators for h in (name, "", "", "")]
-    rows = [
-        ["", "", "", *heads],
-        ["parameter", "truth", "SNR", *["bias", "std", "± mean", "covers"] * count],
-    ]
-    for name in x.parameters[:ROWS]:
+    heads = [h for name in x.estimators for h in (f"{name}: bias", "std", "± mean", "covers")]
+    rows = [["parameter", "truth", "SNR", *heads]]
+    for name in x.parameters[:most]:
         true = f"{x.plan.truth.values[name]:.4g} {x.plan.truth.units[name]}"
         for i, snr in enumerate(x.snr):
             row = ["", ""] if i else [shortened(name, 40), true]
@@ -106,18 +102,6 @@ def multiplier_rows(x: MonteCarlo) -> list[list[str]]:
     return rows if len(rows) > 1 else []
 
 
-@renders(Studies, "text")
-def studies_text(x: Studies) -> str:
-    """Return the texts of all studies."""
-    return "\n\n".join(map(str, x.studies.values()))
-
-
-@renders(Studies, "html")
-def studies_html(x: Studies) -> str:
-    """Return the tables of all studies for Jupyter."""
-    return "".join(sheet(each).html() for each in x.studies.values())
-
-
 @renders(MonteCarlo, "plot")
 def plot(x: MonteCarlo, parameters: Sequence[str] | None = None) -> Chart:
     """Draw a panel for each parameter and multiplier: median of all runs at each SNR, 5, 95 %."""
@@ -127,12 +111,12 @@ def plot(x: MonteCarlo, parameters: Sequence[str] | None = None) -> Chart:
     for name in names:
         own = x.samples.filter(pl.col("parameter") == name)
         truth = Level(x.plan.truth.values[name], colour=PRIOR, dashed=True)
-        label = f"{shortened(name, 40)} [{x.plan.truth.units[name]}]"
-        panels.append(_panel(x, (truth, *_quantiles(x, own, "value")), label))
+        marks: tuple[Mark, ...] = (truth, *_quantiles(x, own, "value"))
+        panels.append(_panel(x, marks, shortened(name, 40), x.plan.truth.units[name]))
     for name in (n for n in (*x.plan.truth.multipliers, *SUMS) if n in drawn):
         own = x.errors.filter(pl.col("multiplier") == name)
-        label = f"rms error of {name} [{own['unit'][0]}]"
-        panels.append(_panel(x, _quantiles(x, own, "rms"), label, logarithmic=True))
+        marks, title = _quantiles(x, own, "rms"), f"rms error of {name}"
+        panels.append(_panel(x, marks, title, own["unit"][0], logarithmic=True))
     rows = tuple(tuple(panels[i : i + ACROSS]) for i in range(0, len(panels), ACROSS))
     words = f"{x.plan.mechanism.name}: {x.runs} runs at each SNR; thin lines: the lowest and "
     words += "highest 5 % of them; dashed: the truth"
@@ -141,9 +125,11 @@ def plot(x: MonteCarlo, parameters: Sequence[str] | None = None) -> Chart:
     return Chart(words, rows, width=13)
 
 
-def _panel(x: MonteCarlo, marks: tuple[Mark, ...], label: str, logarithmic: bool = False) -> Panel:
+def _panel(
+    x: MonteCarlo, marks: tuple[Mark, ...], title: str, unit: str, logarithmic: bool = False
+) -> Panel:
     names = tuple(f"{snr:g}" for snr in x.snr)
-    return Panel(marks, "SNR [dB]", label, x_names=names, logarithmic=logarithmic, height=3.0)
+    return Panel(marks, "SNR [dB]", f"[{unit}]", title, names, (), logarithmic, height=3.0)
 
 
 def _quantiles(x: MonteCarlo, rows: pl.DataFrame, column: str) -> tuple[Line, ...]:
@@ -172,14 +158,6 @@ def plot_multipliers(x: MonteCarlo, snr: float) -> Chart:
         run = x.typical(estimator, snr)
         series[f"{estimator}, run {run}"] = x.fit(estimator, snr, run).multipliers[0]
     return plot_forces(truth.multipliers, truth.multiplier_units, series, x.plan.log.name)
-
-
-@renders(Studies, "files")
-def files_of_studies(studies: Studies) -> dict[str, bytes]:
-    """Return the files of each log's study in a folder of its own, and logs.csv, the table."""
-    made = ((log, files(study)) for log, study in studies.studies.items())
-    found = {f"{log}/{name}": content for log, own in made for name, content in own.items()}
-    return {"logs.csv": studies.table.write_csv().encode(), **found}
 
 
 @renders(MonteCarlo, "files")
@@ -217,7 +195,7 @@ def _page(x: MonteCarlo) -> bytes:
     plan = x.plan
     source = plan.mechanism, complete(plan.mechanism, [plan.log])
     sections = (
-        Section("What noise does", (*sheet(x).blocks(), plot(x))),
+        Section("What noise does", (*sheet(x, None).blocks(), plot(x))),
         Section("Multipliers", _typical(x)),
         understood(*source),
         made_of(*source),
@@ -234,12 +212,15 @@ def _headline(x: MonteCarlo) -> str:
         return line
     held = rows.group_by("snr", maintain_order=True).agg(pl.col("coverage").mean()).rows()
     shares = listed([f"{100 * share:.0f} % at {snr:g} dB" for snr, share in held])
-    size = pl.col("bias").abs() / pl.max_horizontal(pl.col("truth").abs(), pl.col("std"))
-    worst = rows.row(rows.select(size.arg_max()).item(), named=True)
+    known = rows.filter(pl.col("std") < pl.col("truth").abs())
+    line += f". With {x.estimators[-1]}, intervals of 95 % hold the truth in {shares}, over all "
+    line += "runs and parameters"
+    if known.is_empty():
+        return f"{line}; every parameter scatters by more than its value."
+    worst = known.row((known["bias"] / known["truth"]).abs().arg_max(), named=True)
     return (
-        f"{line}. With {x.estimators[-1]}, intervals of 95 % hold the truth in {shares}, "
-        f"over all runs and parameters; the largest bias is {_relative(worst, 'bias')}, of "
-        f"{worst['parameter']} at {worst['snr']:g} dB."
+        f"{line}; the largest bias of what scatters by less than its value is "
+        f"{_relative(worst, 'bias')}, of {worst['parameter']} at {worst['snr']:g} dB."
     )
 
 

@@ -11,7 +11,7 @@ from functools import wraps
 from html import escape
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
-from ident.progress import Progress
+from ident.display import Progress
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -24,7 +24,7 @@ R = TypeVar("R")
 
 
 def watched(verb: Callable[P, R]) -> Callable[P, R]:
-    """Give a verb that is called without `progress` a bar, in a notebook or a terminal.
+    """Give a verb that is called without `display` a bar, in a notebook or a terminal.
 
     Called in a worker process, or with standard error in a file, it shows nothing.
     """

@@ -11,7 +11,7 @@ import numpy as np
 
 from ident.display import render, renders
 from ident.errors import FitError, one_of
-from ident.fit.compare import Comparison
+from ident.fit.identify import Comparison
 from ident.fit.prediction import RIGID, Prediction, Trace
 from ident.fit.residual import Failure, Residual, zero_of
 from ident.fit.result import Fit
@@ -74,10 +74,7 @@ def details(failure: Failure, several: bool = True) -> str:
     if not signals and not failure.white:
         signals = "no single signal that was tried; but it is correlated in time"
     windows = (f"{x} of {x.experiment}" if several else str(x) for x in failure.worst[:MOST])
-    found = {
-        "depends on": signals,
-        "worst in": "" if failure.white else ", ".join(windows),
-    }
+    found = {"depends on": signals, "worst in": "" if failure.white else ", ".join(windows)}
     return "; ".join(f"{key} {words}" for key, words in found.items() if words)
 
 
@@ -166,6 +163,8 @@ def plot_predictions(
         first: joint that is drawn first, as the others are in the mechanism's order.
         prior: what the URDF predicts.
     """
+    if (given := len(next(iter(predictions.values())))) <= experiment:
+        raise FitError(f"experiment {experiment}; valid: 0 to {given - 1}, one a log")
     models = {name: each[experiment] for name, each in predictions.items()}
     shown, one = told_apart(models), next(iter(models.values()))
     zero, alone = zero_of(one.t), len(models) == 1

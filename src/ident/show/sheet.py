@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 
 from markupsafe import Markup
 
-from ident.show.card import Card
-from ident.show.html import in_frame, paragraph, piece, strong
+from ident.show.html import Card, in_frame, paragraph, piece, strong
 from ident.text import table, wrapped
 
 Rows = Sequence[Sequence[str]]

@@ -6,25 +6,37 @@ The page of `monitor` has parameters with bands, reaction forces, errors and ala
 from __future__ import annotations
 
 import json
+import shlex
 import threading
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
 
 from ident.diagnosis import Diagnosis
-from ident.display import renders
+from ident.display import inputs, renders
 from ident.mechanism import Mechanism
-from ident.show.card import Bar, Card, good_enough, next_command
 from ident.show.charts import FAINT, RESIDUAL, Chart, Level, Line, Mark, Panel, pieces_of, scripts
 from ident.show.fit import summary
-from ident.show.html import Block, Page, Section, origin, paragraph, piece, table
+from ident.show.html import (
+    Bar,
+    Block,
+    Card,
+    Page,
+    Section,
+    good_enough,
+    next_command,
+    origin,
+    paragraph,
+    piece,
+    table,
+)
 from ident.show.local import Place, Readers
 from ident.show.sheet import Sheet
-from ident.streams.diagnose_each import Verdicts
 from ident.streams.gather import Gathered
-from ident.streams.many_logs import RATE, Disagreement, LogComparison
+from ident.streams.many_logs import RATE, Disagreement, LogComparison, Verdict, Verdicts
 from ident.streams.monitor import Alarm, Cause, Monitor, ParameterChange
 from ident.streams.online import Forces, Snapshot
 from ident.text import percent, rounded, some
@@ -111,10 +123,10 @@ def gathered_text(x: Gathered) -> str:
 # --- many diagnoses ------------------------------------------------------------------------------
 
 
-def verdict_rows(x: Verdicts) -> list[list[str]]:
+def verdict_rows(logs: Sequence[Verdict]) -> list[list[str]]:
     """Return one row a log, the head first."""
     rows = [["log", "samples", "verdict", "of", "error", "with it"]]
-    for each in x.logs:
+    for each in logs:
         if each.left_out:
             rows.append([each.log, "–", "left out", "", "", ""])
             continue
@@ -125,7 +137,18 @@ def verdict_rows(x: Verdicts) -> list[list[str]]:
 
 
 def _each_sheet(x: Verdicts) -> Sheet:
-    return Sheet("each log by itself", tables={"logs": verdict_rows(x)}, notes=x.notes)
+    return Sheet("each log by itself", tables={"logs": verdict_rows(x.logs)}, notes=x.notes)
+
+
+def partly(logs: Sequence[Verdict], left: Sequence[Path]) -> tuple[str, str]:
+    """Return the verdicts of the logs that are done, and how to go on with those that are left."""
+    text = Sheet(f"{len(logs)} logs by themselves", tables={"logs": verdict_rows(logs)}).summary()
+    given = inputs.get()
+    if not left or given is None:
+        return text, "only the diagnosis of all logs together is missing"
+    words = ["ident", "diagnose", given.mechanism, *map(str, left), *given.options]
+    command = shlex.join(words) if len(left) <= SHOWN else f"the logs from {left[0]} on"
+    return text, f"{len(left)} of {len(logs) + len(left)} logs are left; go on with: {command}"
 
 
 @renders(Verdicts, "text")
@@ -302,15 +325,14 @@ class ThinnedSeries:
 
 
 class MonitorHistory:
-    """Snapshots, reaction forces and alarms of a running machine, as charts and as a report."""
+    """Snapshots, reaction forces and alarms of a running machine, as charts and as a report.
 
-    def __init__(self, mechanism: Mechanism, watched: bool) -> None:
-        self._mechanism, self._watched = mechanism, watched
-        self._parameters, self._errors, self._forces = (
-            ThinnedSeries(),
-            ThinnedSeries(),
-            ThinnedSeries(),
-        )
+    `silent` states why there are no alarms; empty where the machine is watched.
+    """
+
+    def __init__(self, mechanism: Mechanism, silent: str) -> None:
+        self._mechanism, self._silent = mechanism, silent
+        self._parameters, self._errors, self._forces = (ThinnedSeries() for _ in range(3))
         self._alarms: list[Alarm] = []
         self._lock = threading.RLock()  # a page is drawn while samples come
         self._last: Snapshot | None = None
@@ -352,12 +374,14 @@ class MonitorHistory:
             last = self._alarms[-1].headline
             head += f"{len(self._alarms)} alarm(s), the last: {last}"
         else:
-            head += "no alarm" if self._watched else "alarms need logs of normal running (--like)"
+            head += self._silent or "no alarm"
         errors, noise = self._last.errors, self._last.noise
         bars = tuple(Bar(joint, e, noise=noise[joint]) for joint, e in errors.items())
         good = good_enough(errors, noise)
         fine = not self._alarms and "Not in" not in good
-        command = next_command("monitor" if fine else "diagnose")
+        given = inputs.get()
+        short = self._silent and given and given.like  # they would raise no alarm then either
+        command = next_command("monitor" if fine else "diagnose") if not (fine and short) else ""
         return Card(head, good, bars, command)
 
     @property
@@ -452,6 +476,6 @@ def live_page(title: str, port: int) -> tuple[str, Callable[[str], None], Callab
     Raises:
         IdentError: if the port cannot be opened.
     """
-    place, readers = Place(port), Readers()
-    stop = place.serve(str(piece("live", title, scripts())), readers.listen)
-    return place.address, readers.tell, stop
+    readers = Readers()
+    page = Place(port).serve(str(piece("live", title, scripts())), readers.listen)
+    return page.address, readers.tell, page.stop

@@ -157,7 +157,7 @@ class _Instant:
                 "joint; give values of 0 or more, or leave the effect out"
             )
         B = self.B[held]
-        back = self._least(self.A, np.column_stack([b, B.T]))
+        back = self._least(self.A, np.concatenate([b[None], B]).T)
         H, g = B @ back[:, 1:], B @ back[:, 0] + self.delta[held]
         if self.open:
             f[held], sides[held] = box_programme(H, g, F[held])

@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline, interp1d
 
-from ident.display import Displayed
-from ident.equations.corrections import Scene, check_needs
+from ident.display import Displayed, Progress
+from ident.equations.rows import Scene, check_needs
 from ident.equations.terms import Samples
 from ident.equations.unknowns import NOTHING, Point
 from ident.errors import MotionError, one_of
@@ -31,7 +31,6 @@ from ident.motion import State, complete
 from ident.motion.closures import LoopSolver, best_conditioned, independent_joints
 from ident.motion.signals import noise_share
 from ident.motion.state import joint_coordinates
-from ident.progress import Progress
 from ident.simulate.balance import STICK, Actuator, Dynamics
 from ident.simulate.integration import Integration, Transition
 from ident.simulate.inverse import (
@@ -76,21 +75,14 @@ class PD:
     gains: Gains | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class ComputedTorque:
-    """Computed-torque control that follows the positions of a log.
+class ComputedTorque(PD):
+    """Computed-torque control that follows the positions of a log, the `reference`.
 
-    Attributes:
-        reference: a log whose positions are the motion to follow, or its path.
-        gains: (Kp, Kd) of all driven joints, or by joint [1/s², 1/s]. Default: a bandwidth of 5 Hz,
-            critically damped.
+    Its `gains` are (Kp, Kd) in 1/s² and 1/s; without them, those of a bandwidth of 5 Hz.
     """
 
-    reference: AnyLog
-    gains: Gains | None = None
 
-
-Drive = Torques | PD | ComputedTorque
+Drive = Torques | PD
 
 
 def actuator_of(drive: Drive | None, plant: Plant, e: State | None) -> Actuator:
@@ -114,7 +106,7 @@ def actuator_of(drive: Drive | None, plant: Plant, e: State | None) -> Actuator:
         Kp, Kd = BANDWIDTH**2 * inertia, 2 * BANDWIDTH * inertia
 
     def control(m: InstantTerms, against: np.ndarray) -> np.ndarray:
-        q, v, a = np.split(reference(m.t), 3)
+        q, v, a = reference(m.t).reshape(3, -1)
         feedback = Kp * (q - m.y[at]) + Kd * (v - m.yd[at])
         return inverse_dynamics(m, at, a + feedback, against) if computed else feedback
 

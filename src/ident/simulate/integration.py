@@ -19,8 +19,8 @@ from functools import cache
 import numpy as np
 from scipy.integrate import DOP853, RK45, OdeSolver
 
+from ident.display import Progress
 from ident.errors import MotionError
-from ident.progress import Progress
 from ident.simulate.balance import STICK, Balance, Dynamics
 from ident.simulate.plant import InstantTerms
 
@@ -63,7 +63,7 @@ class Integration:
         self.names = [each.name for each in self.plant.laws.dry]
         self.longest = min(self.longest, WATCHED) if self.names else self.longest
         model = self.plant.mechanism.model
-        self._cuts = [model.nq, model.nq + model.nv]
+        self._cuts = model.nq, model.nq + model.nv
         # terms, forces and modes (dry,) at the times passed so far
         self.samples: list[tuple[InstantTerms, Balance, np.ndarray]] = []
         self.transitions: list[Transition] = []
@@ -111,12 +111,16 @@ class Integration:
         m = self._terms(t, x)
         self.samples.append((m, self.dynamics.balance(m, self.modes), self.modes))
 
+    def _parts(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        a, b = self._cuts
+        return x[:a], x[a:b], x[b:]
+
     def _terms(self, t: float, x: np.ndarray) -> InstantTerms:
-        q, v, z = np.split(x, self._cuts)
+        q, v, z = self._parts(x)
         return self.plant.terms(t, q, v, z, self.near)
 
     def _speeds(self, x: np.ndarray) -> np.ndarray:
-        q, v, _ = np.split(x, self._cuts)
+        q, v, _ = self._parts(x)
         _, W, _ = self.plant.joints(q, v)
         return np.asarray(self.plant.dry @ (W @ v))
 
@@ -209,7 +213,7 @@ class Integration:
         plant, stuck = self.plant, self.modes == STICK
         if not plant.mechanism.closures and not stuck.any():
             return x
-        q, v, z = np.split(x, self._cuts)
+        q, v, z = self._parts(x)
         _, W, _ = plant.joints(q, v)
         q, v = plant.closed(t, q, v, plant.dry[stuck] @ W)
         self.near, _, _ = plant.joints(q, v, self.near)

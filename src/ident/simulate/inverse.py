@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.effects import KINDS
-from ident.equations.corrections import late
+from ident.equations.rows import late
 from ident.equations.unknowns import Point
-from ident.errors import MechanismError, MotionError, one_of
+from ident.errors import MechanismError, MotionError, check_whole, one_of
 from ident.fit.prediction import Prediction, predict
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import CENTROIDAL, DYNAMIC, beyond_centroidal
 from ident.motion import Motion, State, complete
 from ident.motion.closures import independent_joints
 from ident.simulate.plant import constant_correction
@@ -150,6 +149,7 @@ def with_noise(
     columns: Mapping[str, np.ndarray], noise: Sequence[Noise], seed: int
 ) -> dict[str, np.ndarray]:
     """Return columns (n,) by name with their noise; refuse noise on no column."""
+    check_whole("seed", seed)
     random = np.random.default_rng(seed)
     for each in noise:
         if not any(each.matches(name) for name in columns):
@@ -181,16 +181,7 @@ def point_of(
     """
     given = dict(values or {})
     bodies = mechanism.bodies
-    parameters = (mechanism.prior if pi is None else pi).copy()
-    for i, name in enumerate(bodies.names):
-        parameters[i] = given.pop(name, parameters[i])
-    for link in bodies.links:  # moments about the centre of mass, as a URDF has them
-        at = bodies.columns(link)
-        shift = beyond_centroidal(parameters[at])
-        for k, word in enumerate(DYNAMIC):
-            name = f"{link}.{CENTROIDAL.get(word)}"
-            if name in given:
-                parameters[at.start + k] = given.pop(name) + shift[k]
+    parameters = bodies.with_values(mechanism.prior if pi is None else pi, given)
     own: dict[str, float] = {}
     for effect in mechanism.effects:
         for name, unknown in zip(effect.names, effect.parameters, strict=True):

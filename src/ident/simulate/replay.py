@@ -13,17 +13,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.display import Plotted
-from ident.equations.corrections import Scene
+from ident.display import Plotted, Progress
+from ident.equations.rows import Scene
 from ident.equations.terms import Samples
 from ident.equations.unknowns import NOTHING
 from ident.errors import FitError, MotionError
 from ident.files import Written
 from ident.fit.files import Saved
 from ident.fit.result import Fit
-from ident.information.blocks import Error
+from ident.information.blocks import Error, Squares
 from ident.motion import Motion, State
-from ident.progress import Progress
 from ident.simulate.balance import Dynamics
 from ident.simulate.integrate import STEPS, interpolated, rough_times, torque_series
 from ident.simulate.integration import Integration
@@ -54,13 +53,10 @@ class ReplayedLog:
         begin = np.searchsorted(self.starts, np.arange(len(self.t)), side="left") - 1
         way = self.measured - self.measured[np.array(self.starts)[np.maximum(begin, 0)]]
         off = self.simulated - self.measured
-        errors = {}
-        for j, (joint, unit) in enumerate(zip(self.joints, self.units, strict=True)):
-            known = np.isfinite(off[:, j])
-            rms = float(np.sqrt(np.mean(off[known, j] ** 2))) if known.any() else np.nan
-            size = float(np.sqrt(np.mean(way[known, j] ** 2))) if known.any() else 0.0
-            errors[joint] = Error(rms, rms / size if size > 0 else None, unit)
-        return errors
+        known = np.isfinite(off)
+        error, size = ((np.where(known, x, 0.0) ** 2).sum(axis=0) for x in (off, way))
+        error[~known.any(axis=0)] = np.nan
+        return Squares(error, size, known.sum(axis=0)).errors(self.joints, self.units)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

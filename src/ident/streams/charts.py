@@ -34,7 +34,7 @@ import numpy as np
 
 from ident.equations.rows import Rows
 from ident.information import linear
-from ident.information.triangle import Triangle
+from ident.information.linear import Triangle
 
 SIZES = 2.0 ** np.arange(6)  # times the least change watched for
 RATIOS = np.array([3.0, 9.0, 27.0])  # c: noise may grow by a third and is no fault
@@ -182,15 +182,27 @@ class NormalRunning:
         return replace(self, least=least)
 
     def worse(
-        self, since: Sequence[WatchedInterval], x: np.ndarray, remains: float
+        self,
+        since: Sequence[WatchedInterval],
+        x: np.ndarray,
+        remains: float,
+        known: Sequence[WatchedInterval],
     ) -> NormalRunning:
-        """Return normal running with something in it that nothing explains."""
-        now = NormalRunning.of(since, self.sigma, x, 0.0)
+        """Return normal running with something in it that nothing explains.
+
+        By what the squares of the intervals `known` with the change have grown, or else all do.
+        """
+        now, grown = NormalRunning.of(since, self.sigma, x, 0.0), np.full(len(self.energy), remains)
+        if known:
+            squares, rows = (
+                np.sum([getattr(e, n) for e in known], axis=0) for n in ("squares", "rows")
+            )
+            grown = squares / np.maximum(rows * self.energy, 1e-300)
         return replace(
             self,
             spread=np.maximum(self.spread, now.spread),
             least=np.maximum(self.least, now.least),
-            energy=self.energy * max(remains, 1.0),
+            energy=self.energy * np.maximum(grown, 1.0),
             freedom=np.minimum(self.freedom, now.freedom),
         )
 

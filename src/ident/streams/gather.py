@@ -19,7 +19,7 @@ from ident.fit.files import multipliers_rows, write_fit
 from ident.fit.findings import Finding, note
 from ident.fit.identify import estimate_of, fit_of
 from ident.fit.likelihood import MATTERS, share_of_motion
-from ident.fit.multipliers import Reactions, identifiable_multipliers
+from ident.fit.prediction import Reactions, identifiable_multipliers
 from ident.fit.problem import Problem
 from ident.fit.shapes import working_point
 from ident.information.blocks import Block, Error, Information, Key, summed

@@ -84,7 +84,11 @@ def log_paths(given: Given | Sequence[Given], scheduler: str | None) -> list[Pat
 
     They are absolute for a scheduler, whose workers are in folders of their own.
     """
-    paths = expanded([given] if isinstance(given, str | os.PathLike) else given)
+    given = [given] if isinstance(given, str | os.PathLike) else given
+    for each in given:
+        if not isinstance(each, str | os.PathLike):
+            raise LogError(f"{type(each).__name__} is no path; give paths of logs and folders")
+    paths = expanded(given)
     return paths if scheduler is None else [path.absolute() for path in paths]
 
 

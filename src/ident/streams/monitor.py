@@ -18,7 +18,7 @@ from ident.display import Displayed, render
 from ident.equations.rows import Rows
 from ident.errors import FitError
 from ident.fit import Fit
-from ident.information.triangle import Triangle
+from ident.information.linear import Triangle
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.streams.charts import (
@@ -34,7 +34,15 @@ from ident.streams.charts import (
     moved_reference,
     statistics,
 )  # fmt: skip
-from ident.streams.suspects import DIRECT, WATCHED, Naming, Reading, Watched, name_since_onset
+from ident.streams.suspects import (
+    DIRECT,
+    SURPLUS,
+    WATCHED,
+    Naming,
+    Reading,
+    Watched,
+    name_since_onset,
+)  # fmt: skip
 
 HELD = 240  # intervals kept, of which the onset can be one
 ENOUGH = 4  # intervals since the onset before anything is named
@@ -115,7 +123,7 @@ class _Raised:
     waited: int = 0  # since it was sure
     leader: str = ""  # the suspect that leads alone, for `lead` intervals
     lead: int = 0
-    named: bool = False  # whether it is named
+    named: float = np.inf  # when it was named [s]
 
     def ready(self, naming: Naming, length: int) -> bool:
         """Whether one suspect has led alone for long enough, on a window of `length` intervals."""
@@ -152,7 +160,7 @@ class Monitor(Displayed):
     false_alarms_per_hour: float
 
     def __post_init__(self) -> None:
-        self.reference = self.normal.copy()
+        self.reference = self._now = self.normal.copy()  # now: with what is being learnt
         # log A: the mean time to a false alarm is A intervals or more
         self.threshold = float(np.log(3600.0 / (self.false_alarms_per_hour * self.seconds)))
         self.design = self.calibration.design
@@ -241,12 +249,12 @@ class Monitor(Displayed):
             rows: of `watched.columns`, in order of time.
         """
         sigma = self.design.normal.sigma
-        intervals = (WatchedInterval.of(x, sigma, self.reference) for x in self._cutter.cut(rows))
+        intervals = (WatchedInterval.of(x, sigma, self._now) for x in self._cutter.cut(rows))
         return [alarm for alarm in map(self._step, intervals) if alarm is not None]
 
     def finish(self) -> list[Alarm]:
         """Return the alarm that waits for its name, named by what there is."""
-        if self.raised is None or self.raised.named:
+        if self.raised is None or self.raised.named < np.inf:
             return []
         return [self._alarm(self.raised, *self._naming(self.raised))]
 
@@ -265,13 +273,14 @@ class Monitor(Displayed):
             self.raised.waited += 1
         raised = self.raised
         late = raised.waited * self.seconds >= self.patience
-        if raised.named and not late:
+        named = raised.named < np.inf
+        if named and not late:
             return None
         naming, window = self._naming(raised)
         ready = raised.ready(naming, len(window)) or late
-        alarm = self._alarm(raised, naming, window) if ready and not raised.named else None
+        alarm = self._alarm(raised, naming, window) if ready and not named else None
         if late:
-            self._go_on(naming, window)
+            self._go_on(raised, naming, window)
         return alarm
 
     def _naming(self, raised: _Raised) -> tuple[Naming, list[WatchedInterval]]:
@@ -303,7 +312,7 @@ class Monitor(Displayed):
             },
         )
         self.alarms.append(alarm)
-        raised.named = True
+        raised.named, self._now = alarm.named, self._moved(naming)
         return alarm
 
     def _cause(self, reading: Reading, naming: Naming) -> Cause:
@@ -325,16 +334,24 @@ class Monitor(Displayed):
         explains = float(np.clip(reading.fall / excess, 0.0, 1.0))
         return Cause(suspect.label, steps, explains, forces)
 
-    def _go_on(self, naming: Naming, window: Sequence[WatchedInterval]) -> None:
+    def _moved(self, naming: Naming) -> np.ndarray:
+        """The reference with the change that is named best."""
+        x = self.reference.copy()
+        if naming.best is not None:
+            x[naming.best.suspect.places] += naming.best.theta
+        return x
+
+    def _go_on(self, raised: _Raised, naming: Naming, window: Sequence[WatchedInterval]) -> None:
         """Take what was named for normal from now on, and begin the charts again."""
         normal, since = self.design.normal, window[1:] or window
+        self.reference = self._now = self._moved(naming)
         places, root = np.empty(0, dtype=int), np.empty((0, 0))
         if naming.best is not None:
             places, root = naming.best.suspect.places, naming.best.root
-            self.reference[places] += naming.best.theta
         normal = normal.moved(places, root, since, self.reference)
-        if not naming.sound:
-            normal = normal.worse(since, self.reference, naming.remains)
+        if not naming.sound or naming.surplus >= SURPLUS:  # noise may have grown with a load
+            known = [each for each in since if each.start >= raised.named]
+            normal = normal.worse(since, self.reference, naming.remains, known)
         self.design = Design.of(normal, self.design.mask)
         self._charts = Charts.fresh(len(self.design.weight))
         self._held.clear()

@@ -21,18 +21,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.display import Displayed, render
-from ident.equations.corrections import Scene
 from ident.equations.motion_noise import noise_floor
-from ident.equations.rows import Rows, row_supports
+from ident.equations.rows import Rows, Scene, row_supports
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, IdentError, LogError, MotionError, one_of
 from ident.fit import Fit, identify
-from ident.fit.multipliers import identifiable_multipliers
+from ident.fit.prediction import identifiable_multipliers
 from ident.fit.problem import plausible_of
 from ident.fit.shapes import working_point
 from ident.fit.values import BaseValue, Value, base_values, effect_values, rigid_values
 from ident.information.blocks import Error, Squares
-from ident.information.covariance import covariance, prior_covariance
+from ident.information.chance import covariance, prior_covariance
 from ident.information.estimate import Estimate, estimate
 from ident.mechanism import Mechanism
 from ident.motion import Motion, complete

@@ -28,9 +28,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ident.equations.corrections import Scene
 from ident.equations.filter import Decimator
-from ident.equations.rows import row_supports, rows
+from ident.equations.rows import Scene, row_supports, rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, IdentError, MotionError, one_of
 from ident.files import atomic_write, regular
@@ -39,7 +38,7 @@ from ident.fit.findings import Finding
 from ident.fit.prediction import predict
 from ident.fit.problem import block_edges, triangles
 from ident.information.blocks import Block, Key, summed
-from ident.information.triangle import Triangle
+from ident.information.linear import Triangle
 from ident.log import Log
 from ident.log.read import names_of
 from ident.log.storage import check_claims
@@ -51,10 +50,10 @@ from ident.motion.recipe import Band, recipe_of, standstill
 from ident.motion.signals import LogSignals, absurd_samples, measure
 from ident.motion.smoothing import derive
 from ident.motion.state import State
+from ident.plugins import version
 from ident.pool import Workers
 from ident.streams.logs import LogOnDisk, summarise
 from ident.streams.stream import margin_of
-from ident.version import version
 
 KNOTS = 40  # from a sample to another whose noise moves a spline there by 1e-7 of itself
 MEMORY = 4096  # samples after which an effect has forgotten where its memory began

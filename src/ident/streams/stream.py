@@ -23,9 +23,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.equations.corrections import WIDER, Scene
 from ident.equations.filter import STICKING, Decimator
-from ident.equations.rows import Rows, rows
+from ident.equations.rows import WIDER, Rows, Scene, rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, MotionError
 from ident.fit.problem import LENGTH, blocks_of

@@ -30,8 +30,7 @@ import numpy as np
 from ident.diagnosis.candidates import possible as candidates
 from ident.effects import KINDS, Effect
 from ident.effects.effect import Unknown
-from ident.equations.corrections import Scene
-from ident.equations.rows import Rows, rows
+from ident.equations.rows import Rows, Scene, rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, one_of
 from ident.fit import Fit
@@ -39,7 +38,7 @@ from ident.information import linear
 from ident.information.blocks import Block, Information
 from ident.information.cone import Limit, nearest, svec
 from ident.information.hypotheses import PartialRegression
-from ident.information.triangle import Triangle
+from ident.information.linear import Triangle
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, pseudo_inertia
 from ident.motion import Motion

@@ -46,6 +46,9 @@ def test_the_error_falls_by_hand(serve, visit, tmp_path):
     assert "explained better by" in page.locator("section.candidates").text_content()
     assert page.locator("canvas").count() > 2
 
+    groups = page.locator("#effects details:has(> ul > li):not(.several details)")
+    opened = [each.get_attribute("open") is not None for each in groups.all()]
+    assert opened == [True] + [False] * (len(opened) - 1)  # candidates, before all that is folded
     candidate = page.locator("#effects li.sure").first
     candidate.hover()
     preview = page.locator("#shown [aria-label*='over time, as it is and with']")
@@ -102,6 +105,7 @@ def test_keys_are_enough(serve, visit):
     settled(page)
     page.get_by_label("Show only effects").focus()
     page.keyboard.type("viscous:elbow")
+    page.keyboard.press("Tab")  # the group, which folds
     page.keyboard.press("Tab")
     page.keyboard.press("Enter")
     page.get_by_role("button", name="remove viscous:elbow", exact=True).wait_for()
@@ -175,3 +179,22 @@ def test_a_port_that_is_taken_is_one_line(spoken):
     assert len(err.splitlines()) == 1
     assert f"error: port {port}: " in err
     assert "free one" in err
+
+
+def test_long_names_on_a_phone(serve, visit, tmp_path):
+    """Nothing is wider than the window, before an effect is added and after."""
+    folder = tmp_path / "a_universal_robot_on_the_second_bench_of_the_laboratory"
+    shutil.copytree(ARM, folder)
+    for path in (folder / "mechanism.toml", folder / "arm.urdf", folder / "run.csv"):
+        path.write_text(path.read_text().replace("shoulder", "shoulder_lift_joint_of_the_robot"))
+    page = visit(serve(folder, folder / "run.csv").address).page
+    page.set_viewport_size({"width": 400, "height": 800})
+    settled(page)
+    wide = "document.documentElement.scrollWidth"
+    assert page.evaluate(wide) == 400
+    page.get_by_role("button", name="add coulomb in 4 places", exact=True).click()
+    page.wait_for_function("document.querySelectorAll('.ladder tbody tr').length > 1")
+    settled(page)
+    for view in page.locator("#views button").all():
+        view.click()
+        assert page.evaluate(wide) == 400

@@ -102,6 +102,12 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
     labelled.get(m.label).renderers.push(...drawn)
   }
 
+  function fitting(name, share) { // in a share of a panel's width: the ends of a longer name
+    const most = Math.max(16, Math.floor(share * width / rows[0].length / 7.5))
+    const half = Math.floor(most / 2)
+    return name.length <= most ? name : `${name.slice(0, half)}…${name.slice(1 - half)}`
+  }
+
   function named(axis, names, text, looks) {
     axis.setv({
       axis_label: plain(text), axis_label_text_font_style: "normal", axis_label_text_color: GREY,
@@ -139,14 +145,16 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
     const tilted = Math.max(0, ...panel.x_names.map((name) => name.length)) > 6
     for (const axis of fig.xaxes) {
       if (!panel.x_names.length) axis.ticker.setv({desired_num_ticks: width / rows[0].length < 450 ? 3 : 6})
-      named(axis, panel.x_names, bare ? "" : panel.x, {
+      named(axis, panel.x_names, bare ? "" : fitting(panel.x, 1), {
         major_label_text_font_size: bare ? "0px" : "11px",
         major_label_orientation: tilted ? 0.45 : "horizontal"})
     }
     for (const axis of fig.yaxes) {
       if (!panel.y_names.length && panel.height < 200) axis.ticker.setv({desired_num_ticks: 4})
     }
-    for (const axis of fig.yaxes) named(axis, panel.y_names, panel.y, {visible: !inner})
+    for (const axis of fig.yaxes) {
+      named(axis, panel.y_names.map((name) => fitting(name, 0.5)), panel.y, {visible: !inner})
+    }
     for (const axis of [...fig.xaxes, ...fig.yaxes]) {
       if ("power_limit_high" in axis.formatter) axis.formatter.setv({power_limit_high: 6, power_limit_low: -6})
     }

@@ -190,6 +190,8 @@ function drawScene(scene, place, told) {
     repaint()
   }, {passive: false})
   new ResizeObserver(repaint).observe(canvas)
+  addEventListener("beforeprint", paint)
+  paint()
   load(film)
   return (log, x) => {
     const other = films.find((each) => each.name === log)

@@ -24,6 +24,7 @@ from markupsafe import Markup
 
 from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.result import Law
+from ident.display import Progress, part, quiet
 from ident.effects import Effect
 from ident.effects.formula import Formula
 from ident.errors import IdentError, MechanismError
@@ -32,15 +33,12 @@ from ident.fit import Fit
 from ident.log import Log
 from ident.mechanism import Mechanism
 from ident.motion import Motion, complete
-from ident.progress import Progress, part, quiet
-from ident.show.card import Bar, named
 from ident.show.charts import Chart, pieces_of, scripts
 from ident.show.diagnosis import noise_errors
 from ident.show.diagnosis_report import plot_before_after
-from ident.show.explore.exploration import Exploration, error_text
-from ident.show.explore.predicted import PredictedGain
+from ident.show.explore.exploration import Exploration, PredictedGain, error_text
 from ident.show.fit import value_tables
-from ident.show.html import code, items, paragraph, table
+from ident.show.html import Bar, code, items, named, paragraph, table
 from ident.show.ladder import plot_rungs
 from ident.show.laws import law_words
 from ident.show.local import Place
@@ -51,9 +49,9 @@ POINTS = 1500  # of a line on the page
 NAMED = 5  # rivals that are listed, the others counted
 VIEWS = ("Joint", "All joints", "Ladder", "Numbers", "Verdict")
 GROUPS = (
-    "In the model",
     "Found in these data, of no effect's form: accept or refuse",
     "Would lower the error",
+    "In the model",  # this and what follows is folded
     "Would change little, or no more than chance",
     "Cannot be seen in this data",
 )
@@ -104,7 +102,7 @@ def _offer(x: Law | FoundCurve) -> dict[str, Any]:
         "label": x.effect.label, "kind": x.effect.kind, "present": False, "offered": True,
         "mark": "law" if isinstance(x, Law) else "curve", "sure": True, "fall": fall,
         "share": min(max(share, 0.0), 1.0), "about": law_words(x), "why": "", "rivals": rivals,
-        "group": GROUPS[1],
+        "group": GROUPS[0],
     }  # fmt: skip
 
 
@@ -123,7 +121,7 @@ def _effect_row(x: PredictedGain, mark: str) -> dict[str, Any]:
         "sure": x.sure, "fall": change, "share": min(max(fall, 0.0), 1.0), "about": about,
         "why": x.why,
         "rivals": "; ".join(f"{head} {some(names, NAMED)}" for head, names in behind if names),
-        "group": GROUPS[0 if x.present else 4 if x.fall is None else 2 if x.sure else 3],
+        "group": GROUPS[2 if x.present else 4 if x.fall is None else 1 if x.sure else 3],
     }  # fmt: skip
 
 
@@ -205,7 +203,7 @@ class Board:
             "title": title, "status": {"kind": "busy", "text": "reading …", "share": 0.0},
             "busy": True, "undo": False, "effects": [], "note": "", "stale": False, "errors": "",
             "ladder": [], "views": VIEWS, "view": VIEWS[0], "joints": [], "joint": "", "shown": [],
-            "folder": str(self.folder),
+            "folder": str(self.folder), "open": GROUPS[:2],
         }  # fmt: skip
         self._lock = threading.RLock()
         self._sockets: set[Any] = set()
@@ -294,20 +292,22 @@ class Board:
             self._tell(preview={"label": label, "shown": pieces_of([paragraph(words)])})
 
     @contextlib.contextmanager
-    def serve(self, port: int = 0) -> Iterator[str]:
+    def serve(self, port: int | Place = 0) -> Iterator[str]:
         """Serve the page on 127.0.0.1 inside this context, which gives its address.
+
+        Args:
+            port: 0 takes a free one; or the place that is taken already.
 
         Raises:
             IdentError: if the port cannot be opened.
         """
-        place = Place(port)
+        place = port if isinstance(port, Place) else Place(port)
         page = resources.files("ident.show.explore").joinpath("page.html")
         html = page.read_text(encoding="utf-8").replace("<!-- charts -->", scripts())
-        stop = place.serve(html, self._talk)
         try:
-            yield place.address
+            with place.serve(html, self._talk):
+                yield place.address
         finally:
-            stop()
             for socket in list(self._sockets):
                 socket.close()
 

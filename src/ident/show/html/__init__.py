@@ -1,23 +1,290 @@
-"""HTML for reports and notebooks, made by the macros of `report.jinja`; words are escaped."""
+"""HTML for reports and notebooks, made by the macros of `report.jinja`; words are escaped.
+
+At the top of a result is its card: what it is, how sure, the error of every joint, what to do next.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import math
 import platform
 import re
-from collections.abc import Callable, Sequence
+import shlex
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib import resources
-from importlib.metadata import PackageNotFoundError, version
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Protocol
 
 from markupsafe import Markup, escape
 
-from ident.progress import running
-from ident.show.card import Card
+from ident.display import acceptable, folder, inputs, running
+from ident.effects import Effect
+from ident.fit.channel_fits import LEAVES
+from ident.information.blocks import Error
+from ident.mechanism.mechanism import Mechanism
+from ident.plugins import version
 from ident.show.charts import Chart, scripts
+from ident.text import listed, percent, places, some, wrapped
+
+PAIRS, FLAGS = ("--with", "--lock"), ("--absolute", "--allow-code")  # options of the model
+MONITOR = {"--with", "--absolute", "--allow-code", "--cutoff", "--smoothing"}  # it takes
+STRIP = 32  # characters of the longest bar in a terminal
+BARS = 8  # joints that a terminal shows at most
+NOISY = 1.5  # times the noise of the sensors, in good logs 0.5 to 1.3, from which it is more
+SAME = 0.005  # of an error: a change below is none, since both are printed with three digits
+SURE = ((8.0, "beyond doubt"), (4.0, "very sure"), (2.5, "sure"), (-1e9, "fairly sure"))
+TRIFLE = 0.003  # of the torque: what a diagnosis takes to be too small to matter
+
+
+@dataclass(frozen=True)
+class Bar:
+    """The error of one joint: before, after, and what noise alone would leave [N m | N]."""
+
+    joint: str
+    before: Error
+    after: Error | None = None
+    noise: float | None = None
+
+    @property
+    def sizes(self) -> tuple[float, float, float | None]:
+        """Before, after and noise as shares of the measured torque; 0 where there is none."""
+        error = self.before
+        if not error.relative or not error.rms:
+            return 0.0, 0.0, None
+        torque = error.rms / error.relative
+        after = error if self.after is None else self.after
+        noise = self.noise / torque if self.noise else None
+        share = after.rms / torque if after.relative is None else after.relative  # of its own log
+        return error.relative, share, noise
+
+    @property
+    def rises(self) -> bool:
+        """Whether the error is larger after."""
+        if self.after is None:
+            return False
+        if self.before.relative is None or self.after.relative is None:
+            return self.after.rms > (1 + SAME) * self.before.rms
+        return self.after.relative > (1 + SAME) * self.before.relative
+
+    @property
+    def words(self) -> str:
+        """The error in numbers."""
+        both = [self.before, *([self.after] if self.after else [])]
+        if self.before.relative is None:
+            return " → ".join(f"{error.rms:.3g} {error.unit}" for error in both)
+        noise = self.sizes[2]
+        beside = " (larger)" * self.rises
+        beside += "" if noise is None else f", noise {percent(noise)}"
+        return " → ".join(percent(error.relative) for error in both) + beside
+
+
+def sure(z: float) -> str:
+    """Return how sure so many standard errors make."""
+    return next(words for least, words in SURE if z >= least)
+
+
+def good_enough(
+    errors: Mapping[str, Error],
+    floor: Mapping[str, float],
+    away: Mapping[str, float] | None = None,
+    searched: bool = False,
+) -> str:
+    """Return a sentence on whether the errors of all joints are noise, or too small to matter.
+
+    Args:
+        errors, floor: by joint, of the model and what noise of the sensors makes [N m | N].
+        away: rms away from reversals of joints with dry friction, as `Residual.away`.
+        searched: whether nothing that is missing was found.
+    """
+    own = acceptable.get()
+    least = TRIFLE if own is None else own
+    judged = {j: e for j, e in errors.items() if own is not None or floor.get(j)}
+    if not judged:
+        return ""
+    times = {j: _times(e, floor.get(j)) for j, e in judged.items()}
+    if loud := too_large(judged, floor, least):
+        if own is not None:
+            words = [f"{j} ({Bar(j, errors[j]).words})" for j in loud]
+            return f"Good enough? Not in {some(words, 2)}: more than {percent(own)} and than noise."
+        rest = [(away or {}).get(j, math.inf) / floor[j] for j in loud]
+        turns = ", but only near reversals, where a smoothed speed misses the jump of dry friction"
+        turns = f"{turns}: elsewhere {max(rest):.1f} times" * (max(rest) <= NOISY)
+        if searched:
+            most = f"{max(times.values()):.1f} times the noise of the sensors"
+            return f"Good enough? As good as this data can show, at {most}{turns}."
+        words = [f"{j} ({float(f'{times[j]:.2g}'):g} times)" for j in loud]
+        words[0] = words[0].replace("times)", "times the noise of the sensors)")
+        return f"Good enough? Not in {some(words, 2)}{turns}."
+    relative = {j: errors[j].relative or 0.0 for j in times}
+    noise = {j: x * floor.get(j, 0.0) / max(errors[j].rms, 1e-300) for j, x in relative.items()}
+    most = max(times, key=lambda j: max(relative[j], noise[j]))
+    if max(relative[most], noise[most]) > max(LEAVES, least):
+        size = f"{percent(noise[most])} of the torque of {most}"
+        return f"Good enough? These logs cannot show it: noise is {size}."
+    if max(times.values()) > NOISY:
+        return (
+            "Good enough? Yes: in every joint the error is noise of the sensors, or below "
+            f"{percent(least)} of the torque."
+        )
+    return f"Good enough? Yes: at most {max(times.values()):.1f} times the noise of the sensors."
+
+
+def too_large(errors: Mapping[str, Error], floor: Mapping[str, float], least: float) -> list[str]:
+    """Return the joints whose error is above a share `least` of their torque and above the noise of
+    the sensors, the loudest first. Noise that is not known is no excuse.
+    """
+    times = {joint: _times(e, floor.get(joint)) for joint, e in errors.items()}
+    loud = [
+        j
+        for j, e in errors.items()
+        if times[j] > NOISY and (1.0 if e.relative is None else e.relative) > least
+    ]
+    return sorted(loud, key=lambda joint: -times[joint])
+
+
+def _times(error: Error, noise: float | None) -> float:
+    """Return an error as a multiple of the noise of the sensors."""
+    return error.rms / noise if noise else math.inf
+
+
+@dataclass(frozen=True)
+class Card:
+    """The first lines of a result: what it is, how sure, the error by joint, what to do next.
+
+    Attributes:
+        line, sure: sentences; bars: of the joints, `most` of them in a terminal.
+        command: to be copied; then: a sentence on what to do after it, or in its place.
+    """
+
+    line: str
+    sure: str = ""
+    bars: tuple[Bar, ...] = ()
+    command: str = ""
+    then: str = ""
+    most: int = BARS
+
+    def shares(self, bar: Bar) -> tuple[float, float, float | None]:
+        """Return before, after and noise of a bar over the longest of all bars."""
+        longest = max(size or 0.0 for each in self.bars for size in each.sizes) or 1.0
+        before, after, noise = bar.sizes
+        return before / longest, after / longest, None if noise is None else noise / longest
+
+    def key(self, change: str, rise: str, noise: str) -> str:
+        """Return the words for what the bars have: a change, a rise, the mark of noise, or none."""
+        has = (
+            any(bar.after for bar in self.bars),
+            any(bar.rises for bar in self.bars),
+            any(bar.sizes[2] is not None for bar in self.bars),
+        )
+        words = [text for text, there in zip((change, rise, noise), has, strict=True) if there]
+        return ": " * bool(words) + ", ".join(words)
+
+    def text(self) -> list[str]:
+        """Return the lines for a terminal."""
+        lines = [*wrapped(self.line, "  "), *wrapped(self.sure, "  ")]
+        rows = [[bar.joint, self._strip(bar), bar.words] for bar in self.bars[: self.most]]
+        if rows:
+            lines += ["", f"error{self.key('█ stays, ░ goes', '▒ comes', '| noise')}"]
+            width = max(len(row[0]) for row in rows)
+            lines += [f"  {joint:<{width}}  {strip}  {words}" for joint, strip, words in rows]
+        if (more := len(self.bars) - self.most) > 0:
+            lines.append(f"  and {more} joint{'s' * (more > 1)} more")
+        lines += ["", f"  {self.command}"] if self.command else []
+        return [*lines, *([""] if self.then else []), *wrapped(self.then, "  ")]
+
+    def _strip(self, bar: Bar) -> str:
+        before, after, noise = self.shares(bar)
+        cells = "█" * round(STRIP * min(before, after))
+        change = round(STRIP * max(before, after)), "▒" if bar.rises else "░"
+        cells = cells.ljust(*change).ljust(STRIP + 1)
+        at = STRIP + 1 if noise is None else round(STRIP * noise)
+        return f"{cells[:at]}|{cells[at + 1 :]}" if at <= STRIP else cells
+
+
+def by_kind(effects: Iterable[Effect]) -> list[list[Effect]]:
+    """Return effects of one kind together, in the order of the first of each."""
+    found: dict[str, list[Effect]] = {}
+    for effect in effects:
+        found.setdefault(effect.kind, []).append(effect)
+    return list(found.values())
+
+
+def named(effects: Iterable[Effect], word: str = "and") -> str:
+    """Return `coulomb:elbow` of one effect, `coulomb in a3 to a7` of several of a kind."""
+    return listed(
+        [
+            group[0].label
+            if len(group) == 1
+            else f"{group[0].kind} in {places(','.join(each.joints) for each in group)}"
+            for group in by_kind(effects)
+        ],
+        word,
+    )
+
+
+def place_of(mechanism: Mechanism) -> str:
+    """Return the mechanism as commands take it."""
+    place = mechanism.toml.parent if mechanism.toml else mechanism.urdf
+    return shlex.quote(str(place)) if place != Path() else "MECHANISM"
+
+
+def add_command(mechanism: Mechanism, effects: Iterable[Effect], files: Iterable[str] = ()) -> str:
+    """Return the command that adds effects, and laws in files, to a mechanism, ready to be copied.
+
+    What the command that runs was given `--with` is no part of the mechanism yet: it comes first.
+    """
+    options, files = getattr(inputs.get(), "options", ()), [*files]
+    words = [word for name, word in pairwise(options) if name == "--with"]
+    words += [*(effect.label for effect in effects), *files]
+    code = ["--allow-code"] if files or "--allow-code" in options else []
+    return f"ident add {place_of(mechanism)} {shlex.join([*dict.fromkeys(words), *code])}"
+
+
+def next_command(verb: str, added: Iterable[Effect] = (), separate: Sequence[str] = ()) -> str:
+    """Return the command that goes on with a verb from the one that runs, ready to be copied.
+
+    Nothing outside of a command, or where the verb does not take the options of the model, with
+    which stand the effects that were `added`. `separate`: two labels that excite is to tell apart.
+    """
+    if (given := inputs.get()) is None:
+        return ""
+    more = (word for effect in added for word in ("--with", effect.label))
+    options, out = (*given.options, *more), folder.get()
+
+    def own(*names: str) -> list[str]:
+        pairs = (pair for pair in pairwise((*options, "")) if pair[0] in names)
+        return [w for name, w in pairs for w in ([name, w] if name in PAIRS else [name])]
+
+    if verb == "monitor" and {o for o in options if o[:2] == "--"} - MONITOR:
+        return ""
+    if verb == "compare" and not out:
+        verb = "identify"  # which writes the fit
+    words = {
+        "compare": [
+            "OTHER.csv",
+            "--fit",
+            f"{out}/fit.json",
+            *own("--lock", *FLAGS),
+        ],  # on a log that was not fitted
+        "diagnose": [*given.logs, *options],
+        "excite": [
+            *own(*PAIRS, "--allow-code"),
+            *(["--separate", *separate] if separate else []),
+            "--out",
+            "next.csv",
+        ],
+        "identify": [*given.logs, *options, "--out", out or "DIR"],
+        "monitor": [
+            "NEXT.csv",
+            *(w for log in given.like or given.logs for w in ("--like", log)),
+            *options,
+        ],
+    }
+    return shlex.join(["ident", verb, given.mechanism, *words[verb]])
+
 
 CODE = re.compile(r"`([^`]*)`")
 SHORT = 32  # characters of a cell that stays on one line
@@ -147,16 +414,9 @@ def origin(files: Sequence[Path], logs: Sequence[tuple[str, str]]) -> Section:
     rows += [[name, digest or "made in memory"] for name, digest in logs]
     command = running.get()
     first = code(command) if command else paragraph("Made in Python, by no command.")
-    versions = {name: _version(name) for name in PACKAGES}
+    versions = {name: version(name, "not installed") for name in PACKAGES}
     versions["Python"] = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
     return Section("How to reproduce", (first, table(rows, "What went in"), definitions(versions)))
-
-
-def _version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return "not installed"
 
 
 def _sha256(file: Path) -> str:

@@ -9,8 +9,7 @@ const spans = new Map() // of time, by clock, that all charts of it show
 
 const shade = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim()
 
-function paint(drawn) {
-  const ink = shade("--soft")
+function paint(drawn, ink = shade("--soft")) {
   for (const model of drawn._all_models.values()) {
     if ("major_label_text_color" in model) {
       model.setv({major_label_text_color: ink, axis_label_text_color: ink, axis_line_color: ink,
@@ -118,6 +117,28 @@ const unfold = (which) => {
   document.querySelectorAll(which).forEach((each) => { each.open = true })
   figures.filter(visible).forEach(draw)
 }
-addEventListener("beforeprint", () => unfold("details"))
+const places = [...document.querySelectorAll(".canvas")]
+addEventListener("beforeprint", () => {
+  places.forEach((place) => { place.style.width = "680px" }) // what paper has
+  unfold("details")
+})
+addEventListener("beforeprint", () => { // when the promises of the first are kept; no frame comes, so pictures stand in
+  documents.forEach((drawn) => paint(drawn, "#404040"))
+  for (const view of window.Bokeh?.index.roots ?? []) {
+    if (!view.compute_layout || !view.el.offsetParent) continue
+    view.after_resize()
+    view.compute_layout()
+    const picture = view.export("svg").canvas
+    picture.classList.add("picture")
+    view.el.after(picture)
+    view.el.style.display = "none"
+  }
+})
+addEventListener("afterprint", () => {
+  document.querySelectorAll(".picture").forEach((each) => each.remove())
+  places.forEach((place) => { place.style.width = "" })
+  for (const view of window.Bokeh?.index.roots ?? []) view.el.style.display = ""
+  documents.forEach((drawn) => paint(drawn))
+})
 document.getElementById("unfold")?.addEventListener("click", () => unfold("details:not(.scene details)"))
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => documents.forEach(paint))
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => documents.forEach((drawn) => paint(drawn)))

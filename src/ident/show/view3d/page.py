@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,7 +18,7 @@ from ident.errors import IdentError, MechanismError
 from ident.files import write_all
 from ident.mechanism import Mechanism
 from ident.show.html import Block, Page, Section
-from ident.show.local import Place
+from ident.show.local import Place, Served
 from ident.show.view3d.bodies import ENDS, Colour, parts_of, tied
 from ident.show.view3d.scene import MOMENTS, MOST, WIDTH, DrawnMechanism, film_of, mapped
 
@@ -132,7 +131,7 @@ class View(DrawnMechanism):
         Raises:
             IdentError: if the port is taken or there is none such.
         """
-        return Served(self, port)
+        return Place(port).serve(self.html, lambda _: None)
 
     def __str__(self) -> str:
         lines = [
@@ -185,37 +184,3 @@ def view_of(
     every = predictions or [None] * len(experiments)
     films = tuple(film_of(mechanism, e, p, each) for e, p in zip(experiments, every, strict=True))
     return View(mechanism, parts, films, notes=(*notes, *more))
-
-
-class Served:
-    """The page of a view on this machine, until it is stopped; also a context.
-
-    Attributes:
-        port: on 127.0.0.1; address: to open in a browser.
-    """
-
-    def __init__(self, view: View, port: int = 0) -> None:
-        place = Place(port)
-        self.port, self.address = place.port, place.address
-        self._name, self._end = view.mechanism.name, threading.Event()
-        self._shut = place.serve(view.html, lambda _: None)
-
-    def wait(self) -> None:
-        """Until somebody stops it."""
-        while not self._end.wait(3600.0):
-            pass
-
-    def stop(self) -> None:
-        """Close the page; once is enough."""
-        if not self._end.is_set():
-            self._end.set()
-            self._shut()
-
-    def __enter__(self) -> Served:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.stop()
-
-    def __repr__(self) -> str:
-        return f"{self._name}: {self.address}" + (" (ended)" * self._end.is_set())

@@ -22,16 +22,7 @@ from ident.mechanism import Mechanism
 from ident.mechanism.closures import FrameClosure
 from ident.mechanism.tree import Placement
 from ident.show.charts import Arrays
-from ident.show.view3d.bodies import (
-    ENDS,
-    UNKNOWN,
-    Colour,
-    Parts,
-    points_of,
-    sites,
-    tied,
-    triangles,
-)
+from ident.show.view3d.bodies import ENDS, UNKNOWN, Colour, Parts, points_of, sites, tied, triangles
 
 MOST = 1000  # pictures of all films
 WIDTH = 0.1  # [s] over which a residual is averaged, so that colours do not flicker

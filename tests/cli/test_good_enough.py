@@ -1,0 +1,106 @@
+"""Last month's model on a new log: which joint changed, and a threshold of one's own."""
+
+import json
+
+from helpers import ROBOTS
+from ident.information.blocks import Error
+from ident.show.html import good_enough
+
+ARM, RUN = ROBOTS / "arm", ROBOTS / "arm" / "run.csv"
+
+
+def test_last_months_model_on_a_new_log(tmp_path, spoken):
+    """In which the elbow has more friction."""
+    friction, old, new = ("--with", "viscous", "--with", "coulomb"), tmp_path / "old", "new.csv"
+    assert spoken("identify", ARM, RUN, *friction, "--out", old)[0] == 0
+    risen = ("--set", "coulomb.elbow.Fc=1.2", "--noise", "tau=0.2%", "--out", tmp_path / new)
+    assert spoken("simulate", old / "identified", RUN, *risen)[0] == 0
+    fit = ("--fit", old / "fit.json")
+    status, text, _ = spoken("compare", ARM, tmp_path / new, *fit)
+    assert status == 0
+    words = "changed since it was fitted in elbow; all other joints are as then"
+    assert words in " ".join(text.split())
+    assert 0 < text.index("  elbow") < text.index("  yaw")
+    _, text, _ = spoken("compare", ARM, RUN, *fit)
+    assert "in all joints as when it was fitted" in " ".join(text.split())
+    _, text, _ = spoken("compare", ARM, tmp_path / new, *fit, "--json")
+    assert [x["changed"] for x in json.loads(text)["models"].values()] == [["elbow"]]
+    status, text, _ = spoken("identify", old, tmp_path / new, "--out", tmp_path / "after")
+    assert status == 0
+    assert text.startswith("Changed since ")
+    assert "coulomb.elbow.Fc (0.89" in " ".join(text.split("error:")[0].split())
+    assert "What has changed" in (tmp_path / "after" / "report.html").read_text()
+    cutoffs = [
+        json.loads((folder / "fit.json").read_text())["filter"]["cutoff"]
+        for folder in (old, tmp_path / "after")
+    ]
+    assert cutoffs[1] == cutoffs[0]  # both are filtered alike
+    status, text, err = spoken("compare", ARM, tmp_path / new, *fit, "--good-enough", 1)
+    assert status == 3
+    assert "Good enough? Not in elbow (" in text
+    assert "status 3: elbow above --good-enough 1 %" in err
+    status, text, _ = spoken("compare", ARM, tmp_path / new, *fit, "--good-enough", 10)
+    assert (status, "Good enough? Yes" in text) == (0, True)
+
+
+def test_a_fit_that_is_not_good_enough(spoken):
+    status, text, _ = spoken("identify", ARM, RUN, "--good-enough", 10)
+    assert (status, "more than 10 %" in text) == (3, True)
+
+
+def test_good_enough_beside_noise_alone(tmp_path, spoken):
+    """With 0 an error is judged against noise alone, whose joints the card and the note name."""
+    friction = ("--with", "viscous", "--with", "coulomb")
+    status, text, err = spoken("identify", ARM, RUN, *friction, "--good-enough", 0)
+    assert (status, "Good enough? Yes" in text, "status 3" in err) == (0, True, False)
+    status, _, err = spoken("identify", ARM, RUN, "--with", "viscous", "--good-enough", 0)
+    assert (status, "status 3: " in err) == (3, True)
+    noisy = tmp_path / "noisy.csv"
+    made = ("--with", "viscous:elbow", "--set", "viscous.elbow.Fv=0.5", "--noise", "tau=30%")
+    assert spoken("simulate", ARM, RUN, *made, "--out", noisy)[0] == 0
+    status, text, _ = spoken("identify", ARM, noisy, "--with", "viscous:elbow", "--good-enough", 1)
+    assert (status, "Good enough? Not in" in text) == (0, False)
+
+
+def test_good_enough_names_the_log_it_was_validated_on(tmp_path, spoken):
+    friction, other = ("--with", "viscous", "--with", "coulomb"), tmp_path / "other.csv"
+    changed = ("--with", "coulomb:elbow", "--set", "coulomb.elbow.Fc=3")
+    assert spoken("simulate", ARM, RUN, *changed, "--out", other)[0] == 0
+    validated = ("--validate", other, "--good-enough", 2)
+    status, _, err = spoken("identify", ARM, RUN, *friction, *validated)
+    assert status == 3
+    assert " of other.csv above --good-enough 2 %" in err
+    locked = ("--lock", "wrist", "--good-enough", 1000)
+    assert spoken("identify", ARM, RUN, *friction, *locked)[0] == 0
+
+
+def test_one_answer_on_every_page(tmp_path, spoken):
+    """Of an exact model whose wrist turns back within noise of its speed."""
+    friction, log = ("--with", "viscous", "--with", "coulomb"), tmp_path / "rough.csv"
+    sizes = {"yaw": (1.2, 2), "shoulder": (1.5, 2.5), "elbow": (0.5, 0.9), "wrist": (0.02, 0.04)}
+    values = [
+        word
+        for joint, (Fv, Fc) in sizes.items()
+        for word in ("--set", f"viscous.{joint}.Fv={Fv}", "--set", f"coulomb.{joint}.Fc={Fc}")
+    ]
+    noise = ("--noise", "q=1e-3", "--noise", "tau=0.2%", "--columns", "q,tau", "--seed", 1)
+    assert spoken("simulate", ARM, RUN, *friction, *values, *noise, "--out", log)[0] == 0
+    out = ("--out", tmp_path / "fit")
+    pages = [
+        spoken("identify", ARM, log, *friction, *out)[1],
+        spoken("compare", ARM, log, "--fit", tmp_path / "fit" / "fit.json")[1],
+    ]
+    answers = [
+        " ".join(page.split()).split("Good enough? ")[1].split(" error: ")[0] for page in pages
+    ]
+    first, second = (answer.split(" The bars")[0] for answer in answers)
+    assert first == second
+    assert first.startswith("Not in wrist (")
+    assert "only near reversals" in first
+
+
+def test_noise_above_the_torque_itself_is_no_yes():
+    errors = {"base": Error(0.26, 0.26, "N m"), "tip": Error(0.01, 0.01, "N m")}
+    text = good_enough(errors, {"base": 1.16, "tip": 0.01})
+    assert text == "Good enough? These logs cannot show it: noise is 116 % of the torque of base."
+    assert "Yes" in good_enough(errors, {"base": 0.25, "tip": 0.01})
