@@ -178,9 +178,9 @@ class PartialRegression:
         R = np.concatenate([np.asarray(np.linalg.qr(A, mode="r")) for A in mine])
         if not k or not R.any():
             return tuple(np.zeros((len(A), 0)) for A in mine)
-        _, s, Vt = linear.svd(R)
+        _, s, Vt = linear.svd(np.asarray(np.linalg.qr(R, mode="r")), full_matrices=False)
         good = s > RANK * s[0]
-        T = Vt[: len(s)][good].T / s[good]
+        T = Vt[good].T / s[good]
         Q = [A @ T for A in mine]
         for _ in range(2):  # what rounding leaves of QᵀQ − I goes
             T = np.linalg.inv(np.linalg.cholesky(sum(q.T @ q for q in Q))).T
