@@ -340,7 +340,7 @@ def test_ctrl_c_in_the_next_experiment_keeps_the_diagnosis(
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("ident.show.experiment._words", stop)
+    monkeypatch.setattr("ident.show.experiment._advice", stop)
     outcome = ident("diagnose", arm_folder, arm_folder / "run.csv", "--out", tmp_path)
     assert outcome.status == 130
     assert json.loads((tmp_path / "diagnosis.json").read_text())["verdict"] == "missing"

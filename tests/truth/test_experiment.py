@@ -86,7 +86,7 @@ def test_a_narrow_motion_asks_for_a_full_turn(narrow: Diagnosis) -> None:
     pairs = questions(contenders(narrow))[0]
     same = next(x for x in attempts(narrow, contenders(narrow)) if x.trial.kind == "same")
     assert found.separation > 3 * min(map(same.separation, pairs))
-    text = next_experiment(narrow)
+    text = next_experiment(narrow).words
     assert "urn crank through a full turn" in text
     assert "rad/s" in text
 
@@ -108,7 +108,7 @@ def test_no_motion_of_a_parallelogram(parallelogram: Mechanism) -> None:
     hidden = parallelogram.with_effect("coulomb:rocker", {"Fc": 0.05})
     d = diagnosed(parallelogram, hidden, sines({"crank": (1.5, 0.8, 3.0)}, 6.0))
     start = time.process_time()
-    text = next_experiment(d)
+    text = next_experiment(d).words
     assert time.process_time() - start < 5.0
     assert {e.joints for e in (d.best, *d.rivals)} >= {("crank",), ("rocker",), ("coupler",)}
     assert "No motion of this mechanism tells" in text
@@ -138,7 +138,7 @@ def test_viscous_or_drag_asks_for_other_speeds(arm: Mechanism) -> None:
         (speed,) = (move.speed for move in found.trial.changed)
         now = present(arm, d.fit.motion)[2].speed
         assert speed == pytest.approx(2 * now)
-    assert "elbow" in next_experiment(d)
+    assert "elbow" in next_experiment(d).words
 
 
 def test_trials_keep_limits(arm: Mechanism) -> None:
@@ -162,6 +162,6 @@ def test_trials_keep_limits(arm: Mechanism) -> None:
 
 def test_every_verdict_has_an_experiment(narrow: Diagnosis) -> None:
     for verdict in ("nothing", "unexplained"):
-        text = next_experiment(replace(narrow, verdict=verdict))
+        text = next_experiment(replace(narrow, verdict=verdict)).words
         assert text.endswith(".")
         assert "could not be" not in text

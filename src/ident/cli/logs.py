@@ -322,7 +322,6 @@ def diagnose(
     machines; --fail-on then looks at every log and at all of them together.
     """
     from ident.diagnosis.diagnosis import VERDICTS
-    from ident.show.experiment import STOPPED
 
     for each in fail_on or ():
         if each not in VERDICTS:
@@ -383,7 +382,8 @@ def diagnose(
         result(text)
     notes(remarks)
     lost = [f"the laws of {', '.join(left)}"] if (left := getattr(found, "unsearched", ())) else []
-    lost += ["the next experiment"] * (getattr(found, "next_experiment", "") == STOPPED)
+    advice = getattr(found, "advice", None)  # none of many logs
+    lost += ["the next experiment"] * (advice is not None and advice.interrupted)
     if lost:
         notes([f"interrupted before {' and '.join(lost)}; everything else is complete"])
         sys.exit(130)

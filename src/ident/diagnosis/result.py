@@ -102,6 +102,21 @@ class Explanation:
         }
 
 
+@dataclass(frozen=True)
+class Advice:
+    """What to log next.
+
+    Attributes:
+        words: whole sentences.
+        apart: the effects that a log of the motion would tell apart, if it is proposed for that.
+        interrupted: whether Ctrl-C came before a motion was worked out.
+    """
+
+    words: str
+    apart: tuple[Effect, ...] = ()
+    interrupted: bool = False
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Law:
     """A formula for what no effect of the library explains, everything refitted with it.
@@ -350,9 +365,15 @@ class Diagnosis(Concluded):
         return (*self.candidates, *more)
 
     @cached_property
+    def advice(self) -> Advice:
+        """Which motion would tell more, and which effects it tells apart."""
+        found: Advice = render(self, "experiment")
+        return found
+
+    @property
     def next_experiment(self) -> str:
         """Which motion would tell more, in words."""
-        return str(render(self, "experiment"))
+        return self.advice.words
 
     @cached_property
     def text(self) -> str:

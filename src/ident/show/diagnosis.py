@@ -17,7 +17,6 @@ from ident.fit import Fit
 from ident.fit.residual import Failure
 from ident.information.blocks import Error
 from ident.information.chance import odds_ratio
-from ident.show.experiment import APART
 from ident.show.html import (
     NOISY,
     Bar,
@@ -118,11 +117,12 @@ def _separable(d: Diagnosis) -> tuple[str, ...]:
     """Return the best effect and a rival, at another place if there is one, where a motion tells
     them apart.
     """
-    if d.best is None or not d.rivals or APART not in d.next_experiment:
+    best, apart = d.best, {each.label for each in d.advice.apart if not each.signal}
+    rivals = [each for each in d.rivals if each.label in apart and each.kind in KINDS]
+    if best is None or not rivals or best.label not in apart or best.kind not in KINDS:
         return ()
-    rival = next((each for each in d.rivals if each.kind == d.best.kind), d.rivals[0])
-    known = all(each.kind in KINDS and not each.signal for each in (d.best, rival))
-    return (d.best.label, rival.label) if known else ()
+    rival = next((each for each in rivals if each.kind == best.kind), rivals[0])
+    return best.label, rival.label
 
 
 def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:

@@ -18,7 +18,7 @@ from ident.diagnosis.experiment import (
     proposal,
     questions,
 )
-from ident.diagnosis.result import Diagnosis
+from ident.diagnosis.result import Advice, Diagnosis
 from ident.diagnosis.selection import Evidence
 from ident.diagnosis.trials import Move, Trial, present, trials
 from ident.display import renders
@@ -31,8 +31,6 @@ from ident.text import listed, some
 SHOWS = 0.02  # visible share from which an effect can be seen
 LOOKED_AT = 24  # invisible effects that are tried in other motions
 EXPLAINED = 0.9  # of what exceeds the noise, from which a formula leaves no question in its joint
-STOPPED = "Interrupted before one was worked out."
-APART = "then differ by at least"  # what a motion that tells rivals apart shows
 NOTHING = "This log leaves no question that another motion would answer."
 HOW = {
     "turn": "turn {names} through a full turn, there and back{before}, at up to {top}",
@@ -81,17 +79,17 @@ def _span(m: Move) -> str:
 
 
 @renders(Diagnosis, "experiment")
-def next_experiment(d: Diagnosis) -> str:
+def next_experiment(d: Diagnosis) -> Advice:
     """Return what to log next: which joint, which range, which speed, and what that shows."""
     try:
-        return _words(d) or NOTHING
+        return _advice(d)
     except KeyboardInterrupt:  # all else of the diagnosis is kept
-        return STOPPED
+        return Advice("Interrupted before one was worked out.", interrupted=True)
     except (IdentError, LinAlgError) as error:  # without advice the diagnosis is still one
-        return f"No experiment could be worked out ({error})."
+        return Advice(f"No experiment could be worked out ({error}).")
 
 
-def _words(d: Diagnosis) -> str:
+def _advice(d: Diagnosis) -> Advice:
     rivals = contenders(d)
     if len(rivals) > 1:
         tried = attempts(d, rivals)
@@ -100,16 +98,16 @@ def _words(d: Diagnosis) -> str:
             return _between(d, rivals, tried)
     if d.verdict in ("unexplained", "undecided"):
         if d.laws and all(_explained(d, name) for name in d.loud):
-            return (
+            return Advice(
                 f"Add the formula of {listed([law.joint for law in d.laws])} and diagnose again. A "
                 "log of another motion, over the full travel of the joint, shows whether it is a "
                 "cause: compare both fits there."
             )
-        return unexplained(d)
+        return Advice(unexplained(d))
     first = f"Add {named(d.group)} and diagnose again: nothing rivals it. " if d.best else ""
     if d.best and d.health.faults:  # of the clock, the only one beside a name
         first = f"Compare t with another clock, and measure the length {named(d.group)}. "
-    return f"{first}{unseen(d)}".strip()
+    return Advice(f"{first}{unseen(d)}".strip() or NOTHING)
 
 
 def _explained(d: Diagnosis, joint: str) -> bool:
@@ -122,21 +120,21 @@ def _explained(d: Diagnosis, joint: str) -> bool:
 # --- rivals ---------------------------------------------------------------------------------------
 
 
-def _between(d: Diagnosis, rivals: Sequence[Evidence], tried: Sequence[Attempt]) -> str:
+def _between(d: Diagnosis, rivals: Sequence[Evidence], tried: Sequence[Attempt]) -> Advice:
     """Return the first question that a motion answers, and what to do about one that none does."""
     parts: list[str] = []
     for pairs in questions(rivals):
         if found := proposal(d, tried, pairs):
-            return " ".join([*parts, _proposed(d, found)])
+            return Advice(" ".join([*parts, _proposed(d, found)]), found.apart)
         parts = parts or [_no_motion(d, tried, pairs)]
-    return " ".join(parts)
+    return Advice(" ".join(parts) or NOTHING)
 
 
 def _proposed(d: Diagnosis, p: Proposal) -> str:
     text = (
         f"{_capital(described(p.trial, present(d.fit.mechanism, d.fit.motion)))}: "
-        f"{some([each.label for each in p.apart])} {APART} {p.separation:.2g} "
-        f"standard errors in a log as long as this one; log about "
+        f"{some([each.label for each in p.apart])} then differ by at least "
+        f"{p.separation:.2g} standard errors in a log as long as this one; log about "
         f"{float(f'{p.seconds:.2g}'):g} s of it to be sure"
     )
     if p.alike:

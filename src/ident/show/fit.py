@@ -27,6 +27,7 @@ from ident.show.html import (
     Page,
     Section,
     by_log,
+    enough,
     good_enough,
     items,
     next_command,
@@ -235,10 +236,14 @@ def card(fit: Fit) -> Card:
     whose = f"of {short(earlier.name)}" if earlier else "of the URDF's own numbers"
     words = f"The bars: error {whose} → of the identified ones"
     words += ", held out" * bool(fit.held_out)
-    if (worse := [bar.joint for bar in bars if bar.rises]) and earlier is None:
+    larger = [] if earlier else [bar.joint for bar in bars if bar.rises]
+    if worse := [j for j in larger if fit.train[j].rms > before[j].rms]:
         words += f", which is larger in {listed(worse)}"
+    elif larger:  # in its own rows the fit is better
+        own = listed(f"{j} ({percent(fit.train[j].relative)} in the fit)" for j in larger)
+        words += f", which makes it larger in {own}"
     good = good_enough(errors, fit.noise, fit.residual.away)
-    command = next_command("compare" if "? Yes" in good else "diagnose")
+    command = next_command("compare" if enough(errors, fit.noise) else "diagnose")
     trust = f"{good} {words}.".strip() * bool(bars)
     if fit.changes is None:
         return Card(headline(fit), trust, bars, command)

@@ -37,6 +37,7 @@ from ident.show.html import (
     Page,
     Section,
     by_log,
+    enough,
     good_enough,
     named,
     next_command,
@@ -87,7 +88,7 @@ def comparison_card(c: Comparison) -> Card:
     shown, floor = told_apart(c.residuals), floor_of(last.model, last.motion)
     errors = judged(c, last)
     good = good_enough(errors, floor, last.away)
-    command = next_command("monitor" if "? Yes" in good else "diagnose")
+    command = next_command("monitor" if enough(errors, floor) else "diagnose")
     if first is last:
         then = _fitted(c, first.name)
         changed = first.risen(then)
@@ -97,6 +98,8 @@ def comparison_card(c: Comparison) -> Card:
             for j in joints
         )
         words = ": in all joints as when it was fitted" * bool(then)
+        if words and any(bar.rises for bar in bars):
+            words += ", within what errors differ between stretches of time"
         if changed:
             words = f": changed since it was fitted in {places(changed)}"
             words += "; all other joints are as then" * (len(changed) < len(joints))

@@ -99,9 +99,7 @@ def good_enough(
         away: rms away from reversals of joints with dry friction, as `Residual.away`.
         searched: whether nothing that is missing was found.
     """
-    own = acceptable.get()
-    least = TRIFLE if own is None else own
-    judged = {j: e for j, e in errors.items() if own is not None or floor.get(j)}
+    own, judged, least = acceptable.get(), *_judged(errors, floor)
     if not judged:
         return ""
     times = {j: _times(e, floor.get(j)) for j, e in judged.items()}
@@ -118,11 +116,9 @@ def good_enough(
         words = [f"{j} ({float(f'{times[j]:.2g}'):g} times)" for j in loud]
         words[0] = words[0].replace("times)", "times the noise of the sensors)")
         return f"Good enough? Not in {some(words, 2)}{turns}."
-    relative = {j: errors[j].relative or 0.0 for j in times}
-    noise = {j: x * floor.get(j, 0.0) / max(errors[j].rms, 1e-300) for j, x in relative.items()}
-    most = max(times, key=lambda j: max(relative[j], noise[j]))
-    if max(relative[most], noise[most]) > max(LEAVES, least):
-        size = f"{percent(noise[most])} of the torque of {most}"
+    if hidden := _hidden(judged, floor, least):
+        joint, noise = hidden
+        size = f"{percent(noise)} of the torque of {joint}"
         return f"Good enough? These logs cannot show it: noise is {size}."
     if max(times.values()) > NOISY:
         return (
@@ -130,6 +126,35 @@ def good_enough(
             f"{percent(least)} of the torque."
         )
     return f"Good enough? Yes: at most {max(times.values()):.1f} times the noise of the sensors."
+
+
+def enough(errors: Mapping[str, Error], floor: Mapping[str, float]) -> bool:
+    """Return whether `good_enough` says yes: every joint's error is noise or too small to matter,
+    and no joint has so much noise that a cause could hide in it.
+    """
+    judged, least = _judged(errors, floor)
+    loud = too_large(judged, floor, least)
+    return bool(judged) and not loud and _hidden(judged, floor, least) is None
+
+
+def _judged(
+    errors: Mapping[str, Error], floor: Mapping[str, float]
+) -> tuple[dict[str, Error], float]:
+    """Return the joints that can be judged, and the share of the torque that is acceptable."""
+    own = acceptable.get()
+    judged = {j: e for j, e in errors.items() if own is not None or floor.get(j)}
+    return judged, TRIFLE if own is None else own
+
+
+def _hidden(
+    errors: Mapping[str, Error], floor: Mapping[str, float], least: float
+) -> tuple[str, float] | None:
+    """Return the joint in whose noise a cause could hide most, and its share of the torque."""
+    relative = {j: e.relative or 0.0 for j, e in errors.items()}
+    noise = {j: x * floor.get(j, 0.0) / max(errors[j].rms, 1e-300) for j, x in relative.items()}
+    most = max(errors, key=lambda j: max(relative[j], noise[j]))
+    share = max(relative[most], noise[most])
+    return (most, noise[most]) if share > max(LEAVES, least) else None
 
 
 def too_large(errors: Mapping[str, Error], floor: Mapping[str, float], least: float) -> list[str]:
