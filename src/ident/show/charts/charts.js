@@ -7,6 +7,7 @@ function unpacked(text) { // an array of ident.show.charts.Arrays
 
 function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is over that x
   const {Plotting, Range1d, DataRange1d, PlainText, ColumnDataSource} = Bokeh, GREY = "#767c86"
+  Bokeh.logger.set_level("warn") // the console stays empty
   const POINTS = 1000 // buckets of a line in view
   const longest = Math.max(0, ...chart.rows.flat().map((panel) => panel?.title?.length ?? 0))
   const NARROW = Math.max(165, 75 + 7 * longest) // pixels, below which no panel gets: its title is whole
@@ -138,6 +139,8 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
         new Bokeh.HoverTool({tooltips: [["", "$name"], ["x", "@x{0.0000}"], ["y", "@y{0.00000}"]]}),
       ],
       background_fill_color: null, border_fill_color: null, min_border_left: inner ? 16 : 70,
+      // BokehJS paints once before it has a layout, and never clears the left half of the first pixels
+      styles: {clip_path: "inset(0 0 0 2px)"},
       outline_line_color: panel.marked ? "#d1495b" : null, outline_line_width: panel.marked ? 3 : 1,
     })
     fig.title = new Bokeh.Title({text: plain(panel.title), text_color: panel.marked ? "#d1495b" : GREY})
@@ -229,8 +232,6 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
   grid.toolbar.active_scroll = tool(Bokeh.WheelZoomTool)
   const shown = Plotting.show(grid, place)
   return Promise.resolve(shown).then(() => {
-    grid.document.idle.connect(() => cleared(place))
-    setTimeout(() => cleared(place), 100)
     const cursor = (x) => cursors.forEach((each) => each.setv({location: x, visible: true}))
     return {document: grid.document, range: shared, cursor}
   })
@@ -251,14 +252,5 @@ function drawPieces(all, place) {
     part.setAttribute("aria-label", words)
     part.style.minHeight = `${height}px`
     drawChart(JSON.parse(chart), part).then((drawn) => pieces.push(drawn.document))
-  }
-}
-
-// BokehJS paints once before it has a layout, and never clears the left half of the first pixels
-function cleared(place) {
-  for (const each of place.children) {
-    if (each instanceof HTMLCanvasElement) each.getContext("2d").clearRect(-1, 0, 1.5, each.height)
-    cleared(each)
-    if (each.shadowRoot) cleared(each.shadowRoot)
   }
 }
