@@ -13,7 +13,7 @@ import ident
 from helpers import ROBOTS
 from ident import FitError, MechanismError
 from ident.show.explore import Board
-from ident.show.explore.board import VIEWS
+from ident.show.explore.board import JUDGED, VIEWS
 
 EXPLORATION = "ident.show.explore.exploration"
 ELBOW = {"label": "viscous:elbow"}
@@ -177,7 +177,11 @@ def test_judged_it_says_the_verdict(board):
     board.act({"do": "judge"})
     assert board.state["view"] == "Verdict"
     assert any("missing" in piece["html"] for piece in board.state["shown"])
-    assert "judged to be missing" in [row["mark"] for row in board.state["effects"]]
+    judged = [row for row in board.state["effects"] if row["mark"] == JUDGED]
+    assert judged == board.state["effects"][: len(judged)]  # first, and one line with one button
+    assert len({row["set"] for row in judged}) == 1
+    named = board.exploration.now.diagnosis.group
+    assert {row["label"] for row in judged} == {effect.label for effect in named}
 
 
 def test_what_cannot_be_begun_is_shown_and_raised(tmp_path):

@@ -159,7 +159,11 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
       named(axis, panel.y_names.map((name) => fitting(name, 0.5)), panel.y, {visible: !inner})
     }
     for (const axis of [...fig.xaxes, ...fig.yaxes]) {
-      if ("power_limit_high" in axis.formatter) axis.formatter.setv({power_limit_high: 6, power_limit_low: -6})
+      const format = axis.formatter
+      if (!("power_limit_high" in format)) continue
+      format.setv({power_limit_high: 6, power_limit_low: -6})
+      const written = format.doFormat.bind(format) // 3.000e−7 is 3e−7
+      format.doFormat = (...given) => written(...given).map((text) => text.replace(/\.?0+e/, "e").replace(/^0e.*/, "0"))
     }
     for (const grid of fig.center) if (grid instanceof Bokeh.Grid) grid.setv({grid_line_color: GREY, grid_line_alpha: 0.25})
     for (const mark of panel.marks) add(fig, mark)

@@ -55,6 +55,7 @@ GROUPS = (
     "Would change little, or no more than chance",
     "Cannot be seen in this data",
 )
+JUDGED = "judged to be missing"  # the mark of what a diagnosis names, to be added together
 UNJUDGED = (
     "Not judged yet. What is announced is a fall of error, and a falling error is no proof of a "
     "cause. `Judge it` weighs every effect against what logs without it show by chance, says what "
@@ -75,17 +76,19 @@ def error_rows(e: Exploration) -> list[list[str]]:
 
 
 def effect_rows(e: Exploration) -> list[dict[str, Any]]:
-    """Return one row an effect that is announced or offered, group by group, best first in each."""
+    """Return one row an effect that is announced or offered, group by group, best first in each.
+
+    Rows of one `set` in a group are one line of the page, whose button adds all of them.
+    """
     d = e.now.diagnosis
     marks = {} if d is None else {each.label: "as likely" for each in d.rivals}
-    if d is not None and d.best is not None:
-        marks[d.best.label] = "judged to be missing"
+    marks |= {} if d is None else {each.label: JUDGED for each in d.group}
     rows = [_offer(each) for each in e.offered]
     rows += [
         _effect_row(x, "in the model" if x.present else marks.get(x.label, ""))
         for x in e.candidates
     ]
-    return sorted(rows, key=lambda row: GROUPS.index(row["group"]))
+    return sorted(rows, key=lambda row: (GROUPS.index(row["group"]), row["mark"] != JUDGED))
 
 
 def _offer(x: Law | FoundCurve) -> dict[str, Any]:
@@ -99,7 +102,7 @@ def _offer(x: Law | FoundCurve) -> dict[str, Any]:
     else:
         fall = f"{100 * share:.0f} % less"
     return {
-        "label": x.effect.label, "kind": x.effect.kind, "present": False, "offered": True,
+        "label": x.effect.label, "set": "", "present": False, "offered": True,
         "mark": "law" if isinstance(x, Law) else "curve", "sure": True, "fall": fall,
         "share": min(max(share, 0.0), 1.0), "about": law_words(x), "why": "", "rivals": rivals,
         "group": GROUPS[0],
@@ -115,13 +118,14 @@ def _effect_row(x: PredictedGain, mark: str) -> dict[str, Any]:
     about = x.effect.equation if isinstance(x.effect, Formula) else type(x.effect).summary()
     if x.joints and (x.fall or 0.0) > 0:
         about += f"; lowers the error of {listed(x.joints)}"
+    judged = mark == JUDGED
     behind = (("not told apart from", x.rivals), ("explained better by", x.better))
     return {
-        "label": x.label, "kind": x.effect.kind, "present": x.present, "mark": mark,
-        "sure": x.sure, "fall": change, "share": min(max(fall, 0.0), 1.0), "about": about,
-        "why": x.why,
+        "label": x.label, "set": JUDGED if judged else x.effect.kind, "present": x.present,
+        "mark": mark, "sure": x.sure or judged, "fall": change,
+        "share": min(max(fall, 0.0), 1.0), "about": about, "why": x.why,
         "rivals": "; ".join(f"{head} {some(names, NAMED)}" for head, names in behind if names),
-        "group": GROUPS[2 if x.present else 4 if x.fall is None else 1 if x.sure else 3],
+        "group": GROUPS[2 if x.present else 1 if x.sure or judged else 4 if x.fall is None else 3],
     }  # fmt: skip
 
 
