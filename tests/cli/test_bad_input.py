@@ -69,6 +69,7 @@ LOGS = {
     "t backward": (cell(30, 0, "0.01"), ("run.csv", "backward", "line 30", "split")),
     "t empty": (cell(30, 0, ""), ("run.csv", "t is empty", "line 30")),
     "t in milliseconds": (column(0, lambda t: 1e3 * t), ("run.csv", "not in seconds", "0.001")),
+    "t in thousands of seconds": (column(0, lambda t: 1e-3 * t), ("not in seconds", "1000 makes")),
     "inf": (cell(30, 1, "inf"), ("run.csv", "'q.theta'", "line 30", "inf", "empty")),
     "nine rows": (lines(lambda rows: rows[:10]), ("run.csv", "9 samples", "10")),
     "no q": (without("q.theta"), ("run.csv", "degrees of freedom", "q.theta")),

@@ -28,9 +28,12 @@ import re
 from dataclasses import replace
 
 FEWEST_SAMPLES = 10
-LONGEST_STEP = 0.5  # [s] a log of more than 100 samples with a longer median step is not in seconds
+# [s] a log of more than 100 samples with a median step outside is not in seconds: no machine is
+# logged that slowly, and drives compute their torque at 50 kHz at most
+SHORTEST_STEP, LONGEST_STEP = 2e-5, 0.5
 USUAL_RATES = (10.0, 100e3)  # [Hz]
 SMALLER_UNITS = (1e-3, 1e-6, 1e-9)  # [s] ms, us, ns
+DIVIDED = (1e3, 1e6)  # of stamps that were divided once too often
 TIME_NAME = re.compile(r"time|stamp|clock|^t([^a-z]|$)|^(ts|secs?|seconds)$|_(ms|us|ns)$", re.I)
 WORDS = {  # in names of columns that are a joint's position or torque
     "q": ("pos", "angle", "q"), "tau": ("eff", "torq", "tau", "moment", "force", "current"),
@@ -75,7 +78,7 @@ def with_clock(table: RawTable, source: Column | None = None) -> RawTable:
             f"{table.file}: {_count(t.size, 'sample')} of different times; "
             f"at least {FEWEST_SAMPLES} are needed"
         )
-    if t.size > 100 and np.median(np.diff(t)) > LONGEST_STEP:
+    if t.size > 100 and not SHORTEST_STEP < np.median(np.diff(t)) <= LONGEST_STEP:
         raise LogError(f"{table.file}: {_wrong_unit(t, source or Column('t'))}")
     return table
 
@@ -122,7 +125,8 @@ def _no_time(table: RawTable) -> str:
 
 def _scales(step: float) -> list[float]:
     low, high = USUAL_RATES
-    return [scale for scale in SMALLER_UNITS if low <= 1 / (scale * step) < high]
+    units = SMALLER_UNITS if step > LONGEST_STEP else DIVIDED
+    return [scale for scale in units if low <= 1 / (scale * step) < high]
 
 
 def _entry(column: str, scale: float) -> str:
