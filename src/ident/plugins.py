@@ -33,8 +33,6 @@ OWN = {
     "mechanism.urdf": "ident.mechanism.description:Description",
     "mechanism.xml": "ident.formats.mjcf:read_mjcf",
     "mechanism.mjcf": "ident.formats.mjcf:read_mjcf",
-    "mechanism.sdf": "ident.formats.sdf:read_sdf",
-    "mechanism.world": "ident.formats.sdf:read_sdf",
 }
 Kind = Literal["log", "mechanism"]
 ERRORS: dict[str, type[IdentError]] = {"log": LogError, "mechanism": MechanismError}

@@ -132,7 +132,6 @@ DEEP = {
     "fixed.urdf": chain(1001, "fixed"),
     "bodies.xml": "<mujoco><worldbody>" + "<body><joint/>" * 1000 + "</body>" * 1000
     + "</worldbody></mujoco>",
-    "models.sdf": '<sdf version="1.7">' + '<model name="m">' * 1000 + "</model>" * 1000 + "</sdf>",
 }  # fmt: skip
 
 

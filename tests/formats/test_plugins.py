@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 import tomllib
 from pathlib import Path
 
@@ -14,26 +13,6 @@ import ident
 from helpers import ROBOTS
 
 CONTRIBUTING = Path(__file__).parents[2] / "CONTRIBUTING.md"
-
-
-@pytest.fixture
-def install(tmp_path, monkeypatch):
-    """`install(module, text, entries)`: a package on the path, with entry points of ident."""
-    site = tmp_path / "site"
-
-    def installed(module: str, text: str, entries: dict[str, str]) -> Path:
-        info = site / f"{module}-1.0.dist-info"
-        info.mkdir(parents=True)
-        (site / f"{module}.py").write_text(text)
-        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n")
-        lines = [f"{name} = {value}" for name, value in entries.items()]
-        (info / "entry_points.txt").write_text("\n".join(["[ident.formats]", *lines]))
-        monkeypatch.syspath_prepend(site)
-        return site
-
-    yield installed
-    for module in [name for name in sys.modules if name.startswith("made_")]:
-        del sys.modules[module]
 
 
 def blocks(language: str) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,17 @@ from ident.mechanism.write import folder_files
 from ident.motion.regressor import regressor
 
 PASSIVE = 'urdf = "robot.sdf"\n[joints]\npassive = ["coupler", "rocker"]\n'
+
+
+PACKAGE = Path(__file__).parents[2] / "packages" / "ident_sdf"
+
+
+@pytest.fixture(autouse=True)
+def installed(install):
+    """The package of the format, as its pyproject.toml states it."""
+    project = tomllib.loads((PACKAGE / "pyproject.toml").read_text())["project"]
+    text = (PACKAGE / "ident_sdf.py").read_text("utf-8")
+    install("ident_sdf", text, project["entry-points"]["ident.formats"])
 
 
 @pytest.fixture

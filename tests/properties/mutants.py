@@ -26,7 +26,7 @@ from tomlkit.exceptions import TOMLKitError
 import ident
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "formats"))
-from formats import MJCF, SDF
+from formats import MJCF
 
 Mutant = Callable[[Random, Path], str]
 NUMBER = re.compile(rb"(?<![\w.])[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w.])")
@@ -151,7 +151,7 @@ def _shake(random: Random, content: object) -> None:
 TEXTS = {"flip": _flip, "cut": _cut, "twice": _twice, "noise": _noise, "end": _end,
          "lines": _lines, "number": _number, "word": _word, "structure": _structure}  # fmt: skip
 ANY = tuple(TEXTS)
-MODELS = {"mjcf": "drawn", "sdf": "drawn", "identified": "out/identified"}  # folders by kind
+MODELS = {"mjcf": "drawn", "identified": "out/identified"}  # folders by kind
 
 
 NOTHING_LEFT = (  # of the kind that is to be changed, after the last change
@@ -427,7 +427,7 @@ def archive(random: Random, folder: Path) -> str:
     return f"{kind} {name}"
 
 
-DRAWN = {"mjcf": ("four_bar.xml", MJCF), "sdf": ("four_bar.sdf", SDF)}
+DRAWN = {"mjcf": ("four_bar.xml", MJCF)}
 
 
 def drawn_model(kind: str, folder: Path) -> Path:
@@ -521,7 +521,6 @@ MUTANTS: dict[str, Mutant] = {
     "urdf": _of_file(urdf_of, *ANY),
     "toml": _of_file(lambda f: f / "mechanism.toml", *ANY),
     "mjcf": _model("mjcf"),
-    "sdf": _model("sdf"),
     "identified": identified,
     "code": code,
     "csv": _of_file(lambda f: f / "run.csv", *ANY[:-1]),
@@ -537,5 +536,5 @@ MUTANTS: dict[str, Mutant] = {
 }
 # of a hundred mutants, how many
 SHARES = {"urdf": 12, "toml": 12, "csv": 8, "values": 24, "types": 5, "npz": 3, "parquet": 3,
-          "fit.json": 6, "checkpoint": 3, "options": 5, "mjcf": 3, "sdf": 3, "identified": 3,
+          "fit.json": 6, "checkpoint": 3, "options": 5, "mjcf": 6, "identified": 3,
           "code": 3, "table": 5, "archive": 2}  # fmt: skip

@@ -60,14 +60,14 @@ class Hung(BaseException):
 
 def outcome_in_library(name: str, kind: str, seed: int, place: Path) -> Outcome:
     """Change a copy of a base at random, and let the library have it."""
-    name = "four_bar" if kind in ("mjcf", "sdf") else name  # which is drawn in these formats
+    name = "four_bar" if kind == "mjcf" else name  # which is drawn in this format
     own, random = base(name, place), Random(seed)
     return _timed(name, kind, seed, lambda folder: _library(own, kind, random, folder), own)
 
 
 def outcome_of_command(name: str, kind: str, seed: int, place: Path) -> Outcome:
     """The same for the command, in a process of its own."""
-    name = "four_bar" if kind in ("mjcf", "sdf") else name
+    name = "four_bar" if kind == "mjcf" else name
     own, random = base(name, place), Random(seed)
     return _timed(name, kind, seed, lambda folder: _command(own, kind, random, folder), own)
 

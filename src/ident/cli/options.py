@@ -65,7 +65,7 @@ def bases_beginning(incomplete: str) -> list[str]:
 Texts = list[str] | None
 Paths = list[Path] | None
 MechanismPath = Annotated[
-    Path, argument("A folder with mechanism.toml, or a .urdf, MuJoCo .xml or .sdf.", "MECHANISM")
+    Path, argument("A folder with mechanism.toml, or a .urdf or a MuJoCo .xml.", "MECHANISM")
 ]
 LogPaths = Annotated[
     list[Path], argument(".csv, .parquet, .npz, ROS 2 bags or .mcap; or folders of them.", "LOG")

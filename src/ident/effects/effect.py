@@ -232,7 +232,7 @@ class Effect(ABC):
     waves: ClassVar[str] = ""  # of position: the shape parameter that is their number a radian
     companions: ClassVar[tuple[str, ...]] = ()  # kinds that act and change with it at a joint
     fault: ClassVar[str] = ""  # the wrong torque channel, by the code of its finding, that it is
-    # words for it in MuJoCo and SDF models, beside a joint
+    # words for it in MuJoCo models and SDF, beside a joint
     model_words: ClassVar[tuple[str, ...]] = ()
     watched: ClassVar[str] = "never"  # by a monitor: `always`, on `request`, `never`
 

@@ -1,6 +1,6 @@
 """A mechanism's file as a URDF and what a URDF cannot state: closures, passive joints, gravity.
 
-A URDF describes itself. MuJoCo models, SDFs and formats of other packages are rewritten as a URDF,
+A URDF describes itself. MuJoCo models and formats of other packages are rewritten as a URDF,
 for which `UrdfWriter` is the tool.
 """
 
@@ -23,7 +23,7 @@ from ident.plugins import is_own, reader_of
 
 LARGEST = 50_000_000  # bytes of a file
 UNLIMITED = 1e9  # what a URDF states where there is no limit
-FORMATS = {"mujoco": ".mjcf", "mujocoinclude": ".mjcf", "sdf": ".sdf"}  # by root element
+FORMATS = {"mujoco": ".mjcf", "mujocoinclude": ".mjcf"}  # by root element
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Description:
 
 
 def read_description(path: Path) -> Description:
-    """Read a URDF, a MuJoCo model, an SDF or a format of another package."""
+    """Read a URDF, a MuJoCo model or a format of another package."""
     try:
         if (size := regular(path).stat().st_size) > LARGEST:
             raise MechanismError(f"{path}: {size} bytes; a URDF has at most {LARGEST}")

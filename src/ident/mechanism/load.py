@@ -1,4 +1,4 @@
-"""From a folder, a mechanism.toml or a bare URDF (or MuJoCo model, or SDF) to a Mechanism.
+"""From a folder, a mechanism.toml or a bare URDF (or MuJoCo model) to a Mechanism.
 
 The same mechanism may have absolute coordinates: every moving body free, every joint a closure.
 """
@@ -48,12 +48,12 @@ def load(
 ) -> Mechanism:
     """The mechanism of a folder with a mechanism.toml, of such a file, or of a bare URDF.
 
-    In a URDF's place may stand a MuJoCo model (`.xml`) or an SDF, with the loops it has. A folder
-    that `ident identify --out` wrote is its model: with the identified values as its prior, and
-    what was unknown is unknown again.
+    In a URDF's place may stand a MuJoCo model (`.xml`) or a format of another package, with the
+    loops it has. A folder that `ident identify --out` wrote is its model: with the identified
+    values as its prior, and what was unknown is unknown again.
 
     Args:
-        path: folder, `mechanism.toml`, `.urdf`, `.xml` or `.sdf`.
+        path: folder, `mechanism.toml`, `.urdf` or `.xml`.
         allow_code: whether closures of kind `function` and effects of one's own may run the Python
             files they name.
         locked: joints to hold at a coordinate [rad | m], beside those of [joints] locked; at their

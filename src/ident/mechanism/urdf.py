@@ -66,7 +66,7 @@ def parse_urdf(data: bytes, where: str) -> etree._Element:
     """Return the checked `<robot>` element of a URDF's text, comments included."""
     robot = parse_xml(data, where)
     if robot.tag != "robot":
-        valid = "a URDF's is <robot> (a MuJoCo model is named .xml, an SDF .sdf)"
+        valid = "a URDF's is <robot> (a MuJoCo model is named .xml)"
         refuse(robot, where, f"the root element is <{robot.tag}>; {valid}")
     if not robot.get("name"):
         robot.set("name", "robot")

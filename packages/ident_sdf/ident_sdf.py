@@ -17,7 +17,7 @@ import pinocchio as pin
 from lxml import etree
 
 from ident.errors import MechanismError, one_of
-from ident.files import HUGE
+from ident.files import HUGE, regular
 from ident.mechanism.description import (
     Description,
     JointLimits,
@@ -43,10 +43,12 @@ INERTIA = (("ixx", 0, 0), ("iyy", 1, 1), ("izz", 2, 2), ("ixy", 0, 1), ("ixz", 0
 TRUE = ("true", "1")
 
 
-def read_sdf(path: Path, data: bytes) -> Description:
+def read_sdf(path: Path) -> Description:
     """Read the only model of an SDF file, or of its world, that is not static."""
     where = str(path)
-    root = parse_xml(data, where)
+    root = parse_xml(regular(path).read_bytes(), where)
+    if root.tag != "sdf":
+        refuse(root, where, f"the root element is <{root.tag}>, an SDF's is <sdf>")
     world = root.find("world")
     place = root if world is None else world
     moving = [m for m in place.findall("model") if _text(m, "static") not in TRUE]
