@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from ident.errors import FitError
 from ident.information.estimate import rank_revealing, solve
 from ident.information.linear import Triangle
 
@@ -32,9 +31,7 @@ def test_the_first_of_dependent_columns_is_kept_and_the_rest_regrouped(regrouped
     np.testing.assert_allclose(base.K, K, rtol=1e-11)
     unit = A[:, base.independent] / np.linalg.norm(A[:, base.independent], axis=0)
     assert base.condition_number == pytest.approx(np.linalg.cond(unit), rel=1e-10)
-    np.testing.assert_allclose(base.singular_values, np.linalg.svd(unit)[1], rtol=1e-10)
     assert base.distance[base.dependent].max() < 1e-13
-    assert "6 of 10" in repr(base)
 
 
 def test_dependent_unknowns_keep_their_prior_and_the_fit_is_the_best(regrouped):
@@ -89,15 +86,6 @@ def test_the_tolerance_is_the_new_part_of_a_column():
     assert rank_revealing(factor).distance[1] == pytest.approx(1e-4, rel=1e-6)
 
 
-def test_a_small_column_is_null_only_beside_its_own_scale():
-    rng = np.random.default_rng(0)
-    A = rng.standard_normal((50, 3)) * [1.0, 1e-13, 1e-13]
-    factor = Triangle.of(A, np.zeros(50))
-    assert rank_revealing(factor).zero.tolist() == [1, 2]
-    assert rank_revealing(factor, scale=[1.0, 1e-13, 1.0]).zero.tolist() == [2]
-    assert rank_revealing(factor, scale=[1.0, 1e-13, 1.0]).independent.tolist() == [0, 1]
-
-
 def test_nothing_to_find():
     for k in (0, 3):
         factor = Triangle.empty(k)
@@ -107,15 +95,3 @@ def test_nothing_to_find():
         assert base.K.shape == (0, k)
         assert base.zero.tolist() == list(range(k))
         assert solve(factor, base, np.arange(k)).x.tolist() == list(range(k))
-
-
-def test_what_does_not_fit_is_refused(regrouped):
-    A, _, b = regrouped
-    factor = Triangle.of(A, b)
-    base = rank_revealing(factor)
-    with pytest.raises(FitError, match="scale"):
-        rank_revealing(factor, scale=[1.0])
-    with pytest.raises(FitError, match="prior"):
-        solve(factor, base, [1.0])
-    with pytest.raises(FitError, match="does not belong"):
-        solve(Triangle.empty(10), base)

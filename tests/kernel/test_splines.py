@@ -51,17 +51,7 @@ def test_span_and_count():
     assert Basis.spanning(0, 1, 7.0).count == 2
 
 
-@pytest.mark.parametrize(
-    ("call", "said"),
-    [
-        (lambda: Basis.spanning(0, 1, 0.1).window([0.5, 1.2]), "valid: 0.0 to 1.0"),
-        (lambda: Basis.spanning(0, 1, 0.1).window([np.nan]), "valid: 0.0 to 1.0"),
-        (lambda: Basis.spanning(1, 0, 0.1), "end > start"),
-        (lambda: Basis.with_count(0, 1, 3, 3), "more functions than the degree"),
-        (lambda: Basis.with_count(1, 1, 3), "spacing > 0"),
-        (lambda: Basis.spanning(0, 1, 0.5).evaluate(np.zeros((2, 1)), [0]), r"\(3, multipliers\)"),
-    ],
-)
-def test_what_does_not_fit_is_refused(call, said):
-    with pytest.raises(FitError, match=said):
-        call()
+@pytest.mark.parametrize("t", [1.2, np.nan])
+def test_times_outside_the_span_are_refused(t):
+    with pytest.raises(FitError, match=r"valid: 0\.0 to 1\.0"):
+        Basis.spanning(0, 1, 0.1).window([0.5, t])

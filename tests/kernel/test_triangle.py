@@ -127,22 +127,7 @@ def test_fewer_rows_than_unknowns_and_none_at_all():
     assert (Triangle.empty(2) + Triangle.of(np.eye(2), np.ones(2))).rows == 2
 
 
-@pytest.mark.parametrize(
-    ("call", "said"),
-    [
-        (lambda: Triangle.of([[1.0, np.nan]], [0.0]), "not finite"),
-        (lambda: Triangle.of([[1.0, 2.0]], [np.inf]), "not finite"),
-        (lambda: Triangle.of([1.0, 2.0], [1.0, 2.0]), "two dimensions"),
-        (lambda: Triangle.empty(3).updated(np.ones((2, 2)), np.ones(2)), r"\(rows, 3\)"),
-        (lambda: Triangle.empty(3) + Triangle.empty(2), "all the same"),
-        (lambda: Triangle.merge([]), "one triangle or more"),
-        (lambda: Triangle.empty(2).scaled(-1.0), "not negative"),
-        (lambda: Triangle.empty(2).embedded([0, 0], 5), "distinct"),
-        (lambda: Triangle.empty(2).embedded([0, 5], 5), "0 to 4"),
-        (lambda: Triangle.empty(2).embedded([0], 5), "one for each"),
-        (lambda: Triangle.empty(2).restricted([0], [1.0]), r"valid: \(2,\)"),
-    ],
-)
-def test_what_does_not_fit_is_refused(call, said):
-    with pytest.raises(FitError, match=said):
-        call()
+@pytest.mark.parametrize(("A", "b"), [([[1.0, np.nan]], [0.0]), ([[1.0, 2.0]], [np.inf])])
+def test_numbers_that_are_not_finite_are_refused(A, b):
+    with pytest.raises(FitError, match="not finite"):
+        Triangle.of(A, b)

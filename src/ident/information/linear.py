@@ -18,6 +18,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lapack
 
@@ -25,6 +26,7 @@ from ident.errors import FitError
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+Columns = Index | NDArray[np.bool_] | list[int]
 
 _PIECE = 512  # rows reduced at a time: the piece and the triangle stay in the cache
 _PANEL = 16  # columns LAPACK handles as one block
@@ -56,27 +58,16 @@ class Triangle:
 
     @classmethod
     def of(cls, A: ArrayLike, b: ArrayLike) -> Triangle:
-        """Return the triangle of A (rows, k), b (rows,).
-
-        Raises:
-            FitError: if the shapes do not fit or a number is not finite.
-        """
+        """Return the triangle of A (rows, k), b (rows,); FitError if a number is not finite."""
         A = np.asarray(A, dtype=float)
-        if A.ndim != 2:
-            raise FitError(f"A has shape {A.shape}; valid: two dimensions, (rows, unknowns)")
         return cls.empty(A.shape[1]).updated(A, b)
 
     @classmethod
     def merge(cls, triangles: Iterable[Triangle]) -> Triangle:
         """Return the triangle of all equations together; they must have the same unknowns."""
-        triangles = list(triangles)
-        if not triangles:
-            raise FitError("nothing to merge; valid: one triangle or more")
-        if len({each.k for each in triangles}) > 1:
-            raise FitError(f"triangles of {[t.k for t in triangles]} unknowns; valid: all the same")
-        if len(triangles) == 1:
-            return triangles[0]
-        first, *others = triangles
+        first, *others = triangles = list(triangles)
+        if not others:
+            return first
         stack = np.concatenate([each.stack() for each in others])
         stack = stack[stack.any(axis=1)]  # rows of zeros hold no information
         merged = cls._absorbed(first._square(), 0, stack[:, :-1], stack[:, -1])
@@ -91,9 +82,6 @@ class Triangle:
         """Return the triangle with the further equations A (rows, k), b (rows,).
 
         Time is 2 rows (k+1)² flops, memory beyond A and b a few hundred rows.
-
-        Raises:
-            FitError: if the shapes do not fit or a number is not finite.
         """
         return self._absorbed(self._square(), self.rows, A, b)
 
@@ -103,18 +91,13 @@ class Triangle:
 
     def scaled(self, w: float) -> Triangle:
         """Multiply every equation by `w` ≥ 0; a weight of 1/σ gives unit noise."""
-        if not (np.isfinite(w) and w >= 0):
-            raise FitError(f"weight {w}; valid: finite and not negative")
         triangle = Triangle(w * self.R, w * self.d, float(w * self.rho), self.rows)
         triangle.R.flags.writeable = triangle.d.flags.writeable = False
         return triangle
 
     def embedded(self, columns: ArrayLike, k: int) -> Triangle:
         """Return the same equations among `k` unknowns: these are at `columns`, others zero."""
-        place = _indices(columns, k)
-        if len(place) != self.k:
-            raise FitError(f"{len(place)} columns for {self.k} unknowns; valid: one for each")
-        stack = self.stack()
+        place, stack = np.asarray(columns, dtype=int), self.stack()
         wide = np.zeros((len(stack), k + 1))
         wide[:, np.append(place, k)] = stack
         if len(self.R) < self.k or (np.diff(place) < 0).any():
@@ -123,18 +106,15 @@ class Triangle:
         square[np.append(place, k)] = wide
         return Triangle._of_square(square, self.rows)
 
-    def restricted(self, columns: ArrayLike, x_known: ArrayLike | None = None) -> Triangle:
+    def restricted(self, columns: Columns, x_known: ArrayLike | None = None) -> Triangle:
         """Return the equations in the unknowns `columns` alone, in that order.
 
         The other unknowns are zero or, where `x_known` (k,) is given, have their values in it and
         move to the right-hand side, d − R_known x_known; its entries at `columns` are ignored.
         """
-        keep = _indices(columns, self.k)
-        stack = self.stack()
+        keep, stack = np.arange(self.k)[columns], self.stack()
         if x_known is not None:
             known = np.array(x_known, dtype=float)
-            if known.shape != (self.k,):
-                raise FitError(f"x_known has shape {known.shape}; valid: {(self.k,)}")
             known[keep] = 0.0
             stack[: len(self.R), -1] -= self.R @ known
         return Triangle._of_rows(stack[:, np.append(keep, self.k)], self.rows)
@@ -162,9 +142,6 @@ class Triangle:
         """Return |A_j| of every column, (k,)."""
         return np.linalg.norm(self.R, axis=0)
 
-    def __repr__(self) -> str:
-        return f"Triangle({self.rows} equations, {self.k} unknowns, rho={self.rho:.6g})"
-
     def _square(self) -> Array:
         """Return [R d; 0 ρ] (k + 1, k + 1) in Fortran's order, to be overwritten."""
         return np.asfortranarray(self.stack())
@@ -173,8 +150,6 @@ class Triangle:
     def _absorbed(cls, triangle: Array, rows: int, A: ArrayLike, b: ArrayLike) -> Triangle:
         """Absorb further equations into a triangle, which is overwritten."""
         A, b, k = np.asarray(A, dtype=float), np.asarray(b, dtype=float), len(triangle) - 1
-        if A.ndim != 2 or A.shape[1] != k or b.shape != A.shape[:1]:
-            raise FitError(f"A {A.shape} and b {b.shape}; valid: (rows, {k}) and (rows,)")
         for start in range(0, len(b), _PIECE):
             part = slice(start, start + _PIECE)
             piece = np.empty((len(b[part]), k + 1), order="F")
@@ -201,18 +176,6 @@ class Triangle:
         return cls(signed[:-1, :-1], signed[:-1, -1], float(signed[-1, -1]), rows)
 
 
-def _indices(columns: ArrayLike, k: int) -> Index:
-    """Return distinct column numbers among k, from numbers or a mask."""
-    given = np.asarray(columns)
-    try:
-        index = np.arange(k)[given if given.size else []]
-    except IndexError:
-        raise FitError(f"columns {given} of {k}; valid: 0 to {k - 1}") from None
-    if len(np.unique(index)) < len(index):
-        raise FitError(f"columns {given} are not distinct; valid: each at most once")
-    return index
-
-
 NOT_FINITE = (
     "the equations hold numbers that are not finite: some value of the log or of the mechanism is "
     "absurdly large or small; look for it with ident check"
@@ -225,15 +188,8 @@ def svd(A: Array, full_matrices: bool = True) -> tuple[Array, Array, Array]:
         U, s, Vt = np.linalg.svd(A, full_matrices=full_matrices)
         return U, s, Vt
     except np.linalg.LinAlgError:
-        from scipy.linalg import svd as slower  # takes 0.1 s to import
-
-    _check_finite(A)
-    every = [
-        slower(each, full_matrices, lapack_driver="gesvd") for each in A.reshape(-1, *A.shape[-2:])
-    ]
-    U, s, Vt = (
-        np.reshape(part, (*A.shape[:-2], *part[0].shape)) for part in zip(*every, strict=True)
-    )
+        _check_finite(A)
+    U, s, Vt = scipy.linalg.svd(A, full_matrices, lapack_driver="gesvd")
     return U, s, Vt
 
 
@@ -256,11 +212,9 @@ def lstsq(A: Array, b: Array, rcond: float | None = None) -> tuple[Array, int]:
     try:
         x, _, rank, _ = np.linalg.lstsq(A, b, rcond=rcond)
     except np.linalg.LinAlgError:
-        from scipy.linalg import lstsq as slower
-
         _check_finite(A, b)
         small = np.finfo(float).eps * max(A.shape) if rcond is None else rcond
-        x, _, rank, _ = slower(A, b, cond=small, lapack_driver="gelss")
+        x, _, rank, _ = scipy.linalg.lstsq(A, b, cond=small, lapack_driver="gelss")
     return np.asarray(x), int(rank)
 
 

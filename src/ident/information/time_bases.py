@@ -54,30 +54,16 @@ class Basis:
     spacing: float
     count: int
 
-    def __post_init__(self) -> None:
-        if self.degree < 0 or self.count <= self.degree:
-            raise FitError(
-                f"{self.count} functions of degree {self.degree}; "
-                "valid: degree 0 or more, and more functions than the degree"
-            )
-        if not (np.isfinite(self.t0) and np.isfinite(self.spacing) and self.spacing > 0):
-            raise FitError(f"knots from {self.t0} s every {self.spacing} s; valid: spacing > 0")
-
     @classmethod
     def spanning(cls, t_start: float, t_end: float, spacing: float, degree: int = 1) -> Basis:
         """Knots every `spacing` [s] from `t_start`; the last one is at `t_end` or just past it."""
-        if not (spacing > 0 and t_end > t_start):
-            raise FitError(
-                f"[{t_start}, {t_end}] s by {spacing} s; valid: end > start, spacing > 0"
-            )
         intervals = max(1, int(np.ceil((t_end - t_start) / spacing - _ROUND)))
         return cls(degree, float(t_start), float(spacing), intervals + degree)
 
     @classmethod
     def with_count(cls, t_start: float, t_end: float, count: int, degree: int = 1) -> Basis:
         """Exactly `count` functions on [t_start, t_end] [s]; the spacing follows."""
-        intervals = max(1, count - degree)  # too small a count is refused on construction
-        return cls(degree, float(t_start), float(t_end - t_start) / intervals, count)
+        return cls(degree, float(t_start), float(t_end - t_start) / (count - degree), count)
 
     @property
     def t_end(self) -> float:
@@ -130,8 +116,6 @@ class Basis:
     def evaluate(self, a: ArrayLike, t: ArrayLike) -> Array:
         """lambda(t) = B(t) a, (n, m), of coefficients a (count, m) at times t (n,) [s] (eq. 6)."""
         a = np.asarray(a, dtype=float)
-        if a.ndim != 2 or len(a) != self.count:
-            raise FitError(f"coefficients of shape {a.shape}; valid: ({self.count}, multipliers)")
         first, values = self.window(t)
         lam = np.zeros((len(first), a.shape[1]))
         for r in range(self.degree + 1):
@@ -161,19 +145,6 @@ class Chunk:
     A: Array
     b: Array
 
-    def __post_init__(self) -> None:
-        r = len(self.first)
-        shapes = self.L.shape, self.A.shape, self.b.shape
-        if [len(shape) for shape in shapes] != [3, 2, 1] or {shape[0] for shape in shapes} != {r}:
-            raise FitError(f"L, A, b {shapes}; valid: ({r}, width, m), ({r}, k), ({r},)")
-        if not np.isfinite([self.L.sum(), self.A.sum(), self.b.sum()]).all():
-            raise FitError("an equation has a number that is not finite; valid: finite ones only")
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Width, m, k."""
-        return self.L.shape[1], self.L.shape[2], self.A.shape[1]
-
 
 @dataclass(frozen=True, eq=False)
 class Elimination:
@@ -200,10 +171,7 @@ class Elimination:
         motion is not quite open, but as good as: then λ is noise along it, Jᵀλ is not, and the part
         J_T⁺ J_T λ is what can be reported.
         """
-        homogeneous = np.append(-np.asarray(x, dtype=float), 1.0)
-        if len(homogeneous) != self.factors[0].k + 1:
-            raise FitError(f"{len(homogeneous) - 1} parameters; valid: {self.factors[0].k}")
-        w = self.w
+        homogeneous, w = np.append(-np.asarray(x, dtype=float), 1.0), self.w
         a = np.zeros((len(self.knots) + 1, w))
         for i, rows in reversed([*enumerate(self.knots)]):
             rest = rows[:, 2 * w :] @ homogeneous - rows[:, w : 2 * w] @ a[i + 1]
@@ -215,41 +183,26 @@ class Elimination:
 
 
 def eliminate(
-    chunks: Iterable[Chunk], count: int, blocks: int | Sequence[int] = 1, tol: float = TOLERANCE
+    chunks: Iterable[Chunk], count: int, blocks: int = 1, tol: float = TOLERANCE
 ) -> Elimination:
     """Eliminate the multipliers from [A | L] [p; a] = b, given in chunks of the same shapes.
 
     Args:
         chunks: the equations.
         count: number of basis functions.
-        blocks: number of equal time blocks, or the basis functions at which a new one begins.
-            Equations of p belong to the block in which they become free of multipliers.
+        blocks: number of equal time blocks. Equations of p belong to the block in which they become
+            free of multipliers.
         tol: combinations of a knot's coefficients that the equations weigh less than tol max|L| are
             undetermined (redundant closures, gaps) and set to zero; nothing else depends on it.
 
     Raises:
-        FitError: for no chunks, differing shapes, windows beyond `count`, numbers not finite.
+        FitError: for no equations, or a number that is not finite.
     """
-    if not 0 < tol < 1:
-        raise FitError(f"tolerance {tol}; valid: above 0, small beside 1")
-    if isinstance(blocks, int | np.integer):
-        valid, begins = blocks >= 1, np.arange(1, blocks) * count // max(int(blocks), 1)
-    else:
-        begins = np.asarray(blocks, dtype=int)
-        valid = bool((np.diff(begins) >= 0).all())
-    if not valid:
-        raise FitError(f"blocks {blocks}; valid: a number >= 1, or ascending basis functions")
-    chunks = [*chunks]
-    if len(shapes := {chunk.shape for chunk in chunks}) > 1:
-        raise FitError(f"(width, m, k) {sorted(shapes)}; valid: all the same")
+    begins = np.arange(1, blocks) * count // blocks
     chunks = [chunk for chunk in chunks if len(chunk.b)]
     if not chunks:
         raise FitError("no equations; valid: at least one chunk with rows")
-    width, m, k = chunks[0].shape
-    low = min(int(chunk.first.min()) for chunk in chunks)
-    high = max(int(chunk.first.max()) for chunk in chunks) + width
-    if low < 0 or high > count:
-        raise FitError(f"windows from {low} to {high - 1}; valid: 0 to {count - 1}")
+    (_, width, m), k = chunks[0].L.shape, chunks[0].A.shape[1]
     scale = max(float(np.abs(chunk.L).max(initial=0.0)) for chunk in chunks)
     group = max(width - 1, 1)
     w, carried, knots = group * m, np.zeros((0, group * m + k + 1)), []
@@ -279,7 +232,7 @@ def _intervals(chunks: Sequence[Chunk], group: int, intervals: int) -> Iterator[
     """Yield the rows (r, 2 w + k + 1) of every interval of knots, on its two knots, p and b; at
     last no rows, for the last knot.
     """
-    width, m, k = chunks[0].shape
+    (_, width, m), k = chunks[0].L.shape, chunks[0].A.shape[1]
     number = [chunk.first // group for chunk in chunks]
     order = [np.argsort(each, kind="stable") for each in number]
     ends = [
