@@ -23,7 +23,7 @@ rosbag2 = pytest.importorskip("rosbags.rosbag2")
 typesys = pytest.importorskip("rosbags.typesys")
 
 STORE = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
-JOINTS, WRENCH = "sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped"
+JOINTS = "sensor_msgs/msg/JointState"
 STORAGES = {"db3": rosbag2.StoragePlugin.SQLITE3, "mcap": rosbag2.StoragePlugin.MCAP}
 BEGIN = 1_700_000_000_123_456_789  # [ns]
 
@@ -39,22 +39,12 @@ class Say:
     tau: Iterable[float] = ()
     topic: str = "/joint_states"
     stamp: int | None = None
-    frame: str = ""
-    wrench: tuple[float, ...] = ()
-
-    @property
-    def kind(self) -> str:
-        return WRENCH if self.wrench else JOINTS
 
     def message(self) -> Any:
         types = STORE.types
         stamp = BEGIN + self.t if self.stamp is None else self.stamp
         time = types["builtin_interfaces/msg/Time"](stamp // 10**9, stamp % 10**9)
-        header = types["std_msgs/msg/Header"](time, self.frame)
-        if self.wrench:
-            vector = types["geometry_msgs/msg/Vector3"]
-            parts = vector(*self.wrench[:3]), vector(*self.wrench[3:])
-            return types[WRENCH](header, types["geometry_msgs/msg/Wrench"](*parts))
+        header = types["std_msgs/msg/Header"](time, "")
         arrays = (np.array([*x], float) for x in (self.q, self.v, self.tau))
         return types[JOINTS](header, self.names.split(), *arrays)
 
@@ -67,10 +57,8 @@ def write(path: Path, said: Iterable[Say], storage: str = "mcap", others: Any = 
             connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
         for each in said:
             if each.topic not in connections:
-                connections[each.topic] = writer.add_connection(
-                    each.topic, each.kind, typestore=STORE
-                )
-            raw = STORE.serialize_cdr(each.message(), each.kind)
+                connections[each.topic] = writer.add_connection(each.topic, JOINTS, typestore=STORE)
+            raw = STORE.serialize_cdr(each.message(), JOINTS)
             writer.write(connections[each.topic], BEGIN + each.t + 5_000_000, raw)
     return path
 
@@ -220,27 +208,6 @@ def test_stamps_said_twice(tmp_path: Path) -> None:
     assert any("1 messages repeat the stamp" in said for said in log.repairs)
 
 
-def test_wrenches_are_asked_for(tmp_path: Path) -> None:
-    """Linear in time, so that interpolation is exact; with a hole in which nothing is known."""
-    ts = [t for t in range(3_000_000, 380_000_000, 7_000_000) if not 15e7 < t < 22e7]
-    force = [Say(t, topic="/ft", frame="/tool", wrench=(t / 1e9, 2, 3, 4, 5, -t / 1e9)) for t in ts]
-    bag = write(tmp_path / "run", sorted([*plain(), *force], key=lambda s: s.t))
-    silent = read_log(bag)
-    assert not any(name.startswith("wrench") for name in silent.columns)
-    assert "/ft (geometry_msgs/WrenchStamped) is left out" in silent.repairs[0]
-    assert "#/joint_states,/ft" in silent.repairs[0]
-    log = read_log(bag, topic="/joint_states,/ft")
-    np.testing.assert_array_equal(log.t, silent.t)
-    known = np.isfinite(log.columns["wrench.tool.fx"])
-    t = log.t
-    np.testing.assert_array_equal(
-        known, (t >= ts[0] / 1e9) & (t <= ts[-1] / 1e9) & ~((t > 0.15) & (t < 0.22))
-    )
-    np.testing.assert_allclose(log.columns["wrench.tool.fx"][known], t[known], atol=1e-12)
-    np.testing.assert_allclose(log.columns["wrench.tool.mz"][known], -t[known], atol=1e-12)
-    assert read_log(bag, topic="/ft").columns.keys() == log.columns.keys()
-
-
 def test_names_and_units_of_mechanism_toml(tmp_path: Path) -> None:
     log = read_log(write(tmp_path / "run", plain()), {"tau.elbow": Column("tau.a", 0.5)})
     np.testing.assert_array_equal(log.columns["tau.elbow"], np.arange(40.0))
@@ -347,10 +314,6 @@ BAD: dict[str, tuple[list[Say], str]] = {
     "too few": (plain(5), "at least 10 are needed"),
     "infinite": ([*plain(20), Say(10**9, q=(np.inf, 0))], "'q.a', index 20: inf"),
     "slow": ([Say(k * 10**9, q=(1, 2)) for k in range(200)], "not in seconds"),
-    "only wrenches": (
-        [Say(k, topic="/ft", frame="x", wrench=(1,) * 6) for k in range(20)],
-        "no topic of sensor_msgs/JointState; it holds: /ft (geometry_msgs/WrenchStamped)",
-    ),
 }
 
 
@@ -360,12 +323,6 @@ def test_messages_that_make_no_log(said: list[Say], says: str, tmp_path: Path) -
         read_log(write(tmp_path / "run", said))
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_a_wrench_of_no_frame(tmp_path: Path) -> None:
-    said = [*plain(), Say(10**9, topic="/ft", wrench=(1,) * 6)]
-    with pytest.raises(LogError, match="names no frame_id"):
-        read_log(write(tmp_path / "run", said), topic="/ft")
 
 
 def test_other_topics_are_no_joint_states(tmp_path: Path) -> None:

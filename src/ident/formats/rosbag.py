@@ -1,8 +1,8 @@
 """ROS 2 bags to a table: which topics, which clock, and one row for each time.
 
 A bag is a folder with a metadata.yaml, or one `.mcap` or `.db3` file. `rosbags` reads all three and
-is imported here alone; its own data frames need pandas and know no messages of varying joints. Both
-message types have one definition in every ROS 2, so the bag's own is not used.
+is imported here alone; its own data frames need pandas and know no messages of varying joints.
+Joint states have one definition in every ROS 2, so the bag's own is not used.
 """
 
 from __future__ import annotations
@@ -18,21 +18,19 @@ import numpy as np
 import polars as pl
 
 from ident.errors import LogError, one_of
-from ident.log.table import Array, RawTable, check_name
+from ident.log.table import RawTable, check_name
 
-JOINTS, WRENCH = "sensor_msgs/JointState", "geometry_msgs/WrenchStamped"
-AXES = ("fx", "fy", "fz", "mx", "my", "mz")
+JOINTS = "sensor_msgs/JointState"
 LARGEST = 20_000_000  # messages; at 1 kHz five hours
-GAP = 5.0  # median steps between two wrenches beyond which nothing is interpolated
 Groups = Mapping[tuple[str, tuple[str, ...]], pl.DataFrame]
 """By topic and columns: received, stamp [ns] (0: none) and the values [SI] of each message."""
 
 
 def read_bag(path: Path, topics: Sequence[str] = ()) -> RawTable:
-    """Read the joint states of a bag, and the wrenches that are asked for.
+    """Read the joint states of a bag.
 
-    Several `topics` of joint states are merged; none stands for the only one. The columns are `t`
-    [s] since the first message and q., v., tau., wrench. of the names in the bag.
+    Several `topics` are merged; none stands for the only one. The columns are `t` [s] since the
+    first message and q., v., tau. of the names in the bag.
     """
     try:
         from rosbags.rosbag2 import Reader
@@ -42,8 +40,8 @@ def read_bag(path: Path, topics: Sequence[str] = ()) -> RawTable:
         ) from None
     try:
         with Reader(path) as bag:
-            connections, notes = _chosen(bag.connections, topics, str(path))
-            return _merged(str(path), _messages(bag, connections, str(path)), notes)
+            connections = _chosen(bag.connections, topics, str(path))
+            return _merged(str(path), _messages(bag, connections, str(path)))
     except (LogError, FileNotFoundError, PermissionError):
         raise
     except Exception as error:  # a parser given anything: every fault is the file's
@@ -54,24 +52,19 @@ def read_bag(path: Path, topics: Sequence[str] = ()) -> RawTable:
         ) from None
 
 
-def _chosen(
-    connections: Sequence[Any], topics: Sequence[str], file: str
-) -> tuple[list[Any], list[str]]:
+def _chosen(connections: Sequence[Any], topics: Sequence[str], file: str) -> list[Any]:
     kinds = {each.topic: _kind(each) for each in reversed(connections)}
     joints = [topic for topic, kind in kinds.items() if kind == JOINTS]
-    wrenches = [topic for topic, kind in kinds.items() if kind == WRENCH]
     for topic in topics:
         if topic not in kinds:
-            raise LogError(f"{file}: no topic '{topic}'; {one_of(topic, [*joints, *wrenches])}")
-        if topic not in joints and topic not in wrenches:
-            raise LogError(
-                f"{file}: topic '{topic}' holds {kinds[topic]}; valid: {JOINTS} and {WRENCH}"
-            )
+            raise LogError(f"{file}: no topic '{topic}'; {one_of(topic, joints)}")
+        if topic not in joints:
+            raise LogError(f"{file}: topic '{topic}' holds {kinds[topic]}; valid: {JOINTS}")
     if not joints:
         held = ", ".join(sorted({f"{t} ({kind})" for t, kind in kinds.items()})[:8])
         raise LogError(f"{file}: no topic of {JOINTS}; it holds: {held or 'no topic'}")
     filled = {each.topic for each in connections if each.msgcount}
-    wanted = [topic for topic in topics if topic in joints]
+    wanted = list(topics)
     if not wanted:
         wanted = [topic for topic in joints if topic in filled] or joints
         if len(wanted) > 1:
@@ -79,13 +72,7 @@ def _chosen(
                 f"{file}: several topics hold joint states: {', '.join(sorted(wanted))}; name one, "
                 f"{file}#{min(wanted)}, or several, to be merged, with commas between"
             )
-    wanted += [topic for topic in topics if topic in wrenches]
-    notes = [
-        f"topic {topic} ({WRENCH}) is left out; to have it: #{','.join([*wanted, topic])}"
-        for topic in wrenches
-        if topic not in wanted
-    ]
-    return [each for each in connections if each.topic in wanted], notes
+    return [each for each in connections if each.topic in wanted]
 
 
 def _kind(connection: Any) -> str:
@@ -124,14 +111,6 @@ def _messages(bag: Any, connections: list[Any], file: str) -> Groups:
 
 
 def _content(message: Any, place: str) -> tuple[tuple[str, ...], Sequence[float]]:
-    if not hasattr(message, "position"):
-        frame = message.header.frame_id.strip("/")
-        if not frame:
-            raise LogError(
-                f"{place}: a wrench whose header names no frame_id, so in whose axes is not known"
-            )
-        f, m = message.wrench.force, message.wrench.torque
-        return _columns((f"wrench.{frame}",), AXES), [f.x, f.y, f.z, m.x, m.y, m.z]
     arrays = {"q": message.position, "v": message.velocity, "tau": message.effort}
     filled = tuple(key for key, x in arrays.items() if len(x))
     for key in filled:
@@ -152,14 +131,10 @@ def _columns(prefixes: tuple[str, ...], names: tuple[str, ...]) -> tuple[str, ..
     return tuple(f"{prefix}.{name}" for prefix in prefixes for name in names)
 
 
-def _merged(file: str, groups: Groups, notes: list[str]) -> RawTable:
-    """Return one row for every time of a joint state; empty where a joint has no value then.
-
-    Wrenches are interpolated at these times, as any column of another rate is later on; a clock of
-    both together would be neither's.
-    """
-    joints = [key for key in groups if not key[1][0].startswith("wrench.")]
-    if not joints:
+def _merged(file: str, groups: Groups) -> RawTable:
+    """Return one row for every time of a joint state; empty where a joint has no value then."""
+    notes = []
+    if not groups:
         raise LogError(f"{file}: no message of joint states with a value in it")
     none = sum(int((each["stamp"] == 0).sum()) for each in groups.values())
     if none:
@@ -172,22 +147,19 @@ def _merged(file: str, groups: Groups, notes: list[str]) -> RawTable:
         for key, each in groups.items()
     }
     _check_topics(timed, file)
-    both = pl.concat([timed[key].drop("received", "stamp") for key in joints], how="diagonal")
+    both = pl.concat([each.drop("received", "stamp") for each in timed.values()], how="diagonal")
     count = both.group_by("t").agg(pl.all().count()).drop("t")
     repeated = int((count.max_horizontal().cast(pl.Int64) - 1).clip(0).sum())
     if repeated:
         notes.append(f"{repeated} messages repeat the stamp of another: one of each kept")
     rows = both.group_by("t").agg(pl.all().drop_nulls().first()).sort("t")
-    if len({frozenset(columns) for _, columns in joints}) > 1:
+    if len({frozenset(columns) for _, columns in groups}) > 1:
         notes.append(
-            f"messages hold {len(joints)} different sets of columns, merged: {len(rows)} times, "
+            f"messages hold {len(groups)} different sets of columns, merged: {len(rows)} times, "
             "empty cells where a joint says nothing"
         )
     t = rows["t"].to_numpy()
     columns = {name: rows[name].to_numpy() for name in rows.columns if name != "t"}
-    for (topic, names), wrenches in timed.items():
-        if (topic, names) not in joints:
-            columns |= _interpolated(topic, wrenches, names, t, file, notes)
     notes.append(f"t counts from the first message, {_seconds(t[0])} s of its clock")
     for name in columns:
         check_name(file, name)
@@ -219,24 +191,3 @@ def _check_topics(timed: Groups, file: str) -> None:
 
 def _seconds(time: np.int64) -> str:
     return f"{int(time) // 10**9}.{int(time) % 10**9:09d}"  # float64 has no room for nanoseconds
-
-
-def _interpolated(
-    topic: str, wrenches: pl.DataFrame, names: Sequence[str], t: Array, file: str, notes: list[str]
-) -> dict[str, Array]:
-    wrenches = wrenches.unique("t", keep="first").sort("t")
-    at = wrenches["t"].to_numpy()
-    if len(at) < 2:
-        raise LogError(f"{file}: topic {topic} holds {len(at)} wrench; two are needed")
-    step = float(np.median(np.diff(at)))
-    right = np.clip(np.searchsorted(at, t), 1, len(at) - 1)
-    apart = (at[right] - at[right - 1] > GAP * step) & ~np.isin(t, at)
-    empty = (t < at[0]) | (t > at[-1]) | apart
-    notes.append(
-        f"topic {topic} ({1e9 / step:.4g} Hz) is interpolated at the times of the joint states"
-    )
-    seconds, known = (t - t[0]) / 1e9, (at - t[0]) / 1e9
-    return {
-        name: np.where(empty, np.nan, np.interp(seconds, known, wrenches[name].to_numpy()))
-        for name in names
-    }

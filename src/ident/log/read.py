@@ -37,7 +37,7 @@ def read_log(
         columns: ident's names to the file's columns (mechanism.toml's [log]), for example
             `{"t": Column("stamp_ms", 0.001)}`: value = scale * file + offset.
         topic: of a bag, where it has several of `sensor_msgs/JointState`. Several are merged, with
-            commas between; a topic of `geometry_msgs/WrenchStamped` adds its wrench.
+            commas between.
 
     Returns:
         The log, its times in s and its columns in SI units.
