@@ -74,7 +74,7 @@ def tree_urdf(joints: Sequence[J], seed: int = 0, base: str = "base") -> str:
 
 
 def unlimited(joint: J) -> bool:
-    return joint.kind in ("fixed", "planar") or "<limit" in joint.inside
+    return joint.kind == "fixed" or "<limit" in joint.inside
 
 
 def write_mechanism(folder: Path, urdf: str, toml: str = "") -> Path:
@@ -94,14 +94,6 @@ def raw_configuration(raw: pin.Model, coordinates: Mapping[str, float]) -> np.nd
             q[at] = coordinates[name]
         elif nq == 2:
             q[at : at + 2] = np.cos(coordinates[name]), np.sin(coordinates[name])
-        elif nq == 4:
-            turn = coordinates[f"{name}.rz"]
-            q[at : at + 4] = (
-                coordinates[f"{name}.x"],
-                coordinates[f"{name}.y"],
-                np.cos(turn),
-                np.sin(turn),
-            )
     return q
 
 

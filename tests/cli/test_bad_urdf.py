@@ -44,7 +44,7 @@ EDITS = {
     "link nobody reaches": ("</robot>", '<link name="lost"/></robot>', ("'lost'", "fixed")),
     "unknown type": ('"revolute"', '"revolut"', ("'revolut'", "did you mean 'revolute'?")),
     "no type": (' type="revolute"', "", ("shoulder", "valid: continuous")),
-    "floating": ('"revolute"', '"floating"', ("floating", "orientation", "three prismatic")),
+    "floating": ('"revolute"', '"floating"', ("floating", "--lock", "three prismatic")),
     "zero axis": ('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', (":22", "axis", "direction")),
     "axis of two": ('<axis xyz="0 1 0"/>', '<axis xyz="0 1"/>', ("0 1", "3 finite numbers")),
     "NaN axis": ('<axis xyz="0 1 0"/>', '<axis xyz="0 nan 0"/>', (":22", "3 finite numbers")),

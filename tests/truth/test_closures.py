@@ -17,8 +17,10 @@ TREE = [
     J("a1", axis="1 2 3"),
     J("a2", "prismatic", "0 1 1", "a1"),
     J("a3", "continuous", "1 0 0", "a2"),
-    J("b1", "planar", "1 -1 2"),
-    J("b2", axis="0 1 0", parent="b1"),
+    J("b0", "prismatic", "1 1 0"),
+    J("b1", "prismatic", "1 -1 0", "b0"),
+    J("bz", axis="1 -1 2", parent="b1"),
+    J("b2", axis="0 1 0", parent="bz"),
     J("b3", axis="2 0 1", parent="b2"),
 ]
 ENDS = """
@@ -39,7 +41,7 @@ EXPECTED = {
 AXES = ["".join(c) for n in (1, 2, 3) for c in itertools.combinations("xyz", n)]
 MORE = {
     "distance": ENDS + "length = 0.7",
-    "linear": 'joints = ["a1", "b2", "b1.x"]\nratios = [1.0, -2.0, 0.5]\noffset = 0.1',
+    "linear": 'joints = ["a1", "b2", "b0"]\nratios = [1.0, -2.0, 0.5]\noffset = 0.1',
     "function": 'file = "closure.py"\nfunction = "phi"',
     **{f"point {axes}": ENDS + f'axes = "{axes}"' for axes in AXES},
 }
@@ -47,7 +49,7 @@ CASES = [*KINDS, *MORE]
 FUNCTION = """
 import casadi as ca
 def phi(q):
-    return [ca.sin(q["a1"]) * q["a2"] - q["b2"] ** 2, q[0] + q["b1.rz"]]
+    return [ca.sin(q["a1"]) * q["a2"] - q["b2"] ** 2, q[0] + q["bz"]]
 """
 
 
@@ -115,7 +117,7 @@ def test_linear_is_the_sum_of_ratio_times_coordinate(tmp_path):
     q, _ = somewhere(mechanism.model)
     at = {joint.name: q[joint.index] for joint in mechanism.joints}
     rows = mechanism.kinematics.closure_rows(q[None])
-    assert rows.value[0] == pytest.approx([at["a1"] - 2 * at["b2"] + 0.5 * at["b1.x"] - 0.1])
+    assert rows.value[0] == pytest.approx([at["a1"] - 2 * at["b2"] + 0.5 * at["b0"] - 0.1])
     assert mechanism.kinematics.multipliers == ("c.1",)
     assert mechanism.kinematics.units == ("N m",)
 

@@ -152,21 +152,6 @@ def test_a_world_that_the_urdf_does_not_declare(tmp_path):
     assert any("does not declare the link 'world'" in note for note in mechanism.notes)
 
 
-def test_planar_joints_are_three_columns(tmp_path):
-    mechanism = load(
-        write_mechanism(tmp_path, tree_urdf([J("p", "planar", "0 0 1"), J("a", parent="p")]))
-    )
-    assert [(j.name, j.rotational) for j in mechanism.joints][:3] == [
-        ("p.x", False),
-        ("p.y", False),
-        ("p.rz", True),
-    ]
-    # the massless links between the three steps are nobody's unknowns
-    assert mechanism.unknown == tuple(
-        n for n in mechanism.bodies.names if n.startswith(("p_link", "a_link"))
-    )
-
-
 def test_continuous_joints_are_angles_without_limits(make):
     knee = make().joint("knee")
     assert knee.rotational
@@ -404,6 +389,7 @@ BAD_URDF = {
     "no link": ('<robot name="r"/>', "no <link>"),
     "nothing moves": (urdf_of("fixed"), "every joint is fixed"),
     "floating": (urdf_of("floating"), "three prismatic and three revolute"),
+    "planar": (urdf_of("planar"), "two prismatic and one revolute"),
     "its remedy": (urdf_of("floating"), "--lock j (or [joints] locked"),
     "an unknown type": (urdf_of("revolut"), "did you mean 'revolute'"),
     "an unknown parent": (urdf_of(parent="bas"), "did you mean 'base'"),
@@ -416,14 +402,6 @@ BAD_URDF = {
     "swapped limits": (urdf_of(more='<limit lower="1" upper="-1"/>'), "swap them"),
     "a mimic of nothing": (urdf_of(more='<mimic joint="k"/>'), "mimics 'k'"),
     "a mimic of itself": (urdf_of(more='<mimic joint="j"/>'), "mimics 'j'"),
-    "a mimic of a planar joint": (
-        urdf_of(
-            more='<mimic joint="p"/>',
-            links=LINKS + '<link name="m"/>',
-            extra='<joint name="p" type="planar"><parent link="base"/><child link="m"/></joint>',
-        ),
-        "mimics 'p'",
-    ),
     "a ring": (
         '<robot name="r"><link name="a"/><link name="b"/>'
         '<joint name="x" type="revolute"><parent link="a"/><child link="b"/></joint>'

@@ -86,30 +86,6 @@ def test_gamma_of_free_bodies_is_pinocchios():
     assert relative_error(model, 200) < 1e-12
 
 
-def test_torques_of_a_planar_joint(tmp_path):
-    # Pinocchio's planar joint has its rates in the moving frame: w = R(θ)ᵀ (ẋ, ẏ)
-    urdf = tree_urdf([J("p", "planar", "0 0 1"), J("b", axis="1 1 0", parent="p")], seed=5)
-    mechanism = load(write_mechanism(tmp_path, urdf))
-    q, v, a = state(mechanism.model)
-    raw = pin.buildModelFromXML(urdf)
-    at = {joint.name: joint.index for joint in mechanism.joints}
-    R = pin.utils.rotate("z", q[at["p.rz"]])[:2, :2]
-    xy, turn = [at["p.x"], at["p.y"]], v[at["p.rz"]]
-    w = R.T @ v[xy]
-    slide = R.T @ a[xy] - turn * np.array([-w[1], w[0]])
-    rest = [at["p.rz"], at["b"]]
-    tau = pin.rnea(
-        raw,
-        raw.createData(),
-        raw_configuration(raw, {n: q[i] for n, i in at.items()}),
-        np.concatenate([w, v[rest]]),
-        np.concatenate([slide, a[rest]]),
-    )
-    found = gamma_of(mechanism, q, v, a) @ mechanism.prior
-    np.testing.assert_allclose(found[xy], R @ tau[:2], atol=1e-10)
-    np.testing.assert_allclose(found[rest], tau[2:], atol=1e-10)
-
-
 @pytest.mark.parametrize("name", ["arm", "four_bar", "five_bar", "slider_crank", "pendulum"])
 def test_torques_of_the_robots(name, robots):
     mechanism, truth = load(robots / name), Truth(name)

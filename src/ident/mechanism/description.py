@@ -209,16 +209,12 @@ def effect_notes(having: Mapping[str, Sequence[str]]) -> list[str]:
     ]
 
 
-def perpendicular(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return unit vectors x, y (3,) with x × y = axis, x nearest to the frame's own x (or y)."""
-    axis = axis / np.linalg.norm(axis)
-    seed = np.eye(3)[0] if abs(axis[0]) < 0.9 else np.eye(3)[1]
-    x = seed - axis * (axis @ seed)
-    x /= np.linalg.norm(x)
-    return x, np.cross(axis, x)
-
-
 def align_z(axis: np.ndarray) -> np.ndarray:
-    """Return a rotation (3, 3) whose z is `axis`, for a closure in place of a joint about it."""
-    x, y = perpendicular(axis)
-    return np.column_stack([x, y, axis / np.linalg.norm(axis)])
+    """Return a rotation (3, 3) whose z is `axis`, for a closure in place of a joint about it; its x
+    is nearest to the frame's own x (or y).
+    """
+    z = axis / np.linalg.norm(axis)
+    seed = np.eye(3)[0] if abs(z[0]) < 0.9 else np.eye(3)[1]
+    x = seed - z * (z @ seed)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])

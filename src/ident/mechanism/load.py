@@ -93,8 +93,7 @@ def load(
     basis, parameters = top.table("multipliers"), top.table("parameters")
     basis.check("basis", "spacing")
     parameters.check("unknown", "bounds", "total_mass")
-    auxiliary = (*tree.auxiliary, *source.auxiliary)
-    asked = [link for link in bodies.links if link not in auxiliary]
+    asked = [link for link in bodies.links if link not in source.auxiliary]
     if "unknown" in parameters:  # links of locked joints are part of others
         joined = (joint for joint in robot.findall("joint") if joint.get("name") in held)
         parts = {joint.find("child").get("link") for joint in joined}

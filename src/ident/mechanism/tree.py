@@ -1,9 +1,8 @@
 """The tree: from a checked URDF to Pinocchio's model, and its forward kinematics in CasADi.
 
-Pinocchio stores a continuous joint as (cos, sin) and a planar one as (x, y, cos, sin). Here every
-coordinate is an angle or a length, as logs and tables have them: a continuous joint becomes a
-revolute one without limits, a planar joint the chain x, y, rz with massless links between.
-Mimicking joints stay joints; the mechanism gets a `linear` closure for each.
+Pinocchio stores a continuous joint as (cos, sin). Here every coordinate is an angle or a length, as
+logs and tables have them: a continuous joint becomes a revolute one without limits. Mimicking
+joints stay joints; the mechanism gets a `linear` closure for each.
 
 PyPI's `pin` has no CasADi binding, so placements are written here from the model's own data: a
 joint's placement in its parent, then the joint's motion. Tested against Pinocchio.
@@ -22,7 +21,7 @@ import pinocchio as pin
 from lxml import etree
 
 from ident.errors import MechanismError, one_of
-from ident.mechanism.description import UNLIMITED, mimic_table, perpendicular
+from ident.mechanism.description import UNLIMITED, mimic_table
 from ident.mechanism.urdf import numbers
 
 LOWEST, HIGHEST = f"-{UNLIMITED}", f"{UNLIMITED}"  # as a URDF has them
@@ -36,7 +35,6 @@ class Tree:
     # the URDF link that each joint moves, by Pinocchio's joint index from 1 on
     links: tuple[str, ...]
     mimics: tuple[dict[str, Any], ...]  # joints that follow another, as tables [[closure]]
-    auxiliary: tuple[str, ...]  # links between the steps of a planar joint, massless and in no URDF
     notes: tuple[str, ...]  # interpretations that differ from the text of the URDF
 
 
@@ -68,8 +66,6 @@ def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> T
             joint.set("type", "revolute")
             if (limit := joint.find("limit")) is not None:
                 limit.attrib.update({"lower": LOWEST, "upper": HIGHEST})
-        if joint.get("type") == "planar":
-            _split_planar(robot, joint, where)
     for joint in robot.findall("joint"):
         if joint.get("type") != "fixed":
             limit = joint.find("limit")
@@ -88,13 +84,11 @@ def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> T
     model.gravity.linear = np.array(gravity)
     child = {j.get("name"): j.find("child").get("link") for j in robot.findall("joint")}
     links = tuple(child[name] for name in list(model.names)[1:])
-    auxiliary = tuple(link for link in links if link not in names)
-    return Tree(model, links, mimics, auxiliary, tuple(notes))
+    return Tree(model, links, mimics, tuple(notes))
 
 
 def _take_mimics(robot: etree._Element, where: str) -> list[dict[str, Any]]:
-    scalar = [j for j in robot.findall("joint") if j.get("type") not in ("fixed", "planar")]
-    moving = [joint.get("name") for joint in scalar]
+    moving = [j.get("name") for j in robot.findall("joint") if j.get("type") != "fixed"]
     mimics = []
     for joint in robot.findall("joint"):
         mimic, name = joint.find("mimic"), joint.get("name")
@@ -113,29 +107,6 @@ def _take_mimics(robot: etree._Element, where: str) -> list[dict[str, Any]]:
         mimics.append(mimic_table(name, of, multiplier, offset))
         joint.remove(mimic)
     return mimics
-
-
-def _split_planar(robot: etree._Element, joint: etree._Element, where: str) -> None:
-    name, child = joint.get("name"), joint.find("child").get("link")
-    element = joint.find("axis")
-    axis = np.array([1.0, 0, 0] if element is None else numbers(element, "xyz", "1 0 0", 3, where))
-    x, y = perpendicular(axis)
-    parent, origin = joint.find("parent").get("link"), joint.find("origin")
-    place = robot.index(joint)
-    robot.remove(joint)
-    steps = (("x", "prismatic", x), ("y", "prismatic", y), ("rz", "revolute", axis))
-    for suffix, kind, direction in steps:
-        to = child if suffix == "rz" else f"{name}.{suffix}.link"
-        if to != child:
-            robot.append(etree.Element("link", name=to))
-        part = etree.Element("joint", name=f"{name}.{suffix}", type=kind)
-        robot.insert(place, part)
-        etree.SubElement(part, "parent", link=parent)
-        etree.SubElement(part, "child", link=to)
-        etree.SubElement(part, "axis", xyz=" ".join(repr(float(value)) for value in direction))
-        if suffix == "x" and origin is not None:
-            part.append(copy.deepcopy(origin))
-        parent = to
 
 
 @dataclass(frozen=True)

@@ -22,12 +22,9 @@ from ident.mechanism.parameters import COUNT, about_origin, join, split
 
 MOST = 500  # joints, those that are fixed among them
 TYPES = ("fixed", "revolute", "continuous", "prismatic", "planar", "floating")
-HELD = ("revolute", "continuous", "prismatic", "floating")  # what can be locked
-FLOATING = (  # a MuJoCo model's joints free and ball, too
-    "an orientation cannot be written as one column a coordinate; if it does not move in the log, "
-    "--lock {0} (or [joints] locked = {{ {0} = 0 }}) fixes it where the file has it; else state it "
-    "as three prismatic and three revolute joints with massless links between them"
-)
+SEVERAL = {  # joints of several coordinates, and what they are a chain of; free and ball of MuJoCo
+    "floating": "three prismatic and three revolute", "planar": "two prismatic and one revolute",
+}  # fmt: skip
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # as C++ reads it, too
 TERMS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 NUMBERS = {  # attributes that are numbers, by element, with their defaults
@@ -168,8 +165,6 @@ def _check_joint(joint: etree._Element, where: str) -> None:
         if lower > upper:
             why = f"lower {lower:g} above upper {upper:g}; swap them"
             refuse(limit, where, f"joint '{name}' has {why}")
-    if joint.find("mimic") is not None and kind == "planar":
-        refuse(joint, where, f"joint '{name}' of type planar cannot mimic")
 
 
 def _check_numbers(element: etree._Element, where: str) -> None:
@@ -195,22 +190,27 @@ def lock(robot: etree._Element, values: Mapping[str, float], where: str) -> dict
     """Fix joints of a `<robot>` at coordinates [rad | m], and joints that mimic them; return all.
 
     Raises:
-        MechanismError: for a joint that is not there or has several coordinates; a floating one
-            can be fixed at its origin, and must be.
+        MechanismError: for a joint that is not there; one of several coordinates can be fixed at
+            its origin, and must be.
     """
-    joints = {j.get("name"): j for j in robot.findall("joint") if j.get("type") in HELD}
+    joints = {j.get("name"): j for j in robot.findall("joint") if j.get("type") != "fixed"}
     locked = dict(values)
     for name in locked:
         if name not in joints:
             what = f"there is no joint '{name}' to be locked"
             raise MechanismError(f"{where}: {what}; {one_of(name, joints)}")
     for name, joint in joints.items():
-        if joint.get("type") == "floating" and locked.get(name, 0) != 0:
+        chain = SEVERAL.get(joint.get("type", ""))
+        if chain and locked.get(name, 0) != 0:
             what = f"joint '{name}' has several coordinates, so {locked[name]:g} is no place of it"
             raise MechanismError(f"{where}: {what}; only --lock {name}, where the file has it")
-        if joint.get("type") == "floating" and name not in locked:
-            what = f"joint '{name}' is of type floating: {FLOATING.format(name)}"
-            raise MechanismError(f"{where}: {what}")
+        if chain and name not in locked:
+            raise MechanismError(
+                f"{where}: joint '{name}' is of type {joint.get('type')}, and a joint has one "
+                f"column; if it does not move in the log, --lock {name} (or [joints] locked = "
+                f"{{ {name} = 0 }}) fixes it where the file has it; else state it as {chain} "
+                "joints with massless links between them"
+            )
     followers = [(name, each.find("mimic")) for name, each in joints.items()]
     pending = [(name, mimic) for name, mimic in followers if mimic is not None]
     for _ in pending:  # one may mimic another that mimics
