@@ -27,8 +27,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+from scipy.linalg import cho_solve_banded
 
 from ident.equations.filter import Decimator, filtered_windows
 from ident.equations.rows import Scene, corrected, informing, largest_transmission, residual, rows
@@ -127,30 +126,21 @@ def noise_floor(
 def _spread(spline: Spline, t: np.ndarray) -> np.ndarray:
     """P (n, d, 3, d, 3) of u, u̇, ü at times t (n,)."""
     basis, (count, d) = spline.basis, spline.c.shape
-    if d == len(spline.roots) > 1:  # each coordinate has channels of its own
-        P = np.zeros((len(t), d, 3, d, 3))
-        for i, root in enumerate(spline.roots):
-            alone = Spline(basis, spline.c[:, [i]], (root,))
-            P[:, i, :, i] = _spread(alone, t)[:, 0, :, 0]
-        return P
-    size = min(count, LONGEST) * d  # N's leading block is that of U
-    first = spline.first[:size]
-    row = np.repeat(np.arange(size), WIDTH * d)
-    column = (first[:, None] * d + np.arange(WIDTH * d)).ravel()
-    inside = column < size
-    entries = spline.leading(size).ravel()[inside]
-    U = sp.csr_matrix((entries, (row[inside], column[inside])), shape=(size, size))
-    factor = splu((U.T @ U).tocsc())
+    each, n = d // len(spline.factors), len(t)
+    size = min(count, LONGEST) * each  # the leading block of N has that of its factor
     t = np.clip(t, basis.t0, basis.t_end)
-    B = np.zeros((len(t), d, 3, size))
+    B = np.zeros((n, each, 3, size))
     for order in range(3):
         first, values = basis.window(t, order)
-        for i in range(d):
+        for i in range(each):
             for r in range(WIDTH):
-                B[np.arange(len(t)), i, order, (first + r) * d + i] = values[:, r]
-    flat = B.reshape(-1, size)
-    solved = factor.solve(flat.T).T.reshape(len(t), d, 3, size)
-    return np.asarray(np.einsum("nirk,njsk->nirjs", B, solved))
+                B[np.arange(n), i, order, (first + r) * each + i] = values[:, r]
+    P = np.zeros((n, d, 3, d, 3))
+    for k, lower in enumerate(spline.factors):
+        solved = cho_solve_banded((lower[:, :size], True), B.reshape(-1, size).T).T
+        mine = slice(k * each, (k + 1) * each)
+        P[:, mine, :, mine] = np.einsum("nirk,njsk->nirjs", B, solved.reshape(B.shape))
+    return P
 
 
 @dataclass(frozen=True, eq=False)

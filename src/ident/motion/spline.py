@@ -43,8 +43,9 @@ class Spline:
 
     basis: Basis  # quintic B-splines over the run
     c: np.ndarray  # (count, d) coefficients ĉ
-    # U of each coordinate alone, (count, WIDTH, 1), or one of all, (count · d, WIDTH, d)
-    roots: tuple[np.ndarray, ...]
+    # lower bands of N = UᵀU factored by Cholesky: of each coordinate alone, (WIDTH, count), or one
+    # of all, (WIDTH · d, count · d)
+    factors: tuple[np.ndarray, ...]
 
     def at(self, t: np.ndarray) -> np.ndarray:
         """u, u̇, ü (3, n, d) at times t (n,) of the run [s]."""
@@ -59,16 +60,17 @@ class Spline:
     @cached_property
     def U(self) -> np.ndarray:
         """(count · d, WIDTH, d) rows of U."""
-        return self.leading(self.c.size)
-
-    def leading(self, rows: int) -> np.ndarray:
-        """The first rows of U (rows, WIDTH, d), a multiple of d."""
-        if len(self.roots) == 1:
-            return self.roots[0][:rows]
-        d = len(self.roots)
-        U = np.zeros((rows // d, d, WIDTH, d))
-        for i, root in enumerate(self.roots):
-            U[:, i, :, i] = root[: rows // d, :, 0]
+        count, d = self.c.shape
+        each = d // len(self.factors)
+        U, row = np.zeros((count, d, WIDTH, d)), np.arange(count * each)
+        column = row - np.minimum(row // each, count - WIDTH) * each
+        for i, lower in enumerate(self.factors):
+            own = np.zeros((count * each, WIDTH * each))
+            for k in range(WIDTH * each):  # lower[k, a] = L[a + k, a] = U[a, a + k]
+                inside = column + k < WIDTH * each
+                own[row[inside], (column + k)[inside]] = lower[k, inside]
+            mine = slice(i * each, (i + 1) * each)
+            U[:, mine, :, mine] = own.reshape(count, each, WIDTH, each)
         return U.reshape(-1, WIDTH, d)
 
 
@@ -120,13 +122,7 @@ def solved(basis: Basis, rows: Sequence[Observations], d: int) -> Spline:
         normal[k * d] += BRIDGE * normal[0].max() * np.repeat(rough[k], d)
     lower = cholesky_banded(normal, lower=True, check_finite=False)
     c = cho_solve_banded((lower, True), right, check_finite=False).reshape(count, d)
-    row = np.arange(count * d)
-    column = row - np.minimum(row // d, count - WIDTH) * d
-    U = np.zeros((count * d, band))
-    for k in range(band):  # lower[k, a] = L[a + k, a] = U[a, a + k]
-        inside = column + k < band
-        U[row[inside], (column + k)[inside]] = lower[k, inside]
-    return Spline(basis, c, (U.reshape(-1, WIDTH, d),))
+    return Spline(basis, c, (lower,))
 
 
 def interpolate(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -156,7 +152,7 @@ def fitted(basis: Basis, channels: Sequence[Channel], names: Sequence[str]) -> S
             rows.append(Observations(first, weight * B[:, :, None], weight * channel.x))
         parts.append(solved(basis, rows, 1))
     c = np.concatenate([part.c for part in parts], axis=1)
-    return Spline(basis, c, tuple(part.roots[0] for part in parts))
+    return Spline(basis, c, tuple(part.factors[0] for part in parts))
 
 
 def residuals(
