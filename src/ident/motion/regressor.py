@@ -24,7 +24,7 @@ import pinocchio as pin
 from ident.mechanism.parameters import COUNT
 
 CHUNK = 1024  # samples that are worked at once; their vectors fit into the processor's cache
-FEW = 64  # samples below which single calls of Pinocchio cost less
+FEW = 64  # samples below which single calls of Pinocchio cost less; free bodies have them always
 
 
 def regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -35,7 +35,7 @@ def regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> 
     """
     n, nv = len(q), model.nv
     gamma = np.zeros((nv, COUNT * (model.njoints - 1), n))
-    if n < FEW:
+    if n < FEW or model.nq != model.nv:
         data = model.createData()
         for i in range(n):
             gamma[:, :, i] = pin.computeJointTorqueRegressor(model, data, q[i], v[i], a[i])
@@ -56,7 +56,7 @@ def rigid_forces(
     model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray, pi: np.ndarray
 ) -> np.ndarray:
     """Γ π (n, nv) of π (10 · bodies,) by the recursion of Newton and Euler, which needs no Γ."""
-    if len(q) < FEW:
+    if len(q) < FEW or model.nq != model.nv:
         return np.asarray(regressor(model, q, v, a) @ pi)
     torque, rigid = np.empty((model.nv, len(q))), pi.reshape(-1, COUNT)
     for part, joints, bodies, poses in _motions(model, q, v, a, axes=False):
@@ -69,9 +69,7 @@ def rigid_forces(
             forces.append(np.stack([force, inertia @ alpha + spin + pin.skew(mc) @ acc]))
         for joint, (R, p) in reversed([*zip(joints, poses, strict=True)]):
             f, moment = forces.pop()
-            torque[joint.row : joint.row + joint.size, part] = (
-                joint.S[:3].T @ f + joint.S[3:].T @ moment
-            )
+            torque[joint.row, part] = joint.S[:3] @ f + joint.S[3:] @ moment
             moment = moment + np.einsum("ijn,jn->in", _skew(p), f)
             forces[joint.parent] += np.einsum("ijn,kjn->kin", R, np.stack([f, moment]))
     return torque.T
@@ -91,20 +89,16 @@ def supports(model: pin.Model) -> list[np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class _Joint:
-    """One joint of the model: revolute or prismatic about any axis, or a free body.
+    """One joint of the model: revolute or prismatic about any axis.
 
     Attributes:
         parent: number of the parent's joint, 0 for the world.
-        row: of the coordinate in v; at: of the coordinate in q; size: of v, 1 or 6.
-        rows: of all coordinates that move its body.
-        S: (6, size) its axes in the frame of its body, linear part first.
+        rows: of all coordinates that move its body, its own last.
+        S: (6,) its axis in the frame of its body, linear part first.
         place, turn: (3,), (3, 3, 3) position at q = 0, and rotation A₀ + A₁ sin q + A₂ (1 − cos q).
     """
 
     parent: int
-    row: int
-    at: int
-    size: int
     rows: np.ndarray
     S: np.ndarray
     place: np.ndarray
@@ -114,37 +108,25 @@ class _Joint:
     def of(cls, model: pin.Model, body: int, before: list[_Joint]) -> _Joint:
         """The joint that moves a body, after those that stand before it in the model."""
         joint, placement = model.joints[body], model.jointPlacements[body]
-        size, R = model.nvs[body], placement.rotation
-        if size == 1:
-            data = joint.createData()
-            joint.calc(data, np.zeros(1))
-            S = np.asarray(data.S).reshape(6, 1)
-            U = pin.skew(S[3:, 0])
-            turn = np.stack([R, R @ U, R @ U @ U])
-        else:  # a free body: position and quaternion
-            S, turn = np.eye(6), np.stack([R] * 3)
-        parent, row = model.parents[body], model.idx_vs[body]
+        data = joint.createData()
+        joint.calc(data, np.zeros(1))
+        R, S = placement.rotation, np.asarray(data.S).reshape(6)
+        U, parent = pin.skew(S[3:]), model.parents[body]
         rows = before[parent - 1].rows if parent else np.zeros(0, dtype=int)
-        rows = np.append(rows, np.arange(row, row + size))
-        return cls(
-            parent, row, model.idx_qs[body], size, rows, S,
-            np.asarray(placement.translation), turn,
-        )  # fmt: skip
+        rows = np.append(rows, model.idx_vs[body])
+        turn = np.stack([R, R @ U, R @ U @ U])
+        return cls(parent, rows, S, np.asarray(placement.translation), turn)
+
+    @property
+    def row(self) -> int:
+        """Of its coordinate in q and v."""
+        return int(self.rows[-1])
 
     def pose(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """R (3, 3, n), body to parent, and p (3, n), the body's origin in the parent's frame."""
-        if self.size == 6:
-            x, y, z, w = q[self.at + 3 : self.at + 7]
-            turned = np.array([
-                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-            ])  # fmt: skip
-            away = self.place[:, None] + self.turn[0] @ q[self.at : self.at + 3]
-            return np.einsum("ij,jkn->ikn", self.turn[0], turned), away
-        x = q[self.at]
+        x = q[self.row]
         if not self.S[3:].any():  # prismatic
-            away = self.place[:, None] + (self.turn[0] @ self.S[:3]) * x
+            away = self.place[:, None] + np.outer(self.turn[0] @ self.S[:3], x)
             return np.broadcast_to(self.turn[0][:, :, None], (3, 3, len(x))), away
         A = self.turn[:, :, :, None]
         return A[0] + A[1] * np.sin(x) + A[2] * (1.0 - np.cos(x)), self.place[:, None]
@@ -191,8 +173,8 @@ def _move(
     moved[:, 2] += np.einsum("ijn,jn->in", _about_centre(moved), p)
     if old > 3:
         moved[:, 3::2] -= np.einsum("ijn,jmn->imn", _skew(p), moved[:, 4::2])
-    mine = slice(joint.row, joint.row + joint.size)
-    S, rate, rise = joint.S, joint.S @ v[mine], joint.S @ a[mine]
+    S, row = joint.S, joint.row
+    rate, rise = np.outer(S, v[row]), np.outer(S, a[row])
     spin = _skew(moved[:, 0])
     if S[:3].any():  # 2 ω × v + ω_J × v + its own, ω of the parent
         moved[:, 2] += rise[:3]
@@ -202,7 +184,7 @@ def _move(
         moved[:, 1] += np.einsum("ijn,jn->in", spin, rate[3:])
         moved[:, 0] += rate[3:]
     if body.shape[1] > old:
-        body[:, old::2], body[:, old + 1 :: 2] = S[:3, :, None], S[3:, :, None]
+        body[:, old], body[:, old + 1] = S[:3, None], S[3:, None]
     return R, p
 
 
