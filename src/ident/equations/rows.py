@@ -233,7 +233,6 @@ def check_needs(mechanism: Mechanism, log: str, columns: Container[str]) -> None
                 )
 
 
-CHUNK = 1024  # samples of a stream whose raw rows are in memory at once
 LEVER = 0.1  # a joint that barely moves with a coordinate may stand still without harm
 ROUNDING = 1e-9  # of a joint's largest transmission: below, it does not move with a coordinate
 

@@ -199,7 +199,7 @@ def read_npz(path: Path) -> RawTable:
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise LogError(f"{path}: a single array, not an archive; write it with np.savez")
             check_claims(archive, path)
-            arrays = {name: _array(archive, name, path) for name in archive.files}
+            arrays = {name: archive[name] for name in archive.files}
         except BROKEN as e:
             raise LogError(
                 f"{path}: not a NumPy archive, or a damaged one; write it with np.savez"
@@ -210,8 +210,8 @@ def read_npz(path: Path) -> RawTable:
 def check_claims(archive: np.lib.npyio.NpzFile, path: Path) -> dict[str, tuple[int, ...]]:
     """Return the shapes of an archive's arrays by name, none of them read.
 
-    Raises LogError where they would take too much memory, ValueError where an array claims more
-    than its file in the archive holds.
+    Raises LogError where they would take too much memory, or one is no array of plain values;
+    ValueError where an array claims more than its file in the archive holds.
     """
     shapes, total, files = {}, 0, archive.zip
     assert files is not None  # while it is open
@@ -220,29 +220,19 @@ def check_claims(archive: np.lib.npyio.NpzFile, path: Path) -> dict[str, tuple[i
         size = files.getinfo(member).file_size
         check_size(path, total := total + size)
         if not member.endswith(".npy"):
-            continue
+            raise LogError(f"{path}: {name!r} is not an array; valid: 1-D arrays, one a column")
         with files.open(member) as stream:
             read = HEADERS[np.lib.format.read_magic(stream)[0]]
             shape, _, kind = read(stream)
-        if not kind.hasobject and kind.itemsize * math.prod(shape) > size:
+        if kind.hasobject:
+            raise LogError(
+                f"{path}: array {name!r} holds Python objects, which are pickles and can run code; "
+                "valid: 1-D arrays of numbers"
+            )
+        if kind.itemsize * math.prod(shape) > size:
             raise ValueError(f"{name} claims more than there is")
         shapes[name] = shape
     return shapes
-
-
-def _array(archive: np.lib.npyio.NpzFile, name: str, path: Path) -> np.ndarray:
-    try:
-        x = archive[name]
-    except ValueError as error:
-        if "allow_pickle" not in str(error):
-            raise
-        raise LogError(
-            f"{path}: array {name!r} holds Python objects, which are pickles and can run code; "
-            "valid: 1-D arrays of numbers"
-        ) from None
-    if not isinstance(x, np.ndarray):  # another kind of file in the archive
-        raise LogError(f"{path}: {name!r} is not an array; valid: 1-D arrays, one a column")
-    return x
 
 
 def write_table(path: Path, columns: Mapping[str, Array]) -> None:
