@@ -9,8 +9,8 @@ from streaming import raw_rows
 
 from helpers import Truth, series
 from ident.effects import create
-from ident.equations.filter import Decimator
-from ident.equations.rows import CHUNK, Scene, row_supports, rows
+from ident.equations.filter import CHUNK, Decimator
+from ident.equations.rows import Scene, row_supports, rows
 from ident.equations.unknowns import Columns
 from ident.log import Log
 from ident.mechanism import load
@@ -97,7 +97,7 @@ def test_filtered_rows_are_the_raw_rows_filtered(robots):
     cut = complete(mechanism, log, cutoff=8.0)
     (raw,) = rows(Scene.of(mechanism, columns, plain.experiments[0]), None)
     (found,) = rows(Scene.of(mechanism, columns, cut.experiments[0]), 8.0)
-    from ident.equations.filter import Decimator
+    from ident.equations.filter import CHUNK, Decimator
 
     decimator = Decimator.of(8.0, cut.experiments[0].rate)
     smooth = np.apply_along_axis(np.convolve, 0, raw.A, decimator.taps, "valid")
@@ -173,7 +173,8 @@ def test_kept_columns_are_bounded_and_freed(robots, monkeypatch):
 
 def test_a_piece_shorter_than_the_step_from_row_to_row_gives_none(robots):
     mechanism, decimator = load(robots / "arm"), Decimator.of(1.6, 1000.0)
-    n = 2 * decimator.half + max(CHUNK, 4 * decimator.half) + 3  # the last piece has 3 samples
+    n = 2 * CHUNK + 3  # the last piece has 3 samples
+    assert n > 2 * decimator.half
     t = np.arange(n) / 1000.0
     columns = {f"q.{name}": np.sin((i + 1) * t) for i, name in enumerate(mechanism.driven)}
     zeros = {f"tau.{name}": np.zeros(len(t)) for name in mechanism.driven}
