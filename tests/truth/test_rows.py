@@ -97,7 +97,7 @@ def test_filtered_rows_are_the_raw_rows_filtered(robots):
     cut = complete(mechanism, log, cutoff=8.0)
     (raw,) = rows(Scene.of(mechanism, columns, plain.experiments[0]), None)
     (found,) = rows(Scene.of(mechanism, columns, cut.experiments[0]), 8.0)
-    from ident.equations.filter import CHUNK, Decimator
+    from ident.equations.filter import Decimator
 
     decimator = Decimator.of(8.0, cut.experiments[0].rate)
     smooth = np.apply_along_axis(np.convolve, 0, raw.A, decimator.taps, "valid")
