@@ -53,10 +53,11 @@ def rounded(log: Columns, _: np.random.Generator) -> Columns:
 
 
 def lagging(log: Columns, _: np.random.Generator) -> Columns:
-    """Torques through a first-order filter of 5 ms."""
-    keep = np.exp(-float(np.median(np.diff(log["t"]))) / 5e-3)
+    """Torques through a first-order filter of 5 ms, of straight lines from sample to sample."""
+    step = float(np.median(np.diff(log["t"]))) / 5e-3
+    keep, rise = np.exp(-step), (1 - np.exp(-step)) / step
     return {
-        n: lfilter([1 - keep], [1, -keep], x - x[0]) + x[0] if n[:4] == "tau." else x
+        n: lfilter([1 - rise, rise - keep], [1, -keep], x - x[0]) + x[0] if n[:4] == "tau." else x
         for n, x in log.items()
     }
 

@@ -14,6 +14,7 @@ import pytest
 import ident
 from helpers import ROBOTS
 from ident import Column, Log, Noise, health
+from ident.fit.channel_fits import common_delay
 from identification import motion_log, plant, robot
 
 NAMES = ("arm", "five_bar", "four_bar", "slider_crank")
@@ -355,3 +356,31 @@ def test_known_friction_that_changed_is_no_scale(factor):
     assert found(judged(model, p.log)) == set()
     log = changed(p.log, tau__elbow=2.5 * p.log.columns["tau.elbow"])
     assert ("scale", ("tau.elbow",)) in found(judged(model, log))
+
+
+@pytest.mark.parametrize("name", ["arm", "five_bar"])
+@pytest.mark.parametrize("lag", [4e-3, -3e-3])
+def test_some_milliseconds_of_all_torques_are_measured(name, lag):
+    p = planted(name, noise=0.01, seconds=8.0, seed=2)
+    late = {
+        key.replace(".", "__"): np.interp(p.log.t - lag, p.log.t, x)
+        for key, x in p.log.columns.items()
+        if key.startswith("tau.")
+    }
+    fit = ident.identify(
+        p.mechanism, ident.complete(p.mechanism, changed(p.log, **late), cutoff=None)
+    )
+    c = fit.checks
+    delay = common_delay(c.estimate, c.table, c.use, c.common)
+    assert abs(delay.delay - lag) < max(3 * delay.stderr, 0.15 * abs(lag))
+    assert delay.stderr < 0.3 * abs(lag)
+    assert [len(x.where) for x in fit.health.findings if x.code == "delay"] == [len(fit.motion.independent)]
+    assert any("--with delay:" in x.remedy for x in fit.health.findings)
+
+
+@pytest.mark.parametrize("kind", ["", "hysteresis", "stribeck", "elasticity"])
+def test_friction_and_gears_are_no_delay_of_all_torques(kind):
+    p = planted("arm", *([kind] if kind else []), seconds=8.0, seed=3)
+    fitted = robot("arm").with_effect("viscous").with_effect("coulomb")
+    c = ident.identify(fitted, ident.complete(fitted, p.log, cutoff=None)).checks
+    assert common_delay(c.estimate, c.table, c.use, c.common) is None

@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 import ident
 from helpers import ROBOTS
 from ident.motion.knots import ROUGH, common
+from ident.motion.signals import grain
 
 FRICTION = 0.3  # N m s/rad, N m: of all joints
 
@@ -113,3 +114,30 @@ def test_what_a_spline_misses_of_corners_is_no_time_error():
     for r, rough in ((missed, False), (white * [1.0, 2.0, 3.0], True)):
         delta, _ = common(r + 1e-9, speed[:, None] * [1.0, 2.0, 3.0])
         assert (np.mean(np.diff(delta) ** 2) > ROUGH * 2 * np.mean(delta**2)) == rough
+
+
+@pytest.mark.parametrize(("bits", "said"), [(12, True), (20, False)])
+def test_positions_in_steps_are_named_where_their_noise_is_that(arm, bits, said):
+    clean, _ = ident.simulate(
+        arm, ident.read_log(ROBOTS / "arm" / "run.csv"), columns=["q", "tau"], seed=1,
+        values={name: FRICTION for effect in arm.effects for name in effect.names},
+        noise=[ident.Noise("tau", 0.01, True), ident.Noise("q", 1e-4)],
+    )  # fmt: skip
+    step = 2 * np.pi / 2**bits
+    columns = {
+        name: step * np.round(x / step) if name[:2] == "q." else x
+        for name, x in clean.columns.items()
+    }
+    motion = ident.complete(arm, pl.DataFrame({"t": clean.t, **columns}))
+    notes = [note for note in motion.notes if f"{bits} bit" in note]
+    assert bool(notes) is said
+    assert not said or all(f"q.{name}" in notes[0] for name in arm.driven)
+
+
+@pytest.mark.parametrize("rate", [100.0, 5000.0])
+def test_steps_of_a_slow_and_of_a_fast_log_are_measured(rate):
+    t = np.arange(0, 4, 1 / rate)
+    smooth, step = 0.7 * np.sin(2 * t), 1.5e-3
+    assert grain(step * np.round(smooth / step)) == pytest.approx(step)
+    assert grain(smooth) == 0
+    assert grain(0.3 * t) == 0

@@ -30,6 +30,7 @@ from ident.fit.channel_fits import (
     RIVAL,
     SMALL,
     ChannelEquations,
+    common_delay,
     credible_t,
 )  # fmt: skip
 from ident.fit.faults import (
@@ -176,6 +177,8 @@ class DataChecks:
         """Judge the data, gravest first."""
         found = [*self.faults[0]]
         if len(self.equations.total) and self.mechanism.driven:
+            if all(each.code == "delay" and len(each.where) == 1 for each in found):
+                found += self._late()  # in one joint alone it is that joint's friction
             found = found or [*self._strangers(self.faults[2])] or [*self._magnitudes()]
         return Health((*found, *log_findings(self.mechanism, self.problem.motion)))
 
@@ -210,6 +213,21 @@ class DataChecks:
         findings = [fault_finding(self.mechanism, each) for each in found]
         named = [replace(each, meaning=each.meaning + held) for each in findings]
         return named, None if own is None else (own, found[-1].fault), noise
+
+    def _late(self) -> Iterator[Finding]:
+        """Report a delay of some milliseconds that all torques have in common."""
+        late = common_delay(self.estimate, self.table, self.use, self.common)
+        if late is not None:
+            names = self.mechanism.driven
+            text = (
+                f"all torques are {abs(1e3 * late.delay):.3g} ± {1e3 * late.stderr:.2g} ms "
+                f"{'late' if late.delay > 0 else 'early'} against the positions (two clocks, or a "
+                "filter of that time constant on one of them): with one common delay the error of "
+                f"time left out falls from {percent(late.before)} to {percent(late.after)}"
+            )
+            remedy = f"shift the columns, or give --with delay:{','.join(names)}"
+            where = tuple(f"tau.{name}" for name in names)
+            yield Finding("delay", text, remedy, where, 1e3 * late.delay)
 
     def _strangers(self, noise: Array) -> Iterator[Finding]:
         """Report torques that do not belong to this motion."""

@@ -28,7 +28,15 @@ from ident.motion.recipe import (
     thresholds,
     top_speeds,
 )
-from ident.motion.signals import LogSignals, Smoothed, channels_of, measure, noise_level, runs
+from ident.motion.signals import (
+    LogSignals,
+    Smoothed,
+    channels_of,
+    grain,
+    measure,
+    noise_level,
+    runs,
+)
 from ident.motion.smoothing import (
     AS_LOGGED,
     Derived,
@@ -45,6 +53,7 @@ from ident.motion.state import State, wrenches
 Given = Log | str | os.PathLike[str] | Any  # a polars or pandas data frame
 AGREE = 1e-9  # share of its motion below which a logged joint differs by rounding only
 TWICE = 2.0  # times the noise of a rate: a larger residual contradicts other channels
+MOSTLY = 0.5  # of a residual's squares that steps make, from which it is theirs
 NEAREST = 0.1  # periods of a given cut-off between two knots: the least of automatic choices
 CONTRADICTION = 0.3  # share of its own motion by which a logged joint may miss the closures
 ROUNDING = 1e-6  # of a sampling step, within which two times are the same
@@ -396,6 +405,8 @@ def state_of(
         if channel.how != AS_LOGGED:
             treated.setdefault(channel.how, []).append(channel.column)
     notes = [f"{log}: {', '.join(same)}: {how}" for how, same in treated.items()] + notes
+    if recipe is None:
+        notes += _in_steps(mechanism, signals, experiment.channels)
     rough = {
         c.column: c.residual / c.noise
         for c in experiment.channels
@@ -413,6 +424,28 @@ def state_of(
         )
     wrench = wrenches(mechanism, log, columns, experiment.q)
     return replace(experiment, wrench=wrench), notes
+
+
+def _in_steps(mechanism: Mechanism, signals: LogSignals, channels: Sequence[Smoothed]) -> list[str]:
+    """The notes on positions whose noise is that of their steps, one for all of one step."""
+    found: dict[str, list[tuple[str, float]]] = {}
+    for each in channels:
+        if not each.spacing or not each.column.startswith("q."):
+            continue
+        step = grain(signals.log.series(each.column)[1])
+        if step**2 / 12 < MOSTLY * each.residual**2 or not step:
+            continue
+        joint = mechanism.joint(each.column.partition(".")[2])
+        words = f"{1e3 * step:.3g} m{joint.unit}"
+        if joint.rotational:
+            words += f" ({2 * np.pi / step:.0f} a turn, {np.log2(2 * np.pi / step):.3g} bit)"
+        words += f": {1e3 * step / np.sqrt(12):.2g} m{joint.unit} rms"
+        found.setdefault(words, []).append((each.column, step / np.sqrt(12) / each.residual))
+    return [
+        f"{signals.log.name}: {', '.join(name for name, _ in same)}: rounded to steps of {words}, "
+        f"{min(1.0, max(share for _, share in same)):.0%} of the noise that smoothing takes off"
+        for words, same in found.items()
+    ]
 
 
 def _together(

@@ -484,10 +484,13 @@ def channels_of(signals: LogSignals, names: Sequence[str]) -> list[Channel]:
 def grain(x: np.ndarray) -> float:
     """The step of a signal (n,) that only takes multiples of one; 0 for others."""
     steps = np.abs(np.diff(x))
-    steps = steps[steps > 0]
+    stays = steps == 0
+    again = np.count_nonzero(stays[1:] & ~stays[:-1]) >= GRAINS
+    steps = steps[~stays]
     if len(steps) < GRAINS or steps.min() * MOST < steps.max():
         return 0.0
     off = steps / steps.min()
     whole = np.round(off)
     multiples = (np.abs(off - whole) < 0.01 * off).all()
-    return float(steps.min()) if multiples and np.ptp(whole) > 0 else 0.0  # a ramp has one step
+    # a ramp has one step, too, but does not stay at its values again and again
+    return float(steps.min()) if multiples and (again or np.ptp(whole) > 0) else 0.0
