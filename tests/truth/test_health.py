@@ -358,10 +358,9 @@ def test_known_friction_that_changed_is_no_scale(factor):
     assert ("scale", ("tau.elbow",)) in found(judged(model, log))
 
 
-@pytest.mark.parametrize("name", ["arm", "five_bar"])
 @pytest.mark.parametrize("lag", [4e-3, -3e-3])
-def test_some_milliseconds_of_all_torques_are_measured(name, lag):
-    p = planted(name, noise=0.01, seconds=8.0, seed=2)
+def test_some_milliseconds_of_all_torques_are_measured(lag):
+    p = planted("arm", noise=0.01, seconds=8.0, seed=2)
     late = {
         key.replace(".", "__"): np.interp(p.log.t - lag, p.log.t, x)
         for key, x in p.log.columns.items()
