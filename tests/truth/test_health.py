@@ -366,14 +366,14 @@ def test_some_milliseconds_of_all_torques_are_measured(lag):
         for key, x in p.log.columns.items()
         if key.startswith("tau.")
     }
-    fit = ident.identify(
-        p.mechanism, ident.complete(p.mechanism, changed(p.log, **late), cutoff=None)
-    )
+    fit = ident.identify(p.mechanism, ident.complete(p.mechanism, changed(p.log, **late)))
     c = fit.checks
     delay = common_delay(c.estimate, c.table, c.use, c.common)
     assert abs(delay.delay - lag) < max(3 * delay.stderr, 0.15 * abs(lag))
     assert delay.stderr < 0.3 * abs(lag)
-    assert [len(x.where) for x in fit.health.findings if x.code == "delay"] == [len(fit.motion.independent)]
+    assert [len(x.where) for x in fit.health.findings if x.code == "delay"] == [
+        len(fit.motion.independent)
+    ]
     assert any("--with delay:" in x.remedy for x in fit.health.findings)
 
 
@@ -381,5 +381,5 @@ def test_some_milliseconds_of_all_torques_are_measured(lag):
 def test_friction_and_gears_are_no_delay_of_all_torques(kind):
     p = planted("arm", *([kind] if kind else []), seconds=8.0, seed=3)
     fitted = robot("arm").with_effect("viscous").with_effect("coulomb")
-    c = ident.identify(fitted, ident.complete(fitted, p.log, cutoff=None)).checks
+    c = ident.identify(fitted, ident.complete(fitted, p.log)).checks
     assert common_delay(c.estimate, c.table, c.use, c.common) is None
