@@ -24,6 +24,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from scipy.linalg import lapack
 
 from ident.effects import Effect
@@ -34,6 +35,7 @@ from ident.information.chance import zscore
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array, PartialRegression
 from ident.motion.regressor import regressor
+from ident.motion.state import State
 
 FACTORS = np.geomspace(1e-4, 1e4, 17)  # between two of which the best factor of a torque is sought
 LARGEST_FACTOR = 3e3  # beyond units and gears: the torque is only taken out of the equations
@@ -409,6 +411,23 @@ def _spread_torques(table: Table, driven: tuple[str, ...]) -> Array:
     return np.concatenate(found)
 
 
+def _inertia(model: pin.Model, e: State, d: int) -> Array:
+    """Mean (d, 10 · bodies) of Zᵀ Γ(q, 0, Z e_u) over postures of a log, kept with its state."""
+    kept = e.store.get("inertia", model)
+    if kept is None:
+        some = e.at_samples(np.flatnonzero(e.usable)[:: max(1, int(e.usable.sum()) // POSTURES)])
+        none = np.zeros_like(some.v)
+        rest = regressor(model, some.q, none, none)
+        means = np.zeros((d, rest.shape[2]))
+        for u in range(d):
+            Z = some.pinv[:, :, u - d]
+            gamma = regressor(model, some.q, none, Z) - rest
+            means[u] = np.einsum("nik,ni->k", gamma, Z) / len(some)
+        kept = [means]
+        e.store.put("inertia", model, kept)
+    return kept[0]
+
+
 def _limits(
     estimate: Estimate, table: Table, effects: Sequence[Effect], k: int
 ) -> tuple[Array, Array]:
@@ -419,17 +438,10 @@ def _limits(
     and the coefficients of effects that every machine has and that cannot be negative.
     """
     mechanism, columns, independent = table.mechanism, table.columns, table.motion.independent
-    model, d = mechanism.model, len(independent)
-    held, x = estimate.held, estimate.solution.x
-    e = table.motion.experiments[0]
-    some = e.at_samples(np.flatnonzero(e.usable)[:: max(1, int(e.usable.sum()) // POSTURES)])
+    d, held, x = len(independent), estimate.held, estimate.solution.x
     inertia = np.zeros((d, len(columns)))
     offset = np.zeros(d)
-    none = np.zeros_like(some.v)
-    rest = regressor(model, some.q, none, none)
-    for u in range(d):
-        Z = some.pinv[:, :, u - d]
-        gamma = np.einsum("nik,ni->k", regressor(model, some.q, none, Z) - rest, Z) / len(some)
+    for u, gamma in enumerate(_inertia(mechanism.model, table.motion.experiments[0], d)):
         inertia[u, : len(columns.rigid)] = gamma[columns.rigid]
         known = np.ones(len(gamma), dtype=bool)
         known[columns.rigid] = False
