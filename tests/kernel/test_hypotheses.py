@@ -306,8 +306,7 @@ def test_what_a_residual_depends_on_does_not_depend_on_its_unit(size: float) -> 
     random, n = np.random.default_rng(0), 600
     x = np.sin(np.linspace(0, 40, n))
     r = size * (x + 0.3 * random.standard_normal(n))
-    maps = [SignalMap("v.elbow", "v", "rad/s", x[:, None], np.zeros(0))]
+    maps = [SignalMap("v.elbow", x[:, None])]
     (step,), threshold = depends_on(r, np.arange(n) // 60, maps, [slice(0, n)])
     assert step.r2 == pytest.approx(0.85, abs=0.03)
-    assert step.values == pytest.approx(size * np.ones(1), rel=0.05)
     assert 0.03 <= threshold < 1

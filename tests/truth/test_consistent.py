@@ -14,7 +14,7 @@ import pytest
 import ident
 from helpers import ROBOTS, J, tree_urdf, write_mechanism
 from ident.errors import FitError, MechanismError
-from ident.fit.limits import MARGIN, smallest_eigenvalues
+from ident.fit.consistency import MARGIN, smallest_eigenvalues
 from ident.mechanism.parameters import pseudo_inertia
 from identification import motion_log, plant, robot
 from pages import read_page, reading

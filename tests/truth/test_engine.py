@@ -14,7 +14,7 @@ from ident import Diagnosis, Mechanism, Motion, Noise
 from ident.diagnosis.candidates import GUARD, Contest, away_from_reversals, candidates_of
 from ident.diagnosis.null import noise, path_shares
 from ident.effects import Effect
-from ident.fit.table import Table
+from ident.fit.problem import Table
 from identification import Planted, motion_log, plant, robot
 
 NOISE = (Noise("tau", 0.01, relative=True), Noise("q", 1e-5))
@@ -277,7 +277,7 @@ def test_of_many_rows_one_in_so_many_decides(monkeypatch):
     case = planted(("coulomb:elbow",), ELBOW)
     fit = ident.identify(robot("arm"), logged(case, robot("arm")))
     whole = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
-    monkeypatch.setattr("ident.fit.table.MOST", len(whole.t) // 2)
+    monkeypatch.setattr("ident.fit.problem.TABLE", len(whole.t) // 2)
     some = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
     assert len(some.t) < 0.6 * len(whole.t)
     shared = np.isin(whole.sample, some.sample)

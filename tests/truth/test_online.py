@@ -447,10 +447,7 @@ def test_it_prints_itself():
     case = made("slider_crank", noise=0.01)
     motion = ident.complete(case.mechanism, case.log, cutoff=None)
     online = Online(case.mechanism, like=motion, forget=0.5)
-    first = fed(online, list(samples(case.log))[:200])
-    found = fed(online, list(samples(case.log))[200:])
-    assert first.ahead == {}
-    assert 0 < found.ahead["theta"].relative < 0.05
+    found = fed(online, samples(case.log))
     said = str(found)
     assert "rod.Ixx" in said
     assert "ball.x = " in said

@@ -42,7 +42,6 @@ def test_missing_dry_friction_is_seen_in_the_speed_of_its_joint(seed):
 def test_missing_viscous_friction_is_a_straight_line():
     first, *_ = where(left("arm", [], ["viscous:wrist"]))
     assert (first.joint, first.depends_on[0].signal) == ("wrist", "v.wrist")
-    assert "straight line" in first.depends_on[0].seen
 
 
 def test_missing_friction_between_joints_is_named_by_the_other_joint():
@@ -121,23 +120,22 @@ def swing():
 
 
 SHAPES = {
-    "end stop": (lambda q, v, load, t: 9 * np.maximum(0, q - 0.9), "q.a", "kink at the upper end"),
-    "wave": (lambda q, v, load, t: 1.5 * np.sin(17 * q), "q.a", "wave of about 0.3"),
-    "load": (lambda q, v, load, t: np.abs(load) * np.sign(v), "load.a", "two bands"),
-    "gain": (lambda q, v, load, t: 0.7 * load, "load.a", "straight line"),
-    "step": (lambda q, v, load, t: np.sign(v), "sign(v).a", "a step of 2"),
-    "drift": (lambda q, v, load, t: 0.05 * (t - 20), "t", "a drift of 0.05"),
+    "end stop": (lambda q, v, load, t: 9 * np.maximum(0, q - 0.9), "q.a"),
+    "wave": (lambda q, v, load, t: 1.5 * np.sin(17 * q), "q.a"),
+    "load": (lambda q, v, load, t: np.abs(load) * np.sign(v), "load.a"),
+    "gain": (lambda q, v, load, t: 0.7 * load, "load.a"),
+    "step": (lambda q, v, load, t: np.sign(v), "sign(v).a"),
+    "drift": (lambda q, v, load, t: 0.05 * (t - 20), "t"),
 }
 
 
-@pytest.mark.parametrize(("f", "signal", "seen"), SHAPES.values(), ids=SHAPES)
-def test_what_a_person_would_see(f, signal, seen, swing):
+@pytest.mark.parametrize(("f", "signal"), SHAPES.values(), ids=SHAPES)
+def test_the_signal_of_a_shape_is_named(f, signal, swing):
     t, q, v, load, noise = swing
     residual = 0.3 * noise
     residual[:, 0] += f(q[:, 0], v[:, 0], load[:, 0], t)
     found = {failure.joint: failure for failure in where(made(residual, t, q, v, load))}
     assert [each.signal for each in found["a"].depends_on] == [signal]
-    assert seen in found["a"].depends_on[0].seen
     assert found["b"].white
     assert not found["a"].white
 

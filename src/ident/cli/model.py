@@ -384,8 +384,7 @@ def montecarlo(
     Estimators meet the same noise and stand side by side, the paper's method among them.
     """
     from ident.log.read import is_folder_of_logs, logs_in
-    from ident.montecarlo import monte_carlo, paper
-    from ident.montecarlo.trial import USUAL
+    from ident.montecarlo import USUAL, monte_carlo, paper
 
     names = estimator or ["paper", "default"]
     if spacing is not None and "paper" not in names:

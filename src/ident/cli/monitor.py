@@ -353,9 +353,8 @@ def _parameter_rows(found: Snapshot) -> list[tuple[object, ...]]:
         )
         for v in found.parameters
     ]  # fmt: skip
-    for state, errors in (("all", found.errors), ("ahead", found.ahead)):
-        rows += [(t, f"error.{name}", e.rms, None, e.unit, state) for name, e in errors.items()]
-    return rows
+    errors = found.errors.items()
+    return [*rows, *((t, f"error.{name}", e.rms, None, e.unit, "all") for name, e in errors)]
 
 
 def _multiplier_rows(found: Forces | None) -> list[list[object]]:

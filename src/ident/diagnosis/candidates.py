@@ -13,7 +13,7 @@ from ident.effects.curve import Curve, curves
 from ident.equations.rows import LEVER, ROUNDING, largest_transmission
 from ident.errors import IdentError
 from ident.fit import Fit
-from ident.fit.table import Table
+from ident.fit.problem import Table
 from ident.information.blocks import Part
 from ident.information.hypotheses import PartialRegression
 from ident.mechanism.mechanism import Mechanism

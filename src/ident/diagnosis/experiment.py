@@ -16,7 +16,7 @@ from ident.effects import Effect
 from ident.effects.formula import Formula
 from ident.equations.terms import Samples, unbalanced
 from ident.errors import IdentError
-from ident.fit.table import Table
+from ident.fit.problem import Table
 from ident.information import linear
 from ident.information.hypotheses import RANK
 from ident.motion import Motion, State, complete

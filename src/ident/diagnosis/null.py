@@ -20,7 +20,7 @@ from scipy.sparse.linalg import splu
 
 from ident.diagnosis.candidates import Contest
 from ident.equations.motion_noise import gain
-from ident.fit.table import Table
+from ident.fit.problem import Table
 from ident.information import linear
 from ident.information.blocks import Part
 from ident.information.chance import remaining_power, surrogates

@@ -29,7 +29,7 @@ from scipy.linalg import lapack
 
 from ident.effects import Effect
 from ident.fit.faults import CredibleFault, Fault, another_factor, torque_faults
-from ident.fit.table import Table
+from ident.fit.problem import Table
 from ident.information.blocks import Part
 from ident.information.chance import zscore
 from ident.information.estimate import Estimate

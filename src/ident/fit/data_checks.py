@@ -43,8 +43,7 @@ from ident.fit.faults import (
     scale_of_time,
 )  # fmt: skip
 from ident.fit.findings import Finding
-from ident.fit.problem import Problem
-from ident.fit.table import Table
+from ident.fit.problem import Problem, Table
 from ident.information.chance import zscore
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array

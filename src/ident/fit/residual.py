@@ -23,12 +23,11 @@ from ident.fit.channel_fits import credible_t
 from ident.fit.prediction import Trace, trace_of
 from ident.fit.problem import block_edges, too_short
 from ident.fit.residual_maps import (
-    MapStep,
+    Dependence,
     Memory,
     Periods,
     SignalMap,
     depends_on,
-    described,
     folds,
     memory_of,
     own_maps,
@@ -105,24 +104,6 @@ class Window:
         return f"{self.start:.7g}–{self.stop:.7g} s"
 
 
-@dataclass(frozen=True)
-class Dependence:
-    """A signal on which a residual depends.
-
-    Attributes:
-        signal: `q.<joint>`, `v.`, `a.`, `load.`, `sign(v).` or `t`.
-        r2: what it adds to the share of the residual's variance that is explained, held out.
-        seen: what a person sees when the residual is drawn against it.
-    """
-
-    signal: str
-    r2: float
-    seen: str
-
-    def __str__(self) -> str:
-        return f"{self.signal} (R² {self.r2:.2f}: {self.seen})"
-
-
 @dataclass(frozen=True, repr=False)
 class Failure(Displayed):
     """How the model fails in one joint.
@@ -161,7 +142,6 @@ class Failure(Displayed):
             **{name: getattr(self, name) for name in same},
             "depends_on": [each.signal for each in self.depends_on],
             "r2": [each.r2 for each in self.depends_on],
-            "seen": [each.seen for each in self.depends_on],
             "r2_threshold": self.threshold,
             "worst": [[each.start, each.stop] for each in self.worst],
             "worst_log": [each.experiment for each in self.worst],
@@ -401,7 +381,7 @@ def _failure(residual: Residual, u: int) -> Failure:
     memory = memory_of(pieces, residual.motion.band.cutoff, residual.rate)
     r = np.concatenate(pieces)
     nothing = error.rms <= ROUNDING * float(residual.parts["measured"].max(initial=0.0))
-    steps: list[MapStep] = []
+    steps: list[Dependence] = []
     threshold = 1.0
     if not nothing:
         rows = np.concatenate([trace.informed[:, u] for trace in residual.traces])
@@ -422,9 +402,7 @@ def _failure(residual: Residual, u: int) -> Failure:
         share=float(residual.shares[u]),
         offset=float(r.mean()),
         worst=() if nothing else _worst(residual, u, memory.effective),
-        depends_on=tuple(
-            Dependence(step.map.name, step.r2, described(step, error.unit)) for step in steps
-        ),
+        depends_on=tuple(steps),
         memory=memory,
         threshold=threshold,
         repeats=again.rho[joint] if again else None,

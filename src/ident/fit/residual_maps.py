@@ -29,7 +29,6 @@ import numpy as np
 from ident.equations.filter import Decimator
 from ident.fit.findings import Finding
 from ident.fit.prediction import Trace
-from ident.information import linear
 from ident.information.blocks import Part
 from ident.information.chance import surrogates
 from ident.information.hypotheses import PartialRegression
@@ -47,9 +46,7 @@ ERRORS = 4.0  # or so many of its standard errors
 FARTHEST = 400  # lags of the autocorrelation
 UNFILTERED = 2  # lags at which differentiated noise of encoders is correlated without any filter
 FINER = 10  # samples a row at which the filter's own correlation is computed
-ALIKE = 0.9  # share of a map's variation that a shape must explain to give it its name
 ROUNDING = 1e-9  # of a signal: a smaller change is none
-PROMINENT = 0.3  # of a map's range: smaller bends are no wave
 
 Signal = Callable[[str], tuple[Sequence[np.ndarray], str]]
 
@@ -123,28 +120,18 @@ def memory_of(runs: Sequence[np.ndarray], cutoff: float | None, rate: float) -> 
 
 @dataclass(frozen=True, eq=False)
 class SignalMap:
-    """One signal and its map.
-
-    Attributes:
-        name: `v.elbow`, `sign(v).elbow`, `t`, …; kind: `v`, `sign(v)`, …, `wave`, `bands`.
-        unit: of the signal.
-        columns: (n, c) of the map; knots: (c,) [unit], empty where columns are not hats.
-    """
+    """One signal (`v.elbow`, `sign(v).elbow`, `t`, …) and the columns (n, c) of its map."""
 
     name: str
-    kind: str
-    unit: str
     columns: np.ndarray
-    knots: np.ndarray
 
 
-def _hats(x: np.ndarray, name: str, kind: str, unit: str, count: int) -> SignalMap:
+def _hats(name: str, x: np.ndarray, count: int) -> SignalMap:
     """Return the map of a signal (n,) by hat functions over its range, of those with samples."""
     knots = np.linspace(x.min(), x.max(), count)
     at = (x - knots[0]) / max(knots[1] - knots[0], 1e-300)
     columns = np.maximum(0.0, 1.0 - np.abs(at[:, None] - np.arange(count)))
-    some = columns.any(axis=0)
-    return SignalMap(name, kind, unit, columns[:, some], knots[some])
+    return SignalMap(name, columns[:, columns.any(axis=0)])
 
 
 def signal_maps(
@@ -155,34 +142,27 @@ def signal_maps(
     `signal` gives the series of each experiment and the unit by name (`Residual.signal`).
     """
     since = np.concatenate([t - t[0] for t in signal("t")[0]])
-    maps = [_hats(since, "t", "t", "s", KNOTS_TIME)]
+    maps = [_hats("t", since, KNOTS_TIME)]
     others = [name for name in joints if name not in independent]
     for joint in [*independent, *others[: max(0, JOINTS - len(independent))]]:
         direction = np.concatenate(signal(f"sign(v).{joint}")[0])[:, None]
-        maps.append(SignalMap(f"sign(v).{joint}", "sign(v)", "", direction, np.zeros(0)))
+        maps.append(SignalMap(f"sign(v).{joint}", direction))
         for kind in ("v", "q", "a", "load") if joint in independent else ("v", "q", "a"):
-            x, unit = _joined(signal, f"{kind}.{joint}")
+            x = np.concatenate(signal(f"{kind}.{joint}")[0])
             if np.ptp(x) > ROUNDING * np.abs(x).max():
-                maps.append(_hats(x, f"{kind}.{joint}", kind, unit, KNOTS))
+                maps.append(_hats(f"{kind}.{joint}", x, KNOTS))
         if joint in independent:
-            load, unit = _joined(signal, f"load.{joint}")
+            load = np.concatenate(signal(f"load.{joint}")[0])
             bands = np.abs(load)[:, None] / max(float(np.abs(load).max()), 1e-300)
-            columns = np.hstack([direction, bands * direction])
-            maps.append(SignalMap(f"load.{joint}", "bands", unit, columns, np.zeros(0)))
+            maps.append(SignalMap(f"load.{joint}", np.hstack([direction, bands * direction])))
     return [each for each in maps if np.ptp(each.columns, axis=0).max() > ROUNDING]
-
-
-def _joined(signal: Signal, name: str) -> tuple[np.ndarray, str]:
-    pieces, unit = signal(name)
-    return np.concatenate(pieces), unit
 
 
 def own_maps(signal: Signal, joint: str, maps: Sequence[SignalMap]) -> list[SignalMap]:
     """Return maps in one joint's order of preference, with a fine one of its position for waves."""
     every = list(maps)
     if any(each.name == f"q.{joint}" for each in maps):
-        q, unit = _joined(signal, f"q.{joint}")
-        every.append(_hats(q, f"q.{joint}", "wave", unit, KNOTS_WAVE))
+        every.append(_hats(f"q.{joint}", np.concatenate(signal(f"q.{joint}")[0]), KNOTS_WAVE))
     return sorted(every, key=lambda each: each.name.partition(".")[2] != joint)
 
 
@@ -197,18 +177,25 @@ def folds(lengths: Sequence[int], count: int = 10) -> np.ndarray:
 # --- the choice of signals -----------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class MapStep:
-    """One signal that was chosen: its map's values (c,), and the share R² that it adds."""
+@dataclass(frozen=True)
+class Dependence:
+    """A signal on which a residual depends.
 
-    map: SignalMap
-    values: np.ndarray
+    Attributes:
+        signal: `q.<joint>`, `v.`, `a.`, `load.`, `sign(v).` or `t`.
+        r2: what it adds to the share of the residual's variance that is explained, held out.
+    """
+
+    signal: str
     r2: float
+
+    def __str__(self) -> str:
+        return f"{self.signal} (R² {self.r2:.2f})"
 
 
 def depends_on(
     r: np.ndarray, fold: np.ndarray, maps: Sequence[SignalMap], runs: Sequence[slice]
-) -> tuple[list[MapStep], float]:
+) -> tuple[list[Dependence], float]:
     """Return the signals that explain a residual, and the R² that the next one would have needed.
 
     Args:
@@ -216,15 +203,14 @@ def depends_on(
         maps: in order of preference where they explain alike.
         runs: of rows without a gap.
     """
-    steps, threshold = list[MapStep](), 1.0
+    steps, threshold = list[Dependence](), 1.0
     if len(r) < FEWEST or not r.any() or fold[0] == fold[-1]:
         return steps, threshold
     X = np.hstack([np.ones((len(r), 1)), *(each.columns for each in maps)])
     ends = np.cumsum([1, *(each.columns.shape[1] for each in maps)])
     groups = [np.arange(a, b) for a, b in pairwise(ends)]
     edges = np.array([0, *(np.flatnonzero(np.diff(fold)) + 1), len(r)])
-    size = float(np.sqrt(np.mean(r**2)))  # in units of which squares are compared
-    r = r / size
+    r = r / float(np.sqrt(np.mean(r**2)))  # squares are compared
     part = Part(0, np.arange(ends[-1]), X, r[:, None], edges)
     now = PartialRegression((part,), np.zeros(1, dtype=np.intp), np.ones(1))
     total, rest, random = float(now.loss.sum()), [*range(len(maps))], np.random.default_rng(0)
@@ -242,58 +228,8 @@ def depends_on(
         pick = min(near, key=lambda k: (len(groups[rest[k]]), rest[k]))
         chosen = rest.pop(pick)
         now = now.extended(groups[chosen])
-        values = size * now.solved[0][-len(groups[chosen]) :]
-        steps.append(MapStep(maps[chosen], values, float(g[pick])))
+        steps.append(Dependence(maps[chosen].name, float(g[pick])))
     return steps, threshold
-
-
-# --- the shape of a map in words -----------------------------------------------------------------
-
-
-def described(step: MapStep, unit: str) -> str:
-    """Return the shape that a map of one signal has in a chart; `unit`: of the torque."""
-    from scipy.signal import find_peaks  # takes half a second to be imported
-
-    own, f = step.map, step.values
-    if own.kind == "sign(v)":
-        return f"a step of {2 * abs(f[0]):.3g} {unit} at v = 0"
-    if own.kind == "bands":
-        return "two bands, one for each direction, that widen with the load"
-    x, weight = own.knots, own.columns.sum(axis=0)
-
-    def explained(*shapes: np.ndarray) -> float:
-        """Return the share of the map that shapes explain, beside a constant."""
-        root = np.sqrt(weight)
-        A = np.stack([np.ones_like(f), *shapes], axis=1) * root[:, None]
-        error = root * f - A @ linear.lstsq(A, root * f, rcond=None)[0]
-        size = (root * (f - np.average(f, weights=weight))) ** 2
-        return 1 - float(error @ error) / max(float(size.sum()), 1e-300)
-
-    slope = np.polyfit(x, f, 1, w=np.sqrt(weight))[0]
-    line = "drift" if own.kind == "t" else "straight line"
-    shapes: list[tuple[str, tuple[np.ndarray, ...]]] = [
-        (f"a {line} of {slope:.3g} {unit} per {own.unit}", (x,))
-    ]
-    if own.kind == "v":
-        jump = np.clip(x / (x[1] - x[0]), -1.0, 1.0)
-        shapes.append((f"a step of about {np.ptp(f):.2g} {unit} at v = 0", (jump,)))
-        shapes.append(("a step at v = 0 and a slope", (jump, x)))
-    shares = np.ptp(x) / 3 * np.linspace(0, 1, 7)[1:]  # in the outer thirds
-    kinks = [("upper", at, np.maximum(0, x - at)) for at in x[-1] - shares]
-    kinks += [("lower", at, np.maximum(0, at - x)) for at in x[0] + shares]
-    end, at, kink = max(kinks, key=lambda each: explained(each[2]))
-    text = f"level, then a kink at the {end} end, from {at:.3g} {own.unit}"
-    for words, columns in [*shapes, (text, (kink,))]:
-        if explained(*columns) > ALIKE:
-            return words
-    high = PROMINENT * np.ptp(f)
-    turns = sum(len(find_peaks(side, prominence=high)[0]) for side in (f, -f))
-    if turns >= 3 and own.name.startswith("q."):
-        return f"a wave of about {np.ptp(x) * 2 / (turns + 1):.2g} {own.unit}"
-    middle = x[weight > 0].mean() if own.kind == "q" else 0.0
-    if turns == 1 or explained((x - middle) ** 2) > ALIKE:
-        return "a bow, the same at both ends"
-    return "a curve" if turns < 3 else f"a curve with {turns} bends"
 
 
 ALIKE_PERIODS = 0.98  # likeness of two periods of one motion
@@ -377,23 +313,9 @@ def _pairs(trace: Trace, T: float) -> tuple[np.ndarray, np.ndarray]:
     early = t + T <= t[-1] + 1e-9
     if not early.any():
         return r[:0], r[:0]
-    return r[early], _between(t, r, np.minimum(t[early] + T, t[-1]))
+    from scipy.interpolate import CubicSpline  # takes 0.2 s to import
 
-
-def _between(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return x (n, d) of equal steps t at other times (m,): cubics through the four nearest rows.
-
-    SciPy's spline would take 0.2 s to import.
-    """
-    nodes = np.arange(min(4, len(t)))
-    s = (at - t[0]) / (t[1] - t[0]) if len(t) > 1 else np.zeros(len(at))
-    first = np.clip(s.astype(int) - 1, 0, len(t) - len(nodes))
-    found = np.zeros((len(at), x.shape[1]))
-    for k in nodes:
-        others = nodes[nodes != k]
-        weight = np.prod((s[:, None] - first[:, None] - others) / (k - others), axis=1)
-        found += weight[:, None] * x[first + k]
-    return found
+    return r[early], CubicSpline(t, r)(np.minimum(t[early] + T, t[-1]))
 
 
 def period_of(e: State, joints: np.ndarray, bandwidth: float) -> float | None:

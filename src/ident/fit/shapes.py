@@ -20,8 +20,7 @@ from ident.effects import Effect
 from ident.equations.rows import check_needs
 from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
-from ident.fit.problem import Problem, information_of, plausible_of
-from ident.fit.table import Table
+from ident.fit.problem import Problem, Table, information_of, plausible_of
 from ident.information import linear
 from ident.information.blocks import Information
 from ident.information.estimate import Estimate, estimate

@@ -27,7 +27,7 @@ TOLERANCE = 1e-9
 PASSES, ABOUT, HEAVIEST = 4, 1e-2, 1e24  # of the cost's weight
 POSSIBLE = 1e-7  # of a limit's scale: a smaller shortfall is the solver's, not the limits'
 SLACK = {"psd": 5e-7, "nonnegative": 1e-7, "zero": 1e-7}  # of a limit's scale: a smaller breach is
-# rounding; half of the margin by which matrices are asked to be definite (`fit.limits`)
+# rounding; half of the margin by which matrices are asked to be definite (`fit.consistency`)
 TIGHTER = 4  # times that a limit which the solver missed is tightened
 ROOT2 = float(np.sqrt(2.0))
 

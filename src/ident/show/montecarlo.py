@@ -12,8 +12,7 @@ import polars as pl
 from ident.display import renders
 from ident.errors import FitError
 from ident.files import json_bytes
-from ident.montecarlo import MonteCarlo
-from ident.montecarlo.trial import SUMS
+from ident.montecarlo import SUMS, MonteCarlo
 from ident.motion import complete
 from ident.show.charts import PRIOR, Chart, Level, Line, Mark, Panel
 from ident.show.html import Page, Section

@@ -206,10 +206,9 @@ def snapshot_sheet(x: Snapshot) -> Sheet:
     for v in x.identified:
         state = "held" if v.name in x.held else ""
         rows.append([v.name, rounded(v.value, v.stderr), f"{v.prior:.5g}", v.unit, state])
-    errors = [["error", "all", "ahead", "rms", "unit"]]
+    errors = [["error", "all", "rms", "unit"]]
     for name, e in x.errors.items():
-        ahead = percent(x.ahead[name].relative if name in x.ahead else None)
-        errors.append([name, percent(e.relative), ahead, f"{e.rms:.4g}", e.unit])
+        errors.append([name, percent(e.relative), f"{e.rms:.4g}", e.unit])
     title = (
         f"at t = {x.t:.6g} s: {x.samples} samples, {x.rows:.6g} equations a coordinate, "
         f"{x.rank} base parameters, condition number {x.condition_number:.3g}; lag "

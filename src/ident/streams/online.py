@@ -80,7 +80,6 @@ class Snapshot(Displayed):
         held: names of the parameters that are held at their last value.
         multipliers: λ of the last sample; none for a tree.
         errors: by joint, of the rows that count, with these parameters.
-        ahead: by joint, of the rows since the snapshot before, predicted by its parameters.
         noise: by joint, the rms that noise of the sensors alone would leave [N m | N].
         rank: number of base parameters; condition_number: of their columns.
         lag: by how much `t` is behind the last sample at most [s].
@@ -95,7 +94,6 @@ class Snapshot(Displayed):
     held: tuple[str, ...]
     multipliers: Forces | None
     errors: Mapping[str, Error]
-    ahead: Mapping[str, Error]
     noise: Mapping[str, float]
     rank: int
     condition_number: float
@@ -170,7 +168,6 @@ class Online:
         self._resting = 0  # samples before the machine moved
         self._stream: Stream | None = None  # after the warm-up
         self._solved: _Solved | None = None
-        self._ahead = Squares.zero(0)
         self.left_out: list[tuple[int, str]] = []  # (row, why) of samples of the last `update`
         self.findings: list[Since] = []  # new ones
         self._early: list[np.ndarray] | None = []  # samples not yet looked at for errors
@@ -297,7 +294,6 @@ class Online:
     def _found(self, stream: Stream) -> Snapshot:
         solved, informed = self._solve()
         parameters, held = self._stated(solved, informed)
-        ahead, self._ahead = self._ahead, Squares.zero(len(self._units))
         names, (lost, why) = self._joints, stream.lost
         left_out = [f"{lost} samples are left out, the last since {why}"] if lost else []
         if self._resting:
@@ -312,7 +308,6 @@ class Online:
             held=held,
             multipliers=self._forces([self._last] if self._last else []),
             errors=solved.squares.errors(names, self._units),
-            ahead=ahead.errors(names, self._units) if ahead.rows.any() else {},
             noise=self._floor,
             rank=base.rank,
             condition_number=base.condition_number,
@@ -363,7 +358,6 @@ class Online:
         self._units = [mechanism.joint(name).force_unit for name in motion.independent]
         self._known: dict[str, tuple[Value, float]] = {}  # identified parameters, and when [s]
         self._most = 0  # base parameters that were known at once
-        self._ahead = Squares.zero(len(motion.independent))
         self._last: SampleWindow | None = None
         self._watch = DataWatch(mechanism, motion, stream.columns_of_samples)
         self._stream = stream
@@ -374,11 +368,6 @@ class Online:
             e, inside = windows[-1]
             self._last = e, slice(inside.stop - 1, inside.stop)
         for rows in parts:
-            if self._solved is not None:
-                off = rows.b - rows.A @ self._solved.estimate.x
-                count = np.full(off.shape[1], float(len(off)))
-                squares = (off**2).sum(axis=0), (rows.tau**2).sum(axis=0)
-                self._ahead = self._ahead + Squares(*squares, count)
             self._accumulator.absorb(rows)
 
     def _solve(self) -> tuple[_Solved, bool]:

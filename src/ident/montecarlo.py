@@ -1,0 +1,575 @@
+"""Monte Carlo studies: how noise of a log changes parameters, estimator beside estimator.
+
+    x + σ ε,  ε ~ N(0, 1) a sample,    σ = rms(x) · 10^(−SNR / 20)
+
+The signal's power includes its mean, as in MATLAB's awgn(x, snr, 'measured'); the paper gives its
+ratios without a definition.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache, partial
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from ident.display import Displayed, Progress, render
+from ident.errors import FitError, LogError, check_whole, line_of, one_of
+from ident.files import Written
+from ident.fit import Fit, identify
+from ident.fit.values import BaseValue, Value
+from ident.log import Log, read_log
+from ident.mechanism.mechanism import Mechanism, Multipliers
+from ident.motion import complete
+from ident.pool import Workers
+
+SAMPLES = 5  # between the paper's hat functions without a time basis: 5 ms of its 1 ms samples
+
+Estimate = Callable[[Mechanism, Log], Fit]
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """A function from a log to a fit, with a name."""
+
+    name: str  # in tables and charts
+    find: Estimate  # (mechanism, log) → fit
+    words: str = ""  # description in one line
+
+
+def with_free_multipliers(mechanism: Mechanism, log: Log, **options: Any) -> Fit:
+    """Return the fit of a completed log with `options` of `identify` and free multipliers."""
+    model = with_basis(mechanism, Multipliers())
+    return identify(model, complete(model, log), **options)
+
+
+def _paper(mechanism: Mechanism, log: Log, spacing: float | None = None) -> Fit:
+    """Return the fit of all channels as logged, λ in hat functions beside the parameters (eq. 8).
+
+    Without a `spacing` [s] the hats are the mechanism's own time basis, else 5 samples wide.
+    """
+    basis = mechanism.multipliers
+    if spacing is not None or basis.degree <= 0:
+        basis = Multipliers("linear", spacing or SAMPLES * float(np.median(np.diff(log.t))))
+    model = with_basis(mechanism, basis)
+    motion = complete(model, log, smoothing=None, cutoff=None)
+    return identify(model, motion, estimator="least-squares")
+
+
+@lru_cache(maxsize=8)
+def with_basis(mechanism: Mechanism, multipliers: Multipliers) -> Mechanism:
+    """Return the mechanism with a basis of λ: one object for all runs, compiled only once."""
+    if mechanism.multipliers == multipliers:
+        return mechanism
+    return replace(mechanism, multipliers=multipliers)
+
+
+def paper(spacing: float | None = None) -> Estimator:
+    """Return the paper's method (sect. 2, eq. 8).
+
+    Args:
+        spacing: of the hat functions [s]; None: the mechanism's own time basis, else 5 samples.
+
+    Raises:
+        FitError: for a spacing that is no positive number.
+    """
+    if spacing is not None and not (np.isfinite(spacing) and spacing > 0):
+        raise FitError(f"spacing {spacing!r} s of the hats; valid: above 0, as 0.005")
+    words = "channels as logged, multipliers in a time basis, plain least squares"
+    return Estimator("paper", partial(_paper, spacing=spacing), words)
+
+
+ESTIMATORS: Mapping[str, Estimator] = {"paper": paper()} | {
+    name: Estimator(name, partial(with_free_multipliers, **options), words)
+    for name, options, words in (
+        ("default", {}, "smoothing and filter; one step of the likelihood where noise matters"),
+        ("least-squares", {"estimator": "least-squares"}, "smoothing and filter, least squares"),
+        ("likelihood", {"estimator": "likelihood"}, "torques and motion weighed together"),
+        ("consistent", {"consistent": True}, "default, bodies and friction possible"),
+    )
+}
+"""The project's own estimators by name."""
+
+
+def estimators_of(given: Sequence[str | Estimator | Estimate]) -> tuple[Estimator, ...]:
+    """Return estimators given by name, as they are, or as functions with their own names.
+
+    Refuses an empty list, an unknown name, an object that cannot be called, or a name twice.
+    """
+    if isinstance(given, str | Estimator) or callable(given):
+        given = [given]
+    estimators: dict[str, Estimator] = {}
+    for each in given:
+        if isinstance(each, str):
+            if each not in ESTIMATORS:
+                raise FitError(f"estimator '{each}'; {one_of(each, ESTIMATORS)}")
+            each = ESTIMATORS[each]
+        elif not isinstance(each, Estimator):
+            if not callable(each):
+                raise FitError(
+                    f"estimator {each!r}: cannot be called; valid: {', '.join(ESTIMATORS)}, an "
+                    "Estimator, or a function (mechanism, log) -> Fit"
+                )
+            words = (each.__doc__ or "").strip().partition("\n")[0]
+            each = Estimator(getattr(each, "__name__", type(each).__name__), each, words)
+        if each.name in estimators:
+            raise FitError(f"estimator '{each.name}' is given twice; give each a name of its own")
+        estimators[each.name] = each
+    if not estimators:
+        raise FitError(f"no estimator given; valid: {', '.join(ESTIMATORS)}, or one of your own")
+    return tuple(estimators.values())
+
+
+CHANNELS = ("q", "v", "a", "tau", "wrench")
+USUAL = CHANNELS[:4]
+SUMS = {"force": "N", "moment": "N m"}  # root sums of squares over all multipliers of a unit
+ENDS = 0.02  # share of the log at either end where errors of the multipliers do not count
+
+TrialRows = tuple[list[tuple[Any, ...]], list[tuple[Any, ...]], list[tuple[Any, ...]]]
+"""Rows of `MonteCarlo.samples`, `errors` and `failures`."""
+
+
+def level(x: np.ndarray, snr: float) -> float:
+    """Return the standard deviation σ of the noise of x (n,) at a signal-to-noise ratio [dB]."""
+    power = float(np.mean(x[np.isfinite(x)] ** 2)) if np.isfinite(x).any() else 0.0
+    return float(np.sqrt(power) * 10 ** (-snr / 20))
+
+
+def noisy_columns(log: Log, channels: Sequence[str]) -> tuple[str, ...]:
+    """Return the columns of a log that get noise; refuse an unknown channel, or a log of none."""
+    for channel in channels:
+        if channel not in CHANNELS:
+            raise LogError(f"noise on '{channel}'; {one_of(channel, CHANNELS)}")
+    columns = tuple(name for name in log.columns if name.partition(".")[0] in channels)
+    if not columns:
+        raise LogError(f"{log.name}: no column of {', '.join(channels)}, so there is no noise")
+    return columns
+
+
+def noisy(log: Log, snr: float, columns: Sequence[str], random: np.random.Generator) -> Log:
+    """Return the log with noise on some columns; empty cells stay empty."""
+    series = dict(log.columns)
+    for name in columns:
+        x = series[name]
+        series[name] = x + level(x, snr) * random.standard_normal(len(x))
+    return Log(log.name, series, log.t, log.repairs)
+
+
+def random_of(seed: int, snr: float, run: int) -> np.random.Generator:
+    """Return the generator of one run's noise, which depends on these three numbers alone."""
+    decibels = round(1000 * snr)
+    key = (2 * abs(decibels) + (decibels < 0), run)
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """True values, given or identified from the log without noise."""
+
+    # values, units: by name of parameters, effects' parameters and base parameters
+    values: Mapping[str, float]
+    units: Mapping[str, str]
+    multipliers: tuple[str, ...]  # their names
+    multiplier_units: tuple[str, ...]  # [N | N m]
+    t: np.ndarray  # (n,) [s]
+    reactions: np.ndarray  # (n, m), NaN where nothing is known
+    words: tuple[str, ...]  # sources of values and reactions
+
+    def errors(self, fit: Fit) -> tuple[float, ...]:
+        """Return the rms of identified − true multipliers over time, 2 % at the ends left out."""
+        if not self.multipliers:
+            return ()
+        t, values = fit.multipliers[0]
+        known = np.stack(
+            [np.interp(t, self.t, x, left=np.nan, right=np.nan) for x in self.reactions.T], axis=1
+        )
+        margin = ENDS * (t[-1] - t[0])
+        inside = (t >= t[0] + margin) & (t <= t[-1] - margin)
+        return tuple(map(float, rms_of(np.where(inside[:, None], values - known, np.nan))))
+
+
+def rms_of(x: np.ndarray) -> np.ndarray:
+    """Return the root mean square (m,) of x (n, m) over the samples that are known."""
+    count = np.isfinite(x).sum(axis=0)
+    total = np.nansum(x**2, axis=0)
+    return np.sqrt(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+
+
+def truth_of(
+    mechanism: Mechanism,
+    log: Log,
+    given: Mapping[str, float] | None = None,
+    reactions: Log | None = None,
+) -> Truth:
+    """Identify the log itself with free multipliers; given values replace the identified ones."""
+    fit = with_free_multipliers(mechanism, log)
+    # everything that the data determine
+    effects = [v for e in fit.effects for v in e.parameters if v.name in fit.columns.names]
+    known: list[Value | BaseValue] = [v for v in (*fit.parameters, *effects) if v.identifiable]
+    known += [v for v in fit.base_parameters if " " in v.name]
+    values, units = {v.name: v.value for v in known}, {v.name: v.unit for v in known}
+    if not values:
+        raise FitError(
+            f"{log.name}: identifies nothing of {mechanism.name}, so noise harms nothing"
+        )
+    for name, value in (given or {}).items():
+        if name not in values:
+            raise FitError(f"truth of '{name}'; {one_of(name, values)}")
+        try:
+            values[name] = float(value)
+        except (TypeError, ValueError):
+            values[name] = np.nan
+        if not np.isfinite(values[name]):
+            raise FitError(f"truth of '{name}' {value!r}; valid: a number, finite")
+    kinematics = mechanism.kinematics
+    names = kinematics.multipliers
+    own = f"{log.name} as it is" + (", with free multipliers" if names else "")
+    if given and len(given) == len(values):
+        words = ["parameters: as given"]
+    else:
+        words = [f"parameters: of {own}" + (f"; as given: {', '.join(given)}" if given else "")]
+    t, true = fit.multipliers[0]
+    if reactions is not None:
+        known_ones = fit.compare_multipliers(reactions)
+        t, true = known_ones.t, known_ones.known
+    if names:
+        words.append(f"multipliers: of {own if reactions is None else reactions.name}")
+    return Truth(values, units, names, kinematics.units, t, true, tuple(words))
+
+
+@dataclass(frozen=True, eq=False)
+class TrialPlan:
+    """Everything that the runs of one log have in common."""
+
+    mechanism: Mechanism  # its unknowns are identified
+    log: Log  # gets the noise
+    estimators: tuple[Estimator, ...]  # applied to the same noise
+    truth: Truth  # compared with them
+    columns: tuple[str, ...]  # of the log, that get noise
+    seed: int  # of all noise
+
+    def log_of(self, snr: float, run: int) -> Log:
+        """Return the noisy log of a run."""
+        return noisy(self.log, snr, self.columns, random_of(self.seed, snr, run))
+
+    def rows(self, task: tuple[float, int]) -> TrialRows:
+        """Apply every estimator to one draw of the noise: at an SNR [dB], of a number."""
+        snr, run = task
+        log, truth = self.log_of(snr, run), self.truth
+        samples, errors, failures = [], [], []
+        for estimator in self.estimators:
+            key = (estimator.name, snr, run)
+            try:
+                fit = estimator.find(self.mechanism, log)
+                values = [
+                    (*key, name, *_value_and_stderr(fit, name), true, truth.units[name])
+                    for name, true in truth.values.items()
+                ]
+                every = list(
+                    zip(truth.multipliers, truth.errors(fit), truth.multiplier_units, strict=True)
+                )
+            except Exception as error:  # of whatever estimator
+                failures.append((*key, line_of(error)))
+                continue
+            samples += values
+            errors += [(*key, *each) for each in every]
+            for name, unit in SUMS.items():
+                same = [rms for _, rms, its in every if its == unit and np.isfinite(rms)]
+                errors += [(*key, name, float(np.linalg.norm(same)), unit)] if same else []
+        return samples, errors, failures
+
+
+def _value_and_stderr(fit: Fit, name: str) -> tuple[float, float]:
+    """Return NaN for a value that this fit does not determine."""
+    try:
+        one = fit[name]
+    except KeyError:  # with noise the data may determine other combinations
+        return np.nan, np.nan
+    if not getattr(one, "identifiable", True):
+        return np.nan, np.nan
+    return float(one.value), np.nan if one.stderr is None else float(one.stderr)
+
+
+# --- all runs ---------------------------------------------------------------------------------
+
+Z95 = 1.96  # standard errors: the central 95 % of a normal distribution
+RUN = {"estimator": pl.String, "snr": pl.Float64, "run": pl.Int64}
+PARAMETER = {"parameter": pl.String, "value": pl.Float64, "stderr": pl.Float64,
+             "truth": pl.Float64, "unit": pl.String}  # fmt: skip
+MULTIPLIER = {"multiplier": pl.String, "rms": pl.Float64, "unit": pl.String}
+AnyLog = Log | str | os.PathLike[str]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MonteCarlo(Displayed, Written):
+    """Identifications of one log with ever new noise. Made by `ident.monte_carlo`.
+
+    Attributes:
+        plan: mechanism, log, estimators, truth and seed of all runs.
+        snr: signal-to-noise ratios [dB], highest first; runs: draws of the noise at each.
+        samples: one row an estimator, SNR, run and parameter: `value`, `stderr`, null where that
+            run does not determine it, with `truth` and `unit`.
+        errors: one row an estimator, SNR, run and multiplier: `rms` error over time, 2 % at either
+            end left out, and `unit`; `force` and `moment` are the root sum of squares over all
+            multipliers of that unit.
+        failures: one row a run that ended in an error: estimator, SNR, run, `error`.
+    """
+
+    plan: TrialPlan
+    snr: tuple[float, ...]
+    runs: int
+    samples: pl.DataFrame
+    errors: pl.DataFrame
+    failures: pl.DataFrame
+
+    @cached_property
+    def table(self) -> pl.DataFrame:
+        """Statistics by estimator, SNR and parameter.
+
+        Columns: `runs` that determine it, `mean`, `bias` (mean − truth), `bias_stderr` (of it,
+        std / √runs), `std`, `rms` (of value − truth), `stderr` (mean of those that the fits claim),
+        `coverage` (share of runs whose value ± 1.96 stderr holds the truth), `truth`, `unit`.
+        """
+        value, truth, stderr = pl.col("value"), pl.col("truth"), pl.col("stderr")
+        off = value - truth
+        return self.samples.group_by("estimator", "snr", "parameter", maintain_order=True).agg(
+            value.count().alias("runs"),
+            value.mean().alias("mean"),
+            off.mean().alias("bias"),
+            (value.std() / value.count().sqrt()).alias("bias_stderr"),
+            value.std().alias("std"),
+            (off**2).mean().sqrt().alias("rms"),
+            stderr.mean().alias("stderr"),
+            (off.abs() <= Z95 * stderr).mean().alias("coverage"),
+            truth.first(),
+            pl.col("unit").first(),
+        )
+
+    @cached_property
+    def multipliers(self) -> pl.DataFrame:
+        """Statistics by estimator, SNR and multiplier.
+
+        Columns: `runs`, `mean` and `std` of the rms errors, `size` (rms of the true one), `unit`.
+        """
+        truth, rms = self.plan.truth, pl.col("rms")
+        sizes = dict(zip(truth.multipliers, rms_of(truth.reactions), strict=True))
+        units = dict(zip(truth.multipliers, truth.multiplier_units, strict=True))
+        sums = {
+            total: float(np.sqrt(np.nansum([sizes[n] ** 2 for n in units if units[n] == unit])))
+            for total, unit in SUMS.items()
+        }
+        size = pl.col("multiplier").replace_strict(sizes | sums, return_dtype=pl.Float64)
+        return (
+            self.errors.group_by("estimator", "snr", "multiplier", maintain_order=True)
+            .agg(
+                rms.count().alias("runs"),
+                rms.mean().alias("mean"),
+                rms.std().alias("std"),
+                pl.col("unit").first(),
+            )
+            .with_columns(size.alias("size"))
+            .filter(pl.col("runs") > 0)
+        )
+
+    @property
+    def estimators(self) -> tuple[str, ...]:
+        """Names."""
+        return tuple(each.name for each in self.plan.estimators)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names."""
+        return tuple(self.plan.truth.values)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Runs that failed or did not determine a parameter."""
+        key, notes, failed = ("estimator", "snr"), [], {}
+        for own, frame in self.failures.group_by(*key, maintain_order=True):
+            failed[own] = frame.height
+            notes.append(
+                f"{own[0]} at {own[1]:g} dB: {frame.height} of {self.runs} runs failed; the first: "
+                f"{frame['error'][0]}"
+            )
+        for r in self.table.iter_rows(named=True):
+            less = self.runs - failed.get((r["estimator"], r["snr"]), 0) - r["runs"]
+            if less > 0:
+                notes.append(
+                    f"{r['estimator']} at {r['snr']:g} dB: {less} of {self.runs} runs do not "
+                    f"determine {r['parameter']}"
+                )
+        return tuple(notes)
+
+    def fit(self, estimator: str, snr: float, run: int) -> Fit:
+        """Repeat one run and return its fit.
+
+        Args:
+            estimator: its name.
+            snr: one of `snr` [dB].
+            run: its number, from 0.
+
+        Raises:
+            FitError: for an unknown estimator, SNR or run; else the error in which that run ended.
+        """
+        self._check(estimator, snr)
+        if not 0 <= run < self.runs:
+            raise FitError(f"run {run}; valid: 0 to {self.runs - 1}")
+        find = {each.name: each.find for each in self.plan.estimators}[estimator]
+        return find(self.plan.mechanism, self.plan.log_of(snr, run))
+
+    def typical(self, estimator: str, snr: float) -> int:
+        """Return the run whose rms error of the multipliers is closest to the average (Figs. 5, 9).
+
+        Without multipliers it is the run whose parameters are off as much as on average.
+
+        Args:
+            estimator: its name.
+            snr: one of `snr` [dB].
+
+        Raises:
+            FitError: for an unknown estimator or SNR, or if all runs failed.
+        """
+        self._check(estimator, snr)
+        same = (pl.col("estimator") == estimator) & (pl.col("snr") == snr)
+        off = self.errors.filter(same & pl.col("multiplier").is_in(list(SUMS))).drop_nulls("rms")
+        square = pl.col("rms") ** 2
+        if off.is_empty():
+            off = self.samples.filter(same & (pl.col("truth") != 0)).drop_nulls("value")
+            square = (pl.col("value") / pl.col("truth") - 1) ** 2
+        if off.is_empty():
+            raise FitError(f"'{estimator}' at {snr:g} dB: every run failed, none is typical")
+        by_run = off.group_by("run", maintain_order=True).agg(square.sum().sqrt().alias("size"))
+        nearest = int(np.abs(by_run["size"].to_numpy() - by_run["size"].mean()).argmin())
+        return int(by_run["run"][nearest])
+
+    def _check(self, estimator: str, snr: float) -> None:
+        if estimator not in self.estimators:
+            raise FitError(f"estimator '{estimator}'; {one_of(estimator, self.estimators)}")
+        if snr not in self.snr:
+            raise FitError(f"SNR {snr:g} dB; valid: {', '.join(f'{x:g}' for x in self.snr)}")
+
+    def plot(self, parameters: Sequence[str] | None = None) -> Any:
+        """Draw box plots over SNR, estimators side by side: parameters, errors of multipliers.
+
+        Args:
+            parameters: names; default: all, but not more than 12.
+
+        Raises:
+            FitError: for an unknown parameter.
+        """
+        for name in parameters or ():
+            if name not in self.parameters:
+                raise FitError(f"parameter '{name}'; {one_of(name, self.parameters)}")
+        return render(self, "plot", parameters)
+
+    def plot_multipliers(self, snr: float | None = None) -> Any:
+        """Draw λ(t) of each estimator's typical run over the true one (Figs. 5 and 9).
+
+        Args:
+            snr: [dB]; default: the lowest.
+
+        Raises:
+            FitError: for an unknown SNR, or a mechanism without multipliers.
+        """
+        return render(self, "multipliers", self.snr[-1] if snr is None else snr)
+
+
+def monte_carlo(
+    mechanism: Mechanism,
+    log: AnyLog,
+    *,
+    snr: float | Sequence[float] = (60, 50, 40, 30),
+    runs: int = 100,
+    estimators: Sequence[str | Estimator | Estimate] = ("paper", "default"),
+    truth: Mapping[str, float] | None = None,
+    reactions: AnyLog | None = None,
+    channels: Sequence[str] = USUAL,
+    seed: int = 0,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+) -> MonteCarlo:
+    """Identify the same log with ever new white noise (the paper's Figs. 4, 7, 8).
+
+    Args:
+        mechanism: with what is unknown.
+        log: without noise, best of a simulation.
+        snr: signal-to-noise ratios [dB] of every channel, power of the mean included.
+        runs: draws of the noise at each.
+        estimators: names (`ident.montecarlo.ESTIMATORS`), an `Estimator`, or functions
+            (mechanism, log) -> Fit; all meet the same noise.
+        truth: true values by name; others are those of the log as it is.
+        reactions: a log of the true multipliers, columns named as they are; else those of the log
+            as it is.
+        channels: which get noise: `q`, `v`, `a`, `tau`, `wrench`.
+        seed: of all noise; the same seed, the same runs, in whatever number of processes.
+        jobs: processes; None: one a core; 1: this one alone.
+        scheduler: address of a Dask scheduler whose workers make the runs, in place of processes.
+        progress: called with (what is being done, share done).
+
+    Returns:
+        Every run's values, standard errors and errors of the multipliers, and their statistics;
+        after Ctrl-C those of the runs that are done. Runs that end in an error are kept, with it,
+        in `failures`.
+
+    Raises:
+        FitError: for an SNR, a number or an estimator that is none, or an unknown truth.
+        LogError: if the log cannot be read or has no channel that gets noise.
+    """
+    ratios, applied = _checked(snr, runs, seed), estimators_of(estimators)
+    log = log if isinstance(log, Log) else read_log(log, mechanism.columns)
+    columns = noisy_columns(log, channels)
+    if reactions is not None and not isinstance(reactions, Log):
+        reactions = read_log(reactions)
+    known = truth_of(mechanism, log, truth, reactions)
+    plan = TrialPlan(mechanism, log, applied, known, columns, int(seed))
+    return _study(plan, ratios, runs, Workers(jobs, scheduler, False, progress))
+
+
+def _checked(snr: float | Sequence[float], runs: int, seed: int) -> tuple[float, ...]:
+    """Return signal-to-noise ratios, each once, highest first; refuse an invalid argument."""
+    check_whole("runs", runs, 1)
+    check_whole("seed", seed)
+    valid = "valid: numbers of dB, as snr=(60, 40, 30)"
+    ratios = np.atleast_1d(np.asarray(snr, dtype=object))
+    for each in ratios:
+        if not (isinstance(each, int | float | np.number) and np.isfinite(each)):
+            raise FitError(f"SNR {each!r}; {valid}")
+    if not len(ratios):
+        raise FitError(f"no SNR given; {valid}")
+    return tuple(sorted(set(map(float, ratios)), reverse=True))
+
+
+def _study(plan: TrialPlan, ratios: tuple[float, ...], runs: int, workers: Workers) -> MonteCarlo:
+    """Make all runs of a plan; Ctrl-C ends it with the runs that are done at every ratio."""
+    tasks = [(snr, run) for run in range(runs) for snr in ratios]
+    names = [f"run {run} at {snr:g} dB" for snr, run in tasks]
+    rows: TrialRows = ([], [], [])
+    done = workers.over(TrialPlan.rows, tasks, plan, names, "runs")
+    count = 0
+    try:
+        for name, ((snr, run), each) in zip(names, done, strict=True):
+            if each is None:  # the process died
+                why = workers.broken[name]
+                each = [], [], [(one.name, snr, run, why) for one in plan.estimators]
+            for mine, new in zip(rows, each, strict=True):
+                mine += new
+            count += 1
+    except KeyboardInterrupt:
+        runs = count // len(ratios)
+        if not runs:
+            raise
+    order = pl.col("snr"), pl.col("run")
+    types = (RUN | PARAMETER, RUN | MULTIPLIER, RUN | {"error": pl.String})
+    frames = (
+        pl.DataFrame(frame, schema=kinds, orient="row")
+        .fill_nan(None)
+        .filter(order[1] < runs)
+        .sort(*order, descending=[True, False], maintain_order=True)
+        for frame, kinds in zip(rows, types, strict=True)
+    )
+    return MonteCarlo(plan, ratios, runs, *frames)
