@@ -56,14 +56,14 @@ def test_bad_input_is_one_line(run, words, said):
 
 def test_what_is_done_is_kept_after_ctrl_c(run, tmp_path, monkeypatch):
     """The fourth draw of the noise does not end; of two runs at each ratio one is whole."""
-    draws, trial = iter(range(3)), montecarlo._trial
+    draws, rows = iter(range(3)), montecarlo.TrialPlan.rows
 
     def interrupted(plans, task):
         if next(draws, None) is None:
             raise KeyboardInterrupt
-        return trial(plans, task)
+        return rows(plans, task)
 
-    monkeypatch.setattr(montecarlo, "_trial", interrupted)
+    monkeypatch.setattr(montecarlo.TrialPlan, "rows", interrupted)
     words = ["--snr", "60,50", "--runs", "9", "--estimator", "least-squares", "--jobs", "1"]
     status, out, err = run(*words, "--out", str(tmp_path))
     assert status == 130

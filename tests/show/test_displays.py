@@ -43,11 +43,10 @@ def nouns():
         "history": ident.grow(mechanism, motion),
         "health": diagnosis.health,
         "correlation": fit.correlation,
-        "unexcited": fit.unexcited,
     }
 
 
-SENTENCES = ("correlation", "health", "unexcited")
+SENTENCES = ("correlation", "health")
 
 
 def test_every_noun_shows_itself_and_nothing_runs(nouns):

@@ -213,10 +213,9 @@ def _show(
             result(f"\n{known}")
     notes(gathered.notes if gathered else fit.warnings)
     try:
-        advice = fit.unexcited.advice
+        notes([str(fit.unexcited)] if fit.unexcited else [])
     except IdentError:
         return
-    notes([advice] if advice else [])
 
 
 def compare(

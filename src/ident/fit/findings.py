@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.display import Displayed, render
 from ident.equations.filter import Decimator
 from ident.equations.unknowns import Columns
 from ident.errors import MotionError
@@ -34,6 +33,7 @@ POOR = 1e3  # condition number above which the motion excites some base paramete
 CERTAIN = 3.0  # standard errors below zero at which a negative coefficient is no accident
 LEAST_MASS = 1e-9  # kg below which a body with first moments cannot be written in a URDF
 FREELY = 0.1  # torque over its terms: an error of 5 % in one of them is half the torque or more
+LITTLE = 0.1  # of the farthest joint's way: one that moves less is named
 POSSIBLE = -1e-6  # of a body's largest eigenvalue: what rounding may leave below zero
 
 
@@ -289,40 +289,6 @@ def _some(names: Sequence[str], most: int) -> str:
     return ", ".join(names[:most]) + rest
 
 
-@dataclass(frozen=True)
-class Lost:
-    """An unknown that another motion would tell.
-
-    Attributes:
-        name: of the unknown.
-        why: `noise`: excited, but less than the residual hides, so it was held at the prior;
-            `same columns`: in this motion it acts as `carriers` do; `unfelt`: no torque feels it.
-        carriers: what stands for it here.
-    """
-
-    name: str
-    why: str
-    carriers: tuple[str, ...]
-
-
-@dataclass(frozen=True, repr=False)
-class Unexcited(Displayed):
-    """Parameters that the motion of a fit does not determine.
-
-    Attributes:
-        lost: unknowns that another motion would tell.
-        moved: by joint (how far it moved, unit of the coordinate).
-    """
-
-    lost: tuple[Lost, ...]
-    moved: dict[str, tuple[float, str]]
-
-    @property
-    def advice(self) -> str:
-        """What to do, in one sentence; empty if nothing is lost."""
-        return str(render(self, "advice"))
-
-
 def excitation(mechanism: Mechanism) -> Motion:
     """Return a made-up motion around the start in which every degree of freedom moves.
 
@@ -366,8 +332,9 @@ def _sines(
     return t, known
 
 
-def unexcited(problem: Problem, found: Estimate) -> Unexcited:
-    """Return what the motion of a fit does not determine, and why.
+def unexcited(problem: Problem, found: Estimate) -> Finding | None:
+    """Return which unknowns another motion would determine, and the joints that hardly move; None
+    where there are none.
 
     Raises:
         MotionError: if no motion can be made up for the mechanism.
@@ -377,18 +344,18 @@ def unexcited(problem: Problem, found: Estimate) -> Unexcited:
     totals = information_of(mechanism, columns, other, initial(mechanism, other)).totals
     ones = np.ones(len(totals))  # unknowns that lead a base parameter if everything moves:
     able = estimate(totals, columns.prior, ones, sigma=ones).base.independent
-    carriers, lost = absorbed_by(columns, found.base), []
-    for i in (int(i) for i in able if i not in found.base.independent):
-        name = columns.names[i]
-        carried = tuple(filter(None, carriers.get(name, "").split(", ")))
-        why = "noise" if found.held[i] else "same columns" if carried else "unfelt"
-        lost.append(Lost(name, why, carried))
-    moved = {name: _moved(mechanism, motion, name) for name in motion.independent}
-    return Unexcited(tuple(lost), moved)
-
-
-def _moved(mechanism: Mechanism, motion: Motion, joint: str) -> tuple[float, str]:
-    """Return how far a joint moved, and its unit."""
-    at = mechanism.joint_index[joint]
-    y = np.concatenate([e.y[e.usable, at] for e in motion.experiments])
-    return float(np.ptp(y)), mechanism.joint(joint).unit
+    lost = tuple(columns.names[i] for i in np.setdiff1d(able, found.base.independent))
+    if not lost:
+        return None
+    still = []
+    for unit in ("rad", "m"):
+        joints = [joint for j in motion.independent if (joint := mechanism.joint(j)).unit == unit]
+        y = np.concatenate([e.y[e.usable] for e in motion.experiments])
+        far = {
+            joint.name: float(np.ptp(y[:, mechanism.joint_index[joint.name]])) for joint in joints
+        }
+        farthest = max(far.values(), default=0.0)
+        still += [f"{name} by {x:.2g} {unit}" for name, x in far.items() if x < LITTLE * farthest]
+    why = f" (it moves {_some(still, 3)} only)" if still else ""
+    text = f"this motion does not determine {_some(lost, 5)}{why}"
+    return Finding("unexcited", text, "ident excite plans one that does", lost)

@@ -19,7 +19,7 @@ from ident.errors import FitError, one_of
 from ident.fit.channel_fits import SMALL
 from ident.fit.consistency import Binding
 from ident.fit.data_checks import DataChecks, Health
-from ident.fit.findings import Finding, Unexcited, unexcited
+from ident.fit.findings import Finding, unexcited
 from ident.fit.likelihood import Likelihood
 from ident.fit.prediction import Prediction, Reactions, identifiable_multipliers, predict
 from ident.fit.problem import Problem
@@ -209,8 +209,8 @@ class Fit(Charted):
         return Correlation.of(self.columns, self.estimate, self.covariance)
 
     @cached_property
-    def unexcited(self) -> Unexcited:
-        """Parameters that this motion does not determine, why, and which motion would."""
+    def unexcited(self) -> Finding | None:
+        """Parameters that another motion would determine, and the joints that hardly move."""
         return unexcited(self.problem, self.estimate)
 
     @property

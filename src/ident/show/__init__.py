@@ -10,7 +10,6 @@ MODULES = {
     "experiment": ("Diagnosis",),
     "fit": (
         "Binding", "Correlation", "Fit", "Likelihood", "Reactions",
-        "Unexcited",
     ),
     "ladder": ("Comparison", "History", "Step"),
     "montecarlo": ("MonteCarlo",),

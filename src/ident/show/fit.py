@@ -12,7 +12,6 @@ from ident.display import render, renders
 from ident.errors import FitError
 from ident.fit.consistency import Binding
 from ident.fit.files import Saved, write_fit, write_urdf
-from ident.fit.findings import Unexcited
 from ident.fit.likelihood import Likelihood
 from ident.fit.prediction import Reactions, predict
 from ident.fit.residual import residual_of
@@ -40,12 +39,6 @@ from ident.show.sheet import Sheet
 from ident.text import listed, percent, rounded, shortened, some
 
 MOST = 60  # parameters in one chart
-LITTLE = 0.1  # of the farthest joint's way: one that moves less is named
-WHY = {
-    "noise": "too little of it for a residual of this size",
-    "same columns": "acts as {}",
-    "unfelt": "it has no effect on any torque in this motion",
-}
 LAMBDA = "The reaction forces that the closures need for this motion; they rest on the model."
 Rows = list[list[str]]
 
@@ -88,31 +81,6 @@ def correlation(x: Correlation) -> str:
 
 def _pairs(x: Correlation) -> list[str]:
     return [f"{first} and {second} ({r:+.3f})" for first, second, r in x.pairs(STRONG)]
-
-
-@renders(Unexcited, "text")
-def unexcited(x: Unexcited) -> str:
-    """Return what a motion does not determine, which joints hardly move, and what plans one."""
-    if not x.lost:
-        return "this motion tells all that a motion can tell"
-    lines = ["this motion does not determine what another one would:"]
-    lines += [f"  {e.name}: {WHY[e.why].format(', '.join(e.carriers[:3]))}" for e in x.lost]
-    return "\n".join([*lines, x.advice])
-
-
-@renders(Unexcited, "advice")
-def advice(x: Unexcited) -> str:
-    """Return what to do so that the unknowns are determined; empty if none is lost."""
-    if not x.lost:
-        return ""
-    farthest: dict[str, float] = {}  # of the joints of a unit
-    for far, unit in x.moved.values():
-        farthest[unit] = max(far, farthest.get(unit, 0.0))
-    moved = x.moved.items()
-    still = [f"{j} by {far:.2g} {u}" for j, (far, u) in moved if far < LITTLE * farthest[u]]
-    why = f" (it moves {some(still, 3)} only)" if still else ""
-    names = some([each.name for each in x.lost], 5)
-    return f"this motion does not determine {names}{why}: ident excite plans one that does"
 
 
 def _reaction_rows(x: Reactions) -> Rows:

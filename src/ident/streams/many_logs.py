@@ -2,20 +2,16 @@
 
 Were a log like all others but for one unknown j, that unknown would differ by δ_j:
 
-    δ_j = w_jᵀ g / h_j,   h_j = w_jᵀ H w_j,   H = Σ AᵀA / σ²,   g = Aᵀ(b − A β) / σ²
-    Var δ_j = s² D_j / h_j + w_jᵀ H C H w_j / h_j²,             z_j = δ_j / √Var δ_j
+    r = g − H (H + H_o)⁺ (g + g_o)        the log's score at the fit of it and the others together
+    P = H (H + H_o)⁺ H_o                  what both determine of a difference
+    δ_j = w_jᵀ r / w_jᵀ P w_j             z_j = δ_j / √Var δ_j
 
-β, C: base parameters of all other logs and their covariance; w_j: what j changes of them, made
-orthogonal (under H) to what the other logs do not determine. s² is the noise of this log, what its
-own fit leaves; D_j, the ratio of the variance of j to that of white residuals, from the blocks of
-all logs in their own fits, and so is C (`information.chance`): a difference between logs is in
-none of them. Of m numbers, the largest |z_j| is no surprise:
-
-    p = 1 − (1 − min_j p_j)^m,   m = (Σ √λ)² / Σ λ
-
-with λ the eigenvalues of the z's correlation (N. W. Galwey, Genetic Epidemiology 33(7), 2009). A
-log that disagrees makes the others look odd: the one that does so most is set aside, and the rest
-judged again without it, until none is left or the majority would be lost.
+H = Σ AᵀA / σ², g = Aᵀ(b − A x) / σ² of the log, H_o, g_o of all others; w_j: what j changes of the
+base parameters. Var r is that of white residuals, of each log by what its own fit leaves, times the
+ratio that blocks of all logs in their own fits show along w_j (`information.chance`): a difference
+between logs is in neither. Of m unknowns p = m min_j p_j (Bonferroni). A log that disagrees makes
+the others look odd: the one that does so most is set aside, and the rest judged again without it,
+until none is left or the majority would be lost.
 
 Diagnoses of each log stand beside that of all of them together.
 """
@@ -204,15 +200,14 @@ def disagreements(
     numbers = information.where(lambda block: block.triangle.rows > 0).logs
     if len(numbers) < 2 or not joint.base.rank:
         return {}
-    logs, least = _Logs(information, joint, columns), RATE / len(numbers)
-    agreeing = numbers
+    logs, least, agreeing = _Logs(information, joint, columns), RATE / len(numbers), numbers
     while True:
-        odd = [i for i in agreeing if logs.against(agreeing, i, least).clear]
+        found = {i: logs.against(agreeing, i, least) for i in agreeing}
+        odd = [i for i, (each, _) in found.items() if each.clear]
         if not odd or 2 * (len(agreeing) - 1) <= len(numbers):
-            break
-        worst = max(odd, key=lambda i: logs.fall(agreeing, i))
+            return {i: logs.against(agreeing, i, least)[0] for i in numbers}
+        worst = max(odd, key=lambda i: found[i][1])
         agreeing = [i for i in agreeing if i != worst]
-    return {i: logs.against(agreeing, i, least) for i in numbers}
 
 
 class _Logs:
@@ -233,8 +228,8 @@ class _Logs:
                 parts[effect.label] = own
         # unknowns by body and effect, those of the fewest first
         self.parts = dict(sorted(parts.items(), key=lambda item: len(item[1])))
-        # by log: H (n, n) and g (n,) at the estimate, s², S (n, n), the covariance of g, of its
-        # blocks in its own fit, and the number of squares that this rests on
+        # by log: H (n, n) and g (n,) at the estimate, s², S (n, n), the covariance of g of its
+        # blocks in its own fit over s², and the number of squares that this rests on
         self.H, self.g, self.noise, self.S, self.nu = {}, {}, {}, {}, {}
         for log in information.logs:
             mine = information.of_log(log)
@@ -242,98 +237,71 @@ class _Logs:
             if not keys:
                 continue
             H, g = H_b.sum(axis=0), g_b.sum(axis=0)
-            inverse, open_ = _inverse(H)
+            inverse = _inverse(H)
             own = inverse @ g
             residuals = [
                 c.triangle.residual_norm(joint.x[c.support]) / joint.sigma[c.coordinate]
                 for c in mine
             ]
-            spare = max(sum(c.triangle.rows for c in mine) - base.rank + open_.shape[1], 1)
-            others = linear.pinv(H - H_b, rcond=UNKNOWN, hermitian=True)
+            spare = sum(c.triangle.rows for c in mine) - np.linalg.matrix_rank(inverse)
+            others = _inverse(H - H_b)
             errors = (others @ (g_b - H_b @ own)[..., None])[..., 0] @ H  # at the fit of all others
-            self.H[log], self.g[log] = H, g
-            self.noise[log] = max((np.sum(np.square(residuals)) - g @ own) / spare, LEAST_NOISE[0])
-            self.S[log], nu = long_run(keys, errors, np.diagonal(H_b, axis1=1, axis2=2))
-            self.nu[log] = float(np.median(nu))
+            left = float(np.sum(np.square(residuals)) - g @ own) / max(spare, 1)
+            self.H[log], self.g[log], self.noise[log] = H, g, max(left, LEAST_NOISE[0])
+            S, nu = long_run(keys, errors, np.diagonal(H_b, axis1=1, axis2=2))
+            self.S[log], self.nu[log] = S / self.noise[log], float(np.median(nu))
 
-    def against(self, agreeing: Sequence[int], log: int, least: float) -> Disagreement:
-        """Compare a log with all others of those that agree; it is clear from p < `least` on."""
-        others = [i for i in agreeing if i != log]
+    def against(
+        self, agreeing: Sequence[int], log: int, least: float
+    ) -> tuple[Disagreement, float]:
+        """Compare a log with all others of those that agree; it is clear from p < `least` on.
+
+        Returns also the fall of the squared error if it may have parameters of its own.
+        """
+        others, W = [i for i in agreeing if i != log], self.ways
         H, H_o = self.H[log], np.sum([self.H[i] for i in others], axis=0)
-        inverse, open_ = _inverse(H_o)
-        beta = inverse @ np.sum([self.g[i] for i in others], axis=0)
-        # what the others leave open, this log may choose
-        free = open_ @ linear.pinv(open_.T @ H @ open_, rcond=UNKNOWN, hermitian=True) @ open_.T
-        own = beta + free @ (self.g[log] - H @ beta)
-        W = self.ways - free @ (H @ self.ways)
-        h = _along(H, W)
-        known = np.flatnonzero(h > UNKNOWN * _along(H + H_o, self.ways))
+        share = H @ _inverse(H + H_o)
+        r = self.g[log] - share @ np.sum([self.g[i] for i in (log, *others)], axis=0)
+        P = share @ H_o
+        P = 0.5 * (P + P.T)
+        h = _along(P, W)
+        known = np.flatnonzero(h > UNKNOWN * _along(H + H_o, W))
         if not len(known):
-            return Disagreement(1.0, False, "", 0.0, np.nan, "", (), 0.0)
-        W, h, g = W[:, known], h[known], self.g[log] - H @ own
-        delta, project = W.T @ g / h, H @ W / h  # of an error of β onto δ
-        more, nu = self._spread({i: S / self.noise[i] for i, S in self.S.items()}, W)
-        white = _along(np.sum(list(self.H.values()), axis=0), W)
-        V = self.noise[log] * np.maximum(more / white, 1.0) / h
-        V_o, nu_o = self._spread({i: self.S[i] for i in others}, inverse @ project)
-        stderr = np.sqrt(V + V_o)
-        nu = BELIEVED * (V + V_o) ** 2 / (V**2 / nu + V_o**2 / nu_o)
-        p_each = 2 * student.sf(np.abs(delta / stderr), np.maximum(nu, FEWEST_SQUARES))
-        p = _of_many(p_each, W.T @ H @ W / np.outer(h, h) + project.T @ inverse @ project)
-        fall, shares = delta**2 * h, {}
-        whole = g @ linear.pinv(H, rcond=UNKNOWN, hermitian=True) @ g
+            return Disagreement(1.0, False, "", 0.0, np.nan, "", (), 0.0), 0.0
+        W, h = W[:, known], h[known]
+        M, noise = np.eye(len(H)) - share, sum(self.noise[i] * self.H[i] for i in others)
+        white = self.noise[log] * M @ H @ M.T + share @ noise @ share.T
+        each = np.array([_along(S, W) for S in self.S.values()])
+        longer = each.sum(axis=0) / _along(np.sum(list(self.H.values()), axis=0), W)
+        nus = np.array(list(self.nu.values()))[:, None]
+        nu = BELIEVED * each.sum(axis=0) ** 2 / np.maximum((each**2 / nus).sum(axis=0), 1e-300)
+        delta, stderr = W.T @ r / h, np.sqrt(np.maximum(longer, 1.0) * _along(white, W)) / h
+        p = 2 * student.sf(np.abs(delta / stderr), np.maximum(nu, FEWEST_SQUARES))
+        chance = float(min(1.0, len(known) * p.min()))
+        fall, shares = float(r @ _inverse(P) @ r), {}
         for name, unknowns in self.parts.items():  # what each part explains by itself
             D = W[:, np.isin(known, unknowns)]
-            mine = (D.T @ g) @ linear.pinv(D.T @ H @ D, rcond=1e-9, hermitian=True) @ (D.T @ g)
-            shares[name] = float(np.clip(mine / whole, 0.0, 1.0)) if whole > 0 else 0.0
+            mine = (D.T @ r) @ linear.pinv(D.T @ P @ D, rcond=1e-9, hermitian=True) @ (D.T @ r)
+            shares[name] = float(np.clip(mine / fall, 0.0, 1.0)) if fall > 0 else 0.0
         best = max(shares.values(), default=0.0)
-        near = [name for name, share in shares.items() if share >= best - NEARLY]
-        j = int((fall >= (1 - SAME) * fall.max()).argmax())  # of multiples of each other the first
-        return Disagreement(
-            p, p < least, self.columns.names[known[j]], float(delta[j]), float(stderr[j]),
+        near = [name for name, x in shares.items() if x >= best - NEARLY]
+        explained = delta**2 * h  # of multiples of each other the first
+        j = int((explained >= (1 - SAME) * explained.max()).argmax())
+        odd = Disagreement(
+            chance, chance < least, self.columns.names[known[j]], float(delta[j]), float(stderr[j]),
             self.columns.units[known[j]], tuple(sorted(near, key=lambda n: -shares[n])), best,
         )  # fmt: skip
-
-    def fall(self, agreeing: Sequence[int], log: int) -> float:
-        """Return the fall of the squared error if a log may have parameters of its own."""
-
-        def explained(logs: Sequence[int]) -> float:  # from the estimate to their own fit
-            H, g = (np.sum([each[i] for i in logs], axis=0) for each in (self.H, self.g))
-            return float(g @ _inverse(H)[0] @ g)
-
-        others = [i for i in agreeing if i != log]
-        return explained([log]) + explained(others) - explained(agreeing)
-
-    def _spread(
-        self, covariances: Mapping[int, np.ndarray], D: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Variances (m,) of sums over logs along directions D (n, m), and the numbers of squares
-        that they rest on (Satterthwaite).
-        """
-        each = _along(np.array(list(covariances.values())), D)
-        nu = np.array([self.nu[log] for log in covariances])[:, None]
-        total, tiny = each.sum(axis=0), np.finfo(float).tiny
-        return total, total**2 / np.maximum((each**2 / nu).sum(axis=0), tiny)
+        return odd, fall
 
 
 def _along(S: np.ndarray, D: np.ndarray) -> np.ndarray:
-    """dᵀ S d (…, m) for each direction d of D (n, m), of one S (n, n) or several."""
-    return np.asarray((D * (S @ D)).sum(axis=-2))
+    """dᵀ S d (m,) for each direction d of D (n, m)."""
+    return np.asarray((D * (S @ D)).sum(axis=0))
 
 
-def _inverse(H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse in the directions that H determines, and the others (n, n − rank)."""
-    values, vectors = np.linalg.eigh(H)
-    known = values > UNKNOWN * values.max(initial=0.0)
-    return (vectors[:, known] / values[known]) @ vectors[:, known].T, vectors[:, ~known]
-
-
-def _of_many(p: np.ndarray, covariance: np.ndarray) -> float:
-    """Chance that the smallest of m p-values is as small as that of these."""
-    size = np.sqrt(np.diag(covariance))
-    values = np.maximum(np.linalg.eigvalsh(covariance / np.outer(size, size)), 0.0)
-    m = np.sqrt(values).sum() ** 2 / values.sum()
-    return float(-np.expm1(m * np.log1p(-min(p.min(), 1.0 - 1e-16))))
+def _inverse(H: np.ndarray) -> np.ndarray:
+    """Inverse in the directions that H (…, n, n) determines."""
+    return linear.pinv(H, rcond=UNKNOWN, hermitian=True)
 
 
 TOGETHER = 300_000  # samples of all logs, from which stretches stand for them
