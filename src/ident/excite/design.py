@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import lru_cache
 from itertools import islice
 
 import numpy as np
@@ -42,8 +42,7 @@ MARGIN = 0.97  # share of the limits that follow from the drives' motion, at the
 PILOTS = 12, 40  # random motions whose rows give base and scale; draws at most
 STEPS, GAIN = 150, 1e-5  # steps of each search at most, and gain of J below which it ends
 SLACK = 1e-3  # of half a limit's width, by which the optimum may exceed the tightened limits
-# steps of differences in y, ẏ, ÿ: shares of half range, top speed, acceleration
-STEP = 1e-5, 0.06, 1e-3
+STEP = 1e-5  # of a number of x, of differences
 WORTHLESS = 1e3  # −J of a motion that cannot be followed: no step of the search leads there
 SHRINK, SHRINKS = 0.99, 20  # of a motion that breaks a limit between the samples
 AWAY = 0.05  # of its range, the distance of home from a joint's limits
@@ -53,44 +52,12 @@ NOISE = 0.01  # of the limit of torque: the noise expected of a torque signal
 
 @dataclass(frozen=True, eq=False)
 class ExcitingMotion:
-    """A motion: x (d, P), its rows, limited quantities z (n, Z), criterion J and G = ∂J/∂W."""
+    """A motion: x (d, P), its rows, limited quantities z (n, Z), and criterion J."""
 
-    problem: DesignProblem
     x: np.ndarray
     rows: MotionRows
     z: np.ndarray
     J: float
-    G: np.ndarray
-
-    @cached_property
-    def slopes(self) -> tuple[np.ndarray, np.ndarray]:
-        """∂J/∂x (d P,) and ∂z/∂x (n, Z, d P).
-
-        Rows and quantities depend on their own sample (y, ẏ, ÿ) alone, hence
-        ∂J/∂x = Σ_n (G_n ∘ ∂W_n/∂(y, ẏ, ÿ)) · basis_n.
-        """
-        problem, family, rows = self.problem, self.problem.family, self.rows
-        _, n, d, P = family.basis.shape
-        dJ, dz = np.zeros((d, P)), np.zeros((*self.z.shape, d, P))
-        states = family.states(rows.e)
-        sizes = family.series.half, *np.abs(states[1:]).max(axis=1)
-        for channel, u in np.ndindex(3, d):
-            # central differences in y and ẏ, forward ones in ÿ. Rows of rigid bodies are linear in
-            # ÿ and quadratic in ẏ, so that wide steps are exact there; in ẏ they also show how dry
-            # friction changes sign at a reversal, which narrow ones would miss
-            h = STEP[channel] * sizes[channel][u]
-            shift = np.zeros_like(states)
-            shift[channel, :, u] = h
-            above = family.beside(rows.e, states + shift)
-            below = rows if channel == 2 else family.beside(rows.e, states - shift)
-            if above is None or below is None or h <= 0:
-                continue
-            width, basis = h * (2 if channel < 2 else 1), family.basis[channel, :, u]
-            dW = (problem.W(above) - problem.W(below)) / width
-            dJ[u] += (self.G * dW).reshape(n, -1).sum(axis=1) @ basis
-            own = (problem.box.z(above.e) - problem.box.z(below.e)) / width
-            dz[:, :, u] += own[:, :, None] * basis[:, None]
-        return dJ.ravel(), dz.reshape(*self.z.shape, d * P)
 
 
 class DesignProblem:
@@ -198,8 +165,8 @@ class DesignProblem:
         self, x: np.ndarray, rows: MotionRows, criterion: Criterion
     ) -> ExcitingMotion | None:
         """Evaluate a motion; None where it does not determine all unknowns."""
-        found = criterion.at(self.W(rows))
-        return None if found is None else ExcitingMotion(self, x, rows, self.box.z(rows.e), *found)
+        J = criterion.at(self.W(rows))
+        return None if J is None else ExcitingMotion(x, rows, self.box.z(rows.e), J)
 
     def search(self, start: ExcitingMotion, criterion: Criterion) -> ExcitingMotion:
         """Maximise J inside the tightened limits by sequential quadratic programming (SLSQP).
@@ -210,37 +177,41 @@ class DesignProblem:
         shape, box = start.x.shape, self.box
         # amplitudes are at most 4/π of a function's
         bound = max(2.0, 4 / np.pi * np.sqrt(self.family.series.harmonics))
-        visited = {start.x.tobytes(): start}
         best = near = start
 
-        def at(x: np.ndarray) -> ExcitingMotion:
+        @lru_cache(maxsize=4)  # objective and constraints are asked at the same x
+        def at(key: bytes) -> ExcitingMotion:
             nonlocal best, near
-            key = x.tobytes()
-            if key not in visited:
-                visited.clear()
-                rows = self.family.motion(x.reshape(shape), near.rows.e)
-                c = rows and self.candidate(x.reshape(shape).copy(), rows, criterion)
-                near = c or near
-                visited[key] = c or replace(near, J=-WORTHLESS)
-                if c and c.J > best.J and box.excess(c.z).max() < SLACK:
-                    best = c
-            return visited[key]
+            x = np.frombuffer(key).reshape(shape)
+            rows = self.family.motion(x, near.rows.e)
+            c = rows and self.candidate(x, rows, criterion)
+            near = c or near
+            if c and c.J > best.J and box.excess(c.z).max() < SLACK:
+                best = c
+            return c or replace(near, J=-WORTHLESS)
+
+        @lru_cache(maxsize=1)
+        def slopes(key: bytes) -> tuple[np.ndarray, np.ndarray]:
+            """Return ∂J/∂x (d P,) and ∂z/∂x (n Z, d P)."""
+            c, x = at(key), np.frombuffer(key)
+            moved = [at((x + h).tobytes()) for h in STEP * np.eye(len(x))]
+            moved = [each if each.J > -WORTHLESS else c for each in moved]
+            dz = np.stack([(each.z - c.z)[:, limited] / half for each in moved], axis=-1)
+            return np.array([each.J - c.J for each in moved]) / STEP, dz.reshape(-1, len(x)) / STEP
 
         limited = np.isfinite(box.low) | np.isfinite(box.high)
         half, n = box.half[limited], len(start.z)
         low, high = (np.tile(each[limited] / half, n) for each in (box.low, box.high))
         limits = NonlinearConstraint(
-            lambda x: (at(x).z[:, limited] / half).ravel(),
-            low,
-            high,
-            jac=lambda x: (at(x).slopes[1][:, limited] / half[:, None]).reshape(len(low), -1),
-        )
+            lambda x: (at(x.tobytes()).z[:, limited] / half).ravel(), low, high,
+            jac=lambda x: slopes(x.tobytes())[1],
+        )  # fmt: skip
         while True:
             before = best.J
             minimize(
-                lambda x: -at(x).J,
+                lambda x: -at(x.tobytes()).J,
                 best.x.ravel(),
-                jac=lambda x: -at(x).slopes[0],
+                jac=lambda x: -slopes(x.tobytes())[0],
                 method="SLSQP",
                 bounds=[(-bound, bound)] * best.x.size,
                 constraints=limits,

@@ -3,7 +3,6 @@
 The criterion that is maximised: log-determinants of the information of some unknowns.
 
     W = A_I / σ     M = WᵀW     J = Σ w_j log det M_j − w log κ
-    d log det M = Σ G ∘ dW,  G = 2 Q R⁻ᵀ
 
 D-optimality:  J = log det M / 2r: −J is the mean logarithm of the standard errors. It hardly cares
 for the condition number κ of W with unit columns, which costs little to lower: hence w log κ.
@@ -21,7 +20,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular, subspace_angles
 
 from ident.display import Plotted
 from ident.effects import KINDS, parse
@@ -59,41 +57,18 @@ class Criterion:
         every = np.arange(r)
         return cls(((wa + wb, every), (-wa, np.setdiff1d(every, a)), (-wb, np.setdiff1d(every, b))))
 
-    def at(self, W: np.ndarray) -> tuple[float, np.ndarray] | None:
-        """Return J and G (N, r) of rows W (N, r); None where W does not determine all unknowns."""
-        value, slope = 0.0, np.zeros_like(W)
+    def at(self, W: np.ndarray) -> float | None:
+        """Return J of rows W (N, r); None where W does not determine all unknowns."""
+        value, R = 0.0, np.asarray(np.linalg.qr(W, mode="r"))
         for weight, columns in self.parts:
-            Q, R = np.linalg.qr(W[:, columns])
-            size = np.abs(R.diagonal())
+            size = np.abs(np.asarray(np.linalg.qr(R[:, columns], mode="r")).diagonal())
             if not size.min(initial=1.0) > TINY * size.max(initial=1.0):
                 return None
             value += 2 * weight * float(np.log(size).sum())
-            slope[:, columns] += 2 * weight * solve_triangular(R, Q.T, lower=False).T
         if self.balance:
-            worse, steeper = log_condition(W)
-            value, slope = value - self.balance * worse, slope - self.balance * steeper
-        return value, slope
-
-
-def log_condition(W: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return log κ of W (N, r) with columns of unit norm, and its slope by W.
-
-    d log σ = uᵀ dN v / σ of a singular value of N = W / |W_j|;  dN_j = (I − N_j N_jᵀ) dW_j / |W_j|.
-    """
-    size = np.linalg.norm(W, axis=0)
-    N = W / size
-    U, s, Vt = linear.svd(N, full_matrices=False)
-    G = np.outer(U[:, 0], Vt[0]) / s[0] - np.outer(U[:, -1], Vt[-1]) / s[-1]
-    return float(np.log(s[0] / s[-1])), (G - N * (N * G).sum(axis=0)) / size
-
-
-def _beside(A: np.ndarray, C: np.ndarray) -> np.ndarray:
-    """Return the part of C orthogonal to the columns of A, which may depend on each other."""
-    size = np.linalg.norm(A, axis=0)
-    A = A / np.where(size > 0, size, 1.0)
-    for _ in range(2):  # twice is enough against rounding
-        C = C - A @ linear.lstsq(A, C, rcond=1e-10)[0]
-    return C
+            _, s, _ = linear.svd(R / np.linalg.norm(R, axis=0))
+            value -= self.balance * float(np.log(s[0] / s[-1]))
+        return value
 
 
 @dataclass(frozen=True)
@@ -113,15 +88,13 @@ class Separation:
     first: str  # first, second: their labels
     second: str
     cosine: float  # the largest of what both predict, all else projected out; 1: no difference
-    share: tuple[float, float]  # of each one's torque, that nothing else explains, the other too
     stderr: tuple[float, float]  # of each one's first unknown when everything is refitted
     units: tuple[str, str]
 
     def __str__(self) -> str:
-        (a, b), (ea, eb), (ua, ub) = self.share, self.stderr, self.units
+        (ea, eb), (ua, ub) = self.stderr, self.units
         return (
-            f"{self.first} and {self.second}: cosine {self.cosine:.4g} beside all else; of their "
-            f"torque {100 * a:.3g} % and {100 * b:.3g} % is explained by nothing else; expected "
+            f"{self.first} and {self.second}: cosine {self.cosine:.4g} beside all else; expected "
             f"standard errors {ea:.2g} {ua} and {eb:.2g} {ub}"
         )
 
@@ -183,7 +156,8 @@ class Determined:
         self.base = rank_revealing(factor, TOLERANCE)
         R = factor.restricted(self.base.independent).R
         self.log_det = 2 * float(np.log(np.abs(R.diagonal())).sum())  # of the information
-        self.stderr = np.sqrt(solve(factor, self.base).C.diagonal())  # (r,) of base parameters
+        self.C = solve(factor, self.base).C  # (r, r) covariance of base parameters
+        self.stderr = np.sqrt(self.C.diagonal())
 
     def expected(self, point: Point) -> tuple[ExpectedValue, ...]:
         """Return prior and standard error of every base parameter."""
@@ -194,23 +168,20 @@ class Determined:
         return tuple(ExpectedValue(name, float(p), float(s), unit) for name, p, s, unit in named)
 
     def separation(self, pair: tuple[str, str]) -> Separation:
-        """Return how well two effects are distinguished."""
-        independent, columns = list(self.base.independent), self.columns
-        a, b = (places_of(columns, label) for label in pair)
-        rest = np.setdiff1d(np.arange(self.W.shape[1]), [*a, *b])
-        C, D = self.W[:, a], self.W[:, b]
-        angles = subspace_angles(*(_beside(self.W[:, rest], each) for each in (C, D)))
-        shares = [
-            float(np.linalg.norm(_beside(self.W[:, [*rest, *other]], own)) / np.linalg.norm(own))
-            for own, other in ((C, b), (D, a))
-        ]
-        errors = [
-            float(self.stderr[independent.index(own[0])]) if own[0] in independent else np.inf
-            for own in (a, b)
-        ]
-        units = columns.units[a[0]], columns.units[b[0]]
-        cosine = float(np.cos(angles.min()))
-        return Separation(*pair, cosine, (shares[0], shares[1]), (errors[0], errors[1]), units)
+        """Return how well two effects are distinguished: by the canonical correlation of their
+        estimates, that of their predictions beside all else.
+        """
+        columns, place = self.columns, {i: k for k, i in enumerate(self.base.independent.tolist())}
+        places = [places_of(columns, label) for label in pair]
+        both = [[place[i] for i in own if i in place] for own in places]
+        errors = [self.stderr[place[i]] if i in place else np.inf for i, *_ in places]
+        cosine, (a, b) = 1.0, both
+        if np.isfinite(errors).all():
+            A, B = (np.linalg.cholesky(self.C[np.ix_(x, x)]) for x in (a, b))
+            M = np.linalg.solve(A, np.linalg.solve(B, self.C[np.ix_(b, a)]).T)
+            cosine = float(np.linalg.norm(M, 2))
+        units = columns.units[places[0][0]], columns.units[places[1][0]]
+        return Separation(*pair, cosine, (float(errors[0]), float(errors[1])), units)
 
 
 def separation(

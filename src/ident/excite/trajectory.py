@@ -381,11 +381,6 @@ class Family:
                 return None
         return e
 
-    def beside(self, near: State, states: np.ndarray) -> MotionRows | None:
-        """Return the rows at y, ẏ, ÿ (3, n, d) near a state; None where it cannot be followed."""
-        e = self.follow(near, states)
-        return None if e is None else self.rows(e)
-
     def steps(self, way: float) -> int:
         """Return in how many steps a way [rad | m] can be followed along the branch."""
         return max(int(np.ceil(way / (0.9 * LEAP))), 1) if self.mechanism.closures else 1

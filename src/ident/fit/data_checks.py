@@ -175,7 +175,7 @@ class DataChecks:
     def health(self) -> Health:
         """Judge the data, gravest first."""
         found = [*self.faults[0]]
-        if len(self.equations.total) and self.mechanism.driven:
+        if self.mechanism.driven:
             if all(each.code == "delay" and len(each.where) == 1 for each in found):
                 found += self._late()  # in one joint alone it is that joint's friction
             found = found or [*self._strangers(self.faults[2])] or [*self._magnitudes()]
@@ -198,8 +198,8 @@ class DataChecks:
         """The faults that are named, the model's own equations with the torques as they would be,
         and the relative errors (d,) that wrong torques leave.
         """
-        if not self.mechanism.driven or not len(self.equations.total):
-            return [], None, np.zeros(0)
+        if max(self.errors.values(), default=0.0) < SMALL or not len(self.equations.total):
+            return [], None, np.zeros(len(self.errors))  # no channel is blamed
         found, noise = self.equations.credible(self.reference, self.explained)
         if found and self._rivalled(noise, self.table, self.use):
             found, noise = [], self.equations.noise(self.equations.as_logged)
@@ -230,7 +230,7 @@ class DataChecks:
 
     def _strangers(self, noise: Array) -> Iterator[Finding]:
         """Report torques that do not belong to this motion."""
-        names = [f"tau.{name}" for name in self.equations.strangers(noise)]
+        names = noise.any() and [f"tau.{name}" for name in self.equations.strangers(noise)]
         if names and self.reference.max() > LEAVES:
             text = (
                 f"{', '.join(names)}: explained no better by this motion than at another time of "
@@ -253,7 +253,7 @@ class DataChecks:
         """
         names, equations = self.problem.motion.independent, self.equations
         errors = np.array([self.errors[name] for name in names])
-        if not len(equations.total) or errors.max(initial=0.0) < DOUBT:
+        if errors.max(initial=0.0) < DOUBT or not len(equations.total):
             return
         beyond = self.beyond_noise()
         bad = (errors > LEAVES) | ((errors > DOUBT) & (beyond > BEYOND))
