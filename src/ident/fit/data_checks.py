@@ -251,9 +251,9 @@ class DataChecks:
         """Report torques of which the model leaves so much that its numbers mean little: LEAVES, or
         DOUBT where noise of the sensors would leave far less.
         """
-        names, equations = self.problem.motion.independent, self.equations
+        names = self.problem.motion.independent
         errors = np.array([self.errors[name] for name in names])
-        if errors.max(initial=0.0) < DOUBT or not len(equations.total):
+        if errors.max(initial=0.0) < DOUBT or not len(self.equations.total):
             return
         beyond = self.beyond_noise()
         bad = (errors > LEAVES) | ((errors > DOUBT) & (beyond > BEYOND))
