@@ -197,38 +197,6 @@ def test_prints_and_draws(found, tmp_path):
     np.testing.assert_array_equal(again.t, x.log.t)
 
 
-def slope(f, x: np.ndarray, h: float = 1e-6) -> np.ndarray:
-    """Central differences of a number."""
-    out = np.zeros(x.shape)
-    for i in np.ndindex(x.shape):
-        d = np.zeros(x.shape)
-        d[i] = h
-        out[i] = (f(x + d) - f(x - d)) / (2 * h)
-    return out
-
-
-@pytest.mark.parametrize("name", ["arm", "five_bar"])
-def test_slopes_of_a_motion(name):
-    problem = DesignProblem(ident.load(ROBOTS / name), Limits(), 6.0, 2, {}, 0)
-    criterion = problem.criterion(None, 0.5)
-    here = problem.draw(np.random.default_rng(0), criterion)
-    dJ, dz = here.slopes
-
-    def moved(x):
-        x = x.reshape(here.x.shape)
-        return problem.candidate(x, problem.family.motion(x, here.rows.e), criterion)
-
-    np.testing.assert_allclose(
-        dJ, slope(lambda x: moved(x).J, here.x.ravel()), atol=2e-5 * np.abs(dJ).max()
-    )
-    weights = np.random.default_rng(1).normal(size=here.z.shape)
-    np.testing.assert_allclose(
-        np.einsum("nz,nzp->p", weights, dz),
-        slope(lambda x: float((weights * moved(x).z).sum()), here.x.ravel()),
-        atol=1e-3 * np.abs(dz).max(),
-    )
-
-
 def test_the_search_stays_inside_and_gains():
     problem = DesignProblem(ident.load(ROBOTS / "five_bar"), Limits(), 6.0, 2, {}, 0)
     criterion = problem.criterion(None, 0.5)

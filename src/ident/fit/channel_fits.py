@@ -144,7 +144,7 @@ class ChannelEquations:
                     np.matmul(stack[i:j].T, stack[i:j], out=gram[n, u])
                 rows[n, u] = use[some, u][i:j].sum()
         lags = steps / table.scenes[0].e.rate
-        limits = _limits(estimate, table, effects, k)
+        limits = limits_of_machines(estimate, table, effects, k)
         return cls(driven, own, list(gram), k, rows, lags, near, limits)
 
     @cached_property
@@ -428,7 +428,7 @@ def _inertia(model: pin.Model, e: State, d: int) -> Array:
     return kept[0]
 
 
-def _limits(
+def limits_of_machines(
     estimate: Estimate, table: Table, effects: Sequence[Effect], k: int
 ) -> tuple[Array, Array]:
     """G (m, k), g (m,) of what no machine has: the inertia of an independent coordinate,

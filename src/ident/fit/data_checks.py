@@ -32,6 +32,7 @@ from ident.fit.channel_fits import (
     ChannelEquations,
     common_delay,
     credible_t,
+    limits_of_machines,
 )  # fmt: skip
 from ident.fit.faults import (
     CredibleFault,
@@ -148,6 +149,13 @@ class DataChecks:
         return ChannelEquations.of(self.estimate, self.table, self.use, self.common, shifts=True)
 
     @cached_property
+    def possible(self) -> bool:
+        """Whether the fit is of a machine that can exist; if not, a torque may have a wrong sign."""
+        free = ~self.estimate.held
+        G, g = limits_of_machines(self.estimate, self.table, [], int(free.sum()))
+        return bool((G @ self.estimate.x[free] + g >= 0).all())
+
+    @cached_property
     def reference(self) -> Array:
         """Relative errors (d,) of the log as it is with all linear effects of the library."""
         reference = self._errors(self.table, self.use, self.effects)
@@ -198,8 +206,9 @@ class DataChecks:
         """The faults that are named, the model's own equations with the torques as they would be,
         and the relative errors (d,) that wrong torques leave.
         """
-        if max(self.errors.values(), default=0.0) < SMALL or not len(self.equations.total):
-            return [], None, np.zeros(len(self.errors))  # no channel is blamed
+        good = max(self.errors.values(), default=0.0) < SMALL and self.possible
+        if good or not len(self.equations.total):
+            return [], None, np.zeros(len(self.errors))
         found, noise = self.equations.credible(self.reference, self.explained)
         if found and self._rivalled(noise, self.table, self.use):
             found, noise = [], self.equations.noise(self.equations.as_logged)
