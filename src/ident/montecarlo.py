@@ -104,18 +104,15 @@ def estimators_of(given: Sequence[str | Estimator | Estimate]) -> tuple[Estimato
         given = [given]
     estimators: dict[str, Estimator] = {}
     for each in given:
-        if isinstance(each, str):
-            if each not in ESTIMATORS:
-                raise FitError(f"estimator '{each}'; {one_of(each, ESTIMATORS)}")
-            each = ESTIMATORS[each]
-        elif not isinstance(each, Estimator):
-            if not callable(each):
-                raise FitError(
-                    f"estimator {each!r}: cannot be called; valid: {', '.join(ESTIMATORS)}, an "
-                    "Estimator, or a function (mechanism, log) -> Fit"
-                )
+        if not isinstance(each, Estimator) and callable(each):
             words = (each.__doc__ or "").strip().partition("\n")[0]
             each = Estimator(getattr(each, "__name__", type(each).__name__), each, words)
+        if not isinstance(each, Estimator):
+            if each not in ESTIMATORS:
+                raise FitError(
+                    f"estimator {each!r}: cannot be called; {one_of(str(each), ESTIMATORS)}"
+                )
+            each = ESTIMATORS[each]
         if each.name in estimators:
             raise FitError(f"estimator '{each.name}' is given twice; give each a name of its own")
         estimators[each.name] = each

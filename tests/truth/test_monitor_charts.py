@@ -1,6 +1,5 @@
 """The statistics alone, on rows of known distribution."""
 
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,16 +11,13 @@ from ident.information.linear import Triangle
 from ident.streams.charts import (
     MARGIN,
     Charts,
-    Cutter,
-    Design,
     NormalRunning,
-    WatchedInterval,
     calibrated,
     intervals_of,
     moved_reference,
     statistics,
 )
-from ident.streams.suspects import Naming, Suspect, load_change, name_change, onset
+from ident.streams.suspects import Suspect, load_change, name_change, onset
 
 ROWS, K, D = 12, 5, 2
 
@@ -51,33 +47,6 @@ def clean():
     return x, seen, NormalRunning.of(seen, np.ones(D), x, 0.0)
 
 
-def test_an_interval_is_its_rows():
-    rng = np.random.default_rng(1)
-    x, other = rng.standard_normal((2, K))
-    piece = pieces(rng, 1, x)
-    sigma = np.array([0.5, 2.0])
-    interval = WatchedInterval.of(piece, sigma, x)
-    A = (piece.A / sigma[:, None]).reshape(-1, K)
-    b = (piece.b / sigma).reshape(-1)
-    np.testing.assert_allclose(interval.score(other), A.T @ (b - A @ other), rtol=1e-9)
-    np.testing.assert_allclose(interval.information, (A**2).sum(axis=0), rtol=1e-12)
-    np.testing.assert_allclose(
-        interval.squares, (((piece.b - piece.A @ x) / sigma) ** 2).sum(axis=0), rtol=1e-9
-    )
-
-
-def test_intervals_are_the_same_however_rows_come():
-    rng = np.random.default_rng(2)
-    piece = pieces(rng, 6, np.zeros(K))
-    whole = [part.t for part in Cutter(0.5).cut(piece)]
-    cutter, split = Cutter(0.5), []
-    for i in range(0, len(piece.t), 5):
-        split += [part.t for part in cutter.cut(piece[i : i + 5])]
-    assert len(whole) == len(split) == 5
-    for a, b in zip(whole, split, strict=True):
-        np.testing.assert_array_equal(a, b)
-
-
 @pytest.mark.parametrize("rho", [0.0, 0.6, 0.9])
 def test_long_run_variance_is_that_of_the_noise(rho):
     rng = np.random.default_rng(3)
@@ -104,22 +73,6 @@ def test_charts_keep_the_stated_rate_on_other_data(clean):
         alarms += int(over.sum())
         charts.restart(over)
     assert alarms <= 6000 / A
-
-
-def test_evidence_is_a_likelihood_ratio(clean):
-    """E exp ℓ = 1 in normal running, by a million normal scores."""
-    _, _, normal = clean
-    design = Design.of(normal, np.ones(K, dtype=bool))
-    info = np.full(K, 20.0)
-    rng = np.random.default_rng(5)
-    score = np.sqrt(normal.spread * info) * rng.standard_normal((200_000, K))
-    least = design.delta[:3].ravel()  # the smaller changes; of the large ones the mean has no hold
-    seen = (
-        score, np.broadcast_to(info, score.shape), np.zeros((len(score), D)),
-        np.zeros((len(score), D)),
-    )  # fmt: skip
-    ratio = np.exp(design.evidence(*seen)[:, : len(least)]).mean(axis=0)
-    np.testing.assert_allclose(ratio, 1.0, atol=0.02)
 
 
 def test_heavy_tails_are_calibrated(clean):
@@ -208,22 +161,3 @@ def test_a_load_is_a_body_that_can_exist():
     impossible = np.array([0.1, 1.0, 0, 0, 0, 0, 0, 0, 0, 0])  # a first moment without inertia
     left = np.linalg.norm(C @ load_change(C, C @ impossible) - C @ impossible)
     assert left > 0.1 * np.linalg.norm(C @ impossible)
-
-
-@pytest.mark.parametrize(
-    ("gain", "surplus", "explained", "sound"),
-    [
-        (100.0, 1.0, 0.95, True),
-        (100.0, 1.0, 0.65, False),  # little is left, yet a third of what is beyond noise
-        (100.0, 9.0, 0.95, False),  # what is left is no noise
-        (100.0, 9.0, 0.9999, True),  # of a large change a thousandth is no second cause
-        (5.0, 1.0, 0.95, False),  # would have raised no alarm by itself
-    ],
-)
-def test_a_name_explains_most_and_leaves_noise(gain, surplus, explained, sound):
-    best = SimpleNamespace(gain=gain)
-    assert Naming((best,), (), surplus, explained, 1.0, least=11.0).sound == sound
-
-
-def test_nothing_is_no_name():
-    assert not Naming((), (), 0.0, 1.0, 1.0, least=11.0).sound

@@ -150,7 +150,7 @@ class DataChecks:
 
     @cached_property
     def possible(self) -> bool:
-        """Whether the fit is of a machine that can exist; if not, a torque may have a wrong sign."""
+        """Whether the fit is of a machine that can exist: a torque of another sign is not."""
         free = ~self.estimate.held
         G, g = limits_of_machines(self.estimate, self.table, [], int(free.sum()))
         return bool((G @ self.estimate.x[free] + g >= 0).all())
