@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ident.simulate.balance import box_programme, holding_friction
+from ident.simulate.dynamics import box_programme, holding_friction
 
 
 def test_the_box_programme_is_complementary():

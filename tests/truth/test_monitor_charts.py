@@ -1,6 +1,5 @@
 """The statistics alone, on rows of known distribution."""
 
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter
