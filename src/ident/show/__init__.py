@@ -16,7 +16,7 @@ MODULES = {
     "motion": ("Log", "Mechanism", "Motion"),
     "residual": ("Comparison", "Failure", "Fit", "Residual"),
     "simulate": ("Excitation", "Replay", "Run"),
-    "view3d.page": ("Mechanism",),
+    "view3d.view": ("Mechanism",),
     "streams": (
         "Alarm", "Cause", "Forces", "Gathered", "LogComparison", "Monitor", "ParameterChange",
         "Snapshot", "Verdicts",

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 from markupsafe import Markup
 
-from ident.show.html import Card, in_frame, paragraph, piece, strong
+from ident.show.html import Card, in_frame, paragraph, strong
+from ident.show.template import piece
 from ident.text import table, wrapped
 
 Rows = Sequence[Sequence[str]]

@@ -30,11 +30,11 @@ from ident.show.html import (
     next_command,
     origin,
     paragraph,
-    piece,
     table,
 )
 from ident.show.local import Place, Readers
 from ident.show.sheet import Sheet
+from ident.show.template import piece
 from ident.streams.gather import Gathered
 from ident.streams.many_logs import RATE, Disagreement, LogComparison, Verdict, Verdicts
 from ident.streams.monitor import Alarm, Cause, Monitor, ParameterChange

@@ -51,7 +51,7 @@ def mesh(name: str, scale: str = "1 1 1") -> str:
 
 
 def bodies(view) -> list:
-    return [x for x in view.parts.geometry.geometryObjects if x.name.startswith("body")]
+    return [x for x in view.shapes if x.kind == "body"]
 
 
 @pytest.mark.parametrize(
@@ -67,9 +67,9 @@ def test_meshes_are_found_scaled_placed_and_coloured(tmp_path, name):
     view = arm(package / "urdf", mesh(name, "0.1 0.2 0.3")).view()
     assert view.notes == ()
     (shape,) = bodies(view)
-    np.testing.assert_allclose(shape.meshColor[:3], [0.8, 0.6, 0.2], atol=1e-12)
+    assert shape.colour == (204, 153, 51)
     # (x, y, z) of the file is scaled, turned by 90° about z and lifted
-    vertices = shape.geometry.vertices() @ shape.placement.rotation.T + shape.placement.translation
+    vertices = shape.corners
     np.testing.assert_allclose(vertices.min(axis=0), [-0.4, 0, 0.5], atol=1e-12)
     np.testing.assert_allclose(vertices.max(axis=0), [0, 0.2, 1.1], atol=1e-12)
 

@@ -18,7 +18,7 @@ from moving import view_of
 
 import ident
 from ident.show.view3d.bodies import BODIES, ENDS
-from ident.show.view3d.scene import SHADES, mapped
+from ident.show.view3d.view import LONGEST, SHADES, _ramp
 
 STRICT = 6.0  # [deg] of hue, within which an arrow is blue and a blue body is not
 
@@ -41,7 +41,7 @@ def test_a_page_shows_the_moment_that_is_asked_for_without_a_network(five_bar, l
     path = view.write(tmp_path / "five_bar.html")
     k = int(np.argmin(np.abs(e.t - 1.0)))
     tip = tip_of(mechanism, e.q[k])
-    length = view.scales.length
+    length = LONGEST * view.size
 
     def there(seen) -> bool:
         """Both arrows point from the tip, where a pinhole camera sees it."""
@@ -80,11 +80,12 @@ def tip_of(mechanism: ident.Mechanism, q: np.ndarray) -> np.ndarray:
 def pixel(camera, drawing, point) -> np.ndarray:
     """Where a pinhole camera with 35° from top to bottom sees a point, x and y."""
     x0, y0, width, height = drawing
-    away = camera.position - camera.target
+    position, target, _ = camera
+    away = position - target
     away /= np.linalg.norm(away)
     right = np.cross([0.0, 0.0, 1.0], away)
     right /= np.linalg.norm(right)
-    from_camera = point - camera.position
+    from_camera = point - position
     scale = height / 2 / np.tan(np.radians(35.0 / 2)) / -(from_camera @ away)
     across, upward = from_camera @ right, from_camera @ np.cross(away, right)
     return np.array([x0 + width / 2 + scale * across, y0 + height / 2 - scale * upward])
@@ -145,8 +146,8 @@ def test_the_mark_of_the_guilty_joint_has_the_colour_of_its_residual(five_bar, b
     share = view.films[0].misfit[joint]
     for k in (int(np.nanargmin(share)), int(np.nanargmax(share))):
         page.locator("figure.scene input").fill(str(view.films[0].t[k]))
-        level = round(min(share[k] / view.scales.misfit, 1.0) * (SHADES - 1))
-        colour = "#" + "".join(f"{x:02x}" for x in mapped(np.linspace(0.0, 1.0, SHADES))[level])
+        level = round(min(share[k] / view.largest_misfit, 1.0) * (SHADES - 1))
+        colour = "#" + "".join(f"{x:02x}" for x in _ramp(SHADES)[level])
         page.wait_for_function("colour => marks.at(-1) === colour", arg=colour)
     page.close()
 
@@ -177,7 +178,7 @@ def test_it_is_served_on_this_machine_alone(five_bar):
 def test_a_notebook_gets_a_frame_with_the_page(five_bar):
     shown = five_bar[0].view()._repr_html_()
     assert shown.startswith("<iframe srcdoc=")
-    assert shown.count('"') == shown.split("srcdoc=")[0].count('"') + 10  # nothing leaks out
+    assert shown.count('"') == shown.split("srcdoc=")[0].count('"') + 6  # nothing leaks out
     assert "five_bar in 3-D" in shown
 
 

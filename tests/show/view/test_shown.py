@@ -13,9 +13,8 @@ from moving import view_of
 import ident
 from helpers import J, tree_urdf, write_mechanism
 from ident.display import render
-from ident.show.view3d.bodies import pivots_of, points_of
-from ident.show.view3d.page import legend
-from ident.show.view3d.scene import frame_poses, loads_of
+from ident.show.view3d.bodies import pivots_of
+from ident.show.view3d.view import reactions
 
 KINDS = ("point", "revolute", "prismatic", "cylindrical", "universal", "planar", "fixed")
 SIX = [("prismatic", axis) for axis in ("1 0 0", "0 1 0", "0 0 1")]
@@ -52,19 +51,14 @@ def test_reactions_do_the_work_of_the_multipliers(tmp_path, kind):
     rows = mechanism.kinematics.closure_rows(q[None])
     assert np.abs(rows.value).max() < 1e-9
     multipliers = np.random.default_rng(1).normal(size=(1, rows.rate.shape[1]))
+    _, force = reactions(mechanism, q[None], multipliers)
+    work = -rows.rate[0].T @ multipliers[0]
     data = model.createData()
     pin.computeJointJacobians(model, data, q)
-    loads = loads_of(mechanism, q[None], multipliers)
-    assert loads.names == ("tie on u5_link", "tie on v5_link")
-    work = np.zeros(model.nv)
-    for k, joint in enumerate((mechanism.closures[0].a.joint, mechanism.closures[0].b.joint)):
-        jacobian = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-        arm = loads.at[0, k] - data.oMi[joint].translation
-        wrench = np.concatenate(
-            [loads.force[0, k], loads.moment[0, k] + np.cross(arm, loads.force[0, k])]
-        )
-        work += jacobian.T @ wrench
-    np.testing.assert_allclose(work, -rows.rate[0].T @ multipliers[0], atol=1e-9)
+    for k, end in enumerate(mechanism.closures[0].frames):
+        jacobian = pin.getJointJacobian(model, data, end.joint, pin.LOCAL_WORLD_ALIGNED)
+        first = [model.joints[model.getJointId(f"{'uv'[k]}{i}")].idx_v for i in range(3)]  # slides
+        np.testing.assert_allclose(jacobian[:3, first].T @ force[0, k], work[first], atol=1e-9)
 
 
 def poses(mechanism: ident.Mechanism, q: np.ndarray) -> list[pin.SE3]:
@@ -96,17 +90,14 @@ def test_the_rod_rests_on_the_crank_with_half_its_weight(slider, robots):
     forces = np.stack([np.interp(e.t, known.t, known.columns[name]) for name in names], axis=1)
     view = view_of(mechanism, e.t, e.q, forces)
     film = view.films[0]
-    on_crank, on_rod = film.loads.force[0, 0], film.loads.force[0, 1]
-    assert film.loads.names == ("ball on crank", "ball on rod")
+    on_crank, on_rod = film.force[0]
     np.testing.assert_allclose(on_rod, [0, 0, 0.5 * 9.81 / 2], atol=1e-9)
     np.testing.assert_allclose(on_crank, -on_rod)
     angle = e.q[0, mechanism.joint("theta").index]
     pin_ = [0.0, 0.1 - 0.08 * np.sin(angle), 0.12 + 0.08 * np.cos(angle)]
-    np.testing.assert_allclose(film.loads.at[0], [pin_, pin_], atol=1e-9)
-    ends = [p[0] for _, p in frame_poses(mechanism, film.q[:1])]
-    np.testing.assert_allclose(ends, [pin_, pin_], atol=1e-9)
+    np.testing.assert_allclose(film.at[0], [pin_, pin_], atol=1e-9)
     largest = np.linalg.norm(forces, axis=1).max()
-    assert view.scales.force == pytest.approx(largest, rel=2e-2)
+    assert view.largest_force == pytest.approx(largest, rel=2e-2)
 
 
 def test_a_fit_colours_joints_and_moves_no_body(robots):
@@ -131,19 +122,18 @@ def test_absolute_coordinates_show_the_same(slider, robots):
     free = ident.absolute(mechanism)
     other = ident.complete(free, robots / "slider_crank" / "run.csv").view()
     view = motion.view()
-    assert set(other.parts.pivots) == set(view.parts.pivots)
+    pivots = [{x.name for x in each.shapes if x.kind == "joint"} for each in (view, other)]
+    assert pivots[0] == pivots[1]
     places = [
         (view, poses(mechanism, view.films[0].q[9])),
         (other, poses(free, other.films[0].q[9])),
     ]
     clouds, axes = [], []
     for each, drawn in places:
-        corners = points_of(each.parts.geometry)
-        objects = each.parts.geometry.geometryObjects
         cloud = [
-            points @ drawn[i].rotation.T + drawn[i].translation
-            for (i, points), shape in zip(corners, objects, strict=True)
-            if shape.name.startswith("body")
+            x.corners @ drawn[x.joint].rotation.T + drawn[x.joint].translation
+            for x in each.shapes
+            if x.kind == "body"
         ]
         clouds.append(np.concatenate(cloud))
         marks = pivots_of(each.mechanism)
@@ -160,16 +150,15 @@ def test_without_shapes_rods_join_the_joints(tmp_path):
     )
     joints = [J("a"), J("b", parent="a"), J("c", parent="b")]
     mechanism = ident.load(write_mechanism(tmp_path, tree_urdf(joints), toml))
-    parts = mechanism.view().parts
-    own = [x for x in parts.geometry.geometryObjects if x.name.endswith(" b_link")]
+    own = [x for x in mechanism.view().shapes if x.name == "b_link"]
     assert len(own) == 3  # two rods and the inertia
     ends = []
     for rod in own[:2]:
-        along = rod.placement.rotation[:, 2] * rod.geometry.halfLength
-        ends += [rod.placement.translation + along, rod.placement.translation - along]
+        ends += [rod.corners[: len(rod.corners) // 2], rod.corners[len(rod.corners) // 2 :]]
     to_c = mechanism.model.jointPlacements[3].translation
     for place in (np.zeros(3), np.array([0.0, 0.7, 0.0]), to_c):
-        assert np.linalg.norm(np.array(ends) - place, axis=1).min() < 1e-9
+        middles = np.array([each.mean(axis=0) for each in ends])
+        assert np.linalg.norm(middles - place, axis=1).min() < 1e-9
 
 
 def test_loops_that_do_not_close_are_shown_open(robots, tmp_path):
@@ -179,7 +168,7 @@ def test_loops_that_do_not_close_are_shown_open(robots, tmp_path):
     view = ident.load(tmp_path).view()
     assert "do not close" in view.notes[0]
     assert view.films[0].gap[0] > 1
-    assert "open by up to" in legend(view)
+    assert "open by up to" in view.legend
 
 
 def test_a_gear_has_no_arrow_and_says_so(robots, tmp_path):
@@ -188,7 +177,7 @@ def test_a_gear_has_no_arrow_and_says_so(robots, tmp_path):
     )
     mechanism = ident.load(write_mechanism(tmp_path, tree_urdf([J("a"), J("b", parent="a")]), toml))
     view = view_of(mechanism, np.zeros(1), np.zeros((1, 2)), np.ones((1, 1)))
-    assert view.films[0].loads.names == ()
+    assert view.films[0].force.shape == (1, 0, 3)
     assert "gear" in view.notes[0]
 
 

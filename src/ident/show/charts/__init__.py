@@ -13,7 +13,7 @@ import json
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
-from functools import cache, cached_property
+from functools import cached_property
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +22,7 @@ import numpy as np
 
 from ident.errors import IdentError
 from ident.files import write_all
+from ident.show.template import piece
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -296,7 +297,7 @@ class Live:
 
     def html(self) -> str:
         """Return a page that needs no network."""
-        return str(_macros().page(self, scripts()))
+        return str(piece("chart_page", self, scripts()))
 
     @property
     def height(self) -> int:
@@ -304,7 +305,7 @@ class Live:
         return 70 + sum(max(map(_pixels, row)) for row in self.chart.rows)
 
     def _repr_html_(self) -> str:
-        return str(_macros().frame(self))
+        return str(piece("document", self.html(), self.chart.words, self.height))
 
 
 def pieces_of(blocks: Iterable[Any]) -> list[dict[str, Any]]:
@@ -319,14 +320,6 @@ def pieces_of(blocks: Iterable[Any]) -> list[dict[str, Any]]:
 
 def _pixels(panel: Panel) -> int:
     return max(LEAST, int(PIXELS * panel.height))
-
-
-@cache
-def _macros() -> Any:
-    from jinja2 import Environment
-
-    text = resources.files("ident.show.charts").joinpath("live.jinja").read_text(encoding="utf-8")
-    return Environment(autoescape=True, trim_blocks=True).from_string(text).module
 
 
 def source(name: str) -> str:

@@ -8,17 +8,15 @@ from __future__ import annotations
 import hashlib
 import math
 import platform
-import re
 import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
-from importlib import resources
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Protocol
 
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from ident.display import acceptable, folder, inputs, running
 from ident.effects import Effect
@@ -27,6 +25,7 @@ from ident.information.blocks import Error
 from ident.mechanism.mechanism import Mechanism
 from ident.plugins import version
 from ident.show.charts import Chart, scripts
+from ident.show.template import piece
 from ident.text import listed, percent, places, some, wrapped
 
 PAIRS, FLAGS = ("--with", "--lock"), ("--absolute", "--allow-code")  # options of the model
@@ -311,45 +310,9 @@ def next_command(verb: str, added: Iterable[Effect] = (), separate: Sequence[str
     return shlex.join(["ident", verb, given.mechanism, *words[verb]])
 
 
-CODE = re.compile(r"`([^`]*)`")
-SHORT = 32  # characters of a cell that stays on one line
 PACKAGES = ("ident", "pin", "casadi", "numpy", "scipy", "clarabel", "bokeh")
 ROWS = 4  # of panels in one chart: what a window shows
 LOGS = 12  # whose curves are in a report
-
-
-def text_of(name: str) -> str:
-    """Return a style sheet or script of this package."""
-    return resources.files("ident.show.html").joinpath(name).read_text(encoding="utf-8")
-
-
-@cache
-def macros() -> Any:
-    """Return the macros of the template, compiled at the first use."""
-    from jinja2 import Environment
-
-    environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters |= {"code": _code, "tied": _tied, "slug": slug}
-    environment.globals |= {"text_of": lambda name: Markup(text_of(name)), "scripts": scripts}
-    return environment.from_string(text_of("report.jinja")).module
-
-
-def slug(title: str) -> str:
-    """Return a title as the name of a place in the page."""
-    return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
-
-
-def _code(words: str) -> Markup:
-    return Markup(CODE.sub(r"<code>\1</code>", str(escape(words))))
-
-
-def _tied(cell: str) -> str:
-    return cell.replace(" ", "\u00a0") if len(cell) <= SHORT else cell
-
-
-def piece(macro: str, *content: Any, **options: Any) -> Markup:
-    """Return what a macro of the template makes of a content."""
-    return Markup(getattr(macros(), macro)(*content, **options))
 
 
 paragraph = partial(piece, "paragraph")  # words, with what stands between backticks as code
@@ -413,7 +376,7 @@ class Page:
 
     def html(self) -> bytes:
         """Return one file that opens without a network."""
-        return piece("page", self, []).encode()
+        return piece("page", self, [], scripts).encode()
 
 
 def by_log(names: Sequence[str], draw: Callable[[int], Chart]) -> tuple[Block, ...]:

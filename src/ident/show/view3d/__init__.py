@@ -1,1 +1,1 @@
-"""A mechanism moving in 3-D, on Pinocchio's visualizer for viser."""
+"""A mechanism moving in 3-D, drawn by `charts/scene.js`."""

@@ -1,4 +1,4 @@
-"""Bodies, joints and closures of a mechanism as one geometry model of Pinocchio.
+"""Shapes of a mechanism: its bodies, and marks of joints and closures.
 
 Shapes are no part of the mechanism: what cannot be shown is left out with a note.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import ParseResult, unquote, urlparse
 
@@ -37,7 +37,6 @@ BODIES: tuple[Colour, ...] = (
 GROUND: Colour = (150, 150, 150)
 ENDS: tuple[Colour, Colour] = ((200, 30, 60), (30, 80, 200))  # of a closure's a and b
 UNKNOWN: Colour = (90, 90, 96)  # a joint of which no residual is known
-OPACITY = 0.7  # of bodies, in which joints and closures would be hidden
 MESHES = (".stl", ".obj", ".ply", ".dae", ".glb", ".gltf", ".off")
 SIZES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": {"radius": 1}}
 LARGEST = 100_000_000  # bytes of a mesh; a larger one would take long to be read
@@ -48,96 +47,100 @@ WIDEST, THINNEST = 0.05, 0.015  # half edges of an inertia's box over the size
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
-    """Shapes that move with the bodies; names of objects begin with `body`, `joint` or `closure`.
+class Shape:
+    """A convex shape that moves with a joint of the mechanism's model.
 
     Attributes:
-        geometry: all shapes, each in the frame of a joint of the mechanism's model.
-        pivots: names of the joints that have marks, in the order of the objects.
-        size: diagonal of the mechanism [m].
+        kind: `body`, `joint` or `closure`; name: of its link, joint or closure.
+        joint: its number in the model, 0 the ground.
+        corners: (n, 3) [m] in the joint's frame; faces: (m, 3) numbers of corners, outward.
     """
 
-    geometry: pin.GeometryModel
-    pivots: tuple[str, ...]
-    size: float
+    kind: str
+    name: str
+    joint: int
+    colour: Colour
+    corners: np.ndarray
+    faces: np.ndarray
 
 
-def parts_of(mechanism: Mechanism, q: np.ndarray) -> tuple[Parts, list[str]]:
-    """Return the shapes of a mechanism, marks sized by the configuration q (nq,); and notes."""
-    model, geometry = mechanism.model, pin.GeometryModel()
-    names = ("ground", *mechanism.bodies.links)
+def shapes_of(mechanism: Mechanism, q: np.ndarray) -> tuple[list[Shape], float, list[str]]:
+    """Return the shapes of a mechanism, its size at the configuration q (nq,) [m], and notes."""
+    model, names = mechanism.model, ("ground", *mechanism.bodies.links)
     colours = (GROUND, *(BODIES[i % len(BODIES)] for i in range(len(names) - 1)))
+    shapes: list[Shape] = []
 
-    def add(kind: str, name: str, joint: int, place: pin.SE3, shape: Shape, opacity: float) -> None:
-        label = f"{kind} {len(geometry.geometryObjects)} {name}"
-        colour = np.array([*(shape.colour or colours[joint]), 255 * opacity]) / 255
-        body, path, scale = shape.geometry, shape.path, shape.scale
-        geometry.addGeometryObject(
-            pin.GeometryObject(label, joint, place, body, path, scale, True, colour)
-        )
+    def add(
+        kind: str, name: str, joint: int, place: pin.SE3, cloud: np.ndarray, colour: Colour
+    ) -> None:
+        corners, faces = hull(cloud)
+        corners = corners @ place.rotation.T + place.translation
+        shapes.append(Shape(kind, name, joint, colour, corners, faces))
 
-    shapes, notes = urdf_shapes(mechanism.urdf)
-    shown = set()
-    for link, own in shapes.items():
-        joint, place = 0, pin.SE3.Identity()
+    drawn, notes = urdf_shapes(mechanism.urdf)
+    for link, place, cloud, colour in drawn:
+        joint = 0
         if model.existBodyName(link):
             frame = model.frames[model.getBodyId(link)]
-            joint, place = frame.parentJoint, frame.placement
+            joint, place = frame.parentJoint, frame.placement * place
         elif link in mechanism.bodies.links:
             joint = 1 + mechanism.bodies.links.index(link)
-        shown.add(joint)
-        for shape in own:
-            add("body", link, joint, place * shape.place, shape, OPACITY)
+        add("body", link, joint, place, cloud, colour or colours[joint])
     points = sites(mechanism)
-    size = _size(mechanism, q, [*points_of(geometry), *enumerate(points)])
-    for joint in set(range(1, model.njoints)) - shown:
-        for shape in simple_body(model.inertias[joint], points[joint], size):
-            add("body", names[joint], joint, shape.place, shape, OPACITY)
-    pivots = pivots_of(mechanism)
-    disc = coal.Cylinder(DISC * size, 1.6 * DISC * size)
-    bar = coal.Box(0.5 * DISC * size, 0.5 * DISC * size, BAR * size)
-    for name, rotational, joint, place in pivots:
-        add("joint", name, joint, place, Shape(disc if rotational else bar, colour=UNKNOWN), 1.0)
+    size = _size(mechanism, q, [*((x.joint, x.corners) for x in shapes), *enumerate(points)])
+    for joint in set(range(1, model.njoints)) - {shape.joint for shape in shapes}:
+        for place, cloud in simple_body(model.inertias[joint], points[joint], size):
+            add("body", names[joint], joint, place, cloud, colours[joint])
+    disc = cylinder(DISC * size, 1.6 * DISC * size)
+    bar = box(np.array([0.5 * DISC, 0.5 * DISC, BAR]) * size)
+    for name, rotational, joint, place in pivots_of(mechanism):
+        add("joint", name, joint, place, disc if rotational else bar, UNKNOWN)
     for closure in tied(mechanism):
-        for frame, colour in zip(closure.frames, ENDS, strict=True):
-            ball = Shape(coal.Sphere(BALL * size), colour=colour)
-            add("closure", closure.name, frame.joint, frame.placement, ball, 1.0)
-    return Parts(geometry, tuple(name for name, *_ in pivots), size), notes
+        for frame, end in zip(closure.frames, ENDS, strict=True):
+            add("closure", closure.name, frame.joint, frame.placement, sphere(BALL * size), end)
+    return shapes, size, notes
 
 
-def triangles(shape: coal.CollisionGeometry) -> tuple[np.ndarray, np.ndarray]:
-    """Return corners (n, 3) [m] and outward faces (m, 3) of a shape; of a mesh, of its hull.
+# --- points (n, 3) [m] whose hull is a shape ------------------------------------------------------
+
+
+def box(edges: np.ndarray) -> np.ndarray:
+    """Return the corners of a box with edges (3,) [m], its middle in the origin."""
+    return np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T * edges / 2
+
+
+def cylinder(radius: float, length: float) -> np.ndarray:
+    """Return points of a cylinder along z, its middle in the origin."""
+    turn = np.linspace(0.0, 2 * np.pi, SIDES, endpoint=False)
+    ring = np.stack([radius * np.cos(turn), radius * np.sin(turn), 0 * turn], axis=1)
+    up = np.array([0.0, 0.0, length / 2])
+    return np.concatenate([ring + up, ring - up])
+
+
+def sphere(radius: float, count: int = SIDES * SIDES // 2) -> np.ndarray:
+    """Return `count` points of a sphere, evenly on a Fibonacci spiral."""
+    k = np.arange(count) + 0.5
+    z, turn = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
+    r = np.sqrt(1 - z**2)
+    return radius * np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
+
+
+def hull(cloud: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return points (n, 3) and the outward faces (m, 3) of their hull, of many only outer points.
 
     A hull of some hundred faces is drawn by a browser without a graphics card, and shows a link.
     """
-    turn = np.linspace(0.0, 2 * np.pi, SIDES, endpoint=False)
-    ring = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
-    match shape:
-        case coal.Box():
-            cloud = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-            cloud = cloud * shape.halfSide
-        case coal.Cylinder():
-            up = np.array([0.0, 0.0, shape.halfLength])
-            cloud = np.concatenate([shape.radius * ring + up, shape.radius * ring - up])
-        case coal.Sphere():
-            cloud = shape.radius * _directions(SIDES * SIDES // 2)
-        case _:
-            cloud = shape.vertices()
-            cloud = cloud[np.unique((cloud @ _directions(HULL).T).argmax(axis=0))]
-    hull = ConvexHull(cloud, qhull_options="QJ Pp")  # joggled: flat ones too
-    faces, away = hull.simplices, hull.equations[:, :3]
+    if len(cloud) > HULL:
+        cloud = cloud[np.unique((cloud @ sphere(1.0, HULL).T).argmax(axis=0))]
+    found = ConvexHull(cloud, qhull_options="QJ Pp")  # joggled: flat ones too
+    faces = found.simplices
     a, b, c = (cloud[faces[:, i]] for i in range(3))
-    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), away) < 0
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), found.equations[:, :3]) < 0
     faces[inward] = faces[inward][:, ::-1]
     return cloud, faces
 
 
-def _directions(count: int) -> np.ndarray:
-    """Return unit vectors (count, 3), evenly on a Fibonacci spiral."""
-    k = np.arange(count) + 0.5
-    z, turn = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
-    r = np.sqrt(1 - z**2)
-    return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
+# --- marks, and bodies without a shape ------------------------------------------------------------
 
 
 def tied(mechanism: Mechanism) -> list[FrameClosure]:
@@ -164,27 +167,25 @@ def pivots_of(mechanism: Mechanism) -> list[tuple[str, bool, int, pin.SE3]]:
     return marks
 
 
-def points_of(geometry: pin.GeometryModel) -> list[tuple[int, np.ndarray]]:
-    """Return joint and corners (8, 3) [m] of the box around each shape, in the joint's frame."""
-    grid = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T
-    found = []
-    for each in geometry.geometryObjects:
-        each.geometry.computeLocalAABB()
-        box = each.geometry.aabb_local
-        R, p = each.placement.rotation, each.placement.translation
-        corners = box.min_ + grid * (box.max_ - box.min_)
-        found.append((each.parentJoint, corners @ R.T + p))
-    return found
+def poses_of(model: pin.Model, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return rotations (n, joints, 3, 3) and origins (n, joints, 3) [m] of all joints at q (n, nq),
+    the ground first.
+    """
+    data = model.createData()
+    R, p = np.zeros((len(q), model.njoints, 3, 3)), np.zeros((len(q), model.njoints, 3))
+    for k, each in enumerate(q):
+        pin.forwardKinematics(model, data, each)
+        for i, place in enumerate(data.oMi):
+            R[k, i], p[k, i] = place.rotation, place.translation
+    return R, p
 
 
 def _size(mechanism: Mechanism, q: np.ndarray, points: Sequence[tuple[int, np.ndarray]]) -> float:
     """Return the diagonal [m] of the box around joints, closures, masses and shapes at q."""
-    model, data = mechanism.model, mechanism.model.createData()
-    pin.forwardKinematics(model, data, q)
-    bodies = list(enumerate(model.inertias))[1:]
+    bodies = list(enumerate(mechanism.model.inertias))[1:]
     masses = [(i, inertia.lever[None]) for i, inertia in bodies if inertia.mass > 0]
-    poses = [(data.oMi[i], p) for i, p in (*points, *masses)]
-    cloud = np.concatenate([p @ M.rotation.T + M.translation for M, p in poses])
+    (R,), (origin,) = poses_of(mechanism.model, q[None])
+    cloud = np.concatenate([x @ R[i].T + origin[i] for i, x in (*points, *masses)])
     diagonal = float(np.linalg.norm(np.ptp(cloud, axis=0)))
     return diagonal if diagonal > 1e-6 else 1.0
 
@@ -202,31 +203,18 @@ def sites(mechanism: Mechanism) -> list[np.ndarray]:
     return [np.array(own).reshape(-1, 3) for own in points]
 
 
-@dataclass(frozen=True, eq=False)
-class Shape:
-    """A shape of Pinocchio's at a place of its link or joint; a mesh has the path of its file."""
-
-    geometry: coal.CollisionGeometry
-    place: pin.SE3 = field(default_factory=pin.SE3.Identity)
-    path: str = ""
-    scale: np.ndarray = field(default_factory=lambda: np.ones(3))
-    colour: Colour | None = None  # that of the body
-
-
-def simple_body(inertia: pin.Inertia, points: np.ndarray, size: float) -> list[Shape]:
-    """Return rods from a body's joint to its other points, and the box of its inertia.
-
-    Args:
-        inertia: of the body.
-        points: (k, 3) [m], the joint first.
-        size: of the mechanism [m].
+def simple_body(
+    inertia: pin.Inertia, points: np.ndarray, size: float
+) -> list[tuple[pin.SE3, np.ndarray]]:
+    """Return places and points of rods from a body's joint to its other points (k, 3) [m], the
+    joint first, and of the box of its inertia; `size` is that of the mechanism [m].
     """
     shapes = []
     for point in points[1:]:
         rod = point - points[0]
         if (length := float(np.linalg.norm(rod))) > 1e-6 * size:
             place = pin.SE3(align_z(rod), (points[0] + point) / 2)
-            shapes.append(Shape(coal.Cylinder(ROD * size, length), place))
+            shapes.append((place, cylinder(ROD * size, length)))
     if inertia.mass > 0:
         # of even density, I_x = m (b² + c²) / 3 with half edges a, b, c; smaller where it would
         # hide the mechanism
@@ -235,37 +223,41 @@ def simple_body(inertia: pin.Inertia, points: np.ndarray, size: float) -> list[S
         half *= min(1.0, WIDEST * size / max(half.max(), 1e-300))
         axes = axes * [1, 1, np.sign(np.linalg.det(axes))]
         edges = 2 * np.maximum(half, THINNEST * size)
-        shapes.append(Shape(coal.Box(*edges), pin.SE3(axes, inertia.lever)))
+        shapes.append((pin.SE3(axes, inertia.lever), box(edges)))
     return shapes
 
 
-def urdf_shapes(urdf: Path) -> tuple[dict[str, list[Shape]], list[str]]:
-    """Return shapes in their link's axes, by link, and notes of those left out."""
+# --- shapes of a URDF -----------------------------------------------------------------------------
+
+Drawn = tuple[str, pin.SE3, np.ndarray, Colour | None]  # link, place in it, points, own colour
+
+
+def urdf_shapes(urdf: Path) -> tuple[list[Drawn], list[str]]:
+    """Return the shapes of all links, and notes of those left out."""
     try:
         robot = read_urdf(urdf)
     except MechanismError:
-        return {}, [f"{urdf.name}: is no URDF, so simple bodies are shown"]
+        return [], [f"{urdf.name}: is no URDF, so simple bodies are shown"]
     colours = _colours(robot.findall("material"))
-    shapes: dict[str, list[Shape]] = {}
+    shapes: list[Drawn] = []
     left_out: list[str] = []
     for link in robot.findall("link"):
         for visual in link.findall("visual"):
             own = visual.findall("material")
             known = [*_colours(own).values(), *(colours.get(each.get("name")) for each in own)]
             try:
-                shape = _shape(visual, urdf)
+                place, cloud = _shape(visual, urdf)
             except MechanismError as error:
                 left_out.append(f"link '{link.get('name')}': a shape is left out: {error}")
             else:
-                shape = replace(shape, colour=next(filter(None, known), None))
-                shapes.setdefault(link.get("name"), []).append(shape)
+                shapes.append((link.get("name"), place, cloud, next(filter(None, known), None)))
     if len(left_out) > 1:
         where = "--mesh-path DIR, or ROS_PACKAGE_PATH, says where packages are"
         left_out = [f"{len(left_out)} shapes are left out, the first: {left_out[0]}; {where}"]
     return shapes, left_out
 
 
-def _shape(visual: etree._Element, urdf: Path) -> Shape:
+def _shape(visual: etree._Element, urdf: Path) -> tuple[pin.SE3, np.ndarray]:
     geometry, origin, where = visual.find("geometry"), visual.find("origin"), urdf.name
     place = pin.SE3.Identity()
     if origin is not None:
@@ -274,16 +266,16 @@ def _shape(visual: etree._Element, urdf: Path) -> Shape:
     for element in [] if geometry is None else geometry:
         if element.tag in SIZES:
             sizes = [_positive(element, key, n, where) for key, n in SIZES[element.tag].items()]
-            kind = getattr(coal, element.tag.capitalize())
-            return Shape(kind(*(x for own in sizes for x in own)), place)
+            if element.tag == "box":
+                return place, box(np.array(sizes[0]))
+            return place, (cylinder if element.tag == "cylinder" else sphere)(*np.ravel(sizes))
         if element.tag == "mesh":
             scale = np.array(numbers(element, "scale", "1 1 1", 3, where))
             path = _mesh_file(element.get("filename") or "", urdf)
             try:
-                mesh = coal.MeshLoader().load(str(path), scale)
+                return place, coal.MeshLoader().load(str(path), scale).vertices()
             except ValueError:
                 raise MechanismError(f"mesh '{path.name}' cannot be read") from None
-            return Shape(mesh, place, str(path), scale)
     raise MechanismError(f"{where}:{visual.sourceline}: no box, cylinder, sphere or mesh")
 
 

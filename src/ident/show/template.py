@@ -1,0 +1,35 @@
+"""Pieces of HTML, made by the macros of `html/report.jinja`; words are escaped."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from importlib import resources
+from typing import Any
+
+from markupsafe import Markup, escape
+
+SHORT = 32  # characters of a cell that stays on one line
+
+
+@cache
+def _macros() -> Any:
+    """Return the macros of the template, compiled at the first use."""
+    from jinja2 import Environment
+
+    def text_of(name: str) -> str:
+        return resources.files("ident.show.html").joinpath(name).read_text(encoding="utf-8")
+
+    environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment.globals["text_of"] = lambda name: Markup(text_of(name))
+    environment.filters |= {
+        "code": lambda words: Markup(re.sub(r"`([^`]*)`", r"<code>\1</code>", str(escape(words)))),
+        "tied": lambda cell: cell.replace(" ", "\u00a0") if len(cell) <= SHORT else cell,
+        "slug": lambda title: re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-"),
+    }
+    return environment.from_string(text_of("report.jinja")).module
+
+
+def piece(macro: str, *content: Any, **options: Any) -> Markup:
+    """Return what a macro of the template makes of a content."""
+    return Markup(getattr(_macros(), macro)(*content, **options))

@@ -1,0 +1,389 @@
+"""A moving mechanism: a block of reports, and a page of its own beside charts of a fit.
+
+M a + … + Jᵀ λ = τ,  J = ∂Φ/∂q,  so a closure's reaction does the virtual work −λᵀ δΦ
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from markupsafe import Markup
+
+from ident.display import renders
+from ident.errors import IdentError, MechanismError
+from ident.files import write_all
+from ident.fit.residual import zero_of
+from ident.mechanism import Mechanism
+from ident.mechanism.closures import FrameClosure
+from ident.mechanism.tree import Placement
+from ident.show.charts import Arrays
+from ident.show.html import Block, Page, Section
+from ident.show.local import Place, Served
+from ident.show.template import piece
+from ident.show.view3d.bodies import ENDS, UNKNOWN, Shape, poses_of, shapes_of, sites, tied
+
+MOST = 1000  # pictures of all films
+WIDTH = 0.1  # [s] over which a residual is averaged, so that colours do not flicker
+CLOSED = 1e-7  # [m | rad] |Φ| of a closure that nobody would call open
+SHOWN = 6  # closures and notes that are listed
+HEIGHT = 480  # of a notebook's frame [px]
+SUFFIXES = (".html", ".htm")
+MAP = "plasma"  # perceptually uniform, legible in grey and to the colour-blind
+SHADES = 17  # colours of the map
+COLD = 1e-3  # share of the residual below which no joint is to glow
+ROBUST = 99.0  # percentile of residuals that gets the last colour
+LONGEST = 0.4  # of the mechanism's size, for the largest reaction
+ANGLE = np.radians(35.0)  # vertical angle of view
+ASPECT, MARGIN = 1.25, 1.05  # width over height of the narrowest window; room around
+LOOKED_AT = 40  # moments of a film that decide what the camera sees
+FLAT = 0.35  # thickness over width below which a mechanism is looked at face on
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """A mechanism at n moments of one experiment.
+
+    Attributes:
+        name: of the experiment.
+        t: (n,) [s]; q: (n, nq) of the mechanism's model.
+        gap: (n,) largest |Φ| [m | rad].
+        at, force: points of action [m] and reaction forces [N] in world axes (n, K, 3), of each
+            closure that ties two frames first on a, then on b; NaN where λ is not known.
+        misfit: (n,) residual of each joint as a share of its rms torque, by name.
+    """
+
+    name: str
+    t: np.ndarray
+    q: np.ndarray
+    gap: np.ndarray
+    at: np.ndarray
+    force: np.ndarray
+    misfit: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+def film_of(mechanism: Mechanism, experiment: Any, prediction: Any, most: int) -> Film:
+    """Return an experiment as a film of at most some moments.
+
+    Args:
+        mechanism: what moves.
+        experiment: has `name`, `t` (n,) [s] and `q` (n, nq) of the mechanism's model.
+        prediction: of a model on the same clock, whose multipliers become reactions, and whose
+            residuals become colours, relative to the rms of the measured torque; or None.
+        most: moments.
+    """
+    t, p = experiment.t, prediction
+    moments = frames(t, most)
+    q = np.asarray(experiment.q, float)[moments]
+    rows = mechanism.kinematics.closure_rows(q)
+    unknown = np.full((len(q), rows.rate.shape[1]), np.nan)
+    at, force = reactions(mechanism, q, unknown if p is None else p.multipliers[moments])
+    gap = np.abs(rows.value).max(axis=1, initial=0.0)
+    film = Film(experiment.name, t[moments], q, gap, at, force)
+    if p is None:
+        return film
+    residual = np.where(p.usable[:, None], p.residual, np.nan)
+    rms = np.sqrt(np.nanmean(p.measured**2, axis=0))
+    misfit = {
+        joint: running_rms(t, x / size, WIDTH)[moments]
+        for joint, x, size in zip(p.joints, residual.T, rms, strict=True)
+        if size > 0
+    }
+    return replace(film, misfit=misfit)
+
+
+def reactions(
+    mechanism: Mechanism, q: np.ndarray, multipliers: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return points (n, K, 3) [m] and reaction forces (n, K, 3) [N] of closures of two frames.
+
+    Args:
+        mechanism: the mechanism.
+        q: configurations (n, nq).
+        multipliers: (n, m) λ.
+    """
+    n, (R, p) = len(q), poses_of(mechanism.model, q)
+    at: list[np.ndarray] = []
+    forces: list[np.ndarray] = []
+    names = [name.rpartition(".")[0] for name in mechanism.kinematics.multipliers]
+    for closure in tied(mechanism):
+        rows = [i for i, name in enumerate(names) if name == closure.name]
+        turned, ends = [], []
+        for frame in closure.frames:
+            own, place = R[:, frame.joint], frame.placement
+            turned.append((own @ place.rotation).transpose(1, 0, 2).reshape(3, 3 * n))
+            ends.append(p[:, frame.joint] + own @ place.translation)
+        both = _reaction(closure).map(n)(*turned, *(x.T for x in ends), multipliers[:, rows].T)
+        forces += [x.full().T for x in both]
+        at += [ends[1], ends[1]] if closure.sliding else ends  # of a slide both act at b
+    nothing = np.zeros((n, 0, 3))
+    return (np.stack(at, axis=1), np.stack(forces, axis=1)) if at else (nothing, nothing)
+
+
+def _reaction(closure: FrameClosure) -> ca.Function:
+    """(R_a, R_b, p_a, p_b, λ) → forces on a and on b in world axes, F = −(∂Φ/∂p)ᵀ λ."""
+    Ra, Rb = ca.SX.sym("Ra", 3, 3), ca.SX.sym("Rb", 3, 3)
+    pa, pb = ca.SX.sym("pa", 3), ca.SX.sym("pb", 3)
+    phi = closure.between(Placement(Ra, pa), Placement(Rb, pb)).phi
+    multipliers = ca.SX.sym("lambda", phi.numel())
+    work = ca.dot(phi, multipliers)
+    forces = [-ca.gradient(work, each) for each in (pa, pb)]
+    return ca.Function("reaction", [Ra, Rb, pa, pb, multipliers], forces)
+
+
+def frames(t: np.ndarray, most: int) -> np.ndarray:
+    """Return the indices of at most some samples of t (n,) [s], evenly in time, with both ends."""
+    if len(t) <= most:
+        return np.arange(len(t))
+    wanted = np.linspace(t[0], t[-1], most)
+    after = np.clip(np.searchsorted(t, wanted), 1, len(t) - 1)
+    return np.unique(np.where(wanted - t[after - 1] <= t[after] - wanted, after - 1, after))
+
+
+def running_rms(t: np.ndarray, x: np.ndarray, width: float) -> np.ndarray:
+    """Return the rms of x (n,) over `width` [s] around each t (n,); NaN counts as no sample."""
+    known = np.isfinite(x)
+    power = np.concatenate([[0.0], np.cumsum(np.where(known, x, 0.0) ** 2)])
+    count = np.concatenate([[0], np.cumsum(known)])
+    first = np.searchsorted(t, t - width / 2, side="left")
+    last = np.searchsorted(t, t + width / 2, side="right")
+    number = count[last] - count[first]
+    mean = (power[last] - power[first]) / np.where(number > 0, number, np.nan)
+    return np.sqrt(np.maximum(mean, 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A mechanism moving in 3-D.
+
+    In a notebook it shows itself as a page, which needs no server and stays in the file.
+
+    Attributes:
+        mechanism: what is shown; shapes, size [m]: its shapes and the diagonal of all of them.
+        films: its motion, one an experiment.
+        notes: what is shown otherwise than the files have it, or not at all.
+        marks: words beside joints, by their names.
+        charts: below the mechanism on its page, with a cursor that both share.
+    """
+
+    mechanism: Mechanism
+    shapes: Sequence[Shape]
+    size: float
+    films: tuple[Film, ...]
+    notes: tuple[str, ...] = ()
+    marks: Mapping[str, str] = field(default_factory=dict)
+    charts: tuple[Block, ...] = ()
+
+    @property
+    def words(self) -> str:
+        """Text alternative, for readers who cannot see it."""
+        moving = " moving; move over a chart of time, or the slider, and it follows"
+        return f"{self.mechanism.name} in 3-D{moving if self.moments > 1 else ''}"
+
+    @property
+    def moments(self) -> int:
+        """Number of moments in a recording."""
+        return sum(map(len, self.films))
+
+    @cached_property
+    def largest_force(self) -> float:
+        """Largest reaction [N], drawn `LONGEST` of the size; 0 where none is known."""
+        lengths = [np.linalg.norm(film.force, axis=-1) for film in self.films]
+        return max(float(x[np.isfinite(x)].max(initial=0.0)) for x in lengths)
+
+    @cached_property
+    def largest_misfit(self) -> float:
+        """Share of the torque that gets the last colour; 0 where no residual is known."""
+        shares = [x[np.isfinite(x)] for film in self.films for x in film.misfit.values()]
+        every = np.concatenate([*shares, np.empty(0)])
+        return max(float(np.percentile(every, ROBUST)), COLD) if len(every) else 0.0
+
+    @property
+    def legend(self) -> Markup:
+        """What colours and lengths mean."""
+        gap = max(float(film.gap.max(initial=0.0)) for film in self.films)
+        ties = [f"{c.name}: a on {c.a.link}, b on {c.b.link}" for c in tied(self.mechanism)]
+        return piece(
+            "scene_legend", self, WIDTH, [_css(c) for c in _ramp()], [_css(c) for c in ENDS],
+            "closed" if gap < CLOSED else f"open by up to {gap:.2g}",
+            _first(ties), _first(self.notes),
+        )  # fmt: skip
+
+    @cached_property
+    def camera(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Position, target [m] and direction upwards (3,) of a camera that sees all films, a flat
+        mechanism face on.
+        """
+        g = np.array(self.mechanism.model.gravity.linear)
+        up = -g / np.linalg.norm(g) if g.any() else np.array([0.0, 0.0, 1.0])
+        points = [*((x.joint, x.corners) for x in self.shapes), *enumerate(sites(self.mechanism))]
+        clouds = []
+        for film in self.films:
+            some = np.unique(np.linspace(0, len(film) - 1, LOOKED_AT).astype(int))
+            R, origin = poses_of(self.mechanism.model, film.q[some])
+            clouds += [
+                (x @ R[:, i].transpose(0, 2, 1) + origin[:, None, i]).reshape(-1, 3)
+                for i, x in points
+            ]
+        cloud = np.concatenate(clouds)
+        target = (cloud.min(axis=0) + cloud.max(axis=0)) / 2
+        spread, axes = np.linalg.eigh(np.cov((cloud - target).T) + 1e-12 * np.eye(3))
+        side = np.cross(up, [0.0, 1.0, 0.0] if abs(up[1]) < 0.9 else [1.0, 0.0, 0.0])
+        direction = 0.8 * side - np.cross(side, up) + 0.55 * up
+        thin = axes[:, 0] * np.sign(axes[:, 0] @ direction or 1.0)
+        if np.sqrt(spread[0] / spread[1]) < FLAT and thin @ up < 0.7:  # "up" stays visible
+            direction = thin + 0.35 * up + 0.3 * side
+        direction = direction / np.linalg.norm(direction)
+        right = np.cross(up, direction)
+        right /= np.linalg.norm(right)
+        # far enough that every point is within the angle of view, with a margin
+        seen, above = cloud - target, np.cross(direction, right)
+        extent = np.maximum(np.abs(seen @ right) / ASPECT, np.abs(seen @ above)) * MARGIN
+        distance = float((extent / np.tan(ANGLE / 2) + seen @ direction).max())
+        return target + max(distance, 1e-3) * direction, target, up
+
+    def data(self) -> str:
+        """Return the scene as JSON, safe inside a <script> element; what `drawScene` takes."""
+        arrays = Arrays()
+        shapes = [
+            {
+                "kind": x.kind, "joint": x.joint, "pivot": x.name if x.kind == "joint" else "",
+                "colour": x.colour, "corners": arrays.place(x.corners, "<f4"),
+                "faces": arrays.place(x.faces, "<i4"),
+            }
+            for x in self.shapes
+        ]  # fmt: skip
+        position, target, up = (each.tolist() for each in self.camera)
+        content = {
+            "shapes": shapes, "films": [self._film(film, arrays) for film in self.films],
+            "marks": dict(self.marks), "ramp": _ramp(SHADES), "unknown": UNKNOWN,
+            "fov": float(ANGLE), "misfit": self.largest_misfit, "up": up, "position": position,
+            "target": target, "arrays": list(arrays),
+        }  # fmt: skip
+        return json.dumps(content).replace("<", "\\u003c")
+
+    def _film(self, film: Film, arrays: Arrays) -> dict[str, Any]:
+        """Return times, poses, colours, gaps and arrows of a film, times as charts count them."""
+        R, origin = poses_of(self.mechanism.model, film.q)
+        poses = np.concatenate([R.reshape(*R.shape[:2], 9), origin], axis=2)
+        tips = film.at + film.force * (LONGEST * self.size / (self.largest_force or 1.0))
+        places = range(film.at.shape[1])
+        arrows = [
+            {"colour": ENDS[i % 2],
+             "ends": arrays.place(np.nan_to_num(np.stack([film.at[:, i], tips[:, i]], 1)), "<f4")}
+            for i in places if self.largest_force
+        ]  # fmt: skip
+        gaps = [film.at[:, i : i + 2] for i in places[::2]]
+        return {
+            "name": film.name, "t": arrays.place(film.t - zero_of(film.t), "<f8"),
+            "poses": arrays.place(poses, "<f4"), "arrows": arrows,
+            "gaps": [arrays.place(gap, "<f4") for gap in gaps],
+            "misfit": {j: arrays.place(x, "<f4") for j, x in film.misfit.items()},
+        }  # fmt: skip
+
+    @cached_property
+    def html(self) -> str:
+        """A page with the mechanism and its charts: no server, no network."""
+        title = f"{self.mechanism.name} in 3-D"
+        # one section, in which the mechanism stays in view
+        return Page(title, "", (Section("Machine", (self, *self.charts)),)).html().decode()
+
+    def write(self, path: str | os.PathLike[str]) -> Path:
+        """Write the page, whole or not at all.
+
+        Args:
+            path: of the .html file.
+
+        Raises:
+            IdentError: for another suffix, or where it cannot be written.
+        """
+        path = Path(path)
+        if path.suffix.lower() not in SUFFIXES:
+            raise IdentError(
+                f"{path}: unknown suffix '{path.suffix}'; valid: {', '.join(SUFFIXES)}"
+            )
+        return write_all(path.parent, {path.name: self.html.encode()})[0]
+
+    def serve(self, port: int = 0) -> Served:
+        """Serve the page on 127.0.0.1 until `.stop()`.
+
+        Args:
+            port: 0 takes a free one.
+
+        Raises:
+            IdentError: if the port is taken or there is none such.
+        """
+        return Place(port).serve(self.html, lambda _: None)
+
+    def __repr__(self) -> str:
+        lines = [
+            f"view of {self.mechanism.name}: {len(self.mechanism.bodies.links)} bodies, "
+            f"{len(self.films)} film(s) of {self.moments} pictures in all; "
+            ".serve() opens it, .write('view.html') keeps it"
+        ]
+        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+
+    def _repr_html_(self) -> str:
+        return str(piece("document", self.html, f"{self.mechanism.name} in 3-D", HEIGHT))
+
+
+def _ramp(shades: int = 9) -> list[list[int]]:
+    """Return colours for shares from 0 to 1."""
+    from matplotlib import colormaps
+
+    rgb = np.array(colormaps[MAP](np.linspace(0.0, 1.0, shades)))[:, :3]
+    return [[int(x) for x in colour] for colour in np.round(255 * rgb)]
+
+
+def _css(colour: Sequence[int]) -> str:
+    return "#" + "".join(f"{part:02x}" for part in colour)
+
+
+def _first(names: Sequence[str]) -> list[str]:
+    return [*names[:SHOWN], *["…"] * (len(names) > SHOWN)]
+
+
+@renders(Mechanism, "view")
+def view_of(
+    mechanism: Mechanism,
+    experiments: Sequence[Any] = (),
+    predictions: Sequence[Any] = (),
+    most: int = MOST,
+) -> View:
+    """Return the mechanism moving along experiments; without any, standing as assembled.
+
+    Args:
+        mechanism: the mechanism.
+        experiments: of a motion.
+        predictions: for each, whose reactions are arrows and whose residuals are colours.
+        most: moments of all of them.
+    """
+    notes: list[str] = []
+    if not experiments:
+        try:
+            q = mechanism.assembled
+        except MechanismError as error:  # a picture helps to see why
+            q = mechanism.start
+            notes.append(str(error))
+        experiments = [SimpleNamespace(name="as assembled", t=np.zeros(1), q=q[None])]
+    shapes, size, more = shapes_of(mechanism, experiments[0].q[0])
+    nowhere = [c.name for c in mechanism.closures if not c.frames]
+    if nowhere and predictions:
+        more.append(
+            f"{', '.join(nowhere)}: λ acts along coordinates, at no place: no arrow is drawn"
+        )
+    each = max(2, most // len(experiments))
+    every = predictions or [None] * len(experiments)
+    films = tuple(film_of(mechanism, e, p, each) for e, p in zip(experiments, every, strict=True))
+    return View(mechanism, shapes, size, films, (*notes, *more))
