@@ -9,7 +9,7 @@ import pytest
 import ident
 from helpers import ROBOTS
 from ident import Diagnosis, Fit, Noise
-from ident.show.explore import Exploration, ModelStep
+from ident.show.explore import Exploration
 from identification import Planted, motion_log, plant, robot
 
 NOISE = [Noise("tau", 0.01, relative=True)]
@@ -77,7 +77,7 @@ def test_diagnose_explore_and_grow_begin_with_the_same_group():
     assert [each.label for each in rung.added] == [each.label for each in d.group]
     for joint, error in rung.errors.items():
         assert error.rms == pytest.approx(d.after[joint].rms, rel=1e-9)
-    offered = Exploration((ModelStep((), (), fit),)).screened().candidates
+    offered = Exploration.of(mechanism, motion).screened().candidates
     assert offered[0].label == d.group[0].label
 
 

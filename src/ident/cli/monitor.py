@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from ident.streams.monitor import Alarm
     from ident.streams.online import Forces, Online, Snapshot
 
-REDRAWN = 1.0  # s between two states of the page
 MOST_NOTED = 20  # lines that are left out, of which each is noted; then they are counted
 PARAMETERS = ("t", "quantity", "value", "stderr", "unit", "state")
 ALARMS = ("onset", "detected", "named", "verdict", "suspects", "evidence", "text")
@@ -105,15 +104,15 @@ def monitor(
             )
     online = Online(model, like=fit, forget=forget, cutoff=cut, smoothing=knots)
     history = None
-    if page or out is not None:
-        from ident.show.streams import MonitorHistory
+    with contextlib.ExitStack() as ends:
+        if page or out is not None:
+            from ident.show.streams import MonitorHistory, live_page
 
-        history = MonitorHistory(model, silent)
-    with (
-        _served(model.name, port) if page else contextlib.nullcontext() as tell,
-        Session(online, watch, out, every, history, tell) as session,
-        _until_interrupted() as interrupted,
-    ):
+            history = MonitorHistory(model, silent)
+        if page and history is not None:
+            result(ends.enter_context(live_page(f"{model.name}: monitor", port, history.live)))
+        session = ends.enter_context(Session(online, watch, out, every, history))
+        interrupted = ends.enter_context(_until_interrupted())
         for lines in follow(None if log == "-" else Path(log), grow=follow_, stop=interrupted):
             session.take(lines)
         if not online.samples:
@@ -176,7 +175,7 @@ class Session(contextlib.ExitStack):
         online: identifies; watch: raises alarms, if anything does.
         folder: of parameters.csv, multipliers.csv and alarms.csv; None for no files.
         every: seconds of the log between two printed lines [s].
-        history: gets all that is found; tell: sends it to a page.
+        history: gets all that is found.
 
     Raises:
         IdentError: if a file cannot be written, or has other columns already.
@@ -189,11 +188,9 @@ class Session(contextlib.ExitStack):
         folder: Path | None,
         every: float,
         history: MonitorHistory | None = None,
-        tell: Callable[[str], None] | None = None,
     ) -> None:
         super().__init__()
-        self._history, self._tell, self._told = history, tell, 0.0
-        self._later = threading.Timer(0.0, self._show)  # never started
+        self._history = history
         self._online, self._watch, self._every = online, watch, every
         self._due, self._left_out = -float("inf"), 0
         self._waiting = 0  # line of the sample that may wait for its successor
@@ -258,8 +255,6 @@ class Session(contextlib.ExitStack):
         self._warn(None)
         found = self._snapshot(self._online.finish())
         notes(map(str, self._online.findings))
-        self._later.cancel()
-        self._show(now=True)
         return found
 
     def _snapshot(self, found: Snapshot) -> Snapshot:
@@ -267,21 +262,7 @@ class Session(contextlib.ExitStack):
         self._record("parameters", _parameter_rows(found))
         if self._history is not None:
             self._history.add(found, self._online.multipliers)
-        self._show()
         return found
-
-    def _show(self, now: bool = False) -> None:
-        """Draw the page again, at once or when it is time for that."""
-        if self._tell is None or self._history is None:
-            return
-        wait = REDRAWN - (time.monotonic() - self._told)
-        if now or wait <= 0:
-            self._told = time.monotonic()
-            self._tell(self._history.live())
-        elif not self._later.is_alive():  # what came last is drawn though nothing comes after it
-            self._later = threading.Timer(wait, self._show, [True])
-            self._later.daemon = True
-            self._later.start()
 
     def _warn(self, samples: Mapping[str, np.ndarray] | None) -> None:
         for x in self._watch.alarms(samples) if self._watch else ():
@@ -296,19 +277,6 @@ class Session(contextlib.ExitStack):
     def _record(self, name: str, rows: Sequence[Sequence[object]]) -> None:
         if name in self._tables:
             self._tables[name].writerows(rows)
-
-
-@contextlib.contextmanager
-def _served(name: str, port: int) -> Iterator[Callable[[str], None]]:
-    """Serve the live page inside this context, which gives what sends to it."""
-    from ident.show.streams import live_page
-
-    address, tell, stop = live_page(f"{name}: monitor", port)
-    result(address)
-    try:
-        yield tell
-    finally:
-        stop()
 
 
 @contextlib.contextmanager

@@ -10,7 +10,6 @@ import numpy as np
 from ident.diagnosis.law_search import FittedFormula
 from ident.diagnosis.result import Diagnosis, Explanation, errors_of
 from ident.diagnosis.selection import Evidence
-from ident.diagnosis.unobservable import Invisible
 from ident.display import folder, renders
 from ident.effects import KINDS, Effect
 from ident.fit import Fit
@@ -29,14 +28,13 @@ from ident.show.html import (
     sure,
 )
 from ident.show.laws import curve_name, curves, expression, labels, laws, numbers
-from ident.show.residual import details
+from ident.show.residual import failure_text
 from ident.show.sheet import Sheet
 from ident.text import listed, percent, some
 
 LINES = 20  # of a diagnosis in a terminal, if one joint and the words leave place
 BRIEF = 300  # characters of the next experiment in the first lines
 MOST = 3  # joints and candidates that are described
-ABSORBED = "absorbed"
 CANDIDATES = "what adding an effect would do: held-out error of the joint that it mends most"
 PART = 0.5  # share that stays beyond noise, from which a name may be that of another cause
 RAREST = 0.01  # chance below which a hundred draws say no more than that it is rarer
@@ -125,48 +123,46 @@ def _separable(d: Diagnosis) -> tuple[str, ...]:
     return best.label, rival.label
 
 
+def certainty(d: Diagnosis) -> str:
+    """Return how sure the verdict is, in a sentence."""
+    if d.best is None:
+        none = "none explains it" if d.selection.members or d.laws else "none does more than chance"
+        return f"{_tried(d)} effects were tried, and {none}."
+    best = d.candidates[0]
+    mine = [m.evidence.z for m in d.selection.named if m.evidence and m.effect in d.group]
+    certain = sure(min(mine, default=best.evidence.z)).capitalize()  # of the least certain one
+    certain = certain if best.evidence.p < RAREST else "Not sure"
+    if (stays := _stays(d, d.after)) > PART:
+        certain = (
+            f"Not sure that it is this (with it {100 * stays:.0f} % of the squared error beyond "
+            f"noise stays in {best.joint})"
+        )
+    elif _alike(d):
+        certain = f"Which of these is open; that something is missing: {certain.lower()}"
+    value = f"{d.best.label}: " if len(d.group) > 1 or _alike(d) else ""
+    had = f", in the model {_known(best)}" * bool(best.known)
+    return f"{certain}: {by_chance(best.evidence)}; {value}{numbers(best.parameters)}{had}."
+
+
 def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
     """Return the verdict, how sure it is, the error by joint, and the command to copy."""
     logs = ", ".join(e.name for e in d.fit.motion.experiments)
-    line = f"{d.fit.mechanism.name} on {logs}: {verdict_line(d)}"
-    errors = errors_of(d.fit)
+    errors, after, planned = errors_of(d.fit), d.after if d.best else {}, ""
     command = next_command("identify" if d.verdict == "nothing" else "excite", added)
-    after: Mapping[str, Error] = {}
-    planned = ""
     if d.best is not None:
-        best = d.candidates[0]
-        after = d.after
         command = add_command(d.fit.mechanism, [*added, *d.group])
-        if planned := next_command("excite", added, pair) if (pair := _separable(d)) else "":
-            command = planned
-        mine = [m.evidence.z for m in d.selection.named if m.evidence and m.effect in d.group]
-        certain = sure(min(mine, default=best.evidence.z)).capitalize()  # of the least certain one
-        certain = certain if best.evidence.p < RAREST else "Not sure"
-        if (stays := _stays(d, after)) > PART:
-            certain = (
-                f"Not sure that it is this (with it {100 * stays:.0f} % of the squared error "
-                f"beyond noise stays in {best.joint})"
-            )
-        elif _alike(d):
-            certain = f"Which of these is open; that something is missing: {certain.lower()}"
-        value = f"{d.best.label}: " if len(d.group) > 1 or _alike(d) else ""
-        had = f", in the model {_known(best)}" * bool(best.known)
-        certain += f": {by_chance(best.evidence)}; {value}{numbers(best.parameters)}{had}."
-    else:
-        certain = f"{_tried(d)} effects were tried, and none explains more than chance does."
-        if d.selection.members or d.laws:
-            certain = f"{_tried(d)} effects were tried, and none explains it."
-        if d.laws:
-            after = d.laws[-1].after  # its fit has all laws
-            files = [f"{folder.get() or 'DIR'}/{law.option}" for law in d.laws]
-            command = add_command(d.fit.mechanism, added, files)
+        planned = next_command("excite", added, pair) if (pair := _separable(d)) else ""
+    elif d.laws:
+        after = d.laws[-1].after  # its fit has all laws
+        files = [f"{folder.get() or 'DIR'}/{law.option}" for law in d.laws]
+        command = add_command(d.fit.mechanism, added, files)
     bars = [Bar(f.joint, errors[f.joint], after.get(f.joint), d.floor[f.joint]) for f in d.where]
     bars.sort(key=lambda bar: bar.sizes[1] - bar.sizes[0])  # the largest fall first
     good = good_enough(errors, d.floor, d.fit.residual.away, d.verdict == "nothing")
-    sentences = " ".join([*_health(d), good, certain, *_rest(d)]).strip()
-    return Card(
-        line, sentences, tuple(bars), command * d.health.good, first_motion(d, bool(planned))
-    )
+    sentences = " ".join([*_health(d), good, certainty(d), *_rest(d)]).strip()
+    line, command = f"{d.fit.mechanism.name} on {logs}: {verdict_line(d)}", planned or command
+    then = first_motion(d, bool(planned))
+    return Card(line, sentences, tuple(bars), command * d.health.good, then)
 
 
 def first_motion(d: Diagnosis, planned: bool) -> str:
@@ -270,6 +266,13 @@ def mark(d: Diagnosis, each: Explanation) -> str:
 
 # --- in words -------------------------------------------------------------------------------------
 
+CLAIMS = {  # title of what each verdict says
+    "missing": "What is missing",
+    "nothing": "What adding an effect would do",
+    "unexplained": "What comes nearest",
+    "undecided": "What comes nearest",
+}
+
 
 def story(d: Diagnosis, experiment: str | None = None) -> dict[str, list[str]]:
     """Return all of a diagnosis in words: paragraphs by title, as the report has them."""
@@ -277,10 +280,11 @@ def story(d: Diagnosis, experiment: str | None = None) -> dict[str, list[str]]:
     if d.verdict == "unexplained":
         form = [*curves(d), *expression(d)]
     next_ = d.next_experiment if experiment is None else experiment
+    several = len(d.fit.motion.experiments) > 1
     return {
         "Health of the data": _health(d),
-        "Where it fails": _where(d),
-        CLAIMS[d.verdict][0]: [*CLAIMS[d.verdict][1](d), *_rest(d)],
+        "Where it fails": [failure_text(held_out(d, f), several) for f in failing(d)[:MOST]],
+        CLAIMS[d.verdict]: _claim(d),
         "Curve and formula": form,
         "Invisible in this data": _invisible(d),
         "In the model, but not supported": _unsupported(d),
@@ -304,68 +308,36 @@ def _health(d: Diagnosis) -> list[str]:
     ]
 
 
-def _where(d: Diagnosis) -> list[str]:
-    bad = failing(d)
-    found = [_failure(d, each) for each in bad[:MOST]]
-    if len(bad) > MOST:
-        found.append(f"More than noise is left in {listed(e.joint for e in bad[MOST:])} as well.")
-    quiet = [each.joint for each in d.where if each not in bad]
-    if bad and quiet:
-        found[-1] += f" In {listed(quiet)} nothing but noise is left."
-    return found
+def held_out(d: Diagnosis, f: Failure) -> Failure:
+    """Return a failure with the errors that the diagnosis judges."""
+    error = errors_of(d.fit)[f.joint]
+    return replace(f, rms=error.rms, relative=error.relative)
 
 
-def _failure(d: Diagnosis, f: Failure) -> str:
-    """Return how much a joint fails, when, on what that depends, and whether it repeats."""
-    sentences = [
-        f"The model fails in {f.joint}: held out, its torque is off by "
-        f"{_error(errors_of(d.fit)[f.joint])}, where noise alone would leave "
-        f"{d.floor[f.joint]:.2g} {f.unit}; that is {100 * f.share:.0f} % of the misfit of all "
-        "joints."
-    ]
-    if found := details(f, len(d.fit.motion.experiments) > 1):
-        sentences.append(f"The residual: {found}.")
-    if d.periods is not None:
-        rho = d.periods.rho[f.joint]
-        what = "comes back" if rho > d.periods.chance else "does not come back"
-        sentences.append(f"The motion repeats, and the residual {what} (correlation {rho:.2f}).")
-    return " ".join(sentences)
-
-
-def _error(e: Error) -> str:
-    return f"{e.rms:.3g} {e.unit}" + ("" if e.relative is None else f" ({percent(e.relative)})")
-
-
-def _missing(d: Diagnosis) -> list[str]:
-    best = d.candidates[0]
-    effect, e = best.effect, best.evidence
-    name = f"{effect.label} ({type(effect).summary()})"
-    first = f"Missing is {name}."
-    if others := _alike(d):
-        first = (
-            f"Missing is one of {1 + len(others)} that this data cannot tell apart: {name} comes "
-            f"first, but it could as well be {listed(others, 'or')}."
-        )
+def _claim(d: Diagnosis) -> list[str]:
+    """Return the verdict, how sure it is, and what speaks for it."""
+    line = verdict_line(d)
+    first = f"{line[:1].upper()}{line[1:]}. {certainty(d)}"
+    if d.verdict == "nothing":
+        most = 100 * max(d.selection.first.chance.limits.values(), default=0.0)
+        return [
+            f"{first} What does less than {100 * d.decision.material:g} % of a joint's torque, or "
+            f"explains less than {most:.2g} % of the held-out squared errors, could still hide."
+        ]
+    if d.best is None:
+        return [first, *_rejected(d), *_nearest(d)]
+    best, effect = d.candidates[0], d.candidates[0].effect
     if best.known:
         first += f" The model has it, as {_known(best)}: that must have changed."
-    before, after = (_error(x) for x in (best.before[best.joint], best.after[best.joint]))
     own = ""
     if effect.joints and best.joint not in effect.joints:
         own = f" against the signals of {', '.join(effect.joints)}"
-    if d.relatives:
-        laws = [f"{_relative(each)} (`{each.formula.text}`)" for each in d.relatives[:MOST]]
-        first += f" Over the travelled range this data cannot tell it from {listed(laws, 'or')}."
     return [
-        f"{first} Its torque: {effect.equation}. With {effect.label} in the model and everything "
-        f"refitted, {numbers(best.parameters)}; the held-out error of {best.joint} falls from "
-        f"{before} to {after}, where noise alone would leave {d.floor[best.joint]:.2g} "
-        f"{best.after[best.joint].unit}.",
-        f"That something is missing here: {sure(e.z)}. In stretches of time that were left out of "
-        f"the fit it explains so much that {by_chance(e)}.",
+        first,
+        f"The torque of {effect.label}: {effect.equation}. What to look for in the plots of "
+        f"{best.joint}{own}: {effect.signature}.",
         *([_apart(d, effect, best.rivals)] if best.rivals else []),
-        f"What to look for in the plots of {best.joint}{own}: {effect.signature}. It is gone once "
-        f"the effect is in the model: `{add_command(d.fit.mechanism, [effect])}` or `--with "
-        f"{effect.label}`, in Python `mechanism + diagnosis.best`.",
+        *_rest(d),
     ]
 
 
@@ -377,17 +349,14 @@ def _relative(found: FittedFormula) -> str:
 
 def _apart(d: Diagnosis, effect: Effect, rivals: tuple[Effect, ...]) -> str:
     """Return why this data cannot tell rivals apart."""
-    mechanism = d.fit.mechanism
-    text = f"Their held-out errors differ by less than {d.decision.rival_se:g} standard errors."
-    if any(set(each.joints) == set(effect.joints) for each in rivals):
-        text += (
-            " Those at the same place differ only where this motion has little to show, at other "
-            "speeds, positions or loads."
-        )
+    text = (
+        f"The held-out errors of {labels([effect, *rivals])} differ by less than "
+        f"{d.decision.rival_se:g} standard errors."
+    )
     if all(set(each.joints) == set(effect.joints) for each in rivals):
-        return text
-    if len(mechanism.joints) == mechanism.degrees_of_freedom:
-        return f"{text} In this motion {labels([effect, *rivals])} have almost equal torques."
+        return text + " They differ at other speeds, positions or loads than those of this motion."
+    if not d.fit.mechanism.closures:
+        return f"{text} In this motion they have almost equal torques."
     return (
         f"{text} In a closed loop the torques of all joints end up in the same equation; only "
         "their leverage, how far a joint goes when the drive does, tells one joint from another, "
@@ -407,77 +376,33 @@ def _rest(d: Diagnosis) -> list[str]:
     more = [named(group) for group in by_kind(m.effect for m in rest if not m.curve)]
     more += [f"{m.label}, or a {curve_name(m.curve)}" for m in rest if m.curve]
     if more:
-        return [
-            *found,
+        found.append(
             f"That is not all: beside it, the data ask for {some(more)}. Add it and diagnose "
-            "again; `ident grow` goes on until nothing more can be named.",
-        ]
-    if not d.loud:
-        return found
-    return [
-        *found,
-        f"That may not be all: even with it more than noise is left in {listed(d.loud)}.",
-    ]
-
-
-def _nothing(d: Diagnosis) -> list[str]:
-    most = max(d.selection.first.chance.limits.values(), default=0.0)
-    return [
-        "Nothing is missing that this data could show: what is left is the sensors' noise, or too "
-        f"small to matter. The residual's rms beside that of noise alone: {_beside(d)}.",
-        "How small an effect could still hide: nothing is reported below "
-        f"{100 * d.decision.material:g} % of a joint's torque, nor what explains, as chance does, "
-        f"less than {100 * most:.2g} % of the held-out squared errors. "
-        f"{_tried(d)} effects were tried at their places.",
-    ]
-
-
-def _beside(d: Diagnosis) -> str:
-    pairs = errors_of(d.fit).items()
-    return some([f"{n} {e.rms:.2g} beside {d.floor[n]:.2g} {e.unit}" for n, e in pairs], 8)
+            "again; `ident grow` goes on until nothing more can be named."
+        )
+    elif d.loud:
+        found.append(
+            f"That may not be all: even with it more than noise is left in {listed(d.loud)}."
+        )
+    return found
 
 
 def _tried(d: Diagnosis) -> int:
     return sum(not each.curve for each in d.selection.first.contest.candidates)
 
 
-def _unexplained(d: Diagnosis) -> list[str]:
-    rejected = []
+def _rejected(d: Diagnosis) -> list[str]:
+    """Return why effects that explain a part are not named."""
+    found = []
     for m in d.selection.members:
         if m.curve is not None:
-            other = f"a {curve_name(m.curve)}"
+            found.append(f"{m.label} explains a part, but a {curve_name(m.curve)} more")
         elif m.impossible is not None:
-            other = f"a {m.impossible.label} with a value that no machine has"
+            other = f"{m.impossible.label}, with a value that no machine has"
+            found.append(f"{m.label} explains a part, but more {other}")
         elif m.law is not None:
-            other = "a formula with no more numbers"
-        else:
-            continue
-        rejected.append(f"{m.label} explains a part, but {other} explains more")
-    first = (
-        "Something is missing, and nothing in the library explains it, so no name is given. "
-        f"{_tried(d)} effects were tried at their places, each with everything refitted."
-    )
-    if rejected:
-        first += f" {listed(rejected)}: these have not the form of the cause."
-    return [first, *_nearest(d)]
-
-
-def _undecided(d: Diagnosis) -> list[str]:
-    return [
-        f"In {listed(d.loud)} more is left than the sensors' noise makes (rms beside that of noise "
-        f"alone: {_beside(d)}), but neither an effect of the library nor a curve of any signal "
-        "predicts stretches of time that were left out better than chance does. It may be "
-        "autocorrelated noise, a disturbance, or physics that shows in too little of this log.",
-        *_nearest(d),
-    ]
-
-
-CLAIMS = {  # title of what each verdict says, and in which words
-    "missing": ("What is missing", _missing),
-    "nothing": ("What adding an effect would do", _nothing),
-    "unexplained": ("What comes nearest", _unexplained),
-    "undecided": ("What comes nearest", _undecided),
-}
+            found.append(f"{m.label} explains a part, but a formula with no more numbers more")
+    return [f"{listed(found)}: these have not the form of the cause."] if found else []
 
 
 def _nearest(d: Diagnosis) -> list[str]:
@@ -496,42 +421,13 @@ def _nearest(d: Diagnosis) -> list[str]:
 
 
 def _invisible(d: Diagnosis) -> list[str]:
-    """Return what this data cannot show, grouped by reason, the places of a kind together."""
-    groups: dict[str, dict[str, list[Invisible]]] = {}
-    for each in d.invisible:
-        reason = ABSORBED if each.why.startswith(ABSORBED) else each.why
-        groups.setdefault(reason, {}).setdefault(each.effect.kind, []).append(each)
-    found = []
-    for reason, kinds in groups.items():
-        names = "; ".join(_places(kind, each) for kind, each in kinds.items())
-        same = f"Other parameters of the model do the same as {names}."
-        found.append(same if reason == ABSORBED else f"Of {names}: {reason}.")
-    first = "This data cannot show some effects, whatever their size, and says nothing about them."
-    return [" ".join([first, *found])] if found else []
-
-
-def _places(kind: str, found: list[Invisible]) -> str:
-    """Return `rotor_inertia of yaw (turret.Lzz)`, or several places without what absorbs each."""
-    places = []
-    for each in found:
-        carrier, comma, _ = each.why.rpartition(" columns as ")[2].partition(", ")
-        brief = not each.why.startswith(ABSORBED) or len(found) > 2
-        by = "" if brief else f" ({carrier}{' and others' if comma else ''})"
-        places.append(f"{','.join(each.effect.joints)}{by}".strip())
-    return f"{kind} of {some(places)}" if places[0] else kind
+    names = named(each.effect for each in d.invisible)
+    return [f"This data cannot show, whatever their size: {names}."] if d.invisible else []
 
 
 def _unsupported(d: Diagnosis) -> list[str]:
-    found = [
-        f"In the model, {each.effect.label} cannot be as it is: {each.why}."
-        for each in d.unsupported if each.absurd
-    ]  # fmt: skip
-    idle = [each for each in d.unsupported if not each.absurd]
-    if idle:
-        names = "; ".join(f"{each.effect.label}: {each.why}" for each in idle)
-        how = f"`mechanism.without('{idle[0].effect.label}')`"
-        advice = f"That may change with what is missing; what stays idle then can go ({how})."
-        if d.verdict == "nothing":
-            advice = f"Leave it out ({how}) unless you know better."
-        found.append(f"In the model, and not supported by this data: {names}. {advice}")
-    return found
+    return [
+        f"In the model, {each.effect.label} {'cannot be as it is' if each.absurd else 'is idle'}: "
+        f"{each.why} (`mechanism.without('{each.effect.label}')`)."
+        for each in d.unsupported
+    ]

@@ -30,7 +30,7 @@ from ident.show.charts import (
     Line,
     Panel,
 )
-from ident.show.diagnosis import CLAIMS, candidate_rows, card, mark, story, where_rows
+from ident.show.diagnosis import CLAIMS, candidate_rows, card, held_out, mark, story, where_rows
 from ident.show.fit import fit_sections
 from ident.show.html import (
     Bar,
@@ -159,8 +159,11 @@ def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
             blocks.append(table(where_rows(d), caption))
         elif title == "Curve and formula":
             blocks = list(law_blocks(d))
-        elif title == CLAIMS[d.verdict][0]:
+        elif title == CLAIMS[d.verdict]:
             blocks += _candidates(d)
+        elif title == "Invisible in this data" and words:
+            why = [[each.effect.label, each.why] for each in d.invisible]
+            blocks = [table([["effect", "why"], *why], "This data cannot show", tied=False)]
         elif title == "Health of the data":
             health = health_sheet(d.health)
             blocks += [paragraph(str(health.top)), *health.blocks()]
@@ -268,10 +271,9 @@ def _noise(d: Diagnosis, joint: str) -> float | None:
 def _where(d: Diagnosis, failure: Failure) -> dict[str, Any]:
     """Return the failure of a joint with its held-out error, before and after, as in the text."""
     joint, after = failure.joint, d.after[failure.joint]
-    error = errors_of(d.fit)[joint]
     return {
-        **failure.json, "rms": error.rms, "relative": error.relative, "floor": d.floor[joint],
-        "noise": _noise(d, joint), "rms_after": after.rms, "relative_after": after.relative,
+        **held_out(d, failure).json, "floor": d.floor[joint], "noise": _noise(d, joint),
+        "rms_after": after.rms, "relative_after": after.relative,
     }  # fmt: skip
 
 

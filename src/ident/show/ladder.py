@@ -263,9 +263,9 @@ def _row(first: str, cells: Sequence[str], joints: Sequence[str], last: str = ""
 def rung(step: Step, joints: Sequence[str]) -> str:
     """Return one rung: what was added, and errors; ≈ marks those that are announced, not fitted."""
     name, *rest = textwrap.wrap(changed(step), NAME, subsequent_indent="  ")
-    lines = [_row(name, _cells(step.errors, joints), joints, "" if step.fit else "≈"), *rest]
+    lines = [_row(name, cells(step.errors, joints), joints, "" if step.fit else "≈"), *rest]
     for log, errors in step.fit.validation.items() if step.fit else ():
-        lines.append(_row(f"  on {log[-(NAME - 5) :]}", _cells(errors, joints), joints))
+        lines.append(_row(f"  on {log[-(NAME - 5) :]}", cells(errors, joints), joints))
     if step.rivals:
         lines += wrapped(f"    or {named(step.rivals, 'or')}: not distinguishable", "      ")
     if step.removed and (step.added or len(step.removed) > 1):
@@ -285,10 +285,10 @@ def changed(step: Step) -> str:
 def noise_rung(history: History) -> str:
     """Return the last row of the ladder: what noise alone would leave."""
     joints = history.fit.motion.independent
-    return _row(NOISE, _cells(noise_errors(history.fit), joints), joints)
+    return _row(NOISE, cells(noise_errors(history.fit), joints), joints)
 
 
-def _cells(errors: Mapping[str, Error], joints: Sequence[str]) -> list[str]:
+def cells(errors: Mapping[str, Error], joints: Sequence[str]) -> list[str]:
     """Return relative errors; of a joint without torque its rms."""
     found = (errors.get(joint) for joint in joints)
     return [
@@ -317,10 +317,10 @@ def rows(history: History) -> list[list[str]]:
         removed = ""
         if step.added or len(step.removed) > 1:
             removed = "".join(f" − {effect.label}" for effect in step.removed)
-        cells = [f"{'' if step.fit else '≈ '}{cell}" for cell in _cells(step.errors, joints)]
+        errors = [f"{'' if step.fit else '≈ '}{cell}" for cell in cells(step.errors, joints)]
         rivals = named(step.rivals, "or") if step.rivals else ""
-        found.append([f"{changed(step)}{removed}", *cells, rivals])
-    return [*found, [NOISE, *_cells(noise_errors(history.fit), joints), ""]]
+        found.append([f"{changed(step)}{removed}", *errors, rivals])
+    return [*found, [NOISE, *cells(noise_errors(history.fit), joints), ""]]
 
 
 @renders(History, "sheet")

@@ -131,6 +131,17 @@ class Served:
         return self.address + " (ended)" * (self.shut is None)
 
 
+def send(text: str, sockets: set[Any]) -> None:
+    """Send a text to web sockets; those that are closed are removed."""
+    from websockets.exceptions import ConnectionClosed
+
+    for each in list(sockets):
+        try:
+            each.send(text)
+        except ConnectionClosed:
+            sockets.discard(each)
+
+
 class Readers:
     """Web sockets of the pages that are open; each gets the last text when it connects."""
 
@@ -150,12 +161,6 @@ class Readers:
 
     def tell(self, text: str) -> None:
         """Send a text to all pages."""
-        from websockets.exceptions import ConnectionClosed
-
         with self._lock:
             self._last = text
-            for socket in list(self._sockets):
-                try:
-                    socket.send(text)
-                except ConnectionClosed:
-                    self._sockets.discard(socket)
+            send(text, self._sockets)

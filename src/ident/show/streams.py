@@ -9,7 +9,8 @@ import json
 import shlex
 import threading
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -294,6 +295,7 @@ PANELS = 12  # parameters that have a chart; all are in the tables
 FORCES = 6  # multipliers that have one
 SHARE = 1.96  # standard errors on either side of a band
 ACROSS = 2  # panels beside each other
+REDRAWN = 1.0  # s between two states of a page
 
 
 class ThinnedSeries:
@@ -340,15 +342,12 @@ class MonitorHistory:
     def add(self, found: Snapshot, forces: Forces | None) -> None:
         """Take a snapshot, and the multipliers of the samples since the one before."""
         with self._lock:
-            self._add(found)
+            self._last = found
+            both = [(v.value, np.nan if v.stderr is None else v.stderr) for v in found.parameters]
+            self._parameters.add(found.t, np.array(both).reshape(-1, 2))
+            errors = (e.relative for e in found.errors.values())
+            self._errors.add(found.t, np.array([np.nan if e is None else e for e in errors]))
             self.add_forces(forces)
-
-    def _add(self, found: Snapshot) -> None:
-        self._last = found
-        both = [(v.value, np.nan if v.stderr is None else v.stderr) for v in found.parameters]
-        self._parameters.add(found.t, np.array(both).reshape(-1, 2))
-        errors = [e.relative if e.relative is not None else np.nan for e in found.errors.values()]
-        self._errors.add(found.t, np.array(errors))
 
     def add_forces(self, forces: Forces | None) -> None:
         """Take the multipliers of further samples."""
@@ -391,38 +390,28 @@ class MonitorHistory:
             return ()
         rows = [["since [s]", "sure at [s]", "alarm"]]
         rows += [[f"{x.onset:.2f}", f"{x.detected:.2f}", x.headline] for x in self._alarms]
-        alarms: tuple[Block, ...] = (table(rows, "Alarms", tied=False),) if rows[1:] else ()
         bodies = set(self._mechanism.bodies.names)  # what wears, the effects, comes first
         identified = sorted(found.identified, key=lambda v: v.name in bodies)
-        values = [["parameter", "value", "standard error", "unit"]]
-        values += [
-            [v.name, f"{v.value:.5g}", f"{v.stderr:.2g}" if v.stderr is not None else "–", v.unit]
-            for v in identified
-        ]
         names = {v.name: (i, v.unit) for i, v in enumerate(found.parameters)}
         known = {v.name: names[v.name] for v in identified[:PANELS]}
-        parameters: list[Block] = [self._chart("Parameters", self._parameters, known)]
-        if (many := len(identified)) > PANELS:
-            parameters.append(paragraph(f"The first {PANELS} of {many} have a chart."))
-        parameters.append(table(values, "Parameters now"))
-        forces: tuple[Block, ...] = ()
-        if (x := self._last_forces) is not None and self._forces.rows:
-            units = dict(zip(x.names, enumerate(x.units), strict=True))
-            shown = dict(list(units.items())[:FORCES])
-            forces = (self._chart("Reaction forces λ", self._forces, shown),)
+        forces: dict[str, tuple[int, str]] = {}
+        if (x := self._last_forces) is not None:
+            forces = dict(list(zip(x.names, enumerate(x.units), strict=True))[:FORCES])
         t, errors = self._errors.series
         lines = (
             Line(t, 100 * errors[:, u], joint, u, dotted=len(t) < 3)
             for u, joint in enumerate(found.errors)
         )
         panel = Panel((*lines, *self._marks(t, True)), "t [s]", "error [%]")
-        rest = ", ".join(f"{j} {percent(e.relative)}" for j, e in found.errors.items())
-        drawn = Chart(f"Error of the torque over time: {rest}", ((panel,),), True, clock="log")
+        drawn = Chart("Error of the torque over time", ((panel,),), True, clock="log")
+        now = [paragraph(f"The first {PANELS} have a chart.")] * (len(identified) > PANELS)
+        now += snapshot_sheet(found).blocks()
         return (
-            Section("Alarms", alarms),
-            Section("Parameters over time", tuple(parameters) if known else ()),
-            Section("Reaction forces", forces),
+            Section("Alarms", (table(rows, "Alarms", tied=False),) if rows[1:] else ()),
+            Section("Parameters over time", self._charts("Parameters", self._parameters, known)),
+            Section("Reaction forces", self._charts("Reaction forces λ", self._forces, forces)),
             Section("Error of the predicted torque", (drawn,)),
+            Section("Now", tuple(now)),
         )
 
     def _marks(self, t: np.ndarray, words: bool) -> list[Level]:
@@ -433,8 +422,12 @@ class MonitorHistory:
             if len(t) and t[0] <= x.onset <= t[-1]
         ]
 
-    def _chart(self, words: str, curve: ThinnedSeries, known: dict[str, tuple[int, str]]) -> Chart:
-        """Draw values with bands of 95 %, a panel a name."""
+    def _charts(
+        self, words: str, curve: ThinnedSeries, known: dict[str, tuple[int, str]]
+    ) -> tuple[Chart, ...]:
+        """Draw values with bands of 95 %, a panel a name; nothing where there is none."""
+        if not known or not curve.rows:
+            return ()
         t, values = curve.series
         panels: list[Panel] = []
         for name, (i, unit) in known.items():
@@ -447,7 +440,8 @@ class MonitorHistory:
             )
             panels.append(Panel(marks, "t [s]", f"[{unit}]", name, height=2.0))
         rows = [tuple(panels[i : i + ACROSS]) for i in range(0, len(panels), ACROSS)]
-        return Chart(f"{words} over time, with intervals of 95 %", tuple(rows), True, clock="log")
+        title = f"{words} over time, with intervals of 95 %"
+        return (Chart(title, tuple(rows), True, clock="log"),)
 
     def report(self) -> bytes:
         """Return report.html."""
@@ -465,16 +459,28 @@ class MonitorHistory:
         return json.dumps(pieces_of(blocks))
 
 
-def live_page(title: str, port: int) -> tuple[str, Callable[[str], None], Callable[[], None]]:
-    """Serve a page on 127.0.0.1 that draws what it is sent.
+@contextmanager
+def live_page(title: str, port: int, state: Callable[[], str]) -> Iterator[str]:
+    """Serve a page on 127.0.0.1 inside this context, which gives its address.
 
-    Returns:
-        Its address, a function that sends it what `MonitorHistory.live` returns, and one that ends
-        it.
+    Args:
+        title: of the page.
+        port: 0 takes a free one.
+        state: called now and then; returns what `MonitorHistory.live` does, which the page draws.
 
     Raises:
         IdentError: if the port cannot be opened.
     """
-    readers = Readers()
-    page = Place(port).serve(str(piece("live", title, scripts())), readers.listen)
-    return page.address, readers.tell, page.stop
+    readers, ended = Readers(), threading.Event()
+
+    def tell() -> None:
+        last = ""
+        while not ended.wait(REDRAWN):
+            if (now := state()) != last:
+                readers.tell(last := now)
+
+    with Place(port).serve(str(piece("live", title, scripts())), readers.listen) as page:
+        threading.Thread(target=tell, daemon=True).start()
+        yield page.address
+        ended.set()
+        readers.tell(state())

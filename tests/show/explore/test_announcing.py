@@ -53,8 +53,6 @@ def test_the_fall_announced_is_that_of_explicit_refits(name, label):
     before, after = refitted(e.fit, ""), refitted(e.fit, label)
     found = announced(e, label)
     assert found.fall == pytest.approx(1 - after.sum() / before.sum(), abs=1e-7)
-    spread = (before - after).std(ddof=1) * np.sqrt(len(before)) / before.sum()
-    assert found.error == pytest.approx(spread, rel=1e-5)
 
 
 def delivered(before: ident.Fit, after: ident.Fit) -> float:
@@ -79,7 +77,9 @@ def test_columns_kept_from_the_model_before_announce_the_same():
     kept = grown("viscous:elbow").screened()
     anew = replace(grown("viscous:elbow"), contest=None).screened()
     assert kept.contest.unchanged(anew.fit, anew.contest.use)
-    assert [str(x) for x in kept.candidates] == [str(x) for x in anew.candidates]
+    assert [(x.label, x.fall) for x in kept.candidates] == [
+        (x.label, x.fall) for x in anew.candidates
+    ]
 
 
 def test_columns_are_made_anew_where_the_motion_is_corrected():
@@ -106,7 +106,7 @@ def test_the_best_come_first_and_those_of_the_model_last():
 
 @pytest.mark.parametrize("name", ["arm", "four_bar", "five_bar"])
 def test_what_a_diagnosis_names_first_is_first(name):
-    best = screened(name).judged().now.diagnosis.best
+    best = screened(name).judged().diagnosis.best
     assert best is not None
     rows = effect_rows(screened(name))
     assert rows[0]["label"] == best.label
@@ -121,35 +121,8 @@ def test_what_stands_under_would_lower_the_error_lowers_it(label):
     assert all(announced(e, row["label"]).fall > 0 for row in rows)
 
 
-def test_rivals_are_named():
-    viscous, coulomb = (announced(screened(), f"{kind}:wrist") for kind in ("viscous", "coulomb"))
-    assert "viscous:wrist" in coulomb.rivals  # their falls differ by less than they are known
-    assert "viscous:wrist" in announced(screened(), "coupling:yaw,wrist").better
-    assert "coupling:shoulder,wrist" in coulomb.rivals
-    assert "viscous:elbow" not in {*viscous.better, *viscous.rivals}  # another part
-    for each in screened().candidates:
-        for label in each.rivals:
-            assert each.label in announced(screened(), label).rivals
-
-
 def test_what_cannot_be_seen_says_why():
     hidden = [x for x in screened().candidates if x.fall is None]
     payload = next(x for x in hidden if x.label == "payload:hand")
     assert "absorbed" in payload.why
     assert all(x.why and not x.present for x in hidden)
-
-
-def test_better_is_said_only_where_falls_differ_by_more_than_they_are_known():
-    by = {x.label: x for x in screened().candidates if not x.present}
-    for each in by.values():
-        for label in each.better:
-            other = by[label]
-            assert other.fall - each.fall >= max(other.error, each.error)
-    assert any(each.better for each in by.values())
-
-
-def test_what_would_raise_the_error_lowers_none():
-    rows = {row["label"]: row for row in effect_rows(screened())}
-    falls = {x.label: x.fall for x in screened().candidates if x.fall is not None}
-    for label, fall in falls.items():
-        assert ("lowers the error" in rows[label]["about"]) == (fall > 0)

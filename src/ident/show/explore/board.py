@@ -2,8 +2,6 @@
 
 The state is one JSON object: the page gets it whole when it connects, then the keys that change. A
 change is shown in stages: errors and ladder, charts, then the falls that are announced anew.
-
-Its content comes first: lists of effects, tables, charts.
 """
 
 from __future__ import annotations
@@ -16,7 +14,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -36,18 +33,17 @@ from ident.motion import Motion, complete
 from ident.show.charts import Chart, pieces_of, scripts
 from ident.show.diagnosis import noise_errors
 from ident.show.diagnosis_report import plot_before_after
-from ident.show.explore.exploration import Exploration, PredictedGain, error_text
+from ident.show.explore.exploration import Exploration, PredictedGain, fit_of
 from ident.show.fit import value_tables
 from ident.show.html import Bar, code, items, named, paragraph, table
-from ident.show.ladder import plot_rungs
+from ident.show.ladder import changed, plot_rungs
 from ident.show.laws import law_words
-from ident.show.local import Place
-from ident.show.residual import plot_maps, plot_predictions
-from ident.text import listed, some
+from ident.show.local import Place, send
+from ident.show.residual import failure_text, plot_maps, plot_predictions
+from ident.show.template import piece
 
 POINTS = 1500  # of a line on the page
-NAMED = 5  # rivals that are listed, the others counted
-VIEWS = ("Joint", "All joints", "Ladder", "Numbers", "Verdict")
+VIEWS = ("Joint", "Ladder", "Numbers", "Verdict")
 GROUPS = (
     "Found in these data, of no effect's form: accept or refuse",
     "Would lower the error",
@@ -57,22 +53,17 @@ GROUPS = (
 )
 JUDGED = "judged to be missing"  # the mark of what a diagnosis names, to be added together
 UNJUDGED = (
-    "Not judged yet. What is announced is a fall of error, and a falling error is no proof of a "
-    "cause. `Judge it` weighs every effect against what logs without it show by chance, says what "
-    "this data cannot tell apart, and offers a curve or a formula where no effect has the "
-    "right form."
+    "Not judged yet. A falling error is no proof of a cause: `Judge it` weighs every effect "
+    "against chance, and offers a curve or a formula where no effect has the right form."
 )
 
 
 def error_rows(e: Exploration) -> list[list[str]]:
-    """Return held-out errors joint by joint: as given, and from the last change to now."""
-    first, noise = e.rungs[0].errors, e.fit.noise
-    before = e.rungs[max(len(e.rungs) - 2, 0)].errors
-    rows = [
-        [j, error_text(first.get(j)), Bar(j, before.get(j, now), now, noise[j]).words]
-        for j, now in e.now.errors.items()
-    ]
-    return [["joint", "as given", "last change"], *rows]
+    """Return held-out errors joint by joint, from the last change to now."""
+    before, noise = e.rungs[max(len(e.rungs) - 2, 0)].errors, e.fit.noise
+    every = e.now.errors.items()
+    rows = [[j, Bar(j, before.get(j, now), now, noise[j]).words] for j, now in every]
+    return [["joint", "last change"], *rows]
 
 
 def effect_rows(e: Exploration) -> list[dict[str, Any]]:
@@ -80,53 +71,47 @@ def effect_rows(e: Exploration) -> list[dict[str, Any]]:
 
     Rows of one `set` in a group are one line of the page, whose button adds all of them.
     """
-    d = e.now.diagnosis
+    d = e.diagnosis
     marks = {} if d is None else {each.label: "as likely" for each in d.rivals}
     marks |= {} if d is None else {each.label: JUDGED for each in d.group}
-    rows = [_offer(each) for each in e.offered]
-    rows += [
-        _effect_row(x, "in the model" if x.present else marks.get(x.label, ""))
-        for x in e.candidates
-    ]
+    rows = [*map(_offer, e.offered), *(_effect_row(x, marks) for x in e.candidates)]
     return sorted(rows, key=lambda row: (GROUPS.index(row["group"]), row["mark"] != JUDGED))
+
+
+def _row(effect: Effect, group: int, share: float, **more: Any) -> dict[str, Any]:
+    """Return what the page shows of an effect, `share` of the error being what it takes away."""
+    return {
+        "label": effect.label, "set": "", "present": group == 2, "offered": group == 0,
+        "mark": "", "sure": True, "why": "", "share": min(max(share, 0.0), 1.0),
+        "group": GROUPS[group], **more,
+    }  # fmt: skip
 
 
 def _offer(x: Law | FoundCurve) -> dict[str, Any]:
     """Return the row of a law or a curve, which can be accepted or refused."""
-    rivals, fall, share = "", "", 1 - math.sqrt(x.ratio) if isinstance(x, FoundCurve) else 0.0
-    if isinstance(x, Law):
-        bar = Bar(x.joint, x.before[x.joint], x.after[x.joint])
-        fall, share = bar.words, 1 - bar.sizes[1] / (bar.sizes[0] or 1.0)
-        rivals = "; ".join(each.formula.text for each in x.found.rivals[:NAMED])
-        rivals = f"not told apart from {rivals}" if rivals else ""
+    if isinstance(x, FoundCurve):
+        share = 1 - math.sqrt(x.ratio)
+        fall, mark = f"{100 * share:.0f} % less", "curve"
     else:
-        fall = f"{100 * share:.0f} % less"
-    return {
-        "label": x.effect.label, "set": "", "present": False, "offered": True,
-        "mark": "law" if isinstance(x, Law) else "curve", "sure": True, "fall": fall,
-        "share": min(max(share, 0.0), 1.0), "about": law_words(x), "why": "", "rivals": rivals,
-        "group": GROUPS[0],
-    }  # fmt: skip
+        bar = Bar(x.joint, x.before[x.joint], x.after[x.joint])
+        share, fall, mark = 1 - bar.sizes[1] / (bar.sizes[0] or 1.0), bar.words, "law"
+    return _row(x.effect, 0, share, mark=mark, fall=fall, about=law_words(x))
 
 
-def _effect_row(x: PredictedGain, mark: str) -> dict[str, Any]:
+def _effect_row(x: PredictedGain, marks: dict[str, str]) -> dict[str, Any]:
     change, fall = "not linear" if x.present else "", 0.0
     if x.before is not None and x.after is not None:
-        about = "" if x.effect.linear else "≈ "  # exact for what is linear in its unknowns
-        change = f"{about}{Bar('', x.before, x.after).words}"
+        near = "" if x.effect.linear else "≈ "  # exact for what is linear in its unknowns
+        change = f"{near}{Bar('', x.before, x.after).words}"
         fall = 1 - x.after.rms / max(x.before.rms, 1e-300)
     about = x.effect.equation if isinstance(x.effect, Formula) else type(x.effect).summary()
-    if x.joints and (x.fall or 0.0) > 0:
-        about += f"; lowers the error of {listed(x.joints)}"
+    mark = "in the model" if x.present else marks.get(x.label, "")
     judged = mark == JUDGED
-    behind = (("not told apart from", x.rivals), ("explained better by", x.better))
-    return {
-        "label": x.label, "set": JUDGED if judged else x.effect.kind, "present": x.present,
-        "mark": mark, "sure": x.sure or judged, "fall": change,
-        "share": min(max(fall, 0.0), 1.0), "about": about, "why": x.why,
-        "rivals": "; ".join(f"{head} {some(names, NAMED)}" for head, names in behind if names),
-        "group": GROUPS[2 if x.present else 1 if x.sure or judged else 4 if x.fall is None else 3],
-    }  # fmt: skip
+    group = 2 if x.present else 1 if x.sure or judged else 4 if x.fall is None else 3
+    return _row(
+        x.effect, group, fall, set=JUDGED if judged else x.effect.kind, mark=mark,
+        sure=x.sure or judged, fall=change, about=about, why=x.why,
+    )  # fmt: skip
 
 
 def contents(e: Exploration, view: str, joint: str) -> list[Chart | Markup]:
@@ -139,41 +124,28 @@ def contents(e: Exploration, view: str, joint: str) -> list[Chart | Markup]:
     """
     if view == "Joint":
         return _joint(e, joint)
-    if view == "All joints":
-        return [e.fit.plot().thinned(POINTS)]
     if view == "Ladder":
-        names = [rung.name for rung in e.rungs]
-        return [plot_rungs(names, [rung.errors for rung in e.rungs], noise_errors(e.fit))]
+        errors = [rung.errors for rung in e.rungs]
+        return [plot_rungs([changed(rung) for rung in e.rungs], errors, noise_errors(e.fit))]
     if view == "Numbers":
-        return _numbers(e.fit)
-    if (d := e.now.diagnosis) is None:
-        return [paragraph(UNJUDGED)]
-    return [code(str(d))]
+        tables = [table(rows, title) for title, rows in value_tables(e.fit).items()]
+        return [*tables, items(e.fit.warnings)]
+    return [paragraph(UNJUDGED) if e.diagnosis is None else code(str(e.diagnosis))]
 
 
 def _joint(e: Exploration, joint: str) -> list[Chart | Markup]:
     """Return torque of one joint with the last two models, and its residual against signals."""
-    last = e.rungs[-2:]
-    names = ("before", "now")[-len(last) :]
-    predicted = {name: rung.fit.predict() for name, rung in zip(names, last, strict=True)}
+    last = [fit_of(rung) for rung in e.rungs[-2:]]
+    models: dict[str, Fit] = dict(zip(("before", "now")[-len(last) :], last, strict=True))
     u = e.fit.motion.independent.index(joint)
-    residuals = {name: rung.fit.residual for name, rung in zip(names, last, strict=True)}
-    whole = plot_predictions(predicted, residuals)
+    whole = plot_predictions(
+        {name: fit.predict() for name, fit in models.items()},
+        {name: fit.residual for name, fit in models.items()},
+    )
     words = f"Measured and predicted torque of {joint} over time"
     torque = replace(whole, words=words, rows=whole.rows[2 * u : 2 * u + 2])
-    failure = e.fit.residual.failure(joint)
-    depends = [f"the residual of {joint} depends on {each}" for each in failure.depends_on]
-    if failure.white:
-        depends = [f"what is left of {joint} alone cannot be told from noise in a log this long"]
-    depends = depends or [f"the residual of {joint} depends on no single signal, and is no noise"]
-    return [items(depends), torque.thinned(POINTS), plot_maps({"now": e.fit.residual}, joint)]
-
-
-def _numbers(fit: Fit) -> list[Chart | Markup]:
-    """Return parameters ± standard error, and the notes of the fit."""
-    tables = [table(rows, title) for title, rows in value_tables(fit).items()]
-    notes = [paragraph("Notes:"), items(fit.warnings)] if fit.warnings else []
-    return [*tables, *notes] or [paragraph("Nothing is identified by itself.")]
+    text = paragraph(failure_text(e.fit.residual.failure(joint)))
+    return [text, torque.thinned(POINTS), plot_maps({"now": e.fit.residual}, joint)]
 
 
 File = str | os.PathLike[str]
@@ -245,44 +217,20 @@ class Board:
         do, label = str(message["do"]), str(message.get("label", ""))
         changes = do not in ("look", "preview")
         with self._lock:
-            if self.exploration is None or (self.state["busy"] and do != "look"):
+            before = self.exploration
+            if before is None or (self.state["busy"] and do != "look"):
                 return
             if do == "preview" and self.state["stale"]:
                 return  # the label is of another model
             self._turn += changes
             self._over = label if do == "preview" else ""
-            before, turn = self.exploration, self._turn
+            turn = self._turn
             if changes:
                 self._tell(busy=True)
                 self._say(f"{do} {label} …", "busy")
-        progress = self._progress(f"{do} {label}".strip(), turn)
         words = ""
         try:
-            match do:
-                case "look":
-                    self._tell(view=str(message["view"]), joint=str(message["joint"]))
-                case "preview":
-                    if label:
-                        self._preview(before, label, turn)
-                    return
-                case "add":
-                    effects = [before.effect(each) for each in label.split("\n")]
-                    self._show(before.with_effect(effects, progress))
-                    self._tell(joint=self._joint_of(before, effects[0]))
-                case "refuse":
-                    self._show(before.refuse(label))
-                case "remove":
-                    self._show(before.without(label, progress))
-                case "back":
-                    self._show(before.at(int(message["rung"])))
-                case "undo":
-                    self._show(before.undone)
-                case "judge":
-                    self._show(before.judged(progress))
-                    self._tell(view="Verdict")
-                case "save":
-                    words = self._save(str(message["name"]).strip())
-            self._draw()
+            words = self._do(before, do, label, message, turn)
         except Stale:
             return
         except Exception as error:  # a page lives on, whatever happened
@@ -295,6 +243,38 @@ class Board:
         elif words:
             self._tell(preview={"label": label, "shown": pieces_of([paragraph(words)])})
 
+    def _do(
+        self, e: Exploration, do: str, label: str, message: dict[str, Any], turn: int
+    ) -> str:  # fmt: skip
+        """Do it, and return what is said of it, if not what is announced next."""
+        progress, words = self._progress(f"{do} {label}".strip(), turn), ""
+        match do:
+            case "look":
+                self._tell(view=str(message["view"]), joint=str(message["joint"]))
+            case "preview":
+                if label:
+                    self._preview(e, label, turn)
+                return ""
+            case "add":
+                effects = [e.effect(each) for each in label.split("\n")]
+                self._show(e.with_effect(effects, progress))
+                self._tell(joint=self._joint_of(e, effects[0]))
+            case "refuse":
+                self._show(e.refuse(label))
+            case "remove":
+                self._show(e.without(label, progress))
+            case "back":
+                self._show(e.at(int(message["rung"])))
+            case "undo":
+                self._show(e.undone)
+            case "judge":
+                self._show(e.judged(progress))
+                self._tell(view="Verdict")
+            case "save":
+                words = self._save(str(message["name"]).strip())
+        self._draw()
+        return words
+
     @contextlib.contextmanager
     def serve(self, port: int | Place = 0) -> Iterator[str]:
         """Serve the page on 127.0.0.1 inside this context, which gives its address.
@@ -306,10 +286,8 @@ class Board:
             IdentError: if the port cannot be opened.
         """
         place = port if isinstance(port, Place) else Place(port)
-        page = resources.files("ident.show.explore").joinpath("page.html")
-        html = page.read_text(encoding="utf-8").replace("<!-- charts -->", scripts())
         try:
-            with place.serve(html, self._talk):
+            with place.serve(str(piece("explore", scripts())), self._talk):
                 yield place.address
         finally:
             for socket in list(self._sockets):
@@ -320,10 +298,7 @@ class Board:
         if not self._address:
             self._served = self.serve()  # ends when it is forgotten
             self._address = self._served.__enter__()
-        frame = Markup(
-            '<iframe src="{}" title="{}" style="width:100%;height:{}px;border:0"></iframe>'
-        )
-        return str(frame.format(self._address, self.state["title"], HEIGHT))
+        return str(piece("document", None, self.state["title"], HEIGHT, self._address))
 
     def _talk(self, socket: Any) -> None:
         """Send the state to one page, and do what it asks for, until it is closed."""
@@ -339,14 +314,10 @@ class Board:
 
     def _tell(self, **changes: Any) -> None:
         """Change the state here and on all pages; what is no JSON raises and changes nothing."""
-        from websockets.exceptions import ConnectionClosed
-
         text = json_line(changes)
         with self._lock:
             self.state |= changes
-            for socket in list(self._sockets):
-                with contextlib.suppress(ConnectionClosed):
-                    socket.send(text)
+            send(text, self._sockets)
 
     def _say(self, text: str, kind: str = "done", share: float = 0.0) -> None:
         """Show a line: `done`, `busy` with a share of the work done, or `bad`."""
@@ -372,13 +343,9 @@ class Board:
         """Make an exploration the present one, and show all of it but the charts."""
         self.exploration = e
         changes: dict[str, Any] = {"stale": True, "note": "announced for another model …"}
-        if e.now.candidates is not None:
+        if e.candidates:
             rows = effect_rows(e)
             note = f"{len(rows)} effects; held-out error of the joint without → with each"
-            if (d := e.now.diagnosis) is not None and d.best is None:
-                note += (
-                    "; none is judged to be missing: a fall may be chance, or too small to matter"
-                )
             changes = {"effects": rows, "stale": False, "note": note}
         errors = str(table(error_rows(e), "Held-out error"))
         self._tell(errors=errors, ladder=e.table(), undo=e.before is not None, **changes)
@@ -404,10 +371,8 @@ class Board:
 
         effects = [e.effect(each) for each in label.split("\n")]
         after, joint = e.with_effect(effects, on_progress).fit, self._joint_of(e, effects[0])
-        known = [each for each in effects if not isinstance(each, str)]
-        chart = plot_before_after(
-            e.fit.residual, after.residual, joint, named(known) or label
-        ).thinned(POINTS)
+        name = named(each for each in effects if isinstance(each, Effect))
+        chart = plot_before_after(e.fit.residual, after.residual, joint, name).thinned(POINTS)
         self._tell(preview={"label": label, "shown": pieces_of([chart])})
 
     def _announce(self, turn: int, words: str = "", beside: Progress | None = None) -> None:
@@ -415,7 +380,7 @@ class Board:
         e = self.exploration
         assert e is not None
         try:
-            if e.now.candidates is None:
+            if not e.candidates:
                 e = e.screened(self._progress("announcing falls", turn, beside))
                 with self._lock:
                     if self._turn == turn:

@@ -1,99 +1,3 @@
-<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>ident</title>
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="referrer" content="no-referrer"><link rel="icon" href="data:,">
-<style>
-:root { color-scheme: light dark; --paper: #fff; --ink: #1c2026; --accent: #2f7fd6; --good: #2a8f6d;
-  --warn: #9a6412; --bad: #c03b50; --line: color-mix(in srgb, currentColor 18%, transparent);
-  --edge: color-mix(in srgb, currentColor 42%, transparent); }
-@media (prefers-color-scheme: dark) { :root { --paper: #15181d; --ink: #e4e7ec; --warn: #d99a3d; } }
-* { box-sizing: border-box; }
-body { margin: 0; padding: 10px 16px; background: var(--paper); color: var(--ink);
-  font: 14px/1.4 system-ui, sans-serif; }
-header, .top, .look { display: flex; flex-wrap: wrap; gap: 8px 16px; align-items: flex-start; }
-.columns { display: grid; grid-template-columns: 400px minmax(0, 1fr); gap: 16px; }
-.status { flex: 1 1 24rem; min-width: 0; overflow-wrap: anywhere; }
-.status p { min-height: 1.4em; }
-.status.bad p { color: var(--bad); font-weight: 600; }
-.status.busy p { background: linear-gradient(var(--accent), var(--accent)) bottom left / var(--share) 2px no-repeat; }
-h1 { font-size: 17px; margin: 0; }
-p { margin: 2px 0; }
-pre { white-space: pre-wrap; font: 12.5px/1.45 ui-monospace, monospace; margin: 0; }
-ul { margin: 2px 0; padding: 0 0 0 18px; }
-button, input, select { font: inherit; color: inherit; background: transparent; border-radius: 4px;
-  border: 1px solid var(--edge); padding: 3px 10px; }
-label { min-width: 0; overflow-wrap: anywhere; } /* folders and joints may have long names */
-input, select { max-width: 100%; }
-option { color: var(--ink); background: var(--paper); }
-button { cursor: pointer; }
-button:hover { background: var(--line); }
-button[aria-disabled="true"], button:disabled { cursor: progress; opacity: .5; }
-button[aria-pressed="true"] { background: #2f6fbd; color: #fff; }
-:focus-visible { outline: 3px solid var(--accent); outline-offset: 1px; }
-#filter { width: 100%; }
-#note { font-size: 12.5px; opacity: .75; min-height: 1.4em; }
-.candidates ul { list-style: none; padding: 0 4px 0 0; overflow-y: auto; max-height: calc(100vh - 150px); }
-.candidates ul.stale { opacity: .55; }
-.candidates li { display: grid; grid-template-columns: 5rem 1fr auto; gap: 0 8px; padding: 5px 0;
-  border-bottom: 1px solid var(--line); font-size: 12.5px; overflow-wrap: anywhere; }
-.candidates li.group { display: block; padding: 8px 0 3px; border: 0; font-size: inherit; }
-.candidates .do { grid-row: 1 / span 2; display: grid; gap: 3px; align-content: start; justify-items: start; }
-.candidates button { padding: 1px 8px; }
-.candidates details ul { max-height: none; padding: 0; } .candidates .several { grid-template-columns: 5rem 1fr; }
-.candidates summary { cursor: pointer; font-size: 14px; font-weight: 600; }
-.candidates .name { font-size: 14px; font-weight: 600; }
-.candidates em { font: 11px/1.5 system-ui, sans-serif; padding: 0 5px; border-radius: 8px; color: #fff;
-  background: #9a6412; white-space: nowrap; }
-.candidates .present em { background: #2a8f6d; }
-.candidates .fall { font-variant-numeric: tabular-nums; white-space: nowrap; opacity: .8; }
-.candidates .sure .fall, .candidates .present .fall { font-weight: 600; opacity: 1; }
-.candidates .bar { grid-column: 2 / -1; height: 4px; margin: 2px 0; border-radius: 2px;
-  background: linear-gradient(var(--accent), var(--accent)) left / var(--share) 100% no-repeat, var(--line); }
-.candidates .name, .candidates .fall, .candidates .about, .candidates .rivals, .candidates .why { grid-column: 2 / -1; }
-.candidates .about { opacity: .75; }
-.candidates .why { color: var(--warn); }
-.ladder { overflow: auto; max-height: 13.5rem; flex: 1 1 0; min-width: 18rem; }
-.wide, #shown > * { overflow: auto; }
-table { border-collapse: collapse; font-size: 13px; font-variant-numeric: tabular-nums; }
-caption { text-align: left; font-weight: 600; padding-bottom: 2px; }
-th, td { padding: 2px 9px; text-align: right; white-space: nowrap; font-weight: 400; border-bottom: 1px solid var(--line); }
-thead th { font-weight: 600; vertical-align: bottom; }
-th:first-child { text-align: left; padding-left: 0; min-width: 6rem; white-space: normal; overflow-wrap: anywhere; }
-.ladder th:first-child { min-width: 10rem; }
-tr[aria-current] > * { font-weight: 700; }
-.look { margin: 12px 0; }
-@media (max-width: 900px) { .columns { display: block; } .candidates ul { max-height: 20rem; } }
-@media (max-width: 36rem) { /* a row is its name, and below it each cell beside the head of its column */
-  .ladder { flex-basis: 100%; } .top thead { display: none; } .top th { flex: 1 1 100%; border: 0; }
-  .top tr { display: flex; flex-wrap: wrap; border-bottom: 1px solid var(--line); }
-  .top td { border: 0; padding: 2px 12px 2px 0; } .top td::before { content: attr(data-head) " "; opacity: .75; }
-}
-</style>
-<!-- charts -->
-</head><body>
-<header>
-  <div class="status" id="status"><h1></h1><p role="status" aria-live="polite"></p></div>
-  <button type="button" id="undo">Undo</button>
-  <button type="button" id="judge">Judge it</button>
-  <label>Save below <span id="folder"></span> as <input id="name" size="14" placeholder="(itself)"></label>
-  <button type="button" id="save">Save</button>
-</header>
-<div class="columns">
-  <section class="candidates" aria-label="Effects">
-    <input type="search" id="filter" placeholder="Show only, as elbow or coulomb"
-      aria-label="Show only effects with these words">
-    <p id="note"></p><ul id="effects"></ul>
-  </section>
-  <main>
-    <div class="top"><div id="errors"></div>
-      <div class="ladder" id="ladder" tabindex="0" role="region"
-        aria-label="Ladder of models tried, with held-out errors joint by joint"></div></div>
-    <div class="look"><span id="views" role="group" aria-label="View"></span>
-      <label>Joint <select id="joint"></select></label></div>
-    <div id="shown"></div>
-  </main>
-</div>
-<script>
 "use strict"
 // Draws the state that the server sends, whole and then by changes; names are text, never markup.
 const state = {}
@@ -179,9 +83,7 @@ function row(x) {
     name, make("span", {class: "fall"}, x.fall),
     make("span", {class: "bar", style: `--share: ${100 * x.share}%`, "aria-hidden": "true"}))
   if (!x.present) previews(line, x.label)
-  for (const part of ["about", "rivals", "why"]) {
-    if (x[part]) line.append(make("span", {class: part}, x[part]))
-  }
+  for (const part of ["about", "why"]) if (x[part]) line.append(make("span", {class: part}, x[part]))
   return line
 }
 
@@ -257,5 +159,3 @@ $("joint").addEventListener("change", () => look({joint: $("joint").value}))
 $("undo").addEventListener("click", () => change({do: "undo"}))
 $("judge").addEventListener("click", () => change({do: "judge"}))
 $("save").addEventListener("click", () => change({do: "save", name: $("name").value}))
-</script>
-</body></html>
