@@ -17,7 +17,7 @@ import shutil
 import stat
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, is_dataclass
 from inspect import isfunction
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -91,6 +91,8 @@ def plain(value: Any) -> Any:
         return {str(key): plain(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
         return [plain(each) for each in value]
+    if is_dataclass(value) and not isinstance(value, type):
+        return plain(asdict(value))
     if hasattr(value, "tolist"):  # of numpy, which is not imported for this
         return plain(value.tolist())
     if isinstance(value, float):

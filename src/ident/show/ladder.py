@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +43,6 @@ from ident.show.html import (
     next_command,
     table,
 )
-from ident.show.html import table as html_table
 from ident.show.motion import made_of, understood
 from ident.show.residual import (
     Models,
@@ -71,9 +70,6 @@ def comparison_sheet(c: Comparison) -> Sheet:
         names = {shown[name]: c.errors[name] for name in list(shown)[i : i + 2]}
         title = f"error of the predicted torque{below(first)}"
         tables[title if not tables else ", ".join(names)] = error_rows(names)
-    for name, fitted in c.fitted.items():
-        if any(fitted.values()):
-            tables[f"errors of {shown[name]} as it was fitted"] = error_rows(fitted)
     lines = ["where it fails"]
     for name, residual in c.residuals.items():
         before = "" if len(shown) == 1 else f"{shown[name]}, "
@@ -82,38 +78,38 @@ def comparison_sheet(c: Comparison) -> Sheet:
 
 
 def comparison_card(c: Comparison) -> Card:
-    """Return the models, and how far the error falls from the first to the last."""
+    """Return the models, and how far the error falls from the first to the last, or from the fit
+    of the only one.
+    """
     first, last = (list(c.residuals.values())[i] for i in (0, -1))
-    logs = ", ".join(trace.name for trace in first.traces)
     shown, floor = told_apart(c.residuals), floor_of(last.model, last.motion)
-    errors = judged(c, last)
+    alone, errors = first is last, judged(c, last)
     good = good_enough(errors, floor, last.away)
+    before = _fitted(c, first.name) if alone else first.errors
+    after = errors if alone else last.errors
+    changed = first.risen(before) if alone else _changed(first, last)
+    joints = [*changed, *(j for j in errors if j not in changed)]
+    bars = tuple(
+        Bar(j, before.get(j, after[j]), after[j] if j in before else None, floor[j]) for j in joints
+    )
+    models = shown[first.name] if alone else f"{shown[first.name]} → {shown[last.name]}"
+    line = f"{models} on {', '.join(trace.name for trace in first.traces)}"
+    if alone and changed:
+        line += f": changed since it was fitted in {places(changed)}"
+        line += "; all other joints are as then" * (len(changed) < len(joints))
+    elif alone:
+        line += ": in all joints as when it was fitted" * bool(before)
+        if before and any(bar.rises for bar in bars):
+            line += ", within what errors differ between stretches of time"
+    else:
+        rises = [bar.joint for bar in bars if bar.rises]
+        falls = [x.joint for x in bars if x.after and x.after.rms < (1 - SAME) * x.before.rms]
+        ways = {"falls": falls, "rises": rises}
+        parts = [f"{way} in {places(names)}" for way, names in ways.items() if names]
+        line += f": the error {' and '.join(parts) or 'is the same in all joints'}"
+        good = good and f"{shown[last.name]}: {good}"
     command = next_command("monitor" if enough(errors, floor) else "diagnose")
-    if first is last:
-        then = _fitted(c, first.name)
-        changed = first.risen(then)
-        joints = [*changed, *(j for j in errors if j not in changed)]
-        bars = tuple(
-            Bar(j, then.get(j, errors[j]), errors[j] if j in then else None, floor[j])
-            for j in joints
-        )
-        words = ": in all joints as when it was fitted" * bool(then)
-        if words and any(bar.rises for bar in bars):
-            words += ", within what errors differ between stretches of time"
-        if changed:
-            words = f": changed since it was fitted in {places(changed)}"
-            words += "; all other joints are as then" * (len(changed) < len(joints))
-        return Card(f"{shown[first.name]} on {logs}{words}", good, bars, command)
-    bars = tuple(Bar(j, first.errors[j], last.errors[j], floor[j]) for j in _changed(first, last))
-    ratio = {bar.joint: bar.after.rms / max(bar.before.rms, 1e-300) for bar in bars if bar.after}
-    ways = {
-        "falls": [joint for joint, x in ratio.items() if x < 1 - SAME],
-        "rises": [joint for joint, x in ratio.items() if x > 1 + SAME],
-    }
-    parts = [f"{way} in {places(joints)}" for way, joints in ways.items() if joints]
-    words = " and ".join(parts) or "is the same in all joints"
-    line = f"{shown[first.name]} → {shown[last.name]} on {logs}: the error {words}"
-    return Card(line, good and f"{shown[last.name]}: {good}", bars, command)
+    return Card(line, good, bars, command)
 
 
 def judged(c: Comparison, residual: Residual) -> Mapping[str, Error]:
@@ -146,13 +142,8 @@ def comparison_files(c: Comparison) -> dict[str, bytes]:
     first, shown = next(iter(residuals.values())), told_apart(residuals)
     mechanism, motion = first.model.mechanism, first.motion
     changed = _changed(first, list(residuals.values())[-1])[0] if len(residuals) > 1 else ""
-    fitted = [
-        html_table(error_rows(errors), f"{shown[name]} as it was fitted")
-        for name, errors in c.fitted.items()
-        if any(errors.values())
-    ]
     sections = (
-        errors_section(error_rows({shown[name]: each for name, each in c.errors.items()}), *fitted),
+        errors_section(error_rows({shown[name]: each for name, each in c.errors.items()})),
         *residual_sections(c.predictions, residuals, changed),
         Section("Parameters", _parameters(residuals)),
         Section("Multipliers", _multipliers(c)),
@@ -167,17 +158,17 @@ def comparison_files(c: Comparison) -> dict[str, bytes]:
 def _parameters(residuals: Models) -> tuple[Block, ...]:
     """Return values of the effects and of the bodies' unknowns, model beside model."""
     models, names = [each.model for each in residuals.values()], told_apart(residuals).values()
-    mechanism, values = models[0].mechanism, [dict(each.point.values) for each in models]
-    effects, bodies = [["effect", *names]], [["parameter about the joint", "prior", *names]]
+    values = [dict(model.point.values) for model in models]
+    rows = [["parameter, of bodies about the joint", "prior", *names]]
     for name in dict.fromkeys(name for own in values for name in own):
-        effects.append([name, *(f"{own[name]:.5g}" if name in own else "–" for own in values)])
+        rows.append([name, "", *(f"{own[name]:.5g}" if name in own else "–" for own in values)])
+    mechanism = models[0].mechanism
     for i, name in enumerate(mechanism.bodies.names):
         if name in mechanism.unknown:
             found = (mechanism.prior[i], *(model.point.pi[i] for model in models))
-            bodies.append([name, *(f"{value:.5g}" for value in found)])
-    titles = "Effects", "Unknown parameters of the bodies; fit.json has standard errors"
-    tables = zip((effects, bodies), titles, strict=True)
-    return tuple(html_table(rows, title) for rows, title in tables if len(rows) > 1)
+            rows.append([name, *(f"{value:.5g}" for value in found)])
+    title = "Values of all unknowns; fit.json has standard errors"
+    return (table(rows, title),) if rows[1:] else ()
 
 
 def _multipliers(c: Comparison) -> tuple[Block, ...]:
@@ -203,21 +194,17 @@ def _multipliers(c: Comparison) -> tuple[Block, ...]:
 def comparison_json(c: Comparison) -> dict[str, Any]:
     """Return the content of compare.json."""
 
-    def errors(named: Mapping[str, Error]) -> dict[str, Any]:
-        return {joint: asdict(error) for joint, error in named.items()}
-
-    def parts(residual: Residual, named: Mapping[str, np.ndarray]) -> dict[str, Any]:
-        joints = residual.joints
-        return {name: dict(zip(joints, values, strict=True)) for name, values in named.items()}
-
     first = next(iter(c.residuals.values()))
     models = {
         name: {
-            "error": errors(residual.errors),
-            "fitted": {key: errors(each) for key, each in c.fitted[name].items()},
+            "error": residual.errors,
+            "fitted": c.fitted[name],
             "changed": residual.risen(_fitted(c, name)),
             "noise": floor_of(residual.model, residual.motion),
-            "parts": parts(residual, residual.parts),
+            "parts": {
+                part: dict(zip(residual.joints, values, strict=True))
+                for part, values in residual.parts.items()
+            },
             "where": [failure.json for failure in residual.where],
         }
         for name, residual in c.residuals.items()
@@ -332,16 +319,11 @@ def sheet(history: History) -> Sheet:
 @renders(History, "plot")
 def plot(history: History) -> Chart:
     """Draw the held-out error of every joint against the rungs."""
-    names = [_brief(step) for step in history.steps]
-    noise = noise_errors(history.fit)
-    return plot_rungs(names, [step.errors for step in history.steps], noise)
-
-
-def _brief(step: Step) -> str:
-    """Return what a rung changes as it fits below a chart."""
-    if len(step.added) > 1:
-        return f"+ {step.added[0].kind} in {len(step.added)}"
-    return changed(step)
+    names = [
+        f"+ {step.added[0].kind} in {len(step.added)}" if len(step.added) > 1 else changed(step)
+        for step in history.steps
+    ]  # as it fits below a chart
+    return plot_rungs(names, [step.errors for step in history.steps], noise_errors(history.fit))
 
 
 def plot_rungs(
@@ -421,11 +403,11 @@ def history_json(history: History) -> dict[str, Any]:
                 "removed": [name_of(effect) for effect in step.removed],
                 "rivals": [name_of(effect) for effect in step.rivals],
                 "fitted": step.fit is not None,
-                "errors": {joint: asdict(error) for joint, error in step.errors.items()},
+                "errors": step.errors,
             }
             for step in history.steps
         ],
-        "noise": {joint: asdict(error) for joint, error in noise_errors(history.fit).items()},
+        "noise": noise_errors(history.fit),
     }  # fmt: skip
 
 
