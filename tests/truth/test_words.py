@@ -97,7 +97,7 @@ def test_effects_that_the_data_do_not_support():
     found = (Unsupported(drift, "it is not", False), Unsupported(spring, "it is negative", True))
     text = text_of(replace(clean(), unsupported=found), "")
     assert "drift:yaw is idle: it is not (`mechanism.without('drift:yaw')`)" in text
-    assert "spring:elbow cannot be as it is: it is negative." in text
+    assert "spring:elbow cannot be as it is: it is negative" in text
 
 
 def test_the_next_experiment_comes_last():
