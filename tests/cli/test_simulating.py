@@ -46,10 +46,10 @@ def test_forward_by_a_fit_with_a_controller(robots, tmp_path, done):
         "--plot", plot, "--out", folder,
     )  # fmt: skip
     assert "windows of 0.25 s, each from the measured state" in outcome.out
-    said = json.loads((folder / "replay.json").read_text())
-    assert said["schema"] == "ident.replay/1"
+    said = json.loads((folder / "compare.json").read_text())
+    assert said["replay"]["window"] == 0.25
+    assert "Simulated against measured motion</h2>" in (folder / "report.html").read_text()
     assert plot.exists()
-    assert (folder / "compare.json").exists()
 
 
 REFUSED = {

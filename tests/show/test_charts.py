@@ -8,7 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from ident.errors import IdentError
-from ident.show.charts import RESIDUAL, ROLES, SERIES, Bars, Chart, Dots, Level, Line, Panel, Points
+from ident.show.charts import RESIDUAL, ROLES, SERIES, Chart, Dots, Level, Line, Panel, Points
 
 T = np.linspace(0.0, 10.0, 50_001)
 AT = np.arange(3.0)
@@ -16,7 +16,6 @@ EVERY = Panel(
     (
         Line(T, np.sin(T), "line"),
         Points(T, np.cos(T), "points", 1),
-        Bars(AT, AT, 0.1 * AT, "bars", 2),
         Dots(AT, AT, 0.1 * AT, "dots", 3),
         Level(0.5),
         Level(0.5, upright=True, dashed=True, colour=RESIDUAL),
@@ -80,7 +79,7 @@ def test_another_suffix_is_refused(tmp_path):
 
 def test_names_of_rows_run_downwards():
     names = ("first", "second", "third")
-    panel = replace(EVERY, marks=(Bars(AT, AT, 0 * AT),), y_names=names)
+    panel = replace(EVERY, marks=(Dots(AT, AT, 0 * AT),), y_names=names)
     (axis,) = Chart("rows", ((panel,),)).axes
     assert [label.get_text() for label in axis.get_yticklabels()] == list(names)
     low, high = axis.get_ylim()

@@ -123,7 +123,9 @@ def test_a_model_is_good_enough_where_its_error_is_noise_or_does_not_matter():
     errors = {"elbow": Error(0.1, 0.05, "N m"), "wrist": Error(0.1, 0.002, "N m")}
     assert good_enough(errors, {}) == ""  # a log without noise
     assert "As good as" in good_enough(errors, {"elbow": 0.05, "wrist": 0.05}, searched=True)
-    assert "Yes: at most 1.0 times" in good_enough(errors, {"elbow": 0.1, "wrist": 0.1})
+    assert "Yes: in every joint the error is at most 1.0 times" in good_enough(
+        errors, {"elbow": 0.1, "wrist": 0.1}
+    )
     assert "below 0.3 % of the torque" in good_enough(errors, {"elbow": 0.1, "wrist": 0.001})
     words = good_enough(errors, {"elbow": 3e-4, "wrist": 1e-4})
     assert words.startswith("Good enough? Not in elbow (330 times the noise of the sensors)")

@@ -232,8 +232,7 @@ def compare(
     json: Json = False,
     out: Path | None = setting("Write report.html and compare.json into this folder.", "DIR"),
     simulated: bool = flag(
-        "Integrate the motion too; --plot draws it, --out adds replay.html and replay.json.",
-        "--simulate",
+        "Integrate the motion too; --plot draws it, --out adds it to the report.", "--simulate"
     ),
     window: float | None = setting("Time between the restarts of --simulate. Default: 0.5", "S"),
 ) -> None:
@@ -243,11 +242,11 @@ def compare(
     which signals what is left depends.
     """
     from ident.effects import KINDS
+    from ident.files import write_all
     from ident.fit.files import read_fit
     from ident.fit.identify import compare as compare_
     from ident.fit.residual import floor_of
-    from ident.show.ladder import comparison_json, judged
-    from ident.show.simulate import replay_json
+    from ident.show.ladder import comparison_files, comparison_json, judged
 
     acceptable.set(None if good_enough is None else good_enough / 100)
     model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute, lock=lock, logs=logs)
@@ -267,9 +266,7 @@ def compare(
         go_on_with(mechanism, logs, words)
     inputs = [*logs, *fit]
     output_file(plot, CHARTS, inputs)
-    output_folder(
-        out, ("report.html", "compare.json", *(("replay.html", "replay.json") * simulated)), inputs
-    )
+    output_folder(out, ("report.html", "compare.json"), inputs)
     replayed = None
     with progress() as on_progress:
         band = saved[0].cutoff if cutoff == "fit" else cutoff_of(cutoff)
@@ -289,10 +286,9 @@ def compare(
         (replayed or comparison).plot().save(plot)
         wrote([plot])
     if out is not None:
-        wrote(comparison.write(out) + (replayed.write(out) if replayed else []))
+        wrote(write_all(out, comparison_files(comparison, replayed)))
     if json:
-        more = {"replay": replay_json(replayed)} if replayed else {}
-        result_json(comparison_json(comparison) | more)
+        result_json(comparison_json(comparison, replayed))
     else:
         result("\n\n".join(map(str, filter(None, (comparison, replayed)))))
     notes(motion.notes)

@@ -55,13 +55,6 @@ def kinds_beginning(incomplete: str) -> list[tuple[str, str]]:
     return [(kind, each.equation) for kind, each in KINDS.items() if kind.startswith(incomplete)]
 
 
-def bases_beginning(incomplete: str) -> list[str]:
-    """Return time bases for the Tab key."""
-    from ident.mechanism.mechanism import DEGREES
-
-    return [basis for basis in DEGREES if basis.startswith(incomplete)]
-
-
 Texts = list[str] | None
 Paths = list[Path] | None
 MechanismPath = Annotated[
@@ -89,12 +82,7 @@ Smoothing = Annotated[
     str, option("Distance of the motion's knots, auto, or none for channels as they are.", "S")
 ]
 Basis = Annotated[
-    str | None,
-    option(
-        "Time basis of the multipliers: free, linear, cubic or quintic.",
-        "NAME",
-        autocompletion=bases_beginning,
-    ),
+    str | None, option("Time basis of the multipliers: free, linear, cubic or quintic.", "NAME")
 ]
 Spacing = Annotated[float | None, option("Distance of the basis' knots in seconds.", "S")]
 Absolute = Annotated[bool, option("Work in absolute coordinates, six a body.", None, "--absolute")]

@@ -18,18 +18,7 @@ from ident.files import json_bytes, plain, regular, write_all
 from ident.fit.data_checks import Health
 from ident.fit.prediction import predict
 from ident.fit.residual import Failure, Residual, residual_of
-from ident.show.charts import (
-    FAINT,
-    MEASURED,
-    RESIDUAL,
-    Bars,
-    Chart,
-    Colour,
-    Dots,
-    Level,
-    Line,
-    Panel,
-)
+from ident.show.charts import FAINT, MEASURED, RESIDUAL, Chart, Dots, Level, Line, Panel
 from ident.show.diagnosis import CLAIMS, candidate_rows, card, held_out, mark, story, where_rows
 from ident.show.fit import fit_sections
 from ident.show.html import (
@@ -79,23 +68,20 @@ def plot_candidates(d: Diagnosis) -> Chart:
         return bar(x).sizes[1] - bar(x).sizes[0]
 
     shown = [*sorted(named, key=fall), *sorted(others, key=fall)]
-    rows = [bar(x) for x in shown]
     before, after, noise = (
         100 * np.array([size or 0.0 for size in sizes])
-        for sizes in zip(*(row.sizes for row in rows), strict=True)
+        for sizes in zip(*(bar(x).sizes for x in shown), strict=True)
     )
     at, none = np.arange(len(shown), dtype=float), np.zeros(len(shown))
-    bars = [Bars(at, before, none, "as it is", FAINT)]
-    kinds: dict[str, tuple[Colour, int, int]] = {
-        "with it: named, or not distinguishable from that": (0, 0, len(named)),
-        "with it: others": (MEASURED, len(named), len(shown)),
-    }
-    for label, (colour, first, end) in kinds.items():
-        if end > first:
-            own = slice(first, end)
-            bars.append(Bars(at[own], after[own], none[own], label, colour))
+    n = len(named)
+    marks = [Dots(at, before, none, "as it is", FAINT)]
+    if n:
+        label = "with it: named, or not distinguishable from that"
+        marks.append(Dots(at[:n], after[:n], none[:n], label, 0))
+    if others:
+        marks.append(Dots(at[n:], after[n:], none[n:], "with it: others", MEASURED))
     panel = Panel(
-        (*bars, Dots(at, noise, none, "noise alone", RESIDUAL)),
+        (*marks, Dots(at, noise, none, "noise alone", RESIDUAL)),
         "held-out error of the joint [%]",
         y_names=tuple(
             x.effect.label if x.joint in x.effect.joints else f"{x.effect.label} in {x.joint}"
@@ -135,15 +121,9 @@ def plot_before_after(before: Residual, after: Residual, joint: str, label: str)
 
 @renders(Health, "sheet")
 def health_sheet(h: Health) -> Sheet:
-    """Return the findings as a table and in words."""
+    """Return the findings, each with its number and threshold."""
     found = "nothing is wrong" if h.good else f"{len(h.findings)} finding(s)"
-    rows = [["finding", "channels", "number", "threshold"]]
-    for each in h.findings:
-        values = ("–" if x is None else f"{x:.3g}" for x in (each.number, each.threshold))
-        rows.append([each.code, ", ".join(each.where), *values])
-    tables = {} if h.good else {"findings": rows}
-    lines = [f"! {each}" for each in h.findings]
-    return Sheet(f"health of the data: {found}", tables=tables, lines=lines)
+    return Sheet(f"health of the data: {found}", lines=[f"! {each}" for each in h.findings])
 
 
 # --- report ---------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from ident.diagnosis.grow import NAME as ROUNDS
 from ident.diagnosis.grow import History, Step
 from ident.diagnosis.result import errors_of
 from ident.diagnosis.unobservable import name_of
-from ident.display import renders, writing
+from ident.display import render, renders, writing
 from ident.errors import IdentError
 from ident.files import json_bytes
 from ident.fit import Fit
@@ -56,6 +56,7 @@ from ident.show.residual import (
     where_lines,
 )  # fmt: skip
 from ident.show.sheet import Sheet
+from ident.simulate.replay import Replay
 from ident.text import WIDTH, percent, places, wrapped
 
 SCHEMA = "ident.compare/1"
@@ -136,8 +137,8 @@ def _changed(first: Residual, last: Residual) -> list[str]:
 
 
 @renders(Comparison, "files")
-def comparison_files(c: Comparison) -> dict[str, bytes]:
-    """Return report.html and compare.json."""
+def comparison_files(c: Comparison, replay: Replay | None = None) -> dict[str, bytes]:
+    """Return report.html and compare.json, with the simulated motions if they are given."""
     residuals = c.residuals
     first, shown = next(iter(residuals.values())), told_apart(residuals)
     mechanism, motion = first.model.mechanism, first.motion
@@ -145,6 +146,7 @@ def comparison_files(c: Comparison) -> dict[str, bytes]:
     sections = (
         errors_section(error_rows({shown[name]: each for name, each in c.errors.items()})),
         *residual_sections(c.predictions, residuals, changed),
+        *([render(replay, "section")] if replay else []),
         Section("Parameters", _parameters(residuals)),
         Section("Multipliers", _multipliers(c)),
         understood(mechanism, motion),
@@ -152,7 +154,7 @@ def comparison_files(c: Comparison) -> dict[str, bytes]:
     )
     title = f"{mechanism.name}: model against measurement"
     report = Page(title, comparison_card(c), sections).html()
-    return {"report.html": report, "compare.json": json_bytes(comparison_json(c))}
+    return {"report.html": report, "compare.json": json_bytes(comparison_json(c, replay))}
 
 
 def _parameters(residuals: Models) -> tuple[Block, ...]:
@@ -191,7 +193,7 @@ def _multipliers(c: Comparison) -> tuple[Block, ...]:
     return by_log(logs, draw) if np.any(known) else ()
 
 
-def comparison_json(c: Comparison) -> dict[str, Any]:
+def comparison_json(c: Comparison, replay: Replay | None = None) -> dict[str, Any]:
     """Return the content of compare.json."""
 
     first = next(iter(c.residuals.values()))
@@ -215,6 +217,7 @@ def comparison_json(c: Comparison) -> dict[str, Any]:
         "cutoff": first.motion.band.cutoff,
         "rows": first.rows,
         "models": models,
+        **({"replay": render(replay, "json")} if replay else {}),
     }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -17,7 +16,7 @@ from ident.fit.values import Value
 from ident.information import linear
 from ident.show.charts import FAINT, Chart, Level, Line, Panel
 from ident.show.html import Block, code, headed, paragraph, table
-from ident.text import listed, percent, rounded, some
+from ident.text import listed, percent, rounded, some, wrapped
 
 FRONT = (
     "Formulas for which no simpler one leaves as little error: complexity (operators and "
@@ -236,7 +235,7 @@ SITS = {
     "closure": "a closure",
     "place": "<joint>.<x|y|z>, <closure>.<a|b>.<x|y|z> or <closure>.length",
 }
-WIDTH, INDENT = 96, 17
+INDENT = 17
 
 
 def facts(kind: type[Effect]) -> dict[str, list[str]]:
@@ -266,11 +265,8 @@ def described(kind: type[Effect]) -> str:
     """Return the text of a kind for a terminal."""
     lines = [kind.example().call]
     for heading, each in facts(kind).items():
-        for i, line in enumerate(each):
-            first = f"  {heading if i == 0 else '':<{INDENT - 2}}"
-            lines += textwrap.wrap(
-                line, WIDTH, initial_indent=first, subsequent_indent=" " * INDENT
-            )
+        first = f"  {heading:<{INDENT - 2}}"
+        lines += [part for x in each for part in wrapped(first + x, " " * INDENT)]
     return "\n".join(lines)
 
 

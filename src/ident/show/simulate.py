@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,18 +10,15 @@ import polars as pl
 
 from ident.display import renders
 from ident.excite.excitation import Excitation, LimitUse
-from ident.files import json_bytes
 from ident.log import Log
 from ident.show.charts import MEASURED, RESIDUAL, Chart, Level, Line, Mark, Panel
-from ident.show.html import Page, Section, by_log, items, paragraph
-from ident.show.html import table as html_table
+from ident.show.html import Section, by_log, paragraph
 from ident.show.sheet import Sheet
 from ident.simulate.integrate import Run
 from ident.simulate.replay import Replay, ReplayedLog
 from ident.text import percent, shortened
 
 TRANSITIONS = 12  # that are printed
-SCHEMA = "ident.replay/1"
 LIMITING = 0.95  # share of a limit from which it is marked as the one that limits the motion
 NEAR = 2.0  # times the largest value: a limit beyond is not drawn
 CHANNELS = (("q", "position"), ("v", "speed"), ("a", "acceleration"), ("tau", "torque"))
@@ -99,33 +96,29 @@ def plot(x: Replay, experiment: int = 0) -> Chart:
     return Chart(words, tuple(rows), shared_x=True, clock=first.name)
 
 
-@renders(Replay, "files")
-def files(x: Replay) -> dict[str, bytes]:
-    """Return the page and the data by file name."""
+@renders(Replay, "section")
+def section(x: Replay) -> Section:
+    """Return the errors and charts for a report."""
     words = (
         f"Restarted from the measured state every {x.window:g} s; relative to the way from there."
     )
     logs = [run.name for run in next(iter(x.runs.values()))]
-    sections = (
-        Section("Error of the motion", (paragraph(words), html_table(_rows(x), "By joint"))),
-        Section("Measured against simulated", by_log(logs, x.plot)),
-        Section("Warnings", (items(x.notes),) if x.notes else ()),
-    )
-    page = Page("Simulated against measured motion", ", ".join(x.runs), sections)
-    return {"replay.html": page.html(), "replay.json": json_bytes(replay_json(x))}
+    blocks = (paragraph(words), *sheet(x).blocks(), *by_log(logs, x.plot))
+    return Section("Simulated against measured motion", blocks)
 
 
+@renders(Replay, "json")
 def replay_json(x: Replay) -> dict[str, Any]:
-    """Return the content of replay.json."""
+    """Return the content of `replay` of compare.json."""
     models = {name: [_data(run) for run in logs] for name, logs in x.runs.items()}
-    return {"schema": SCHEMA, "window": x.window, "models": models}
+    return {"window": x.window, "models": models}
 
 
 def _data(run: ReplayedLog) -> dict[str, Any]:
     return {
         "log": run.name,
         "windows": len(run.starts),
-        "joints": {joint: asdict(error) for joint, error in run.errors.items()},
+        "joints": run.errors,
         "failures": list(run.failures),
     }
 

@@ -18,7 +18,6 @@ from ident.equations.rows import Scene
 from ident.equations.terms import Samples
 from ident.equations.unknowns import NOTHING
 from ident.errors import FitError, MotionError
-from ident.files import Written
 from ident.fit.files import Saved
 from ident.fit.result import Fit
 from ident.information.blocks import Error, Squares
@@ -59,7 +58,7 @@ class ReplayedLog:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Replay(Plotted, Written):
+class Replay(Plotted):
     """Models' simulated motion against the measured one. Made by `ident.replay`.
 
     Its plot shows measured and simulated coordinates of every logged joint, with differences below.

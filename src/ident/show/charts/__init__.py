@@ -108,18 +108,14 @@ class Points:
 
 
 @dataclass(frozen=True, eq=False)
-class Bars:
-    """Horizontal bars of values (n,) ± errors (n,) at the rows `at` (n,)."""
+class Dots:
+    """Dots at values (n,) ± errors (n,) in the rows `at` (n,)."""
 
     at: np.ndarray
     values: np.ndarray
     errors: np.ndarray
     label: str = ""
     colour: Colour = 0
-
-
-class Dots(Bars):
-    """The same values as dots."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +129,7 @@ class Level:
     dashed: bool = False
 
 
-Mark = Line | Points | Bars | Dots | Level
+Mark = Line | Points | Dots | Level
 
 
 @dataclass(frozen=True, eq=False)
@@ -416,10 +412,6 @@ def _draw(mark: Mark, axis: Axes) -> None:
             errors = mark.errors if np.any(mark.errors) else None
             style = {"fmt": "o", "ms": 4, "capsize": 3, "lw": 1.2}
             axis.errorbar(mark.values, mark.at, xerr=errors, color=c, label=label, **style)
-        case Bars():
-            errors = mark.errors if np.any(mark.errors) else None
-            style = {"height": 0.7, "ecolor": "0.3", "capsize": 2}
-            axis.barh(mark.at, mark.values, xerr=errors, color=c, label=label, **style)
         case Level():
             across = axis.axvline if mark.upright else axis.axhline
             across(mark.value, color=c, lw=1.0, ls="--" if mark.dashed else "-", label=label)

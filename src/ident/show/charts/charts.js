@@ -65,10 +65,6 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
       return m.dotted ? [line, dots(fig, data, m, 6)] : [line]
     },
     Points: (fig, m, {x, y}) => [dots(fig, columns({x, y}), m, 3, 0.45)],
-    Bars: (fig, m, {at, values, errors}) => [
-      fig.hbar({...columns({y: at, right: values}), height: 0.7, line_color: null,
-                fill_color: m.colour}),
-      whiskers(fig, at, values, errors, GREY)],
     Dots: (fig, m, {at, values, errors}) => [
       dots(fig, columns({x: values, y: at}), m, 7), whiskers(fig, at, values, errors, m.colour)],
   }

@@ -102,29 +102,25 @@ def good_enough(
     if not judged:
         return ""
     times = {j: _times(e, floor.get(j)) for j, e in judged.items()}
-    if loud := too_large(judged, floor, least):
-        if own is not None:
-            words = [f"{j} ({Bar(j, errors[j]).words})" for j in loud]
-            return f"Good enough? Not in {some(words, 2)}: more than {percent(own)} and than noise."
-        rest = [(away or {}).get(j, math.inf) / floor[j] for j in loud]
+    loud, most = too_large(judged, floor, least), max(times.values())
+    if loud and own is not None:
+        words = [f"{j} ({Bar(j, errors[j]).words})" for j in loud]
+        return f"Good enough? Not in {some(words, 2)}: more than {percent(own)} and than noise."
+    if loud:
+        rest = max((away or {}).get(j, math.inf) / floor[j] for j in loud)
         turns = ", but only near reversals, where a smoothed speed misses the jump of dry friction"
-        turns = f"{turns}: elsewhere {max(rest):.1f} times" * (max(rest) <= NOISY)
-        if searched:
-            most = f"{max(times.values()):.1f} times the noise of the sensors"
-            return f"Good enough? As good as this data can show, at {most}{turns}."
+        turns = f"{turns}: elsewhere {rest:.1f} times" * (rest <= NOISY)
         words = [f"{j} ({float(f'{times[j]:.2g}'):g} times)" for j in loud]
         words[0] = words[0].replace("times)", "times the noise of the sensors)")
-        return f"Good enough? Not in {some(words, 2)}{turns}."
+        how = f"As good as this data can show, at {most:.1f} times the noise of the sensors"
+        return f"Good enough? {how if searched else f'Not in {some(words, 2)}'}{turns}."
     if hidden := _hidden(judged, floor, least):
         joint, noise = hidden
         size = f"{percent(noise)} of the torque of {joint}"
         return f"Good enough? These logs cannot show it: noise is {size}."
-    if max(times.values()) > NOISY:
-        return (
-            "Good enough? Yes: in every joint the error is noise of the sensors, or below "
-            f"{percent(least)} of the torque."
-        )
-    return f"Good enough? Yes: at most {max(times.values()):.1f} times the noise of the sensors."
+    beside = f", or below {percent(least)} of the torque" * (most > NOISY)
+    how = f"noise of the sensors{beside}" if beside else f"at most {most:.1f} times the noise"
+    return f"Good enough? Yes: in every joint the error is {how}."
 
 
 def enough(errors: Mapping[str, Error], floor: Mapping[str, float]) -> bool:
