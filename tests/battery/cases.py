@@ -183,16 +183,17 @@ CI = (
 )  # fmt: skip
 
 
-def cases(of: str, encoder: float | None = None) -> list[Case]:
+def cases(of: str, encoder: float | None = None, seed: int | None = None) -> list[Case]:
     """The cases of a set, `tuning`, `scoring` or `ci`.
 
     Args:
         of: the set.
         encoder: level of the noise on positions; default: as that on torques.
+        seed: first number of the seeds; default: those of the set.
     """
     if of == "ci":
         return [case for case in cases("tuning", encoder) if case.name.split("/", 1)[1] in CI]
-    return list(_cases(of, SETS[of], encoder))
+    return list(_cases(of, SETS[of] if seed is None else seed, encoder))
 
 
 def _cases(of: str, first: int, encoder: float | None) -> Iterator[Case]:

@@ -2,6 +2,7 @@
 
 python tests/battery/score.py --cases ci                     a dozen cases, minutes
 python tests/battery/score.py --cases scoring --jobs 2 --write   the whole, kept in SCORES.md
+python tests/battery/score.py --cases scoring --seed 7000   the same effects, all else drawn anew
 python tests/battery/score.py --rescore RESULTS.jsonl        from results of a former run
 """
 
@@ -34,7 +35,9 @@ def main() -> int:
     else:
         chosen = [
             case
-            for case in with_noise(cases(options.cases, options.encoder), options.coloured)
+            for case in with_noise(
+                cases(options.cases, options.encoder, options.seed), options.coloured
+            )
             if not options.only or case.category in options.only
             if options.match in case.name
         ][:: options.every]
@@ -57,6 +60,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--only", action="append", choices=list(CATEGORIES), metavar="CATEGORY")
     parser.add_argument("--match", default="", help="cases whose name contains this")
     parser.add_argument("--encoder", type=float, help="noise of positions; default: as of torques")
+    parser.add_argument("--seed", type=int, help="first number of the seeds, for a new set")
     parser.add_argument(
         "--coloured",
         action="store_true",

@@ -21,8 +21,10 @@ import numpy as np
 
 from ident.diagnosis.candidates import Contest, Shape
 from ident.diagnosis.grammar import terms
+from ident.diagnosis.null import SURROGATES
 from ident.effects import Effect
 from ident.effects.formula import Formula, Term
+from ident.information.chance import quantile
 from ident.information.hypotheses import Array, PartialRegression, Refit
 
 STEPS = 8  # of Gauss-Newton
@@ -90,12 +92,16 @@ def _squares(regression: PartialRegression, C: Sequence[Array]) -> float:
     return sum(float(r[:, 0] @ r[:, 0]) for r, c in pairs if c.any())
 
 
-def screened(regression: PartialRegression, C: Sequence[np.ndarray], groups: int) -> Array:
-    """(groups,) in-sample fall of the squares by each group of columns, equal in number."""
-    S, g = normal_equations(regression, C)
+def screened(
+    regression: PartialRegression, C: Sequence[np.ndarray], groups: int, draws: int = 0
+) -> Array:
+    """(groups,) in-sample fall of the squares by each group of columns, equal in number; with
+    `draws` (groups, 1 + draws), those of as many random residuals too.
+    """
+    S, g = normal_equations(regression, C, draws)
     u = len(g) // groups
     parts = (slice(k * u, (k + 1) * u) for k in range(groups))
-    return np.array([fall(S[at, at], g[at]) for at in parts])
+    return np.array([(g[at] * solved(S[at, at], g[at])).sum(axis=0) for at in parts])
 
 
 def at_most(regression: PartialRegression, falls: Sequence[float] | Array) -> list[float]:
@@ -109,22 +115,27 @@ def at_most(regression: PartialRegression, falls: Sequence[float] | Array) -> li
     return shares.max(axis=1).tolist()
 
 
-def normal_equations(regression: PartialRegression, C: Sequence[np.ndarray]) -> tuple[Array, Array]:
+def normal_equations(
+    regression: PartialRegression, C: Sequence[np.ndarray], draws: int = 0
+) -> tuple[Array, Array]:
     """C̃ᵀC̃ and C̃ᵀr, weighted, of columns C (m, u) in each part; (0, u) where they are zero.
 
-    What is left of a column is set to zero where it is less than RANK of its squares.
+    What is left of a column is set to zero where it is less than RANK of its squares. With `draws`,
+    r has as many random residuals as further columns.
     """
     u = C[0].shape[1]
-    S, g, P = np.zeros((u, u)), np.zeros(u), np.zeros((regression.rank, u))
+    of = slice(1 + draws) if draws else 0
+    S, P = np.zeros((u, u)), np.zeros((regression.rank, u))
+    g = np.zeros((u, 1 + draws) if draws else u)
     for part, Q, r, c in zip(regression.parts, regression.Q, regression.residual, C, strict=True):
         if c.any():
             c = c * regression.weight[part.coordinate]
             S += c.T @ c
-            g += c.T @ r[:, 0]
+            g += c.T @ r[:, of]
             P += Q.T @ c
     rest = S - P.T @ P
     new = np.diag(rest) > RANK * np.diag(S)
-    return rest * np.outer(new, new), g * new
+    return rest * np.outer(new, new), (g.T * new).T
 
 
 def fall(S: Array, g: Array) -> float:
@@ -137,7 +148,7 @@ def solved(S: Array, g: Array) -> Array:
     size = np.sqrt(np.where(np.diag(S) > 0, np.diag(S), 1.0))
     values, V = np.linalg.eigh(S / size[:, None] / size)
     good = values > RANK
-    return np.asarray((V[:, good] / values[good]) @ (V[:, good].T @ (g / size)) / size)
+    return np.asarray(((V[:, good] / values[good]) @ (V[:, good].T @ (g.T / size).T)).T / size).T
 
 
 WIDE = 32  # terms whose constants are refined
@@ -198,7 +209,8 @@ class LawSearch:
     """Searches the formula that explains most beside a model.
 
     Args:
-        contest: rows and effects; regression: the model.
+        contest: rows and effects; regression: the model; drawn: the model with SURROGATES random
+            residuals, to be better than chance; None where that is known.
         joint: whose torque.
         other: a joint on whose signals, with the own ones, the terms depend; empty for terms of
             the own signals alone.
@@ -206,6 +218,7 @@ class LawSearch:
         noise: (d,) left-out squares that the sensors' noise alone makes, at most.
         on_progress: called with (what is being done, share done).
         of_position: whether only functions of the joint's own position are searched.
+        alpha: chance that the best term explains as much of a random residual.
     """
 
     contest: Contest
@@ -216,6 +229,8 @@ class LawSearch:
     noise: Array
     on_progress: OnProgress
     of_position: bool = False
+    drawn: PartialRegression | None = None
+    alpha: float = 0.01
 
     @cached_property
     def terms(self) -> list[Formula]:
@@ -268,6 +283,25 @@ class LawSearch:
             for p in self.regression.parts
         ]
 
+    @cached_property
+    def beyond_chance(self) -> bool:
+        """Whether the best term explains more of the residual than the best one does of random
+        residuals, all at their starts.
+        """
+        if self.drawn is None:
+            return True
+        falls = np.zeros(1 + SURROGATES)
+        for starts, columns in self.screened:
+            each = screened(self.drawn, columns, len(starts), SURROGATES).max(axis=0)
+            falls = np.maximum(falls, each)
+        squares = sum(
+            (r[:, : 1 + SURROGATES] ** 2).sum(axis=0)
+            for r, c in zip(self.drawn.residual, self.screened[0][1], strict=True)
+            if len(c)
+        )
+        shares = falls / np.maximum(squares, np.finfo(float).tiny)
+        return float(shares[0]) > quantile(shares[1:], self.alpha)
+
     def probed(self, term: Term) -> float:
         """The fall of the squares by a term without constants, in sample."""
         formula = replace(self.terms[0], terms=(term,))
@@ -279,6 +313,8 @@ class LawSearch:
         """
         beam: list[FittedFormula | None] = [None]
         found: list[FittedFormula] = []
+        if not self.beyond_chance:
+            return []
         so_far = ""
         losses = (self.regression.losses if known is None else known.refit.loss).sum(axis=0)
         for number in range(TERMS):

@@ -5,7 +5,7 @@ Of formulas that left-out errors cannot tell apart the one of least complexity i
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from ident.effects.curve import Curve
 from ident.effects.formula import Formula, Term
 from ident.equations.rows import ROUNDING, largest_transmission
 from ident.information.chance import paired
-from ident.information.hypotheses import Array, PartialRegression
+from ident.information.hypotheses import Array, Index, PartialRegression
 
 LOUD = 1.25  # times the rms of noise, from which more than noise is left
 OTHERS = 1  # joint whose signals are tried beside the own ones
@@ -255,19 +255,16 @@ def _law(
     decision: Decision, on_progress: OnProgress,
 ) -> FoundLaw | None:  # fmt: skip
     doubtful = _doubtful(contest, selection, joint)
-    regression = last.regression.judging([p.Y[:, :1] for p in last.regression.parts])
-    for m in doubtful:
-        if m.rejected:
-            regression = regression.without(m.columns)
-    with_names = regression
     named = [m for m in doubtful if not m.rejected]
-    for m in named:
-        regression = regression.without(m.columns)
+    drawn = last.regression.without(_columns(m for m in doubtful if m.rejected))
+    with_names = drawn.judging([p.Y[:, :1] for p in drawn.parts])
+    drawn, regression = (x.without(_columns(named)) for x in (drawn, with_names))
     limit = last.limit_at(joint)
     one = replace(last.contest, regression=regression)
     floors = np.array([floor[name] for name in contest.fit.motion.independent])
     noise = regression.rows * (floors * regression.weight) ** 2
-    search = LawSearch(one, regression, joint, "", limit, LOUD**2 * noise, on_progress)
+    search = LawSearch(one, regression, joint, "", limit, LOUD**2 * noise, on_progress, drawn=drawn,
+                       alpha=decision.alpha / regression.d)  # fmt: skip
     found = _formulas(contest, search)
     if not found:
         return None
@@ -312,6 +309,11 @@ def _law(
         beside=regression,
         bounds={k: v for e in (*equal, law) for k, v in contest.table.bounds(e.formula).items()},
     )
+
+
+def _columns(members: Iterable[Member]) -> Index:
+    """Return the columns of members."""
+    return np.concatenate([np.zeros(0, dtype=np.intp), *(m.columns for m in members)])
 
 
 def _formulas(contest: Contest, search: LawSearch) -> list[FittedFormula]:

@@ -36,14 +36,12 @@ from ident.diagnosis.selection import (
     simplest,
 )
 from ident.effects import Effect
-from ident.information.chance import Chance, exceeding, paired, quantile, zscore
+from ident.information.chance import Chance, exceeding, quantile, zscore
 from ident.information.hypotheses import Index, PartialRegression
 
 MOST = 60  # moves of one search
-CLEAR = 3.0  # times the last quantile, from which a gain needs no new null distribution
 TOGETHER = 1.5  # times the largest single gain, from which what every machine has enters at once
 NEAR = 0.8  # share of the largest gain below which a candidate is not looked at in detail
-CERTAIN = 3.0  # standard errors over blocks, from which effects may enter together
 PATH = 3  # effects of one joint that are looked at together
 ALONE = 0.1  # of the squares beyond noise, which one effect leaves where only a path is credible
 TRIED = 3  # of the best candidates, until one makes a better set
@@ -194,9 +192,7 @@ class Search:
         columns = np.concatenate([each.groups[0] for each in common])
         found = now.regression.gains([columns, *(each.groups[0] for each in common)])
         g = now.regression.explained(found.by)
-        before = now.regression.loss
-        sure = paired(before, before - found.D[0]) > CERTAIN
-        if not sure or g[0] < TOGETHER * g[1:].max():
+        if g[0] < TOGETHER * g[1:].max():
             return None
         return self.with_columns(now, common, columns)
 
@@ -334,8 +330,7 @@ class Search:
         if louder:  # and not explained by what every machine has
             beside = rank(now.contest, now.regression, None, self.decision, self.seed,
                           curved=False, chance=self.chance, only=louder)  # fmt: skip
-            sure = tuple(each for each in beside.evidence if each.z > CERTAIN)
-            if (best := simplest(replace(beside, evidence=sure), self.decision)) is not None:
+            if (best := simplest(beside, self.decision)) is not None:
                 now = now.plus(best)
         return next((e.label for e in in_order(self.new(now), first, self.decision)), "")
 
@@ -366,8 +361,7 @@ class Search:
 
     def forward(self, now: EffectSet, ranking: Ranking) -> EffectSet | None:
         """The set with the simplest of the best effects."""
-        clear = any(each.gain > CLEAR * each.limit for each in ranking.evidence[:1])
-        if not clear and self.null_of != now.labels:
+        if self.null_of != now.labels:
             ranking = self.ranked(now, fresh=True)
         best = simplest(ranking, self.decision)
         rest = [each for each in ranking.credible if each is not best]

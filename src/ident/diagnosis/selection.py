@@ -34,7 +34,6 @@ from ident.information.hypotheses import Array, Index, PartialRegression, Refit
 PARSIMONY = 0.10  # share of the best gain within which fewer numbers are preferred
 ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same part
 NEGATIVE = 2.0  # standard errors below zero at which a value is one that no such effect can have
-ONE_BLOCK = 2 / 3  # share of a gain that one block of time may make
 PASSED = 0.5  # share of the samples at which the filter must pass waves of position
 RARE = 2.0  # times the odds of the quantile for effects that few machines have
 HIDDEN = 0.02  # visible share below which the data cannot speak of an effect
@@ -383,13 +382,9 @@ class Weigh:
         stderr = refit.stderr * noise
         plausible = sensible(self.contest, effect, refit.theta, stderr)
         material = size > self.decision.material
-        most = int(refit.D.argmax())  # block that gains most; without it the rest must convince
-        others = np.arange(len(refit.D)) != most
-        before, after = (x[others].sum(axis=0) for x in (self.regression.losses, refit.loss))
-        rest = float(self.regression.explained(before - after, before))
-        steady = refit.D[most] < ONE_BLOCK * refit.G or rest > limit
-        if effect.waves:
-            steady &= self.contest.passed(effect.joints[0], shape[effect.waves]) > PASSED
+        seen = not effect.waves or (
+            self.contest.passed(effect.joints[0], shape[effect.waves]) > PASSED
+        )
         return Evidence(
             effect,
             shape,
@@ -401,7 +396,7 @@ class Weigh:
             p,
             size,
             plausible,
-            passed and plausible and material and steady,
+            passed and plausible and material and seen,
         )
 
 
@@ -481,13 +476,20 @@ def simplest(ranking: Ranking, decision: Decision) -> Evidence | None:
 
 
 def rivals(best: Evidence, ranking: Ranking, decision: Decision) -> tuple[Evidence, ...]:
-    """Credible candidates that explain the same part, as well within the error."""
+    """Credible candidates that explain the same part, as well within the error.
+
+    An effect that only describes a curve names no cause: a law that is a special case of it is a
+    rival however much better the curve is.
+    """
     return tuple(
         each
         for each in ranking.credible
         if each is not best
         and alike(each, best)
-        and behind(each, best) < decision.rival_se
+        and (
+            behind(each, best) < decision.rival_se
+            or (best.effect.descriptive and _nested(each, best))
+        )
         and not (_nested(best, each) and behind(best, each) < 1.0)
     )
 
