@@ -44,22 +44,22 @@ CATEGORIES = ("visible", "loop", "quarter", "clean", "outside", "two")
 COLOURED = ("visible", "clean")  # categories that are judged with coloured noise as well
 MACHINES = ("tx40", "panda", "lwr4")
 CONSTANTS = {  # module: constants of the search, then those of the rows, which are made anew
-    "search": ("CLEAR", "TOGETHER", "NEAR", "CERTAIN", "TRIED", "ALONE"),
+    "search": ("TOGETHER", "NEAR", "TRIED", "ALONE"),
     "selection": (
-        "PARSIMONY", "ALIKE", "NEGATIVE", "ONE_BLOCK", "PASSED", "RARE", "HIDDEN", "CLOSEST",
+        "PARSIMONY", "ALIKE", "NEGATIVE", "PASSED", "RARE", "HIDDEN", "CLOSEST",
         "MINE",
     ),
     "null": ("TRIALS",),
     "candidates": ("SLOW", "GUARD", "ENOUGH", "CALM"),
 }  # fmt: skip
 OFF = {  # values at which a constant has no influence
-    "CLEAR": (0.0, 1e9), "TOGETHER": (0.0,), "NEAR": (0.0,), "TRIED": (1,), "PARSIMONY": (0.0,),
-    "ALIKE": (-1.0, 1.0), "NEGATIVE": (1e9,), "ONE_BLOCK": (1.0,), "PASSED": (0.0,),
+    "TOGETHER": (0.0,), "NEAR": (0.0,), "TRIED": (1,), "PARSIMONY": (0.0,),
+    "ALIKE": (-1.0, 1.0), "NEGATIVE": (1e9,), "PASSED": (0.0,),
     "RARE": (1.0,), "HIDDEN": (0.0,), "CLOSEST": (0,), "MINE": (0.0,),
-    "GUARD": (0.0,), "CALM": (0.0,), "CERTAIN": (0.0,), "ALONE": (0.0, 1e9),
+    "GUARD": (0.0,), "CALM": (0.0,), "ALONE": (0.0, 1e9),
 }  # fmt: skip
 OF_ROWS = "candidates"
-SHARES = {"ALIKE", "ONE_BLOCK", "PASSED", "NEAR", "ENOUGH"}  # doubled: half way to one
+SHARES = {"ALIKE", "PASSED", "NEAR", "ENOUGH"}  # doubled: half way to one
 Variant = tuple[str, str, float, bool]  # module, constant, factor or value, whether a value
 
 
