@@ -428,7 +428,9 @@ def select(
         return Selection(first, (), first)
     found = found.polished()
     last = rank(found.contest, found.regression, noise, decision, seed, found.labels)
-    members = [_judged(each, found, last) for each in found.members]
+    judged = [_judged(each, found, last) for each in found.members]
+    # of what came together only what is more than chance beside the others is a name
+    members = [m for m in judged if m.path is not None or m.evidence is None or m.evidence.credible]
     return Selection(first, tuple(in_order(members, first, decision)), last)
 
 
