@@ -65,8 +65,7 @@ class Search:
     on_progress: OnProgress
     visited: set[frozenset[str]] = field(default_factory=set)
     chance: Chance = field(init=False)
-    null_of: frozenset[str] = field(default=frozenset(), init=False)  # the set of the last null
-    judged: PartialRegression = field(init=False)  # with the draws of the last null
+    judged: PartialRegression = field(init=False)  # with the draws of the last null distribution
     first: Ranking = field(init=False)  # beside the start
     all_common: bool = field(default=False, init=False)  # what every machine has is in the set
 
@@ -85,13 +84,12 @@ class Search:
         now = self.start
         self.visited.add(now.labels)
         if first is None:
-            first = self.ranked(now, fresh=True)
-        self.chance, self.null_of, self.first = first.chance, now.labels, first
-        self.judged = first.regression
+            first = self.ranked(now)
+        self.chance, self.judged, self.first = first.chance, first.regression, first
         now = self.grouped(self.joined(now, first))
         for number in range(MOST):
             self.on_progress(f"set of {len(now.members)} effects", 0.4 + 0.3 * number / MOST)
-            ranking = first if now is self.start else self.ranked(now, fresh=False)
+            ranking = first if now is self.start else self.ranked(now)
             following = self.forward(now, ranking) or self.exchanged(now) or self.grouped(now)
             if following is now and not self.new(now):
                 following = self.several(now) or now
@@ -123,8 +121,8 @@ class Search:
             joints=member.effect.joints,
         )
 
-    def ranked(self, now: EffectSet, fresh: bool) -> Ranking:
-        """All laws beside a set; `fresh`: with a null distribution of its residual."""
+    def ranked(self, now: EffectSet) -> Ranking:
+        """All laws beside a set, with a null distribution of its residual."""
         found = rank(
             now.contest,
             now.regression,
@@ -133,11 +131,9 @@ class Search:
             self.seed,
             now.labels,
             curved=False,
-            chance=None if fresh else self.chance,
             least=NEAR,
         )
-        if fresh:
-            self.chance, self.null_of, self.judged = found.chance, now.labels, found.regression
+        self.chance, self.judged = found.chance, found.regression
         return found
 
     def accepted(self, now: EffectSet, new: EffectSet) -> EffectSet | None:
@@ -230,11 +226,11 @@ class Search:
         """The set, if it is accepted by a null distribution of its own and stays; else the null
         distribution is the one before.
         """
-        before = self.chance, self.null_of, self.judged
-        self.ranked(new, fresh=True)
+        before = self.chance, self.judged
+        self.ranked(new)
         found = self.accepted(now, new)
         if found is None or not stays(found):
-            self.chance, self.null_of, self.judged = before
+            self.chance, self.judged = before
             return None
         return found
 
@@ -252,11 +248,9 @@ class Search:
         """
         laws = [e for e in now.contest.laws if e.effect.label not in now.labels]
         place = [now.regression.place(each.groups[0]) for each in laws]
-        judged = self.judged if self.null_of == now.labels else None
-        judged = judged or judging(now.contest, now.regression, None, self.seed)
-        for u in (u for u in range(judged.d) if place.count(u) > 1):
+        for u in (u for u in range(now.regression.d) if place.count(u) > 1):
             mine = [each for each, v in zip(laws, place, strict=True) if v == u]
-            steps, p = self.beyond(judged, u, [each.groups for each in mine])
+            steps, p = self.beyond(self.judged, u, [each.groups for each in mine])
             if not steps:
                 continue
             new, labels = now, {each.effect.label for each in mine}
@@ -361,8 +355,6 @@ class Search:
 
     def forward(self, now: EffectSet, ranking: Ranking) -> EffectSet | None:
         """The set with the simplest of the best effects."""
-        if self.null_of != now.labels:
-            ranking = self.ranked(now, fresh=True)
         best = simplest(ranking, self.decision)
         rest = [each for each in ranking.credible if each is not best]
         for each in [best, *rest][:TRIED] if best is not None else []:
