@@ -151,9 +151,9 @@ def test_a_rung_on_which_effects_go():
     drift, spring = ident.effect("drift", "yaw"), ident.effect("spring", "elbow")
     assert str(first).startswith("as given")
     assert str(replace(first, removed=(drift,))).startswith("− drift:yaw ")
-    several = str(replace(first, removed=(drift, spring))).splitlines()
-    assert several[0].startswith("− 2 effects ")
-    assert several[1].strip() == "without drift:yaw and spring:elbow: superfluous now"
+    several = " ".join(str(replace(first, removed=(drift, spring))).split())
+    assert several.startswith("− drift:yaw and ")
+    assert "spring:elbow" in several
 
 
 def test_joints_with_long_names_are_numbered():

@@ -258,18 +258,13 @@ def rung(step: Step, joints: Sequence[str]) -> str:
         lines.append(_row(f"  on {log[-(NAME - 5) :]}", cells(errors, joints), joints))
     if step.rivals:
         lines += wrapped(f"    or {named(step.rivals, 'or')}: not distinguishable", "      ")
-    if step.removed and (step.added or len(step.removed) > 1):
-        lines += wrapped(f"    without {named(step.removed)}: superfluous now", "      ")
     return "\n".join(lines)
 
 
 def changed(step: Step) -> str:
-    """Return what this rung adds to the one before, or removes from it."""
-    if step.added:
-        return f"+ {named(step.added)}"
-    if len(step.removed) == 1:
-        return f"− {step.removed[0].label}"
-    return f"− {len(step.removed)} effects" if step.removed else "as given"
+    """Return what this rung adds to the one before, and removes from it."""
+    ways = {"+": step.added, "−": step.removed}
+    return " ".join(f"{sign} {named(x)}" for sign, x in ways.items() if x) or "as given"
 
 
 def noise_rung(history: History) -> str:
@@ -304,12 +299,9 @@ def rows(history: History) -> list[list[str]]:
     joints = history.fit.motion.independent
     found = [["effect", *joints, "rivals"]]
     for step in history.steps:
-        removed = ""
-        if step.added or len(step.removed) > 1:
-            removed = "".join(f" − {effect.label}" for effect in step.removed)
         errors = [f"{'' if step.fit else '≈ '}{cell}" for cell in cells(step.errors, joints)]
         rivals = named(step.rivals, "or") if step.rivals else ""
-        found.append([f"{changed(step)}{removed}", *errors, rivals])
+        found.append([changed(step), *errors, rivals])
     return [*found, [NOISE, *cells(noise_errors(history.fit), joints), ""]]
 
 

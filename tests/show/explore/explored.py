@@ -23,6 +23,12 @@ def screened(name: str = "arm") -> Exploration:
 
 
 @cache
+def judged(name: str = "arm") -> Exploration:
+    """With its diagnosis."""
+    return screened(name).judged()
+
+
+@cache
 def grown(label: str) -> Exploration:
     """The arm with one effect, whose fall was announced."""
     return screened().with_effect(label)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from explored import grown, screened
+from explored import grown, judged, screened
 
 import ident
 from ident.show.explore.board import GROUPS, effect_rows
@@ -106,7 +106,7 @@ def test_the_best_come_first_and_those_of_the_model_last():
 
 @pytest.mark.parametrize("name", ["arm", "four_bar", "five_bar"])
 def test_what_a_diagnosis_names_first_is_first(name):
-    best = screened(name).judged().diagnosis.best
+    best = judged(name).diagnosis.best
     assert best is not None
     rows = effect_rows(screened(name))
     assert rows[0]["label"] == best.label

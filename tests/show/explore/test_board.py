@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 import threading
 
@@ -174,7 +175,9 @@ def test_every_view_can_be_looked_at(board, view):
     assert board.state["shown"]
 
 
-def test_judged_it_says_the_verdict(board):
+def test_judged_it_says_the_verdict(board, monkeypatch):
+    module = sys.modules[EXPLORATION]
+    monkeypatch.setattr(module, "diagnose", lambda fit, progress: judged().diagnosis)
     board.act({"do": "judge"})
     assert board.state["view"] == "Verdict"
     assert any("missing" in piece["html"] for piece in board.state["shown"])
@@ -198,7 +201,7 @@ def test_what_cannot_be_begun_is_shown_and_raised(tmp_path):
 
 def test_explore_takes_logs_files_and_motions():
     mechanism, file = ident.load(ROBOTS / "arm"), ROBOTS / "arm" / "run.csv"
-    for log in (file, [ident.read_log(file)], given().fit.motion):
+    for log in ([file], given().fit.motion):
         assert ident.explore(mechanism, log).exploration.candidates
     with pytest.raises(MechanismError, match="explore needs a mechanism, given: str"):
         ident.explore("arm", file)
@@ -238,3 +241,10 @@ def test_laws_and_curves_are_offered_accepted_and_refused(tmp_path):
     assert "law:elbow" in [effect.label for effect in again.effects]
     board.act({"do": "back", "rung": 0})
     assert [x.effect.label for x in board.exploration.offered] == [law.effect.label]
+
+
+def test_a_notebook_shows_the_page_in_a_frame(board):
+    """Which is served as long as Python runs; tests/notebooks execute notebooks."""
+    shown = board._repr_html_()
+    assert shown == board._repr_html_()  # one page
+    assert re.search(r'<iframe src="http://127\.0\.0\.1:\d+/[^/"]+/"', shown)

@@ -124,30 +124,17 @@ def test_keys_are_enough(serve, visit):
     assert "back to rung 0: as given" in reached
 
 
-def test_names_from_files_are_text(serve, visit, tmp_path):
-    log = tmp_path / f"{HOSTILE}.csv"
-    shutil.copy(ARM / "run.csv", log)
-    seen = visit(serve(ARM, log).address)
-    settled(seen.page)
-    assert HOSTILE in seen.page.locator("h1").inner_text()
-    for view in ("Numbers", "Ladder"):
-        seen.page.get_by_text(view, exact=True).click()
-        seen.page.wait_for_timeout(1500)
-    assert seen.page.locator("img").count() == 0
-    assert seen.page.title() != "taken"
-    assert seen.faults == []
-
-
-def test_names_of_joints_are_text(serve, visit, tmp_path):
+def test_names_of_joints_and_files_are_text(serve, visit, tmp_path):
     escaped = HOSTILE.replace("<", "&lt;").replace(">", "&gt;")
     text = (ARM / "arm.urdf").read_text().replace('"elbow"', f'"{escaped}"')
     (tmp_path / "arm.urdf").write_text(text)
     toml = (ARM / "mechanism.toml").read_text().replace("elbow =", f'"{HOSTILE}" =')
     (tmp_path / "mechanism.toml").write_text(toml)
     log = (ARM / "run.csv").read_text().replace(".elbow", f".{HOSTILE}")
-    (tmp_path / "run.csv").write_text(log)
-    seen = visit(serve(tmp_path, tmp_path / "run.csv").address)
+    (tmp_path / f"{HOSTILE}.csv").write_text(log)
+    seen = visit(serve(tmp_path, tmp_path / f"{HOSTILE}.csv").address)
     settled(seen.page)
+    assert HOSTILE in seen.page.locator("h1").inner_text()
     add(seen.page, f"viscous:{HOSTILE}")
     for view in ("Numbers", "Ladder", "Joint"):
         seen.page.get_by_text(view, exact=True).last.click()
