@@ -258,7 +258,7 @@ def test_effects_tell_of_every_kind(done):
     outcome = done("effects")
     for kind in api.effects:
         assert f"\n\n{kind}" in f"\n\n{outcome.out}"
-    assert max(len(line) for line in outcome.out.splitlines()) <= 96
+    assert max(len(line) for line in outcome.out.splitlines()) <= 100
     for words in ("N m s/rad", "when missing", "confused with", "source"):
         assert words in outcome.out
     assert outcome.err == ""

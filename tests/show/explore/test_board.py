@@ -176,8 +176,8 @@ def test_every_view_can_be_looked_at(board, view):
 
 
 def test_judged_it_says_the_verdict(board, monkeypatch):
-    module = sys.modules[EXPLORATION]
-    monkeypatch.setattr(module, "diagnose", lambda fit, progress: judged().diagnosis)
+    module, found = sys.modules[EXPLORATION], judged().diagnosis
+    monkeypatch.setattr(module, "diagnose", lambda fit, progress: found)
     board.act({"do": "judge"})
     assert board.state["view"] == "Verdict"
     assert any("missing" in piece["html"] for piece in board.state["shown"])
