@@ -8,7 +8,7 @@ import sys
 import threading
 
 import pytest
-from explored import given, odd, screened
+from explored import given, judged, odd, screened
 
 import ident
 from helpers import ROBOTS
@@ -181,11 +181,11 @@ def test_judged_it_says_the_verdict(board, monkeypatch):
     board.act({"do": "judge"})
     assert board.state["view"] == "Verdict"
     assert any("missing" in piece["html"] for piece in board.state["shown"])
-    judged = [row for row in board.state["effects"] if row["mark"] == JUDGED]
-    assert judged == board.state["effects"][: len(judged)]  # first, and one line with one button
-    assert len({row["set"] for row in judged}) == 1
+    rows = [row for row in board.state["effects"] if row["mark"] == JUDGED]
+    assert rows == board.state["effects"][: len(rows)]  # first, and one line with one button
+    assert len({row["set"] for row in rows}) == 1
     named = board.exploration.diagnosis.group
-    assert {row["label"] for row in judged} == {effect.label for effect in named}
+    assert {row["label"] for row in rows} == {effect.label for effect in named}
 
 
 def test_what_cannot_be_begun_is_shown_and_raised(tmp_path):
