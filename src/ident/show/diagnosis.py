@@ -236,12 +236,14 @@ def candidate_rows(d: Diagnosis) -> Rows:
     """
     rows = [["effect", "joint", "error", "by chance", "visible", "values"]]
     groups: dict[tuple[str, str], list[Explanation]] = {}
-    for each in d.candidates:
+    shown = [each for each in d.every if each in d.candidates or mark(d, each) == "*"]
+    for each in shown:
         groups.setdefault((mark(d, each), each.effect.kind), []).append(each)
     for (sign, _), group in groups.items():
         if len(group) > 1:
             name = named(each.effect for each in group)
             best = max(group, key=lambda each: each.evidence.gain)
+            best = replace(best, after=d.after) if sign == "*" else best
             rows.append([f"{sign} {name}", *_cells(d, best)[:-1], ""])
         indent = "  " * (len(group) > 1)
         rows += [[f"{indent}{sign} {each.effect.label}", *_cells(d, each)] for each in group]
