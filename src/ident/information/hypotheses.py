@@ -173,15 +173,20 @@ class PartialRegression:
     @cached_property
     def Q(self) -> tuple[Array, ...]:
         """Q (m, rank) of every part."""
-        mine = [self._taken(part, self.model) for part in self.parts]
-        k = len(self.model)
-        R = np.concatenate([np.asarray(np.linalg.qr(A, mode="r")) for A in mine])
+        k, mine, triangles = len(self.model), [], [np.zeros((0, len(self.model)))]
+        for part in self.parts:  # in a tree a coordinate has the columns of few bodies
+            own = np.flatnonzero(np.isin(self.model, part.columns))
+            A = self._taken(part, self.model[own])
+            mine.append((A, own))
+            triangles.append(np.zeros((min(A.shape), k)))
+            triangles[-1][:, own] = np.linalg.qr(A, mode="r")
+        R = np.concatenate(triangles)
         if not k or not R.any():
-            return tuple(np.zeros((len(A), 0)) for A in mine)
+            return tuple(np.zeros((len(part.X), 0)) for part in self.parts)
         _, s, Vt = linear.svd(np.asarray(np.linalg.qr(R, mode="r")), full_matrices=False)
         good = s > RANK * s[0]
         T = Vt[good].T / s[good]
-        Q = [A @ T for A in mine]
+        Q = [A @ T[own] for A, own in mine]
         for _ in range(2):  # what rounding leaves of QᵀQ − I goes
             T = np.linalg.inv(np.linalg.cholesky(sum(q.T @ q for q in Q))).T
             Q = [q @ T for q in Q]

@@ -103,7 +103,7 @@ SAMPLES = 1000  # of a log, at which torques are predicted
 FOLDS = 10  # stretches of time that are left out in turn
 SLOW = 0.01  # share of a joint's top speed below which its dry friction is gradual
 ROUNDING = 1e-9  # of the largest torque
-VALUES = 40_000_000  # of the regressor in memory; of larger mechanisms fewer samples are taken
+EQUATIONS = 12_000  # of all joints: of a mechanism with more than twelve fewer samples are taken
 
 
 def doubtful(derived: Sequence[Derived], band: Band) -> bool:
@@ -184,7 +184,7 @@ def _scene(
 ) -> tuple[np.ndarray, State]:
     """The clock of a log, and its state at some samples."""
     at = np.flatnonzero(signals.usable)
-    most = min(SAMPLES, VALUES // (mechanism.model.nv * len(mechanism.prior)))
+    most = min(SAMPLES, EQUATIONS // mechanism.model.nv)
     at = at[:: max(1, len(at) // most)]
     tau = np.stack([signals.columns[f"tau.{name}"] for name in mechanism.driven], axis=1)
     e = State(
