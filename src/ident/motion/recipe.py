@@ -8,7 +8,7 @@ A part of a log that decided anew would differ from its neighbours, and from the
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from ident.motion.signals import (
     Clock,
     LogSignals,
     acceleration_size,
+    is_white,
     motion_bandwidth,
     noise_level,
     noise_share,
@@ -30,6 +31,8 @@ CLEAN = 1e-3  # share of noise below which a channel is taken as it is
 NOISY = 0.02  # share of noise in an acceleration that the filter may let pass
 ROWS_OVER_MOTION = 5.0  # cut-off of the rows' filter over the motion's bandwidth
 ROWS_OVER_MOTION_LEAST = 2.0  # the same where accelerations are noisy
+SMOOTH_OVER_MOTION = 10.0  # resolution of smoothing over the motion's bandwidth
+WHITE = 1 / 3  # of that resolution: differences over longer times may hold motion
 STILL = 0.004  # share of a joint's top speed below which it counts as standing still
 NOISE = 4.0  # or so many times the noise of speeds, where that is more
 HARDLY = 0.5  # noise that is this share of the top speed is all that moves the joint
@@ -45,12 +48,19 @@ class Band:
         noise: largest share of noise found in a channel that the regression uses.
         cutoff: of the zero-phase filter on all columns [Hz]; None: nothing to filter.
         knots: least and largest spacing of knots [s] that smoothing may choose.
+        white: whether noise is white in all channels of the motion.
     """
 
     motion: float
     noise: float
     cutoff: float | None
     knots: tuple[float, float] = (0.0, np.inf)
+    white: bool = False
+
+    @property
+    def resolved(self) -> float:
+        """The spacing of knots [s] that resolves SMOOTH_OVER_MOTION times the motion."""
+        return 1 / (2.0 * SMOOTH_OVER_MOTION * self.motion) if self.motion > 0 else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +116,16 @@ def band_of(mechanism: Mechanism, logs: list[LogSignals], names: tuple[str, ...]
             f"{slow[0].log.name}: at {1 / slow[0].dt:.4g} Hz it is too slow for the filter at "
             f"{cutoff:.3g} Hz that the other logs need; leave it out, or give a cut-off"
         )
-    return Band(motion, noise, cutoff if filtered else None)
+    band = Band(motion, noise, cutoff if filtered else None)
+    series = (
+        signals.even(f"{k}.{name}")
+        for signals in logs
+        for name in names
+        for k in "qva"
+        if f"{k}.{name}" in signals.columns
+    )
+    white = noise > CLEAN and all(is_white(x, int(WHITE * band.resolved / dt)) for x, dt in series)
+    return replace(band, white=white)
 
 
 def _calm_cutoff(signals: LogSignals, name: str, motion: float) -> float:

@@ -28,6 +28,7 @@ UNEVEN = 1e-3  # jitter, as a share of the step, below which a clock counts as u
 GAP = 5.0  # median steps without a sample that make a gap
 SHORTEST = 12.0  # median steps that a run between two gaps must last to be used
 ORDER = 6  # of the difference that leaves little but noise
+COLOURED = 1.3  # times the noise from sample to sample: more over several samples is not white
 POWER = 0.999  # share of the velocities' power that is the motion's
 VISIBLE = 200.0  # times the mean power of noise; real noise (quantised, jittering) is not white
 SHARPEST = 1e-3  # noise of a derivative over that of what it derives, a log's length
@@ -377,6 +378,22 @@ def noise_level(x: np.ndarray) -> float:
         return 0.0
     gain = np.sqrt(924.0)  # Σ binomial(6, k)²
     return float(np.quantile(np.abs(difference), 0.8) / 1.2816 / gain)
+
+
+def is_white(x: np.ndarray, longest: int) -> bool:
+    """Whether the noise of a smooth signal (n,) is the same in differences over 1, 2, 4, …, up to
+    `longest` samples, as white noise is; false where there are not two of them.
+
+    Medians: what few samples feel, such as friction at reversals, is no noise.
+    """
+    sizes, k = [], 1
+    while k <= longest and len(x) > ORDER * k:
+        difference = x
+        for _ in range(ORDER):
+            difference = difference[k:] - difference[:-k]
+        sizes.append(float(np.median(np.abs(difference))))
+        k *= 2
+    return len(sizes) > 1 and max(sizes) < COLOURED * sizes[0]
 
 
 def noise_share(x: np.ndarray, differences: int = 0) -> float:

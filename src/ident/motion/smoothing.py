@@ -7,7 +7,8 @@ Knots are as far apart as the data allow to distinguish motion from noise:
 over joints j and their channels k, m coefficients and n_j samples each; only the ratio of the
 channels' noises need be known (C. Hurvich, C.-L. Tsai, Biometrika 76(2), 1989). The finest spacing
 that is tried resolves ten times the motion's bandwidth: real noise (quantised, jittering, from a
-controller's filter) is not white, and this criterion would follow it.
+controller's filter) is not white, and this criterion would follow it. Noise that is alike over one
+sample and over several is white, and nothing else than this criterion bounds the spacing.
 
 Where more joints are logged than needed, one smooth motion in the independent coordinates u is
 fitted to the channels of all joints, by Gauss-Newton steps with the transmission L = ∂y/∂u:
@@ -41,7 +42,6 @@ from ident.motion.spline import (
 )
 from ident.motion.state import State
 
-SMOOTH_OVER_MOTION = 10.0  # resolution of smoothing over the motion's bandwidth
 RATIO = 2**0.5  # of one spacing that is tried to the next
 WORSE = 2  # spacings in a row that must be worse before coarser ones are given up
 FEWEST = 6  # knot intervals of a run
@@ -61,9 +61,9 @@ def finest(band: Band, channels: Sequence[Channel]) -> float:
     several = any(channel.order > 0 for channel in channels)
     period = min(float(np.median(np.diff(channel.t))) for channel in channels)
     samples = (1.0 if several else 2.0) * period
-    if band.noise <= CLEAN or band.motion <= 0:
+    if band.noise <= CLEAN or band.white:
         return samples
-    return max(1 / (2.0 * SMOOTH_OVER_MOTION * band.motion), samples)
+    return max(band.resolved, samples)
 
 
 def resolution(channels: Sequence[Channel], t: np.ndarray, band: Band) -> float:
