@@ -75,7 +75,9 @@ def test_good_enough_names_the_log_it_was_validated_on(tmp_path, spoken):
 
 
 def test_one_answer_on_every_page(tmp_path, spoken):
-    """Of an exact model whose wrist turns back within noise of its speed."""
+    """Of an exact model whose wrist turns back within noise of its speed: good enough with the
+    knots that the positions ask for, and not with coarser ones.
+    """
     friction, log = ("--with", "viscous", "--with", "coulomb"), tmp_path / "rough.csv"
     sizes = {"yaw": (1.2, 2), "shoulder": (1.5, 2.5), "elbow": (0.5, 0.9), "wrist": (0.02, 0.04)}
     values = [
@@ -86,17 +88,17 @@ def test_one_answer_on_every_page(tmp_path, spoken):
     noise = ("--noise", "q=1e-3", "--noise", "tau=0.2%", "--columns", "q,tau", "--seed", 1)
     assert spoken("simulate", ARM, RUN, *friction, *values, *noise, "--out", log)[0] == 0
     out = ("--out", tmp_path / "fit")
-    pages = [
-        spoken("identify", ARM, log, *friction, *out)[1],
-        spoken("compare", ARM, log, "--fit", tmp_path / "fit" / "fit.json")[1],
-    ]
-    answers = [
-        " ".join(page.split()).split("Good enough? ")[1].split(" error: ")[0] for page in pages
-    ]
-    first, second = (answer.split(" The bars")[0] for answer in answers)
-    assert first == second
-    assert first.startswith("Not in wrist (")
-    assert "only near reversals" in first
+    for knots, verdict in (((), "Yes: "), (("--smoothing", 0.21), "Not in wrist (")):
+        pages = [
+            spoken("identify", ARM, log, *friction, *knots, *out)[1],
+            spoken("compare", ARM, log, "--fit", tmp_path / "fit" / "fit.json", *knots)[1],
+        ]
+        answers = [
+            " ".join(page.split()).split("Good enough? ")[1].split(" error: ")[0] for page in pages
+        ]
+        first, second = (answer.split(" The bars")[0] for answer in answers)
+        assert first == second
+        assert first.startswith(verdict)
 
 
 def test_noise_above_the_torque_itself_is_no_yes():
@@ -104,3 +106,9 @@ def test_noise_above_the_torque_itself_is_no_yes():
     text = good_enough(errors, {"base": 1.16, "tip": 0.01})
     assert text == "Good enough? These logs cannot show it: noise is 116 % of the torque of base."
     assert "Yes" in good_enough(errors, {"base": 0.25, "tip": 0.01})
+
+
+def test_only_reversals_are_beyond_noise():
+    beyond = {"tip": Error(0.05, 0.05, "N m")}
+    assert "only near reversals" in good_enough(beyond, {"tip": 0.01}, {"tip": 0.01})
+    assert "reversals" not in good_enough(beyond, {"tip": 0.01}, {"tip": 0.05})

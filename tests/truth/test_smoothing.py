@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import ident
 from ident.motion.signals import Channel
@@ -214,3 +215,22 @@ def test_clean_rates_beside_noisy_positions(robots):
     fit = ident.identify(mechanism, ident.complete(mechanism, log))
     for name, value in {"rod.Ixx": 0.0052, "rod.Izz": 0.0052}.items():
         assert fit[name].value == pytest.approx(value, rel=0.02)
+
+
+def corners(rho):
+    """Positions whose accelerations jump at reversals, with noise correlated between samples."""
+    t = np.arange(0.0, 16.0, 1 / RATE)
+    v = np.cos(2 * t) + 0.4 * np.cos(5.3 * t)
+    a = -2 * np.sin(2 * t) - 2.12 * np.sin(5.3 * t) + 3.0 * (np.sign(v) - np.tanh(5 * v))
+    q = np.cumsum(np.cumsum(a - a.mean())) / RATE**2
+    q = 0.5 * (q - np.polyval(np.polyfit(t, q, 3), t))
+    noise = lfilter([np.sqrt(1 - rho**2)], [1, -rho], np.random.default_rng(1).normal(size=len(t)))
+    return ident.Log.from_arrays("run.csv", t, {"q.crank": q + 2e-4 * noise, "tau.crank": a})
+
+
+@pytest.mark.parametrize(("rho", "white"), [(0.0, True), (0.9, False)])
+def test_white_noise_lets_positions_choose_knots(crank, rho, white):
+    motion = ident.complete(crank, corners(rho))
+    (channel,) = motion.experiments[0].channels
+    assert motion.band.white is white
+    assert not white or channel.residual < 1.1 * channel.noise

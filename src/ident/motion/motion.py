@@ -183,7 +183,8 @@ def complete(
                 f"{read[i].name}: time stamps are off by {1e3 * rms:.2g} ms rms, the same in all "
                 "joints (jitter, repeated rows): positions are moved to their stamps"
             )
-    white = band.white or not doubtful(derived, band)  # as logged: the smooth part of time errors stays
+    # as logged: the smooth part of time errors stays
+    white = band.white or not doubtful(derived, band)
     if any(each is not None for each in moved):
         spacing = min(each.smooth.spacing for each in derived if each.smooth)
         band = replace(band, knots=(spacing, spacing))
