@@ -117,14 +117,16 @@ def band_of(mechanism: Mechanism, logs: list[LogSignals], names: tuple[str, ...]
             f"{cutoff:.3g} Hz that the other logs need; leave it out, or give a cut-off"
         )
     band = Band(motion, noise, cutoff if filtered else None)
-    series = (
+    channels = (
         signals.even(f"{k}.{name}")
         for signals in logs
         for name in names
         for k in "qva"
         if f"{k}.{name}" in signals.columns
     )
-    white = noise > CLEAN and all(is_white(x, int(WHITE * band.resolved / dt)) for x, dt in series)
+    white = noise > CLEAN and all(
+        is_white(x, int(WHITE * band.resolved / dt)) for x, dt in channels
+    )
     return replace(band, white=white)
 
 
