@@ -119,6 +119,7 @@ def measured(name: str, source: Path) -> dict[str, Any]:
         defaults = ident.identify(plain, motion, validate=judged)
         history = ident.grow(bare, motion, validate=judged)
         spent = time.process_time() - begin
+        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6  # without those by hand
         fits = [defaults] if judged is None or band is None else [
             ident.identify(plain, ident.complete(bare, list(machine.train), cutoff=k * band),
                            validate=judged)
@@ -136,7 +137,7 @@ def measured(name: str, source: Path) -> dict[str, Any]:
         },
         "effects": ", ".join(effect.label for effect in history.added),
         "time": f"{spent:.0f} s",
-        "memory": f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB",
+        "memory": f"{memory:.2f} GB",
     }
 
 
