@@ -8,7 +8,10 @@ import pytest
 import ident
 from helpers import ROBOTS, J, tree_urdf, write_mechanism
 from ident import IdentError, Limits, Log, Noise
-from ident.excite import separation
+from ident.equations.unknowns import Columns
+from ident.excite.excitation import Determined, with_rivals
+from ident.excite.trajectory import motion_rows
+from ident.fit.shapes import initial
 
 PAIR = ("coulomb:crank", "coulomb:rocker")
 SHORT = {"duration": 12.0, "periods": 2, "harmonics": 3, "tries": 1, "rate": 50.0}
@@ -34,6 +37,14 @@ def swung(half: float) -> Log:
         "v.crank": half * sum(a * f * np.cos(f * t + p) for a, f, p in parts),
         "a.crank": -half * sum(a * f**2 * np.sin(f * t + p) for a, f, p in parts),
     })  # fmt: skip
+
+
+def separation(mechanism, pair, motion, noise):
+    """Of two effects in any motion."""
+    mechanism = with_rivals(mechanism, pair)
+    columns = Columns.of(mechanism)
+    rows = motion_rows(mechanism, columns, initial(mechanism, motion), motion.experiments[0])
+    return Determined(columns, rows, np.full(rows.A.shape[1], noise)).separation(pair)
 
 
 def test_the_cosine_falls_and_so_do_the_errors(four_bar, apart):

@@ -25,15 +25,13 @@ from ident.display import Plotted
 from ident.effects import KINDS, parse
 from ident.equations.unknowns import Columns, Point
 from ident.errors import MechanismError
-from ident.excite.trajectory import LimitUse, MotionRows, motion_rows
-from ident.fit.shapes import initial
+from ident.excite.trajectory import LimitUse, MotionRows
 from ident.fit.values import base_names
 from ident.information import linear
 from ident.information.estimate import TOLERANCE, rank_revealing, solve
 from ident.information.linear import Triangle
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
-from ident.motion import Motion
 
 TINY = 1e-13  # of R's diagonal: below, the columns do not determine some unknown
 
@@ -182,27 +180,6 @@ class Determined:
             cosine = float(np.linalg.norm(M, 2))
         units = columns.units[places[0][0]], columns.units[places[1][0]]
         return Separation(*pair, cosine, (float(errors[0]), float(errors[1])), units)
-
-
-def separation(
-    mechanism: Mechanism, pair: tuple[str, str], motion: Motion, noise: float = 1.0
-) -> Separation:
-    """Return how well a motion distinguishes two effects, whatever moves.
-
-    Args:
-        mechanism: the model; the effects are added where it lacks them.
-        pair: labels of the two.
-        motion: completed; of several experiments the first.
-        noise: of all torques [N m | N], for the standard errors.
-
-    Raises:
-        MechanismError: for labels that are no pair of effects of this mechanism.
-    """
-    mechanism = with_rivals(mechanism, pair)
-    columns = Columns.of(mechanism)
-    rows = motion_rows(mechanism, columns, initial(mechanism, motion), motion.experiments[0])
-    sigma = np.full(rows.A.shape[1], noise)
-    return Determined(columns, rows, sigma).separation(pair)
 
 
 def places_of(columns: Columns, label: str) -> list[int]:
