@@ -401,54 +401,6 @@ class MonteCarlo(Displayed, Written):
                 )
         return tuple(notes)
 
-    def fit(self, estimator: str, snr: float, run: int) -> Fit:
-        """Repeat one run and return its fit.
-
-        Args:
-            estimator: its name.
-            snr: one of `snr` [dB].
-            run: its number, from 0.
-
-        Raises:
-            FitError: for an unknown estimator, SNR or run; else the error in which that run ended.
-        """
-        self._check(estimator, snr)
-        if not 0 <= run < self.runs:
-            raise FitError(f"run {run}; valid: 0 to {self.runs - 1}")
-        find = {each.name: each.find for each in self.plan.estimators}[estimator]
-        return find(self.plan.mechanism, self.plan.log_of(snr, run))
-
-    def typical(self, estimator: str, snr: float) -> int:
-        """Return the run whose rms error of the multipliers is closest to the average (Figs. 5, 9).
-
-        Without multipliers it is the run whose parameters are off as much as on average.
-
-        Args:
-            estimator: its name.
-            snr: one of `snr` [dB].
-
-        Raises:
-            FitError: for an unknown estimator or SNR, or if all runs failed.
-        """
-        self._check(estimator, snr)
-        same = (pl.col("estimator") == estimator) & (pl.col("snr") == snr)
-        off = self.errors.filter(same & pl.col("multiplier").is_in(list(SUMS))).drop_nulls("rms")
-        square = pl.col("rms") ** 2
-        if off.is_empty():
-            off = self.samples.filter(same & (pl.col("truth") != 0)).drop_nulls("value")
-            square = (pl.col("value") / pl.col("truth") - 1) ** 2
-        if off.is_empty():
-            raise FitError(f"'{estimator}' at {snr:g} dB: every run failed, none is typical")
-        by_run = off.group_by("run", maintain_order=True).agg(square.sum().sqrt().alias("size"))
-        nearest = int(np.abs(by_run["size"].to_numpy() - by_run["size"].mean()).argmin())
-        return int(by_run["run"][nearest])
-
-    def _check(self, estimator: str, snr: float) -> None:
-        if estimator not in self.estimators:
-            raise FitError(f"estimator '{estimator}'; {one_of(estimator, self.estimators)}")
-        if snr not in self.snr:
-            raise FitError(f"SNR {snr:g} dB; valid: {', '.join(f'{x:g}' for x in self.snr)}")
-
     def plot(self, parameters: Sequence[str] | None = None) -> Any:
         """Draw box plots over SNR, estimators side by side: parameters, errors of multipliers.
 
@@ -462,17 +414,6 @@ class MonteCarlo(Displayed, Written):
             if name not in self.parameters:
                 raise FitError(f"parameter '{name}'; {one_of(name, self.parameters)}")
         return render(self, "plot", parameters)
-
-    def plot_multipliers(self, snr: float | None = None) -> Any:
-        """Draw λ(t) of each estimator's typical run over the true one (Figs. 5 and 9).
-
-        Args:
-            snr: [dB]; default: the lowest.
-
-        Raises:
-            FitError: for an unknown SNR, or a mechanism without multipliers.
-        """
-        return render(self, "multipliers", self.snr[-1] if snr is None else snr)
 
 
 def monte_carlo(

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
 import polars as pl
 
 from ident.display import renders
-from ident.errors import FitError
 from ident.files import json_bytes
 from ident.montecarlo import SUMS, MonteCarlo
 from ident.motion import complete
 from ident.show.charts import PRIOR, Chart, Level, Line, Mark, Panel
 from ident.show.html import Page, Section
 from ident.show.motion import made_of, understood
-from ident.show.residual import plot_forces
 from ident.show.sheet import Sheet
 from ident.text import listed, shortened
 
@@ -144,21 +141,6 @@ def _quantiles(x: MonteCarlo, rows: pl.DataFrame, column: str) -> tuple[Line, ..
     return tuple(lines)
 
 
-@renders(MonteCarlo, "multipliers")
-def plot_multipliers(x: MonteCarlo, snr: float) -> Chart:
-    """Draw the true multipliers and those of each estimator's run of average error."""
-    truth = x.plan.truth
-    if not np.isfinite(truth.reactions).any():
-        raise FitError(
-            f"{x.plan.mechanism.name}: has no multipliers that are known; nothing to draw"
-        )
-    series = {"known": (truth.t, truth.reactions)}
-    for estimator in x.estimators:
-        run = x.typical(estimator, snr)
-        series[f"{estimator}, run {run}"] = x.fit(estimator, snr, run).multipliers[0]
-    return plot_forces(truth.multipliers, truth.multiplier_units, series, x.plan.log.name)
-
-
 @renders(MonteCarlo, "files")
 def files(x: MonteCarlo) -> dict[str, bytes]:
     """Return the contents of all files by name."""
@@ -195,7 +177,6 @@ def _page(x: MonteCarlo) -> bytes:
     source = plan.mechanism, complete(plan.mechanism, [plan.log])
     sections = (
         Section("What noise does", (*sheet(x, None).blocks(), plot(x))),
-        Section("Multipliers", _typical(x)),
         understood(*source),
         made_of(*source),
     )
@@ -211,11 +192,3 @@ def _headline(x: MonteCarlo) -> str:
     shares = listed([f"{100 * share:.0f} % at {snr:g} dB" for snr, share in held])
     words = f"With {x.estimators[-1]}, intervals of 95 % hold the truth in {shares}, over all runs."
     return f"{line}. {words}" if held else line
-
-
-def _typical(x: MonteCarlo) -> tuple[Chart, ...]:
-    """Return the chart of multipliers at the lowest SNR at which every estimator has a run."""
-    for snr in reversed(x.snr):
-        with suppress(FitError):  # every run of an estimator failed there, as the notes say
-            return (plot_multipliers(x, snr),)
-    return ()
