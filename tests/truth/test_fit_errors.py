@@ -214,7 +214,7 @@ def test_pieces_do_not_change_the_result(monkeypatch):
     """Rows in memory at once, and time blocks: bookkeeping only."""
     case = noisy("five_bar", "viscous", "coulomb", seconds=16.0)
     one = case.fit(cutoff="auto")
-    monkeypatch.setattr("ident.equations.rows.CHUNK", 100)
+    monkeypatch.setattr("ident.equations.filter.CHUNK", 100)
     monkeypatch.setattr("ident.fit.problem.LENGTH", 50)
     other = case.fit(cutoff="auto")
     assert len(other.information) < len(one.information)
