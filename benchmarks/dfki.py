@@ -70,7 +70,7 @@ def diagnosed() -> None:
         named = " or ".join(effect.label for effect in (found.best, *found.rivals) if effect)
         row = ["+".join(logs), f"{fit.motion.band.cutoff:.3g} Hz", f"{where.rms:.3f}"]
         row += [f"{where.relative or np.nan:.0%}", f"{found.verdict} {named}"]
-        rows.append([*row, "; ".join(map(str, (*where.depends_on, *where.stands_out)))])
+        rows.append([*row, "; ".join(map(str, where.depends_on))])
     show(rows)
 
 
