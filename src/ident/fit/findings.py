@@ -224,12 +224,13 @@ def _swinging(
         if (share := error.rms / error.relative / float(size)) < FREELY:
             text = (
                 f"tau.{joint} is {100 * share:.2g} % of the inertia, gravity and coupling terms "
-                "that cancel in it: the motor does next to nothing, and a relative error of this "
-                "joint says little"
+                "that cancel in it: its unit or scale is wrong, or the motor does next to nothing, "
+                "and a relative error of this joint says little"
             )
             remedy = (
-                f"put '{joint}' among the passive joints for this log, its friction kept as an "
-                "effect, or judge it by its rms error"
+                f'check [log] "tau.{joint}" (N m, not mN m, A or %); if it is right, put '
+                f"'{joint}' among the passive joints for this log, its friction kept as an effect, "
+                "or judge it by its rms error"
             )
             yield Finding("swings freely", text, remedy, (f"tau.{joint}",), share, FREELY)
 

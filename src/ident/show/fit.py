@@ -122,9 +122,10 @@ def error_table(fit: Fit) -> tuple[str, Rows]:
     return caption, error_rows(errors)
 
 
-def value_tables(fit: Fit, most: int = 72) -> dict[str, Rows]:
+def value_tables(fit: Fit, most: int = 60) -> dict[str, Rows]:
     """Return tables of effects, parameters and combinations of `most` characters, by caption."""
-    combined = [value for value in fit.base_parameters if " " in value.name]
+    priors = fit.estimate.base.combined(fit.problem.prior)
+    combined = [(v, x) for v, x in zip(fit.base_parameters, priors, strict=True) if " " in v.name]
     effects = [value for effect in fit.effects for value in effect.parameters]
     own = [value for value in fit.parameters if value.identifiable]
 
@@ -138,8 +139,11 @@ def value_tables(fit: Fit, most: int = 72) -> dict[str, Rows]:
             *([v.name, shown(v), f"{v.prior:.5g}", v.unit] for v in own),
         ],
         "Combinations that only together can be identified": [
-            ["base parameter", "value", "unit"],
-            *([shortened(v.name, most), rounded(v.value, v.stderr), v.unit] for v in combined),
+            ["base parameter", "value", "prior", "unit"],
+            *(
+                [shortened(v.name, most), rounded(v.value, v.stderr), f"{x:.4g}", v.unit]
+                for v, x in combined
+            ),
         ],
         "Multipliers": _multiplier_rows(fit),
     }
@@ -210,8 +214,16 @@ def card(fit: Fit) -> Card:
     elif larger:  # in its own rows the fit is better
         own = listed(f"{j} ({percent(fit.train[j].relative)} in the fit)" for j in larger)
         words += f", which makes it larger in {own}"
-    good = good_enough(errors, fit.noise, fit.residual.away)
-    command = next_command("compare" if enough(errors, fit.noise) else "diagnose")
+    judged, away, following = errors, fit.residual.away, "compare"
+    if fit.validation:  # the largest error on logs that were not fitted
+        every = [own[joint] for own in fit.validation.values() for joint in own]
+        names = [joint for own in fit.validation.values() for joint in own]
+        order = sorted(range(len(every)), key=lambda i: every[i].rms)
+        judged, away, following = {names[i]: every[i] for i in order}, {}, "monitor"
+    good = good_enough(judged, fit.noise, away)
+    if fit.validation:
+        good = good.replace("Good enough?", f"Good enough on {some([*fit.validation], 2)}?")
+    command = next_command(following if enough(judged, fit.noise) else "diagnose")
     trust = f"{good} {words}.".strip() * bool(bars)
     if fit.changes is None:
         return Card(headline(fit), trust, bars, command)
@@ -229,7 +241,7 @@ def changes_line(x: Changes, worse: Sequence[str] = ()) -> str:
         worse: joints in which the model does worse than then, though it was fitted again.
     """
     since, n = short(x.since), len(x.compared)
-    beside = f"the error in {listed(worse)} has: the model does not explain what is new there"
+    beside = f"the model does not explain what is new in {listed(worse)}"
     if not n:
         return f"Nothing can be compared with {since}: no parameter is determined by both logs."
     apart = f"; {len(x.apart)} more cannot be compared" * bool(x.apart)
@@ -241,8 +253,10 @@ def changes_line(x: Changes, worse: Sequence[str] = ()) -> str:
             f"{x.least:.2g} standard errors, the most {abs(x.compared[0].z):.2g}{apart}."
         )
     first = [f"{shortened(c.after.name, 40)} ({_then_now(c)} {c.after.unit})" for c in x.changed]
-    rest = f" And {beside}." * bool(worse)
-    return f"Changed since {since}: {some(first, 2)}, of {n} parameters{apart}.{rest}"
+    found = f"{some(first, 2)}, of {n} parameters{apart}"
+    if worse:  # what differs may stand in for a cause that the model does not have
+        return f"Changed since {since}: {beside}; perhaps in its place, {found} differ."
+    return f"Changed since {since}: {found}."
 
 
 def _then_now(x: Change) -> str:

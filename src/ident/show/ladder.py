@@ -99,9 +99,12 @@ def comparison_card(c: Comparison) -> Card:
         line += f": changed since it was fitted in {places(changed)}"
         line += "; all other joints are as then" * (len(changed) < len(joints))
     elif alone:
-        line += ": in all joints as when it was fitted" * bool(before)
-        if before and any(bar.rises for bar in bars):
-            line += ", within what errors differ between stretches of time"
+        larger = [bar.joint for bar in bars if bar.rises] if before else []
+        if larger:
+            line += f": the error is larger in {places(larger)}, but by no more than stretches of "
+            line += "time of the log that was fitted differ from each other"
+        elif before:
+            line += ": in all joints as when it was fitted"
     else:
         rises = [bar.joint for bar in bars if bar.rises]
         falls = [x.joint for x in bars if x.after and x.after.rms < (1 - SAME) * x.before.rms]

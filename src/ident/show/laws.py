@@ -102,7 +102,8 @@ def laws(d: Diagnosis) -> list[str]:
         with_ = f" with {labels(each.beside)} beside it" if each.beside else ""
         falls = (after or 0.0) < (before or 0.0)
         way = f"{'falls' if falls else 'rises'} from {percent(before)} to {percent(after)}"
-        share = f", {100 * law.explained:.0f} % of what exceeds the noise" * falls
+        share = f"; {100 * law.explained:.0f} % of what exceeds the noise away from reversals"
+        share *= falls
         error = f"{with_} the error of {each.felt} {way}{share}"
         rivals = [f"`{one.formula.text}`" for one in law.rivals]
         or_ = f" This motion cannot tell it from {listed(rivals[:MOST], 'or')}." if rivals else ""
