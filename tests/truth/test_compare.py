@@ -30,7 +30,6 @@ def test_the_tables(compared):
     assert max(map(len, text.splitlines())) <= 100
     for words in (
         "error falls",
-        "held out",
         "rigid bodies",
         "coulomb",
         "depends on",
