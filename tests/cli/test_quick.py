@@ -74,7 +74,6 @@ def test_a_verb_is_not_hidden_by_the_package_of_its_name():
         ("ident effects st", {"stribeck"}),
         ("ident add arm cou", {"coulomb", "coupling"}),
         ("ident diagnose arm run.csv --with vi", {"viscous"}),
-        ("ident identify arm run.csv --basis cu", {"cubic"}),
         ("ident identify --smo", {"--smoothing"}),
     ],
 )

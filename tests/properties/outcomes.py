@@ -148,15 +148,18 @@ def _log(folder: Path) -> Path:
 
 def _interrupt(own: Base, folder: Path) -> None:
     """Leave a checkpoint behind."""
+    from ident.streams import portions
     from ident.streams.portions import NAME, Checkpoint
 
     out, kept = folder / "out", Checkpoint.remove
     Checkpoint.remove = lambda self: None  # type: ignore[method-assign]
-    due, Checkpoint.due = Checkpoint.due, lambda self, absorbed: True  # type: ignore[method-assign]
+    often = portions.PORTIONS, portions.SECONDS
+    portions.PORTIONS, portions.SECONDS = 0, 0.0
     try:
         ident.gather(ident.load(folder), folder / "run.csv", samples=128, checkpoint=out)
     finally:
-        Checkpoint.remove, Checkpoint.due = kept, due  # type: ignore[method-assign]
+        Checkpoint.remove = kept  # type: ignore[method-assign]
+        portions.PORTIONS, portions.SECONDS = often
     assert (out / NAME).exists()
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from ident.diagnosis.candidates import Contest, OnProgress, candidates_of
 from ident.diagnosis.effect_set import Member
 from ident.diagnosis.found_curves import FoundCurve, curve_of
-from ident.diagnosis.laws import FoundLaw, laws_of
+from ident.diagnosis.laws import MOST, FoundLaw, laws_of
 from ident.diagnosis.null import NoiseDraws, noise
 from ident.diagnosis.result import Diagnosis, Explanation, Law, announced, errors_of, known_of
 from ident.diagnosis.search import Selection, select
@@ -184,10 +184,15 @@ def _explains(
     found: Explanation, contest: Contest, draws: NoiseDraws, selection: Selection,
     decision: Decision,
 ) -> bool:  # fmt: skip
-    """Whether the best is a cause: of a possible size, a length changed by no more than a third,
-    and of no joint of which it and what was found with it leave most of the torque, whichever of
-    those on which it acts it mends.
+    """Whether the best is a cause: of a possible size, a length changed by no more than a third, a
+    curve that explains half of what exceeds the noise, as a law must, and of no joint of which it
+    and what was found with it leave most of the torque, whichever of those on which it acts it
+    mends.
     """
+    noise = contest.fit.noise[found.joint]
+    beyond = [max(e[found.joint].rms ** 2 - noise**2, 0.0) for e in (found.before, found.after)]
+    if found.effect.descriptive and beyond[1] > (1 - MOST) * beyond[0]:
+        return False
     lengths = contest.fit.mechanism.lengths if found.effect.sits == "place" else {}
     length = abs(lengths.get(found.effect.joints[0], np.inf)) if found.effect.joints else np.inf
     if any(abs(value.value) > THIRD * length for value in found.parameters):

@@ -294,11 +294,8 @@ class LawSearch:
         for starts, columns in self.screened:
             each = screened(self.drawn, columns, len(starts), SURROGATES).max(axis=0)
             falls = np.maximum(falls, each)
-        squares = sum(
-            (r[:, : 1 + SURROGATES] ** 2).sum(axis=0)
-            for r, c in zip(self.drawn.residual, self.screened[0][1], strict=True)
-            if len(c)
-        )
+        # what the model makes of a term is in all coordinates
+        squares = sum((r[:, : 1 + SURROGATES] ** 2).sum(axis=0) for r in self.drawn.residual)
         shares = falls / np.maximum(squares, np.finfo(float).tiny)
         return float(shares[0]) > quantile(shares[1:], self.alpha)
 

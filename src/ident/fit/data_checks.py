@@ -184,8 +184,7 @@ class DataChecks:
         """Judge the data, gravest first."""
         found = [*self.faults[0]]
         if self.mechanism.driven:
-            alone = all(each.code == "delay" and len(each.where) == 1 for each in found)
-            if alone and not self.good:
+            if all(each.code == "delay" and len(each.where) == 1 for each in found):
                 found += self._late()  # in one joint alone it is that joint's friction
             found = found or [*self._strangers(self.faults[2])] or [*self._magnitudes()]
         return Health((*found, *log_findings(self.mechanism, self.problem.motion)))
@@ -203,18 +202,12 @@ class DataChecks:
         return moved
 
     @cached_property
-    def good(self) -> bool:
-        """Whether the fit explains all torques, with bodies that can exist: its data have no fault
-        that matters.
-        """
-        return max(self.errors.values(), default=0.0) < SMALL and self.possible
-
-    @cached_property
     def faults(self) -> tuple[list[Finding], tuple[ChannelEquations, Fault] | None, Array]:
         """The faults that are named, the model's own equations with the torques as they would be,
         and the relative errors (d,) that wrong torques leave.
         """
-        if self.good or not len(self.equations.total):
+        good = max(self.errors.values(), default=0.0) < SMALL and self.possible
+        if good or not len(self.equations.total):
             return [], None, np.zeros(len(self.errors))
         found, noise = self.equations.credible(self.reference, self.explained)
         if found and self._rivalled(noise, self.table, self.use):

@@ -19,6 +19,7 @@ from ident.motion.signals import (
     Clock,
     LogSignals,
     acceleration_size,
+    grain,
     is_white,
     motion_bandwidth,
     noise_level,
@@ -117,15 +118,16 @@ def band_of(mechanism: Mechanism, logs: list[LogSignals], names: tuple[str, ...]
             f"{cutoff:.3g} Hz that the other logs need; leave it out, or give a cut-off"
         )
     band = Band(motion, noise, cutoff if filtered else None)
-    channels = (
-        signals.even(f"{k}.{name}")
+    channels = (  # steps of an encoder repeat with the motion, however white they look
+        (*signals.even(f"{k}.{name}"), grain(signals.log.series(f"{k}.{name}")[1]))
         for signals in logs
         for name in names
         for k in "qva"
         if f"{k}.{name}" in signals.columns
     )
     white = noise > CLEAN and all(
-        is_white(x, int(WHITE * band.resolved / dt)) for x, dt in channels
+        step <= noise_level(x) and is_white(x, int(WHITE * band.resolved / dt))
+        for x, dt, step in channels
     )
     return replace(band, white=white)
 

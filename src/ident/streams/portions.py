@@ -18,13 +18,15 @@ import json
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from types import CodeType, FunctionType
 from typing import Any
 
-import cloudpickle
 import numpy as np
+import pinocchio as pin
 
 from ident.equations.filter import Decimator
 from ident.equations.rows import Scene, row_supports, rows
@@ -299,8 +301,9 @@ class Checkpoint:
 
     def __init__(self, folder: Path, plan: Plan) -> None:
         self.file = folder / NAME
-        # all that the triangles of a plan depend on
-        self.key = hashlib.sha256(version().encode() + cloudpickle.dumps(plan)).hexdigest()
+        key = hashlib.sha256(version().encode())  # all that the triangles of a plan depend on
+        _feed(key, plan)
+        self.key = key.hexdigest()
         self.unused = ""  # why the file that was found is not used
         self._saved = (0, time.monotonic())
 
@@ -366,3 +369,35 @@ def _unpacked(counts: list[int], vector: np.ndarray) -> Block:
     )
     torque, start, end = sizes.tolist()
     return Block(*Key(*key), some, rest, support.astype(int), torque, (start, end))
+
+
+def _feed(result: Any, thing: Any) -> None:
+    """Add a plan's nouns to a digest, the arrays and numbers in them by their bytes."""
+    result.update(type(thing).__name__.encode())
+    if isinstance(thing, np.ndarray):
+        result.update(repr(thing.shape).encode() + np.ascontiguousarray(thing).tobytes())
+    elif isinstance(thing, pin.Model):
+        result.update(thing.saveToString().encode())
+    elif is_dataclass(thing):
+        _feed(result, [getattr(thing, each.name) for each in fields(thing)])
+        code = getattr(thing, "file", None)  # of a user's effect
+        if isinstance(code, Path):
+            result.update(code.read_bytes())
+        elif (own := getattr(thing, "function", None)) is not None:
+            _feed(result, own)
+    elif isinstance(thing, Mapping):
+        _feed(result, [*thing.items()])
+    elif isinstance(thing, list | tuple):
+        for each in thing:
+            _feed(result, each)
+    elif isinstance(thing, pin.SE3):
+        _feed(result, thing.homogeneous)
+    elif isinstance(thing, partial):
+        _feed(result, [thing.func, thing.args, thing.keywords])
+    elif isinstance(thing, FunctionType):
+        cells = [cell.cell_contents for cell in thing.__closure__ or ()]
+        _feed(result, [thing.__code__, thing.__defaults__, thing.__kwdefaults__, cells])
+    elif isinstance(thing, CodeType):
+        _feed(result, [thing.co_code, thing.co_names, thing.co_consts])
+    else:
+        result.update(repr(thing).encode())
