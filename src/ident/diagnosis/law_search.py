@@ -138,6 +138,40 @@ def normal_equations(
     return rest * np.outer(new, new), (g.T * new).T
 
 
+def own_shares(
+    regression: PartialRegression, C: Sequence[np.ndarray], own: Sequence[bool], groups: int,
+    draws: int,
+) -> Array:  # fmt: skip
+    """Return the shares (groups, 1 + draws), in sample, of the squares of the parts on which the
+    columns act that each group of columns C explains there, of the residual and random ones.
+
+    Fitted to all parts, x = S⁺ g takes 2 xᵀ g_o − xᵀ S_o x of the squares of its own parts, where
+    what is left of the columns is C − Q P, P = Qᵀ C:
+
+        S_o = CᵀC − 2 PᵀP + Pᵀ Q_oᵀQ_o P        g_o = Cᵀ r_o − Pᵀ Q_oᵀ r_o
+    """
+    S, g = normal_equations(regression, C, draws)
+    u, of = len(g) // groups, slice(1 + draws)
+    mine = [
+        (Q, r[:, of], c * regression.weight[part.coordinate])
+        for part, Q, r, c, its in zip(
+            regression.parts, regression.Q, regression.residual, C, own, strict=True
+        )
+        if its
+    ]
+    K = sum(Q.T @ Q for Q, _, _ in mine)
+    t = sum(Q.T @ r for Q, r, _ in mine)
+    P = sum(Q.T @ c for Q, _, c in mine)
+    before = sum((r**2).sum(axis=0) for _, r, _ in mine)
+    found = []
+    for k in range(groups):
+        at = slice(k * u, (k + 1) * u)
+        x, p = solved(S[at, at], g[at]), P[:, at]
+        S_o = S[at, at] - p.T @ p + p.T @ K @ p
+        found.append((2 * x * (g[at] - p.T @ t) - x * (S_o @ x)).sum(axis=0))
+    return np.array(found) / np.maximum(before, np.finfo(float).tiny)
+
+
 def fall(S: Array, g: Array) -> float:
     """gᵀ S⁺ g in the directions that are new."""
     return float(g @ solved(S, g))
@@ -290,13 +324,11 @@ class LawSearch:
         """
         if self.drawn is None:
             return True
-        falls = np.zeros(1 + SURROGATES)
+        own = [len(c) > 0 for c in self.screened[0][1]]
+        shares = np.zeros(1 + SURROGATES)
         for starts, columns in self.screened:
-            each = screened(self.drawn, columns, len(starts), SURROGATES).max(axis=0)
-            falls = np.maximum(falls, each)
-        # what the model makes of a term is in all coordinates
-        squares = sum((r[:, : 1 + SURROGATES] ** 2).sum(axis=0) for r in self.drawn.residual)
-        shares = falls / np.maximum(squares, np.finfo(float).tiny)
+            each = own_shares(self.drawn, columns, own, len(starts), SURROGATES).max(axis=0)
+            shares = np.maximum(shares, each)
         return float(shares[0]) > quantile(shares[1:], self.alpha)
 
     def probed(self, term: Term) -> float:
