@@ -20,10 +20,10 @@ import numpy as np
 
 from ident.diagnosis.candidates import CandidateColumns, Contest
 from ident.diagnosis.effect_set import EffectSet, Member
+from ident.diagnosis.form import doubted
 from ident.diagnosis.null import SURROGATES, NoiseDraws, judging, path_shares
 from ident.diagnosis.selection import (
     HIDDEN,
-    PARSIMONY,
     Decision,
     Evidence,
     OnProgress,
@@ -35,7 +35,6 @@ from ident.diagnosis.selection import (
     rivals,
     simplest,
 )
-from ident.effects import Effect
 from ident.information.chance import Chance, exceeding, quantile, zscore
 from ident.information.hypotheses import Index, PartialRegression
 
@@ -470,46 +469,4 @@ def _judged(member: Member, found: EffectSet, last: Ranking) -> Member:
         e = replace(
             e, refit=refit, gain=share, limit=limit, p=p, credible=share > limit and e.sensible
         )
-    joints = set(member.effect.joints)
-    curve = next(
-        (
-            curve
-            for curve, more in last.curves
-            if joints & set(curve.joints[:1])
-            and more > PARSIMONY * (gain + more)
-            and _remains(curve, last, PARSIMONY * gain)
-        ),
-        None,
-    )
-    mended = set(e.mends)
-    impossible = next(
-        (
-            each.effect
-            for each in last.evidence
-            if not each.sensible and each.gain > max(each.limit, gain) and mended & set(each.mends)
-        ),
-        None,
-    )
-    return replace(member, evidence=e, gain=gain, curve=curve, impossible=impossible)
-
-
-def _remains(curve: Effect, last: Ranking, least: float) -> bool:
-    """Return whether a curve is still credible beside the law of its joint that explains most.
-
-    A law that chance could bring as well is not named, but what it explains speaks against no
-    other law's form.
-    """
-    laws = [
-        each
-        for each in last.contest.candidates
-        if not each.curve and set(curve.joints[:1]) & set(each.effect.joints)
-        if each.effect.label in last.gains
-    ]
-    if not laws:
-        return True
-    best = max(laws, key=lambda each: last.gains[each.effect.label][0])
-    start = int(last.regression.explained(last.regression.gains(best.groups).by).argmax())
-    richer = last.regression.extended(best.groups[start])
-    own = next(each for each in last.contest.candidates if each.effect == curve)
-    more = float(richer.explained(richer.gains(own.groups).by).max())
-    return more > max(last.chance.limit(last.regression.place(own.groups[0])), least)
+    return doubted(replace(member, evidence=e, gain=gain), last)
