@@ -102,7 +102,7 @@ def concluded(
         here = part(on_progress, 0.7, 0.8)
         lawful, found, unsearched = laws_of(contest, selection, loud, floor, decision, here)
         on_progress("refitting", 0.8)
-        selection, laws = _refitted(fit, lawful, found)
+        selection, laws = _refitted(fit, lawful, found, decision)
     best = selection.named[0] if selection.named else None
     candidates = _explanations(fit, selection, best)
     if best is not None and (
@@ -140,10 +140,10 @@ def concluded(
 
 
 def _refitted(
-    fit: Fit, selection: Selection, found: Collection[FoundLaw]
+    fit: Fit, selection: Selection, found: Collection[FoundLaw], decision: Decision
 ) -> tuple[Selection, tuple[Law, ...]]:
-    """Refit the laws, with what is named beside them; without those that cannot be refitted, and
-    what these replaced has its name again.
+    """Refit the laws, with what is named beside them; without those that cannot be refitted or do
+    not matter, and what these replaced has its name again.
     """
     laws: list[Law] = []
     for each in of_one_form(found):
@@ -152,7 +152,7 @@ def _refitted(
         for formula, others in product(formulas, with_names[not selection.named :]):
             with suppress(IdentError):
                 law = refitted(fit, each.instead(formula), others)
-                if law.determined:
+                if law.determined and law.matters(decision):
                     laws.append(law)
                     break
     good = tuple(laws)
@@ -322,10 +322,17 @@ def found_curves(
         for joint, beside in places.items()
     )
     used = {name for law in laws for name in law.formula.logged}
+    errors = errors_of(contest.fit)
     return tuple(
         replace(each, independent=tuple(n for n in each.independent if each.full(n) not in used))
         for each in found
         if each is not None
+        and (
+            each.joint not in errors  # in a loop it is felt elsewhere
+            or decision.matters(
+                1.0, each.ratio, 1 / max(errors[each.joint].relative or 1.0, 1e-9) ** 2
+            )
+        )
     )
 
 

@@ -157,6 +157,12 @@ class Law:
         left = {n: self.after[n].rms / max(e.rms, 1e-300) for n, e in self.before.items()}
         return self.joint if self.joint in left else min(left, key=lambda name: left[name])
 
+    def matters(self, decision: Decision) -> bool:
+        """Whether the error of its joint falls by what matters."""
+        before, after = self.before[self.felt], self.after[self.felt]
+        torque = before.rms / before.relative if before.relative else before.rms
+        return decision.matters(before.rms**2, after.rms**2, torque**2)
+
     @property
     def nearest(self) -> str:
         """Name of the closest law of the literature."""

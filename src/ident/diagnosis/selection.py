@@ -77,6 +77,12 @@ class Decision:
                 f"rival_se = {self.rival_se:g}: valid: 0 or more standard errors, such as 2"
             )
 
+    def matters(self, before: Array | float, after: Array | float, torque: Array | float) -> bool:
+        """Whether squares (d,) that fall as an effect or a law enters fall by more than the share
+        `material` of the torque's in some joint.
+        """
+        return bool(np.any(np.subtract(before, after) > self.material**2 * np.asarray(torque)))
+
     def __str__(self) -> str:
         return f"alpha {self.alpha:g}, material {self.material:g}, rival-se {self.rival_se:g}"
 

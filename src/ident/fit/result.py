@@ -201,7 +201,8 @@ class Fit(Charted):
     def effects(self) -> tuple[EffectValues, ...]:
         """The effects with their parameters."""
         at = self.binding.at_bound if self.binding else ()
-        return effect_values(self.columns, self.estimate, self.covariance, self.point, at)
+        prior = self.earlier.point.values if self.earlier else None
+        return effect_values(self.columns, self.estimate, self.covariance, self.point, at, prior)
 
     @cached_property
     def correlation(self) -> Correlation:

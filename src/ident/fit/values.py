@@ -10,7 +10,7 @@ those have changed whose difference is beyond the errors of both:
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -33,7 +33,7 @@ EXACT = 1e-6  # of a value: a change below is that of rounding and interpolation
 TERM = re.compile(r"(?:^| ([+-]) )(?:([\d.e+-]+) )?(\S+)")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Value:
     """One number of a fit.
 
@@ -41,7 +41,7 @@ class Value:
         stderr: standard error; None where the data do not determine the number by itself.
         identifiable: whether they do. An unknown that is not stays at its prior, or is the one
             that carries a base parameter given the priors of the others in it.
-        prior: the URDF's value, 0 for effects.
+        prior: the URDF's value; of effects the earlier fit's, 0 where there is none.
         at_bound: whether a bound holds it where it is. Its standard error is that of the fit
             without bounds: the value is no farther off, and no longer normally distributed.
     """
@@ -55,10 +55,13 @@ class Value:
     at_bound: bool = False
 
     def __str__(self) -> str:
-        return f"{self.name} = {rounded(self.value, self.stderr)} {self.unit}"
+        text = f"{self.name} = {rounded(self.value, self.stderr)} {self.unit}".removesuffix(" 1")
+        return text if self.identifiable else f"{text}, not determined by this log"
+
+    __repr__ = __str__
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class BaseValue:
     """A combination of unknowns that the data determine."""
 
@@ -68,7 +71,9 @@ class BaseValue:
     unit: str
 
     def __str__(self) -> str:
-        return f"{self.name} = {rounded(self.value, self.stderr)} {self.unit}"
+        return f"{self.name} = {rounded(self.value, self.stderr)} {self.unit}".removesuffix(" 1")
+
+    __repr__ = __str__
 
 
 @dataclass(frozen=True)
@@ -110,8 +115,11 @@ def effect_values(
     cov: np.ndarray,
     point: Point,
     bounds: Collection[str] = (),
+    prior: Mapping[str, float] | None = None,
 ) -> tuple[EffectValues, ...]:
-    """Return all effects' parameters, a given one without error; `bounds`: those at a bound."""
+    """Return all effects' parameters, a given one without error; `bounds`: those at a bound;
+    `prior`: values of an earlier fit, by full name.
+    """
     stderr = _alone(estimate, cov)
     found = []
     for effect, places in columns.effects:
@@ -121,7 +129,8 @@ def effect_values(
                 given = point.values[name]
                 values.append(Value(name, given, 0.0, unit, True, given))
             else:
-                values.append(_value(name, estimate.x[at], stderr[at], unit, 0.0, bounds))
+                before = (prior or {}).get(name, 0.0)
+                values.append(_value(name, estimate.x[at], stderr[at], unit, before, bounds))
         found.append(EffectValues(effect, tuple(values)))
     return tuple(found)
 
@@ -268,6 +277,11 @@ class Earlier(Protocol):
     @property
     def base_parameters(self) -> tuple[BaseValue, ...]:
         """Return the combinations that its log determined."""
+        ...
+
+    @property
+    def point(self) -> Point:
+        """Return the values of all parameters."""
         ...
 
 

@@ -41,8 +41,9 @@ class Frame:
         return joints[self.joint] * Placement.of(self.placement)
 
     def moved(self, step: np.ndarray) -> Frame:
+        """Return the frame moved by a step (3,) in the axes of its link [m]."""
         at = self.placement
-        return replace(self, placement=pin.SE3(at.rotation, at.translation + at.rotation @ step))
+        return replace(self, placement=pin.SE3(at.rotation, at.translation + step))
 
 
 @dataclass(frozen=True)

@@ -209,7 +209,10 @@ class Mechanism(Displayed):
             link=self.bodies.links, place=tuple(self.lengths),
             closure=tuple(closure.name for closure in self.closures),
             loop=tuple(closure.name for closure in self.closures if closure.frames),
-            length=tuple(place for place, x in self.lengths.items() if abs(x) > SHORTEST),
+            length=tuple(
+                place for place, x in self.lengths.items()
+                if abs(x) > SHORTEST and not self._across(place)
+            ),
         )  # fmt: skip
 
     @cached_property
@@ -227,6 +230,36 @@ class Mechanism(Displayed):
         for closure in self.closures:
             places |= closure.places
         return places
+
+    def _across(self, place: str) -> bool:
+        """Whether a place moves at right angles to the plane of a planar mechanism, whose joints
+        all turn about its normal or slide in it: no torque and no loop feels that.
+        """
+        try:
+            q = self.assembled
+        except MechanismError:  # it is said where a motion is completed
+            return False
+        data = self.model.createData()
+        J = pin.computeJointJacobians(self.model, data, q)
+        turns = np.linalg.norm(J[3:], axis=0) > 0.5
+        if not turns.any():
+            return False
+        normal = J[3:, turns][:, 0]
+        if (abs(normal @ J[3:, turns]) < 1 - CLOSED).any() or (
+            abs(normal @ J[:3, ~turns]) > CLOSED
+        ).any():
+            return False
+        owner, _, axis = place.rpartition(".")
+        if self.model.existJointName(owner):
+            inside = self.model.parents[self.model.getJointId(owner)]
+        else:  # <closure>.<a|b>.<x|y|z>; a length is in no direction
+            name, _, end = owner.rpartition(".")
+            frames = next((each.frames for each in self.closures if each.name == name), ())
+            if not frames:
+                return False
+            inside = frames["ab".index(end)].joint
+        direction = data.oMi[inside].rotation[:, "xyz".index(axis)]
+        return bool(abs(normal @ direction) > 1 - CLOSED)
 
     def candidates(
         self, logged: Collection[str] | None = None, columns: Collection[str] = ()

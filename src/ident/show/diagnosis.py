@@ -33,7 +33,6 @@ from ident.show.sheet import Sheet
 from ident.text import listed, percent, some
 
 LINES = 20  # of a diagnosis in a terminal, if one joint and the words leave place
-BRIEF = 300  # characters of the next experiment in the first lines
 MOST = 3  # joints and candidates that are described
 CANDIDATES = "what adding an effect would do: held-out error of the joint that it mends most"
 PART = 0.5  # share that stays beyond noise, from which a name may be that of another cause
@@ -126,7 +125,11 @@ def _separable(d: Diagnosis) -> tuple[str, ...]:
 def certainty(d: Diagnosis) -> str:
     """Return how sure the verdict is, in a sentence."""
     if d.best is None:
+        more = [each for each in d.every if each.evidence.p < d.decision.alpha]
         none = "none explains it" if d.selection.members or d.laws else "none does more than chance"
+        if more and not d.selection.members and not d.laws:
+            none = f"none is named: what {labels(e.effect for e in more[:MOST])} would explain is "
+            none += "too small to matter, or needs values that no machine has"
         return f"{_tried(d)} effects were tried, and {none}."
     best = d.candidates[0]
     mine = [m.evidence.z for m in d.selection.named if m.evidence and m.effect in d.group]
@@ -158,7 +161,8 @@ def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
         command = add_command(d.fit.mechanism, added, files)
     bars = [Bar(f.joint, errors[f.joint], after.get(f.joint), d.floor[f.joint]) for f in d.where]
     bars.sort(key=lambda bar: bar.sizes[1] - bar.sizes[0])  # the largest fall first
-    good = good_enough(errors, d.floor, d.fit.residual.away, d.verdict == "nothing")
+    searched, doubts = d.verdict == "nothing", d.health.findings
+    good = good_enough(errors, d.floor, d.fit.residual.away, searched, doubts=doubts)
     sentences = " ".join([*_health(d), good, certainty(d), *_rest(d)]).strip()
     line, command = f"{d.fit.mechanism.name} on {logs}: {verdict_line(d)}", planned or command
     then = first_motion(d, bool(planned))
@@ -166,16 +170,11 @@ def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
 
 
 def first_motion(d: Diagnosis, planned: bool) -> str:
-    """Return the next experiment in some lines, `planned` by the card's command, unless the data
-    look wrong.
-    """
+    """Return the next experiment, `planned` by the card's command, unless the data look wrong."""
     if not d.health.good:
         return ""
-    text = d.next_experiment  # whole sentences of some three lines, the first one in any case
-    end = text.find(". ") if len(text) > BRIEF else -1
-    end = max(end, text.rfind(". ", 0, BRIEF)) if end > 0 else len(text)
     way = ", planned by this command or by hand" if planned else ""
-    return f"Next experiment{way}: {text[: end + 1]}" if text else ""
+    return f"Next experiment{way}: {d.next_experiment}" if d.next_experiment else ""
 
 
 # --- text -----------------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ from ident.fit.shapes import initial
 from ident.fit.values import STRONG, Change, Changes, Correlation, Value
 from ident.show.charts import PRIOR, Chart, Dots, Panel
 from ident.show.html import (
+    OTHER,
     Bar,
     Block,
     Card,
@@ -31,8 +32,10 @@ from ident.show.html import (
     items,
     next_command,
     paragraph,
+    scale_doubts,
 )
 from ident.show.html import table as html_table
+from ident.show.laws import body_words
 from ident.show.motion import made_of, understood
 from ident.show.residual import error_rows, errors_section, plot_forces, residual_sections, short
 from ident.show.sheet import Sheet
@@ -150,6 +153,12 @@ def value_tables(fit: Fit, most: int = 60) -> dict[str, Rows]:
     return {title: rows for title, rows in tables.items() if len(rows) > 1}
 
 
+def body_lines(fit: Fit) -> list[str]:
+    """Return mass and centre of each payload, of which the tables have all ten parameters."""
+    words = ((each.effect.label, body_words(each.parameters)) for each in fit.effects)
+    return [f"{label}: {body}" for label, body in words if body]
+
+
 def _multiplier_rows(fit: Fit) -> Rows:
     rows = [["multiplier", "rms", "largest", "unit"]]
     values = np.concatenate([each for _, each in fit.multipliers])
@@ -185,6 +194,7 @@ def sheet(fit: Fit) -> Sheet:
         condition = f"condition number {fit.condition_number:.3g}"
         lines.append(f"rank {fit.rank} of {len(fit.columns)} unknowns, {condition}{rest}")
     lines += [str(x) for x in (fit.likelihood, fit.binding) if x is not None]
+    lines += body_lines(fit)
     if pairs := _pairs(fit.correlation):
         lines.append(
             f"known only together (correlation of errors): {some(pairs)}: their sum or difference "
@@ -215,16 +225,15 @@ def card(fit: Fit) -> Card:
         own = listed(f"{j} ({percent(fit.train[j].relative)} in the fit)" for j in larger)
         words += f", which makes it larger in {own}"
     judged, away, following = errors, fit.residual.away, "compare"
-    if fit.validation:  # the largest error on logs that were not fitted
-        every = [own[joint] for own in fit.validation.values() for joint in own]
-        names = [joint for own in fit.validation.values() for joint in own]
-        order = sorted(range(len(every)), key=lambda i: every[i].rms)
-        judged, away, following = {names[i]: every[i] for i in order}, {}, "monitor"
-    good = good_enough(judged, fit.noise, away)
-    if fit.validation:
-        good = good.replace("Good enough?", f"Good enough on {some([*fit.validation], 2)}?")
-    command = next_command(following if enough(judged, fit.noise) else "diagnose")
-    trust = f"{good} {words}.".strip() * bool(bars)
+    if others := [*fit.validation.values()]:  # the largest error on logs that were not fitted
+        judged = {j: max((e[j] for e in others), key=lambda e: e.rms) for j in others[0]}
+        away, following = {}, "monitor"
+    doubts = fit.health.findings
+    good = good_enough(judged, fit.noise, away, logs=[*fit.validation], doubts=doubts)
+    fine = enough(judged, fit.noise, doubts)
+    command = next_command(following if fine else "diagnose")
+    wrong = [f"{each}." for each in scale_doubts(doubts)]
+    trust = " ".join([*wrong, good, f"{words}."]).strip() * bool(bars)
     if fit.changes is None:
         return Card(headline(fit), trust, bars, command)
     then = earlier.errors if earlier else {}
@@ -254,9 +263,10 @@ def changes_line(x: Changes, worse: Sequence[str] = ()) -> str:
         )
     first = [f"{shortened(c.after.name, 40)} ({_then_now(c)} {c.after.unit})" for c in x.changed]
     found = f"{some(first, 2)}, of {n} parameters{apart}"
+    most = f" Most have: {OTHER}" * (2 * len(first) > n)
     if worse:  # what differs may stand in for a cause that the model does not have
-        return f"Changed since {since}: {beside}; perhaps in its place, {found} differ."
-    return f"Changed since {since}: {found}."
+        return f"Changed since {since}: {beside}; perhaps in its place, {found} differ.{most}"
+    return f"Changed since {since}: {found}.{most}"
 
 
 def _then_now(x: Change) -> str:
@@ -385,6 +395,7 @@ def _parameters(fit: Fit) -> tuple[Block, ...]:
         blocks.append(plot_parameters(fit))
     tables = value_tables(fit, 120)
     tables.pop("Multipliers", None)
+    blocks += [paragraph(each) for each in body_lines(fit)]
     blocks += [html_table(rows, title) for title, rows in tables.items()]
     if fit.binding is not None:
         blocks.append(paragraph(binding(fit.binding)))

@@ -30,6 +30,7 @@ from ident.show.charts import Chart, Level, Line, Mark, Panel
 from ident.show.diagnosis import card, noise_errors, short, verdict_line
 from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, write_instead
 from ident.show.html import (
+    OTHER,
     SAME,
     Bar,
     Block,
@@ -60,6 +61,7 @@ from ident.simulate.replay import Replay
 from ident.text import WIDTH, percent, places, wrapped
 
 SCHEMA = "ident.compare/1"
+OTHERWISE = 0.1  # of the torque of every joint, from which a log may be of another machine
 
 
 @renders(Comparison, "sheet")
@@ -98,6 +100,8 @@ def comparison_card(c: Comparison) -> Card:
     if alone and changed:
         line += f": changed since it was fitted in {places(changed)}"
         line += "; all other joints are as then" * (len(changed) < len(joints))
+        if all(((bar.after or bar.before).relative or 0.0) > OTHERWISE for bar in bars):
+            line += f", by much of its torque: {OTHER}"
     elif alone:
         larger = [bar.joint for bar in bars if bar.rises] if before else []
         if larger:

@@ -31,9 +31,11 @@ CLEARLY = 0.8  # times the error with a formula: a curve that leaves less shows 
 
 
 def numbers(parameters: Sequence[Value]) -> str:
-    """Return `Fc = 0.312 ± 0.004 N m`, of several values the first ones; a value that is smaller
-    than its error is one that the data do not determine.
+    """Return `Fc = 0.312 ± 0.004 N m`, of several values the first ones, of a body its mass and
+    centre; a value that is smaller than its error is one that the data do not determine.
     """
+    if body := body_words(parameters):
+        return body
     found = []
     for v in parameters:
         name, number = v.name.rpartition(".")[2], rounded(v.value, v.stderr)
@@ -41,6 +43,26 @@ def numbers(parameters: Sequence[Value]) -> str:
         value = f"{name} = {number} {v.unit}".removesuffix(" 1")
         found.append(value + " (not determined)" * unknown)
     return some(found)
+
+
+def body_words(parameters: Sequence[Value]) -> str:
+    """Return mass and centre of mass of a body by its ten parameters; none where the data do not
+    determine them. The centre's errors are the sums of those of the moment and of the mass.
+    """
+    own = {v.name.rpartition(".")[2]: v for v in parameters}
+    if any(name not in own or own[name].stderr is None for name in ("m", "mx", "my", "mz")):
+        return ""
+    m, error = own["m"].value, own["m"].stderr or 0.0
+    if abs(m) <= 2 * error:
+        return ""
+    centre = []
+    for v in (own[name] for name in ("mx", "my", "mz")):
+        c = v.value / m
+        centre.append(rounded(c, ((v.stderr or 0.0) + abs(c) * error) / abs(m)))
+    x, y, z = centre
+    return (
+        f"mass {rounded(m, error)} kg, its centre at x = {x}, y = {y}, z = {z} m in the link's axes"
+    )
 
 
 def labels(effects: Iterable[Effect], word: str = "and") -> str:

@@ -27,6 +27,7 @@ MOST = 3  # windows that are shown; all are in compare.json
 LABEL = 28  # characters of a model's name in a chart or table
 FILM = 400  # moments of the mechanism in a report
 BINS = 30  # of the mean that is drawn through a cloud
+FUNCTION = 0.5  # share of an effect's torque that means of a signal explain, from which it is its
 OWN = ("q", "v", "a", "load")  # of a joint, against which its residual is drawn
 SUM = "the sum taken apart, rms: rigid bodies + effects = predicted"
 MAPS = (
@@ -232,8 +233,9 @@ def plot_maps(residuals: Models, joint: str, effect: str = "") -> Chart:
     """Draw a joint's residual and its mean against t, q, v, a and load, a row a model.
 
     If it depends most on a signal of another joint, against that too; the most important is framed.
-    With the label of an `effect` of the last model, the means of its torque are drawn through the
-    points of the first one, against time and in the frame.
+    With the label of an `effect` of the last model, that is the one of which its torque is a
+    function, and the means of it are drawn through the points of the first model, against time and
+    in the frame.
     """
     models = list(residuals.values())
     scores = [_scores(residual, joint) for residual in models]
@@ -242,10 +244,12 @@ def plot_maps(residuals: Models, joint: str, effect: str = "") -> Chart:
     names = ["t", *(f"{kind}.{joint}" for kind in OWN)]
     foreign = [(r2, name) for each in scores for name, r2 in each.items() if name not in names]
     names += [max(foreign)[1]] if foreign else []
+    own_signal = _signal_of(models[-1], joint, effect, names) if effect else ""
     shown, marked = told_apart(residuals), list[str]()
     rows: list[tuple[Panel, ...]] = []
     for title, residual, score in zip(residuals, models, scores, strict=True):
         most = next((name for name in score if name in names), "")
+        most = own_signal if own_signal and not rows else most
         marked += [most] if most else []
         curve = models[-1] if effect and not rows else None
         own = {"t", most} if most else {*names}  # signals of which the effect is a function
@@ -258,10 +262,36 @@ def plot_maps(residuals: Models, joint: str, effect: str = "") -> Chart:
         rows.append((replace(row[0], y=label), *row[1:]))
     words = f"Residual of {joint} against time, its position, speed, acceleration and load"
     if marked:
-        words += f"; framed: {', '.join(dict.fromkeys(marked))}, on which it depends most"
+        which = "the effect depends" if own_signal else "it depends most"
+        words += f"; framed: {', '.join(dict.fromkeys(marked))}, on which {which}"
     if effect:
         words += f"; the line: {effect}"
     return Chart(words, tuple(rows), shared_y=True, width=2.6 * len(names))
+
+
+def _signal_of(residual: Residual, joint: str, effect: str, names: Sequence[str]) -> str:
+    """Return the signal of which the torque of an effect is a function, as far as means in bins
+    tell; none where it is a function of no single one.
+    """
+    if not all(effect in trace.parts for trace in residual.traces):
+        return ""
+    u = residual.joints.index(joint)
+    y = np.concatenate([trace.parts[effect][:, u] for trace in residual.traces])
+    shares: dict[str, float] = {}
+    for name in names[1:]:  # time, of which everything is a function, comes last
+        count, total, at, _ = _means(np.concatenate(residual.signal(name)[0]), y)
+        rest = y - (total / np.maximum(count, 1))[at]
+        shares[name] = 1 - float(rest @ rest) / max(float(y @ y), 1e-300)
+    best = max(shares, key=lambda name: shares[name])
+    return best if shares[best] > FUNCTION else ""
+
+
+def _means(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return counts and sums of y in bins of x, the bin of each row, and the bins' edges."""
+    edges = np.linspace(x.min(), x.max(), BINS + 1)
+    at = np.digitize(x, edges[1:-1])
+    count, total = (np.bincount(at, weights, BINS) for weights in (None, y))
+    return count, total, at, edges
 
 
 def _scores(residual: Residual, joint: str) -> dict[str, float]:
@@ -289,9 +319,7 @@ def _map(
         label, colour = "the effect itself", RESIDUAL
         r = [trace.parts[effect][:, u] for trace in model.traces]
     whole, torque = np.concatenate(x), np.concatenate(r)
-    edges = np.linspace(whole.min(), whole.max(), BINS + 1)
-    at = np.digitize(whole, edges[1:-1])
-    count, total = (np.bincount(at, weights, BINS) for weights in (None, torque))
+    count, total, _, edges = _means(whole, torque)
     known = count >= 3
     middle = (edges[1:] + edges[:-1])[known] / 2
     own = name.removesuffix(f".{joint}")

@@ -40,10 +40,11 @@ from ident.streams.gather import Gathered
 from ident.streams.many_logs import RATE, Disagreement, LogComparison, Verdict, Verdicts
 from ident.streams.monitor import Alarm, Cause, Monitor, ParameterChange
 from ident.streams.online import Forces, Snapshot
-from ident.text import percent, rounded, some
+from ident.text import listed, percent, rounded, some
 
 NAMED = 6  # logs in a sentence; more are counted
-SHOWN = 6  # parameters in one line
+SHOWN = 6  # logs in one command
+LAST = 2  # parameters in one line
 POOR = 0.05  # of the torque: a model that leaves more hides differences between logs
 MOSTLY = 0.9  # of a log's difference, that a part must explain to be named
 TINY = 1e-12  # a smaller chance is printed as this
@@ -191,13 +192,16 @@ def forces_text(x: Forces) -> str:
 
 @renders(Snapshot, "line")
 def snapshot_line(x: Snapshot) -> str:
-    """Return what is identified, the multipliers and the errors, in one line."""
-    known = x.identified
-    parts = [str(value) for value in known[:SHOWN]]
-    parts += [f"… ({len(known) - SHOWN} more)"] if len(known) > SHOWN else []
+    """Return the errors, the last parameters that are identified, which are those of effects, and
+    the multipliers, in one line.
+    """
+    errors = [f"{name} {percent(e.relative)}" for name, e in x.errors.items()]
+    known = [str(value) for value in x.identified]
+    more = [f"{len(known) - LAST} more parameters"] if len(known) > LAST else []
+    parts = [f"error of {some(errors)}"] if errors else []
+    parts += [listed([*known[-LAST:], *more])] if known else []
     parts += [str(x.multipliers)] if x.multipliers is not None else []
-    parts += [f"error of {name} {percent(e.relative)}" for name, e in x.errors.items()]
-    return f"t = {x.t:.6g} s: {', '.join(parts)}; lag {1e3 * x.lag:.3g} ms"
+    return f"t = {x.t:.6g} s: {'; '.join(parts)}"
 
 
 @renders(Snapshot, "sheet")

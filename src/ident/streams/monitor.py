@@ -212,8 +212,9 @@ class Monitor(Displayed):
         first = intervals_of(parts, interval, sigma, x)
         if len(first) < FEWEST:
             raise FitError(
-                f"normal running: {len(first)} intervals; valid: {FEWEST} or more, better a "
-                "thousand: give longer logs, or shorter intervals"
+                f"normal running: {len(first)} intervals of {interval:g} s; valid: {FEWEST} or "
+                f"more, which is {FEWEST * interval:g} s, better a thousand: give longer logs, or "
+                "several"
             )
         x = moved_reference(Triangle.merge([each.triangle for each in first]), x)
         intervals = intervals_of(parts, interval, sigma, x)

@@ -21,6 +21,7 @@ from markupsafe import Markup
 from ident.display import acceptable, folder, inputs, running
 from ident.effects import Effect
 from ident.fit.channel_fits import LEAVES
+from ident.fit.findings import Finding
 from ident.information.blocks import Error
 from ident.mechanism.mechanism import Mechanism
 from ident.plugins import version
@@ -90,6 +91,8 @@ def good_enough(
     floor: Mapping[str, float],
     away: Mapping[str, float] | None = None,
     searched: bool = False,
+    logs: Sequence[str] = (),
+    doubts: Sequence[Finding] = (),
 ) -> str:
     """Return a sentence on whether the errors of all joints are noise, or too small to matter.
 
@@ -97,15 +100,18 @@ def good_enough(
         errors, floor: by joint, of the model and what noise of the sensors makes [N m | N].
         away: rms away from reversals of joints with dry friction, as `Residual.away`.
         searched: whether nothing that is missing was found.
+        logs: names of those on which it is judged, where these are not the ones that were fitted.
+        doubts: what may be wrong with the data.
     """
     own, judged, least = acceptable.get(), *_judged(errors, floor)
+    ask = f"Good enough on {some([*logs], 2)}?" if logs else "Good enough?"
     if not judged:
         return ""
     times = {j: _times(e, floor.get(j)) for j, e in judged.items()}
     loud, most = too_large(judged, floor, least), max(times.values())
     if loud and own is not None:
         words = [f"{j} ({Bar(j, errors[j]).words})" for j in loud]
-        return f"Good enough? Not in {some(words, 2)}: more than {percent(own)} and than noise."
+        return f"{ask} Not in {some(words, 2)}: more than {percent(own)} and than noise."
     if loud:
         rest = max((away or {}).get(j, math.inf) / floor[j] for j in loud)
         turns = ", but only near reversals, where a smoothed speed misses the jump of dry friction"
@@ -113,23 +119,37 @@ def good_enough(
         words = [f"{j} ({float(f'{times[j]:.2g}'):g} times)" for j in loud]
         words[0] = words[0].replace("times)", "times the noise of the sensors)")
         how = f"As good as this data can show, at {most:.1f} times the noise of the sensors"
-        return f"Good enough? {how if searched else f'Not in {some(words, 2)}'}{turns}."
+        return f"{ask} {how if searched else f'Not in {some(words, 2)}'}{turns}."
     if hidden := _hidden(judged, floor, least):
         joint, noise = hidden
         size = f"{percent(noise)} of the torque of {joint}"
-        return f"Good enough? These logs cannot show it: noise is {size}."
+        return f"{ask} These logs cannot show it: noise is {size}."
     beside = f", or below {percent(least)} of the torque" * (most > NOISY)
     how = f"noise of the sensors{beside}" if beside else f"at most {most:.1f} times the noise"
-    return f"Good enough? Yes: in every joint the error is {how}."
+    fits = f"in every joint the error is {how}"
+    if scale_doubts(doubts):
+        return f"{ask} Doubtful: {fits}, but the size of the torques looks wrong."
+    return f"{ask} Yes: {fits}."
 
 
-def enough(errors: Mapping[str, Error], floor: Mapping[str, float]) -> bool:
+OTHER = "is this a log of this machine, with its load and units?"
+
+
+def scale_doubts(findings: Iterable[Finding]) -> list[Finding]:
+    """Return the findings on the size of torques: a fit follows them, whatever their unit is."""
+    return [each for each in findings if each.code == "magnitude"]
+
+
+def enough(
+    errors: Mapping[str, Error], floor: Mapping[str, float], doubts: Iterable[Finding] = ()
+) -> bool:
     """Return whether `good_enough` says yes: every joint's error is noise or too small to matter,
-    and no joint has so much noise that a cause could hide in it.
+    no joint has so much noise that a cause could hide in it, and the torques' size is plausible.
     """
     judged, least = _judged(errors, floor)
     loud = too_large(judged, floor, least)
-    return bool(judged) and not loud and _hidden(judged, floor, least) is None
+    fits = bool(judged) and not loud and _hidden(judged, floor, least) is None
+    return fits and not scale_doubts(doubts)
 
 
 def _judged(
@@ -263,6 +283,16 @@ def add_command(mechanism: Mechanism, effects: Iterable[Effect], files: Iterable
     return f"ident add {place_of(mechanism)} {shlex.join([*dict.fromkeys(words), *code])}"
 
 
+def unused(name: str) -> str:
+    """Return the name of a file or folder, with a number where there is one of that name, or the
+    running command writes it: what a command offers must not overwrite anything.
+    """
+    path, taken, n = Path(name), folder.get(), 1
+    while (taken and path == Path(taken)) or path.exists():
+        path = Path(name).with_name(f"{Path(name).stem}_{(n := n + 1)}{Path(name).suffix}")
+    return str(path)
+
+
 def next_command(verb: str, added: Iterable[Effect] = (), separate: Sequence[str] = ()) -> str:
     """Return the command that goes on with a verb from the one that runs, ready to be copied.
 
@@ -294,9 +324,9 @@ def next_command(verb: str, added: Iterable[Effect] = (), separate: Sequence[str
             *own(*PAIRS, "--allow-code"),
             *(["--separate", *separate] if separate else []),
             "--out",
-            "next.csv",
+            unused("next.csv"),
         ],
-        "identify": [*given.logs, *options, "--out", out or "DIR"],
+        "identify": [*given.logs, *options, "--out", unused(out) if out else "DIR"],
         "monitor": [
             "NEXT.csv",
             *(w for log in given.like or given.logs for w in ("--like", log)),
