@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -179,6 +180,8 @@ def test_the_next_motion_tells_forms_apart(tmp_path: Path) -> None:
     marks = plot_curve(d.curves[0], d.laws[0]).rows[0][0].marks
     assert d.laws[0].formula in [getattr(mark, "label", "") for mark in marks]
     assert d.laws[0].rivals
+    assert d.laws[0].matters(d.decision)
+    assert not replace(d.laws[0], after=d.laws[0].before).matters(d.decision)
     assert d.next_experiment.startswith("Turn yaw through a full turn")
 
 

@@ -7,16 +7,20 @@ import pytest
 from lxml import html
 
 import ident
+from helpers import ROBOTS
 from ident import Log
 from ident.diagnosis.result import errors_of
 from ident.display import part
 from ident.fit.files import fit_json
+from ident.fit.findings import Finding
+from ident.fit.values import Value
 from ident.information.blocks import Error
 from ident.show.diagnosis import card as diagnosis_card
 from ident.show.fit import card as fit_card
-from ident.show.html import Bar, Card, Page, good_enough
+from ident.show.html import Bar, Card, Page, enough, good_enough
 from ident.show.ladder import comparison_card, comparison_json
-from ident.show.residual import plot_forces
+from ident.show.laws import numbers
+from ident.show.residual import plot_forces, plot_maps
 from identification import motion_log, plant, robot
 
 NASTY = '<script>alert("x")</script>'
@@ -171,3 +175,57 @@ def test_a_name_that_leaves_most_of_the_error_is_not_sure(nouns):
         after = {**best.after, joint: replace(old, rms=left * old.rms)}
         partial = replace(d, loud=(joint,), candidates=(replace(best, after=after),))
         assert ("Not sure that it is this (with it 81 %" in diagnosis_card(partial).sure) != sure
+
+
+def test_a_log_that_was_not_fitted_is_named_and_torques_of_another_size_are_doubted():
+    errors, floor = {"elbow": Error(0.1, 0.05, "N m")}, {"elbow": 0.1}
+    assert good_enough(errors, floor, logs=["b.csv"]).startswith("Good enough on b.csv? Yes")
+    doubts = (Finding("magnitude", "tau.elbow: 0.001 times what the URDF's bodies need"),)
+    assert "Doubtful" in good_enough(errors, floor, doubts=doubts)
+    assert enough(errors, floor)
+    assert not enough(errors, floor, doubts)
+
+
+def test_torques_of_another_unit_are_doubted_in_the_card():
+    arm = ident.load(ROBOTS / "arm").with_effect("viscous").with_effect("coulomb")
+    log = ident.read_log(ROBOTS / "arm" / "run.csv")
+    columns = {n: x * (1e-3 if n.startswith("tau") else 1.0) for n, x in log.columns.items()}
+    scaled = Log.from_arrays("kilo.csv", log.t, columns)
+    fit = ident.identify(arm, ident.complete(arm, scaled), estimator="least-squares")
+    assert max(e.relative for e in fit.train.values()) < 0.01
+    assert "Doubtful" in fit_card(fit).sure
+    assert "scale" in fit_card(fit).sure  # the remedy
+
+
+def test_a_payload_is_a_mass_and_its_centre():
+    values = {"m": (2.0, 0.01), "mx": (0.2, 0.002), "my": (-0.1, 0.001), "mz": (0.0, 0.002)}
+    body = [Value(f"payload.hand.{n}", x, s, "kg", True, 0.0) for n, (x, s) in values.items()]
+    words = numbers(body)
+    assert words.startswith("mass 2 ± 0.01 kg")
+    assert "x = 0.1 ± 0.0015" in words
+    unknown = [replace(body[0], stderr=None, identifiable=False), *body[1:]]
+    assert "mass" not in numbers(unknown)
+
+
+def test_a_value_says_whether_the_log_determines_it():
+    value = Value("lever.mz", 0.5, 0.01, "kg m", True, 0.4)
+    assert repr(value) == str(value) == "lever.mz = 0.5 ± 0.01 kg m"
+    unknown = replace(value, stderr=None, identifiable=False)
+    assert str(unknown) == "lever.mz = 0.5 kg m, not determined by this log"
+
+
+def test_effects_have_the_values_of_an_earlier_fit_as_prior(nouns):
+    mechanism = nouns["mechanism"].with_effect("viscous:crank")
+    fit = ident.identify(mechanism, nouns["motion"], estimator="least-squares")
+    own = fit["viscous.crank.Fv"]
+    assert own.prior == 0.0
+    assert fit.since(fit)["viscous.crank.Fv"].prior == own.value
+
+
+def test_the_framed_map_is_that_of_the_named_effects_own_signal(nouns):
+    mechanism = nouns["mechanism"].with_effect("viscous:crank")
+    after = ident.identify(mechanism, nouns["motion"], estimator="least-squares").residual
+    models = {"without it": after.without("viscous:crank"), "with it": after}
+    chart = plot_maps(models, "crank", effect="viscous:crank")
+    marked = [panel.x for row in chart.rows for panel in row if panel.marked]
+    assert marked == ["v [rad/s]"]

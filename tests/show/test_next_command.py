@@ -72,3 +72,13 @@ def test_no_command_outside_of_a_command_line():
     arm = ident.load(ROBOTS / "arm")
     fit = ident.identify(arm, ident.complete(arm, ident.read_log(ROBOTS / "arm" / "run.csv")))
     assert card(fit).command == ""
+
+
+def test_what_is_offered_overwrites_nothing(given, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    given(out="last")
+    assert shlex.split(next_command("identify"))[-2:] == ["--out", "last_2"]  # not yet written
+    (tmp_path / "last_2").mkdir()
+    (tmp_path / "next.csv").touch()
+    assert shlex.split(next_command("identify"))[-1] == "last_3"
+    assert shlex.split(next_command("excite"))[-1] == "next_2.csv"

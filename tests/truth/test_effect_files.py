@@ -159,3 +159,22 @@ def test_a_kind_is_described_in_full(kind):
         (line,) = [x for x in said["unknowns" if parameter in effect.unknowns else "shapes"]
                    if x.startswith(f"{parameter.name} [")]  # fmt: skip
         assert parameter.meaning in line
+
+
+@pytest.mark.parametrize("name", ["four_bar", "five_bar"])
+def test_lengths_across_the_plane_of_a_planar_loop_are_no_candidates(name):
+    mechanism = ident.load(ROBOTS / name)
+    tried = {e.joints[0] for e in mechanism.candidates() if e.kind == "geometry"}
+    across = "z" if name == "five_bar" else "y"
+    assert tried
+    assert not any(place.endswith(across) for place in tried)
+    assert any(mechanism.lengths[place] and place not in tried for place in mechanism.sites.place)
+
+
+def test_a_place_of_a_closure_moves_in_the_axes_of_its_link():
+    mechanism = ident.load(ROBOTS / "four_bar")  # whose frames are turned against the links
+    moved = mechanism.moved("pin.a.x", 0.01).moved("pin.a.y", 0.02)
+    off = {place: x - mechanism.lengths[place] for place, x in moved.lengths.items()}
+    assert off["pin.a.x"] == pytest.approx(0.01)
+    assert off["pin.a.y"] == pytest.approx(0.02)
+    assert off["pin.a.z"] == pytest.approx(0.0)
