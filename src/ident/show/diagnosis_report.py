@@ -73,6 +73,7 @@ def plot_candidates(d: Diagnosis) -> Chart:
         for sizes in zip(*(bar(x).sizes for x in shown), strict=True)
     )
     at, none = np.arange(len(shown), dtype=float), np.zeros(len(shown))
+    alone = len(d.floor) == 1  # joint, whose error is meant
     n = len(named)
     marks = [Dots(at, before, none, "as it is", FAINT)]
     if n:
@@ -84,7 +85,9 @@ def plot_candidates(d: Diagnosis) -> Chart:
         (*marks, Dots(at, noise, none, "noise alone", RESIDUAL)),
         "held-out error of the joint [%]",
         y_names=tuple(
-            x.effect.label if x.joint in x.effect.joints else f"{x.effect.label} in {x.joint}"
+            x.effect.label
+            if x.joint in x.effect.joints or alone
+            else f"{x.effect.label} in {x.joint}"
             for x in shown
         ),
         height=0.5 + 0.32 * max(len(shown), 1),
@@ -160,8 +163,9 @@ def _candidates(d: Diagnosis) -> list[Block]:
     blocks: list[Block] = [paragraph(MARKS)] if d.best else []
     blocks += [plot_candidates(d), paragraph(FALLS), table(candidate_rows(d), "Candidates")]
     if options := tuple(_option(d, each) for each in d.candidates if each.fit is not None):
-        marks = {x.joint: x.effect.label for x in d.candidates[: d.best is not None]}
-        marks |= {j: e.label for e in d.group for j in e.joints}
+        tree, best = d.fit.mechanism.joint_index, d.candidates[: d.best is not None]
+        marks = {j: e.label for e in d.group for j in e.joints if j in tree}
+        marks = marks or {x.joint: x.effect.label for x in best}
         marks = marks or {law.joint: f"formula: {law.joint}" for law in d.laws}
         blocks.append(view_of_fit(d.fit.residual, d.fit.predictions, marks))
         blocks += [headed("Its residual before and after"), Choice("Which candidate", options)]

@@ -245,6 +245,8 @@ def plot_maps(residuals: Models, joint: str, effect: str = "") -> Chart:
     foreign = [(r2, name) for each in scores for name, r2 in each.items() if name not in names]
     names += [max(foreign)[1]] if foreign else []
     own_signal = _signal_of(models[-1], joint, effect, names) if effect else ""
+    if own_signal and own_signal not in names:
+        names[len(OWN) + 1 :] = [own_signal]  # in the place of another joint's
     shown, marked = told_apart(residuals), list[str]()
     rows: list[tuple[Panel, ...]] = []
     for title, residual, score in zip(residuals, models, scores, strict=True):
@@ -270,15 +272,19 @@ def plot_maps(residuals: Models, joint: str, effect: str = "") -> Chart:
 
 
 def _signal_of(residual: Residual, joint: str, effect: str, names: Sequence[str]) -> str:
-    """Return the signal of which the torque of an effect is a function, as far as means in bins
-    tell; none where it is a function of no single one.
+    """Return the signal of its own joints, or of these names where it has none, of which the
+    torque of an effect is a function, as far as means in bins tell; none where it is of no one.
     """
     if not all(effect in trace.parts for trace in residual.traces):
         return ""
+    every = residual.model.mechanism.effects
+    joints = next((each.joints for each in every if each.label == effect), ())
+    own = [f"{kind}.{each}" for each in joints if each in residual.signals for kind in OWN[:3]]
+    own += [f"load.{each}" for each in joints if each in residual.joints]
     u = residual.joints.index(joint)
     y = np.concatenate([trace.parts[effect][:, u] for trace in residual.traces])
     shares: dict[str, float] = {}
-    for name in names[1:]:  # time, of which everything is a function, comes last
+    for name in own or names[1:]:  # time is one of which everything is a function
         count, total, at, _ = _means(np.concatenate(residual.signal(name)[0]), y)
         rest = y - (total / np.maximum(count, 1))[at]
         shares[name] = 1 - float(rest @ rest) / max(float(y @ y), 1e-300)

@@ -99,10 +99,13 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
     labelled.get(m.label).renderers.push(...drawn)
   }
 
-  function fitting(name, share) { // in a share of a panel's width: the ends of a longer name
-    const most = Math.max(16, Math.floor(share * width / rows[0].length / 7.5))
-    const half = Math.floor(most / 2)
-    return name.length <= most ? name : `${name.slice(0, half)}…${name.slice(1 - half)}`
+  function fitting(name, share) { // in a share of a panel's width: a longer name in several lines
+    const most = Math.max(16, Math.floor(share * width / rows[0].length / 7.5)), lines = [""]
+    for (const word of name.split(/(?<=[:,. _])/)) {
+      if (lines.at(-1) && lines.at(-1).length + word.length > most) lines.push("")
+      lines[lines.length - 1] += word
+    }
+    return lines.map((each) => each.length <= most ? each : `${each.slice(0, most - 1)}…`).join("\n")
   }
 
   function named(axis, names, text, looks) {

@@ -118,6 +118,9 @@ function drawScene(scene, place, told) {
     for (const [text, [x, y], colour] of named.sort((a, b) => a[1][1] - b[1][1])) {
       const line = Math.max(below, Math.min(y + 4, height - 6))
       below = line + 18
+      art.strokeStyle = getComputedStyle(document.body).backgroundColor // readable over the machine
+      art.lineWidth = 4
+      art.strokeText(text, left, line)
       art.strokeStyle = art.fillStyle = "#d1495b"
       art.lineWidth = 1.5
       art.fillText(text, left, line)

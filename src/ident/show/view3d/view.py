@@ -236,6 +236,8 @@ class View:
                 (x @ R[:, i].transpose(0, 2, 1) + origin[:, None, i]).reshape(-1, 3)
                 for i, x in points
             ]
+            tips = self._tips(film)[some].reshape(-1, 3)
+            clouds.append(tips[np.isfinite(tips).all(axis=1)])
         cloud = np.concatenate(clouds)
         target = (cloud.min(axis=0) + cloud.max(axis=0)) / 2
         spread, axes = np.linalg.eigh(np.cov((cloud - target).T) + 1e-12 * np.eye(3))
@@ -277,7 +279,7 @@ class View:
         """Return times, poses, colours, gaps and arrows of a film, times as charts count them."""
         R, origin = poses_of(self.mechanism.model, film.q)
         poses = np.concatenate([R.reshape(*R.shape[:2], 9), origin], axis=2)
-        tips = film.at + film.force * (LONGEST * self.size / (self.largest_force or 1.0))
+        tips = self._tips(film)
         places = range(film.at.shape[1])
         arrows = [
             {"colour": ENDS[i % 2],
@@ -291,6 +293,11 @@ class View:
             "gaps": [arrays.place(gap, "<f4") for gap in gaps],
             "misfit": {j: arrays.place(x, "<f4") for j, x in film.misfit.items()},
         }  # fmt: skip
+
+    def _tips(self, film: Film) -> np.ndarray:
+        """Return where the arrows of a film end (n, K, 3) [m]."""
+        scale = LONGEST * self.size / (self.largest_force or 1.0)
+        return np.asarray(film.at + film.force * scale)
 
     @cached_property
     def html(self) -> str:
