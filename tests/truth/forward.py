@@ -14,6 +14,11 @@ def planted(mechanism, effects):
     return mechanism
 
 
+def integrated(mechanism, log):
+    """The run that follows a log. Torques are judged at its states, which need not be precise."""
+    return ident.integrate(mechanism, ident.ComputedTorque(log), tolerance=1e-7)
+
+
 def judged(mechanism, run):
     """Largest difference of predicted and acting torque, away from standstill, over the largest."""
     point = Point.prior(mechanism)

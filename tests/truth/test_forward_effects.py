@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
-from forward import judged, planted
+from forward import integrated, judged, planted
 
 import ident
 from helpers import J, tree_urdf, write_mechanism
@@ -52,7 +52,7 @@ def moving(name):
 @pytest.fixture(scope="module")
 def bare():
     """The arm without effects on the same motion."""
-    return ident.integrate(robot("arm"), ident.ComputedTorque(moving("arm")))
+    return integrated(robot("arm"), moving("arm"))
 
 
 @pytest.mark.parametrize("label", ARM)
@@ -61,7 +61,7 @@ def test_an_effect_of_the_arm(label, bare):
     if label.startswith("temperature"):
         effects = {"viscous:elbow": {"Fv": 0.6}, **effects}
     mechanism = planted(robot("arm"), effects)
-    run = ident.integrate(mechanism, ident.ComputedTorque(moving("arm")))
+    run = integrated(mechanism, moving("arm"))
     close = 2e-4 if label.startswith("hysteresis") else 1e-8  # a tabulated state has steps
     assert judged(mechanism, run) < close
     same = np.isin(np.round(bare.t, 6), np.round(run.t, 6))  # a delay leaves out the ends
@@ -76,7 +76,7 @@ def test_what_a_motor_sees_through_a_soft_drive(kind):
     """The joint is where the model has it; the logged motor leads by the load (quasi-static)."""
     values = {"compliance": 2e-4} if kind.startswith("elast") else {"width": 2e-3}
     mechanism = planted(robot("arm"), {kind: values})
-    run = ident.integrate(mechanism, ident.ComputedTorque(moving("arm")))
+    run = integrated(mechanism, moving("arm"))
     elbow = mechanism.joint_index["elbow"]
     lead = run.log.columns["q.elbow"] - run.y[:, elbow]
     load = Rigid.of(mechanism.model, mechanism.prior)
@@ -94,7 +94,7 @@ def test_all_frictions_at_one_joint_together():
     }
     effects |= {"viscous:elbow": {"Fv": 0.6}, "torque_gain:elbow": {"g": 0.05}}
     mechanism = planted(robot("arm"), {"viscous:elbow": effects.pop("viscous:elbow"), **effects})
-    run = ident.integrate(mechanism, ident.ComputedTorque(moving("arm")))
+    run = integrated(mechanism, moving("arm"))
     assert judged(mechanism, run) < 1e-8
 
 
@@ -104,7 +104,7 @@ def test_an_effect_of_ones_own():
         "odd", lambda s: {"A": ca.tanh(s.v) * s.q + 0.3 * s.a + 0.1 * s.tau + 0.2 * s.t}
     )
     mechanism = robot("arm") + kind(("elbow",), {"A": 0.4})
-    run = ident.integrate(mechanism, ident.ComputedTorque(moving("arm")))
+    run = integrated(mechanism, moving("arm"))
     assert judged(mechanism, run) < 1e-8
     jumps = ident.user_effect("jumps", lambda s: {"A": ca.sign(s.v)})
     with pytest.raises(MechanismError, match=r"'jumps:elbow': cannot be integrated: .*direction"):
@@ -116,7 +116,7 @@ def test_measured_wrenches_push():
     mechanism, log = robot("arm"), moving("arm")
     push = {"wrench.hand.fx": 3 * np.sin(5 * log.t), "wrench.hand.mz": 0.2 * np.cos(3 * log.t)}
     pushed = Log.from_arrays("log", log.t, {**log.columns, **push})
-    run = ident.integrate(mechanism, ident.ComputedTorque(pushed))
+    run = integrated(mechanism, pushed)
     assert set(push) < set(run.log.columns)
     assert judged(mechanism, run) < 1e-8
 

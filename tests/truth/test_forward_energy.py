@@ -1,4 +1,4 @@
-"""Forward simulation without losses keeps its energy, and its closures, for ten seconds."""
+"""Forward simulation without losses keeps its energy, and its closures, in time."""
 
 import time
 
@@ -30,9 +30,9 @@ def drift(mechanism: ident.Mechanism, run: ident.Run) -> float:
 def test_a_loop_keeps_energy_and_closures(name):
     mechanism = ident.load(ROBOTS / name)
     began = time.process_time()
-    run = ident.integrate(mechanism, start=CASES[name])
-    assert time.process_time() - began < 15.0
-    assert run.t[-1] == pytest.approx(10.0)
+    run = ident.integrate(mechanism, start=CASES[name], duration=3.0, rate=100.0)
+    assert time.process_time() - began < 5.0
+    assert run.t[-1] == pytest.approx(3.0)
     assert drift(mechanism, run) < 1e-7
     rows = mechanism.kinematics.closure_rows(run.q)
     assert np.abs(rows.value).max() < 1e-11
@@ -43,7 +43,7 @@ def test_a_loop_keeps_energy_and_closures(name):
 def test_an_arm_of_three_joints_keeps_its_energy(tmp_path):
     joints = [J("a", axis="0 1 0"), J("b", axis="1 0 0", parent="a"), J("c", parent="b")]
     mechanism = ident.load(write_mechanism(tmp_path, tree_urdf(joints, seed=3)))
-    run = ident.integrate(mechanism, start={"a": 0.4, "v.b": 2.0})
+    run = ident.integrate(mechanism, start={"a": 0.4, "v.b": 2.0}, rate=50.0)
     assert drift(mechanism, run) < 1e-7
 
 

@@ -28,7 +28,7 @@ PULL = MASS * G * np.sin(SLOPE)
 @pytest.mark.parametrize("share", [1.0001, 1.2, 5.0])
 def test_a_block_that_friction_can_hold_stays_put(tmp_path, share):
     run = ident.integrate(
-        block(tmp_path), values={"coulomb.s.Fc": share * PULL}, start={"s": 0.1}, duration=3.0
+        block(tmp_path), values={"coulomb.s.Fc": share * PULL}, start={"s": 0.1}, duration=0.5
     )
     np.testing.assert_array_equal(run.q[:, 0], 0.1)
     np.testing.assert_array_equal(run.v[:, 0], 0.0)
@@ -38,13 +38,13 @@ def test_a_block_that_friction_can_hold_stays_put(tmp_path, share):
 
 
 def test_a_block_that_friction_cannot_hold_slides(tmp_path):
-    run = ident.integrate(block(tmp_path), values={"coulomb.s.Fc": 0.9 * PULL}, duration=3.0)
+    run = ident.integrate(block(tmp_path), values={"coulomb.s.Fc": 0.9 * PULL}, duration=1.0)
     way = 0.5 * 0.1 * PULL / MASS * run.t**2
     np.testing.assert_allclose(run.q[:, 0], way, atol=1e-10)
 
 
 def test_friction_of_exactly_the_pull_holds(tmp_path):
-    run = ident.integrate(block(tmp_path), values={"coulomb.s.Fc": PULL}, duration=2.0)
+    run = ident.integrate(block(tmp_path), values={"coulomb.s.Fc": PULL}, duration=0.5)
     assert np.abs(run.q[:, 0]).max() < 1e-9
 
 
@@ -52,7 +52,7 @@ def test_friction_of_exactly_the_pull_holds(tmp_path):
 def test_a_thrown_block_stops_when_it_should(tmp_path, way):
     Fc, v0 = 1.4 * PULL, 2.0
     run = ident.integrate(
-        block(tmp_path), values={"coulomb.s.Fc": Fc}, start={"v.s": way * v0}, duration=6.0
+        block(tmp_path), values={"coulomb.s.Fc": Fc}, start={"v.s": way * v0}, duration=2.0
     )
     slowing = (Fc - way * PULL) / MASS
     (stop,) = run.transitions
@@ -96,7 +96,7 @@ def test_friction_turns_round_without_sticking(tmp_path):
     k, Fc, x0 = 200.0, 5.0, 0.5
     mechanism = block(tmp_path, slope=0.0).with_effect("spring:s")
     values = {"coulomb.s.Fc": Fc, "spring.s.k": k, "spring.s.b": 0.0}
-    run = ident.integrate(mechanism, values=values, start={"s": x0}, duration=8.0, rate=1000.0)
+    run = ident.integrate(mechanism, values=values, start={"s": x0}, duration=4.0, rate=250.0)
     w, d = np.sqrt(k / MASS), Fc / k
     # half swings go on until |x| ≤ Fc/k
     ends = [x0]
@@ -125,7 +125,7 @@ def test_friction_of_a_loop_is_shared_by_its_joints():
     for share, holds in ((1.001, True), (0.999, False)):
         F = share * abs(needed) / np.abs(lever).sum()
         values = {f"coulomb.{name}.Fc": F for name in names}
-        run = ident.integrate(mechanism, values=values, start={"crank": 0.3}, duration=2.0)
+        run = ident.integrate(mechanism, values=values, start={"crank": 0.3}, duration=0.3)
         assert run.stuck["crank"][1:].all() == holds
         assert (np.ptp(run.y[:, 0]) < 1e-12) == holds
         assert all(np.abs(f).max() <= F * (1 + 1e-6) for f in run.friction.values()) or holds

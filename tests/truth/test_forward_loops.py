@@ -1,7 +1,7 @@
 """Effects in closed loops forward against inverse dynamics, and logs that are identified again."""
 
 import pytest
-from forward import judged, planted
+from forward import integrated, judged, planted
 
 import ident
 from helpers import ROBOTS
@@ -24,7 +24,7 @@ LOOPS = {
 @pytest.mark.parametrize("label", LOOPS)
 def test_an_effect_of_the_four_bar(label):
     mechanism = planted(robot("four_bar"), {label: LOOPS[label]})
-    run = ident.integrate(mechanism, ident.ComputedTorque(motion_log("four_bar", 250.0, 0.6)))
+    run = integrated(mechanism, motion_log("four_bar", 250.0, 0.6))
     close = 2e-4 if label.startswith("hysteresis") else 1e-8
     assert judged(mechanism, run) < close
     assert run.closure_error < 1e-11

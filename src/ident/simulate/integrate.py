@@ -93,6 +93,8 @@ def actuator_of(drive: Drive | None, plant: Plant, e: State | None) -> Actuator:
     at, gains = plant.driven, drive.gains
     reference = CubicSpline(e.t, np.hstack([e.y[:, at], e.yd[:, at], e.ydd[:, at]]))
     computed = isinstance(drive, ComputedTorque)
+    _, W, _ = plant.joints(e.q[0], e.v[0])
+    fixed = None if plant.mechanism.closures else linear.pinv(W[at], 1e-9)
     if gains:
         Kp, Kd = _by_joint(gains, plant.mechanism)
     else:
@@ -107,7 +109,10 @@ def actuator_of(drive: Drive | None, plant: Plant, e: State | None) -> Actuator:
     def control(m: InstantTerms, against: np.ndarray) -> np.ndarray:
         q, v, a = reference(m.t).reshape(3, -1)
         feedback = Kp * (q - m.y[at]) + Kd * (v - m.yd[at])
-        return inverse_dynamics(m, at, a + feedback, against) if computed else feedback
+        if not computed:
+            return feedback
+        back = linear.pinv(m.W[at] @ m.Z, 1e-9) if fixed is None else fixed
+        return inverse_dynamics(m, at, a + feedback, against, back)
 
     return control
 
@@ -119,14 +124,13 @@ def torque_series(e: State) -> Actuator:
 
 
 def inverse_dynamics(
-    m: InstantTerms, at: list[int], ydd: np.ndarray, against: np.ndarray
+    m: InstantTerms, at: list[int], ydd: np.ndarray, against: np.ndarray, back: np.ndarray
 ) -> np.ndarray:
     """Return torques of the joints `at` for their accelerations, against further forces (nv,).
 
     Zᵀ Wᵀ τ = Zᵀ (M v̇ + h + against),  W v̇ + drift = ÿ; least squares and the smallest τ where
-    there are not as many drives as degrees of freedom.
+    there are not as many drives as degrees of freedom. `back` (d, driven) is (W Z)⁺.
     """
-    back = linear.pinv(m.W[at] @ m.Z, 1e-9)
     a = m.a0 + m.Z @ (back @ (ydd - m.drift[at] - m.W[at] @ m.a0))
     return np.asarray(back.T @ (m.Z.T @ (m.M @ a + m.h + against)))
 
