@@ -22,7 +22,7 @@ CHECKS = (
     ("ruff", "format", "--check", "."),
     ("ruff", "check", "."),
     ("mypy",),
-    ("pytest", "-n", "auto"),
+    ("pytest", "-n", "auto", "--dist", "loadfile"),
 )
 
 SYSTEM = ("chromium", "python3-venv")  # packages: the browser, and what makes environments

@@ -61,7 +61,9 @@ def test_diagnose_names_what_is_missing_and_writes_it(arm_folder, tmp_path, done
     assert f"note: wrote {out / 'report.html'}" in outcome.err.replace("\n", " ")
 
 
-@pytest.mark.parametrize("joints", [("elbow", "wrist", "yaw"), ("wrist", "elbow")])
+@pytest.mark.parametrize(
+    "joints", [("elbow", "wrist", "yaw"), pytest.param(("wrist", "elbow"), marks=pytest.mark.slow)]
+)
 def test_laws_that_are_found_before_ctrl_c_are_kept(robots, tmp_path, monkeypatch, ident, joints):
     log = api.read_log(robots / "arm" / "run.csv")
     magnet = 0.86 / (1 + ((log.columns["q.elbow"] - 0.9) / 0.39) ** 2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import shutil
 import sys
 import tomllib
 from pathlib import Path
@@ -17,6 +18,7 @@ from ident.cli.app import app, main
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 ROBOTS = sorted((ROOT / "robots").glob("*/README.md"))
+ROWS = 1000  # samples of a log that commands of the pages need in order to run
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -59,7 +61,7 @@ def short(page: Path) -> str:
 @pytest.fixture
 def checkout(tmp_path, monkeypatch) -> Path:
     """A folder to write in that has the robots of the checkout."""
-    (tmp_path / "robots").symlink_to(ROOT / "robots", target_is_directory=True)
+    shutil.copytree(ROOT / "robots", tmp_path / "robots")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -110,7 +112,9 @@ def test_commands_parse(page, words):
 
 @pytest.mark.parametrize("page", dict.fromkeys(page for page, _ in SHIPPED), ids=short)
 def test_commands_on_shipped_robots_run(page, checkout, monkeypatch, capsys):
-    """In the page's order, since one may read what another wrote."""
+    """In the page's order, since one may read what another wrote; on logs of ROWS samples."""
+    for log in (checkout / "robots").glob("*/*.csv"):
+        log.write_text("".join(log.read_text().splitlines(keepends=True)[: ROWS + 1]))
     for words in [words for where, words in SHIPPED if where == page]:
         monkeypatch.setattr(sys, "argv", ["ident", *words])
         assert status() == 0, (words, capsys.readouterr().err)

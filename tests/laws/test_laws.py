@@ -125,14 +125,19 @@ def test_a_log_without_a_law_has_nothing_added() -> None:
     assert {kind for kind, _ in made.known} == {"viscous", "coulomb"}
 
 
-ENGINE = (  # of speed, position, another joint; beside an offset, past half a turn, in a loop
-    "tune/arm3/friction_saturating.yaw", "tune/arm3/magnet_rational.elbow",
-    "tune/arm3/cross_cam.yaw", "check/arm3/shaft.elbow", "check/five_bar/cam_rectified.left",
-    "check/crank_rocker/coulomb_of_position.crank", "check/arm3/dead_zone.yaw",
+ENGINE = (  # of speed, of another joint, of position in a loop
+    "tune/arm3/friction_saturating.yaw", "tune/arm3/cross_cam.yaw",
+    "check/crank_rocker/coulomb_of_position.crank",
+)  # fmt: skip
+MORE = (  # of position, beside an offset, past half a turn
+    "tune/arm3/magnet_rational.elbow", "check/arm3/shaft.elbow",
+    "check/five_bar/cam_rectified.left", "check/arm3/dead_zone.yaw",
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ENGINE)
+@pytest.mark.parametrize(
+    "name", [*ENGINE, *(pytest.param(name, marks=pytest.mark.slow) for name in MORE)]
+)
 def test_a_hidden_law_is_found(name: str) -> None:
     """Its variables, its form and the prediction of another log; as the contract writes it."""
     of = name.partition("/")[0]

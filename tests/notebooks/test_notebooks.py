@@ -15,8 +15,9 @@ NAMES = {
     "real_arm", "own_effect", "hidden_law",
 }  # fmt: skip
 LARGEST = 1_000_000  # bytes
-# the computations of these are run by other tests: examples/hidden_friction.py and truth/test_tx40*
-SLOW = ("hidden_friction", "real_arm")
+# the computations of these are run by other tests: examples/hidden_friction.py, truth/test_tx40*,
+# truth/test_user_effects.py and laws/
+SLOW = ("hidden_friction", "real_arm", "own_effect", "hidden_law")
 RUN = [pytest.param(p, marks=[pytest.mark.slow] * (p.stem in SLOW), id=p.stem) for p in NOTEBOOKS]
 
 
@@ -37,7 +38,7 @@ def test_it_runs(path, tmp_path, monkeypatch):
     monkeypatch.setenv("JUPYTER_RUNTIME_DIR", str(tmp_path))
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path))
     before = path.read_bytes()
-    notebook = executed(path)
+    notebook = executed(path, {"runs=8": "runs=2"})  # of a simulation study
     assert not [out for out in outputs(notebook) if out.get("name") == "stderr"]
     assert path.read_bytes() == before
     stored = [out.output_type for out in outputs(nbformat.read(path, as_version=4))]

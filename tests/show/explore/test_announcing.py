@@ -104,7 +104,10 @@ def test_the_best_come_first_and_those_of_the_model_last():
     assert "viscous:elbow" not in {x.label for x in found if not x.present}
 
 
-@pytest.mark.parametrize("name", ["arm", "four_bar", "five_bar"])
+@pytest.mark.parametrize(
+    "name",
+    ["arm", *(pytest.param(name, marks=pytest.mark.slow) for name in ("four_bar", "five_bar"))],
+)
 def test_what_a_diagnosis_names_first_is_first(name):
     best = judged(name).diagnosis.best
     assert best is not None
