@@ -130,12 +130,9 @@ class ChannelEquations:
         gram = np.zeros((*shape, most if short else width, width))
         rows = np.zeros(shape)
         for u in range(len(names)):
-            extra = [
-                C[:, list(at).index(u)] if u in at else np.zeros((len(C), C.shape[2]))
-                for C, at in columns
-            ]
+            X = _columns_of(table, ~held, columns, u)
             known = table.b[:, u] - table.tau[:, u] - table.A[:, u, held] @ prior
-            stack = np.column_stack([table.A[:, u, ~held], *extra, known, torques[:, u]])[some]
+            stack = np.column_stack([X, known, torques[:, u]])[some]
             stack[~use[some, u]] = 0.0
             for n, (i, j) in enumerate(pairwise(edges)):
                 if short:
@@ -374,6 +371,16 @@ def squares(gram: Array, z: Array) -> Array:
     return np.asarray((z[:, None] @ gram @ z[:, :, None])[:, 0, 0])
 
 
+def _columns_of(
+    table: Table, free: Array, columns: Sequence[tuple[np.ndarray, np.ndarray]], u: int
+) -> Array:
+    """Columns (N, k) of the free unknowns and of further effects in coordinate u."""
+    extra = [
+        C[:, list(at).index(u)] if u in at else np.zeros((len(C), C.shape[2])) for C, at in columns
+    ]
+    return np.column_stack([table.A[:, u, free], *extra])
+
+
 def _steps(table: Table) -> tuple[Array, int]:
     """Shifts of the torques [samples], the first 0, and how many can be a delay, not longer than a
     block of time; the others turn the log round.
@@ -518,11 +525,7 @@ def common_delay(
     k = int(free.sum()) + sum(C.shape[2] for C, _ in columns)
     numbers, parts = np.arange(int(table.blocks.max(initial=0)) + 2), []
     for u, rows in enumerate(use.T):
-        extra = [
-            C[:, list(at).index(u)] if u in at else np.zeros((len(C), C.shape[2]))
-            for C, at in columns
-        ]
-        X, y = np.column_stack([table.A[:, u, free], *extra]), table.b[:, u] - held[:, u]
+        X, y = _columns_of(table, free, columns, u), table.b[:, u] - held[:, u]
         edges = np.searchsorted(table.blocks[rows], numbers)
         parts.append(Part(u, np.arange(k), X[rows], y[rows, None], edges))
     squares = (np.where(use, table.tau, 0.0) ** 2).sum(axis=0)
