@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import takewhile
@@ -272,24 +273,27 @@ def plot_maps(residuals: Models, joint: str, effect: str = "") -> Chart:
 
 
 def _signal_of(residual: Residual, joint: str, effect: str, names: Sequence[str]) -> str:
-    """Return the signal of its own joints, or of these names where it has none, of which the
-    torque of an effect is a function, as far as means in bins tell; none where it is of no one.
+    """Return the signal in its law, of its own joints, that means in bins show best in the torque
+    of an effect; of these names where it has none; none where the torque is a function of no one.
     """
     if not all(effect in trace.parts for trace in residual.traces):
         return ""
     every = residual.model.mechanism.effects
-    joints = next((each.joints for each in every if each.label == effect), ())
-    own = [f"{kind}.{each}" for each in joints if each in residual.signals for kind in OWN[:3]]
-    own += [f"load.{each}" for each in joints if each in residual.joints]
+    mine = next((each for each in every if each.label == effect), None)
+    law, joints = (mine.equation.partition(";")[0], mine.joints) if mine else ("", ())
+    kinds = [kind for kind in OWN if re.search(rf"\b{kind}\b", law)]
+    known = {kind: residual.joints if kind == "load" else residual.signals for kind in kinds}
+    own = [f"{kind}.{each}" for kind in kinds for each in joints if each in known[kind]]
     u = residual.joints.index(joint)
     y = np.concatenate([trace.parts[effect][:, u] for trace in residual.traces])
+    y = y - y.mean()
     shares: dict[str, float] = {}
     for name in own or names[1:]:  # time is one of which everything is a function
         count, total, at, _ = _means(np.concatenate(residual.signal(name)[0]), y)
         rest = y - (total / np.maximum(count, 1))[at]
         shares[name] = 1 - float(rest @ rest) / max(float(y @ y), 1e-300)
     best = max(shares, key=lambda name: shares[name])
-    return best if shares[best] > FUNCTION else ""
+    return best if own or shares[best] > FUNCTION else ""
 
 
 def _means(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, ...]:

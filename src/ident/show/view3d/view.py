@@ -43,7 +43,7 @@ COLD = 1e-3  # share of the residual below which no joint is to glow
 ROBUST = 99.0  # percentile of residuals that gets the last colour
 LONGEST = 0.4  # of the mechanism's size, for the largest reaction
 ANGLE = np.radians(35.0)  # vertical angle of view
-ASPECT, MARGIN = 1.25, 1.05  # width over height of the narrowest window; room around
+ASPECT, MARGIN = 1.0, 1.05  # width over height of the narrowest window; room around
 LOOKED_AT = 40  # moments of a film that decide what the camera sees
 FLAT = 0.35  # thickness over width below which a mechanism is looked at face on
 
