@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -32,6 +33,7 @@ from ident.show.residual import failure_text
 from ident.show.sheet import Sheet
 from ident.text import listed, percent, some
 
+SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Z])")
 LINES = 20  # of a diagnosis in a terminal, if one joint and the words leave place
 MOST = 3  # joints and candidates that are described
 CANDIDATES = "what adding an effect would do: held-out error of the joint that it mends most"
@@ -187,13 +189,23 @@ def short(d: Diagnosis, top: Card | None = None) -> str:
     if d.verdict in ("unexplained", "undecided") and not d.laws:
         paragraphs += [*_nearest(d), *curves(d)]
     hidden = f", {len(d.invisible)} effects this log hides" if d.invisible else ""
-    paragraphs.append(f"--verbose: all candidates{hidden}; {d.decision}")
-    top = top or card(d)
-    text = Sheet(top, paragraphs=paragraphs, indent="  ").text()
-    if (over := text.count("\n") + 1 - LINES) > 0:
-        top = replace(top, most=max(1, min(top.most, len(top.bars)) - over - 1))
-        text = Sheet(top, paragraphs=paragraphs, indent="  ").text()
-    return text
+    shown: Card = top or card(d)
+    whole = shown.then
+
+    def text() -> str:
+        more = "more about the next experiment, " if shown.then != whole else ""
+        rest = f"--verbose: {more}all candidates{hidden}; {d.decision}"
+        return Sheet(shown, paragraphs=[*paragraphs, rest], indent="  ").text()
+
+    found, sentences = text(), SENTENCE_END.split(whole)
+    while (over := found.count("\n") + 1 - LINES) > 0 and len(sentences) > 1:
+        sentences.pop()  # what to do about effects that no motion shows, the least urgent last
+        shown = replace(shown, then=" ".join(sentences))
+        found = text()
+    if over > 0:
+        shown = replace(shown, most=max(1, min(shown.most, len(shown.bars)) - over - 1))
+        found = text()
+    return found
 
 
 @renders(Diagnosis, "sheet")
