@@ -28,7 +28,7 @@ class Served:
     def interrupt(self) -> tuple[int, str]:
         """Ctrl-C: exit status and standard error."""
         self.process.send_signal(signal.SIGINT)
-        _, said = self.process.communicate(timeout=30)
+        _, said = self.process.communicate(timeout=120)
         return self.process.returncode, said
 
 

@@ -231,7 +231,7 @@ def test_the_command_serves_until_it_is_interrupted(root, robots):
         assert urllib.request.urlopen(address, timeout=10).status == 200
         time.sleep(0.2)
         run.send_signal(signal.SIGINT)
-        rest, err = run.communicate(timeout=30)
+        rest, err = run.communicate(timeout=120)
     assert run.returncode == 0
     assert rest == ""
     assert err == ""

@@ -124,8 +124,11 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
     const inner = left !== null && chart.shared_y // its y axis stands at the left of the row
     const across = (names) => ({start: -0.5, end: names.length - 0.5})
     const downwards = () => ({start: panel.y_names.length - 0.5, end: -0.5}) // run downwards
+    const names = panel.y_names.map((name) => fitting(name, 0.5))
+    const lines = Math.max(0, ...names.map((name) => name.split("\n").length)) * names.length
     const fig = new Plotting.Figure({
-      height: panel.height, sizing_mode: "stretch_width", toolbar_location: null,
+      height: Math.max(panel.height, lines * 14 + 70), // title and axis below beside the names
+      sizing_mode: "stretch_width", toolbar_location: null,
       x_range: shared ?? (panel.x_names.length ? new Range1d(across(panel.x_names)) : new DataRange1d()),
       y_range: chart.shared_y && scale ? scale
         : panel.y_names.length ? new Range1d(downwards()) : new DataRange1d(),
@@ -155,7 +158,7 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
       if (!panel.y_names.length && panel.height < 200) axis.ticker.setv({desired_num_ticks: 4})
     }
     for (const axis of fig.yaxes) {
-      named(axis, panel.y_names.map((name) => fitting(name, 0.5)), panel.y, {visible: !inner})
+      named(axis, names, panel.y, {visible: !inner})
     }
     for (const axis of [...fig.xaxes, ...fig.yaxes]) {
       const format = axis.formatter
