@@ -18,6 +18,7 @@ from ident.cli.options import (
     Absolute,
     AllowCode,
     Cutoff,
+    Lock,
     MechanismPath,
     Paths,
     Smoothing,
@@ -52,6 +53,7 @@ def monitor(
     mechanism: MechanismPath,
     log: str = argument("A .csv file, or - for standard input.", "LOG", default=...),
     with_: With = None,
+    lock: Lock = None,
     like: Paths = setting("Logs of normal running; what differs raises an alarm.", "LOG"),
     forget: float | None = setting("An equation counts e times less after that.", "S"),
     every: float = setting("Seconds between two lines.", "S", default=1.0, min=0.0),
@@ -74,8 +76,12 @@ def monitor(
     from ident.streams.online import Online
 
     output_folder(out)
-    model = mechanism_of(mechanism, with_, allow_code=allow_code, absolute=absolute)
+    first = like or (None if log == "-" else [Path(log)])
+    model = mechanism_of(
+        mechanism, with_, allow_code=allow_code, absolute=absolute, lock=lock, logs=first
+    )
     words = [word for effect in with_ or () for word in ("--with", effect)]
+    words += [word for joint in lock or () for word in ("--lock", joint)]
     words += ["--absolute"] * absolute + ["--allow-code"] * allow_code
     go_on_with(mechanism, None if log == "-" else [Path(log)], words, like)
     cut, knots = cutoff_of(cutoff), knots_of(smoothing)
@@ -85,9 +91,9 @@ def monitor(
         raise LogError(f"{log}: {why}; name a CSV file, or - for standard input")
     if like:
         with progress() as on_progress:
-            first, second = part(on_progress, 0.0, 0.3), part(on_progress, 0.3, 1.0)
-            motion = motion_of(model, like, cut, first, smoothing=smoothing)
-            fit = identify(model, motion, progress=second)
+            begin, rest = part(on_progress, 0.0, 0.3), part(on_progress, 0.3, 1.0)
+            motion = motion_of(model, like, cut, begin, smoothing=smoothing)
+            fit = identify(model, motion, progress=rest)
         notes(fit.warnings)
         try:
             watch, silent = Watch(fit), ""

@@ -38,6 +38,7 @@ from ident.fit.channel_fits import (
 from ident.fit.faults import (
     CredibleFault,
     Fault,
+    exact_factor,
     fault_finding,
     log_entry,
     motion_faults,
@@ -339,7 +340,7 @@ class DataChecks:
                 "same shape: a unit, a gear ratio or a torque constant, a wrong unit of time, "
                 "length or gravity, unless its masses are no real ones"
             )
-            remedy = log_entry(self.mechanism, where[0], float(f"{1 / gain:.2g}"))
+            remedy = log_entry(self.mechanism, where[0], exact_factor(float(f"{1 / gain:.2g}")))
             remedy += ", all alike" if len(names) > 1 else ""
             yield Finding("magnitude", text, remedy, where, gain, least if alike else TIMES)
 

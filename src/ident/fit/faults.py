@@ -36,6 +36,7 @@ UNITS = {  # by which factors units of torque differ, or their inverses
     9.81: "kgf m for N m",
     8.851: "lbf in for N m",
 }
+LARGE_UNIT = 20.0  # factor of a unit beyond which no other one is near
 UNIT = 0.1  # difference of logarithms within which a factor is that of a unit
 Moved = Callable[[Mechanism, State], tuple[Mechanism, State]]
 
@@ -132,6 +133,16 @@ def another_factor(a: Fault, b: Fault) -> bool:
     """
     both = a.kind == b.kind == "scale" and a.joints == b.joints
     return both and abs(np.log(a.number[0] / b.number[0])) > np.log(2)
+
+
+def exact_factor(factor: float) -> float:
+    """Return the factor of a unit that a factor is near, which masses that are unlike the URDF's
+    spoil; the factor itself where no unit, or more than one, is near.
+    """
+    for unit in (x**sign for x in UNITS for sign in (1, -1) if x > LARGE_UNIT):
+        if abs(np.log(abs(factor) / unit)) < UNIT:
+            return float(np.copysign(unit, factor))
+    return factor
 
 
 def unit_of_factor(factor: float) -> str:
@@ -391,10 +402,11 @@ def _fields(mechanism: Mechanism, fault: Fault) -> dict[str, object]:
         )[3:],
         "vector": _vector(fault.number), "gravity": _vector(mechanism.model.gravity.linear),
     }  # fmt: skip
+    factor = exact_factor(number) if number else number
     for kind in ("q", "tau"):
         channels, sources = ([f"{kind}.{name}" for name in names] for names in (own, joints))
         fields[kind] = " and ".join(channels)
-        fields[f"{kind}_lines"] = ", ".join(log_entry(mechanism, c, number) for c in channels)
+        fields[f"{kind}_lines"] = ", ".join(log_entry(mechanism, c, factor) for c in channels)
         fields[f"{kind}_exchange"] = exchange(mechanism, channels, sources)
     return fields
 

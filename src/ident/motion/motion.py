@@ -329,7 +329,7 @@ def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) ->
             f"{log}: joint '{name}' is driven, but there is no column 'tau.{name}'"
             f" ({one_of('tau.' + name, present or columns)}); log it, map it in "
             f"{entry_for('tau', missing, columns) or '[log]'}, put '{name}' among the passive "
-            f"joints, or hold it: --lock {name}"
+            f"joints, or hold it: --lock {name}, in Python load(…, locked={{'{name}': None}})"
         )
     shown = ", ".join(f"tau.{name}" for name in missing)
     return [f"{log}: has no {shown}: a motion, no experiment"] if missing else []
