@@ -88,3 +88,15 @@ def test_the_design_effect_grows_with_the_periods():
     assert again.variance(2.0) == 1.0
     assert again.variance(20.0) == pytest.approx(3.0)
     assert replace(again, rho={"a": 1.0}).variance(20.0) == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize("smoothing", [0.06, 0.02])
+def test_the_noise_floor_is_what_noise_leaves_in_the_filtered_rows(smoothing):
+    """A model that made the log leaves its noise, whatever part of it the filter takes away."""
+    noise = [Noise("tau", 0.01, relative=True), Noise("q", 1e-4)]
+    case = plant(robot("arm"), motion_log("arm", 200.0, 12.0), noise=noise, seed=2)
+    motion = ident.complete(case.mechanism, case.log, smoothing=smoothing, cutoff=5.0)
+    fit = ident.identify(case.mechanism, motion, estimator="least-squares")
+    for joint, floor in fit.noise.items():
+        left = fit.errors["train"][joint].rms
+        assert 0.5 * left < floor < 2.0 * left

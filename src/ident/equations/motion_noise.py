@@ -79,13 +79,19 @@ def gain(
 
 
 def motion_noise(mechanism: Mechanism, e: State, point: Point, cutoff: float | None) -> np.ndarray:
-    """(d,) variance of r that noise of the smooth motion makes, over a log."""
+    """(d,) variance of r that noise of the smooth motion makes in the filtered rows of a log.
+
+    G changes with the motion, slowly beside the filter's taps f_k: F G B c ≈ G Σ f_k B(t_k) c.
+    """
     assert e.smooth is not None
-    near = np.zeros(len(e), dtype=bool)
+    near, passing = np.zeros(len(e), dtype=bool), Decimator.of(cutoff, e.rate)
     for run, spline in e.smooth.runs:
+        whole = slice(run.start + passing.half, max(run.stop - passing.half, run.start))
         last = spline.basis.t0 + (LONGEST - WIDTH) * spline.basis.spacing
-        near[run] = e.t[run] < last
+        near[whole] = e.t[whole] < last - passing.half / e.rate
     usable = np.flatnonzero(e.usable & near)
+    if not len(usable):  # no longer than the filter, which leaves no rows
+        return np.zeros(e.leverage.shape[2])
     chosen = usable[:: max(1, len(usable) // LOOKED_AT)]
     some = e.at_samples(chosen)
     G = gain(mechanism, some, e.smooth.names, point, cutoff)
@@ -93,7 +99,7 @@ def motion_noise(mechanism: Mechanism, e: State, point: Point, cutoff: float | N
     for run, spline in e.smooth.runs:
         inside = (chosen >= run.start) & (chosen < run.stop)
         if inside.any():
-            P = _spread(spline, e.t[chosen[inside]])
+            P = _spread(spline, e.t[chosen[inside]], passing.taps, 1 / e.rate)
             g = G[inside].reshape(len(P), G.shape[1], -1)
             total += ((g @ P.reshape(len(P), g.shape[2], -1)) * g).sum(axis=(0, 2))
     return total / max(len(chosen), 1)
@@ -123,18 +129,22 @@ def noise_floor(
     return np.asarray(np.sqrt(np.mean(squares, axis=0)))
 
 
-def _spread(spline: Spline, t: np.ndarray) -> np.ndarray:
-    """P (n, d, 3, d, 3) of u, u̇, ü at times t (n,)."""
+def _spread(spline: Spline, t: np.ndarray, taps: np.ndarray | None, step: float) -> np.ndarray:
+    """P (n, d, 3, d, 3) of u, u̇, ü at times t (n,), through a filter of taps a step [s] apart."""
     basis, (count, d) = spline.basis, spline.c.shape
     each, n = d // len(spline.factors), len(t)
     size = min(count, LONGEST) * each  # the leading block of N has that of its factor
-    t = np.clip(t, basis.t0, basis.t_end)
+    taps = np.ones(1) if taps is None else taps
+    lags = step * (np.arange(len(taps)) - len(taps) // 2)
+    at = np.clip(t[:, None] + lags, basis.t0, basis.t_end)  # (n, taps)
     B = np.zeros((n, each, 3, size))
+    row = np.repeat(np.arange(n), len(taps))
     for order in range(3):
-        first, values = basis.window(t, order)
+        first, values = basis.window(at.ravel(), order)
+        values = values * np.tile(taps, n)[:, None]
         for i in range(each):
             for r in range(WIDTH):
-                B[np.arange(n), i, order, (first + r) * each + i] = values[:, r]
+                np.add.at(B[:, i, order], (row, (first + r) * each + i), values[:, r])
     P = np.zeros((n, d, 3, d, 3))
     for k, lower in enumerate(spline.factors):
         solved = cho_solve_banded((lower[:, :size], True), B.reshape(-1, size).T).T
