@@ -23,6 +23,7 @@ from ident.effects import Effect
 from ident.fit.channel_fits import LEAVES
 from ident.fit.findings import Finding
 from ident.information.blocks import Error
+from ident.mechanism.load import is_fit
 from ident.mechanism.mechanism import Mechanism
 from ident.plugins import version
 from ident.show.charts import Chart, scripts
@@ -333,7 +334,10 @@ def next_command(verb: str, added: Iterable[Effect] = (), separate: Sequence[str
             *options,
         ],
     }
-    return shlex.join(["ident", verb, given.mechanism, *words[verb]])
+    mechanism = given.mechanism
+    if verb == "diagnose" and is_fit(Path(mechanism)):  # with known bodies a load can be the cause
+        mechanism = f"{mechanism}/identified"
+    return shlex.join(["ident", verb, mechanism, *words[verb]])
 
 
 PACKAGES = ("ident", "pin", "casadi", "numpy", "scipy", "clarabel", "bokeh")
