@@ -45,9 +45,22 @@ def test_a_fit_that_was_not_written_is_written_first(given):
 
 
 def test_no_command_where_the_verb_does_not_take_the_options(given):
-    given(["--lock", "wrist"])
+    given(["--spacing", "0.1"])
     assert next_command("monitor") == ""
-    assert next_command("diagnose").endswith("--lock wrist")
+    assert next_command("diagnose").endswith("--spacing 0.1")
+    given(["--lock", "wrist"])
+    assert next_command("monitor").endswith("--lock wrist")
+
+
+def test_the_cause_of_a_change_is_looked_for_with_known_bodies(given, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    given(logs=("new.csv",))
+    assert next_command("diagnose") == "ident diagnose 'my arm' new.csv"
+    for name in ("fit.json", "identified/mechanism.toml"):
+        file = tmp_path / "my arm" / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.touch()
+    assert next_command("diagnose") == "ident diagnose 'my arm/identified' new.csv"
 
 
 def test_what_was_given_with_stays_in_the_command_that_adds(given):

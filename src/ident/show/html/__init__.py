@@ -31,7 +31,7 @@ from ident.show.template import piece
 from ident.text import listed, percent, places, some, wrapped
 
 PAIRS, FLAGS = ("--with", "--lock"), ("--absolute", "--allow-code")  # options of the model
-MONITOR = {"--with", "--absolute", "--allow-code", "--cutoff", "--smoothing"}  # it takes
+MONITOR = {"--with", "--lock", "--absolute", "--allow-code", "--cutoff", "--smoothing"}  # it takes
 STRIP = 32  # characters of the longest bar in a terminal
 BARS = 8  # joints that a terminal shows at most
 NOISY = 1.5  # times the noise of the sensors, in good logs 0.5 to 1.3, from which it is more
