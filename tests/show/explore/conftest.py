@@ -51,6 +51,8 @@ def serve(tmp_path) -> Iterator[Serve]:
         process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            # a shell's background work ignores Ctrl-C, and so would its children
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )  # fmt: skip
         assert process.stdout is not None
         said = process.stdout.readline()
