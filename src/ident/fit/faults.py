@@ -36,7 +36,7 @@ UNITS = {  # by which factors units of torque differ, or their inverses
     9.81: "kgf m for N m",
     8.851: "lbf in for N m",
 }
-LARGE_UNIT = 20.0  # factor of a unit beyond which no other one is near
+LARGE_UNIT = 500.0  # factor of a unit beyond which it is hardly a gear ratio
 UNIT = 0.1  # difference of logarithms within which a factor is that of a unit
 Moved = Callable[[Mechanism, State], tuple[Mechanism, State]]
 
@@ -136,8 +136,8 @@ def another_factor(a: Fault, b: Fault) -> bool:
 
 
 def exact_factor(factor: float) -> float:
-    """Return the factor of a unit that a factor is near, which masses that are unlike the URDF's
-    spoil; the factor itself where no unit, or more than one, is near.
+    """Return the factor of a unit that a large factor is near, which masses that are unlike the
+    URDF's spoil; else the factor itself, which may be a gear ratio.
     """
     for unit in (x**sign for x in UNITS for sign in (1, -1) if x > LARGE_UNIT):
         if abs(np.log(abs(factor) / unit)) < UNIT:
