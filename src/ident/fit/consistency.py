@@ -44,8 +44,8 @@ from ident.information.cone import (
     SLACK,
     Limit,
     NearestPoint,
-    concerned,
     conflict,
+    holds,
     nearest_within,
     restricted,
     smat,
@@ -220,11 +220,10 @@ class Program:
         limits = limits_of(mechanism, columns, asked, scale, shapes)
         if against := conflict(limits, scale):
             raise FitError(_contradiction([limit.name for limit in against]))
-        anchor = prior.copy()
-        if (free := concerned(limits, prior)).any():
-            W = _metric(mechanism, columns, scale, 1.0, None)[:, free]
-            near = restricted(limits, np.where(free, 0.0, prior), free)
-            anchor[free] = nearest_within(W, W @ prior[free], near, W, None).x
+        anchor = prior
+        if not holds(limits, prior):
+            W = _metric(mechanism, columns, scale, 1.0, None)
+            anchor = nearest_within(W, W @ prior, limits, W, None).x
         W = _metric(mechanism, columns, scale, BALL, anchor)
         least = FLOOR * problem.torque + 1e-300
         rest = list(zip(problem.information.at_rest, least, strict=True))

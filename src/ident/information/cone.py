@@ -248,22 +248,6 @@ def _tightened(tight: Limit, limit: Limit, x: Array) -> Limit:
     return replace(tight, h=tight.h - lacking) if limit.kind == "nonnegative" else tight
 
 
-def concerned(limits: Sequence[Limit], x: Array) -> NDArray[np.bool_]:
-    """Return (k,) unknowns in limits that x breaks, and all connected with them by others."""
-    found: NDArray[np.bool_] = np.zeros(len(x), dtype=bool)
-    for limit in limits:
-        if room(limit, x) < 0:
-            found |= limit.G.any(axis=0)
-    for _ in limits:
-        before = found
-        for limit in limits:
-            if limit.G[:, found].any():
-                found = found | limit.G.any(axis=0)
-        if (found == before).all():
-            break
-    return found
-
-
 def restricted(limits: Sequence[Limit], fixed: Array, free: NDArray[np.bool_]) -> list[Limit]:
     """Return the limits on some unknowns, with the others at their value in `fixed` (k,)."""
     return [replace(limit, G=limit.G[:, free], h=limit.value(fixed)) for limit in limits]
