@@ -11,13 +11,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from ident.display import Displayed, Plotted, render
 from ident.equations.motion_noise import noise_floor
-from ident.equations.unknowns import Point
 from ident.errors import FitError
 from ident.fit.channel_fits import credible_t
 from ident.fit.prediction import Trace, trace_of
@@ -34,9 +33,9 @@ from ident.fit.residual_maps import (
     repetition,
     signal_maps,
 )
+from ident.fit.values import Model
 from ident.information.blocks import Error, Squares
 from ident.information.chance import paired
-from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.motion.signals import runs
 
@@ -47,26 +46,6 @@ SHORTEST, LONGEST = 0.1, 1.0  # s, of a window
 WINDOW_LARGER = 2.0  # times the median of local rms values
 MOST = 5  # windows
 LEAST = 30  # rows from which an error away from reversals is one
-
-
-class Model(Protocol):
-    """A mechanism with the values of all its parameters: a fit, or one read from a file."""
-
-    @property
-    def mechanism(self) -> Mechanism:
-        """With its effects."""
-
-    @property
-    def point(self) -> Point:
-        """Values of all parameters."""
-
-    @property
-    def name(self) -> str:
-        """In tables."""
-
-    @property
-    def motion(self) -> Motion | None:
-        """Data of the fit; None if it was read from a file."""
 
 
 class Charted(Plotted):

@@ -29,8 +29,8 @@ from ident.fit.values import (
     BaseValue,
     Changes,
     Correlation,
-    Earlier,
     EffectValues,
+    Model,
     Value,
     base_values,
     effect_values,
@@ -70,7 +70,7 @@ class Fit(Charted):
     findings: tuple[Finding, ...] = ()
     binding: Binding | None = None
     likelihood: Likelihood | None = None
-    earlier: Earlier | None = None
+    earlier: Model | None = None
 
     @property
     def mechanism(self) -> Mechanism:
@@ -177,7 +177,7 @@ class Fit(Charted):
         """The combinations that this motion and this mechanism can identify."""
         return base_values(self.columns, self.estimate, self.covariance)
 
-    def since(self, earlier: Earlier) -> Fit:
+    def since(self, earlier: Model) -> Fit:
         """Return the fit with its `changes`: what is different from an earlier one.
 
         Args:

@@ -24,6 +24,7 @@ from ident.equations.unknowns import Columns, Point
 from ident.information.estimate import Base, Estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import CENTROIDAL, COUNT, DYNAMIC, beyond_centroidal, unit_of
+from ident.motion import Motion
 from ident.text import rounded
 
 STRONG = 0.95  # |r| at which two parameters are known only together
@@ -266,23 +267,28 @@ class Correlation(Displayed):
         return float(self.matrix[i, j])
 
 
-class Earlier(Protocol):
-    """A fit of an earlier log, or its file."""
+class Model(Protocol):
+    """A mechanism with the values of all its parameters: a fit, or one read from a file."""
 
     @property
     def name(self) -> str:
-        """Return its name."""
-        ...
+        """In tables."""
 
     @property
-    def base_parameters(self) -> tuple[BaseValue, ...]:
-        """Return the combinations that its log determined."""
-        ...
+    def mechanism(self) -> Mechanism:
+        """With its effects."""
 
     @property
     def point(self) -> Point:
-        """Return the values of all parameters."""
-        ...
+        """Values of all parameters."""
+
+    @property
+    def base_parameters(self) -> tuple[BaseValue, ...]:
+        """The combinations that its log determined."""
+
+    @property
+    def motion(self) -> Motion | None:
+        """Data of the fit; None if it was read from a file."""
 
 
 @dataclass(frozen=True)
@@ -309,7 +315,7 @@ class Changes(Displayed):
     apart: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, earlier: Earlier, columns: Columns, estimate: Estimate, cov: np.ndarray) -> Changes:
+    def of(cls, earlier: Model, columns: Columns, estimate: Estimate, cov: np.ndarray) -> Changes:
         """Compare base parameters and their covariance (n, n) with those of an earlier fit.
 
         Args:
