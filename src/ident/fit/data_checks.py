@@ -32,7 +32,6 @@ from ident.fit.channel_fits import (
     ChannelEquations,
     common_delay,
     credible_t,
-    delay_shows,
     limits_of_machines,
 )  # fmt: skip
 from ident.fit.faults import (
@@ -226,9 +225,6 @@ class DataChecks:
 
     def _late(self) -> Iterator[Finding]:
         """Report a delay of some milliseconds that all torques have in common."""
-        good = max(self.errors.values(), default=0.0) < DOUBT
-        if good and not delay_shows(self.estimate, self.table, self.use):
-            return
         late = common_delay(self.estimate, self.table, self.use, self.common)
         if late is not None:
             names = self.mechanism.driven
@@ -252,31 +248,25 @@ class DataChecks:
             )
             yield Finding("another run", text, "check columns and files", tuple(names))
 
-    def beyond_noise(self) -> Array:
-        """Return the residual (d,) over what noise of the sensors makes in these rows."""
-        problem, x = self.problem, self.estimate.x
-        totals, motion = problem.information.totals, problem.motion
-        left = np.array([t.residual_norm(x) / np.sqrt(max(t.rows, 1)) for t in totals])
-        at, cutoff = problem.point_at(x), motion.band.cutoff
-        floor = noise_floor(problem.mechanism, motion.experiments, at, cutoff)
-        return np.asarray(left / np.maximum(floor, 1e-150))
-
     def poor(self) -> Iterator[Finding]:
         """Report torques of which the model leaves so much that its numbers mean little: LEAVES, or
         DOUBT where noise of the sensors would leave far less.
         """
-        names = self.problem.motion.independent
+        problem, x, names = self.problem, self.estimate.x, self.problem.motion.independent
         errors = np.array([self.errors[name] for name in names])
         if errors.max(initial=0.0) < DOUBT or not len(self.equations.total):
             return
-        beyond = self.beyond_noise()
+        left = [t.residual_norm(x) / np.sqrt(max(t.rows, 1)) for t in problem.information.totals]
+        states, cutoff = problem.motion.experiments, problem.motion.band.cutoff
+        floor = noise_floor(problem.mechanism, states, problem.point_at(x), cutoff)
+        beyond = np.array(left) / np.maximum(floor, 1e-150)  # over what noise of the sensors makes
         bad = (errors > LEAVES) | ((errors > DOUBT) & (beyond > BEYOND))
         if not bad.any():
             return
         where = tuple(f"tau.{name}" for name, x in zip(names, bad, strict=True) if x)
-        left, worst = self.reference[bad], errors[bad].max()
+        others, worst = self.reference[bad], errors[bad].max()
         text = "the model leaves " + ", ".join(
-            f"{percent(x)} of {name}" for name, x in zip(where, errors[bad], strict=True)
+            f"{percent(error)} of {name}" for name, error in zip(where, errors[bad], strict=True)
         )
         text += " (fitted, or held out in time)"
         if worst < LEAVES:
@@ -285,7 +275,7 @@ class DataChecks:
             text += ": what is named above explains it"
         else:
             text += (
-                f", linear effects at all drives {', '.join(map(percent, left))}: an effect is "
+                f", linear effects at all drives {', '.join(map(percent, others))}: an effect is "
                 "missing, or the data, a length or what is known of a body is wrong; parameters "
                 "make up for it, which standard errors do not hold"
             )

@@ -5,7 +5,7 @@ sign, axis, scale, exchange of positions      q_j → −q_j, …           `_po
 positions counted from another link           q_j → q_j − q_i − …     `_positions`
 scale of time                                 v, a → v/s, a/s²        `scale_of_time`
 direction of gravity                          g → g'                  `_gravities`
-sign of wrenches, or none of them             f_e → −f_e, 0           `_wrench`
+sign of wrenches, or none of them             f_e → −f_e, 0           `motion_faults`
 """
 
 from __future__ import annotations
@@ -127,14 +127,6 @@ def torque_faults(now: Fault, lags: Array) -> Iterator[Fault]:
                     yield now.with_("delay", float(lag), shift=dict.fromkeys(some, shift))
 
 
-def another_factor(a: Fault, b: Fault) -> bool:
-    """Return whether two faults are clearly different factors of one channel: then the data
-    determine no factor, and any large one only takes the joint out of the others' equations.
-    """
-    both = a.kind == b.kind == "scale" and a.joints == b.joints
-    return both and abs(np.log(a.number[0] / b.number[0])) > np.log(2)
-
-
 def exact_factor(factor: float) -> float:
     """Return the factor of a unit that a large factor is near, which masses that are unlike the
     URDF's spoil; else the factor itself, which may be a gear ratio.
@@ -143,14 +135,6 @@ def exact_factor(factor: float) -> float:
         if abs(np.log(abs(factor) / unit)) < UNIT:
             return float(np.copysign(unit, factor))
     return factor
-
-
-def unit_of_factor(factor: float) -> str:
-    """Return which unit a factor or its inverse may come from, or what else."""
-    size = max(factor, 1 / factor)
-    near = min(UNITS, key=lambda known: abs(np.log(size / known)))
-    known = abs(np.log(size / near)) < UNIT
-    return f"{UNITS[near]}?" if known else "a gear ratio, a torque constant or a unit?"
 
 
 # --- positions, time, gravity, wrenches ---------------------------------------------------------
@@ -163,8 +147,12 @@ def motion_faults(
     clocks = (scale_of_time(none, s) for s in CLOCKS)
     found = [*_gravities(none, mechanism), *clocks]
     found += _positions(none, mechanism, states, poor) if poor else ()
-    if any(e.wrench is not None for e in states):
-        found += [_wrench(none, factor) for factor in (-1.0, 0.0)]
+    for factor in (-1.0, 0.0) if any(e.wrench is not None for e in states) else ():
+
+        def wrenched(mechanism: Mechanism, e: State, f: float = factor) -> tuple[Mechanism, State]:
+            return mechanism, replace(e, wrench=None if e.wrench is None else f * e.wrench)
+
+        found.append(none.with_("wrench", factor, state=wrenched))
     return found
 
 
@@ -190,15 +178,6 @@ def refined_time(fault: Fault, none: Fault, error: Callable[[Fault], float]) -> 
         bounds=ends, method="bounded", options={"xatol": 0.003, "maxiter": 12},
     )  # fmt: skip
     return scale_of_time(none, float(np.exp(found.x)))
-
-
-def _wrench(none: Fault, factor: float) -> Fault:
-    """Return logged wrenches times a factor."""
-
-    def state(mechanism: Mechanism, e: State) -> tuple[Mechanism, State]:
-        return mechanism, replace(e, wrench=None if e.wrench is None else factor * e.wrench)
-
-    return none.with_("wrench", factor, state=state)
 
 
 def _gravities(none: Fault, mechanism: Mechanism) -> Iterator[Fault]:
@@ -384,11 +363,15 @@ def fault_finding(mechanism: Mechanism, found: CredibleFault) -> Finding:
 def _fields(mechanism: Mechanism, fault: Fault) -> dict[str, object]:
     """Return what the words of a fault speak of, by name."""
     number, joints = fault.number[0], fault.joints
+    size = max(abs(number) or 1.0, 1 / (abs(number) or 1.0))
+    unit = min(UNITS, key=lambda known: abs(np.log(size / known)))
+    other = abs(np.log(size / unit)) >= UNIT
+    said = "a gear ratio, a torque constant or a unit?" if other else f"{UNITS[unit]}?"
     own = sorted(joints, key=mechanism.joint_index.__getitem__)  # as channels, joints as sources
     effects = [kind for kind, each in KINDS.items() if each.fault == fault.kind]
     fields: dict[str, object] = {
         "number": number, "inverse": 1 / number if number else 0.0, "ms": abs(1e3 * number),
-        "lengths": number**-2 if number else 0.0, "unit": unit_of_factor(abs(number) or 1.0),
+        "lengths": number**-2 if number else 0.0, "unit": said,
         "late": "late" if number > 0 else "early", "joints": " and ".join(own),
         "several": "s together: two clocks, or a filter on one of them" if own[1:] else "",
         "wrench": "with the other sign" if number else "left out",
@@ -407,7 +390,11 @@ def _fields(mechanism: Mechanism, fault: Fault) -> dict[str, object]:
         channels, sources = ([f"{kind}.{name}" for name in names] for names in (own, joints))
         fields[kind] = " and ".join(channels)
         fields[f"{kind}_lines"] = ", ".join(log_entry(mechanism, c, factor) for c in channels)
-        fields[f"{kind}_exchange"] = exchange(mechanism, channels, sources)
+        columns = [x.column if (x := mechanism.columns.get(c)) else c for c in sources]
+        fields[f"{kind}_exchange"] = " and ".join(
+            f'[log] "{c}" = {{ column = "{column}" }}'
+            for c, column in zip(channels, columns, strict=True)
+        )
     return fields
 
 
@@ -420,10 +407,3 @@ def log_entry(mechanism: Mechanism, channel: str, factor: float) -> str:
     source = mechanism.columns.get(channel)
     column, scale = (source.column, source.scale) if source else (channel, 1.0)
     return f'[log] "{channel}" = {{ column = "{column}", scale = {factor * scale:.4g} }}'
-
-
-def exchange(mechanism: Mechanism, channels: Sequence[str], sources: Sequence[str]) -> str:
-    """Return the lines of `[log]` that read each channel from the column of another one."""
-    columns = [source.column if (source := mechanism.columns.get(c)) else c for c in sources]
-    pairs = zip(channels, columns, strict=True)
-    return " and ".join(f'[log] "{c}" = {{ column = "{column}" }}' for c, column in pairs)
