@@ -306,7 +306,7 @@ def test_a_delay_that_explains_little_is_none():
     assert "delay" not in {name for name, _ in found(judged(p.mechanism, log))}
 
 
-def test_copies_are_found_in_part_rounded_and_in_other_folders(tmp_path):
+def test_copies_are_found_in_part_rounded_and_in_other_folders(tmp_path, monkeypatch):
     p = planted("arm", seed=27, noise=0.02)
     cut = {name: x[100:500] for name, x in p.log.columns.items()}
     rounded = {name: np.round(x, 3) for name, x in p.log.columns.items()}
@@ -319,17 +319,16 @@ def test_copies_are_found_in_part_rounded_and_in_other_folders(tmp_path):
     other = planted("arm", seed=28, noise=0.02).log  # the same motion, measured again
     both = ident.identify(p.mechanism, ident.complete(p.mechanism, [p.log, other]))
     assert "copy" not in {code for code, _ in found(health(both))}
-    paths = []
-    for number in range(14):  # more than an excerpt takes stretches of
-        folder = tmp_path / f"{number}"
-        folder.mkdir()
-        paths.append(folder / "run.csv")
-        seed = 30 + number if number < 12 else 30
-        planted("arm", seed=seed, seconds=1.0).log.write(paths[-1])
+    monkeypatch.setattr("ident.streams.logs.LOGS", 2)  # from which an excerpt takes stretches
+    monkeypatch.setattr("ident.streams.logs.SAMPLES", 400)
+    paths = [tmp_path / f"{number}" / "run.csv" for number in range(6)]
+    for path, seed in zip(paths, (30, 31, 32, 33, 30, 30), strict=True):
+        path.parent.mkdir()
+        planted("arm", seed=seed, seconds=1.0).log.write(path)
     validate = [paths[-1]]
     gathered = ident.gather(p.mechanism, paths[:-1], validate=validate).fit
     copies = {each.where for each in gathered.all_findings if each.code == "copy"}
-    assert copies == {("run.csv (13)",), ("run.csv",)}
+    assert copies == {("run.csv (5)",), ("run.csv",)}
 
 
 def test_a_model_without_unknowns_is_judged_too():
