@@ -32,6 +32,7 @@ from ident.fit.channel_fits import (
     ChannelEquations,
     common_delay,
     credible_t,
+    delay_shows,
     limits_of_machines,
 )  # fmt: skip
 from ident.fit.faults import (
@@ -225,6 +226,9 @@ class DataChecks:
 
     def _late(self) -> Iterator[Finding]:
         """Report a delay of some milliseconds that all torques have in common."""
+        good = max(self.errors.values(), default=0.0) < DOUBT
+        if good and not delay_shows(self.estimate, self.table, self.use):
+            return
         late = common_delay(self.estimate, self.table, self.use, self.common)
         if late is not None:
             names = self.mechanism.driven
