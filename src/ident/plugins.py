@@ -45,11 +45,6 @@ def suffixes(kind: Kind) -> tuple[str, ...]:
     return tuple(dict.fromkeys(kinds))
 
 
-def is_own(kind: Kind, suffix: str) -> bool:
-    """Return whether a format is one of ident's own."""
-    return f"{kind}{suffix}" in OWN
-
-
 def reader_of(kind: Kind, suffix: str) -> Callable[..., Any] | None:
     """Return the function that reads files of a suffix, such as ".csv"; None if there is none.
 

@@ -229,7 +229,10 @@ def _solve(total: Triangle, prior: Array, held: np.ndarray) -> tuple[Base, Solut
     """Solve on all columns; held unknowns are at their prior and in no combination."""
     free, out = np.flatnonzero(~held), np.flatnonzero(held)
     own = total.restricted(free, prior) if len(out) else total
-    base = _cleaned(rank_revealing(own, TOLERANCE), own)
+    base, norm = rank_revealing(own, TOLERANCE), own.column_norms()
+    # regroupings below the tolerance are those of a URDF's rounded angles (1.5708)
+    share = np.abs(base.K) * norm[base.independent][:, None]
+    base = replace(base, K=np.where(share < TOLERANCE * norm[base.dependent], 0.0, base.K))
     solution = solve(own, base, prior[free])
     if not len(out):
         return base, solution
@@ -273,10 +276,3 @@ def _excited(
         held[doubtful[base.distance[doubtful].argmin()]] = True
         base, solution = _solve(total, prior, held)
     return base, solution, held
-
-
-def _cleaned(base: Base, total: Triangle) -> Base:
-    """Drop regroupings below the tolerance, as a URDF's rounded angles (1.5708) leave them."""
-    norm = total.column_norms()
-    share = np.abs(base.K) * norm[base.independent][:, None]
-    return replace(base, K=np.where(share < TOLERANCE * norm[base.dependent], 0.0, base.K))

@@ -60,7 +60,7 @@ class Triangle:
     def of(cls, A: ArrayLike, b: ArrayLike) -> Triangle:
         """Return the triangle of A (rows, k), b (rows,); FitError if a number is not finite."""
         A = np.asarray(A, dtype=float)
-        return cls.empty(A.shape[1]).updated(A, b)
+        return cls._absorbed(np.zeros((A.shape[1] + 1,) * 2, order="F"), 0, A, b)
 
     @classmethod
     def merge(cls, triangles: Iterable[Triangle]) -> Triangle:
@@ -70,7 +70,7 @@ class Triangle:
             return first
         stack = np.concatenate([each.stack() for each in others])
         stack = stack[stack.any(axis=1)]  # rows of zeros hold no information
-        merged = cls._absorbed(first._square(), 0, stack[:, :-1], stack[:, -1])
+        merged = first.updated(stack[:, :-1], stack[:, -1])
         return replace(merged, rows=sum(each.rows for each in triangles))
 
     @property
@@ -83,7 +83,7 @@ class Triangle:
 
         Time is 2 rows (k+1)² flops, memory beyond A and b a few hundred rows.
         """
-        return self._absorbed(self._square(), self.rows, A, b)
+        return self._absorbed(np.asfortranarray(self.stack()), self.rows, A, b)
 
     def __add__(self, other: Triangle) -> Triangle:
         """Return the triangle of both blocks of equations."""
@@ -101,7 +101,7 @@ class Triangle:
         wide = np.zeros((len(stack), k + 1))
         wide[:, np.append(place, k)] = stack
         if len(self.R) < self.k or (np.diff(place) < 0).any():
-            return Triangle._of_rows(wide, self.rows)
+            return replace(Triangle.of(wide[:, :-1], wide[:, -1]), rows=self.rows)
         square = np.zeros((k + 1, k + 1))  # a triangle stays one
         square[np.append(place, k)] = wide
         return Triangle._of_square(square, self.rows)
@@ -117,7 +117,7 @@ class Triangle:
             known = np.array(x_known, dtype=float)
             known[keep] = 0.0
             stack[: len(self.R), -1] -= self.R @ known
-        return Triangle._of_rows(stack[:, np.append(keep, self.k)], self.rows)
+        return replace(Triangle.of(stack[:, keep], stack[:, -1]), rows=self.rows)
 
     def stack(self) -> Array:
         """Return rows [A | b] (k + 1, k + 1) that say the same as all equations: [R d; 0 ρ]."""
@@ -142,10 +142,6 @@ class Triangle:
         """Return |A_j| of every column, (k,)."""
         return np.linalg.norm(self.R, axis=0)
 
-    def _square(self) -> Array:
-        """Return [R d; 0 ρ] (k + 1, k + 1) in Fortran's order, to be overwritten."""
-        return np.asfortranarray(self.stack())
-
     @classmethod
     def _absorbed(cls, triangle: Array, rows: int, A: ArrayLike, b: ArrayLike) -> Triangle:
         """Absorb further equations into a triangle, which is overwritten."""
@@ -158,13 +154,6 @@ class Triangle:
                 0, min(_PANEL, k + 1), triangle, piece, overwrite_a=1, overwrite_b=1
             )
         return cls._of_square(triangle, rows + len(b))
-
-    @classmethod
-    def _of_rows(cls, stack: Array, rows: int) -> Triangle:
-        """Return the triangle of ready rows [A | b], counted as `rows`."""
-        k = stack.shape[1] - 1
-        empty = np.zeros((k + 1, k + 1), order="F")
-        return replace(cls._absorbed(empty, 0, stack[:, :-1], stack[:, -1]), rows=rows)
 
     @classmethod
     def _of_square(cls, triangle: Array, rows: int) -> Triangle:

@@ -19,7 +19,7 @@ from ident.effects.library import KINDS
 from ident.errors import MechanismError
 from ident.files import regular
 from ident.mechanism.urdf import parse_urdf, parse_xml, words
-from ident.plugins import is_own, reader_of
+from ident.plugins import OWN, reader_of
 
 LARGEST = 50_000_000  # bytes of a file
 UNLIMITED = 1e9  # what a URDF states where there is no limit
@@ -67,7 +67,7 @@ def description_of(data: bytes, path: Path) -> Description:
     suffix = path.suffix.lower()
     if suffix == ".urdf":
         return Description(data)
-    foreign = None if is_own("mechanism", suffix) else reader_of("mechanism", suffix)
+    foreign = None if f"mechanism{suffix}" in OWN else reader_of("mechanism", suffix)
     if foreign is not None and b"<robot" not in data:
         content = foreign(path)
         if isinstance(content, str):
