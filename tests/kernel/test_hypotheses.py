@@ -310,3 +310,11 @@ def test_what_a_residual_depends_on_does_not_depend_on_its_unit(size: float) -> 
     (step,), threshold = depends_on(r, np.arange(n) // 60, maps, [slice(0, n)])
     assert step.r2 == pytest.approx(0.85, abs=0.03)
     assert 0.03 <= threshold < 1
+
+
+def test_rounding_does_not_change_random_residuals():
+    random = np.random.default_rng(0)
+    r = random.standard_normal((300, 2))
+    both = (r, r + 1e-15 * random.standard_normal(r.shape))
+    one, other = (surrogates(x, [slice(0, 300)], 5, np.random.default_rng(1)) for x in both)
+    np.testing.assert_allclose(one, other, atol=1e-6)

@@ -50,7 +50,7 @@ def test_start_is_closed():
 
 
 def test_noise_and_columns_are_those_wanted():
-    options = {"duration": 2.0, "rate": 500.0, "start": {"v.crank": 5.0}}
+    options = {"duration": 0.2, "rate": 500.0, "start": {"v.crank": 5.0}}
     clean = ident.integrate(robot("four_bar"), **options).log
     noise = [Noise("q", 1e-3)]
     log = ident.integrate(
@@ -157,23 +157,26 @@ def fitted():
     return ident.identify(mechanism, motion), ident.identify(robot("four_bar"), motion)
 
 
-def test_a_replay_tells_models_apart(fitted, tmp_path):
-    good, poor = fitted
-    replay = ident.replay(good, poor, window=0.25)
+@pytest.fixture(scope="module")
+def replay(fitted):
+    return ident.replay(*fitted, window=0.25)
+
+
+def test_a_replay_tells_models_apart(fitted, replay, tmp_path):
     assert list(replay.runs) == ["fit 1", "fit 2"]
     (a,), (b,) = replay.runs.values()
     assert a.errors["crank"].rms < 0.3 * b.errors["crank"].rms
     assert a.errors["crank"].relative < 0.02
     assert "windows of 0.25 s, each from the measured state" in str(replay)
-    said = json.loads(comparison_files(ident.compare(good, poor), replay)["compare.json"])
+    said = json.loads(comparison_files(ident.compare(*fitted), replay)["compare.json"])
     joints = said["replay"]["models"]["fit 1"][0]["joints"]
     assert joints["crank"]["rms"] == a.errors["crank"].rms
     replay.plot().save(tmp_path / "motion.png")
     assert (tmp_path / "motion.png").stat().st_size > 10_000
 
 
-def test_a_window_restarts_from_the_measured_state(fitted):
-    ((run,),) = ident.replay(fitted[0], window=0.25).runs.values()
+def test_a_window_restarts_from_the_measured_state(replay):
+    (run,) = replay.runs["fit 1"]
     off = np.abs(run.simulated - run.measured)[:, 0]
     starts = np.array(run.starts)
     assert np.isnan(off[: starts[0] + 1]).all()

@@ -278,6 +278,7 @@ def surrogates(
         if n < 2:
             continue
         F = _transformed(r[run])
+        F[n] = 0.0  # by symmetry: rounding there would have some phase
         power = np.maximum(np.abs(F) ** 2, TINY)
         P = _without_gaps(power, known[run]) / (_smooth(remaining[i]) if remaining else 1.0)
         F *= np.sqrt(P / (_smooth(power) * power))
