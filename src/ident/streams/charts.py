@@ -292,6 +292,10 @@ class Charts:
         self.total = np.maximum(self.total + evidence, 0.0)
         self.since = np.where(self.total > 0, self.since + 1, 0)
 
+    def restart(self, which: np.ndarray) -> None:
+        """Forget everything in the streams of a mask (streams,)."""
+        self.log_R[which], self.total[which], self.since[which] = -np.inf, 0.0, 0
+
     def height(self, weight: np.ndarray) -> np.ndarray:
         """Return log Σ w R (…,)."""
         most = self.log_R.max(axis=-1, keepdims=True)
@@ -339,7 +343,7 @@ def calibrated(
             charts.update(evidence[at])
             over = charts.height(design.weight) > threshold
             alarms += int(over.sum())
-            charts.log_R[over], charts.total[over], charts.since[over] = -np.inf, 0.0, 0
+            charts.restart(over)
         if alarms <= OFTEN:
             break
         raised *= WIDER
