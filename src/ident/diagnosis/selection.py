@@ -342,9 +342,13 @@ def rank(
             for i, refit in zip(some, refits, strict=True)
         ]
 
-    evidence = weighed(wanted[: 1 if least else None])
-    if least and evidence:
-        evidence += weighed([i for i in wanted[1:] if gain[i] >= least * evidence[0].gain])
+    evidence = list[Evidence]()
+    best = 0.0  # gain of the first candidate that is credible
+    while wanted and gain[wanted[0]] >= least * best:
+        some = wanted if best or not least else wanted[:1]
+        evidence += weighed([i for i in some if gain[i] >= least * best])
+        wanted = wanted[len(some) :]
+        best = max((each.gain for each in evidence if each.credible), default=0.0)
     gains = {
         each.effect.label: (gain[i], float(screened.visible[i]), int(screened.start[i]))
         for i, each in enumerate(mine)
