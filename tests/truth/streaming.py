@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ident import Log
-from ident.equations.rows import Rows, Scene, informing, largest_transmission
+from ident.equations.rows import Rows, Scene, in_motion, informing, largest_transmission
 
 FIELDS = ("t", "sample", "A", "b", "tau", "informed")
 
@@ -48,5 +48,6 @@ def raw_rows(scene: Scene, part: slice, farthest: np.ndarray | None = None) -> R
     s, found = scene.samples(part), scene.terms(part)
     farthest = largest_transmission(scene.e) if farthest is None else farthest
     informed = informing(s, found.informative, farthest)
+    moving = informed & in_motion(s, farthest)
     sample = np.arange(part.start, part.stop)
-    return Rows(scene.e.t[part], sample, found.A, found.b, found.tau, informed)
+    return Rows(scene.e.t[part], sample, found.A, found.b, found.tau, informed, moving)

@@ -31,7 +31,7 @@ def pieces(rng, count, x, rho=0.0, change=None, spread=1.0):
         b[n // 2 :] += A[n // 2 :] @ change
     t = np.arange(n) * 0.5 / ROWS
     whole = np.ones((n, D), dtype=bool)
-    return Rows(t, np.arange(n), A, b, b, whole)
+    return Rows(t, np.arange(n), A, b, b, whole, whole)
 
 
 def intervals(piece, x):

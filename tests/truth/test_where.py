@@ -100,8 +100,9 @@ def made(residual, t, q, v, load=None, **changes):
     n = len(t)
     load = np.zeros((n, 2)) if load is None else load
     trace = Trace(
-        "made.csv", t, load + residual, {"rigid bodies": load}, np.zeros(n, int), load, q, v,
-        np.gradient(v, t, axis=0), np.clip(v / 0.01, -1, 1), np.ones((n, 2), bool),
+        "made.csv", t, load + residual, {"rigid bodies": load}, np.ones((n, 2), bool),
+        np.zeros(n, int), load, q, v, np.gradient(v, t, axis=0), np.clip(v / 0.01, -1, 1),
+        np.ones((n, 2), bool),
     )  # fmt: skip
     trace = replace(trace, **changes)
     band = ident.motion.Band(1.0, 0.0, None)
@@ -181,7 +182,8 @@ def test_six_joints_and_ten_thousand_rows_take_seconds():
     names = tuple("abcdef")
     trace = Trace(
         "made.csv", t, load + np.sign(v) + random.normal(size=(n, d)), {"rigid bodies": load},
-        np.zeros(n, int), load, q, v, a, np.sign(v), random.random((n, d)) > 0.05,
+        np.ones((n, d), bool), np.zeros(n, int), load, q, v, a, np.sign(v),
+        random.random((n, d)) > 0.05,
     )  # fmt: skip
     motion = ident.Motion((), names, ident.motion.Band(1.0, 0.0, None), 0.0)
     units = ("N m",) * d, ("rad",) * d

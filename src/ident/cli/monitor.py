@@ -149,9 +149,9 @@ class Watch:
     """A monitor of logs that differ from the one that was fitted, and the stream of its rows."""
 
     def __init__(self, fit: Fit) -> None:
+        from ident.equations.filter import STANDING
         from ident.streams.monitor import Monitor
         from ident.streams.stream import Stream
-        from ident.streams.suspects import STICKING
 
         self.monitor = Monitor.of(fit, fit.motion)
         watched = self.monitor.watched
@@ -161,7 +161,7 @@ class Watch:
             fit.motion,
             watched.point,
             latency=self.monitor.seconds / 2,  # alarms come by intervals
-            sticking=STICKING,
+            sticking=STANDING,
         )
 
     def alarms(self, samples: Mapping[str, np.ndarray] | None) -> list[Alarm]:

@@ -76,17 +76,28 @@ def away_from_reversals(table: Table) -> np.ndarray:
     while True:
         found = np.concatenate([_away(table, i, guard) for i in range(len(table.scenes))])
         if guard < 1e-3 or found.mean(axis=0).min() >= ENOUGH:
-            return found & table.informed if (found & table.informed).any() else table.informed
+            return found & table.moving if (found & table.moving).any() else table.informed
         guard *= 0.5
 
 
 def deciding(table: Table, r: np.ndarray) -> np.ndarray:
-    """(N, d) rows that decide: those away from reversals, and all that inform of a coordinate whose
-    residual r (N, d) is at its reversals for the most part: there is what is missing.
+    """(N, d) rows that decide: those in motion away from reversals, and all in motion of a
+    coordinate whose residual r (N, d) is at its reversals for the most part.
     """
-    away = away_from_reversals(table)
-    squares, calm = (np.where(rows, r**2, 0.0).sum(axis=0) for rows in (table.informed, away))
-    return away | table.informed & (calm < CALM * squares)
+    return _most_of(r, away_from_reversals(table), table.moving)
+
+
+def with_reversals(table: Table, r: np.ndarray) -> np.ndarray:
+    """(N, d) rows that decide of effects that act at reversals: all that inform of a coordinate
+    whose residual r (N, d) is at its reversals for the most part.
+    """
+    return _most_of(r, deciding(table, r), table.informed)
+
+
+def _most_of(r: np.ndarray, calm: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """The calm rows (N, d), and all `rows` of a coordinate where these hold most of its squares."""
+    squares, few = (np.where(use, r**2, 0.0).sum(axis=0) for use in (rows, calm))
+    return calm | rows & (few < CALM * squares)
 
 
 def _away(table: Table, number: int, guard: float) -> np.ndarray:
@@ -112,6 +123,13 @@ def _away(table: Table, number: int, guard: float) -> np.ndarray:
         feels = (most > ROUNDING * most.max()) & (np.abs(e.leverage[at, j]) > LEVER * most)
         found &= ~(near[:, j][:, None] & feels)
     return found
+
+
+def residual_in(table: Table, fit: Fit) -> np.ndarray:
+    """(N, d) b − A x of a fit in the rows of its table."""
+    held = fit.estimate.held
+    x = np.where(held, table.columns.prior_at(table.point.values), fit.estimate.solution.x)
+    return np.asarray(table.b - table.A @ x)
 
 
 # --- columns -----------------------------------------------------------------------------------
@@ -164,6 +182,7 @@ class Contest:
     def of(
         cls, fit: Fit, effects: Iterable[Effect], on_progress: OnProgress, curved: bool = True,
         earlier: Contest | None = None,
+        deciding: Callable[[Table, np.ndarray], np.ndarray] = deciding,
     ) -> Contest:  # fmt: skip
         """The rows of a fit and the columns of some effects, all made once.
 
@@ -172,12 +191,13 @@ class Contest:
             on_progress: called with (what is being done, share done).
             curved: whether curves are candidates too.
             earlier: of another model, from which columns are taken that are the same there.
+            deciding: rows (N, d) that decide, of a table and the residuals (N, d).
         """
         table = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
         held = fit.estimate.held
         prior = table.columns.prior_at(table.point.values)
         b = table.b - table.A[:, :, held] @ prior[held]
-        use = deciding(table, b - table.A[:, :, ~held] @ fit.estimate.solution.x[~held])
+        use = deciding(table, residual_in(table, fit))
         store = ColumnStore(table, use, table.A, b)
         known = {} if earlier is None else earlier.unchanged(fit, use)
         moving, columns = _moving(table), columns_of(fit.motion)
@@ -199,6 +219,14 @@ class Contest:
         model = np.flatnonzero(~held)
         regression = PartialRegression(store.parts(), model, 1.0 / sigma, store.count)
         return cls(fit, table, use, regression, tuple(found), tuple(failed))
+
+    def at_reversals(self, on_progress: OnProgress) -> Contest | None:
+        """The contest on rows at reversals too; None where they are the same rows."""
+        use = with_reversals(self.table, residual_in(self.table, self.fit))
+        if np.array_equal(use, self.use):
+            return None
+        effects = [each.effect for each in self.laws]
+        return Contest.of(self.fit, effects, on_progress, deciding=lambda *_: use)
 
     @cached_property
     def laws(self) -> tuple[CandidateColumns, ...]:

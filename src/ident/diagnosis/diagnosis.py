@@ -81,7 +81,28 @@ def diagnose(
     check_whole("seed", seed)
     contest = Contest.of(fit, candidates_of(fit), part(on_progress, 0.0, 0.4))
     on_progress("noise of the sensors", 0.4)
-    return concluded(contest, noise(contest, seed), decision, seed, on_progress)
+    found = concluded(contest, noise(contest, seed), decision, seed, on_progress)
+    return at_reversals(contest, found, decision, seed, on_progress)
+
+
+def at_reversals(
+    contest: Contest, found: Diagnosis, decision: Decision, seed: int, on_progress: OnProgress
+) -> Diagnosis:
+    """The diagnosis, or where it names nothing the one on the rows at reversals too, if that names
+    an effect that acts there. What else is found there is left open: dry friction is least exact.
+    """
+    here = part(on_progress, 0.9, 1.0)
+    other = None if found.verdict == "missing" else contest.at_reversals(here)
+    if other is None:
+        return found
+    again = concluded(other, noise(other, seed), decision, seed, here)
+    if again.best and again.best.at_reversals and _explains_most(again.candidates[0], found.fit):
+        return again
+    more = (other.use != contest.use).any(axis=0)
+    loud = tuple(found.fit.motion.independent[u] for u in np.flatnonzero(more))
+    if found.verdict == "nothing" and again.verdict != "nothing":
+        return replace(found, verdict="undecided", loud=loud, reversing=True)
+    return found
 
 
 def concluded(
@@ -180,6 +201,15 @@ def of_one_form(found: Collection[FoundLaw]) -> list[FoundLaw]:
     return [law.instead(form[best]) for law, form in zip(found, forms, strict=True)]
 
 
+def _explains_most(found: Explanation, fit: Fit) -> bool:
+    """Whether a candidate explains half of what exceeds the noise in its joint, as a law must."""
+    noise = fit.noise[found.joint]
+    before, left = (
+        max(e[found.joint].rms ** 2 - noise**2, 0.0) for e in (found.before, found.after)
+    )
+    return left <= (1 - MOST) * before
+
+
 def _explains(
     found: Explanation, contest: Contest, draws: NoiseDraws, selection: Selection,
     decision: Decision,
@@ -189,9 +219,7 @@ def _explains(
     and what was found with it leave most of the torque, whichever of those on which it acts it
     mends.
     """
-    noise = contest.fit.noise[found.joint]
-    beyond = [max(e[found.joint].rms ** 2 - noise**2, 0.0) for e in (found.before, found.after)]
-    if found.effect.descriptive and beyond[1] > (1 - MOST) * beyond[0]:
+    if found.effect.descriptive and not _explains_most(found, contest.fit):
         return False
     lengths = contest.fit.mechanism.lengths if found.effect.sits == "place" else {}
     length = abs(lengths.get(found.effect.joints[0], np.inf)) if found.effect.joints else np.inf

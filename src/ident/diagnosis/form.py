@@ -2,7 +2,7 @@
 
 A law is a special case of a curve of the same signals. Where a curve explains more beside the law
 than the best candidate does by chance, and more than a share PARSIMONY of what both explain, the
-law has the wrong form; so it has where a law with values that cannot be explains more.
+law has the wrong form; so it has where a law with impossible values explains its part and more.
 """
 
 from __future__ import annotations
@@ -15,9 +15,13 @@ from ident.effects import Effect
 from ident.information.hypotheses import PartialRegression
 
 
-def doubted(member: Member, last: Ranking) -> Member:
-    """The member with what speaks against it: a curve, or a law with impossible values."""
-    return replace(member, curve=_curve(member, last), impossible=_impossible(member, last))
+def doubted(member: Member, bare: PartialRegression, last: Ranking) -> Member:
+    """The member with what speaks against it: a curve, or a law with impossible values.
+
+    `bare`: the set without the member; `last`: all candidates beside the set.
+    """
+    impossible = _impossible(member, bare, last)
+    return replace(member, curve=_curve(member, last), impossible=impossible)
 
 
 def _curve(member: Member, last: Ranking) -> Effect | None:
@@ -33,12 +37,20 @@ def _curve(member: Member, last: Ranking) -> Effect | None:
     return None
 
 
-def _impossible(member: Member, last: Ranking) -> Effect | None:
+def _impossible(member: Member, bare: PartialRegression, last: Ranking) -> Effect | None:
+    """A law with impossible values that explains more of the same joint, and in whose presence the
+    member explains no more than chance does: it stands in for the same unknown cause.
+    """
     assert member.evidence is not None
     mended = set(member.evidence.mends)
     for each in last.evidence:
         more = each.gain > max(each.limit, member.gain)
-        if not each.sensible and more and mended & set(each.mends):
+        if each.sensible or not more or not mended & set(each.mends):
+            continue
+        groups = next(c for c in last.contest.candidates if c.effect == each.effect).groups
+        beside = bare.extended(groups[last.gains[each.effect.label][2]])
+        own = float(beside.explained(beside.gains([member.columns]).by)[0])
+        if own <= last.chance.limit(bare.place(member.columns)):
             return each.effect
     return None
 

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 from ident.diagnosis.candidates import Contest, OnProgress, candidates_of, possible
-from ident.diagnosis.diagnosis import Decision, concluded, started
+from ident.diagnosis.diagnosis import Decision, at_reversals, concluded, started
 from ident.diagnosis.effect_set import EffectSet, Member, leading, on_all_rows, reweighted
 from ident.diagnosis.null import noise
 from ident.diagnosis.result import Concluded, Diagnosis, announced_errors, errors_of
-from ident.diagnosis.search import Search
+from ident.diagnosis.search import Search, led_at_reversals
 from ident.diagnosis.selection import Ranking
 from ident.display import Displayed, part, render
 from ident.effects import Effect
@@ -248,6 +248,9 @@ def grow(
         draws = noise(contest, seed)
         search = Search(contest, draws, decision, seed, given, here, visited)
         found = search.run()
+        if found.labels == search.start.labels and (other := contest.at_reversals(here)):
+            search = Search(other, noise(other, seed), decision, seed, given, here)
+            found = led_at_reversals(search, search.run()) or search.start
         if found.labels == search.start.labels:
             break
         here("refitting", 0.7)
@@ -272,7 +275,8 @@ def grow(
     if number == 0 or contest.fit is not fit:
         contest = Contest.of(fit, candidates_of(fit), part(rest, 0.35, 0.4))
         draws = noise(contest, seed)
-    return History(tuple(steps), concluded(contest, draws, decision, seed, rest))
+    last = concluded(contest, draws, decision, seed, rest)
+    return History(tuple(steps), at_reversals(contest, last, decision, seed, rest))
 
 
 def _again(saved: Mapping[str, Any], fit: Fit, validate: Motion | None) -> tuple[list[Step], Fit]:

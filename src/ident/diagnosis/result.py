@@ -289,6 +289,7 @@ class Diagnosis(Concluded):
             that is a function of position.
         floor: by joint, the rms that noise of the sensors alone would leave [N m | N].
         loud: joints in which more than the sensors' noise is left, without the effect named.
+        reversing: whether it is left in the rows at their reversals only.
     """
 
     fit: Fit
@@ -307,6 +308,7 @@ class Diagnosis(Concluded):
     relatives: tuple[FittedFormula, ...]
     floor: dict[str, float]
     loud: tuple[str, ...]
+    reversing: bool = False
 
     @property
     def best(self) -> Effect | None:

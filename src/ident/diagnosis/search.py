@@ -385,6 +385,19 @@ class Search:
         return None
 
 
+def led_at_reversals(search: Search, found: EffectSet) -> EffectSet | None:
+    """The set of effects that act at reversals, if one of them explains most of what is new; else
+    None: rows at reversals are those at which friction is least exact, and name nothing else.
+    """
+    new = search.new(found)
+    if not new or not max(new, key=lambda m: search.first.gains[m.label][0]).effect.at_reversals:
+        return None
+    for each in new:
+        if not each.effect.at_reversals:
+            found = found.minus(each)
+    return found
+
+
 # --- the set of a diagnosis ----------------------------------------------------------------------
 
 
@@ -469,4 +482,4 @@ def _judged(member: Member, found: EffectSet, last: Ranking) -> Member:
         e = replace(
             e, refit=refit, gain=share, limit=limit, p=p, credible=share > limit and e.sensible
         )
-    return doubted(replace(member, evidence=e, gain=gain), last)
+    return doubted(replace(member, evidence=e, gain=gain), bare.regression, last)

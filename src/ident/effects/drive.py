@@ -230,6 +230,7 @@ class Backlash(Correcting):
     kind = "backlash"
     watched = "request"
     slow = True
+    at_reversals = True
     whole_log = True  # the rms of its load
     asks = ("load",)
     rare = True

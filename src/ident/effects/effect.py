@@ -226,6 +226,7 @@ class Effect(ABC):
     common: ClassVar[bool] = False  # every machine has it, to some extent
     rare: ClassVar[bool] = False  # few have it, and noise resembles it: more evidence is required
     slow: ClassVar[bool] = False  # it shows at low speed
+    at_reversals: ClassVar[bool] = False  # its torque acts while its joint turns round
     jumps: ClassVar[bool] = False  # its torque jumps where the speed reverses
     descriptive: ClassVar[bool] = False  # a curve rather than a law: a formula may replace it
     of_position: ClassVar[bool] = False  # its torque depends on its joint's position alone

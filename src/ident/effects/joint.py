@@ -151,6 +151,7 @@ class Hysteresis(Effect):
 
     kind = "hysteresis"
     slow = True
+    at_reversals = True
     unknowns = (
         Unknown("sigma", ("N m/rad", "N/m"), "stiffness before sliding", True, acts="state"),
     )

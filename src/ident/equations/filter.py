@@ -17,6 +17,7 @@ from ident.information.time_bases import Basis
 RIPPLE = 60.0  # dB in the stop band
 OVERSAMPLING = 4.0  # filtered samples a period of the cut-off
 STICKING = 0.2  # share of a filtered row that may come from samples that do not inform it
+STANDING = 0.02  # share of a row in motion that may come from standstill
 CHUNK = 4096  # samples that are in memory at once
 FEW = 8192  # numbers of a series that are filtered at all samples: faster than products at some
 ROUNDING = 1e-6  # of a sample: parts of a log, whose rates differ by it, are decimated alike
@@ -51,22 +52,20 @@ class Decimator:
         return 0 if self.taps is None else len(self.taps) // 2
 
     def filtered(
-        self,
-        segment: slice,
-        make: Callable[[slice], Sequence[np.ndarray]],
-        sticking: float = STICKING,
+        self, segment: slice, make: Callable[[slice], Sequence[np.ndarray]]
     ) -> Iterator[tuple[np.ndarray, list[np.ndarray]]]:
         """Series of a run of samples, filtered and decimated: (samples kept (n,), series (n, …)).
 
-        `make` gives the series of some samples, each (samples, …); every sample is made once. A
-        series of booleans says which samples inform: a filtered row does if less than the share
-        `sticking` of it, by |taps|, comes from samples that do not. What the filter needs at the
-        ends of the run is lost.
+        `make` gives the series of some samples, each (samples, …); every sample is made once. Of a
+        series of booleans the share of each row, by |taps|, is given that comes from samples at
+        which it is false. What the filter needs at the ends of the run is lost.
         """
         starts = range(segment.start, segment.stop, CHUNK)
         parts = (slice(start, min(start + CHUNK, segment.stop)) for start in starts)
         if self.taps is None:
-            yield from ((np.arange(part.start, part.stop), list(make(part))) for part in parts)
+            for part in parts:
+                shares = [1.0 - x if x.dtype == bool else x for x in make(part)]
+                yield np.arange(part.start, part.stop), shares
             return
         if segment.stop - segment.start <= 2 * self.half:
             return
@@ -80,10 +79,8 @@ class Decimator:
             if len(at):
                 filtered = []
                 for x, y in zip(series, held, strict=True):
-                    open_ = x.dtype == bool
-                    z = decimated(y, np.abs(self.taps) if open_ else self.taps, at - first)
-                    z = z.reshape(len(at), *x.shape[1:])
-                    filtered.append(z < sticking if open_ else z)
+                    taps = np.abs(self.taps) if x.dtype == bool else self.taps
+                    filtered.append(decimated(y, taps, at - first).reshape(len(at), *x.shape[1:]))
                 row = int(at[-1]) + self.factor
                 yield at, filtered
             needed = min(row - self.half, part.stop)

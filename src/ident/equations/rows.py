@@ -25,7 +25,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from ident.effects import Correction, Effect
-from ident.equations.filter import STICKING, Decimator, filtered_windows
+from ident.equations.filter import STANDING, STICKING, Decimator, filtered_windows
 from ident.equations.terms import Samples, Terms, effect_terms, unbalanced, with_bodies
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, MotionError
@@ -250,6 +250,7 @@ class Rows:
     b: np.ndarray  # (n, d), with all that is known moved to the right
     tau: np.ndarray  # (n, d), the measured torques Zᵀτ alone
     informed: np.ndarray  # (n, d), false where dry friction at standstill leaves the torque open
+    moving: np.ndarray  # (n, d), false where a joint stands still, whether it has friction or not
 
     def __len__(self) -> int:
         return len(self.t)
@@ -278,6 +279,15 @@ def informing(
         moved = (most > ROUNDING * most.max()) & (np.abs(lever) > LEVER * most)
         informed[:, at] &= moves[:, None] | ~moved
     return informed
+
+
+def in_motion(s: Samples, farthest: np.ndarray | None) -> np.ndarray:
+    """(n, r), false where a joint stands still that moves with the coordinate."""
+    moves = np.abs(s.e.yd[s.part]) >= s.e.still
+    joints = s.mechanism.joint_index.items()
+    return informing(
+        s, [(name, moves[:, j]) for name, j in joints if not moves[:, j].all()], farthest
+    )
 
 
 def largest_transmission(e: State) -> np.ndarray | None:
@@ -312,17 +322,17 @@ def rows(
     fresh: list[list[np.ndarray]] | None = [] if stored is None and keep else None
 
     def make(part: slice) -> list[np.ndarray]:
-        """Γ by row, effects' columns by row, b, τ, informed of some samples."""
+        """Γ by row, effects' columns by row, b, τ, informed, moving of some samples."""
         s = scene.samples(part)
         found = scene.effects(s)
         gamma = [] if stored is not None else [s.gamma[:, u, span] for u, span in enumerate(spans)]
         effects = [found.A[:, u, mine] for u, mine in enumerate(of_effects)]
         informed = informing(s, found.informative, farthest)
-        return [*gamma, *effects, found.b, found.tau, informed]
+        return [*gamma, *effects, found.b, found.tau, informed, in_motion(s, farthest)]
 
     d, done, size = len(spans), 0, 0
     for segment in e.segments():
-        for sample, series in Decimator.of(cutoff, e.rate).filtered(segment, make, sticking):
+        for sample, series in Decimator.of(cutoff, e.rate).filtered(segment, make):
             n = len(sample)
             if stored is not None:
                 gamma = [x[:, done : done + n].T for x in stored]
@@ -336,9 +346,10 @@ def rows(
             A = np.zeros((d, len(scene.columns) - before, n)).transpose(2, 0, 1)
             for u, mine in enumerate(of_effects):
                 A[:, u, mine] = series[u]
-            b, tau, informed = series[d:]
+            b, tau, opened, standing = series[d:]
+            informed, moving = opened < sticking, standing < STANDING
             A, b = with_bodies(scene.columns, scene.point, gamma, A, b, spans)
-            yield Rows(e.t[sample], sample, A, b, tau, informed)
+            yield Rows(e.t[sample], sample, A, b, tau, informed, moving & informed)
     if fresh:
         e.store.put(
             key, model, [np.hstack([x.T for x in each]) for each in zip(*fresh, strict=True)]
@@ -391,7 +402,8 @@ def stack(scene: Scene, cutoff: float | None, segment: slice, basis: Basis) -> I
     e = scene.e
     decimator = Decimator.of(cutoff, e.rate)
     pieces = decimator.filtered(segment, lambda part: full_rows(scene, part))
-    for sample, (A, b, informed) in pieces:
+    for sample, (A, b, opened) in pieces:
+        informed = opened < STICKING
         inside = slice(sample[0] - decimator.half, sample[-1] + decimator.half + 1)
         J_T = scene.mechanism.kinematics.closure_rows(e.q[inside]).rate.transpose(0, 2, 1)
         first, values = basis.window(e.t[inside])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -322,7 +322,7 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
     return Saved(
         str(path), grown, point, cutoff if cutoff in (None, "auto") else float(cutoff), {
             title: {
-                joint: Error(float(e["rms"]), e["relative"], str(e["unit"]))
+                joint: Error(**{each.name: e.get(each.name) for each in fields(Error)})
                 for joint, e in joints.items() if e["rms"] is not None
             }
             for title, joints in {**sets, **(errors.get("validation") or {})}.items() if joints

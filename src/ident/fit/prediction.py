@@ -22,8 +22,8 @@ from itertools import pairwise
 import numpy as np
 
 from ident.display import Plotted
-from ident.equations.filter import Decimator
-from ident.equations.rows import Scene, informing, largest_transmission
+from ident.equations.filter import STANDING, STICKING, Decimator
+from ident.equations.rows import Scene, in_motion, informing, largest_transmission
 from ident.equations.terms import Samples, informative_joints
 from ident.equations.unknowns import NOTHING, Point
 from ident.errors import FitError, one_of
@@ -49,12 +49,14 @@ class TorqueParts:
         measured: (n, d) torques of the independent coordinates [N m | N].
         parts: (n, d) by name: `rigid bodies`, each effect, less the `external wrenches`; they add
             up to `predicted`.
+        moving: (n, d), false at standstill, where dry friction leaves the torque open.
     """
 
     name: str
     t: np.ndarray
     measured: np.ndarray
     parts: Mapping[str, np.ndarray]
+    moving: np.ndarray
 
     @cached_property
     def predicted(self) -> np.ndarray:
@@ -69,7 +71,7 @@ class TorqueParts:
     @property
     def squares(self) -> Squares:
         """Sums of squares of the residual and of the measured torques."""
-        return _squares(self.residual, self.measured)
+        return Squares.of(self.residual, self.measured, self.moving)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +91,8 @@ class Prediction(TorqueParts):
     @property
     def squares(self) -> Squares:
         """The same, of usable samples."""
-        return _squares(self.residual[self.usable], self.measured[self.usable])
+        some = self.usable
+        return Squares.of(self.residual[some], self.measured[some], self.moving[some])
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +106,7 @@ class Trace(TorqueParts):
         gravity: (n, d), what of the rigid bodies' part is there without motion.
         q, v, a: (n, J) [rad | m], [.../s], [.../s²] of all named joints.
         direction: (n, J), sign(v), v/still at standstill.
-        informed: (n, d), false where dry friction at standstill leaves the torque open.
+        informed: (n, d), false where the torque is open, as the model has dry friction there.
     """
 
     segment: np.ndarray
@@ -129,11 +132,6 @@ class Trace(TorqueParts):
         return [slice(int(i), int(j)) for i, j in pairwise(edges) if j > i]
 
 
-def _squares(residual: np.ndarray, measured: np.ndarray) -> Squares:
-    rows = np.full(measured.shape[1], float(len(measured)))
-    return Squares((residual**2).sum(axis=0), (measured**2).sum(axis=0), rows)
-
-
 def predict(mechanism: Mechanism, motion: Motion, point: Point) -> list[Prediction]:
     """Predict every experiment of a motion, at full rate and unfiltered."""
     return [_predict(mechanism, motion, e, point) for e in motion.experiments]
@@ -146,17 +144,20 @@ def _predict(mechanism: Mechanism, motion: Motion, bare: State, point: Point) ->
     parts: dict[str, np.ndarray] = {}
     others = tuple(name for name in mechanism.driven if name not in motion.independent)
     measured, multipliers = np.empty((n, d)), np.empty((n, m))
+    moving, farthest = np.empty((n, d), bool), largest_transmission(e)
     for start in range(0, n, CHUNK):
         part = slice(start, min(start + CHUNK, n))
         s, u = scene.generalised(part), scene.samples(part)
         forces = _generalised(s, point)
         for name, force in forces.items():
             parts.setdefault(name, np.empty((n, d)))[part] = u.reduce(force)
-        measured[part] = u.measured(mechanism.driven)
+        measured[part], moving[part] = u.measured(mechanism.driven), in_motion(u, farthest)
         if e.loop is not None:
             f = sum(forces.values()) - s.measured(others)
             multipliers[part] = -np.einsum("nij,ni->nj", e.pinv[part][:, :, :m], f)
-    return Prediction(e.name, e.t, measured, parts, motion.independent, multipliers, e.usable)
+    return Prediction(
+        e.name, e.t, measured, parts, moving, motion.independent, multipliers, e.usable
+    )
 
 
 def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Trace:
@@ -167,7 +168,7 @@ def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Tr
     names = list(_generalised(scene.generalised(slice(0, 1)), point))
 
     def make(part: slice) -> list[np.ndarray]:
-        """Return measured torque, gravity, parts; joint signals; informed."""
+        """Return measured torque, gravity, parts; joint signals; informed; moving."""
         s, u = scene.generalised(part), scene.samples(part)
         forces = _generalised(s, scene.point)
         gravity = rigid_forces(mechanism.model, e.q[part], 0 * e.v[part], 0 * e.v[part], point.pi)
@@ -175,21 +176,28 @@ def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Tr
         informs = [each for effect in mechanism.effects for each in informative_joints(u, effect)]
         rows = [u.measured(mechanism.driven), u.reduce(gravity), *map(u.reduce, forces.values())]
         joints = np.stack([e.y[part], e.yd[part], e.ydd[part], direction], axis=1)
-        return [np.stack(rows, axis=1), joints, informing(u, informs, farthest)]
+        inform = informing(u, informs, farthest), in_motion(u, farthest)
+        return [np.stack(rows, axis=1), joints, *inform]
 
     d, J = len(motion.independent), len(mechanism.joints)
     counts = 2 + len(names)
-    empty = np.zeros((0, counts, d)), np.zeros((0, 4, J)), np.ones((0, d), bool)
+    empty = np.zeros((0, counts, d)), np.zeros((0, 4, J)), *2 * [np.zeros((0, d))]
     found: list[list[np.ndarray]] = [[np.zeros(0), np.zeros(0, int), *empty]]
     for number, segment in enumerate(e.segments()):
         decimator = Decimator.of(motion.band.cutoff, e.rate)
         for sample, series in decimator.filtered(segment, make):
             found.append([e.t[sample], np.full(len(sample), number), *series])
-    t, segments, torques, joints, informed = (np.concatenate(x) for x in zip(*found, strict=True))
+    t, segments, torques, joints, opened, standing = (
+        np.concatenate(x) for x in zip(*found, strict=True)
+    )
+    informed, moving = opened < STICKING, standing < STANDING
     measured, gravity, *parts = (torques[:, i] for i in range(counts))
     q, v, a, direction = (joints[:, i] for i in range(4))
     by_name = dict(zip(names, parts, strict=True))
-    return Trace(e.name, t, measured, by_name, segments, gravity, q, v, a, direction, informed)
+    return Trace(
+        e.name, t, measured, by_name, informed & moving, segments, gravity, q, v, a, direction,
+        informed,
+    )  # fmt: skip
 
 
 def _generalised(s: Samples, point: Point) -> dict[str, np.ndarray]:

@@ -231,20 +231,21 @@ def blocks_of(
     log: int, block: int, parts: Sequence[Rows], supports: Sequence[np.ndarray]
 ) -> list[Block]:
     """Return the blocks of some rows of one block of time, one a coordinate."""
-    b, tau, informed = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("b", "tau", "informed")
+    b, tau, informed, moving = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("b", "tau", "informed", "moving")
     )
     span = (float(parts[0].t[0]), float(parts[-1].t[-1]))
     blocks = []
     for u, support in enumerate(supports):
         A = np.concatenate([part.A[:, u, support] for part in parts])
-        inside = informed[:, u]
-        if inside.all():
-            some, rest = Triangle.of(A, b[:, u]), Triangle.empty(len(support))
-        else:
-            some, rest = (Triangle.of(A[mask], b[mask, u]) for mask in (inside, ~inside))
-        torque = float(tau[:, u] @ tau[:, u])
-        blocks.append(Block(log, block, u, some, rest, support, torque, span))
+        informs, moves = informed[:, u], moving[:, u]
+        some, rest, still = (
+            Triangle.of(A[mask], b[mask, u]) if mask.any() else Triangle.empty(len(support))
+            for mask in (informs, ~informs, informs & ~moves)
+        )
+        torque = float(tau[moves, u] @ tau[moves, u]), float(tau[~moves, u] @ tau[~moves, u])
+        blocks.append(Block(log, block, u, some, rest, still, support, torque, span))
     return blocks
 
 
@@ -281,9 +282,10 @@ def stacks_information(stacks: Sequence[EliminatedRun], motion: Motion) -> Infor
         before = sum(block.log == each.experiment for block in blocks)
         edges = np.linspace(t[0], t[-1], len(each.elimination.factors) + 1).tolist()
         for i, found in enumerate(each.elimination.factors):
-            support, rest = np.arange(found.k), Triangle.empty(found.k)
+            support, none = np.arange(found.k), Triangle.empty(found.k)
             key, span = (each.experiment, before + i, 0), (edges[i], edges[i + 1])
-            blocks.append(Block(*key, found, rest, support, found.rhs_norm() ** 2, span))
+            torque = found.rhs_norm() ** 2, 0.0
+            blocks.append(Block(*key, found, none, none, support, torque, span))
     return Information.of(blocks, blocks[0].triangle.k, 1)
 
 
@@ -339,7 +341,7 @@ class Table:
         mechanism, columns, motion, point: whose rows.
         scenes: one an experiment.
         t: (N,) [s]; experiment: (N,); sample: (N,) index into its experiment.
-        A: (N, d, k); b, tau: (N, d); informed: (N, d).
+        A: (N, d, k); b, tau: (N, d); informed, moving: (N, d).
     """
 
     mechanism: Mechanism
@@ -354,6 +356,7 @@ class Table:
     b: np.ndarray
     tau: np.ndarray
     informed: np.ndarray
+    moving: np.ndarray
 
     @classmethod
     def of(cls, mechanism: Mechanism, columns: Columns, motion: Motion, point: Point) -> Table:

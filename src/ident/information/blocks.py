@@ -18,6 +18,8 @@ import numpy as np
 from ident.errors import FitError
 from ident.information.linear import Array, Index, Triangle
 
+Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+
 
 class Key(NamedTuple):
     """The log, the block of time in it, and the coordinate of some rows, as numbers from 0."""
@@ -29,38 +31,93 @@ class Key(NamedTuple):
 
 @dataclass(frozen=True)
 class Error:
-    """Error of one joint: rms [N m | N], relative ‖τ − τ̂‖/‖τ‖ (None where τ is zero)."""
+    """Error of the predicted torque of one joint.
+
+    Attributes:
+        rms: [N m | N]; relative: ‖τ − τ̂‖/‖τ‖, None where τ is zero. Of the rows in which the joint
+            moves: at standstill dry friction may have any value, and no model predicts it.
+        unit: of the rms.
+        rms_with_standstill, relative_with_standstill: of all rows; None where that is not known.
+    """
 
     rms: float
     relative: float | None
     unit: str
+    rms_with_standstill: float | None = None
+    relative_with_standstill: float | None = None
+
+    @property
+    def with_standstill(self) -> Error:
+        """The error of all rows, those at standstill too."""
+        if self.rms_with_standstill is None:
+            return self
+        return replace(self, rms=self.rms_with_standstill, relative=self.relative_with_standstill)
 
 
 @dataclass(frozen=True, eq=False)
 class Squares:
-    """Sums of squares by coordinate (d,): of the error, of the measured torque; and rows."""
+    """Sums of squares, by coordinate.
 
-    error: Array
-    torque: Array
-    rows: Array
+    Attributes:
+        in_motion, at_standstill: (3, d) of the error, of the measured torque, and number of rows.
+    """
+
+    in_motion: Array
+    at_standstill: Array
 
     @classmethod
     def zero(cls, d: int) -> Squares:
         """Return the sums of no rows."""
-        return cls(np.zeros(d), np.zeros(d), np.zeros(d))
+        return cls(np.zeros((3, d)), np.zeros((3, d)))
+
+    @classmethod
+    def of(cls, residual: Array, measured: Array, moving: Mask) -> Squares:
+        """Return the sums of rows (n, d), of which `moving` says whether they are in motion."""
+        series = residual**2, measured**2, np.ones(measured.shape)
+        return cls(
+            *(np.stack([(x * use).sum(axis=0) for x in series]) for use in (moving, ~moving))
+        )
 
     def __add__(self, other: Squares) -> Squares:
-        return Squares(self.error + other.error, self.torque + other.torque, self.rows + other.rows)
+        return Squares(self.in_motion + other.in_motion, self.at_standstill + other.at_standstill)
+
+    @property
+    def whole(self) -> Array:
+        """(3, d) of all rows."""
+        return self.in_motion + self.at_standstill
+
+    @cached_property
+    def judged(self) -> Array:
+        """(3, d) of the rows in motion; of a joint that never moves, of all rows."""
+        return np.where(self.in_motion[2] > 0, self.in_motion, self.whole)
+
+    @property
+    def error(self) -> Array:
+        """(d,) of the error, in motion."""
+        return self.judged[0]
+
+    @property
+    def torque(self) -> Array:
+        """(d,) of the measured torque, in motion."""
+        return self.judged[1]
+
+    @property
+    def rows(self) -> Array:
+        """(d,) number of rows in motion."""
+        return self.judged[2]
 
     def errors(self, names: Sequence[str], units: Sequence[str]) -> dict[str, Error]:
         """Return the errors by joint."""
-        found = {}
-        for u, (name, unit) in enumerate(zip(names, units, strict=True)):
-            rms = float(np.sqrt(self.error[u] / max(self.rows[u], 1)))
-            known = self.torque[u] > 0
-            relative = float(np.sqrt(self.error[u] / self.torque[u])) if known else None
-            found[name] = Error(rms, relative, unit)
-        return found
+
+        def sizes(sums: Array) -> tuple[float, float | None]:
+            error, torque, rows = map(float, sums)
+            relative = float(np.sqrt(error / torque)) if torque > 0 else None
+            return float(np.sqrt(error / max(rows, 1))), relative
+
+        return {
+            name: Error(*sizes(self.judged[:, u]), unit, *sizes(self.whole[:, u]))
+            for u, (name, unit) in enumerate(zip(names, units, strict=True))
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +127,10 @@ class Block:
     Attributes:
         log, block, coordinate: the key.
         triangle: of the rows that inform, on the columns `support`.
-        rest: of the rows at standstill, which only count in the errors.
+        rest: of the rows at which dry friction is open, which only count in the errors.
+        still: of the rows at standstill among those that inform.
         support: columns that can appear.
-        torque: sum of squares of the measured torque in all these rows.
+        torque: sums of squares of the measured torque in motion and at standstill.
         span: (first t, last t) [s].
     """
 
@@ -81,8 +139,9 @@ class Block:
     coordinate: int
     triangle: Triangle
     rest: Triangle
+    still: Triangle
     support: Index
-    torque: float
+    torque: tuple[float, float]
     span: tuple[float, float]
 
     @property
@@ -98,19 +157,33 @@ class Block:
     def __add__(self, other: Block) -> Block:
         """Return the block of both, which must have the same key."""
         span = min(self.span[0], other.span[0]), max(self.span[1], other.span[1])
-        both = (_sum(self.triangle, other.triangle), _sum(self.rest, other.rest))
-        return Block(*self.key, *both, self.support, self.torque + other.torque, span)
+        some, rest, still = map(_sum, self.triangles, other.triangles)
+        torque = self.torque[0] + other.torque[0], self.torque[1] + other.torque[1]
+        return Block(*self.key, some, rest, still, self.support, torque, span)
 
     def scaled(self, w: float) -> Block:
         """Multiply every equation by `w`."""
-        triangles = self.triangle.scaled(w), self.rest.scaled(w)
-        return Block(*self.key, *triangles, self.support, w**2 * self.torque, self.span)
+        some, rest, still = (each.scaled(w) for each in self.triangles)
+        torque = w**2 * self.torque[0], w**2 * self.torque[1]
+        return Block(*self.key, some, rest, still, self.support, torque, self.span)
 
-    def error(self, x: Array) -> float:
-        """Return the sum of squares that x (k,) leaves in all rows."""
+    @property
+    def triangles(self) -> tuple[Triangle, Triangle, Triangle]:
+        """Of the rows that inform, of the others, and of those at standstill that inform."""
+        return self.triangle, self.rest, self.still
+
+    def squares(self, x: Array) -> tuple[Array, Array]:
+        """Return squares of the error of x (k,), of the torque, and number of rows: (3,) in motion
+        and (3,) at standstill.
+        """
         own = x[self.support]
-        return self.triangle.residual_norm(own) ** 2 + (
-            self.rest.residual_norm(own) ** 2 if self.rest.rows else 0.0
+        some, rest, still = (
+            each.residual_norm(own) ** 2 if each.rows else 0.0 for each in self.triangles
+        )
+        idle = self.rest.rows + self.still.rows
+        return (
+            np.array([max(some - still, 0.0), self.torque[0], self.rows - idle]),
+            np.array([rest + still, self.torque[1], idle]),
         )
 
 
@@ -213,27 +286,24 @@ class Information:
         """Return the triangle of all rows that inform, each divided by its coordinate's sigma."""
         return Triangle.merge([t.scaled(1 / s) for t, s in zip(self.totals, sigma, strict=True)])
 
-    @cached_property
-    def measured(self) -> tuple[Array, Array]:
-        """Sum of squares of the measured torque (d,), and number of rows (d,)."""
-        torque, rows = np.zeros((2, self.d))
-        for block in self:
-            torque[block.coordinate] += block.torque
-            rows[block.coordinate] += block.rows
-        return torque, rows
-
     @property
     def rms_torque(self) -> Array:
         """Rms (d,) of the measured torque [N m | N]."""
-        torque, rows = self.measured
-        return np.asarray(np.sqrt(torque / np.maximum(rows, 1)))
+        squares, rows = np.zeros((2, self.d))
+        for block in self:
+            squares[block.coordinate] += sum(block.torque)
+            rows[block.coordinate] += block.rows
+        return np.asarray(np.sqrt(squares / np.maximum(rows, 1)))
 
     def squares(self, x: Array) -> Squares:
         """Return what a solution x (k,) leaves in all rows, those at standstill included."""
-        error = np.zeros(self.d)
+        found = Squares.zero(self.d)
         for block in self:
-            error[block.coordinate] += block.error(x)
-        return Squares(error, *self.measured)
+            for sums, own in zip(
+                (found.in_motion, found.at_standstill), block.squares(x), strict=True
+            ):
+                sums[:, block.coordinate] += own
+        return found
 
 
 @dataclass(frozen=True, eq=False)

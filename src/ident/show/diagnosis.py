@@ -79,6 +79,11 @@ def verdict_line(d: Diagnosis) -> str:
     last = d.laws[-1].after if d.laws else {}  # its fit has all laws
     if open_ := [name for name in d.loud if d.laws and last[name].rms > NOISY * d.floor[name]]:
         formulas += f"; even with it more than noise is left in {listed(open_)}"
+    if d.reversing:
+        return (
+            f"undecided: more is left in {listed(d.loud)} than the sensors' noise, but only around "
+            "reversals, where dry friction may have any value; slow motion would show what it is"
+        )
     return {
         "nothing": "nothing is missing that this data could show",
         "unexplained": "unexplained: something is missing, and no effect of the library explains "

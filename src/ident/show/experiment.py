@@ -29,6 +29,7 @@ from ident.show.html import named
 from ident.text import listed, some
 
 SHOWS = 0.02  # visible share from which an effect can be seen
+SLOWLY = 0.1  # of the logged top speed: friction that depends on the speed shows between reversals
 LOOKED_AT = 24  # invisible effects that are tried in other motions
 EXPLAINED = 0.9  # of what exceeds the noise, from which a formula leaves no question in its joint
 NOTHING = "This log leaves no question that another motion would answer."
@@ -96,6 +97,13 @@ def _advice(d: Diagnosis) -> Advice:
         answered = any(proposal(d, tried, pairs) for pairs in questions(rivals))
         if d.best is not None or answered:
             return _between(d, rivals, tried)
+    if d.reversing:
+        moves = (m for m in present(d.fit.mechanism, d.fit.motion) if m.joint.name in d.loud)
+        tops = [f"{m.joint.name} at up to {SLOWLY * m.speed:.2g} {m.joint.unit}/s" for m in moves]
+        return Advice(
+            f"Move {listed(tops)}, a tenth of what is logged, to and fro for as long as this log: "
+            "such speeds are there at reversals only."
+        )
     if d.verdict in ("unexplained", "undecided"):
         if d.laws and all(_explained(d, name) for name in d.loud):
             return Advice(

@@ -116,13 +116,19 @@ def plot_reactions(x: Reactions) -> Chart:
 
 
 def error_table(fit: Fit) -> tuple[str, Rows]:
-    """Return a caption, and the errors in training, held out, on other logs and unfiltered."""
+    """Return a caption, and the errors in training, held out, on other logs, unfiltered, and with
+    the rows of standstill.
+    """
     errors = dict(fit.errors)
     cut = fit.motion.band.cutoff
     if cut:
         errors["unfiltered"] = fit.unfiltered
+    whole = {joint: each.with_standstill for joint, each in (fit.held_out or fit.train).items()}
+    still = any(each.rms != (fit.held_out or fit.train)[joint].rms for joint, each in whole.items())
+    if still:
+        errors["at standstill too"] = whole
     caption = "error of the predicted torque" + (f" below {cut:.3g} Hz" if cut else "")
-    return caption, error_rows(errors)
+    return caption + ", in motion" * still, error_rows(errors)
 
 
 def value_tables(fit: Fit, most: int = 60) -> dict[str, Rows]:

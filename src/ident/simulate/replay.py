@@ -56,7 +56,8 @@ class ReplayedLog:
         known = np.isfinite(off)
         error, size = ((np.where(known, x, 0.0) ** 2).sum(axis=0) for x in (off, way))
         error[~known.any(axis=0)] = np.nan
-        return Squares(error, size, known.sum(axis=0)).errors(self.joints, self.units)
+        sums = np.stack([error, size, known.sum(axis=0)])
+        return Squares(sums, np.zeros(sums.shape)).errors(self.joints, self.units)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -302,7 +302,7 @@ class Online:
         return Snapshot(
             t=self._accumulator.now,
             samples=self.samples,
-            rows=float(solved.squares.rows.mean()),
+            rows=float(solved.squares.whole[2].mean()),
             parameters=parameters,
             base_parameters=solved.base,
             held=held,

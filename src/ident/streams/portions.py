@@ -351,24 +351,25 @@ class Checkpoint:
 
 def _packed(block: Block) -> tuple[list[int], np.ndarray]:
     """Return the integers of a block and how many numbers it has, and these numbers."""
-    halves = block.triangle, block.rest
-    numbers: list[Any] = [block.support, [block.torque, *block.span]]
-    numbers += [x for half in halves for x in (half.R.ravel(), half.d, [half.rho])]
+    numbers: list[Any] = [block.support, [*block.torque, *block.span]]
+    numbers += [x for each in block.triangles for x in (each.R.ravel(), each.d, [each.rho])]
     vector = np.concatenate(numbers)
-    counts = [*block.key, *(half.rows for half in halves), len(block.support), len(vector)]
+    counts = [*block.key, *(x.rows for x in block.triangles), len(block.support), len(vector)]
     return [int(each) for each in counts], vector
 
 
 def _unpacked(counts: list[int], vector: np.ndarray) -> Block:
     """Return the block of which `_packed` made integers and numbers."""
-    *key, rows, at_rest, k, _ = counts
-    support, sizes, *halves = np.split(vector, [k, k + 3, k + 3 + k * k + k + 1])
-    some, rest = (
+    log, block, coordinate, *rows, k, _ = counts
+    size = k * k + k + 1
+    support, sizes, *parts = np.split(vector, [k, k + 4, k + 4 + size, k + 4 + 2 * size])
+    some, rest, still = (
         Triangle(x[: k * k].reshape(k, k), x[k * k : -1], float(x[-1]), count)
-        for x, count in zip(halves, (rows, at_rest), strict=True)
+        for x, count in zip(parts, rows, strict=True)
     )
-    torque, start, end = sizes.tolist()
-    return Block(*Key(*key), some, rest, support.astype(int), torque, (start, end))
+    moving, idle, *span = sizes.tolist()
+    key, torque = Key(log, block, coordinate), (moving, idle)
+    return Block(*key, some, rest, still, support.astype(int), torque, (span[0], span[1]))
 
 
 def _feed(result: Any, thing: Any) -> None:

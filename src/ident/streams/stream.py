@@ -277,7 +277,7 @@ class Interval:
 
     at: float  # the time to which weights refer [s]
     blocks: tuple[Block, ...]  # one a coordinate
-    weights: np.ndarray  # (2, d) Σ exp(−age/T) of the rows that inform, and of those that do not
+    weights: np.ndarray  # (3, d) Σ exp(−age/T) of the rows of each of the blocks' triangles
 
     @property
     def start(self) -> float:
@@ -290,7 +290,8 @@ class Interval:
         at = float(rows.t[-1])
         w = np.ones((len(rows.t), 1)) if T is None else np.exp((rows.t[:, None] - at) / (2 * T))
         scaled = replace(rows, A=rows.A * w[:, None], b=rows.b * w, tau=rows.tau * w)
-        weights = np.stack([(w**2 * some).sum(axis=0) for some in (rows.informed, ~rows.informed)])
+        informs, still = rows.informed, rows.informed & ~rows.moving
+        weights = np.stack([(w**2 * some).sum(axis=0) for some in (informs, ~informs, still)])
         return cls(at, tuple(blocks_of(0, 0, [scaled], supports)), weights)
 
     def aged(self, to: float, T: float | None) -> Interval:
@@ -315,6 +316,7 @@ class Interval:
                 block=block,
                 triangle=replace(each.triangle, rows=int(count[0, u])),
                 rest=replace(each.rest, rows=int(count[1, u])),
+                still=replace(each.still, rows=int(count[2, u])),
             )
             for u, each in enumerate(self.blocks)
         ]

@@ -30,6 +30,7 @@ import numpy as np
 from ident.diagnosis.candidates import possible as candidates
 from ident.effects import KINDS, Effect
 from ident.effects.effect import Unknown
+from ident.equations.filter import STANDING
 from ident.equations.rows import Rows, Scene, rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, one_of
@@ -46,7 +47,6 @@ from ident.motion.state import State
 from ident.streams.charts import FELT, NormalRunning, WatchedInterval
 
 WATCHED = tuple(kind for kind, cls in KINDS.items() if cls.watched == "always")
-STICKING = 0.02  # share of a row that may come from standstill, where dry friction is open
 DIRECT = 4  # columns of a suspect that have charts; of a payload the mass and its first moments
 APART = 3.0  # standard errors within which two suspects are not told apart
 RANK = 1e-4  # of the largest singular value of unit columns; below, a direction is not asked for
@@ -136,7 +136,7 @@ class Watched:
 
     def rows(self, e: State) -> Iterator[Rows]:
         """Yield all rows of an experiment."""
-        return rows(self.scene(e), self.cutoff, STICKING, keep=False)
+        return rows(self.scene(e), self.cutoff, STANDING, keep=False)
 
     def multiplier_triangles(self, motion: Motion) -> tuple[Triangle, ...]:
         """Return for every multiplier the triangle of ∂λ/∂x (samples, k) over a motion.
@@ -294,9 +294,10 @@ def left_out_gains(
     suspects: Sequence[Suspect], window: Sequence[WatchedInterval], x: np.ndarray
 ) -> np.ndarray:
     """(suspects,) fall of the squares of intervals when each is left out of the suspect's fit."""
+    none = Triangle.empty(len(x))
     blocks = [
         Block(
-            0, i, 0, each.triangle, Triangle.empty(len(x)), np.arange(len(x)), each.torque,
+            0, i, 0, each.triangle, none, none, np.arange(len(x)), (each.torque, 0.0),
             (each.start, each.end),
         )
         for i, each in enumerate(window)
