@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import difflib
 import os
+import re
 from collections.abc import Iterable
 from numbers import Integral
 from pathlib import Path
@@ -43,10 +44,25 @@ def near(name: str, words: Iterable[str]) -> str:
 
     >>> near("viscus", ["viscous", "coulomb"])
     'viscous'
+
+    A name with another number is that of another joint:
+
+    >>> near("pos7", ["position4", "position7"])
+    'position7'
     """
-    by_case = {word.casefold(): word for word in words}
-    matches = difflib.get_close_matches(name.casefold(), by_case, n=1)
+    key, number = name.casefold(), _number(name)
+    by_case = {word.casefold(): word for word in words if _number(word) in (number, "")}
+    by_case = by_case if number else {word.casefold(): word for word in words}
+    matches = difflib.get_close_matches(key, by_case, n=1)
+    if number and not matches:  # of one number, a word and the beginning of it
+        letters = key.removesuffix(number)
+        matches = [w for w in by_case if w.endswith(number) and w.startswith(letters)]
     return by_case[matches[0]] if matches else ""
+
+
+def _number(word: str) -> str:
+    """Return the digits of a name."""
+    return "".join(re.findall(r"\d+", word))
 
 
 def one_of(name: str, valid: Iterable[str]) -> str:

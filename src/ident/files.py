@@ -8,6 +8,7 @@ from __future__ import annotations
 import codecs
 import contextlib
 import errno
+import glob
 import json
 import math
 import os
@@ -15,6 +16,7 @@ import runpy
 import secrets
 import shutil
 import stat
+import time
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, is_dataclass
@@ -26,6 +28,7 @@ from ident.display import render
 from ident.errors import IdentError, LogError, MechanismError, line_of, near, one_of
 
 LARGEST = 4.0  # GB of a log's numbers in memory: half a billion values
+ABANDONED = 600.0  # s without a change, after which the writer of a part is taken to be dead
 LARGEST_LOG = "IDENT_LARGEST_LOG"  # variable of the environment, which workers inherit
 
 
@@ -76,6 +79,7 @@ def atomic_write(path: Path) -> Iterator[BinaryIO]:
     """Open a stream whose content appears under `path` only if the block ends without an error."""
     _check_replaceable(path)
     # same folder, so that the last step is one rename; not tempfile, whose files are private
+    _clear(path)
     part = _beside(path, "part")
     try:
         with part.open("xb") as stream:
@@ -130,6 +134,8 @@ def write_all(folder: Path, contents: Mapping[str, bytes | Iterable[bytes]]) -> 
                 if path.is_dir():
                     raise IsADirectoryError(errno.EISDIR, "is a folder", str(path))
                 _check_replaceable(path)
+            for path in paths:
+                _clear(path)
             parts = [_beside(path, "part") for path in paths]
             for part, content in zip(parts, contents.values(), strict=True):
                 scraps.callback(_quietly, part.unlink)
@@ -205,6 +211,14 @@ def _unwritable(error: OSError, folder: Path) -> IdentError:
 
 def _beside(path: Path, suffix: str) -> Path:
     return path.with_name(f".{path.name}.{secrets.token_hex(4)}.{suffix}")
+
+
+def _clear(path: Path) -> None:
+    """Remove what writes of a file that were killed left beside it, unless they may still run."""
+    with contextlib.suppress(OSError):
+        for part in path.parent.glob(f".{glob.escape(path.name)}.????????.part"):
+            if time.time() - part.stat().st_mtime > ABANDONED:
+                _quietly(part.unlink)
 
 
 def _make_folder(folder: Path, undo: contextlib.ExitStack) -> None:

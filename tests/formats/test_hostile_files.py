@@ -23,6 +23,19 @@ NEVER = "which may never end"
 pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes")
 
 
+def test_what_a_killed_write_left_is_removed_by_the_next(tmp_path):
+    dead, alive = (tmp_path / f".fit.json.{tag}.part" for tag in ("0123abcd", "89abcdef"))
+    other = tmp_path / ".notes.0123abcd.part"
+    for path in (dead, alive, other):
+        path.write_text("half")
+    os.utime(dead, (0.0, 0.0))
+    os.utime(other, (0.0, 0.0))
+    write_all(tmp_path, {"fit.json": b"{}"})
+    assert sorted(x.name for x in tmp_path.iterdir()) == sorted(
+        [alive.name, other.name, "fit.json"]
+    )
+
+
 @contextmanager
 def refused(error, words):
     start = time.monotonic()

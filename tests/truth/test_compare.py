@@ -69,6 +69,9 @@ def test_the_report_has_what_the_models_say(compared, tmp_path):
     page = read_page(tmp_path / "report.html")
     assert {"Parameters", "What was understood", "How to reproduce"} <= set(titles(page))
     assert ("Multipliers" in titles(page)) == bool(fits[0].mechanism.closures)
+    body = next(t for t in page.iter("table") if "Values of all" in t.findtext("caption"))
+    names = [row.findtext("th") for row in body.iter("tr")][1:]
+    assert len(names) == len(set(names)) > 20
 
 
 def test_seconds_since_1970_are_counted_from_the_start_of_the_log():

@@ -201,6 +201,37 @@ def test_the_search_stays_inside_and_gains():
     problem = DesignProblem(ident.load(ROBOTS / "five_bar"), Limits(), 6.0, 2, {}, 0)
     criterion = problem.criterion(None, 0.5)
     start = problem.draw(np.random.default_rng(0), criterion)
-    found = problem.search(start, criterion)
+    shares: list[float] = []
+    found = problem.search(start, criterion, shares.append)
     assert found.J > start.J + 0.1
     assert problem.exact.excess(found.z).max() < 0
+    assert shares
+    assert shares[0] > 0
+    assert shares == sorted(shares)
+
+
+HAND = """<robot name="hand"><link name="base"/>
+<link name="arm"><inertial><origin xyz="0.2 0 0"/><mass value="1"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="left"><inertial><origin xyz="0.02 0 0.01"/><mass value="0.1"/>
+<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="right"><inertial><origin xyz="0.02 0 0.01"/><mass value="0.1"/>
+<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="elbow" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-3.07" upper="-0.07" effort="50" velocity="2"/></joint>
+<joint name="finger" type="prismatic"><parent link="arm"/><child link="left"/>
+<origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
+<limit lower="0" upper="0.04" effort="20" velocity="0.2"/></joint>
+<joint name="other" type="prismatic"><parent link="arm"/><child link="right"/>
+<origin xyz="0.4 0 0"/><axis xyz="0 -1 0"/>
+<limit lower="0" upper="0.04" effort="20" velocity="0.2"/><mimic joint="finger"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("locked", [{}, {"finger": 0.02}], ids=["driven", "held"])
+def test_a_hand_whose_start_is_outside_a_range(tmp_path, locked):
+    (tmp_path / "hand.urdf").write_text(HAND)
+    mechanism = ident.load(tmp_path / "hand.urdf", locked=locked)
+    x = ident.excite(mechanism, duration=4.0, periods=1, harmonics=2, tries=1)
+    use = x.use("elbow", "position")
+    assert -3.07 < use.low < use.high < -0.07
+    assert any("elbow starts outside its range" in note for note in x.notes)

@@ -174,6 +174,23 @@ def test_validation_logs_are_scored_and_not_fitted():
     assert "other 0" in str(fit)
 
 
+def test_a_validation_log_is_judged_by_its_own_noise():
+    """The torques of another day may be noisier than those of the fit."""
+    case = noisy("arm", "viscous", seed=1)
+    random, columns = np.random.default_rng(0), dict(case.log.columns)
+    for name in (f"tau.{joint}" for joint in case.mechanism.driven):
+        spread = np.std(columns[name])
+        columns[name] = columns[name] + 0.08 * spread * random.normal(size=len(case.log.t))
+    motion = ident.complete(case.mechanism, case.log)
+    loud = Log.from_arrays("loud", case.log.t, columns)
+    check = ident.complete(case.mechanism, loud, cutoff=motion.band.cutoff)
+    fit = ident.identify(case.mechanism, motion, validate=check)
+    for joint, noise in fit.noise.items():
+        assert fit.floors["loud"][joint] == pytest.approx(4.1 * noise, rel=0.3)
+    assert fit.validation["loud"]["yaw"].rms > 2 * fit.noise["yaw"]
+    assert "Good enough on loud? Yes" in " ".join(str(fit).split())
+
+
 # --- several models ----------------------------------------------------------------------------
 
 

@@ -58,6 +58,8 @@ if TYPE_CHECKING:
     from ident.streams.gather import Gathered
     from ident.streams.many_logs import Verdicts
 
+    Judged = tuple[Mapping[str, Error], Mapping[str, float]]  # errors and noise by joint
+
 MOST_IN_MEMORY = 1_000_000  # samples of all logs that are read at once
 Verbose = Annotated[bool, option("All candidates, and all reasons.", None, "--verbose")]
 
@@ -177,18 +179,16 @@ def identify(
         fit = fit if since is None else fit.since(since)
     _show(fit, gathered, reactions, json, out)
     if good_enough is not None:
-        sets = {"": fit.held_out or fit.train}
-        sets |= {f" of {log}": errors for log, errors in fit.validation.items()}
-        _judge(sets, fit.noise, good_enough)
+        sets: dict[str, Judged] = {"": (fit.held_out or fit.train, fit.noise)}
+        sets |= {f" of {log}": (e, fit.floors[log]) for log, e in fit.validation.items()}
+        _judge(sets, good_enough)
 
 
-def _judge(
-    sets: Mapping[str, Mapping[str, Error]], floor: Mapping[str, float], percent: float
-) -> None:
+def _judge(sets: Mapping[str, Judged], percent: float) -> None:
     """End with status 3 where an error is above a threshold of one's own and above noise."""
     from ident.show.html import too_large
 
-    found = {of: too_large(errors, floor, percent / 100) for of, errors in sets.items()}
+    found = {of: too_large(*each, percent / 100) for of, each in sets.items()}
     if loud := [f"{', '.join(joints)}{of}" for of, joints in found.items() if joints]:
         notes([f"status 3: {'; '.join(loud)} above --good-enough {percent:g} %"])
         sys.exit(3)
@@ -295,7 +295,7 @@ def compare(
     if good_enough is not None:
         residual = [*comparison.residuals.values()][-1]
         floor = floor_of(residual.model, residual.motion)
-        _judge({"": judged(comparison, residual)}, floor, good_enough)
+        _judge({"": (judged(comparison, residual), floor)}, good_enough)
 
 
 def diagnose(

@@ -5,10 +5,10 @@ The problem, its candidates and their slopes come first.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import islice
+from itertools import count, islice
 
 import numpy as np
 from scipy.optimize import NonlinearConstraint, minimize
@@ -30,6 +30,7 @@ from ident.fit.shapes import initial
 from ident.information.estimate import TOLERANCE, rank_revealing
 from ident.information.linear import Triangle
 from ident.log import Log
+from ident.mechanism.closures import LinearClosure
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Band, Motion
 from ident.motion.closures import LoopSolver
@@ -85,7 +86,7 @@ class DesignProblem:
         low, high = exact.of_joints("position", names)
         speed = exact.of_joints("speed", names)[1]
         acceleration = exact.of_joints("acceleration", names)[1]
-        home = _home(mechanism, names, start, low, high, notes)
+        home = _home(mechanism, names, at_start.leverage[0], start, low, high, notes)
         series = Fourier(period, harmonics, home, 0.5 * (high - low), speed, acceleration)
         n = SAMPLES * harmonics
         t = period * np.arange(n) / n
@@ -168,12 +169,16 @@ class DesignProblem:
         J = criterion.at(self.W(rows))
         return None if J is None else ExcitingMotion(x, rows, self.box.z(rows.e), J)
 
-    def search(self, start: ExcitingMotion, criterion: Criterion) -> ExcitingMotion:
+    def search(
+        self, start: ExcitingMotion, criterion: Criterion, on_progress: Callable[[float], None]
+    ) -> ExcitingMotion:
         """Maximise J inside the tightened limits by sequential quadratic programming (SLSQP).
 
         It starts again with a fresh Hessian from the best motion until that gains no more. A motion
-        that cannot be followed is worth so little that the line search turns back.
+        that cannot be followed is worth so little that the line search turns back. `on_progress`
+        is called with the share of the steps after each.
         """
+        steps = count(1)
         shape, box = start.x.shape, self.box
         # amplitudes are at most 4/π of a function's
         bound = max(2.0, 4 / np.pi * np.sqrt(self.family.series.harmonics))
@@ -216,6 +221,7 @@ class DesignProblem:
                 bounds=[(-bound, bound)] * best.x.size,
                 constraints=limits,
                 options={"maxiter": STEPS, "ftol": GAIN},
+                callback=lambda _: on_progress(min(next(steps) / STEPS, 1.0)),
             )
             if best.J - before < 100 * GAIN:
                 return best
@@ -280,23 +286,29 @@ class DesignProblem:
 def _home(
     mechanism: Mechanism,
     names: tuple[str, ...],
+    leverage: np.ndarray,
     start: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
     notes: list[str],
 ) -> np.ndarray:
-    """Return the home (d,) [rad | m]: the start, moved into the ranges of a tree's joints."""
-    home = start
-    if not mechanism.closures:
-        margin = AWAY * (high - low)
-        home = np.clip(start, low + margin, high - margin)
+    """Return the home (d,) [rad | m]: the start, moved into the ranges of joints in no loop.
+
+    `leverage` (joints, d) are the speeds of all joints at the start, by which a joint moves those
+    that are geared to it, wherever it stands, and those of its loop.
+    """
+    geared = [n for c in mechanism.closures if isinstance(c, LinearClosure) for n in c.joints]
+    moved = leverage[[name not in geared for name in mechanism.joint_index]] != 0
+    alone = moved.sum(axis=0) <= [name not in geared for name in names]
+    margin = AWAY * (high - low)
+    home = np.where(alone, np.clip(start, low + margin, high - margin), start)
     for i in np.flatnonzero((start < low) | (start > high)):
         unit = mechanism.joint(names[i]).unit
-        if mechanism.closures:
+        if not alone[i]:
             raise MotionError(
                 f"{mechanism.name}: [joints] start has {names[i]} at {start[i]:.4g} {unit}, "
-                f"outside its range {low[i]:.4g} to {high[i]:.4g}; widen the range, or give a "
-                "start inside it"
+                f"outside its range {low[i]:.4g} to {high[i]:.4g}; widen the range, or write a "
+                f"configuration of the closed loop inside it: [joints] start = {{ {names[i]} = … }}"
             )
         notes.append(f"{names[i]} starts outside its range: {home[i]:.4g} {unit} is home instead")
     return home
@@ -371,13 +383,17 @@ def excite(
     criterion = problem.criterion(separate, balance)
     best: ExcitingMotion | None = None
     for i in range(tries):
-        if progress:
-            progress(f"exciting {mechanism.name}, try {i + 1} of {tries}", i / tries)
+
+        def on_progress(share: float, i: int = i) -> None:
+            if progress:
+                progress(f"exciting {mechanism.name}, try {i + 1} of {tries}", (i + share) / tries)
+
+        on_progress(0.0)
         random = np.random.default_rng([seed, 2, i])
         starts = [problem.draw(random, criterion) for _ in range(DRAWS)]
         known = [start for start in starts if start is not None]
         if known:
-            found = problem.search(max(known, key=lambda c: c.J), criterion)
+            found = problem.search(max(known, key=lambda c: c.J), criterion, on_progress)
             best = found if best is None or found.J > best.J else best
     if best is None:
         raise MotionError(

@@ -217,22 +217,26 @@ def _swinging(
     problem: Problem, estimate: Estimate, errors: Mapping[str, Error]
 ) -> Iterator[Finding]:
     """Report driven joints whose torque is the small remainder of large terms that cancel."""
+    shares: dict[str, float] = {}
     sizes = term_sizes(problem.information.totals, estimate.x)
     for (joint, error), size in zip(errors.items(), sizes, strict=True):
         if not (error.relative and size > 0) or joint not in problem.mechanism.driven:
             continue
         if (share := error.rms / error.relative / float(size)) < FREELY:
-            text = (
-                f"tau.{joint} is {100 * share:.2g} % of the inertia, gravity and coupling terms "
-                "that cancel in it: its unit or scale is wrong, or the motor does next to nothing, "
-                "and a relative error of this joint says little"
-            )
-            remedy = (
-                f'check [log] "tau.{joint}" (N m, not mN m, A or %); if it is right, put '
-                f"'{joint}' among the passive joints for this log, its friction kept as an effect, "
-                "or judge it by its rms error"
-            )
-            yield Finding("swings freely", text, remedy, (f"tau.{joint}",), share, FREELY)
+            shares[joint] = share
+    if shares:
+        where, joints = tuple(f"tau.{joint}" for joint in shares), ", ".join(shares)
+        text = (
+            ", ".join(f"tau.{joint} is {100 * share:.2g} %" for joint, share in shares.items())
+            + " of the inertia, gravity and coupling terms that cancel in it: unit or scale is "
+            "wrong, or the motor does next to nothing, and a relative error there says little"
+        )
+        remedy = (
+            f"check {', '.join(where)} in [log] (N m, not mN m, A or %); if right, put {joints} "
+            "among the passive joints for this log, the friction kept as an effect, or judge by "
+            "the rms error"
+        )
+        yield Finding("swings freely", text, remedy, where, min(shares.values()), FREELY)
 
 
 def _implausible(

@@ -20,7 +20,7 @@ from ident.fit.findings import Finding, basis_bias, findings_of
 from ident.fit.likelihood import Likelihood, weighed
 from ident.fit.prediction import Prediction, predict
 from ident.fit.problem import Problem, information_of
-from ident.fit.residual import Charted, Failure, Residual, residual_of
+from ident.fit.residual import Charted, Failure, Residual, floor_of, residual_of
 from ident.fit.result import Fit
 from ident.fit.shapes import beyond_bounds, working_point
 from ident.fit.values import effect_values
@@ -93,7 +93,9 @@ def identify(
         remedy = "complete them with cutoff=motion.band.cutoff"
         same.append(Finding("another cut-off", text.format(*bands), remedy))
     errors = _errors_on(fit, validate, last)
-    return replace(fit, validation=errors, findings=(*fit.findings, *same))
+    alone = [replace(validate, experiments=(e,)) for e in validate.experiments]
+    floors = {name: floor_of(fit, one) for name, one in zip(errors, alone, strict=True)}
+    return replace(fit, validation=errors, floors=floors, findings=(*fit.findings, *same))
 
 
 def estimate_of(problem: Problem) -> Estimate:

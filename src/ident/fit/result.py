@@ -55,6 +55,7 @@ class Fit(Charted):
         estimate: solution, base, weights.
         scatter: covariance (n_ind, n_ind) of the base parameters by the residual's own scatter.
         train, held_out, validation: errors by joint; validation by log, then joint.
+        floors: rms that noise of the sensors makes, by validation log, then joint [N m | N].
         findings: what a person should know before trusting the numbers; `warnings` as text.
         binding: of a consistent fit, where it touches its limits and what that costs.
         likelihood: where the noise of the motion counts, how it was weighed.
@@ -71,6 +72,7 @@ class Fit(Charted):
     binding: Binding | None = None
     likelihood: Likelihood | None = None
     earlier: Model | None = None
+    floors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def mechanism(self) -> Mechanism:

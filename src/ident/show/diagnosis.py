@@ -177,11 +177,19 @@ def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
 
 
 def first_motion(d: Diagnosis, planned: bool) -> str:
-    """Return the next experiment, `planned` by the card's command, unless the data look wrong."""
+    """Return the first sentence of the next experiment, `planned` by the card's command or not;
+    nothing where the data look wrong.
+    """
     if not d.health.good:
         return ""
     way = ", planned by this command or by hand" if planned else ""
-    return f"Next experiment{way}: {d.next_experiment}" if d.next_experiment else ""
+    first, *_ = experiment_steps(d.next_experiment)
+    return f"Next experiment{way}: {first}" if first else ""
+
+
+def experiment_steps(advice: str) -> list[str]:
+    """Return the sentences of a next experiment, the most urgent first."""
+    return SENTENCE_END.split(advice)
 
 
 # --- text -----------------------------------------------------------------------------------------
@@ -195,19 +203,14 @@ def short(d: Diagnosis, top: Card | None = None) -> str:
         paragraphs += [*_nearest(d), *curves(d)]
     hidden = f", {len(d.invisible)} effects this log hides" if d.invisible else ""
     shown: Card = top or card(d)
-    whole = shown.then
+    more = "more about the next experiment, " * (len(experiment_steps(d.next_experiment)) > 1)
+    rest = f"--verbose: {more * d.health.good}all candidates{hidden}; {d.decision}"
 
     def text() -> str:
-        more = "more about the next experiment, " if shown.then != whole else ""
-        rest = f"--verbose: {more}all candidates{hidden}; {d.decision}"
         return Sheet(shown, paragraphs=[*paragraphs, rest], indent="  ").text()
 
-    found, sentences = text(), SENTENCE_END.split(whole)
-    while (over := found.count("\n") + 1 - LINES) > 0 and len(sentences) > 1:
-        sentences.pop()  # what to do about effects that no motion shows, the least urgent last
-        shown = replace(shown, then=" ".join(sentences))
-        found = text()
-    if over > 0:
+    found = text()
+    if (over := found.count("\n") + 1 - LINES) > 0:
         shown = replace(shown, most=max(1, min(shown.most, len(shown.bars)) - over - 1))
         found = text()
     return found
@@ -297,7 +300,7 @@ def story(d: Diagnosis, experiment: str | None = None) -> dict[str, list[str]]:
     form = [*curves(d), *laws(d)] if d.best is not None else []
     if d.verdict == "unexplained":
         form = [*curves(d), *expression(d)]
-    next_ = d.next_experiment if experiment is None else experiment
+    first, *more = experiment_steps(d.next_experiment if experiment is None else experiment)
     several = len(d.fit.motion.experiments) > 1
     return {
         "Health of the data": _health(d),
@@ -306,7 +309,7 @@ def story(d: Diagnosis, experiment: str | None = None) -> dict[str, list[str]]:
         "Curve and formula": form,
         "Invisible in this data": _invisible(d),
         "In the model, but not supported": _unsupported(d),
-        "What to log next": [f"Next experiment: {next_}"] if next_ else [],
+        "What to log next": [f"Next experiment: {first}", *more] if first else [],
     }
 
 

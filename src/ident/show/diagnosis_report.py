@@ -147,6 +147,8 @@ def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
         elif title == "Invisible in this data" and words:
             why = [[each.effect.label, each.why] for each in d.invisible]
             blocks = [table([["effect", "why"], *why], "This data cannot show", tied=False)]
+        elif title == "What to log next" and words[1:]:
+            blocks = [blocks[0], items(words[1:])]
         elif title == "Health of the data":
             health = health_sheet(d.health)
             blocks += [paragraph(str(health.top)), *health.blocks()]

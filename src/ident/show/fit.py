@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
@@ -230,13 +231,19 @@ def card(fit: Fit) -> Card:
     elif larger:  # in its own rows the fit is better
         own = listed(f"{j} ({percent(fit.train[j].relative)} in the fit)" for j in larger)
         words += f", which makes it larger in {own}"
-    judged, away, following = errors, fit.residual.away, "compare"
-    if others := [*fit.validation.values()]:  # the largest error on logs that were not fitted
-        judged = {j: max((e[j] for e in others), key=lambda e: e.rms) for j in others[0]}
+    judged, floor, away, following = errors, fit.noise, fit.residual.away, "compare"
+    if others := fit.validation:  # of logs that were not fitted, the farthest from its own noise
+        worst: dict[str, str] = {}
+        for j in errors:
+            sizes = {log: e[j].rms for log, e in others.items()}
+            over = {log: (x / (fit.floors[log][j] or math.inf), x) for log, x in sizes.items()}
+            worst[j] = max(over, key=over.__getitem__)
+        judged = {j: others[log][j] for j, log in worst.items()}
+        floor = {j: fit.floors[log][j] for j, log in worst.items()}
         away, following = {}, "monitor"
     doubts = fit.health.findings
-    good = good_enough(judged, fit.noise, away, logs=[*fit.validation], doubts=doubts)
-    fine = enough(judged, fit.noise, doubts)
+    good = good_enough(judged, floor, away, logs=[*fit.validation], doubts=doubts)
+    fine = enough(judged, floor, doubts)
     command = next_command(following if fine else "diagnose")
     wrong = [f"{each}." for each in scale_doubts(doubts)]
     trust = " ".join([*wrong, good, f"{words}."]).strip() * bool(bars)

@@ -167,15 +167,16 @@ def comparison_files(c: Comparison, replay: Replay | None = None) -> dict[str, b
 def _parameters(residuals: Models) -> tuple[Block, ...]:
     """Return values of the effects and of the bodies' unknowns, model beside model."""
     models, names = [each.model for each in residuals.values()], told_apart(residuals).values()
-    values = [dict(model.point.values) for model in models]
-    rows = [["parameter, of bodies about the joint", "prior", *names]]
-    for name in dict.fromkeys(name for own in values for name in own):
-        rows.append([name, "", *(f"{own[name]:.5g}" if name in own else "–" for own in values)])
     mechanism = models[0].mechanism
-    for i, name in enumerate(mechanism.bodies.names):
-        if name in mechanism.unknown:
-            found = (mechanism.prior[i], *(model.point.pi[i] for model in models))
-            rows.append([name, *(f"{value:.5g}" for value in found)])
+    bodies = [i for i, name in enumerate(mechanism.bodies.names) if name in mechanism.unknown]
+    rows = [["parameter, of bodies about the joint", "prior", *names]]
+    for i in bodies:
+        found = (mechanism.prior[i], *(model.point.pi[i] for model in models))
+        rows.append([mechanism.bodies.names[i], *(f"{x:.5g}" for x in found)])
+    values = [dict(model.point.values) for model in models]
+    rigid = set(mechanism.bodies.names)
+    for name in dict.fromkeys(name for own in values for name in own if name not in rigid):
+        rows.append([name, "–", *(f"{own[name]:.5g}" if name in own else "–" for own in values)])
     title = "Values of all unknowns; fit.json has standard errors"
     return (table(rows, title),) if rows[1:] else ()
 
