@@ -70,6 +70,9 @@ def test_good_enough_names_the_log_it_was_validated_on(tmp_path, spoken):
     status, _, err = spoken("identify", ARM, RUN, *friction, *validated)
     assert status == 3
     assert " of other.csv above --good-enough 2 %" in err
+    status, text, err = spoken("identify", ARM, RUN, *friction, *validated, "--stream")
+    assert (status, "Good enough on other.csv? Not in" in text) == (3, True)
+    assert " of other.csv above --good-enough 2 %" in err
     locked = ("--lock", "wrist", "--good-enough", 1000)
     assert spoken("identify", ARM, RUN, *friction, *locked)[0] == 0
 

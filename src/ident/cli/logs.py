@@ -180,7 +180,7 @@ def identify(
     _show(fit, gathered, reactions, json, out)
     if good_enough is not None:
         sets: dict[str, Judged] = {"": (fit.held_out or fit.train, fit.noise)}
-        sets |= {f" of {log}": (e, fit.floors[log]) for log, e in fit.validation.items()}
+        sets |= {f" of {log}": (e, fit.noise_on(log)) for log, e in fit.validation.items()}
         _judge(sets, good_enough)
 
 

@@ -122,6 +122,10 @@ class Fit(Charted):
         """By joint, the rms that noise of the sensors alone would leave of its torque [N m | N]."""
         return floor_of(self, self.motion)
 
+    def noise_on(self, log: str) -> Mapping[str, float]:
+        """Return the same for a validation log, of its own sensors; read in portions, the fit's."""
+        return self.floors.get(log, self.noise)
+
     @cached_property
     def checks(self) -> DataChecks:
         """What may be wrong with the data, as questions to the equations."""

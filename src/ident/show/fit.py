@@ -236,10 +236,10 @@ def card(fit: Fit) -> Card:
         worst: dict[str, str] = {}
         for j in errors:
             sizes = {log: e[j].rms for log, e in others.items()}
-            over = {log: (x / (fit.floors[log][j] or math.inf), x) for log, x in sizes.items()}
+            over = {log: (x / (fit.noise_on(log)[j] or math.inf), x) for log, x in sizes.items()}
             worst[j] = max(over, key=over.__getitem__)
         judged = {j: others[log][j] for j, log in worst.items()}
-        floor = {j: fit.floors[log][j] for j, log in worst.items()}
+        floor = {j: fit.noise_on(log)[j] for j, log in worst.items()}
         away, following = {}, "monitor"
     doubts = fit.health.findings
     good = good_enough(judged, floor, away, logs=[*fit.validation], doubts=doubts)
