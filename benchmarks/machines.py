@@ -6,10 +6,10 @@ Looks for measurements in DIR, in $IDENT_DATA and in ../shared/data beside the c
 shared data, and clones of the public repositories that the converters in `machines/` name. Each
 machine runs in a process of its own, with BLAS on one thread. Errors are of the torque below the
 cut-off of the published ones, or else of the fit, ‖τ − τ̂‖/‖τ‖ of each joint in % on the
-validation logs, or held out in time without any; `whole`: of the whole vector; `moving`: without
-rows of standstill, at which dry friction is open. `by hand`: the defaults' errors with the one of
-some training cut-offs that serves the joints best, judged in the same band. The picture has a panel
-a machine: published errors, those of the defaults, those of the grown model.
+validation logs, or held out in time without any, in motion; in brackets with rows of standstill, at
+which dry friction is open, and of the whole vector of torques. `by hand`: the defaults' errors with
+the one of some training cut-offs that serves the joints best, judged in the same band. The picture
+has a panel a machine: published errors, those of the defaults, those of the grown model.
 """
 
 from __future__ import annotations
@@ -128,9 +128,9 @@ def measured(name: str, source: Path) -> dict[str, Any]:
     best = min(fits, key=misfit)
     chosen = "" if best is defaults else f"{best.motion.band.cutoff:.3g} Hz: "
     return {
-        "viscous + Coulomb": errors(defaults, judged),
-        "by hand": "–" if judged is None else chosen + errors(best, judged).split(" (")[0],
-        "grown": errors(history.fit, judged),
+        "viscous + Coulomb": errors(defaults),
+        "by hand": "–" if judged is None else chosen + errors(best).split(" (")[0],
+        "grown": errors(history.fit),
         "bars": {
             title: [100 * e.relative for e in by_joint(fit)]
             for title, fit in (("defaults", defaults), ("grown", history.fit))
@@ -152,24 +152,15 @@ def misfit(fit: Any) -> float:
     return float(np.mean([np.log(error.relative) for error in by_joint(fit)]))
 
 
-def errors(fit: Any, judged: Any) -> str:
-    """Relative errors of all joints [%], of the whole vector, and of all joints in motion."""
-    joints = by_joint(fit)
-    each = " ".join(f"{100 * error.relative:.3g}" for error in joints)
-    squares = np.array([(e.rms**2, (e.rms / e.relative) ** 2) for e in joints]).sum(axis=0)
-    found = f"{each} (whole {100 * np.sqrt(squares[0] / squares[1]):.3g}"
-    if judged is None:
-        return found + ")"
-    traces = ident.compare(fit, motion=judged).residuals.popitem()[1].traces
-    part = [
-        sum(
-            np.where(trace.informed, x**2, 0.0).sum(axis=0)
-            for trace, x in zip(traces, of, strict=True)
-        )
-        for of in ([t.residual for t in traces], [t.measured for t in traces])
-    ]
-    moving = " ".join(f"{100 * x:.3g}" for x in np.sqrt(part[0] / part[1]))
-    return f"{found}; moving {moving})"
+def errors(fit: Any) -> str:
+    """Relative errors in motion [%], and with standstill: of all joints, of the whole vector."""
+    joints, whole = by_joint(fit), [error.with_standstill for error in by_joint(fit)]
+    moving, every = (
+        " ".join(f"{100 * error.relative:.3g}" for error in each) for each in (joints, whole)
+    )
+    squares = np.array([(e.rms**2, (e.rms / e.relative) ** 2) for e in whole]).sum(axis=0)
+    vector = 100 * np.sqrt(squares[0] / squares[1])
+    return f"{moving} (with standstill {every}, whole vector {vector:.3g})"
 
 
 if __name__ == "__main__":
