@@ -145,6 +145,16 @@ def test_presliding_is_named_by_the_reversals_that_it_shows_in():
     assert [each.label for each in d.group] == ["hysteresis:elbow"]
 
 
+def test_what_only_rows_at_reversals_show_is_undecided():
+    """Friction that has fallen before the joint has left the standstill: no row in motion has it."""
+    friction = {"Fs": 4.0, "vs": 0.01}  # N m, rad/s
+    values = {**ELBOW, **{f"stribeck.elbow.{name}": x for name, x in friction.items()}}
+    present = "viscous:elbow", "coulomb:elbow"
+    d = diagnosed(planted([*present, "stribeck:elbow"], values), *present)
+    assert (d.verdict, d.reversing, d.loud) == ("undecided", True, ("elbow",))
+    assert "elbow at up to" in d.next_experiment
+
+
 def test_lengths_are_judged_on_several_logs_as_on_one():
     arm = robot("arm")
     fit = ident.identify(arm, ident.complete(arm, [planted(seed=seed).log for seed in (0, 1)]))
