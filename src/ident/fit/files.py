@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -163,6 +163,11 @@ def fit_json(fit: Fit) -> dict[str, Any]:
             "held_out": _errors(fit.held_out),
             "unfiltered": _errors(fit.unfiltered),
             "validation": {log: _errors(errors) for log, errors in fit.validation.items()},
+            "with_standstill": {
+                "train": _errors(_of_all_rows(fit.train)),
+                "held_out": _errors(_of_all_rows(fit.held_out)),
+                "validation": {x: _errors(_of_all_rows(e)) for x, e in fit.validation.items()},
+            },
         },
         "noise": fit.noise,
         "smoothing": [
@@ -205,7 +210,12 @@ def _entry(value: Value | BaseValue) -> dict[str, Any]:
 
 
 def _errors(errors: Mapping[str, Error]) -> dict[str, Any]:
-    return {name: asdict(error) for name, error in errors.items()}
+    names = "rms", "relative", "unit"
+    return {joint: {n: getattr(e, n) for n in names} for joint, e in errors.items()}
+
+
+def _of_all_rows(errors: Mapping[str, Error]) -> dict[str, Error]:
+    return {joint: each.with_standstill for joint, each in errors.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,7 +332,7 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
     return Saved(
         str(path), grown, point, cutoff if cutoff in (None, "auto") else float(cutoff), {
             title: {
-                joint: Error(**{each.name: e.get(each.name) for each in fields(Error)})
+                joint: Error(float(e["rms"]), e["relative"], str(e["unit"]))
                 for joint, e in joints.items() if e["rms"] is not None
             }
             for title, joints in {**sets, **(errors.get("validation") or {})}.items() if joints
