@@ -40,7 +40,7 @@ def test_a_click_adds_and_another_removes(board):
     assert (state["stale"], state["busy"], state["undo"]) == (False, False, True)
     assert state["joint"] == "elbow"
     assert [row[0] for row in state["ladder"]] == ["model", "as given", "+ viscous:elbow"]
-    assert "25.3\xa0%" in state["errors"]
+    assert "25.5\xa0%" in state["errors"]
     board.act({"do": "remove", **ELBOW})
     assert present(board) == []
     board.act({"do": "back", "rung": 0})
