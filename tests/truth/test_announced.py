@@ -102,9 +102,9 @@ def test_diagnose_explore_and_grow_begin_with_the_same_group():
 
 def test_a_short_log_has_its_name_though_the_best_candidate_makes_no_better_set():
     log = ident.read_log(ROBOTS / "arm" / "run.csv")
-    some = {name: x[:400] for name, x in log.columns.items()}
+    some = {name: x[:450] for name, x in log.columns.items()}
     mechanism = robot("arm")
-    motion = ident.complete(mechanism, ident.Log.from_arrays("short", log.t[:400], some))
+    motion = ident.complete(mechanism, ident.Log.from_arrays("short", log.t[:450], some))
     d = ident.diagnose(ident.identify(mechanism, motion))
     assert d.verdict == "missing"
     true = {f"{kind}:{joint}" for kind in ("viscous", "coulomb") for joint in mechanism.driven}

@@ -146,7 +146,7 @@ def test_presliding_is_named_by_the_reversals_that_it_shows_in():
 
 
 def test_what_only_rows_at_reversals_show_is_undecided():
-    """Friction that has fallen before the joint has left the standstill: no row in motion has it."""
+    """Friction that has fallen before the joint has left the standstill."""
     friction = {"Fs": 4.0, "vs": 0.01}  # N m, rad/s
     values = {**ELBOW, **{f"stribeck.elbow.{name}": x for name, x in friction.items()}}
     present = "viscous:elbow", "coulomb:elbow"

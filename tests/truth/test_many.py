@@ -129,7 +129,8 @@ def chances(random, logs, k, blocks, rows, rho):
             b = A @ x + autoregressive(random, rho, rows) * (1 + u) * (1 + log / logs)
             for block, at in enumerate(np.array_split(np.arange(rows), blocks)):
                 factor, none = Triangle.of(A[at], b[at]), Triangle.empty(k)
-                cells.append(Block(log, block, u, factor, none, np.arange(k), 1.0, (at[0], at[-1])))
+                three, span = (factor, none, none), (at[0], at[-1])
+                cells.append(Block(log, block, u, *three, np.arange(k), (1.0, 0.0), span))
     names = tuple(f"link.{i}" for i in range(k))
     columns = SimpleNamespace(names=names, units=("",) * k, rigid=np.arange(k), effects=())
     information = Information.of(cells, k, 2)

@@ -76,7 +76,9 @@ def away_from_reversals(table: Table) -> np.ndarray:
     while True:
         found = np.concatenate([_away(table, i, guard) for i in range(len(table.scenes))])
         if guard < 1e-3 or found.mean(axis=0).min() >= ENOUGH:
-            return found & table.moving if (found & table.moving).any() else table.informed
+            moving = found & table.moving
+            few = moving.mean(axis=0) < ENOUGH  # slow filters have standstill in most rows
+            return np.where(few, found & table.informed, moving)
         guard *= 0.5
 
 

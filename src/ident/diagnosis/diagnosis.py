@@ -86,13 +86,17 @@ def diagnose(
 
 
 def at_reversals(
-    contest: Contest, found: Diagnosis, decision: Decision, seed: int, on_progress: OnProgress
-) -> Diagnosis:
+    contest: Contest, found: Diagnosis, decision: Decision, seed: int, on_progress: OnProgress,
+    other: Contest | None = None,
+) -> Diagnosis:  # fmt: skip
     """The diagnosis, or where it names nothing the one on the rows at reversals too, if that names
     an effect that acts there. What else is found there is left open: dry friction is least exact.
+    `other`: the contest on those rows, if it is made already.
     """
     here = part(on_progress, 0.9, 1.0)
-    other = None if found.verdict == "missing" else contest.at_reversals(here)
+    if found.verdict == "missing":
+        return found
+    other = other or contest.at_reversals(here)
     if other is None:
         return found
     again = concluded(other, noise(other, seed), decision, seed, here)

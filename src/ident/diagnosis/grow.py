@@ -248,8 +248,9 @@ def grow(
         draws = noise(contest, seed)
         search = Search(contest, draws, decision, seed, given, here, visited)
         found = search.run()
-        if found.labels == search.start.labels and (other := contest.at_reversals(here)):
-            search = Search(other, noise(other, seed), decision, seed, given, here)
+        turning = contest.at_reversals(here) if found.labels == search.start.labels else None
+        if turning:
+            search = Search(turning, noise(turning, seed), decision, seed, given, here)
             found = led_at_reversals(search, search.run()) or search.start
         if found.labels == search.start.labels:
             break
@@ -273,10 +274,11 @@ def grow(
     else:
         number = 0
     if number == 0 or contest.fit is not fit:
+        turning = None
         contest = Contest.of(fit, candidates_of(fit), part(rest, 0.35, 0.4))
         draws = noise(contest, seed)
     last = concluded(contest, draws, decision, seed, rest)
-    return History(tuple(steps), at_reversals(contest, last, decision, seed, rest))
+    return History(tuple(steps), at_reversals(contest, last, decision, seed, rest, turning))
 
 
 def _again(saved: Mapping[str, Any], fit: Fit, validate: Motion | None) -> tuple[list[Step], Fit]:

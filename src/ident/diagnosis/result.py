@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -437,6 +437,6 @@ def announced_errors(
     """Return errors by joint as left-out squares (d,) before and after a change scale them."""
     ratio = np.sqrt(after / np.where(before > 0, before, 1.0))
     return {
-        name: replace(e, rms=e.rms * s, relative=None if e.relative is None else e.relative * s)
+        name: Error(e.rms * s, None if e.relative is None else e.relative * s, e.unit)
         for (name, e), s in zip(errors.items(), map(float, ratio), strict=True)
     }

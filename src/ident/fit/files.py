@@ -328,20 +328,32 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
     point = start.at(grown, columns, start.unknowns(columns))
     cutoff = filtered["cutoff"] if (filtered := data.get("filter")) else "auto"
     errors = data.get("error") or {}
-    sets = {"train": errors.get("train"), "held out": errors.get("held_out")}
+    whole = _sets(errors.get("with_standstill") or {})
     return Saved(
         str(path), grown, point, cutoff if cutoff in (None, "auto") else float(cutoff), {
             title: {
-                joint: Error(float(e["rms"]), e["relative"], str(e["unit"]))
+                joint: _error(e, whole.get(title, {}).get(joint))
                 for joint, e in joints.items() if e["rms"] is not None
             }
-            for title, joints in {**sets, **(errors.get("validation") or {})}.items() if joints
+            for title, joints in _sets(errors).items() if joints
         },
         tuple(
             BaseValue(str(e["name"]), float(e["value"]), float(e["stderr"]), str(e["unit"]))
             for e in data.get("base_parameters") or () if e["stderr"] is not None
         ),
     )  # fmt: skip
+
+
+def _sets(errors: Mapping[str, Any]) -> dict[str, Any]:
+    """Return errors by set, as `Fit.errors` names them, then joint."""
+    own = {"train": errors.get("train"), "held out": errors.get("held_out")}
+    return {**own, **(errors.get("validation") or {})}
+
+
+def _error(e: Mapping[str, Any], whole: Mapping[str, Any] | None) -> Error:
+    """Return an error of fit.json, with that of all rows if the file has it."""
+    every = (whole["rms"], whole["relative"]) if whole else (None, None)
+    return Error(float(e["rms"]), e["relative"], str(e["unit"]), *every)
 
 
 def _own_kind(path: Path, label: str, entry: dict[str, Any], allow_code: bool) -> type[Effect]:

@@ -104,7 +104,7 @@ def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
     if rest := sum(block.rest.rows for block in problem.information):
         share = rest / problem.information.rows
         text = f"{100 * share:.3g} % of the equations are at standstill, where dry friction is open"
-        yield Finding("standstill", text, "they count in the errors but not in the fit")
+        yield Finding("standstill", text, "they count in neither the fit nor errors in motion")
     if not len(problem.columns):
         text = "nothing is unknown: these are the errors of the model as it is"
         remedy = "to identify, give [parameters] unknown in mechanism.toml or add an effect"

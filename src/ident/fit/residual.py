@@ -153,14 +153,14 @@ class Residual(Displayed):
 
     @cached_property
     def errors(self) -> dict[str, Error]:
-        """rms and relative error by joint, over all rows, as `Fit.train` has them."""
+        """rms and relative error by joint, as `Fit.train` has them."""
         total = sum((trace.squares for trace in self.traces), Squares.zero(len(self.joints)))
         return total.errors(self.joints, self.units)
 
     @cached_property
     def away(self) -> dict[str, float]:
-        """Rms by joint [N m | N] of the rows half a period of the cut-off or more away from where a
-        speed with dry friction reverses; of joints with such friction and enough of such rows.
+        """Rms by joint [N m | N] of the rows in motion, half a period of the cut-off or more away
+        from where a speed with dry friction reverses; of joints with such friction and enough rows.
 
         Friction jumps there, so a smooth speed that crosses zero late misses much of the torque.
         """
@@ -179,7 +179,7 @@ class Residual(Displayed):
                 reach = 0.5 / cutoff if cutoff else 0.0
                 t = np.append(trace.t[1:][turns], trace.t[:-1][turns])
                 near = np.abs(trace.t[:, None] - t).min(axis=1, initial=np.inf) <= reach
-                far.append(trace.residual[~near, u])
+                far.append(trace.residual[~near & trace.moving[:, u], u])
             rest = np.concatenate(far)
             if felt and len(rest) >= LEAST:
                 found[joint] = float(np.sqrt(np.mean(rest**2)))
@@ -199,7 +199,9 @@ class Residual(Displayed):
             squares: list[float] = []
             for trace in self.traces:
                 edges = block_edges(cutoff, trace.t[0], trace.t[-1], len(trace))
-                blocks = np.split(trace.residual[:, u] ** 2, np.searchsorted(trace.t, edges))
+                rows = trace.moving[:, u] if trace.moving[:, u].any() else slice(None)
+                squares_of = trace.residual[rows, u] ** 2
+                blocks = np.split(squares_of, np.searchsorted(trace.t[rows], edges))
                 squares += [float(block.mean()) for block in blocks if len(block)]
             torque = self.parts["measured"][u]
             least = max(old.rms, (old.relative or 0.0) * torque, noise.get(joint) or 0.0)

@@ -34,8 +34,9 @@ class Error:
     """Error of the predicted torque of one joint.
 
     Attributes:
-        rms: [N m | N]; relative: ‖τ − τ̂‖/‖τ‖, None where τ is zero. Of the rows in which the joint
-            moves: at standstill dry friction may have any value, and no model predicts it.
+        rms: [N m | N]; relative: ‖τ − τ̂‖/‖τ‖, None where τ is zero. Of the rows in motion, in which
+            no joint that moves with this one stands still: there dry friction may have any value,
+            and no model predicts it.
         unit: of the rms.
         rms_with_standstill, relative_with_standstill: of all rows; None where that is not known.
     """
@@ -127,7 +128,7 @@ class Block:
     Attributes:
         log, block, coordinate: the key.
         triangle: of the rows that inform, on the columns `support`.
-        rest: of the rows at which dry friction is open, which only count in the errors.
+        rest: of the rows at which dry friction is open, which only count in errors of all rows.
         still: of the rows at standstill among those that inform.
         support: columns that can appear.
         torque: sums of squares of the measured torque in motion and at standstill.
