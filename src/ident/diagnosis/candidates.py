@@ -67,7 +67,8 @@ def candidates_of(fit: Fit) -> list[Effect]:
 
 
 def away_from_reversals(table: Table) -> np.ndarray:
-    """(N, d) whether a row informs and is away from the reversals that it feels.
+    """(N, d) whether a row is in motion and away from the reversals that it feels; of a coordinate
+    with few such rows, whether it informs and is away from them.
 
     Around a reversal the sign of a filtered speed, stick phases and the torque's jump are out of
     step by a little, and every such little looks like some effect.
@@ -78,7 +79,8 @@ def away_from_reversals(table: Table) -> np.ndarray:
         if guard < 1e-3 or found.mean(axis=0).min() >= ENOUGH:
             moving = found & table.moving
             few = moving.mean(axis=0) < ENOUGH  # slow filters have standstill in most rows
-            return np.where(few, found & table.informed, moving)
+            use = np.where(few, found & table.informed, moving)
+            return use if use.any() else table.informed
         guard *= 0.5
 
 
@@ -97,7 +99,9 @@ def with_reversals(table: Table, r: np.ndarray) -> np.ndarray:
 
 
 def _most_of(r: np.ndarray, calm: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """The calm rows (N, d), and all `rows` of a coordinate where these hold most of its squares."""
+    """The calm rows (N, d), with all `rows` of a coordinate where calm ones hold few of the squares
+    of its residual r.
+    """
     squares, few = (np.where(use, r**2, 0.0).sum(axis=0) for use in (rows, calm))
     return calm | rows & (few < CALM * squares)
 
