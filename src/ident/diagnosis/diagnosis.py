@@ -103,7 +103,12 @@ def at_reversals(
     if again.best and again.best.at_reversals and _explains_most(again.candidates[0], found.fit):
         return again
     more = (other.use != contest.use).any(axis=0)
-    loud = tuple(found.fit.motion.independent[u] for u in np.flatnonzero(more))
+    errors, noisy = errors_of(found.fit), found.fit.noise
+    loud = tuple(
+        joint
+        for joint, some in zip(found.fit.motion.independent, more, strict=True)
+        if some or errors[joint].rms > LOUD * noisy[joint]
+    )
     if found.verdict == "nothing" and again.verdict != "nothing":
         return replace(found, verdict="undecided", loud=loud, reversing=True)
     return found

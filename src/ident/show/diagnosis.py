@@ -173,7 +173,8 @@ def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
     sentences = " ".join([*_health(d), good, certainty(d), *_rest(d)]).strip()
     line, command = f"{d.fit.mechanism.name} on {logs}: {verdict_line(d)}", planned or command
     then = first_motion(d, bool(planned))
-    return Card(line, sentences, tuple(bars), command * d.health.good, then)
+    command *= d.health.good and not d.reversing  # the slow motion is no work for excite
+    return Card(line, sentences, tuple(bars), command, then)
 
 
 def first_motion(d: Diagnosis, planned: bool) -> str:
