@@ -11,7 +11,7 @@ from operator import add
 
 import numpy as np
 
-from ident.diagnosis.candidates import Contest, OnProgress, candidates_of
+from ident.diagnosis.candidates import Contest, OnProgress, candidates_of, residual_in
 from ident.diagnosis.effect_set import Member
 from ident.diagnosis.found_curves import FoundCurve, curve_of
 from ident.diagnosis.laws import MOST, FoundLaw, laws_of
@@ -102,13 +102,11 @@ def at_reversals(
     again = concluded(other, noise(other, seed), decision, seed, here)
     if again.best and again.best.at_reversals and _explains_most(again.candidates[0], found.fit):
         return again
-    more = (other.use != contest.use).any(axis=0)
-    errors, noisy = errors_of(found.fit), found.fit.noise
-    loud = tuple(
-        joint
-        for joint, some in zip(found.fit.motion.independent, more, strict=True)
-        if some or errors[joint].rms > LOUD * noisy[joint]
-    )
+    table = contest.table
+    squares = residual_in(table, found.fit) ** 2
+    few, every = ((squares * use).sum(axis=0) for use in (contest.use, table.informed))
+    names = zip(found.fit.motion.independent, few < every / 2, strict=True)
+    loud = tuple(joint for joint, most in names if most)  # most of it is around reversals
     if found.verdict == "nothing" and again.verdict != "nothing":
         return replace(found, verdict="undecided", loud=loud, reversing=True)
     return found
