@@ -14,11 +14,11 @@ import numpy as np
 from ident.diagnosis.candidates import Contest, OnProgress, candidates_of, residual_in
 from ident.diagnosis.effect_set import Member
 from ident.diagnosis.found_curves import FoundCurve, curve_of
-from ident.diagnosis.laws import MOST, FoundLaw, laws_of
+from ident.diagnosis.laws import FoundLaw, laws_of
 from ident.diagnosis.null import NoiseDraws, noise
 from ident.diagnosis.result import Diagnosis, Explanation, Law, announced, errors_of, known_of
 from ident.diagnosis.search import Selection, select
-from ident.diagnosis.selection import Decision, Evidence, Ranking, torque_squares
+from ident.diagnosis.selection import MOST, Decision, Evidence, Ranking, torque_squares
 from ident.diagnosis.unobservable import invisible, relatives_of, unsupported
 from ident.display import part
 from ident.effects import Effect

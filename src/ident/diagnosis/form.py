@@ -2,7 +2,8 @@
 
 A law is a special case of a curve of the same signals. Where a curve explains more beside the law
 than the best candidate does by chance, and more than a share PARSIMONY of what both explain, the
-law has the wrong form; so it has where a law with impossible values explains its part and more.
+law has the wrong form; so it has where a law with impossible values explains its part and more, or
+twice as much of its joint.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ident.diagnosis.effect_set import Member
-from ident.diagnosis.selection import PARSIMONY, Ranking
+from ident.diagnosis.selection import MOST, PARSIMONY, Ranking
 from ident.effects import Effect
 from ident.information.hypotheses import PartialRegression
 
@@ -38,19 +39,22 @@ def _curve(member: Member, last: Ranking) -> Effect | None:
 
 
 def _impossible(member: Member, bare: PartialRegression, last: Ranking) -> Effect | None:
-    """A law with impossible values that explains more of the same joint, and in whose presence the
-    member explains no more than chance does: it stands in for the same unknown cause.
+    """A law with impossible values that explains more, and either leaves the member no more than
+    chance explains, so that both stand in for one unknown cause, or explains twice the squares of
+    the member's joint, whose greater part then has an unknown cause.
     """
     assert member.evidence is not None
-    mended = set(member.evidence.mends)
+    mended, u = set(member.evidence.mends), member.evidence.coordinate
     for each in last.evidence:
         more = each.gain > max(each.limit, member.gain)
         if each.sensible or not more or not mended & set(each.mends):
             continue
         groups = next(c for c in last.contest.candidates if c.effect == each.effect).groups
-        beside = bare.extended(groups[last.gains[each.effect.label][2]])
+        columns = groups[last.gains[each.effect.label][2]]
+        mine, others = bare.gains([member.columns, columns]).by
+        beside = bare.extended(columns)
         own = float(beside.explained(beside.gains([member.columns]).by)[0])
-        if own <= last.chance.limit(bare.place(member.columns)):
+        if own <= last.chance.limit(bare.place(member.columns)) or mine[u] < MOST * others[u]:
             return each.effect
     return None
 

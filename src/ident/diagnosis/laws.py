@@ -15,7 +15,7 @@ from ident.diagnosis.effect_set import Member
 from ident.diagnosis.grammar import PLAIN_WAVE, PROBE
 from ident.diagnosis.law_search import MINE, FittedFormula, LawSearch, OnProgress, at_most
 from ident.diagnosis.search import Selection
-from ident.diagnosis.selection import Decision, Ranking
+from ident.diagnosis.selection import MOST, Decision, Ranking
 from ident.display import part
 from ident.effects.curve import Curve
 from ident.effects.formula import Formula, Term
@@ -32,7 +32,6 @@ SAME = 0.01  # of the least left-out squares, within which formulas are equal
 # Friedman, Olshen, Stone, Classification and Regression Trees, 1984, 3.4.3)
 ONE_SE = 1.0
 WRONG_FORM = 1.5  # times a formula's left-out squares, from which an effect has the wrong form
-MOST = 0.5  # of what exceeds the noise: what explains less is no law
 RIVALS = 12  # formulas that are listed beside the law
 REPEATS = 1.5  # waves in the travel, from which a torque is seen to repeat
 CUBIC = Term(("1", "q", "q**2", "q**3"))

@@ -31,6 +31,7 @@ from ident.errors import FitError
 from ident.information.chance import Chance, paired, zscore
 from ident.information.hypotheses import Array, Index, PartialRegression, Refit
 
+MOST = 0.5  # of a joint's squares: what explains less of them is no law, and not its main cause
 PARSIMONY = 0.10  # share of the best gain within which fewer numbers are preferred
 ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same part
 NEGATIVE = 2.0  # standard errors below zero at which a value is one that no such effect can have

@@ -163,8 +163,17 @@ class DataChecks:
         reference = self._errors(self.table, self.use, self.effects)
         if self.explained is None:
             return reference
-        found = np.sqrt(self.explained.sum(axis=0) / self.equations.torque + SMALL**2)
+        found = np.sqrt(self._unexplained + SMALL**2)
         return found if np.log(found).sum() < np.log(reference).sum() else reference
+
+    @property
+    def _unexplained(self) -> Array:
+        """Squares (d,) over those of the torque that the effects of a diagnosis leave; infinite
+        without a diagnosis.
+        """
+        if self.explained is None:
+            return np.full(len(self.errors), np.inf)
+        return self.explained.sum(axis=0) / self.equations.torque
 
     def _errors(self, table: Table, use: np.ndarray, effects: Sequence[Effect]) -> Array:
         """Relative errors (d,) of the log as it is with some effects."""
@@ -225,12 +234,14 @@ class DataChecks:
         return named, None if own is None else (own, found[-1].fault), noise
 
     def _late(self) -> Iterator[Finding]:
-        """Report a delay of some milliseconds that all torques have in common."""
+        """Report a delay of some milliseconds that all torques have in common, unless the effects
+        that a diagnosis found explain more.
+        """
         good = max(self.errors.values(), default=0.0) < DOUBT
         if good and not delay_shows(self.estimate, self.table, self.use):
             return
         late = common_delay(self.estimate, self.table, self.use, self.common)
-        if late is not None:
+        if late is not None and 2 * np.log(late.after) < np.log(self._unexplained).mean():
             names = self.mechanism.driven
             text = (
                 f"all torques are {abs(1e3 * late.delay):.3g} ± {1e3 * late.stderr:.2g} ms "
